@@ -1,0 +1,45 @@
+"""Fixtures for all tests; what they are made of is in ``ros_helpers.py``."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from ros_helpers import NodeStarter, rclpy_context, reserved_domain, ros_environment, skip
+
+if TYPE_CHECKING:
+    from rclpy.context import Context
+
+
+@pytest.fixture
+def ros_domain(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """A ROS domain id for this test alone, set in the environment together with discovery on this machine only."""
+    if importlib.util.find_spec("rclpy") is None:
+        skip("rclpy is not installed; run `make setup`, or source a ROS 2 Jazzy")
+    with reserved_domain(request.node.nodeid) as domain:
+        for key, value in ros_environment(domain, tmp_path / "ros_log").items():
+            monkeypatch.setenv(key, value)
+        yield domain
+
+
+@pytest.fixture
+def start_node(ros_domain: int, tmp_path: Path) -> Iterator[NodeStarter]:
+    """``start_node(word, *args)`` starts ``artibot word args…`` in the test's domain; all end with the test."""
+    folder = tmp_path / "processes"
+    folder.mkdir()
+    starter = NodeStarter(folder, ros_environment(ros_domain, tmp_path / "ros_log"))
+    try:
+        yield starter
+    finally:
+        starter.end()
+
+
+@pytest.fixture
+def ros_context(ros_domain: int) -> Iterator[Context]:
+    """An rclpy context in the test's domain: ``Node("probe", context=ros_context)``."""
+    with rclpy_context(ros_domain) as context:
+        yield context
