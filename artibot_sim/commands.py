@@ -1,0 +1,28 @@
+"""The words of the command line: what ``artibot --help`` lists and which executables ``ros2 run`` finds.
+
+Plain data that imports nothing: ``setup.py`` reads it before anything is installed.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+
+class Word(NamedTuple):
+    """One command: where it lives, as ``module:name``, and its line in the help."""
+
+    target: str
+    help: str
+
+
+COMMANDS: Final[dict[str, Word]] = {
+    "sim": Word("artibot_sim.nodes.sim_node:main", "Simulate a rover as a ROS 2 node."),
+    "planner": Word("artibot_sim.nodes.planner_node:main", "Plan a manoeuvre and publish its path and wheel speeds."),
+    "record": Word("artibot_sim.nodes.record_node:main", "Record topics to a bag that survives a crash."),
+    "replay": Word("artibot_sim.nodes.replay_node:main", "Publish a recording again, or feed it to the model."),
+    "recover": Word("artibot_sim.experiment.recover_cli:command", "Mend a recording that was cut off."),
+    "plot": Word("artibot_sim.report.plot_cli:command", "Draw a recording, to PNG or an HTML page."),
+    "bench": Word("artibot_sim.bench:command", "Measure the speed of the model and the commands."),
+    "demo": Word("artibot_sim.nodes.demo:main", "Plan, simulate, record, replay and plot the paper's trajectory."),
+}
+"""Word → :class:`Word`. A target is a click command, or a ``main(argv) -> int`` for what also takes ``--ros-args``."""
