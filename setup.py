@@ -1,0 +1,66 @@
+"""Package of artibot, for colcon (ament_python) and for pip."""
+
+import runpy
+import sys
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+PACKAGE = "artibot_sim"
+ROOT = Path(__file__).resolve().parent
+
+
+def share_files():
+    """Files for share/artibot_sim: what ament looks for, and the folders config and launch as they are."""
+    share = f"share/{PACKAGE}"
+    files = {"share/ament_index/resource_index/packages": [f"resource/{PACKAGE}"], share: ["package.xml"]}
+    for path in sorted([*ROOT.glob("config/**/*"), *ROOT.glob("launch/*.launch.py")]):
+        if path.is_file():
+            inside = path.relative_to(ROOT)
+            files.setdefault(f"{share}/{inside.parent}", []).append(str(inside))
+    return list(files.items())
+
+
+def executables():
+    """`artibot` everywhere; for ROS also each of its words, which land in lib/artibot_sim.
+
+    colcon and bloom run `setup.py install` or `develop`; pip never does, and a program called `sim` or `plot`
+    has no place in a user's PATH.
+    """
+    words = runpy.run_path(str(ROOT / PACKAGE / "commands.py"))["COMMANDS"]
+    for_ros = {"install", "develop"} & set(sys.argv)
+    return ["artibot = artibot_sim.cli:main"] + [f"{word} = artibot_sim.cli:executable" for word in words if for_ros]
+
+
+setup(
+    name=PACKAGE,
+    version=runpy.run_path(str(ROOT / PACKAGE / "version.py"))["__version__"],
+    description="Simulate, drive, record, identify and diagnose articulated eight-wheel rovers",
+    license="Apache-2.0",
+    maintainer="artibot maintainers",
+    maintainer_email="artibot-maintainers@example.org",
+    packages=find_packages(include=[f"{PACKAGE}*", "artibot_driver*"]),
+    data_files=share_files(),
+    zip_safe=False,
+    python_requires=">=3.10",
+    install_requires=[
+        "click>=8.1",
+        "matplotlib>=3.7",
+        "mcap>=1.2",
+        "numba>=0.59",
+        "numpy>=1.26",
+        "plotly>=5.20",
+        "pyyaml>=6.0",
+        "rich>=13.0",
+        "rosbags>=0.10.4",
+        "scipy>=1.11",
+    ],
+    extras_require={
+        # ROS 2 Jazzy as wheels (x86-64, Python 3.10-3.13). Never on top of a ROS 2 that is sourced already.
+        "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-rmw-fastrtps-cpp", "ros-jazzy-common-interfaces"],
+        "bench": ["mujoco>=3.2"],
+        "test": ["hypothesis>=6.100", "pytest>=7.4", "python-can>=4.3", "sympy>=1.12"],
+        "dev": ["colcon-common-extensions>=0.3", "mypy>=1.10", "ruff>=0.6"],
+    },
+    entry_points={"console_scripts": executables()},
+)
