@@ -1,0 +1,51 @@
+"""A real SocketCAN, that of a user-mode kernel, carries frames both ways between python-can and can-utils."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from ros_helpers import ROOT, skip
+
+IN_UML = ROOT / "scripts" / "in_uml.sh"
+TOOLS = {"linux.uml": "user-mode-linux", "insmod": "kmod", "ip": "iproute2", "candump": "can-utils"}
+
+
+def in_uml(*command: str, timeout: float = 120.0) -> subprocess.CompletedProcess[str]:
+    """Run `command` in the user-mode kernel, or skip where its Debian packages are missing."""
+    path = "/usr/local/bin:/usr/bin:/bin:/usr/sbin:/sbin"
+    missing = sorted(package for tool, package in TOOLS.items() if shutil.which(tool, path=path) is None)
+    if missing:
+        skip(f"no user-mode kernel with CAN here: apt-get install {' '.join(missing)}")
+    return subprocess.run([str(IN_UML), *command], capture_output=True, text=True, timeout=timeout, check=False)
+
+
+@pytest.mark.vcan
+def test_frames_cross_vcan_both_ways() -> None:
+    count = 20
+    done = in_uml(sys.executable, str(Path(__file__).with_name("exchange.py")), "vcan0", str(count))
+    assert done.returncode == 0, done.stdout + done.stderr
+    seen = json.loads(done.stdout.splitlines()[-1])
+    assert seen["dumped"] == [f"{0x180 + k:03X}#{f'{k:02X}' * (k % 9)}" for k in range(count)]
+    assert seen["received"] == [0x1F334455, True, "1122334455667788"]
+
+
+@pytest.mark.vcan
+def test_in_uml_hands_over_arguments_environment_and_status(monkeypatch: pytest.MonkeyPatch) -> None:
+    words = ["two words", "it's", "$HOME", ""]
+    monkeypatch.setenv("ARTIBOT_PROBE", "a 'quoted'\nvalue")
+    code = "import os, sys; print(repr((sys.argv[1:], os.environ['ARTIBOT_PROBE'], os.getcwd()))); sys.exit(7)"
+    done = in_uml(sys.executable, "-c", code, *words)
+    assert done.returncode == 7, done.stdout + done.stderr
+    assert done.stdout == repr((words, "a 'quoted'\nvalue", str(Path.cwd()))) + "\n"
+
+
+def test_in_uml_without_a_command_says_so() -> None:
+    done = subprocess.run([str(IN_UML)], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (125, "")
+    assert done.stderr == "in_uml.sh: no command given\n"
