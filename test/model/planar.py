@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-GRAVITY = 9.81
+GRAVITY = 9.81  # m/s^2, |g| of eq. 12
 TANH_WIDTH = 0.02  # rad/s of the wheel, the contract's width for rolling resistance
 
 
@@ -56,16 +56,33 @@ def _module_wheels(contact, i_x, i_y, F_n, vx, vy, w, om_r, om_l):
 
 
 @njit(cache=True)
-def _accelerations(body, contact, q, v, omega, pull):
-    """(x'', y'', gamma_f'', gamma_b'') and the four motors' sums of F_l; `pull` is g sin(grade) as a map vector."""
+def _solve(A, b):
+    """Gauss without pivoting: A is a mass matrix, symmetric and positive definite. (LAPACK takes seconds to compile.)"""
+    n = len(b)
+    for k in range(n):
+        for i in range(k + 1, n):
+            f = A[i, k] / A[k, k]
+            for j in range(k, n):
+                A[i, j] -= f * A[k, j]
+            b[i] -= f * b[k]
+    for k in range(n - 1, -1, -1):
+        for j in range(k + 1, n):
+            b[k] -= A[k, j] * b[j]
+        b[k] /= A[k, k]
+    return b
+
+
+@njit(cache=True)
+def _accelerations(body, contact, q, v, omega, g):
+    """(x'', y'', gamma_f'', gamma_b'') and the four motors' sums of F_l; `g` is (pull x, pull y, normal), m/s^2."""
     m_f, J_f, ix_f, iy_f, l_f, m_b, J_b, ix_b, iy_b, l_b, modules = body
     cf, sf, cb, sb = np.cos(q[2]), np.sin(q[2]), np.cos(q[3]), np.sin(q[3])
     wf, wb = v[2], v[3]
     X, Y, N_f, S_fr, S_fl = _module_wheels(
-        contact, ix_f, iy_f, m_f * GRAVITY / 4, cf * v[0] + sf * v[1], -sf * v[0] + cf * v[1], wf, omega[0], omega[1]
+        contact, ix_f, iy_f, m_f * g[2] / 4, cf * v[0] + sf * v[1], -sf * v[0] + cf * v[1], wf, omega[0], omega[1]
     )
-    Fx = cf * X - sf * Y + m_f * pull[0]
-    Fy = sf * X + cf * Y + m_f * pull[1]
+    Fx = cf * X - sf * Y + m_f * g[0]
+    Fy = sf * X + cf * Y + m_f * g[1]
     S = np.array([S_fr, S_fl, 0.0, 0.0])
     acc = np.zeros(4)
     if modules == 1.0:
@@ -74,11 +91,11 @@ def _accelerations(body, contact, q, v, omega, pull):
     ux = v[0] + l_f * wf * sf + l_b * wb * sb
     uy = v[1] - l_f * wf * cf - l_b * wb * cb
     X, Y, N_b, S[2], S[3] = _module_wheels(
-        contact, ix_b, iy_b, m_b * GRAVITY / 4, cb * ux + sb * uy, -sb * ux + cb * uy, wb, omega[2], omega[3]
+        contact, ix_b, iy_b, m_b * g[2] / 4, cb * ux + sb * uy, -sb * ux + cb * uy, wb, omega[2], omega[3]
     )
     # what pushes the back module, less the part of m_b ddp_b that needs no acceleration
-    Gx = cb * X - sb * Y + m_b * (pull[0] - l_f * wf**2 * cf - l_b * wb**2 * cb)
-    Gy = sb * X + cb * Y + m_b * (pull[1] - l_f * wf**2 * sf - l_b * wb**2 * sb)
+    Gx = cb * X - sb * Y + m_b * (g[0] - l_f * wf**2 * cf - l_b * wb**2 * cb)
+    Gy = sb * X + cb * Y + m_b * (g[1] - l_f * wf**2 * sf - l_b * wb**2 * sb)
     A = np.zeros((4, 4))
     A[0, 0] = A[1, 1] = m_f + m_b
     A[0, 2] = A[2, 0] = m_b * l_f * sf
@@ -91,7 +108,7 @@ def _accelerations(body, contact, q, v, omega, pull):
     rhs = np.array(
         [Fx + Gx, Fy + Gy, N_f - l_f * (-sf * Gx + cf * Gy), N_b - l_b * (-sb * Gx + cb * Gy)]
     )
-    return np.linalg.solve(A, rhs), S
+    return _solve(A, rhs), S
 
 
 @njit(cache=True)
@@ -106,11 +123,11 @@ def _hermite(p0, p1, d0, d1, h, s):
 
 
 @njit(cache=True)
-def _rates(body, contact, drive, A, y, wish, eta, M_back, pull):
+def _rates(body, contact, drive, A, y, wish, eta, M_back, g):
     """Derivative of y = (x, y, gamma_f, gamma_b, theta(4), and their rates), and the motors' torques M_m (eq. 21)."""
     tau, J_m, J_w, u_w, r_w, load = drive
     omega = tau * y[12:16]
-    acc, S = _accelerations(body, contact, y[0:4], y[8:12], omega, pull)
+    acc, S = _accelerations(body, contact, y[0:4], y[8:12], omega, g)
     M_m, theta_dd = np.zeros(4), np.zeros(4)
     for i in range(4 if body[10] == 2.0 else 2):
         M_r = r_w * S[i] + u_w * load[i] * np.tanh(omega[i] / TANH_WIDTH)
@@ -133,7 +150,7 @@ def _wish(position, velocity, h, segment, s, out):
 
 
 @njit(cache=True)
-def _run(body, contact, drive, A, eta_d, eta_r, share, position, velocity, h, steps_per_knot, n, y, pull, every):
+def _run(body, contact, drive, A, eta_d, eta_r, share, position, velocity, h, steps_per_knot, n, y, g, every):
     dt = h / steps_per_knot
     eta, M_back = eta_d.copy(), np.zeros(2)
     wish = np.zeros((3, 2))
@@ -144,21 +161,21 @@ def _run(body, contact, drive, A, eta_d, eta_r, share, position, velocity, h, st
             segment, j = segment - 1, steps_per_knot
         _wish(position, velocity, h, segment, j / steps_per_knot, wish)
         # what the step before left: its efficiencies judge this instant's power flow, its torques are shared
-        _, M_m = _rates(body, contact, drive, A, y, wish, eta, M_back, pull)
+        _, M_m = _rates(body, contact, drive, A, y, wish, eta, M_back, g)
         for i in range(4):
             eta[i] = eta_d[i] if M_m[i] * y[12 + i] >= 0.0 else 1.0 / eta_r[i]
         M_back[:] = 0.5 * share * (M_m[0] + M_m[1])
-        k1, M_m = _rates(body, contact, drive, A, y, wish, eta, M_back, pull)
+        k1, M_m = _rates(body, contact, drive, A, y, wish, eta, M_back, g)
         if k % every == 0:
             row = rows[k // every]
             row[0], row[1:17], row[17:21], row[21:25] = k * dt, y, M_m, eta
         if k == n:
             break
         _wish(position, velocity, h, segment, (j + 0.5) / steps_per_knot, wish)
-        k2, _ = _rates(body, contact, drive, A, y + 0.5 * dt * k1, wish, eta, M_back, pull)
-        k3, _ = _rates(body, contact, drive, A, y + 0.5 * dt * k2, wish, eta, M_back, pull)
+        k2, _ = _rates(body, contact, drive, A, y + 0.5 * dt * k1, wish, eta, M_back, g)
+        k3, _ = _rates(body, contact, drive, A, y + 0.5 * dt * k2, wish, eta, M_back, g)
         _wish(position, velocity, h, segment, (j + 1.0) / steps_per_knot, wish)
-        k4, _ = _rates(body, contact, drive, A, y + dt * k3, wish, eta, M_back, pull)
+        k4, _ = _rates(body, contact, drive, A, y + dt * k3, wish, eta, M_back, g)
         y = y + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
     return rows
 
@@ -203,7 +220,8 @@ def planar_rollout(robot, commands, dt=1e-3, *, kappa=None, pose=(0.0, 0.0, 0.0)
     tau, J_m, eta_d, eta_r = (np.array([getattr(d, k) for d in drives]) for k in ("tau", "J_m", "eta_d", "eta_r"))
     kappa = robot.control.kappa if kappa is None else kappa
     share = tau[2] / tau[0] * (1 / kappa - 1) if m_b else 0.0
-    load = GRAVITY / 2 * np.array([m_f, m_f, m_b, m_b])  # F_n of a motor's two wheels
+    normal = np.sqrt(GRAVITY**2 - pull[0] ** 2 - pull[1] ** 2)
+    load = normal / 2 * np.array([m_f, m_f, m_b, m_b])  # F_n of a motor's two wheels
     contact = (c.k_l, c.k_t, c.mu_s, c.mu_d, c.u_w, wheel.r_w)
     drive = (tau, J_m, 2 * wheel.J_wy, c.u_w, wheel.r_w, load)
 
@@ -218,6 +236,6 @@ def planar_rollout(robot, commands, dt=1e-3, *, kappa=None, pose=(0.0, 0.0, 0.0)
     y[4:6], y[12:14] = position[0], velocity[0]
     rows = _run(
         tuple(map(float, body)), contact, drive, robot.control.A_motor, eta_d, eta_r, share, position, velocity,
-        commands.dt, steps_per_knot, round(duration / dt), y, np.array(pull, dtype=float), every,
+        commands.dt, steps_per_knot, round(duration / dt), y, np.array([*pull, normal], dtype=float), every,
     )  # fmt: skip
     return PlanarResult(rows[:, 0], rows[:, 1:9], rows[:, 9:17], rows[:, 17:21], rows[:, 21:25])
