@@ -1,0 +1,47 @@
+# `make` lists what there is. All of it works on a fresh Debian or Ubuntu with Python 3.10-3.13.
+
+VENV ?= .venv
+PY := $(VENV)/bin/python
+export VENV
+# Nothing that make starts leaves the machine or meets another ROS system on it.
+export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
+
+.DEFAULT_GOAL := help
+.PHONY: help setup setup-run demo test lint types bench bags colcon clean
+
+help: ## this list
+	@echo "make TARGET, of which:"
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  \1\t\2/p' $(MAKEFILE_LIST) | expand -t 12
+
+setup: ## .venv with all that running, developing and testing need
+	@scripts/setup.sh dev
+
+setup-run:
+	@scripts/setup.sh run
+
+demo: setup-run ## plan, simulate, record, replay and plot the paper's trajectory (ARGS=... for options)
+	@$(PY) -m artibot_sim.nodes.demo $(ARGS)
+
+test: setup lint types ## everything: lint, types, and all tests (ARGS="-k planner" for some of them)
+	@$(PY) -m pytest $(ARGS)
+
+lint: setup ## ruff: rules and format
+	@$(PY) -m ruff check .
+	@$(PY) -m ruff format --check .
+
+types: setup ## mypy on the library, which is free of ROS
+	@$(PY) -m mypy
+
+bench: setup-run ## speed of the model, beside MuJoCo's (ARGS="--json FILE")
+	@scripts/setup.sh bench
+	@$(PY) -m artibot_sim.cli bench $(ARGS)
+
+bags: setup-run ## make the reference recordings in bags/ again
+	@$(PY) -m artibot_sim.experiment.reference_bags bags $(ARGS)
+
+colcon: setup ## build the ROS 2 package into install/, for `source install/setup.bash`
+	@$(abspath $(VENV))/bin/colcon build --packages-select artibot_sim
+
+clean: ## remove what the other targets made, .venv included
+	@rm -rf $(VENV) build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis *.egg-info
+	@find . -name __pycache__ -type d -prune -exec rm -rf {} +

