@@ -1,0 +1,30 @@
+"""The paper's model, equations 1 to 30: no ROS, no CAN, no wall clock.
+
+>>> from artibot_sim.model import Commands, load_robot, rollout
+>>> robot = load_robot("agriq")
+>>> result = rollout(robot, Commands(0.01, velocity))     # velocity (n, 4), motor side
+>>> result.pose[-1], result["F_t_front_right_front"].max()
+"""
+
+from artibot_sim.model.commands import Commands
+from artibot_sim.model.robot import MOTORS, WHEEL_JOINTS, WHEELS, Robot
+from artibot_sim.model.robot_file import load_robot, save_robot
+from artibot_sim.model.rollout import Rollout, Status, rollout
+from artibot_sim.model.state import State, initial_state
+from artibot_sim.model.transmission import Mode
+
+__all__ = [
+    "MOTORS",
+    "WHEELS",
+    "WHEEL_JOINTS",
+    "Commands",
+    "Mode",
+    "Robot",
+    "Rollout",
+    "State",
+    "Status",
+    "initial_state",
+    "load_robot",
+    "rollout",
+    "save_robot",
+]

@@ -1,0 +1,105 @@
+"""What the motors are told: angles, speeds and torques at evenly spaced knots."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from artibot_sim.errors import ArtibotError
+
+Array = NDArray[np.float64]
+
+
+def _frozen(array: Array) -> Array:
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True)
+class Commands:
+    """Motor commands at ``t0 + i*dt``, motor side, columns in the order of MOTORS.
+
+    Between knots a commanded angle is the cubic that meets both knots' angles and speeds; a torque is held from
+    its knot to the next. After the last knot angles and torques stay.
+
+    Attributes
+    ----------
+    dt : float
+        Spacing of the knots, s.
+    velocity : array, shape (n, 4)
+        Speeds, rad/s. NaN in a whole column where a motor is not commanded by speed.
+    position : array, shape (n, 4), optional
+        Angles, rad; integrated from the speeds (trapezoidal rule, from 0) when absent.
+    torque : array, shape (n, 4), optional
+        Torques, N m; NaN for a back motor means eq. 30, for a front motor zero.
+    t0 : float
+        Time of the first knot, s.
+
+    Raises
+    ------
+    ArtibotError
+        On a wrong shape, a NaN among numbers, or dt that is not positive.
+    """
+
+    dt: float
+    velocity: Array
+    position: Array | None = None
+    torque: Array | None = None
+    t0: float = 0.0
+    commanded: tuple[bool, bool, bool, bool] = field(init=False, default=(False,) * 4)
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.dt) and self.dt > 0):
+            raise ArtibotError(f"commands.dt: {self.dt} s; expected a finite spacing of knots greater than 0")
+        if not np.isfinite(self.t0):
+            raise ArtibotError(f"commands.t0: {self.t0} s; expected a finite time")
+        velocity = self._array("velocity", self.velocity)
+        present = ~np.isnan(velocity).all(axis=0)
+        self._refuse_gaps("velocity", velocity[:, present])
+        position = _integrate(velocity, self.dt) if self.position is None else self._array("position", self.position)
+        self._like("position", position, velocity)
+        self._refuse_gaps("position", position[:, present])
+        torque = np.full(velocity.shape, np.nan) if self.torque is None else self._array("torque", self.torque)
+        self._like("torque", torque, velocity)
+        if np.isinf(torque).any():
+            raise ArtibotError("commands.torque: infinite; expected numbers in N m, or NaN for eq. 30")
+        object.__setattr__(self, "commanded", tuple(bool(flag) for flag in present))
+        object.__setattr__(self, "velocity", _frozen(velocity))
+        object.__setattr__(self, "position", _frozen(position))
+        object.__setattr__(self, "torque", _frozen(torque))
+
+    @property
+    def duration(self) -> float:
+        """Time from the first knot to the last, s."""
+        return (len(self.velocity) - 1) * self.dt
+
+    @staticmethod
+    def _array(name: str, values: ArrayLike) -> Array:
+        array = np.array(values, dtype=float)
+        if array.ndim != 2 or array.shape[1] != 4 or len(array) < 1:
+            raise ArtibotError(
+                f"commands.{name}: shape {array.shape}; expected (knots, 4), columns front_right, front_left, "
+                "back_right, back_left"
+            )
+        return array
+
+    @staticmethod
+    def _like(name: str, array: Array, velocity: Array) -> None:
+        if array.shape != velocity.shape:
+            raise ArtibotError(f"commands.{name}: shape {array.shape}; expected that of velocity, {velocity.shape}")
+
+    @staticmethod
+    def _refuse_gaps(name: str, array: Array) -> None:
+        bad = np.argwhere(~np.isfinite(array))
+        if len(bad):
+            raise ArtibotError(
+                f"commands.{name}: {array[tuple(bad[0])]} at knot {bad[0][0]}; expected finite numbers "
+                "(leave a whole column NaN for a motor that is not commanded)"
+            )
+
+
+def _integrate(velocity: Array, dt: float) -> Array:
+    steps = 0.5 * dt * (velocity[1:] + velocity[:-1])
+    return np.vstack([np.zeros((1, 4)), np.cumsum(steps, axis=0)])

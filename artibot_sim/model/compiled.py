@@ -1,0 +1,55 @@
+"""How the model's loops are compiled: numba, cached on disk by the content of the model's sources."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+from numba.core import config
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+_FAST = {"contract", "nsz"}
+"""Contraction to fused multiply-adds only: no reordering, and NaN stays visible to the divergence check."""
+
+
+def cache_folder() -> Path:
+    """Where compiled code is kept.
+
+    Numba looks only at the file of the outermost function when it decides whether cached code is stale; the
+    contact law is inlined from another file. So the folder's name is a hash of all of the model's sources.
+    """
+    digest = hashlib.sha256()
+    for source in sorted(Path(__file__).parent.rglob("*.py")):
+        digest.update(source.read_bytes())
+    root = os.environ.get("ARTIBOT_CACHE_DIR") or os.path.join(
+        os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "artibot"
+    )
+    return Path(root) / "numba" / digest.hexdigest()[:16]
+
+
+_CACHE = str(cache_folder())
+
+
+def _jit(function: Function, **options: Any) -> Function:
+    saved = config.CACHE_DIR
+    config.CACHE_DIR = _CACHE  # read when the function is decorated, so other users of numba keep their own
+    try:
+        compiled: Function = numba.njit(error_model="numpy", fastmath=_FAST, **options)(function)
+        return compiled
+    finally:
+        config.CACHE_DIR = saved
+
+
+def inlined(function: Function) -> Function:
+    """A piece of the model, compiled into whatever calls it."""
+    return _jit(function)
+
+
+def kernel(function: Function) -> Function:
+    """A loop that Python calls: compiled once, cached on disk, runs without the interpreter's lock."""
+    return _jit(function, cache=True, nogil=True)

@@ -1,0 +1,140 @@
+"""The augmented system (25), (28), solved by its structure.
+
+With eq. 8's simplification the mass matrix is constant and diagonal and nothing depends on products of velocities
+but the joint. The motor rows couple to the rest through the contact forces only, so prescribed motors (28) are
+solved one by one, and the joint's multipliers by the 4×4 Schur complement  S lambda = Phi_x M⁻¹ n + …
+"""
+
+from __future__ import annotations
+
+import math
+
+from artibot_sim.model.compiled import inlined
+from artibot_sim.model.contact import generalised_forces, wheel_kinematics
+from artibot_sim.model.kinematics import joint, sincos
+from artibot_sim.model.layout import ACC, ALPHA, BACK, GAMMA, LAMBDA, Q_C, Q_G, Q_J, X, Y, Z
+
+
+@inlined
+def attitude(q):
+    """Sines and cosines of roll and yaw of both modules: sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b."""
+    sa_f, ca_f = sincos(q[ALPHA])
+    sa_b, ca_b = sincos(q[BACK + ALPHA])
+    g_f, g_b = q[GAMMA], q[BACK + GAMMA]
+    return sa_f, ca_f, math.sin(g_f), math.cos(g_f), sa_b, ca_b, math.sin(g_b), math.cos(g_b)
+
+
+@inlined
+def all_wheels(q, v, p, trig, w):
+    """Kinematics and normal forces of all wheels (into the row)."""
+    sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b = trig
+    v_x, v_y = cg_f * v[X] + sg_f * v[Y], cg_f * v[Y] - sg_f * v[X]
+    wheel_kinematics(p.front, p, v_x, v_y, v[Z], v[ALPHA], v[GAMMA], sa_f, ca_f, q[Z], 0, w)
+    if p.two:
+        b = BACK
+        v_x, v_y = cg_b * v[b + X] + sg_b * v[b + Y], cg_b * v[b + Y] - sg_b * v[b + X]
+        wheel_kinematics(p.back, p, v_x, v_y, v[b + Z], v[b + ALPHA], v[b + GAMMA], sa_b, ca_b, q[b + Z], 4, w)
+
+
+@inlined
+def module_gravity(body, p, out, w):
+    """Eq. 12: a module's weight, into the row at `out`."""
+    w[Q_G + out] = body.m * p.g_x
+    w[Q_G + out + 1] = body.m * p.g_y
+    w[Q_G + out + 2] = body.m * p.g_z
+
+
+@inlined
+def free_acceleration(inverse, out, acc, w):
+    """M⁻¹ n of one module's six coordinates, the joint left out, into the row's accelerations."""
+    for i in range(6):
+        w[ACC + acc + i] = (w[Q_G + out + i] + w[Q_C + out + i]) * inverse[i]
+
+
+@inlined
+def solve4(s00, s10, s11, s20, s21, s22, s30, s31, s32, s33, b0, b1, b2, b3):
+    """Solve a symmetric positive definite 4×4 system by LDLᵀ."""
+    i0 = 1.0 / s00
+    l10, l20, l30 = s10 * i0, s20 * i0, s30 * i0
+    i1 = 1.0 / (s11 - l10 * s10)
+    t21, t31 = s21 - l10 * s20, s31 - l10 * s30
+    l21, l31 = t21 * i1, t31 * i1
+    i2 = 1.0 / (s22 - l20 * s20 - l21 * t21)
+    t32 = s32 - l20 * s30 - l21 * t31
+    l32 = t32 * i2
+    i3 = 1.0 / (s33 - l30 * s30 - l31 * t31 - l32 * t32)
+    y1 = b1 - l10 * b0
+    y2 = b2 - l20 * b0 - l21 * y1
+    y3 = b3 - l30 * b0 - l31 * y1 - l32 * y2
+    x3 = y3 * i3
+    x2 = y2 * i2 - l32 * x3
+    x1 = y1 * i1 - l21 * x2 - l31 * x3
+    return b0 * i0 - l10 * x1 - l20 * x2 - l30 * x3, x1, x2, x3
+
+
+@inlined
+def schur(p, jac, row, col):
+    """Entry (row, col) of Phi_x M⁻¹ Phi_xᵀ."""
+    a, b = 6 * row, 6 * col
+    total = p.front.inverse[0] + p.back.inverse[0] if row == col and row < 3 else 0.0
+    for i in range(3):
+        total += jac[a + i] * jac[b + i] * p.front.inverse[3 + i]
+        total += jac[a + 3 + i] * jac[b + 3 + i] * p.back.inverse[3 + i]
+    return total
+
+
+@inlined
+def cancel(v, p, jac, row, bias, phi, w):
+    """Row of Phi_x (M⁻¹ n + 2 A x_dot) + (d/dt Phi_x) x_dot + A² Phi: what the joint's force must cancel.
+
+    The Baumgarte terms keep eq. 13 from drifting; A = 0 is eq. 25 as printed.
+    """
+    A, a = p.A_joint, 6 * row
+    total = bias + A * A * phi
+    if row < 3:
+        total += w[ACC + row] - w[ACC + BACK + row] + 2.0 * A * (v[row] - v[BACK + row])
+    for i in range(3):
+        total += jac[a + i] * (w[ACC + ALPHA + i] + 2.0 * A * v[ALPHA + i])
+        total += jac[a + 3 + i] * (w[ACC + BACK + ALPHA + i] + 2.0 * A * v[BACK + ALPHA + i])
+    return total
+
+
+@inlined
+def joint_forces(q, v, p, trig, jac, w):
+    """Multipliers of the joint (25) and its generalised forces −Phi_xᵀ lambda, added to the accelerations."""
+    sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b = trig
+    h0, h1, h2, h3, b0, b1, b2, b3 = joint(q, v, p, sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b, jac)
+    l0, l1, l2, l3 = solve4(
+        schur(p, jac, 0, 0),
+        schur(p, jac, 1, 0), schur(p, jac, 1, 1),
+        schur(p, jac, 2, 0), schur(p, jac, 2, 1), schur(p, jac, 2, 2),
+        schur(p, jac, 3, 0), schur(p, jac, 3, 1), schur(p, jac, 3, 2), schur(p, jac, 3, 3),
+        cancel(v, p, jac, 0, b0, h0, w),
+        cancel(v, p, jac, 1, b1, h1, w),
+        cancel(v, p, jac, 2, b2, h2, w),
+        cancel(v, p, jac, 3, b3, h3, w),
+    )  # fmt: skip
+    w[LAMBDA], w[LAMBDA + 1], w[LAMBDA + 2], w[LAMBDA + 3] = l0, l1, l2, l3
+    for i in range(3):
+        w[Q_J + i] = -w[LAMBDA + i]
+        w[Q_J + 6 + i] = w[LAMBDA + i]
+    for i in range(3):
+        w[Q_J + 3 + i] = -(jac[i] * l0 + jac[6 + i] * l1 + jac[12 + i] * l2 + jac[18 + i] * l3)
+        w[Q_J + 9 + i] = -(jac[3 + i] * l0 + jac[9 + i] * l1 + jac[15 + i] * l2 + jac[21 + i] * l3)
+    for i in range(6):
+        w[ACC + i] += w[Q_J + i] * p.front.inverse[i]
+        w[ACC + BACK + i] += w[Q_J + 6 + i] * p.back.inverse[i]
+
+
+@inlined
+def body_accelerations(q, v, p, trig, jac, w):
+    """Accelerations of both modules from the forces in the row (eqs 12, 17, 18, 25), named parts kept."""
+    sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b = trig
+    generalised_forces(p.front, p, sa_f, ca_f, sg_f, cg_f, 0, 0, w)
+    module_gravity(p.front, p, 0, w)
+    free_acceleration(p.front.inverse, 0, 0, w)
+    if p.two:
+        generalised_forces(p.back, p, sa_b, ca_b, sg_b, cg_b, 4, 6, w)
+        module_gravity(p.back, p, 6, w)
+        free_acceleration(p.back.inverse, 6, BACK, w)
+        joint_forces(q, v, p, trig, jac, w)

@@ -1,0 +1,125 @@
+"""A robot's numbers as the flat, typed tuples that the compiled kernel takes, derived quantities included."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from artibot_sim.model.effects.slope import STANDARD_GRAVITY, gravity
+from artibot_sim.model.robot import Drive, Module, Robot
+
+
+class ModuleParams(NamedTuple):
+    """One module: starred inertias of eq. 9, half spacings, joint (SI units)."""
+
+    m: float
+    J_x: float
+    J_y: float
+    J_z: float
+    half_x: float
+    half_y: float
+    O_x: float  # joint in the module's frame: -l_f in front, +l_b behind
+    O_z: float
+    r_0: float  # unloaded wheel radius, of eq. 15's F_n = k_n (r_0 - r)
+    inverse: tuple[float, float, float, float, float, float]  # of the mass matrix's six diagonal entries
+
+
+class MotorParams(NamedTuple):
+    """One motor with its gearbox and wheels (eq. 21)."""
+
+    tau: float
+    eta_d: float
+    eta_r: float
+    J_m: float
+    J_w: float
+    torque_max: float
+
+
+class Params(NamedTuple):
+    """Everything constant that the right-hand side needs."""
+
+    two: bool  # whether there is a back module
+    front: ModuleParams
+    back: ModuleParams
+    right_front: MotorParams
+    left_front: MotorParams
+    right_back: MotorParams
+    left_back: MotorParams
+    k_n: float
+    c_n: float
+    k_l: float
+    k_t: float
+    mu_s: float
+    mu_d: float
+    u_w: float
+    r_w: float
+    literal_eq22: bool
+    A_motor: float
+    A_joint: float
+    velocity_gain: float
+    g_x: float
+    g_y: float
+    g_z: float
+
+
+def starred(robot: Robot, module: Module) -> tuple[float, float, float, float]:
+    """Mass and inertias with the wheels: m*, J_x*, J_y*, J_z* of eq. 9.
+
+    Four wheels at (±i_x/2, ±i_y/2) add m_w i_y², m_w i_x² and m_w (i_x² + i_y²); the printed factor is twice that
+    (`readings.literal_eq9`). J_y* is not printed; it follows by the same rule.
+    """
+    wheel, factor = robot.wheel, 2.0 if robot.readings.literal_eq9 else 1.0
+    m_w = factor * wheel.m_w
+    return (
+        module.m + 4 * wheel.m_w,
+        module.J_x + 4 * wheel.J_wx + m_w * module.i_y**2,
+        module.J_y + 4 * wheel.J_wy + m_w * module.i_x**2,
+        module.J_z + 4 * wheel.J_wx + m_w * (module.i_x**2 + module.i_y**2),
+    )
+
+
+def _module(robot: Robot, module: Module, sign: float) -> ModuleParams:
+    m, J_x, J_y, J_z = starred(robot, module)
+    inverse = (1 / m, 1 / m, 1 / m, 1 / J_x, 1 / J_y, 1 / J_z)
+    # Under its weight every wheel has the rolling radius r_w, so that wheels, origins and joint are coplanar and the
+    # rover stands level, as section 4.3 assumes; with one unloaded radius for both modules it would pitch.
+    r_0 = robot.wheel.r_w + m * STANDARD_GRAVITY / (4 * robot.contact.k_n)
+    return ModuleParams(
+        m, J_x, J_y, J_z, module.i_x / 2, module.i_y / 2, sign * module.l, module.O_z, r_0, inverse
+    )
+
+
+def _motor(robot: Robot, drive: Drive) -> MotorParams:
+    J_w = robot.wheel.wheels_per_motor * robot.wheel.J_wy
+    return MotorParams(drive.tau, drive.eta_d, drive.eta_r, drive.J_m, J_w, drive.torque_max)
+
+
+def params(robot: Robot) -> Params:
+    """The kernel's view of `robot`. A rigid robot's missing module is filled with the front's numbers, unused."""
+    front = _motor(robot, robot.drive.front)
+    back = _motor(robot, robot.drive.back or robot.drive.front)
+    contact, control = robot.contact, robot.control
+    g = gravity(**robot.effects["slope"]) if "slope" in robot.effects else gravity(0.0, 0.0)
+    return Params(
+        two=robot.articulated,
+        front=_module(robot, robot.front, -1.0),
+        back=_module(robot, robot.back or robot.front, 1.0),
+        right_front=front,
+        left_front=front,
+        right_back=back,
+        left_back=back,
+        k_n=contact.k_n,
+        c_n=contact.c_n,
+        k_l=contact.k_l,
+        k_t=contact.k_t,
+        mu_s=contact.mu_s,
+        mu_d=contact.mu_d,
+        u_w=contact.u_w,
+        r_w=robot.wheel.r_w,
+        literal_eq22=robot.readings.literal_eq22,
+        A_motor=control.A_motor,
+        A_joint=control.A_joint,
+        velocity_gain=control.velocity_gain,
+        g_x=g[0],
+        g_y=g[1],
+        g_z=g[2],
+    )

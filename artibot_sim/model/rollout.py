@@ -1,0 +1,294 @@
+"""Simulate: `rollout` checks what it is given, runs the compiled loop and names what comes out."""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.model.commands import Commands
+from artibot_sim.model.integrators import RK4, SEMI_IMPLICIT
+from artibot_sim.model.layout import (
+    ALPHA,
+    BACK,
+    COLUMNS,
+    COORDINATES,
+    ENERGIES,
+    ENERGY_COLUMNS,
+    GAMMA,
+    M_M,
+    MOTOR_COORDINATES,
+    ROW,
+)
+from artibot_sim.model.params import Params, params
+from artibot_sim.model.robot import Robot
+from artibot_sim.model.stability import largest_step
+from artibot_sim.model.state import State, initial_state
+from artibot_sim.model.transmission import Mode, back_torque_factor
+
+Array = NDArray[np.float64]
+
+INTEGRATORS = {"rk4": RK4, "semi_implicit": SEMI_IMPLICIT}
+
+DEFAULT_MODES = (Mode.PRESCRIBED, Mode.PRESCRIBED, Mode.TORQUE, Mode.TORQUE)
+"""As in the paper: front motors follow their profile, back motors share their torque."""
+
+
+class Status(enum.IntEnum):
+    """How a rollout ended."""
+
+    OK = 0
+    DIVERGED = 1
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """What a simulation gives: rows at ``t``, every quantity under its name (see `columns`).
+
+    Attributes
+    ----------
+    status : Status
+        DIVERGED where the state left the finite world; the rows end before that.
+    message : str
+        One line for a person.
+    t : array, shape (n,), s
+    q, v : array, shape (n, 16)
+        Generalised coordinates and their rates.
+    row : array, shape (n, len(COLUMNS))
+        Contributions by name.
+    energy : array, shape (n, len(ENERGY_COLUMNS)) or None
+        Energies since the start (J), where asked for.
+    final_state : State or None
+        To go on from; None after a divergence.
+    """
+
+    robot: Robot
+    status: Status
+    message: str
+    t: Array
+    q: Array
+    v: Array
+    row: Array
+    energy: Array | None
+    final_state: State | None
+    modes: tuple[Mode, ...] = DEFAULT_MODES
+    _index: dict[str, tuple[str, int]] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        index = {name: ("q", i) for i, name in enumerate(COORDINATES)}
+        index |= {f"{name}_dot": ("v", i) for i, name in enumerate(COORDINATES)}
+        index |= {name: ("row", i) for i, name in enumerate(COLUMNS)}
+        if self.energy is not None:
+            index |= {name: ("energy", i) for i, name in enumerate(ENERGY_COLUMNS)}
+        object.__setattr__(self, "_index", index)
+        for array in (self.t, self.q, self.v, self.row, self.energy):
+            if array is not None:
+                array.setflags(write=False)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names that ``rollout[name]`` knows."""
+        return tuple(self._index)
+
+    def __getitem__(self, name: str) -> Array:
+        if name not in self._index:
+            hint = "; pass energy=True to rollout for energies" if name.startswith("E_") else ""
+            raise ArtibotError(f"rollout: no column '{name}'; known: {', '.join(self._index)}{hint}")
+        table, column = self._index[name]
+        values: Array = getattr(self, table)[:, column]
+        return values
+
+    @property
+    def pose(self) -> Array:
+        """x, y (m) and yaw (rad) of the front module in `map`, shape (n, 3)."""
+        return self.q[:, [0, 1, GAMMA]]
+
+    @cached_property
+    def twist(self) -> Array:
+        """Forward and leftward velocity (m/s) and yaw rate (rad/s) of the front module, in its frame, (n, 3)."""
+        c, s = np.cos(self.q[:, GAMMA]), np.sin(self.q[:, GAMMA])
+        x, y = self.v[:, 0], self.v[:, 1]
+        return np.column_stack([c * x + s * y, c * y - s * x, self.v[:, GAMMA]])
+
+    @property
+    def motor_position(self) -> Array:
+        """Motor angles, rad, shape (n, 4)."""
+        return self.q[:, MOTOR_COORDINATES]
+
+    @property
+    def motor_velocity(self) -> Array:
+        """Motor speeds, rad/s, shape (n, 4)."""
+        return self.v[:, MOTOR_COORDINATES]
+
+    @property
+    def motor_torque(self) -> Array:
+        """Motor torques, N m, shape (n, 4)."""
+        return self.row[:, M_M : M_M + 4]
+
+    @cached_property
+    def _tau(self) -> Array:
+        drive = self.robot.drive
+        return np.array([drive.front.tau] * 2 + [(drive.back or drive.front).tau] * 2)
+
+    @property
+    def wheel_position(self) -> Array:
+        """Wheel angles, rad, shape (n, 8), in the order of WHEELS."""
+        return np.repeat(self.motor_position * self._tau, 2, axis=1)
+
+    @property
+    def wheel_velocity(self) -> Array:
+        """Wheel speeds, rad/s, shape (n, 8)."""
+        return np.repeat(self.motor_velocity * self._tau, 2, axis=1)
+
+    @property
+    def articulation_yaw(self) -> Array:
+        """gamma_b − gamma_f, rad, shape (n,); the paper's gamma_r is its negative."""
+        return self.q[:, BACK + GAMMA] - self.q[:, GAMMA] if self.robot.articulated else np.zeros(len(self.t))
+
+    @property
+    def articulation_roll(self) -> Array:
+        """alpha_b − alpha_f, rad, shape (n,)."""
+        return self.q[:, BACK + ALPHA] - self.q[:, ALPHA] if self.robot.articulated else np.zeros(len(self.t))
+
+
+def rollout(
+    robot: Robot,
+    commands: Commands,
+    *,
+    dt: float = 1e-3,
+    integrator: str = "rk4",
+    every: int = 10,
+    modes: Mode | Sequence[Mode] | None = None,
+    kappa: float | None = None,
+    state: State | None = None,
+    duration: float | None = None,
+    energy: bool = False,
+) -> Rollout:
+    """Simulate a rover (eqs 1 to 30).
+
+    Parameters
+    ----------
+    robot : Robot
+    commands : Commands
+        What the motors are told, from its ``t0``; `dt` must divide the spacing of its knots.
+    dt : float
+        Integration step, s.
+    integrator : {"rk4", "semi_implicit"}
+        Explicit fourth order, or one right-hand side a step with implicit wheel spin.
+    every : int
+        A row is kept each `every` steps, and at the end.
+    modes : Mode or sequence of 4 Mode, optional
+        How each motor is moved; front prescribed and back under torque by default, as in the paper. Torque limits
+        hold for motors that are driven, and for torques only beside driven ones: prescribed front motors have no
+        limit, so their share has none.
+    kappa : float, optional
+        Front share of eq. 29, in (0, 1]; the robot's own by default.
+    state : State, optional
+        Where to start; at rest at the origin by default.
+    duration : float, optional
+        Length, s; that of `commands` by default. Past the last knot the commands stay.
+    energy : bool
+        Whether to account for the energy of every contribution.
+
+    Raises
+    ------
+    ArtibotError
+        Naming what is wrong, the value found, what is expected, and the mend.
+
+    Notes
+    -----
+    The step before feeds back (Fig. 7): back torques of a step are eq. 30 of the front torques at the start of the
+    step before, and the efficiencies are those of eq. 23 there. Both are in `State`, so a rollout continued from
+    `final_state` at a knot equals one that was never cut, bit for bit.
+    """
+    chosen = _modes(robot, commands, modes)
+    _check_step(robot, commands, dt, integrator, every)
+    p = _limited(params(robot), chosen)
+    longest, mode = largest_step(p, integrator, chosen)
+    if dt > longest:
+        mend = "" if integrator == "semi_implicit" else ", or use the integrator 'semi_implicit'"
+        raise ArtibotError(
+            f"dt: {dt:g} s is unstable with '{integrator}'; expected at most {longest:.3g} s ({mode}); "
+            f"take a shorter step{mend}"
+        )
+    share = robot.control.kappa if kappa is None else float(kappa)
+    if not 0.0 < share <= 1.0:
+        raise ArtibotError(f"kappa: {share:g}; expected a share of the front module in (0, 1] (eq. 29)")
+    start = initial_state(robot, t=commands.t0) if state is None else state
+    steps = _steps(commands.duration if duration is None else duration, dt)
+    return _run(robot, commands, p, chosen, share, start, steps, dt, integrator, every, energy)
+
+
+def _run(
+    robot: Robot, commands: Commands, p: Params, modes: tuple[Mode, ...], kappa: float, start: State, steps: int,
+    dt: float, integrator: str, every: int, energy: bool,
+) -> Rollout:  # fmt: skip
+    from artibot_sim.model.loop import integrate
+
+    rows = -(-steps // every) + 1
+    q, v, eta, torque = start.q.copy(), start.v.copy(), start.eta.copy(), start.torque.copy()
+    out_q, out_v, out_w = np.empty((rows, 16)), np.empty((rows, 16)), np.empty((rows, ROW))
+    out_e = np.empty((rows if energy else 1, ENERGIES))
+    given = np.array(commands.commanded)
+    status, kept = integrate(
+        q, v, eta, torque, p, np.array(modes, dtype=np.int64), INTEGRATORS[integrator], dt, steps, every,
+        np.where(given, commands.position, 0.0), np.where(given, commands.velocity, 0.0), commands.torque,
+        round(commands.dt / dt), back_torque_factor(robot, kappa), energy, out_q, out_v, out_w, out_e,
+    )  # fmt: skip
+    t = start.t + np.minimum(np.arange(rows) * every, steps)[:kept] * dt
+    if status == Status.OK:
+        message = f"{steps} steps of {dt:g} s with {integrator}"
+    else:
+        message = (
+            f"diverged between {t[-1]:.3f} and {t[-1] + every * dt:.3f} s; try a shorter dt than {dt:g} s, "
+            "the integrator 'semi_implicit', or less extreme commands"
+        )
+    final = State(start.t + steps * dt, q, v, eta, torque) if status == Status.OK else None
+    return Rollout(
+        robot, Status(status), message, t, out_q[:kept], out_v[:kept], out_w[:kept],
+        out_e[:kept] if energy else None, final, modes,
+    )  # fmt: skip
+
+
+def _modes(robot: Robot, commands: Commands, modes: Mode | Sequence[Mode] | None) -> tuple[Mode, ...]:
+    chosen = DEFAULT_MODES if modes is None else (modes,) * 4 if isinstance(modes, Mode) else tuple(map(Mode, modes))
+    if len(chosen) != 4:
+        raise ArtibotError(f"modes: {len(chosen)} given; expected one, or four in the order of MOTORS")
+    names = ("front_right", "front_left", "back_right", "back_left")[: 4 if robot.articulated else 2]
+    for name, mode, given in zip(names, chosen, commands.commanded, strict=False):
+        if mode != Mode.TORQUE and not given:
+            raise ArtibotError(f"commands.velocity: no speeds for {name}, which is {mode.name}; give its column")
+    return chosen
+
+
+def _limited(p: Params, modes: tuple[Mode, ...]) -> Params:
+    """Motors that share the torque of prescribed ones, which have no limit, have none themselves."""
+    if Mode.DRIVEN in modes[:2]:
+        return p
+    right = p.right_back if modes[2] == Mode.DRIVEN else p.right_back._replace(torque_max=math.inf)
+    left = p.left_back if modes[3] == Mode.DRIVEN else p.left_back._replace(torque_max=math.inf)
+    return p._replace(right_back=right, left_back=left)
+
+
+def _check_step(robot: Robot, commands: Commands, dt: float, integrator: str, every: int) -> None:
+    if integrator not in INTEGRATORS:
+        raise ArtibotError(f"integrator: '{integrator}'; expected one of {', '.join(INTEGRATORS)}")
+    if not (math.isfinite(dt) and dt > 0):
+        raise ArtibotError(f"dt: {dt} s; expected a finite step greater than 0, such as 0.001 s")
+    ratio = commands.dt / dt
+    if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6:
+        raise ArtibotError(f"dt: {dt:g} s does not divide the commands' knot spacing of {commands.dt:g} s")
+    if not (isinstance(every, int | np.integer) and every >= 1):
+        raise ArtibotError(f"every: {every!r}; expected a number of steps of at least 1")
+
+
+def _steps(duration: float, dt: float) -> int:
+    if not (math.isfinite(duration) and duration >= 0):
+        raise ArtibotError(f"duration: {duration} s; expected a finite time of at least 0")
+    return round(duration / dt)

@@ -1,0 +1,90 @@
+"""Motors, gearboxes and wheel spin: eqs 21 to 23, 26 to 28 and the torque sharing of eqs 29, 30."""
+
+from __future__ import annotations
+
+import enum
+import math
+
+from artibot_sim.model.compiled import inlined
+from artibot_sim.model.robot import Robot
+
+ROLLING_WIDTH = 0.02
+"""Wheel speed over which rolling resistance changes its sign (tanh), rad/s."""
+
+
+class Mode(enum.IntEnum):
+    """How a motor is moved.
+
+    PRESCRIBED follows its commanded rotation whatever torque that takes (eqs 26 to 28); DRIVEN does so by a
+    velocity loop whose torque is limited to ±torque_max; TORQUE turns under a torque: a commanded one, or for
+    the back motors that of eq. 30.
+    """
+
+    PRESCRIBED = 0
+    DRIVEN = 1
+    TORQUE = 2
+
+
+PRESCRIBED, DRIVEN, TORQUE = (int(mode) for mode in Mode)
+
+
+def back_torque_factor(robot: Robot, kappa: float | None = None) -> float:
+    """Torque of each back motor over the sum of the front motors' (eq. 30, split equally between the sides)."""
+    if robot.drive.back is None:
+        return 0.0
+    share = robot.control.kappa if kappa is None else kappa
+    return 0.5 * robot.drive.back.tau / robot.drive.front.tau * (1.0 / share - 1.0)
+
+
+@inlined
+def rolling_sign(omega):
+    """Smooth sign of the wheel's rotation (rad/s): at standstill rolling resistance has no torque."""
+    x = omega / ROLLING_WIDTH
+    if x > 20.0:
+        return 1.0  # tanh(20) is 1 in double precision
+    if x < -20.0:
+        return -1.0
+    return math.tanh(x)
+
+
+@inlined
+def load_torque(p, omega, F_l_sum, F_n_sum):
+    """M_r of eq. 22: torque of the contact forces on the wheels' axle, N m."""
+    if p.literal_eq22:
+        return p.r_w * F_l_sum + p.u_w * F_l_sum
+    return p.r_w * F_l_sum + p.u_w * F_n_sum * rolling_sign(omega)
+
+
+@inlined
+def efficiency(motor, M_m, theta_dot):
+    """Eq. 23: eta_d while the motor drives, 1/eta_r while it brakes."""
+    if M_m * theta_dot >= 0.0:
+        return motor.eta_d
+    return 1.0 / motor.eta_r
+
+
+@inlined
+def follow(A, theta, theta_dot, d, d_dot, d_ddot):
+    """Acceleration that makes a rotation follow its command, critically damped at rate A (eqs 27, 28)."""
+    return d_ddot - 2.0 * A * (theta_dot - d_dot) - A * A * (theta - d)
+
+
+@inlined
+def motor_equation(motor, p, mode, eta, M_r, theta, theta_dot, d, d_dot, d_ddot, M_d):
+    """Eq. 21 for one motor, solved for what its mode leaves open.
+
+    Returns
+    -------
+    tuple of 2 floats
+        Motor torque M_m (N m) and angular acceleration (rad/s²), motor side.
+    """
+    J = motor.J_m + motor.J_w * motor.tau * motor.tau / eta
+    load = motor.tau / eta * M_r
+    if mode == PRESCRIBED:
+        theta_ddot = follow(p.A_motor, theta, theta_dot, d, d_dot, d_ddot)
+        return J * theta_ddot + load, theta_ddot
+    M_m = M_d
+    if mode == DRIVEN:
+        M_m = J * (d_ddot + p.velocity_gain * (d_dot - theta_dot)) + load
+    M_m = min(max(M_m, -motor.torque_max), motor.torque_max)
+    return M_m, (M_m - load) / J
