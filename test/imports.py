@@ -1,0 +1,102 @@
+"""Which module may import which: the rules of docs/design as data, and a reader of import statements."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+LAYERS = ("model", "planning", "experiment", "identify", "diagnose", "report", "bench", "nodes", "cli")
+"""Parts of artibot_sim, lowest first: each may import itself and what stands before it."""
+
+BELOW_ALL = ("errors", "resources", "version", "commands")
+"""Modules that any part may import, and that import only each other."""
+
+DRIVER = "artibot_driver"
+DRIVER_MAY = ("model", "planning", *BELOW_ALL)
+"""What the driver may import of artibot_sim; of the parts there, only nodes may import the driver."""
+
+OWNERS = {
+    "rclpy": ("nodes", DRIVER),
+    "mcap": ("experiment",),
+    "rosbags": ("experiment",),
+    "can": (DRIVER,),
+    "canopen": (DRIVER,),
+    "mujoco": ("bench",),
+}
+"""Libraries that only these parts know."""
+
+ROS_SUFFIXES = ("_msgs", "_srvs", "_interfaces", "_ros")
+"""Ends of the names of ROS packages: the same rule as for rclpy."""
+
+
+class Import(NamedTuple):
+    """One import: the importing module, what it imports, and the line."""
+
+    module: str
+    imported: str
+    line: int
+
+
+def imports_of(source: str, module: str, is_package: bool = False) -> Iterator[Import]:
+    """Every import in a source text, wherever it stands, with relative ones resolved."""
+    package = module.split(".") if is_package else module.split(".")[:-1]
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield Import(module, alias.name, node.lineno)
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) + 1 - node.level] if node.level else []
+            origin = ".".join([*base, *filter(None, [node.module])])
+            for alias in node.names:
+                yield Import(module, f"{origin}.{alias.name}", node.lineno)
+        elif isinstance(node, ast.Call) and _name(node.func) in ("import_module", "__import__"):
+            for argument in node.args[:1]:
+                if isinstance(argument, ast.Constant) and isinstance(argument.value, str):
+                    yield Import(module, argument.value, node.lineno)
+
+
+def _name(function: ast.expr) -> str:
+    return function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
+
+
+def modules_below(root: Path) -> Iterator[tuple[str, Path]]:
+    """Dotted name and file of every module of artibot below `root`."""
+    for package in ("artibot_sim", DRIVER):
+        for path in sorted((root / package).rglob("*.py")):
+            parts = path.relative_to(root).with_suffix("").parts
+            yield ".".join(parts[:-1] if parts[-1] == "__init__" else parts), path
+
+
+def part_of(module: str) -> str:
+    """The part a module belongs to: a layer, a module below all, the driver, or "" for artibot_sim itself."""
+    names = module.split(".")
+    if names[0] == DRIVER:
+        return DRIVER
+    return names[1] if len(names) > 1 else ""
+
+
+def fault(found: Import) -> str | None:
+    """What is wrong with an import, or None."""
+    importer, top = part_of(found.module), found.imported.split(".")[0]
+    where = f"{found.module}:{found.line} imports {found.imported}"
+    if top in ("artibot_sim", DRIVER):
+        return None if _inside(importer, part_of(found.imported)) else f"{where}: {importer or 'the package'} may not"
+    owners = OWNERS.get("rclpy" if top.endswith(ROS_SUFFIXES) else top)
+    if owners is None or importer in owners:
+        return None
+    return f"{where}: only {' and '.join(owners)} may"
+
+
+def _inside(importer: str, imported: str) -> bool:
+    """Whether one part of artibot may import another."""
+    if imported in ("", importer, *BELOW_ALL):
+        return True
+    if importer == DRIVER:
+        return imported in DRIVER_MAY
+    if imported == DRIVER:
+        return importer == "nodes"
+    if importer not in LAYERS or imported not in LAYERS:
+        return False
+    return LAYERS.index(imported) < LAYERS.index(importer)
