@@ -56,6 +56,8 @@ def load_manoeuvre(manoeuvre: str | os.PathLike[str]) -> Manoeuvre:
         return manoeuvre_from_dict(document, name=path.stem)
     except ArtibotError as error:
         raise ArtibotError(f"{path}: {error}") from error
+    except RecursionError as error:
+        raise ArtibotError(f"{path}: nested without end; a repeat must not contain itself") from error
 
 
 def _find(manoeuvre: str | os.PathLike[str]) -> Path:

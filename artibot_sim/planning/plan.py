@@ -5,19 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.robot import Robot
+from artibot_sim.model import Commands, Robot
 from artibot_sim.planning.kinematics import FrontKinematics
 from artibot_sim.planning.manoeuvre import Manoeuvre
 from artibot_sim.planning.quadrature import Array
 from artibot_sim.planning.route import Mark, Motion, Route
-
-if TYPE_CHECKING:
-    from artibot_sim.model import Commands
 
 MAX_SAMPLES = 2_000_000
 """Most samples that a plan may have (at 10 ms more than five hours)."""
@@ -104,8 +100,6 @@ class Plan:
 
     def commands(self) -> Commands:
         """The front motor profile as :class:`artibot_sim.model.Commands`; the back motors are left to eq. 30."""
-        from artibot_sim.model import Commands
-
         velocity = np.full((len(self.t), 4), np.nan)
         position = velocity.copy()
         velocity[:, :2], position[:, :2] = self.velocity, self.position
