@@ -1,0 +1,86 @@
+"""The topics of an experiment: names, types, keys in `Experiment.channels`, and how each is offered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from artibot_sim.errors import ArtibotError
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One row of the contract's table of topics.
+
+    Attributes
+    ----------
+    name : absolute topic name.
+    key : name in `Experiment.channels`.
+    ros_type : ROS type that artibot publishes; others that carry the same quantities are read as well.
+    latched : offered transient local, so that a latecomer still gets it.
+    measured : says when the rover was observed; these topics set the recording's start and its segments.
+    """
+
+    name: str
+    key: str
+    ros_type: str
+    latched: bool = False
+    measured: bool = False
+
+
+_JOINTS = "sensor_msgs/msg/JointState"
+_ODOMETRY = "nav_msgs/msg/Odometry"
+
+TOPICS: tuple[Topic, ...] = (
+    Topic("/odom", "odom", _ODOMETRY, measured=True),
+    Topic("/ground_truth/odom", "ground_truth_odom", _ODOMETRY, measured=True),
+    Topic("/joint_states", "joint_states", _JOINTS, measured=True),
+    Topic("/motor_torques", "motor_torques", _JOINTS, measured=True),
+    Topic("/motor_command", "motor_command", _JOINTS, measured=True),
+    Topic("/imu/data", "imu", "sensor_msgs/msg/Imu", measured=True),
+    Topic("/total_station/point", "total_station", "geometry_msgs/msg/PointStamped", measured=True),
+    Topic("/planned/odom", "planned_odom", _ODOMETRY, measured=True),
+    Topic("/planned/path", "planned_path", "nav_msgs/msg/Path", latched=True),
+    Topic("/planned/front_velocity", "planned_front_velocity", "trajectory_msgs/msg/JointTrajectory", latched=True),
+    Topic("/motor_command_request", "motor_command_request", _JOINTS),
+    Topic("/cmd_vel", "cmd_vel", "geometry_msgs/msg/TwistStamped"),
+    Topic("/clock", "clock", "rosgraph_msgs/msg/Clock"),
+    Topic("/diagnostics", "diagnostics", "diagnostic_msgs/msg/DiagnosticArray"),
+)
+BY_NAME = {topic.name: topic for topic in TOPICS}
+BY_KEY = {topic.key: topic for topic in TOPICS}
+
+
+def find_topic(wanted: str) -> Topic:
+    """Return the contract's topic called `wanted`.
+
+    Parameters
+    ----------
+    wanted : topic name with or without the leading slash, or a channel key.
+
+    Raises
+    ------
+    ArtibotError
+        If the contract has no such topic.
+    """
+    for found in (BY_KEY.get(wanted), BY_NAME.get(wanted), BY_NAME.get("/" + wanted)):
+        if found is not None:
+            return found
+    known = ", ".join(BY_NAME)
+    raise ArtibotError(f"topic '{wanted}' is not one that artibot reads; expected one of {known}")
+
+
+def parse_renames(pairs: list[str] | tuple[str, ...]) -> dict[str, str]:
+    """Turn `--topic WANTED=FOUND` options into the mapping that `read_bag` takes.
+
+    Raises
+    ------
+    ArtibotError
+        If a pair has no `=`, or WANTED is not a topic of the contract.
+    """
+    renames = {}
+    for pair in pairs:
+        wanted, equals, found = pair.partition("=")
+        if not equals or not wanted or not found:
+            raise ArtibotError(f"--topic '{pair}': expected WANTED=FOUND, e.g. --topic /ground_truth/odom=/lidar/odom")
+        renames[find_topic(wanted).name] = found
+    return renames

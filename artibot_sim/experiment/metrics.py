@@ -1,0 +1,180 @@
+"""Figures of merit of a run: eqs 31 and 32 of the paper, radii of circular paths, path length."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from artibot_sim.errors import ArtibotError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A circle fitted to points.
+
+    Attributes
+    ----------
+    x, y : centre, m.
+    radius : m.
+    rmse : root mean square of the points' distances from the circle, m.
+    """
+
+    x: float
+    y: float
+    radius: float
+    rmse: float
+
+
+def yaw_error(gamma_f: ArrayLike, gamma_d: ArrayLike, t: ArrayLike) -> float:
+    """Relative error of the yaw over a motion, e_gamma of eq. 31.
+
+    Parameters
+    ----------
+    gamma_f : (n,) yaw of the front module, rad, continuous (not wrapped).
+    gamma_d : (n,) planned yaw at the same times, rad, continuous.
+    t : (n,) times, s, increasing; the integrals run over all of them.
+
+    Returns
+    -------
+    float
+        Dimensionless; negative where the rover turned less than planned.
+
+    Raises
+    ------
+    ArtibotError
+        If lengths differ, something is not finite, or the planned yaw integrates to zero, for which eq. 31
+        has no value.
+    """
+    gamma_f, gamma_d, t = _columns(2, gamma_f=gamma_f, gamma_d=gamma_d, t=t)
+    if not (np.diff(t) > 0).all():
+        raise ArtibotError("yaw_error: times are not increasing; sort them first")
+    planned = float(np.trapezoid(gamma_d, t))
+    if abs(planned) <= 1e-12 * float(np.trapezoid(np.abs(gamma_d), t)) or planned == 0.0:
+        raise ArtibotError("yaw_error: the planned yaw integrates to zero, so eq. 31 has no value for this motion")
+    return float(np.trapezoid(gamma_f - gamma_d, t)) / planned
+
+
+def position_error(p_f: ArrayLike, p_d: ArrayLike, sigma: float) -> float:
+    """Relative error of the final position, e_x of eq. 32.
+
+    Parameters
+    ----------
+    p_f : (2,) position of the front module at the end of the motion, m, in `map`.
+    p_d : (2,) planned position there, m.
+    sigma : length of the planned path, m.
+
+    Raises
+    ------
+    ArtibotError
+        If a position is not finite, or `sigma` is not positive.
+    """
+    if not (np.isfinite(sigma) and sigma > 0):
+        raise ArtibotError(f"position_error: sigma is {sigma}; expected the planned path's length in m, above 0")
+    difference = np.asarray(p_f, float)[:2] - np.asarray(p_d, float)[:2]
+    if difference.shape != (2,) or not np.isfinite(difference).all():
+        raise ArtibotError(f"position_error: positions {p_f} and {p_d}; expected two finite points (x, y) in m")
+    return float(np.hypot(*difference)) / float(sigma)
+
+
+def path_length(x: ArrayLike, y: ArrayLike) -> float:
+    """Return the length of a polyline through points (n,), m; NaN points are passed over."""
+    points = _finite_points(x, y)
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+def radius(x: ArrayLike, y: ArrayLike) -> float:
+    """Return the radius of the circle that fits points (n,) best, m (see `fit_circle`)."""
+    return fit_circle(x, y).radius
+
+
+def fit_circle(x: ArrayLike, y: ArrayLike, iterations: int = 50) -> Circle:
+    """Fit a circle to points: least squares of their distances from it.
+
+    Parameters
+    ----------
+    x, y : (n,) points, m, n ≥ 3; NaN points are passed over.
+    iterations : most steps of the refinement.
+
+    Returns
+    -------
+    Circle
+        The algebraic fit (Pratt's, by Taubin's form without its bias on short arcs) refined by Gauss–Newton
+        with Levenberg's damping on the geometric distances.
+
+    Raises
+    ------
+    ArtibotError
+        If there are fewer than three different points, or they lie on a line.
+    """
+    points = _finite_points(x, y)
+    if len(np.unique(points, axis=0)) < 3:
+        raise ArtibotError(f"fit_circle: {len(points)} usable points; expected at least 3 different ones")
+    centre = points.mean(axis=0)
+    scale = float(np.sqrt(((points - centre) ** 2).sum(axis=1).mean()))
+    u, v = ((points - centre) / scale).T
+    a, b, r = _refine(u, v, *_taubin(u, v), iterations)
+    residual = np.hypot(u - a, v - b) - r
+    rmse = float(np.sqrt((residual**2).mean()))
+    return Circle(float(a * scale + centre[0]), float(b * scale + centre[1]), float(r * scale), rmse * scale)
+
+
+def _taubin(u: Array, v: Array) -> tuple[float, float, float]:
+    """Return centre and radius of Taubin's algebraic fit to centred, scaled points (n,)."""
+    z = u * u + v * v
+    z_mean = float(z.mean())
+    rows = np.column_stack([(z - z_mean) / (2.0 * np.sqrt(z_mean)), u, v])
+    _, sizes, axes = np.linalg.svd(rows, full_matrices=False)
+    if sizes[1] < 1e-9 * sizes[0] or abs(axes[2, 0]) < 1e-12:
+        raise ArtibotError("fit_circle: the points lie on a line; a circle needs a curve")
+    p, q, s = axes[2]
+    p /= 2.0 * np.sqrt(z_mean)
+    a, b = -q / (2.0 * p), -s / (2.0 * p)
+    return float(a), float(b), float(np.sqrt(a * a + b * b + z_mean))
+
+
+def _refine(u: Array, v: Array, a: float, b: float, r: float, iterations: int) -> tuple[float, float, float]:
+    """Minimise the sum of (distance from (a, b) − r)², starting from an algebraic fit."""
+    x = np.array([a, b, r])
+    damping = 1e-3
+    cost = _cost(u, v, x)
+    for _ in range(iterations):
+        du, dv = u - x[0], v - x[1]
+        distance = np.maximum(np.hypot(du, dv), 1e-300)
+        jacobian = np.column_stack([-du / distance, -dv / distance, -np.ones_like(u)])
+        gradient = jacobian.T @ (distance - x[2])
+        normal = jacobian.T @ jacobian
+        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)) + 1e-300 * np.eye(3), -gradient)
+        tried = _cost(u, v, x + step)
+        if tried <= cost:
+            x, cost, damping = x + step, tried, damping / 10.0
+        else:
+            damping *= 10.0
+        if np.abs(step).max() < 1e-13 * max(1.0, np.abs(x).max()):
+            break
+    return float(x[0]), float(x[1]), float(abs(x[2]))
+
+
+def _cost(u: Array, v: Array, x: Array) -> float:
+    return float(((np.hypot(u - x[0], v - x[1]) - x[2]) ** 2).sum())
+
+
+def _finite_points(x: ArrayLike, y: ArrayLike) -> Array:
+    points = np.column_stack([np.asarray(x, float).ravel(), np.asarray(y, float).ravel()])
+    return points[np.isfinite(points).all(axis=1)]
+
+
+def _columns(least: int, **arrays: ArrayLike) -> list[Array]:
+    """Return arrays (n,) of equal length n ≥ `least`, all finite; the error names the one that is not."""
+    out = {name: np.asarray(values, float).ravel() for name, values in arrays.items()}
+    lengths = {name: len(values) for name, values in out.items()}
+    if len(set(lengths.values())) != 1 or min(lengths.values()) < least:
+        raise ArtibotError(f"lengths {lengths}; expected equal ones of at least {least}")
+    for name, values in out.items():
+        if not np.isfinite(values).all():
+            bad = int((~np.isfinite(values)).sum())
+            raise ArtibotError(f"{name}: {bad} values are not finite; leave them out first")
+    return list(out.values())

@@ -1,0 +1,229 @@
+"""`read_bag`: a recording as an `Experiment`; `bag_info`: what it holds without reading it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.experiment.columns import Channel, Experiment, find_segments, measured_stamps
+from artibot_sim.experiment.contract import TOPICS, find_topic
+from artibot_sim.experiment.decode import READABLE, Rows
+from artibot_sim.experiment.messages import Decoder, decoder
+from artibot_sim.experiment.storage import (
+    BagInfo,
+    ChannelInfo,
+    RawMessage,
+    channel_info,
+    check_file,
+    clear_errors,
+    iter_messages,
+    open_sqlite,
+    sqlite_channels,
+    storage_files,
+)
+
+METADATA_RECORD = "artibot"
+
+
+def read_bag(path: Path | str, topics: Mapping[str, str] | None = None) -> Experiment:
+    """Read a recording of the contract's topics.
+
+    Parameters
+    ----------
+    path : rosbag2 folder, or a bare .mcap (or .db3) file.
+    topics : contract topic (or channel key) → topic in the recording that carries it, for recordings
+        that use other names.
+
+    Returns
+    -------
+    Experiment
+        SI units; times are header stamps. Rows are sorted by stamp, rows of equal stamp merged; `remarks`
+        says what was repaired.
+
+    Raises
+    ------
+    ArtibotError
+        If the recording is damaged, empty, foreign, has none of the topics, or a renamed topic is not in it.
+        The message names the file, what was found and the mend.
+    """
+    info = bag_info(path)
+    found = {channel.topic: channel.ros_type for channel in info.channels if channel.encoding == "cdr"}
+    if info.message_count and not found:
+        encodings = ", ".join(sorted({channel.encoding or "none" for channel in info.channels}))
+        raise ArtibotError(f"{path}: no topic is encoded as cdr (found: {encodings}); expected a ROS 2 recording")
+    wanted, remarks = _choose(info, found, topics or {})
+    rows = _read_rows(info, wanted)
+    channels = {key: table.channel(remarks) for key, table in rows.items() if table.rows}
+    if not channels:
+        present = ", ".join(sorted(found)) or "no topic at all"
+        raise ArtibotError(
+            f"{path}: no message on any topic that artibot reads; the recording has {present} "
+            f"({info.message_count} messages); rename a topic with --topic WANTED=FOUND"
+        )
+    stamps = measured_stamps(channels)
+    start = int(stamps[0])
+    segments = find_segments(stamps, start)
+    return Experiment(
+        name=info.name,
+        path=info.path,
+        metadata=info.metadata,
+        start_ns=start,
+        channels={key: _finish(channel, start, segments) for key, channel in channels.items()},
+        segments=segments,
+        topics=found,
+        remarks=tuple(remarks),
+    )
+
+
+def _choose(info: BagInfo, found: Mapping[str, str], renames: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
+    """Return topic in the recording → channel key, and remarks on topics of a type that artibot cannot read."""
+    asked = {find_topic(wanted).key: name for wanted, name in renames.items()}
+    wanted, remarks = {}, []
+    for topic in TOPICS:
+        name = asked.get(topic.key, topic.name)
+        if name not in found:
+            if topic.key in asked:
+                present = ", ".join(sorted(found)) or "no topic"
+                raise ArtibotError(f"{info.path}: --topic {topic.name}={name}: no topic '{name}'; it has {present}")
+            continue
+        if found[name] in READABLE:
+            wanted[name] = topic.key
+            continue
+        said = f"{name} is of type {found[name]}; artibot reads {topic.name} as {topic.ros_type}"
+        if topic.key in asked:
+            raise ArtibotError(f"{info.path}: --topic {topic.name}={name}: {said}")
+        remarks.append(f"{said}; left out")
+    return wanted, remarks
+
+
+def _read_rows(info: BagInfo, wanted: Mapping[str, str]) -> dict[str, Rows]:
+    """Decode the messages of the wanted topics into rows, by channel key."""
+    rows = {key: Rows(name) for name, key in wanted.items()}
+    decoders: dict[ChannelInfo, Decoder] = {}
+    latest: dict[str, bytes] = {}
+    for message in iter_messages(info.path, set(wanted)):
+        channel = message.channel
+        if channel.encoding != "cdr" or channel.ros_type not in READABLE:
+            continue
+        table = rows[wanted[channel.topic]]
+        if not table.ordered and latest.get(channel.topic) == message.data:
+            continue  # a latched plan that was only published again
+        latest[channel.topic] = message.data
+        table.add(channel.ros_type, _decode(info, decoders, message), message.log_ns)
+    return rows
+
+
+def _decode(info: BagInfo, decoders: dict[ChannelInfo, Decoder], message: RawMessage) -> Any:
+    from rosbags.serde import SerdeError
+
+    channel = message.channel
+    if channel not in decoders:
+        decoders[channel] = decoder(
+            channel.ros_type, channel.definition, channel.definition_encoding, channel.type_hash
+        )
+    try:
+        return decoders[channel](message.data)
+    except SerdeError as error:
+        raise ArtibotError(
+            f"{info.path}: topic {channel.topic}: the message logged at {message.log_ns} ns is not a "
+            f"{channel.ros_type}: {error}; the program that recorded it used another definition"
+        ) from error
+
+
+def _finish(channel: Channel, start_ns: int, segments: tuple[tuple[float, float], ...]) -> Channel:
+    """Count a channel's seconds from `start_ns` and unwrap its yaw within each segment.
+
+    Not across segments: the pose after a gap has no relation to the one before.
+    """
+    t = (channel.t_ns - start_ns) / 1e9
+    columns = dict(channel.columns)
+    if "yaw" in columns:
+        yaw = columns["yaw"].copy()
+        part = np.searchsorted([first for first, _ in segments], t, side="right")
+        for number in np.unique(part):
+            rows = np.flatnonzero((part == number) & np.isfinite(yaw))
+            yaw[rows] = np.unwrap(yaw[rows])
+        columns["yaw"] = yaw
+    return replace(channel, t=t, columns=columns)
+
+
+def bag_info(path: Path | str) -> BagInfo:
+    """Return what a recording holds: files, topics with types, definitions and QoS, times, metadata.
+
+    Parameters
+    ----------
+    path : rosbag2 folder or bare file.
+
+    Raises
+    ------
+    ArtibotError
+        If it is damaged, empty or foreign.
+    """
+    files = storage_files(path)
+    parts = []
+    for file in files:
+        kind = check_file(file)
+        with clear_errors(file):
+            parts.append(_mcap_info(file) if kind == "mcap" else _sqlite_info(file))
+    counts: dict[ChannelInfo, int] = {}
+    metadata: dict[str, str] = {}
+    for part in parts:
+        for channel in part.channels:
+            plain = replace(channel, message_count=0)
+            counts[plain] = counts.get(plain, 0) + channel.message_count
+        metadata |= part.metadata
+    spans = [(part.start_ns, part.end_ns) for part in parts if part.message_count] or [(0, 0)]
+    return BagInfo(
+        path=Path(path),
+        files=files,
+        channels=tuple(replace(channel, message_count=count) for channel, count in counts.items()),
+        metadata=metadata,
+        start_ns=min(start for start, _ in spans),
+        end_ns=max(end for _, end in spans),
+        message_count=sum(part.message_count for part in parts),
+    )
+
+
+def _mcap_info(file: Path) -> BagInfo:
+    from mcap.reader import make_reader
+
+    with open(file, "rb") as stream:
+        reader = make_reader(stream)
+        summary = reader.get_summary()
+        records = [record for record in reader.iter_metadata() if record.name == METADATA_RECORD]
+    metadata = {key: value for record in records for key, value in record.metadata.items()}
+    if summary is None or summary.statistics is None:
+        return _counted_info(file, metadata)
+    statistics = summary.statistics
+    channels = tuple(
+        channel_info(summary.schemas.get(channel.schema_id), channel, statistics.channel_message_counts.get(number, 0))
+        for number, channel in summary.channels.items()
+    )
+    return BagInfo(
+        file, (file,), channels, metadata,
+        statistics.message_start_time, statistics.message_end_time, statistics.message_count,
+    )  # fmt: skip
+
+
+def _counted_info(file: Path, metadata: dict[str, str]) -> BagInfo:
+    """Make the index of an MCAP file that was written without one."""
+    counts: dict[ChannelInfo, int] = {}
+    first, last = 2**63, 0
+    for message in iter_messages(file):
+        counts[message.channel] = counts.get(message.channel, 0) + 1
+        first, last = min(first, message.log_ns), max(last, message.log_ns)
+    channels = tuple(replace(channel, message_count=count) for channel, count in counts.items())
+    return BagInfo(file, (file,), channels, metadata, first if counts else 0, last, sum(counts.values()))
+
+
+def _sqlite_info(file: Path) -> BagInfo:
+    with closing(open_sqlite(file)) as base:
+        channels = tuple(sqlite_channels(base).values())
+        first, last, count = base.execute("SELECT min(timestamp), max(timestamp), count(*) FROM messages").fetchone()
+    return BagInfo(file, (file,), channels, {}, first or 0, last or 0, count)

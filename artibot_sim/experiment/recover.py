@@ -1,0 +1,187 @@
+"""`recover`: a valid recording from one that was cut short."""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.experiment import scan
+from artibot_sim.experiment.folders import whole_folder
+from artibot_sim.experiment.messages import definition, is_known
+from artibot_sim.experiment.qos import load_profiles
+from artibot_sim.experiment.storage import MAGIC, recording_name, storage_files
+from artibot_sim.experiment.writer import BagWriter
+
+
+@dataclass(frozen=True)
+class RecoverReport:
+    """What `recover` saved.
+
+    Attributes
+    ----------
+    source, out : the damaged recording, and the new folder.
+    messages : how many were saved.
+    seconds : from the first to the last log time.
+    topics : name → number of messages.
+    lost_bytes : at the ends of the files, of no complete record.
+    garbage_bytes : after a file's own end, left out.
+    bad_chunks : chunks of which a part or all had to be left out.
+    complete : True if the recording was closed properly and nothing was left out.
+    """
+
+    source: Path
+    out: Path
+    messages: int
+    seconds: float
+    topics: dict[str, int] = field(default_factory=dict)
+    lost_bytes: int = 0
+    garbage_bytes: int = 0
+    bad_chunks: int = 0
+    complete: bool = False
+
+
+def recover(path: Path | str, out: Path | str | None = None) -> RecoverReport:
+    """Save everything that can be read of a truncated or killed MCAP recording.
+
+    Parameters
+    ----------
+    path : folder (with or without metadata.yaml) or bare .mcap file; it is never changed.
+    out : folder to write; `<name>_recovered` beside the recording by default.
+
+    Returns
+    -------
+    RecoverReport
+        With the folder written: whole, or not there at all.
+
+    Raises
+    ------
+    ArtibotError
+        If nothing can be recovered, the recording is not MCAP, or `out` exists.
+    """
+    source = Path(path)
+    files = storage_files(source)
+    for file in files:
+        _check_kind(file)
+    name = f"{recording_name(source)}_recovered"
+    beside = source.resolve().parent
+    target = Path(out) if out is not None else beside / name
+    salvage = _Salvage(files)
+    with whole_folder(target) as folder:
+        seconds = salvage.write(folder, target.resolve().name)
+    return RecoverReport(
+        source=source,
+        out=target,
+        messages=sum(salvage.counts.values()),
+        seconds=seconds,
+        topics=dict(salvage.counts),
+        lost_bytes=sum(damage.lost_bytes for damage in salvage.damages),
+        garbage_bytes=sum(damage.garbage_bytes for damage in salvage.damages),
+        bad_chunks=sum(damage.bad_chunks for damage in salvage.damages),
+        complete=all(damage.ended and not damage.bad_chunks for damage in salvage.damages),
+    )
+
+
+def _check_kind(file: Path) -> None:
+    """Refuse what the scanner could make nothing of, with a reason."""
+    with open(file, "rb") as stream:
+        head = stream.read(16)
+    if head.startswith(b"SQLite format 3"):
+        raise ArtibotError(f"{file}: a SQLite recording; `sqlite3 {file} .recover` mends those")
+    if not head:
+        raise ArtibotError(f"{file}: the file is empty; there is nothing to recover")
+    if not head.startswith(MAGIC):
+        raise ArtibotError(f"{file}: begins with {head[:8]!r}, expected MCAP's {MAGIC!r}; there is nothing to recover")
+
+
+class _Salvage:
+    """Copies records from damaged files into a new recording."""
+
+    def __init__(self, files: tuple[Path, ...]) -> None:
+        self.files = files
+        self.damages: list[scan.Damage] = []
+        self.counts: Counter[str] = Counter()
+        self._schemas: dict[int, Any] = {}
+        self._channels: dict[int, Any] = {}
+
+    def write(self, folder: Path, name: str) -> float:
+        """Write the new recording; return its length in s."""
+        metadata, others = self._metadata()
+        first, last = 2**63, 0
+        with BagWriter(folder, metadata, live=False, name=name) as bag:
+            for other, values in others:
+                bag.add_metadata(other, values)
+            for file in self.files:
+                for stamp in self._messages(file, bag):
+                    first, last = min(first, stamp), max(last, stamp)
+        return (last - first) / 1e9 if self.counts else 0.0
+
+    def _metadata(self) -> tuple[dict[str, str], list[tuple[str, dict[str, str]]]]:
+        """Return the `artibot` record of all files together, and the other metadata records."""
+        from mcap.records import Metadata
+
+        artibot: dict[str, str] = {}
+        others = []
+        for file in self.files:
+            for opcode, content, _ in scan.scan(file, scan.Damage(), chunks=False):
+                record = _parsed(Metadata, content) if opcode == scan.METADATA else None
+                if record is not None and record.name == "artibot":
+                    artibot |= record.metadata
+                elif record is not None:
+                    others.append((record.name, record.metadata))
+        return artibot, others
+
+    def _messages(self, file: Path, bag: BagWriter) -> Iterator[int]:
+        """Copy a file's messages into `bag`, yielding the log time of each."""
+        from mcap.records import Attachment, Channel, Schema
+
+        damage = scan.Damage()
+        self.damages.append(damage)
+        self._schemas, self._channels = {}, {}  # ids count anew in each file
+        for opcode, content, _ in scan.scan(file, damage):
+            if opcode == scan.MESSAGE:
+                message = scan.parse_message(content)
+                if message.channel_id in self._channels:
+                    yield self._copy(bag, message)
+            elif opcode == scan.SCHEMA and (schema := _parsed(Schema, content)):
+                self._schemas[schema.id] = schema
+            elif opcode == scan.CHANNEL and (channel := _parsed(Channel, content)):
+                self._channels[channel.id] = channel
+                self._register(bag, channel)
+            elif opcode == scan.ATTACHMENT and (kept := _parsed(Attachment, content)):
+                bag.add_attachment(kept.name, kept.media_type, kept.data, kept.log_time, kept.create_time)
+
+    def _copy(self, bag: BagWriter, message: scan.Message) -> int:
+        channel = self._channels[message.channel_id]
+        bag.write(channel.topic, message.data, message.publish_ns, message.log_ns, message.sequence)
+        self.counts[channel.topic] += 1
+        return message.log_ns
+
+    def _register(self, bag: BagWriter, channel: Any) -> None:
+        schema = self._schemas.get(channel.schema_id)
+        ros_type = schema.name if schema else ""
+        text = schema.data.decode("utf-8", "replace") if schema else ""
+        type_hash = channel.metadata.get("topic_type_hash", "")
+        if not text and is_known(ros_type):
+            text, type_hash = definition(ros_type)
+        profiles = load_profiles(channel.metadata.get("offered_qos_profiles", ""))
+        bag.register(
+            channel.topic, ros_type, profiles, definition=text,
+            encoding=schema.encoding if schema else "", type_hash=type_hash, serialization=channel.message_encoding,
+        )  # fmt: skip
+
+
+def _parsed(kind: Any, content: bytes) -> Any | None:
+    """Return a record of mcap's class `kind`, None where its bytes do not make one."""
+    from mcap.data_stream import ReadDataStream
+    from mcap.exceptions import McapError
+
+    try:
+        return kind.read(ReadDataStream(BytesIO(content)))
+    except (McapError, struct.error, UnicodeDecodeError):
+        return None

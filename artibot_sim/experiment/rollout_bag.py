@@ -1,0 +1,225 @@
+"""A simulation as a contract bag, without ROS; the same input gives the same bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.experiment.columns import Floats, Stamps
+from artibot_sim.experiment.contract import BY_KEY
+from artibot_sim.experiment.encode import encoder, path_message, trajectory_message
+from artibot_sim.experiment.folders import whole_folder
+from artibot_sim.experiment.odometry import dead_reckon
+from artibot_sim.experiment.qos import LATCHED, STATE
+from artibot_sim.experiment.writer import BagWriter
+
+if TYPE_CHECKING:
+    from artibot_sim.model import Commands, Robot
+    from artibot_sim.model.rollout import Rollout
+    from artibot_sim.planning import Plan
+
+MOTORS = ("front_right", "front_left", "back_right", "back_left")
+START_NS = 1_000_000_000
+"""Stamp of t = 0 by default: not 0, which in a header means "no stamp"."""
+_PLANNED_PERIOD = 0.04
+Table = tuple[Stamps, Mapping[str, Floats]]
+
+
+class _Outgoing(NamedTuple):
+    """A message on its way into a bag: sorts by time, then topic."""
+
+    log_ns: int
+    order: int
+    key: str
+    data: bytes
+
+
+def write_channels(
+    folder: Path | str,
+    tables: Mapping[str, Table],
+    metadata: Mapping[str, str] | None = None,
+    *,
+    latched: Mapping[str, list[tuple[int, bytes]]] | None = None,
+    compression: str = "zstd",
+) -> Path:
+    """Write columns as a contract bag; `read_bag` gives them back.
+
+    Parameters
+    ----------
+    folder : made anew; whole, or not there at all.
+    tables : channel key → stamps (n,) int64 in ns and columns, name → (n,) in SI units, named as `read_bag`
+        names them.
+    metadata : strings for the `artibot` record.
+    latched : channel key → (stamp in ns, CDR bytes) of messages made elsewhere.
+    compression : of the chunks: `zstd`, `lz4` or `none`.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    ArtibotError
+        If the folder exists, a key is not the contract's, or a column's length is not that of its stamps.
+    """
+    folder = Path(folder)
+    outgoing = []
+    for order, (key, (stamps, columns)) in enumerate(tables.items()):
+        topic = BY_KEY[key]
+        for name, values in columns.items():
+            if len(values) != len(stamps):
+                raise ArtibotError(f"{topic.name}: column '{name}' has {len(values)} rows, its stamps {len(stamps)}")
+        encode = encoder(topic, columns)
+        outgoing += [_Outgoing(stamp, order, key, encode(row, stamp)) for row, stamp in enumerate(stamps.tolist())]
+    for key, messages in (latched or {}).items():
+        outgoing += [_Outgoing(stamp, -1, key, data) for stamp, data in messages]
+    outgoing.sort(key=lambda message: message[:2])
+    name = folder.resolve().name
+    with (
+        whole_folder(folder) as partial,
+        BagWriter(partial, metadata, live=False, compression=compression, name=name) as bag,
+    ):
+        for key in (*(latched or {}), *tables):
+            bag.register(BY_KEY[key].name, BY_KEY[key].ros_type, LATCHED if BY_KEY[key].latched else STATE)
+        for message in outgoing:
+            bag.write(BY_KEY[message.key].name, message.data, message.log_ns, message.log_ns)
+    return folder
+
+
+def write_experiment(
+    folder: Path | str,
+    result: Rollout,
+    plan: Plan | None,
+    robot: Robot,
+    *,
+    commands: Commands | None = None,
+    metadata: Mapping[str, str] | None = None,
+    start_ns: int = START_NS,
+    keys: tuple[str, ...] | None = None,
+    compression: str = "zstd",
+) -> Path:
+    """Write a rollout as a contract bag.
+
+    Parameters
+    ----------
+    folder : made anew; whole, or not there at all.
+    result : the rollout; its rows are the messages (100 Hz with steps of 1 ms and `every=10`).
+    plan : what was to be driven, for `/planned/*`; None if nothing was planned.
+    robot : whose rollout it is.
+    commands : what the motors were told, for `/motor_command`; the plan's if None.
+    metadata : strings for the `artibot` record; `robot` and `kappa` are filled in from `robot`.
+    start_ns : stamp of t = 0.
+    keys : channel keys to write (`ground_truth_odom`, …); all if None.
+    compression : of the chunks: `zstd`, `lz4` or `none`.
+
+    Raises
+    ------
+    ArtibotError
+        If the folder exists, or a key is unknown.
+    """
+    stamps = start_ns + np.rint(np.asarray(result.t) * 1e9).astype(np.int64)
+    tables: dict[str, Table] = {
+        "ground_truth_odom": (stamps, _ground_truth(result)),
+        "odom": (stamps, _odometry(result, robot)),
+        "joint_states": (stamps, _joint_states(result, robot)),
+        "motor_torques": (stamps, _motor_torques(result, robot)),
+        "motor_command": (stamps, _motor_command(result, robot, commands or (plan.commands() if plan else None))),
+    }
+    latched = {}
+    if plan is not None:
+        tables["planned_odom"] = _planned_odom(plan, start_ns)
+        latched = _planned_profiles(plan, start_ns)
+    unknown = set(keys or ()) - set(tables) - {"planned_path", "planned_front_velocity", "planned_odom"}
+    if unknown:
+        raise ArtibotError(f"write_experiment: no channel {', '.join(sorted(unknown))}; there are {', '.join(tables)}")
+    return write_channels(
+        folder,
+        {key: table for key, table in tables.items() if keys is None or key in keys},
+        {"robot": robot.name, "kappa": repr(float(robot.control.kappa)), **(metadata or {})},
+        latched={key: messages for key, messages in latched.items() if keys is None or key in keys},
+        compression=compression,
+    )
+
+
+def _motors(robot: Robot) -> int:
+    """How many motors there are: 4, or 2 without a back module."""
+    return 4 if robot.articulated else 2
+
+
+def _ground_truth(result: Rollout) -> dict[str, Floats]:
+    pose, twist = result.pose, result.twist
+    return {
+        "x": pose[:, 0], "y": pose[:, 1], "z": result["z_f"],
+        "roll": result["alpha_f"], "pitch": result["beta_f"], "yaw": pose[:, 2],
+        "vx": twist[:, 0], "vy": twist[:, 1], "yaw_rate": twist[:, 2],
+    }  # fmt: skip
+
+
+def _odometry(result: Rollout, robot: Robot) -> dict[str, Floats]:
+    """Return what the rover believes: the front wheels' rotations rolled off without slip, from its start pose."""
+    from artibot_sim.planning.kinematics import FrontKinematics
+
+    kinematics = FrontKinematics.of(robot)
+    travelled, turned = kinematics.forward(result.motor_position[:, :2])
+    speed, yaw_rate = kinematics.forward(result.motor_velocity[:, :2])
+    x, y, yaw = result.pose[0].tolist()
+    pose = dead_reckon(travelled, turned, (x, y, yaw))
+    return {"x": pose[:, 0], "y": pose[:, 1], "yaw": pose[:, 2], "vx": speed, "yaw_rate": yaw_rate}
+
+
+def _joint_states(result: Rollout, robot: Robot) -> dict[str, Floats]:
+    from artibot_sim.model import WHEEL_JOINTS
+
+    columns = {}
+    for i, wheel in enumerate(WHEEL_JOINTS[: 2 * _motors(robot)]):
+        columns[f"{wheel}.position"] = result.wheel_position[:, i]
+        columns[f"{wheel}.velocity"] = result.wheel_velocity[:, i]
+    if robot.articulated:
+        columns["articulation_yaw.position"] = result.articulation_yaw
+        columns["articulation_yaw.velocity"] = result["gamma_b_dot"] - result["gamma_f_dot"]
+        columns["articulation_roll.position"] = result.articulation_roll
+        columns["articulation_roll.velocity"] = result["alpha_b_dot"] - result["alpha_f_dot"]
+    return columns
+
+
+def _motor_torques(result: Rollout, robot: Robot) -> dict[str, Floats]:
+    columns = {}
+    for i, motor in enumerate(MOTORS[: _motors(robot)]):
+        columns[f"{motor}.position"] = result.motor_position[:, i]
+        columns[f"{motor}.velocity"] = result.motor_velocity[:, i]
+        columns[f"{motor}.effort"] = result.motor_torque[:, i]
+    return columns
+
+
+def _motor_command(result: Rollout, robot: Robot, commands: Commands | None) -> dict[str, Floats]:
+    """Return commanded velocities, and the efforts of motors that are commanded by torque."""
+    columns = {}
+    given = np.full((1, 4), np.nan) if commands is None else np.asarray(commands.velocity)
+    for i, motor in enumerate(MOTORS[: _motors(robot)]):
+        if commands is not None and np.isfinite(given[:, i]).all():
+            knots = commands.t0 + commands.dt * np.arange(len(given))
+            columns[f"{motor}.velocity"] = np.interp(result.t, knots, given[:, i])
+        elif i >= 2:
+            columns[f"{motor}.effort"] = result.motor_torque[:, i]
+    return columns
+
+
+def _planned_odom(plan: Plan, start_ns: int) -> Table:
+    every = max(1, int(_PLANNED_PERIOD / plan.dt + 1e-9))
+    t, pose, twist = plan.t[::every], plan.pose[::every], plan.twist[::every]
+    columns = {"x": pose[:, 0], "y": pose[:, 1], "yaw": pose[:, 2], "vx": twist[:, 0], "yaw_rate": twist[:, 1]}
+    return start_ns + np.rint(t * 1e9).astype(np.int64), columns
+
+
+def _planned_profiles(plan: Plan, start_ns: int) -> dict[str, list[tuple[int, bytes]]]:
+    """Return the path and the front velocity profile, published at the start."""
+    after = np.rint(plan.t * 1e9).astype(np.int64)
+    every = max(1, int(_PLANNED_PERIOD / plan.dt + 1e-9))
+    path = path_message(start_ns, (start_ns + after[::every]).tolist(), plan.pose[::every])
+    profile = trajectory_message(start_ns, list(MOTORS[:2]), after.tolist(), plan.position, plan.velocity)
+    return {"planned_path": [(start_ns, path)], "planned_front_velocity": [(start_ns, profile)]}
