@@ -1,0 +1,241 @@
+"""The simulated rover between two publications: state, integer time, and one rollout a period."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.model import Commands, Mode, Robot, State, Status, initial_state, rollout
+from artibot_sim.model.params import params
+from artibot_sim.nodes.sim_arbiter import Decision
+
+Array = NDArray[np.float64]
+
+KNOT_NS = 10_000_000
+"""Longest spacing of the command knots: slower publications do not coarsen the commands."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where the rover starts: pose of the front module in `map` (m, rad) and articulation yaw (rad)."""
+
+    x: float = 0.0
+    y: float = 0.0
+    yaw: float = 0.0
+    articulation_yaw: float = 0.0
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Periods in integer nanoseconds: of publication, of the command knots, of integration.
+
+    Attributes
+    ----------
+    period_ns : int
+        Between two publications; a whole number of knots.
+    knots : int
+        Command intervals in a period.
+    dt_ns : int
+        Integration step; a knot interval is a whole number of steps.
+    """
+
+    period_ns: int
+    knots: int
+    dt_ns: int
+
+    @property
+    def knot_ns(self) -> int:
+        """Spacing of the command knots."""
+        return self.period_ns // self.knots
+
+    @classmethod
+    def of(cls, publish_rate: float, dt: float) -> Timing:
+        """From a rate (Hz) and a step (s).
+
+        Raises
+        ------
+        ArtibotError
+            When the step does not divide the period.
+        """
+        period_ns, dt_ns = round(1e9 / publish_rate), round(dt * 1e9)
+        if dt_ns < 1 or period_ns % dt_ns:
+            raise ArtibotError(
+                f"dt: {dt:g} s does not divide the publish period 1/{publish_rate:g} s = {period_ns * 1e-9:.9g} s; "
+                "expected a period of a whole number of steps, such as dt 0.001 with publish_rate 100"
+            )
+        steps = period_ns // dt_ns
+        knots = next(n for n in range(math.ceil(period_ns / KNOT_NS), steps + 1) if steps % n == 0)
+        return cls(period_ns, knots, dt_ns)
+
+
+@dataclass(frozen=True)
+class Sample:
+    """The truth at one instant: shapes (4,) by MOTORS and (8,) by WHEELS; map frame unless said otherwise.
+
+    Attributes
+    ----------
+    position, rpy : array, shape (3,)
+        Front module's origin (m), roll, pitch and yaw (rad).
+    twist : array, shape (3,)
+        In its own frame: forward, left (m/s) and yaw rate (rad/s).
+    acceleration : array, shape (3,)
+        Specific force in its own frame (m/s²): what an accelerometer feels, the mean over the last period.
+    motor_position, motor_velocity, motor_torque : array, shape (4,)
+        Motor-side, rad, rad/s, N·m.
+    wheel_position, wheel_velocity : array, shape (8,)
+        rad, rad/s.
+    articulation : array, shape (2, 2)
+        Yaw and roll (rad); their rates (rad/s).
+    command : array, shape (2,)
+        Front motors' commanded velocities at this instant, rad/s.
+    """
+
+    position: Array
+    rpy: Array
+    twist: Array
+    acceleration: Array
+    motor_position: Array
+    motor_velocity: Array
+    motor_torque: Array
+    wheel_position: Array
+    wheel_velocity: Array
+    articulation: Array
+    command: tuple[float, float]
+
+
+class Diverged(Exception):
+    """The model has left the range in which it means anything; the message says when and what."""
+
+
+class Engine:
+    """A rover that is stepped from one publication to the next.
+
+    Parameters
+    ----------
+    robot : Robot
+    timing : Timing
+    start : Start
+    integrator : str
+        ``"rk4"`` or ``"semi_implicit"``.
+    driven : bool
+        Front motors driven by a velocity loop with limited torque, instead of prescribed.
+    """
+
+    def __init__(self, robot: Robot, timing: Timing, start: Start, integrator: str = "rk4", driven: bool = False):
+        self.robot = robot
+        self.timing = timing
+        self.start = start
+        self.integrator = integrator
+        front = Mode.DRIVEN if driven else Mode.PRESCRIBED
+        self.modes = (front, front, Mode.TORQUE, Mode.TORQUE)
+        p = params(robot)
+        self._gravity = np.array([p.g_x, p.g_y, p.g_z])
+        self.state: State = initial_state(robot, start.x, start.y, start.yaw, start.articulation_yaw)
+        self._v_last = self.state.v
+
+    def reset(self) -> None:
+        """Back to the start, at rest."""
+        start = self.start
+        self.state = initial_state(self.robot, start.x, start.y, start.yaw, start.articulation_yaw)
+        self._v_last = self.state.v
+
+    @property
+    def front_position(self) -> tuple[float, float]:
+        """Angles of the front motors, right and left, rad."""
+        return float(self.state.q[6]), float(self.state.q[7])
+
+    def step(self, decision: Decision, kappa: float) -> Sample:
+        """The truth now, under these commands; the state then is that of the period's end.
+
+        Raises
+        ------
+        Diverged
+            When the period cannot be computed; the state is left as it was.
+        """
+        result = rollout(
+            self.robot,
+            self._commands(decision),
+            dt=self.timing.dt_ns * 1e-9,
+            integrator=self.integrator,
+            every=self.timing.period_ns // self.timing.dt_ns,
+            modes=self.modes,
+            kappa=kappa,
+            state=self.state,
+            duration=self.timing.period_ns * 1e-9,
+        )
+        if result.status is not Status.OK:
+            raise Diverged(result.message)
+        sample = self._sample(result, decision)
+        self._v_last, self.state = self.state.v, result.final_state
+        return sample
+
+    def _commands(self, decision: Decision) -> Commands:
+        n = len(decision.velocity)
+        velocity, position, torque = (np.full((n, 4), np.nan) for _ in range(3))
+        velocity[:, :2] = decision.velocity
+        position[:, :2] = decision.position
+        torque[:, 2:] = decision.effort
+        return Commands(self.timing.knot_ns * 1e-9, velocity, position=position, torque=torque, t0=self.state.t)
+
+    def _sample(self, result, decision: Decision) -> Sample:
+        """Row 0 of the period: its torques are those that act from this instant on, as in one long rollout."""
+        q, v = result.q[0], result.v[0]
+        felt = (v[:3] - self._v_last[:3]) / (self.timing.period_ns * 1e-9) - self._gravity
+        two = self.robot.articulated
+        yaw_rate = v[13] - v[5] if two else 0.0
+        return Sample(
+            position=q[:3],
+            rpy=q[3:6],
+            twist=result.twist[0],
+            acceleration=rotation(*q[3:6]).T @ felt,
+            motor_position=result.motor_position[0],
+            motor_velocity=result.motor_velocity[0],
+            motor_torque=result.motor_torque[0],
+            wheel_position=result.wheel_position[0],
+            wheel_velocity=result.wheel_velocity[0],
+            articulation=np.array(
+                [
+                    [result.articulation_yaw[0], result.articulation_roll[0]],
+                    [yaw_rate, _roll_rate(q, v) if two else 0.0],
+                ]
+            ),
+            command=decision.velocity[0],
+        )
+
+
+def rotation(roll: float, pitch: float, yaw: float) -> Array:
+    """R = R_z R_y R_x (eq. 2), shape (3, 3): from a module's frame to `map`."""
+    s_a, c_a, s_b, c_b = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
+    s_g, c_g = math.sin(yaw), math.cos(yaw)
+    return np.array(
+        [
+            [c_g * c_b, c_g * s_b * s_a - s_g * c_a, c_g * s_b * c_a + s_g * s_a],
+            [s_g * c_b, s_g * s_b * s_a + c_g * c_a, s_g * s_b * c_a - c_g * s_a],
+            [-s_b, c_b * s_a, c_b * c_a],
+        ]
+    )
+
+
+def quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
+    """The same rotation as x, y, z, w."""
+    s_a, c_a, s_b, c_b = math.sin(roll / 2), math.cos(roll / 2), math.sin(pitch / 2), math.cos(pitch / 2)
+    s_g, c_g = math.sin(yaw / 2), math.cos(yaw / 2)
+    return (
+        s_a * c_b * c_g - c_a * s_b * s_g,
+        c_a * s_b * c_g + s_a * c_b * s_g,
+        c_a * c_b * s_g - s_a * s_b * c_g,
+        c_a * c_b * c_g + s_a * s_b * s_g,
+    )
+
+
+def _roll_rate(q: Array, v: Array) -> float:
+    """Rate of the articulation's roll: the modules' relative angular velocity along the back one's x axis."""
+    beta_f, beta_b, delta = q[4], q[12], q[13] - q[5]
+    s_bf, c_bf, s_bb, c_bb = math.sin(beta_f), math.cos(beta_f), math.sin(beta_b), math.cos(beta_b)
+    along_back = v[11] - s_bb * v[13]
+    along_front = v[3] * (c_bf * c_bb * math.cos(delta) + s_bf * s_bb) + v[4] * c_bb * math.sin(delta) - s_bb * v[5]
+    return float(along_back - along_front)

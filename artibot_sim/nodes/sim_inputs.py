@@ -1,0 +1,137 @@
+"""The simulation node's ear: subscriptions, refusals with their warnings, and what was heard so far."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from geometry_msgs.msg import Twist, TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
+
+from artibot_sim.nodes import sim_arbiter as arbiter
+from artibot_sim.nodes.sim_commands import TOPICS, Rules, Source, parse_request, parse_twist
+from artibot_sim.nodes.sim_engine import Timing
+from artibot_sim.nodes.sim_profile import Refused, parse_profile
+
+IN_FLIGHT = 1.0
+"""For so long after a reset (s) a command may still arrive that was sent before it."""
+
+PROFILE_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class Inputs:
+    """Hears commands and decides, with :mod:`artibot_sim.nodes.sim_arbiter`, what holds.
+
+    Parameters
+    ----------
+    node : rclpy Node
+    rules : Rules
+        May be exchanged while running.
+    stamped : bool
+        Whether `cmd_vel` is a TwistStamped.
+    """
+
+    def __init__(self, node: Node, rules: Rules, stamped: bool) -> None:
+        self.rules = rules
+        self.t_ns = 0
+        self.state = arbiter.Commanding()
+        self._log = node.get_logger()
+        self._quiet = 0.0
+        self._stopped_at: float | None = None
+        self._reset_wall_ns = 0
+        self._reset_at = -IN_FLIGHT
+        sensor = qos_profile_sensor_data
+        self._subscriptions = [
+            node.create_subscription(JointTrajectory, TOPICS[Source.PROFILE], self._on_profile, PROFILE_QOS),
+            node.create_subscription(JointState, TOPICS[Source.LIVE], self._on_request, sensor),
+            node.create_subscription(
+                TwistStamped if stamped else Twist, TOPICS[Source.CMD_VEL], self._on_twist, sensor
+            ),
+            node.create_subscription(Odometry, "planned/odom", self._on_planner, sensor, raw=True),
+        ]
+        self._stamped = stamped
+
+    @property
+    def now(self) -> float:
+        """Steady wall time (s) that stands still while the simulation is stopped: silence does not count then."""
+        return (self._stopped_at if self._stopped_at is not None else time.monotonic()) - self._quiet
+
+    def stop_time(self, stopped: bool) -> None:
+        """The simulation stands still from now on, or goes on."""
+        if stopped and self._stopped_at is None:
+            self._stopped_at = time.monotonic()
+        elif not stopped and self._stopped_at is not None:
+            self._quiet += time.monotonic() - self._stopped_at
+            self._stopped_at = None
+
+    @property
+    def heard(self) -> bool:
+        """Whether a command has been accepted since the start or the last reset."""
+        return arbiter.commanded(self.state)
+
+    def drop(self, position: tuple[float, float]) -> None:
+        """Forget every command, also those on their way; the front motors stand at `position` (rad)."""
+        self.state = arbiter.Commanding(position=position)
+        self._reset_wall_ns, self._reset_at = time.time_ns(), time.monotonic()
+
+    def decide(self, timing: Timing) -> arbiter.Decision:
+        """Commands for the period that begins now, ``t_ns``."""
+        self.state, decision = arbiter.decide(
+            self.state, self.rules, self.t_ns, timing.knot_ns, timing.knots, self.now
+        )
+        if decision.notice:
+            self._log.warning(decision.notice)
+        return decision
+
+    def _outdated(self, info: dict[str, Any]) -> bool:
+        """Whether a message was sent before the last reset and has only arrived after it."""
+        if time.monotonic() - self._reset_at > IN_FLIGHT:
+            return False
+        return bool(info["source_timestamp"] < self._reset_wall_ns)
+
+    def _refuse(self, source: Source, reason: Refused) -> None:
+        self._log.warning(f"{TOPICS[source]} refused: {reason}", throttle_duration_sec=1.0)
+
+    def _on_profile(self, message: JointTrajectory, info: dict[str, Any]) -> None:
+        if self._outdated(info):
+            return
+        try:
+            profile = parse_profile(message)
+            known = self.state.last_key == profile.key
+            self.state = arbiter.hear_profile(self.state, profile, self.rules, self.t_ns, self.now)
+        except Refused as reason:
+            self._log.warning(f"{TOPICS[Source.PROFILE]} refused: {reason}")
+            return
+        if not known:
+            ahead, lasts = (profile.start_ns - self.t_ns) * 1e-9, profile.times_ns[-1] * 1e-9
+            self._log.info(f"profile accepted: it starts in {ahead:.3f} s and lasts {lasts:.3f} s")
+
+    def _on_request(self, message: JointState, info: dict[str, Any]) -> None:
+        if self._outdated(info):
+            return
+        try:
+            velocity, effort, remark = parse_request(message, self.rules)
+        except Refused as reason:
+            self._refuse(Source.LIVE, reason)
+            return
+        if remark:
+            self._log.warning(f"{TOPICS[Source.LIVE]}: {remark}", throttle_duration_sec=1.0)
+        self.state = arbiter.hear_live(self.state, velocity, effort, self.now)
+
+    def _on_twist(self, message: TwistStamped | Twist, info: dict[str, Any]) -> None:
+        if self._outdated(info):
+            return
+        try:
+            velocity = parse_twist(message.twist if self._stamped else message, self.rules)
+        except Refused as reason:
+            self._refuse(Source.CMD_VEL, reason)
+            return
+        self.state = arbiter.hear_twist(self.state, velocity, self.now)
+
+    def _on_planner(self, _message: bytes, info: dict[str, Any]) -> None:
+        if not self._outdated(info):
+            self.state = arbiter.hear_planner(self.state, self.now)

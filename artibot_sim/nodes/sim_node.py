@@ -1,0 +1,150 @@
+"""``artibot sim`` and ``ros2 run artibot_sim sim``: the command line of the simulation node."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.resources import config_names, config_path
+
+OPTIONS = {
+    "robot": "robot",
+    "kappa": "kappa",
+    "rate": "rate",
+    "integrator": "integrator",
+    "dt": "dt",
+    "publish_rate": "publish_rate",
+    "seed": "seed",
+    "duration": "duration",
+    "front_mode": "front_mode",
+    "command_source": "command_source",
+    "wait_for_profile": "wait_for_profile",
+    "with_driver": "with_driver",
+    "stats": "stats",
+}
+"""Option of the command line → parameter of the node."""
+
+
+def split_ros_args(argv: Sequence[str]) -> tuple[list[str], list[str]]:
+    """The command's own arguments, and those between ``--ros-args`` and ``--`` (markers included) for rclpy."""
+    own: list[str] = []
+    ros: list[str] = []
+    inside = False
+    for word in argv:
+        if word == "--ros-args":
+            inside = True
+        (ros if inside else own).append(word)
+        if inside and word == "--":
+            inside = False
+    return own, ros
+
+
+def parameter_files(names: Sequence[str]) -> list[str]:
+    """``--ros-args`` that load parameter files, each a path or the name of a shipped one (``sim``)."""
+    args: list[str] = []
+    for name in names:
+        path = Path(name) if Path(name).suffix in (".yaml", ".yml") else config_path("nodes", name)
+        if not path.is_file():
+            raise ArtibotError(f"{path}: no such parameter file; give an existing one or {config_names('nodes')}")
+        args += ["--params-file", str(path)]
+    return ["--ros-args", *args, "--"] if args else []
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.option("--robot", help="Robot: agriq, epiq, husky, or the path of a robot file.  [default: agriq]")
+@click.option("--kappa", type=float, help="Front share of the traction torque, in (0, 1].  [default: the robot's]")
+@click.option("--rate", type=float, help="Simulated over real time; 0: as fast as it goes.  [default: 1]")
+@click.option("--integrator", help="rk4 or semi_implicit.  [default: rk4]")
+@click.option("--dt", type=float, help="Integration step, s.  [default: 0.001]")
+@click.option("--publish-rate", type=float, help="Publications per simulated second, Hz.  [default: 100]")
+@click.option("--seed", type=int, help="Seed of the sensor noise.  [default: 0]")
+@click.option("--start", type=float, nargs=3, metavar="X Y YAW", help="Pose at the start, m m rad.  [default: 0 0 0]")
+@click.option("--duration", type=float, help="End after so much simulated time, s.  [default: never]")
+@click.option("--front-mode", help="prescribed or driven.  [default: prescribed]")
+@click.option("--command-source", help="auto, none, or some of live,profile,cmd_vel, the ruling one first.")
+@click.option("--wait-for-profile/--no-wait-for-profile", default=None, help="Hold the time until a command comes.")
+@click.option("--with-driver/--without-driver", default=None, help="Leave to a driver what a driver publishes.")
+@click.option("--params", multiple=True, metavar="FILE", help="Parameter file: a path, or a shipped one by name (sim_noisy).")
+@click.option("--stats", type=click.Path(dir_okay=False), help="Write lateness and CPU share to this JSON file.")
+@click.pass_obj
+def command(ros_args: list[str] | None, start: tuple[float, float, float] | None, params: tuple[str, ...], **given: Any) -> int:
+    """Simulate a rover as a ROS 2 node.
+
+    It listens to planned/front_velocity (with planned/odom as sign of life), motor_command_request and cmd_vel,
+    and publishes odom, ground_truth/odom, joint_states, motor_torques, motor_command and more. Every option is also
+    a ROS parameter, and there are more of those: ros2 param describe, or config/sim.yaml.
+
+    \b
+    Examples:
+      artibot sim --robot agriq
+      artibot sim --rate 0 --wait-for-profile --duration 60
+      artibot sim --robot epiq --params sim_noisy --ros-args -r __ns:=/rover1
+    """
+    overrides = {OPTIONS[name]: value for name, value in given.items() if value is not None}
+    if start is not None:
+        overrides |= dict(zip(("start.x", "start.y", "start.yaw"), start, strict=True))
+    return run(overrides, [*parameter_files(params), *(ros_args or [])])
+
+
+def run(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
+    """Run the node until it ends; return the exit status: 0, or 1 when the model diverged.
+
+    SIGINT and SIGTERM end it with status 0.
+
+    Raises
+    ------
+    ArtibotError
+        When a parameter or the robot file is refused.
+    """
+    import rclpy
+    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+    from rclpy.signals import SignalHandlerOptions
+
+    from artibot_sim.nodes.sim_pacer import write_statistics
+    from artibot_sim.nodes.sim_simulator import SimNode
+
+    asked: list[int] = []
+    before = {number: signal.signal(number, lambda n, _frame: asked.append(n)) for number in (signal.SIGINT, signal.SIGTERM)}
+    rclpy.init(args=["sim", *ros_args], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = SimNode(overrides, asked)
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        try:
+            status = node.run(executor)
+        except ExternalShutdownException:
+            status = 0
+        statistics = node.pacer.statistics()
+        if node.settings["stats"]:
+            write_statistics(Path(node.settings["stats"]), statistics)
+        node.get_logger().info(summary(statistics))
+        return status
+    finally:
+        rclpy.try_shutdown()
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def summary(statistics: dict[str, Any]) -> str:
+    """One line for the log."""
+    return (
+        "{steps} periods in {wall_s:.1f} s ({achieved_rate:.2f} x real time), {cpu:.1f} % of a core, published "
+        "{late_p50_ms:.2f} ms after the deadline (median; p99 {late_p99_ms:.2f}, most {late_max_ms:.1f}), "
+        "{overruns} overruns"
+    ).format(cpu=100 * statistics["cpu_share"], **statistics)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` (by default the process's own) and return the exit status."""
+    own, ros_args = split_ros_args(sys.argv[1:] if argv is None else argv)
+    return int(command.main(args=own, prog_name="artibot sim", standalone_mode=False, obj=ros_args) or 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

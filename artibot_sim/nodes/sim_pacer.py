@@ -1,0 +1,97 @@
+"""Pacing on a steady clock with absolute deadlines, and the statistic of how late publications were."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+MAX_LAG_NS = 250_000_000
+"""A machine that is further behind than this is not asked to catch up: the simulation slips instead."""
+
+KEPT = 1 << 18
+"""How many of the last latenesses are kept (44 minutes at 100 Hz)."""
+
+
+class Pacer:
+    """Deadlines one period apart, from the moment of :meth:`start`; no error adds up.
+
+    Parameters
+    ----------
+    period_ns : int
+        Simulated time between two deadlines.
+    rate : float
+        Simulated over real time; 0 for no deadlines at all.
+    """
+
+    def __init__(self, period_ns: int, rate: float) -> None:
+        self.rate = rate
+        self._wall_ns = round(period_ns / rate) if rate else 0
+        self._period_ns = period_ns
+        self._late = np.zeros(KEPT)
+        self._steps = self._overruns = self._slips = 0
+        self._worst = 0.0
+        self._deadline = self._began = time.monotonic_ns()
+        self._cpu = time.process_time()
+
+    def start(self) -> None:
+        """The next deadline is one period from now. Statistics count from the first start."""
+        now = time.monotonic_ns()
+        if not self._steps:
+            self._began, self._cpu = now, time.process_time()
+        self._deadline = now + self._wall_ns
+
+    def remaining(self) -> float:
+        """Seconds to the deadline, negative when it is over."""
+        return (self._deadline - time.monotonic_ns()) * 1e-9 if self.rate else 0.0
+
+    def done(self) -> int:
+        """Note that the step of this deadline is published, and go on to the next deadline.
+
+        Returns
+        -------
+        int
+            Real nanoseconds by which the schedule slipped because the machine is too slow; mostly 0.
+        """
+        now = time.monotonic_ns()
+        late = now - self._deadline if self.rate else 0
+        self._late[self._steps % KEPT] = late
+        self._worst = max(self._worst, late)
+        self._steps += 1
+        self._overruns += bool(self.rate and late > self._wall_ns)
+        self._deadline += self._wall_ns
+        if self.rate and late > MAX_LAG_NS:
+            self._slips += 1
+            self._deadline = now + self._wall_ns
+            return late
+        return 0
+
+    def statistics(self) -> dict[str, Any]:
+        """Lateness of publication (ms after the deadline), overruns, share of one core, since the first step."""
+        wall = max(time.monotonic_ns() - self._began, 1) * 1e-9
+        late = self._late[: min(self._steps, KEPT)] * 1e-6
+        p50, p99 = (float(np.percentile(late, q)) if len(late) else 0.0 for q in (50, 99))
+        return {
+            "steps": self._steps,
+            "rate": self.rate,
+            "period_s": self._period_ns * 1e-9,
+            "wall_s": wall,
+            "achieved_rate": self._steps * self._period_ns * 1e-9 / wall,
+            "cpu_share": (time.process_time() - self._cpu) / wall,
+            "late_p50_ms": p50,
+            "late_p99_ms": p99,
+            "late_max_ms": self._worst * 1e-6,
+            "overruns": self._overruns,
+            "slips": self._slips,
+        }
+
+
+def write_statistics(path: Path, statistics: dict[str, Any]) -> None:
+    """Write statistics as JSON, whole or not at all."""
+    part = path.with_name(f".{path.name}.part")
+    part.write_text(json.dumps(statistics, indent=2) + "\n", encoding="utf-8")
+    os.replace(part, path)

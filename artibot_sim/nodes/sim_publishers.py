@@ -1,0 +1,204 @@
+"""Everything the simulation node publishes, in messages that are made once and filled in place."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from array import array
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import PointStamped
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu, JointState
+
+from artibot_sim.model import MOTORS, WHEEL_JOINTS, Robot
+from artibot_sim.nodes.sim_engine import Sample, quaternion, rotation
+from artibot_sim.nodes.sim_sensors import Odometry as Believed
+from artibot_sim.nodes.sim_sensors import Sensors
+
+ARTICULATION_JOINTS = ("articulation_yaw", "articulation_roll")
+
+CLOCK_QOS = QoSProfile(depth=1, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+RELIABLE_QOS = QoSProfile(
+    depth=2000,
+    history=HistoryPolicy.KEEP_LAST,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""For recording at full speed: a subscriber that asks for reliability loses nothing while it is less than this behind."""
+
+
+@dataclass(frozen=True)
+class Published:
+    """Which of the contract's topics this simulator publishes."""
+
+    clock: bool
+    reliable: bool
+    with_driver: bool
+    tf: bool
+    imu: bool
+    station: bool
+
+
+def has_tf() -> bool:
+    """Whether /tf can be published: tf2_msgs is not among the wheels on PyPI."""
+    return importlib.util.find_spec("tf2_msgs") is not None
+
+
+def _numbers(values: Any) -> array[float]:
+    return array("d", np.ascontiguousarray(values, dtype=float).tobytes())
+
+
+class Publishers:
+    """The node's publishers and their messages.
+
+    Parameters
+    ----------
+    node : rclpy Node
+    robot : Robot
+    what : Published
+    """
+
+    def __init__(self, node: Node, robot: Robot, what: Published) -> None:
+        self.what = what
+        qos = RELIABLE_QOS if what.reliable else qos_profile_sensor_data
+        self._motors = MOTORS if robot.articulated else MOTORS[:2]
+        self._tau = np.array([robot.drive.front.tau] * 4 + [(robot.drive.back or robot.drive.front).tau] * 4)
+        self._clock = node.create_publisher(Clock, "/clock", CLOCK_QOS) if what.clock else None
+        self._clock_message = Clock()
+        self._truth = node.create_publisher(Odometry, "ground_truth/odom", qos)
+        self._truth_message = _odometry("map")
+        wheels = () if what.with_driver else WHEEL_JOINTS[: 2 * len(self._motors)]
+        joints = (*wheels, *(ARTICULATION_JOINTS if robot.articulated else ()))
+        self._wheels, self._bends = len(wheels), robot.articulated
+        self._joints = node.create_publisher(JointState, "joint_states", qos) if joints else None
+        self._joints_message = JointState(name=list(joints))
+        self._odom = None if what.with_driver else node.create_publisher(Odometry, "odom", qos)
+        self._odom_message = _odometry("odom")
+        if not what.with_driver:
+            self._torques = node.create_publisher(JointState, "motor_torques", qos)
+            self._command = node.create_publisher(JointState, "motor_command", qos)
+        self._torques_message = JointState(name=list(self._motors))
+        self._command_message = JointState(name=list(self._motors))
+        self._imu = node.create_publisher(Imu, "imu/data", qos) if what.imu else None
+        self._imu_message = _imu()
+        self._station = node.create_publisher(PointStamped, "total_station/point", qos) if what.station else None
+        self._station_message = PointStamped()
+        self._station_message.header.frame_id = "map"
+        self._tf = None
+        if what.tf:
+            from artibot_sim.nodes.sim_tf import Transforms
+
+            self._tf = Transforms(node, robot)
+
+    def clock_listeners(self) -> int:
+        """How many subscribers /clock has, 0 when it is not published."""
+        return self._clock.get_subscription_count() if self._clock else 0
+
+    def clock(self, t_ns: int) -> None:
+        """Publish /clock, if it is published at all."""
+        if self._clock:
+            self._clock_message.clock.sec, self._clock_message.clock.nanosec = divmod(t_ns, 1_000_000_000)
+            self._clock.publish(self._clock_message)
+
+    def publish(self, t_ns: int, sample: Sample, sensors: Sensors, believed: Believed, station_due: bool) -> None:
+        """Publish one instant on every topic; `believed` goes on by it."""
+        stamp = divmod(t_ns, 1_000_000_000)
+        self.clock(t_ns)
+        self._publish_truth(stamp, sample)
+        position, velocity = sensors.encoders(sample.motor_position), sensors.velocities(sample.motor_velocity)
+        believed.update((float(position[0]), float(position[1])), (float(velocity[0]), float(velocity[1])))
+        if self._odom:
+            self._publish_motors(stamp, sample, position, velocity, sensors.torques(sample.motor_torque))
+            self._publish_odom(stamp, believed)
+        if self._joints:
+            self._publish_joints(stamp, sample, sensors, position, velocity)
+        if self._imu:
+            self._publish_imu(stamp, sample, sensors)
+        if self._station and station_due:
+            self._publish_station(stamp, sample, sensors)
+        if self._tf:
+            self._tf.publish(stamp, sample, believed.pose)
+
+    def _publish_truth(self, stamp: tuple[int, int], sample: Sample) -> None:
+        message = self._truth_message
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp
+        pose, twist = message.pose.pose, message.twist.twist
+        pose.position.x, pose.position.y, pose.position.z = sample.position.tolist()
+        q = pose.orientation
+        q.x, q.y, q.z, q.w = quaternion(*sample.rpy.tolist())
+        twist.linear.x, twist.linear.y, twist.angular.z = sample.twist.tolist()
+        self._truth.publish(message)
+
+    def _publish_odom(self, stamp: tuple[int, int], believed: Believed) -> None:
+        message = self._odom_message
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp
+        x, y, yaw = believed.pose
+        message.pose.pose.position.x, message.pose.pose.position.y = x, y
+        q = message.pose.pose.orientation
+        q.x, q.y, q.z, q.w = quaternion(0.0, 0.0, yaw)
+        message.twist.twist.linear.x, message.twist.twist.angular.z = believed.twist
+        self._odom.publish(message)  # type: ignore[union-attr]
+
+    def _publish_motors(self, stamp: tuple[int, int], sample: Sample, position: Any, velocity: Any, torque: Any) -> None:
+        n = len(self._motors)
+        message = self._torques_message
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp
+        message.position, message.velocity = _numbers(position[:n]), _numbers(velocity[:n])
+        message.effort = _numbers(torque[:n])
+        self._torques.publish(message)
+        message = self._command_message
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp
+        absent = [math.nan] * (n - 2)
+        message.velocity = array("d", [*sample.command, *absent])
+        message.effort = array("d", [math.nan, math.nan, *sample.motor_torque[2:n].tolist()])
+        self._command.publish(message)
+
+    def _publish_joints(self, stamp: tuple[int, int], sample: Sample, sensors: Sensors, position: Any, rate: Any) -> None:
+        message, n = self._joints_message, self._wheels
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp
+        angles, rates = array("d"), array("d")
+        if n:
+            angles = _numbers(np.repeat(position, 2)[:n] * self._tau[:n])
+            rates = _numbers(np.repeat(rate, 2)[:n] * self._tau[:n])
+        if self._bends:
+            angles.extend(sensors.articulation(sample.articulation[0]).tolist())
+            rates.extend(sample.articulation[1].tolist())
+        message.position, message.velocity = angles, rates
+        self._joints.publish(message)  # type: ignore[union-attr]
+
+    def _publish_imu(self, stamp: tuple[int, int], sample: Sample, sensors: Sensors) -> None:
+        message = self._imu_message
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp
+        message.angular_velocity.z, felt = sensors.imu(float(sample.twist[2]), sample.acceleration)
+        acceleration = message.linear_acceleration
+        acceleration.x, acceleration.y, acceleration.z = felt.tolist()
+        self._imu.publish(message)  # type: ignore[union-attr]
+
+    def _publish_station(self, stamp: tuple[int, int], sample: Sample, sensors: Sensors) -> None:
+        point = sensors.station(sample.position, rotation(*sample.rpy.tolist()))
+        if point is None:
+            return
+        message = self._station_message
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp
+        message.point.x, message.point.y, message.point.z = point.tolist()
+        self._station.publish(message)  # type: ignore[union-attr]
+
+
+def _odometry(frame: str) -> Odometry:
+    message = Odometry(child_frame_id="base_link")
+    message.header.frame_id = frame
+    return message
+
+
+def _imu() -> Imu:
+    message = Imu()
+    message.header.frame_id = "base_link"
+    message.orientation_covariance[0] = -1.0  # no orientation is measured (REP-145 way of saying so)
+    return message

@@ -1,0 +1,236 @@
+"""The simulation node: a rover behind the contract's topics, paced on a steady clock.
+
+One loop does everything: it waits in the executor, where commands and services are heard, until the next absolute
+deadline; then it decides on the commands, publishes the instant and computes the next period. There is no lock and
+no second thread (measured: two threads cost the same and share the interpreter's lock).
+
+**Time.** With `publish_clock` (automatic when `rate` is not 1) simulated time begins at the first period, not at 0, and
+`/clock` only increases. Without it stamps are system time; a pause or a machine that cannot keep up then makes them
+jump ahead, never back. What is published with stamp t is the state at t with the torques that act from t on.
+
+**Holding.** With `wait_for_profile` time stands after the first step until a command was accepted. While time stands
+(also in a pause) /clock is repeated a few times whenever the number of its subscribers changes, so that a planner on
+simulated time can start and stamp its profile; nothing else is published. Where a run stands in wall time then has no
+influence on it, which makes runs with `rate: 0` the same to the bit, stamps included.
+"""
+
+from __future__ import annotations
+
+import gc
+import time
+from typing import Any
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_srvs.srv import SetBool, Trigger
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.model import load_robot
+from artibot_sim.nodes import sim_parameters as parameters
+from artibot_sim.nodes import sim_settings as settings
+from artibot_sim.nodes.sim_engine import Diverged, Engine, Timing
+from artibot_sim.nodes.sim_inputs import Inputs
+from artibot_sim.nodes.sim_pacer import Pacer
+from artibot_sim.nodes.sim_publishers import Published, Publishers, has_tf
+from artibot_sim.nodes.sim_sensors import Odometry, Sensors
+
+IDLE = 0.02
+"""How long the executor is waited in at a time while simulated time stands, s."""
+
+TICKS, TICK_EVERY = 5, 0.2
+"""Repetitions of a standing /clock after its subscribers changed, and their spacing (s): discovery takes a while."""
+
+
+class SimNode(Node):
+    """``sim``: simulates a rover (see the module's text).
+
+    Parameters
+    ----------
+    overrides : dict
+        Parameters set by the command line; they win over ``--ros-args``.
+    asked : list
+        Gets an entry when the process is asked to end (from a signal handler).
+
+    Raises
+    ------
+    ArtibotError
+        When a parameter or the robot file is refused.
+    """
+
+    def __init__(self, overrides: dict[str, Any] | None = None, asked: list[int] | None = None) -> None:
+        given = {**(overrides or {}), "use_sim_time": False}  # it would listen to its own clock
+        super().__init__("sim", parameter_overrides=[Parameter(name, value=value) for name, value in given.items()])
+        self.robot = load_robot(str(parameters.declare(self, parameters.ROBOT)))
+        own = {parameters.KAPPA.name: parameters.declare(self, parameters.KAPPA, self.robot.control.kappa)}
+        self.settings: dict[str, Any] = own | {spec.name: parameters.declare(self, spec) for spec in parameters.OTHERS}
+        get = self.settings.__getitem__
+        self.timing = Timing.of(get("publish_rate"), get("dt"))
+        start, driven = settings.start(self.settings), get("front_mode") == "driven"
+        self.engine = Engine(self.robot, self.timing, start, get("integrator"), driven)
+        self.inputs = Inputs(self, settings.rules(self.settings, self.robot), get("cmd_vel_stamped"))
+        self.sensors = Sensors(settings.sensor_model(self.settings), get("seed"))
+        self.odometry = Odometry(settings.metres_per_radian(self.robot), self.robot.front.i_y)
+        self.out = Publishers(self, self.robot, self._published())
+        self.pacer = Pacer(self.timing.period_ns, get("rate"))
+        self.steps = 0
+        self._asked = [] if asked is None else asked
+        self.paused = False
+        self._holding = self._waits = False
+        self._steps_due = 0
+        self._listeners, self._ticks, self._tick_at = -1, 0, 0.0
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(SetBool, "~/pause", self._on_pause)
+        self.create_service(Trigger, "~/step", self._on_step)
+        self.add_on_set_parameters_callback(self._on_parameters)
+
+    # -- settings -----------------------------------------------------------------------------------------------
+
+    def _published(self) -> Published:
+        get = self.settings.__getitem__
+        tf = get("publish_tf") and has_tf()
+        if get("publish_tf") and not tf:
+            self.get_logger().info("no /tf: tf2_msgs cannot be imported (it comes with a full ROS 2)")
+        return Published(
+            clock=settings.switched(self.settings, "publish_clock", get("rate") != 1),
+            reliable=settings.switched(self.settings, "reliable", get("rate") == 0),
+            with_driver=get("with_driver"),
+            tf=tf,
+            imu=get("imu.enabled"),
+            station=get("total_station.enabled"),
+        )
+
+    def _on_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        try:
+            checked = {p.name: parameters.check(p.name, p.value) for p in changes if p.name in parameters.SPECS}
+        except ArtibotError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        self.settings |= checked
+        self.inputs.rules = settings.rules(self.settings, self.robot)
+        return SetParametersResult(successful=True)
+
+    # -- services -----------------------------------------------------------------------------------------------
+
+    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.reset()
+        response.success, response.message = True, f"{self.robot.name} is at its start, at rest"
+        return response
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        if request.data != self.paused:
+            self.paused = request.data
+            self._time_stands(self.standing)
+        response.success, response.message = True, "paused" if self.paused else "running"
+        return response
+
+    def _on_step(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self.paused
+        response.message = "one period" if self.paused else "not paused: call ~/pause with true first"
+        self._steps_due += self.paused
+        return response
+
+    # -- time ---------------------------------------------------------------------------------------------------
+
+    @property
+    def standing(self) -> bool:
+        """Whether simulated time stands: paused, or held until a command comes."""
+        return self.paused or self._holding
+
+    def _time_stands(self, standing: bool) -> None:
+        self.inputs.stop_time(standing)
+        if not standing:
+            self.pacer.start()
+            self._catch_up_with_system_time()
+
+    def _catch_up_with_system_time(self) -> None:
+        """Where stamps are system time they jump ahead over the time that was not simulated."""
+        if not self.out.what.clock:
+            due = time.time_ns() + max(0, round(self.pacer.remaining() * 1e9))
+            self.inputs.t_ns = max(self.inputs.t_ns, due)
+
+    def reset(self) -> None:
+        """Put the rover back to its start, at rest, and forget all commands; time goes on."""
+        start = self.engine.start
+        self.engine.reset()
+        self.odometry.reset(start.x, start.y, start.yaw)
+        self.inputs.drop(self.engine.front_position)
+        self._waits = self.settings["wait_for_profile"]
+        if self._holding:  # one more step shows the rover at its start
+            self._holding = False
+            self._time_stands(self.standing)
+
+    def warm_up(self) -> None:
+        """Compile or load the kernel, so that the first period is like all others."""
+        self.engine.step(self.inputs.decide(self.timing), self.settings["kappa"])
+        self.reset()
+        gc.collect()
+        gc.freeze()  # what lives now lives to the end: collections stay short
+
+    # -- the loop -----------------------------------------------------------------------------------------------
+
+    def run(self, executor: SingleThreadedExecutor) -> int:
+        """Simulate until asked to end, the duration is over, or the model diverges; return the exit status."""
+        self.warm_up()
+        self.inputs.t_ns = self.timing.period_ns if self.out.what.clock else 0
+        self.paused = self.settings["start_paused"]
+        self._time_stands(self.paused)
+        self.get_logger().info(f"{self.robot.name} is ready at kappa {self.settings['kappa']:g}")
+        last = round(self.settings["duration"] * 1e9 / self.timing.period_ns)
+        while not self._asked and not (last and self.steps >= last):
+            if self.standing and not self._steps_due:
+                self._stand(executor)
+                continue
+            self._wait(executor)
+            if (self.standing and not self._steps_due) or self._asked:
+                continue
+            try:
+                self._step()
+            except Diverged as error:
+                self.get_logger().fatal(f"the model {error}; the simulation ends here")
+                return 1
+        return 0
+
+    def _wait(self, executor: SingleThreadedExecutor) -> None:
+        """Hear what comes until the deadline, and at least once."""
+        while not self._asked:
+            executor.spin_once(timeout_sec=max(0.0, 0.0 if self._steps_due else self.pacer.remaining()))
+            if self._steps_due or self.pacer.remaining() <= 0.0 or self.standing:
+                return
+
+    def _stand(self, executor: SingleThreadedExecutor) -> None:
+        """Hear what comes while time stands, and show late subscribers where it stands."""
+        listeners = self.out.clock_listeners()
+        if listeners != self._listeners:
+            self._listeners, self._ticks = listeners, TICKS
+        if self._ticks and self.steps and time.monotonic() >= self._tick_at:
+            self.out.clock(self.inputs.t_ns - self.timing.period_ns)
+            self._ticks, self._tick_at = self._ticks - 1, time.monotonic() + TICK_EVERY
+        executor.spin_once(timeout_sec=IDLE)
+        if self._holding and self.inputs.heard:
+            self._holding = self._waits = False
+            self._time_stands(self.standing)
+
+    def _step(self) -> None:
+        """Publish this instant and compute the next."""
+        t_ns, period = self.inputs.t_ns, self.timing.period_ns
+        decision = self.inputs.decide(self.timing)
+        sample = self.engine.step(decision, self.settings["kappa"])
+        every = round(1e9 / self.settings["total_station.rate"])
+        due = t_ns // every != (t_ns - period) // every
+        self.out.publish(t_ns, sample, self.sensors, self.odometry, due)
+        self.steps += 1
+        self.inputs.t_ns = t_ns + period
+        self._steps_due = max(0, self._steps_due - 1)
+        if self.standing:
+            return
+        slipped = self.pacer.done()
+        if slipped:
+            self.get_logger().warning(
+                f"{slipped * 1e-9:.2f} s behind: this machine is too slow, or was held up; the schedule slips",
+                throttle_duration_sec=1.0,
+            )
+            self._catch_up_with_system_time()
+        if self._waits and not self.inputs.heard:
+            self._holding = True
+            self._time_stands(True)
