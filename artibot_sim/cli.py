@@ -115,7 +115,7 @@ def _guard(run: Callable[[], Any]) -> int:
         missing = (error.name or "").partition(".")[0]
         if missing == "rclpy" or missing.endswith(("_msgs", "_srvs", "_interfaces")):
             return _refuse(
-                f"{missing}: not found; this command needs ROS 2: source it, or pip install 'artibot-sim[ros]'"
+                f"{missing}: not found; this command needs ROS 2: source it, or pip install 'artibot_sim[ros]'"
             )
         raise
     except click.ClickException as error:
