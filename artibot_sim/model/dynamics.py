@@ -7,11 +7,9 @@ solved one by one, and the joint's multipliers by the 4×4 Schur complement  S l
 
 from __future__ import annotations
 
-import math
-
 from artibot_sim.model.compiled import inlined
 from artibot_sim.model.contact import generalised_forces, wheel_kinematics
-from artibot_sim.model.kinematics import joint, sincos
+from artibot_sim.model.kinematics import JACOBIAN, joint, sincos
 from artibot_sim.model.layout import ACC, ALPHA, BACK, GAMMA, LAMBDA, Q_C, Q_G, Q_J, X, Y, Z
 
 
@@ -20,8 +18,9 @@ def attitude(q):
     """Sines and cosines of roll and yaw of both modules: sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b."""
     sa_f, ca_f = sincos(q[ALPHA])
     sa_b, ca_b = sincos(q[BACK + ALPHA])
-    g_f, g_b = q[GAMMA], q[BACK + GAMMA]
-    return sa_f, ca_f, math.sin(g_f), math.cos(g_f), sa_b, ca_b, math.sin(g_b), math.cos(g_b)
+    sg_f, cg_f = sincos(q[GAMMA])
+    sg_b, cg_b = sincos(q[BACK + GAMMA])
+    return sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b
 
 
 @inlined
@@ -73,14 +72,22 @@ def solve4(s00, s10, s11, s20, s21, s22, s30, s31, s32, s33, b0, b1, b2, b3):
 
 
 @inlined
-def schur(p, jac, row, col):
-    """Entry (row, col) of Phi_x M⁻¹ Phi_xᵀ."""
+def divide_by_mass(p, jac, scaled):
+    """The angular block of Phi_x M⁻¹, into `scaled`."""
+    for row in range(4):
+        for i in range(3):
+            scaled[6 * row + i] = jac[6 * row + i] * p.front.inverse[3 + i]
+            scaled[6 * row + 3 + i] = jac[6 * row + 3 + i] * p.back.inverse[3 + i]
+
+
+@inlined
+def schur(jac, scaled, row, col):
+    """Entry (row, col) of the angular part of Phi_x M⁻¹ Phi_xᵀ."""
     a, b = 6 * row, 6 * col
-    total = p.front.inverse[0] + p.back.inverse[0] if row == col and row < 3 else 0.0
-    for i in range(3):
-        total += jac[a + i] * jac[b + i] * p.front.inverse[3 + i]
-        total += jac[a + 3 + i] * jac[b + 3 + i] * p.back.inverse[3 + i]
-    return total
+    return (
+        scaled[a] * jac[b] + scaled[a + 1] * jac[b + 1] + scaled[a + 2] * jac[b + 2]
+        + scaled[a + 3] * jac[b + 3] + scaled[a + 4] * jac[b + 4] + scaled[a + 5] * jac[b + 5]
+    )  # fmt: skip
 
 
 @inlined
@@ -104,11 +111,14 @@ def joint_forces(q, v, p, trig, jac, w):
     """Multipliers of the joint (25) and its generalised forces −Phi_xᵀ lambda, added to the accelerations."""
     sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b = trig
     h0, h1, h2, h3, b0, b1, b2, b3 = joint(q, v, p, sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b, jac)
+    scaled = jac[JACOBIAN:]
+    divide_by_mass(p, jac, scaled)
+    move = p.front.inverse[0] + p.back.inverse[0]
     l0, l1, l2, l3 = solve4(
-        schur(p, jac, 0, 0),
-        schur(p, jac, 1, 0), schur(p, jac, 1, 1),
-        schur(p, jac, 2, 0), schur(p, jac, 2, 1), schur(p, jac, 2, 2),
-        schur(p, jac, 3, 0), schur(p, jac, 3, 1), schur(p, jac, 3, 2), schur(p, jac, 3, 3),
+        move + schur(jac, scaled, 0, 0),
+        schur(jac, scaled, 1, 0), move + schur(jac, scaled, 1, 1),
+        schur(jac, scaled, 2, 0), schur(jac, scaled, 2, 1), move + schur(jac, scaled, 2, 2),
+        schur(jac, scaled, 3, 0), schur(jac, scaled, 3, 1), schur(jac, scaled, 3, 2), schur(jac, scaled, 3, 3),
         cancel(v, p, jac, 0, b0, h0, w),
         cancel(v, p, jac, 1, b1, h1, w),
         cancel(v, p, jac, 2, b2, h2, w),
@@ -118,7 +128,6 @@ def joint_forces(q, v, p, trig, jac, w):
     for i in range(3):
         w[Q_J + i] = -w[LAMBDA + i]
         w[Q_J + 6 + i] = w[LAMBDA + i]
-    for i in range(3):
         w[Q_J + 3 + i] = -(jac[i] * l0 + jac[6 + i] * l1 + jac[12 + i] * l2 + jac[18 + i] * l3)
         w[Q_J + 9 + i] = -(jac[3 + i] * l0 + jac[9 + i] * l1 + jac[15 + i] * l2 + jac[21 + i] * l3)
     for i in range(6):

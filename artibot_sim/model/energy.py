@@ -65,7 +65,7 @@ def wheel_powers(body, p, q, v, module, base, w, out):
     the module's roll, while the spring is vertical; zero without roll.
     """
     s_a, c_a = sincos(q[module + ALPHA])
-    s_g, c_g = np.sin(q[module + GAMMA]), np.cos(q[module + GAMMA])
+    s_g, c_g = sincos(q[module + GAMMA])
     v_y = c_g * v[module + Y] - s_g * v[module + X]
     v_z, alpha_dot, gamma_dot = v[module + Z], v[module + ALPHA], v[module + GAMMA]
     for i in range(4):

@@ -4,8 +4,8 @@
 stiffest part of the model, is solved for implicitly: one right-hand side a step, stable where RK4 is not.
 
 In both, what the paper feeds back from the previous step is held through the step: the efficiencies (eq. 23,
-Fig. 7) and the back torques (eq. 30). ``drive`` holds, motor by motor, the commanded angle, speed and
-acceleration; ``hold`` the efficiencies and the torques.
+Fig. 7) and the back torques (eq. 30). Flat arrays hold four numbers of each kind, motor by motor: ``drive`` the
+commanded angle, speed and acceleration, ``hold`` what stays through the step.
 """
 
 from __future__ import annotations
@@ -27,12 +27,13 @@ from artibot_sim.model.layout import (
     THETA_R,
     Z,
 )
-from artibot_sim.model.transmission import DRIVEN, PRESCRIBED, follow, load_torque, motor_equation
-
-RK4, SEMI_IMPLICIT = 0, 1
+from artibot_sim.model.transmission import DRIVEN, PRESCRIBED, follow, limited, load_torque, motor_equation, reflect
 
 D, D_DOT, D_DDOT = 0, 4, 8
 """Where `drive` holds angles, speeds and accelerations."""
+
+TORQUE_D, EFFICIENCY, GEAR, INERTIA = 0, 4, 8, 12
+"""Where `hold` holds commanded torques, efficiencies, tau/eta and J_m + J_w tau²/eta."""
 
 
 @inlined
@@ -60,7 +61,15 @@ def motor_count(p):
 
 
 @inlined
-def right_hand_side(q, v, p, modes, drive, eta, torque, jac, w):
+def hold_efficiencies(p, eta, hold):
+    """Fix for a step what eq. 21 makes of the efficiencies."""
+    for motor in range(motor_count(p)):
+        gear, J = reflect(motor_of(p, motor), eta[motor])
+        hold[EFFICIENCY + motor], hold[GEAR + motor], hold[INERTIA + motor] = eta[motor], gear, J
+
+
+@inlined
+def right_hand_side(q, v, p, modes, drive, hold, jac, w):
     """Accelerations of all coordinates at (q, v), with every contribution, into the row."""
     trig = attitude(q)
     all_wheels(q, v, p, trig, w)
@@ -71,10 +80,11 @@ def right_hand_side(q, v, p, modes, drive, eta, torque, jac, w):
         F_l_sum, F_n_sum = motor_wheels(p, omega, 2 * motor, w)
         M_r = load_torque(p, omega, F_l_sum, F_n_sum)
         M_m, theta_ddot = motor_equation(
-            unit, p, modes[motor], eta[motor], M_r, q[c], v[c],
-            drive[D + motor], drive[D_DOT + motor], drive[D_DDOT + motor], torque[motor],
+            unit, p, modes[motor], hold[GEAR + motor], hold[INERTIA + motor], M_r, q[c], v[c],
+            drive[D + motor], drive[D_DOT + motor], drive[D_DDOT + motor], hold[TORQUE_D + motor],
         )  # fmt: skip
-        w[M_R + motor], w[M_M + motor], w[ETA + motor], w[ACC + c] = M_r, M_m, eta[motor], theta_ddot
+        w[M_R + motor], w[M_M + motor], w[ACC + c] = M_r, M_m, theta_ddot
+        w[ETA + motor] = hold[EFFICIENCY + motor]
     body_accelerations(q, v, p, trig, jac, w)
 
 
@@ -92,15 +102,13 @@ def spin_slope(p, omega, first, w):
 
 
 @inlined
-def next_speed(unit, p, mode, eta, theta, theta_dot, d, d_dot, d_ddot, M_d, first, dt, w):
+def next_speed(unit, p, mode, gear, J, theta, theta_dot, d, d_dot, d_ddot, M_d, first, dt, w):
     """Motor speed after a step, the wheels' slip taken implicitly (linearised at the old speed), and its torque.
 
     A prescribed motor's torque follows from the new forces; zero stands in its place here.
     """
     if mode == PRESCRIBED:
         return theta_dot + dt * follow(p.A_motor, theta, theta_dot, d, d_dot, d_ddot), 0.0
-    J = unit.J_m + unit.J_w * unit.tau * unit.tau / eta
-    gear = unit.tau / eta
     omega = unit.tau * theta_dot
     F_l, slope = spin_slope(p, omega, first, w)
     load = gear * load_torque(p, omega, F_l, w[F_N + first] + w[F_N + first + 1])
@@ -108,12 +116,12 @@ def next_speed(unit, p, mode, eta, theta, theta_dot, d, d_dot, d_ddot, M_d, firs
     M_m = M_d
     if mode == DRIVEN:
         M_m = inertia * (d_ddot + p.velocity_gain * (d_dot - theta_dot)) + load
-    M_m = min(max(M_m, -unit.torque_max), unit.torque_max)
+    M_m = limited(unit, M_m)
     return theta_dot + dt * (M_m - load) / inertia, M_m
 
 
 @inlined
-def semi_implicit_step(q, v, p, modes, drive, eta, torque, dt, jac, w):
+def semi_implicit_step(q, v, p, modes, drive, hold, dt, jac, w):
     """Advance (q, v) in place by `dt`; the row then holds the contributions that acted.
 
     ``drive[D_DDOT:]`` holds the mean acceleration of the commands over the step.
@@ -122,19 +130,19 @@ def semi_implicit_step(q, v, p, modes, drive, eta, torque, dt, jac, w):
     all_wheels(q, v, p, trig, w)
     for motor in range(motor_count(p)):
         c, first, mode = coordinate_of(motor), 2 * motor, modes[motor]
-        unit = motor_of(p, motor)
+        unit, gear, J = motor_of(p, motor), hold[GEAR + motor], hold[INERTIA + motor]
         speed, M_m = next_speed(
-            unit, p, mode, eta[motor], q[c], v[c],
-            drive[D + motor], drive[D_DOT + motor], drive[D_DDOT + motor], torque[motor], first, dt, w,
+            unit, p, mode, gear, J, q[c], v[c],
+            drive[D + motor], drive[D_DOT + motor], drive[D_DDOT + motor], hold[TORQUE_D + motor], first, dt, w,
         )  # fmt: skip
         omega = unit.tau * speed
         F_l_sum, F_n_sum = motor_wheels(p, omega, first, w)
         M_r = load_torque(p, omega, F_l_sum, F_n_sum)
         theta_ddot = (speed - v[c]) / dt
         if mode == PRESCRIBED:
-            J = unit.J_m + unit.J_w * unit.tau * unit.tau / eta[motor]
-            M_m = J * theta_ddot + unit.tau / eta[motor] * M_r
-        w[M_M + motor], w[M_R + motor], w[ETA + motor], w[ACC + c] = M_m, M_r, eta[motor], theta_ddot
+            M_m = J * theta_ddot + gear * M_r
+        w[M_R + motor], w[M_M + motor], w[ACC + c] = M_r, M_m, theta_ddot
+        w[ETA + motor] = hold[EFFICIENCY + motor]
     body_accelerations(q, v, p, trig, jac, w)
     for i in range(16 if p.two else 8):
         new = v[i] + dt * w[ACC + i]

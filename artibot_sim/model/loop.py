@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from artibot_sim.model.compiled import inlined, kernel
 from artibot_sim.model.energy import powers
@@ -12,8 +15,9 @@ from artibot_sim.model.integrators import (
     D,
     D_DDOT,
     D_DOT,
-    RK4,
+    TORQUE_D,
     coordinate_of,
+    hold_efficiencies,
     motor_count,
     motor_of,
     right_hand_side,
@@ -26,6 +30,28 @@ from artibot_sim.model.transmission import efficiency
 OK, DIVERGED = 0, 1
 LIMIT = 1e6
 """A speed (m/s or rad/s) or angle beyond which a rollout has diverged; motors of Epi.q reach 3000 rad/s."""
+
+
+class Work(NamedTuple):
+    """Arrays that a loop works in, so that it allocates nothing."""
+
+    w: NDArray[np.float64]
+    jac: NDArray[np.float64]
+    drive: NDArray[np.float64]
+    cubic: NDArray[np.float64]
+    hold: NDArray[np.float64]
+    eta_next: NDArray[np.float64]
+    q: NDArray[np.float64]
+    v: NDArray[np.float64]
+    sum_q: NDArray[np.float64]
+    sum_v: NDArray[np.float64]
+    e: NDArray[np.float64]
+    power: NDArray[np.float64]
+
+
+def workspace() -> Work:
+    """A fresh one, for one loop at a time."""
+    return Work(*map(np.zeros, (ROW, 2 * JACOBIAN, 12, 16, 16, 4, 16, 16, 16, 16, ENERGIES, ENERGIES)))
 
 
 @inlined
@@ -60,19 +86,20 @@ def mean_acceleration(cubic, s, dt, drive):
 
 
 @inlined
-def commanded_torques(torque_d, knot, back_factor, previous, torque):
+def commanded_torques(torque_d, knot, back_factor, previous, hold):
     """Torques held through a step: commanded ones, or eq. 30 from the step before (NaN commands it)."""
     i = min(knot, torque_d.shape[0] - 1)
     shared = back_factor * (previous[0] + previous[1])
     for motor in range(4):
         given = torque_d[i, motor]
-        torque[motor] = given if not math.isnan(given) else (shared if motor > 1 else 0.0)
+        hold[TORQUE_D + motor] = given if not math.isnan(given) else (shared if motor > 1 else 0.0)
 
 
 @inlined
-def feed_back(p, v, w, eta):
-    """Efficiencies for the next step, from this step's torques and speeds (eq. 23, Fig. 7)."""
+def feed_back(p, v, w, eta, previous):
+    """What the next step takes from this one: efficiencies (eq. 23) and the torques of eq. 30 (Fig. 7)."""
     for motor in range(motor_count(p)):
+        previous[motor] = w[M_M + motor]
         eta[motor] = efficiency(motor_of(p, motor), w[M_M + motor], v[coordinate_of(motor)])
 
 
@@ -86,42 +113,59 @@ def sound(q, v):
 
 
 @inlined
-def rk4_step(q, v, p, modes, cubic, s, dt, drive, eta, torque, jac, w, scratch, energy, e, pw):
-    """Advance (q, v) in place by one step whose first stage is already in the row `w`; accumulate energies."""
-    stage, q_s, v_s = scratch[:ROW], scratch[ROW : ROW + 16], scratch[ROW + 16 : ROW + 32]
-    sum_q, sum_v = scratch[ROW + 32 : ROW + 48], scratch[ROW + 48 : ROW + 64]
-    if energy:
-        powers(q, v, p, w, pw)
+def prepare(p, step, knot_steps, dt, position, velocity, torque_d, back_factor, previous, eta, cubic, drive, hold):
+    """Commands at the start of a step and what is held through it; returns the time since the knot, s."""
+    phase, knot = step % knot_steps, step // knot_steps
+    if phase == 0:
+        hermite(position, velocity, knot, knot_steps * dt, cubic)
+    commanded_torques(torque_d, knot, back_factor, previous, hold)
+    hold_efficiencies(p, eta, hold)
+    command_at(cubic, phase * dt, drive)
+    return phase * dt
+
+
+@inlined
+def add_powers(q, v, p, w, weight, e, pw):
+    """Accumulate `weight` (s) times the power of every contribution."""
+    powers(q, v, p, w, pw)
+    for i in range(ENERGIES):
+        e[i] += weight * pw[i]
+
+
+@inlined
+def next_stage(k, q, v, dt, w, q_s, v_s, sum_q, sum_v):
+    """From stage `k` of the classical Runge-Kutta method to the next; after the last one, advance (q, v)."""
+    weight = 1.0 if k == 0 or k == 3 else 2.0
+    h = dt if k == 2 else 0.5 * dt
+    for i in range(16):
+        speed, acceleration = v_s[i], w[ACC + i]
+        sum_q[i] = weight * speed if k == 0 else sum_q[i] + weight * speed
+        sum_v[i] = weight * acceleration if k == 0 else sum_v[i] + weight * acceleration
+        if k == 3:
+            q[i] += dt / 6.0 * sum_q[i]
+            v[i] += dt / 6.0 * sum_v[i]
+            q_s[i], v_s[i] = q[i], v[i]
+        else:
+            q_s[i] = q[i] + h * speed
+            v_s[i] = v[i] + h * acceleration
+
+
+@inlined
+def keep_row(row, q, v, w, e, out_q, out_v, out_w, out_e):
+    """Copy what is kept of an instant."""
+    for i in range(16):
+        out_q[row, i], out_v[row, i] = q[i], v[i]
+    for i in range(ROW):
+        out_w[row, i] = w[i]
+    if out_e is not None:
         for i in range(ENERGIES):
-            e[i] += dt / 6.0 * pw[i]
-    for i in range(16):
-        sum_q[i], sum_v[i] = v[i], w[ACC + i]
-        q_s[i], v_s[i] = q[i] + 0.5 * dt * v[i], v[i] + 0.5 * dt * w[ACC + i]
-    command_at(cubic, s + 0.5 * dt, drive)
-    for k in range(3):
-        if k == 2:
-            command_at(cubic, s + dt, drive)
-        right_hand_side(q_s, v_s, p, modes, drive, eta, torque, jac, stage)
-        if energy:
-            powers(q_s, v_s, p, stage, pw)
-            weight = dt / 6.0 if k == 2 else dt / 3.0
-            for i in range(ENERGIES):
-                e[i] += weight * pw[i]
-        weight, h = (1.0, 0.0) if k == 2 else (2.0, (0.5 * dt if k == 0 else dt))
-        for i in range(16):
-            sum_q[i] += weight * v_s[i]
-            sum_v[i] += weight * stage[ACC + i]
-            q_s[i] = q[i] + h * v_s[i]
-            v_s[i] = v[i] + h * stage[ACC + i]
-    for i in range(16):
-        q[i] += dt / 6.0 * sum_q[i]
-        v[i] += dt / 6.0 * sum_v[i]
+            out_e[row, i] = e[i]
 
 
 @kernel
-def integrate(
-    q, v, eta, previous, p, modes, integrator, dt, steps, every, position, velocity, torque_d, knot_steps,
-    back_factor, energy, out_q, out_v, out_w, out_e,
+def integrate_rk4(
+    q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
+    work, out_q, out_v, out_w, out_e,
 ):  # fmt: skip
     """Advance the state in place by `steps` steps and keep every `every`-th row, the first and the last included.
 
@@ -132,54 +176,71 @@ def integrate(
         Efficiencies for the next step, and motor torques of the step before.
     position, velocity, torque_d : array, shape (n, 4)
         Commands at knots `knot_steps` steps apart; the first is at the start.
+    out_e : array or None
+        None leaves the energies out, at compile time.
 
     Returns
     -------
     tuple of int
         OK or DIVERGED, and the number of rows written.
     """
-    w, jac, scratch = np.zeros(ROW), np.zeros(JACOBIAN), np.zeros(ROW + 64)
-    drive, cubic, torque = np.zeros(12), np.zeros(16), np.zeros(4)
-    e, pw = np.zeros(ENERGIES), np.zeros(ENERGIES)
-    q_last, v_last, eta_next = np.zeros(16), np.zeros(16), np.zeros(4)
+    w, jac, drive, cubic, hold, eta_next, q_s, v_s, sum_q, sum_v, e, pw = work
+    for i in range(16):
+        q_s[i], v_s[i] = q[i], v[i]
     row = 0
     for step in range(steps + 1):
-        last = step == steps
-        phase = step % knot_steps
-        if phase == 0:
-            hermite(position, velocity, step // knot_steps, knot_steps * dt, cubic)
-        s = phase * dt
-        keep = last or step % every == 0
-        command_at(cubic, s, drive)
-        commanded_torques(torque_d, step // knot_steps, back_factor, previous, torque)
-        if keep:
-            if not sound(q, v):
+        s = prepare(
+            p, step, knot_steps, dt, position, velocity, torque_d, back_factor, previous, eta, cubic, drive, hold
+        )
+        for k in range(4):
+            if k == 1 or k == 3:
+                command_at(cubic, s + (0.5 if k == 1 else 1.0) * dt, drive)
+            right_hand_side(q_s, v_s, p, modes, drive, hold, jac, w)
+            if k == 0:
+                if step == steps or step % every == 0:
+                    if not sound(q, v):
+                        return DIVERGED, row
+                    keep_row(row, q, v, w, e, out_q, out_v, out_w, out_e)
+                    row += 1
+                if step == steps:
+                    return OK, row
+                feed_back(p, v, w, eta_next, previous)
+            if out_e is not None:
+                add_powers(q_s, v_s, p, w, dt / (6.0 if k == 0 or k == 3 else 3.0), e, pw)
+            next_stage(k, q, v, dt, w, q_s, v_s, sum_q, sum_v)
+        for motor in range(4):
+            eta[motor] = eta_next[motor]
+    return OK, row
+
+
+@kernel
+def integrate_semi_implicit(
+    q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
+    work, out_q, out_v, out_w, out_e,
+):  # fmt: skip
+    """As `integrate_rk4`; a row's contributions are those that act from its state to the next."""
+    w, jac, drive, cubic, hold, _, q_old, v_old, _, _, e, pw = work
+    row = 0
+    for step in range(steps + 1):
+        s = prepare(
+            p, step, knot_steps, dt, position, velocity, torque_d, back_factor, previous, eta, cubic, drive, hold
+        )
+        mean_acceleration(cubic, s, dt, drive)
+        for i in range(16):
+            q_old[i], v_old[i] = q[i], v[i]
+        semi_implicit_step(q, v, p, modes, drive, hold, dt, jac, w)
+        if step == steps or step % every == 0:
+            if not sound(q_old, v_old):
                 return DIVERGED, row
-            out_q[row], out_v[row] = q, v
-            if energy:
-                out_e[row] = e
-        if integrator == RK4:
-            right_hand_side(q, v, p, modes, drive, eta, torque, jac, w)
-            feed_back(p, v, w, eta_next)
-            if not last:
-                rk4_step(q, v, p, modes, cubic, s, dt, drive, eta, torque, jac, w, scratch, energy, e, pw)
-        else:
-            q_last[:], v_last[:] = q, v
-            mean_acceleration(cubic, s, dt, drive)
-            semi_implicit_step(q, v, p, modes, drive, eta, torque, dt, jac, w)
-            if energy and not last:
-                for i in range(16):
-                    v_last[i] = 0.5 * (v_last[i] + v[i])
-                powers(q_last, v_last, p, w, pw)
-                for i in range(ENERGIES):
-                    e[i] += dt * pw[i]
-            feed_back(p, v, w, eta_next)
-            if last:
-                q[:], v[:] = q_last, v_last
-        if keep:
-            out_w[row] = w
+            keep_row(row, q_old, v_old, w, e, out_q, out_v, out_w, out_e)
             row += 1
-        if not last:
-            for motor in range(motor_count(p)):
-                previous[motor], eta[motor] = w[M_M + motor], eta_next[motor]
+        if step == steps:
+            for i in range(16):
+                q[i], v[i] = q_old[i], v_old[i]
+            break
+        feed_back(p, v, w, eta, previous)
+        if out_e is not None:
+            for i in range(16):
+                v_old[i] = 0.5 * (v_old[i] + v[i])
+            add_powers(q_old, v_old, p, w, dt, e, pw)
     return OK, row

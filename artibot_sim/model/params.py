@@ -1,8 +1,14 @@
-"""A robot's numbers as the flat, typed tuples that the compiled kernel takes, derived quantities included."""
+"""A robot's numbers as the kernel takes them, derived quantities included.
+
+:class:`Params` is what Python reads; :func:`packed` lays it out as one NumPy record, which compiled code takes by
+reference and reads by the same names.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple, get_type_hints
+
+import numpy as np
 
 from artibot_sim.model.effects.slope import STANDARD_GRAVITY, gravity
 from artibot_sim.model.robot import Drive, Module, Robot
@@ -123,3 +129,25 @@ def params(robot: Robot) -> Params:
         g_y=g[1],
         g_z=g[2],
     )
+
+
+def _dtype(cls: type) -> np.dtype:
+    """The record type of a (nested) named tuple of floats, bools and tuples of floats."""
+    fields: list[tuple[Any, ...]] = []
+    for name, kind in get_type_hints(cls).items():
+        if kind in (float, bool):
+            fields.append((name, np.dtype(kind)))
+        elif hasattr(kind, "_fields"):
+            fields.append((name, _dtype(kind)))
+        else:
+            fields.append((name, np.float64, (len(kind.__args__),)))
+    return np.dtype(fields, align=True)
+
+
+PARAMS_DTYPE = _dtype(Params)
+
+
+def packed(p: Params) -> np.void:
+    """`p` as one record."""
+    record: np.void = np.array([p], dtype=PARAMS_DTYPE)[0]
+    return record

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.commands import Commands
-from artibot_sim.model.integrators import RK4, SEMI_IMPLICIT
 from artibot_sim.model.layout import (
     ALPHA,
     BACK,
@@ -26,7 +25,7 @@ from artibot_sim.model.layout import (
     MOTOR_COORDINATES,
     ROW,
 )
-from artibot_sim.model.params import Params, params
+from artibot_sim.model.params import Params, packed, params
 from artibot_sim.model.robot import Robot
 from artibot_sim.model.stability import largest_step
 from artibot_sim.model.state import State, initial_state
@@ -34,7 +33,7 @@ from artibot_sim.model.transmission import Mode, back_torque_factor
 
 Array = NDArray[np.float64]
 
-INTEGRATORS = {"rk4": RK4, "semi_implicit": SEMI_IMPLICIT}
+INTEGRATORS = ("rk4", "semi_implicit")
 
 DEFAULT_MODES = (Mode.PRESCRIBED, Mode.PRESCRIBED, Mode.TORQUE, Mode.TORQUE)
 """As in the paper: front motors follow their profile, back motors share their torque."""
@@ -229,17 +228,18 @@ def _run(
     robot: Robot, commands: Commands, p: Params, modes: tuple[Mode, ...], kappa: float, start: State, steps: int,
     dt: float, integrator: str, every: int, energy: bool,
 ) -> Rollout:  # fmt: skip
-    from artibot_sim.model.loop import integrate
+    from artibot_sim.model import loop
 
+    integrate = loop.integrate_rk4 if integrator == "rk4" else loop.integrate_semi_implicit
     rows = -(-steps // every) + 1
     q, v, eta, torque = start.q.copy(), start.v.copy(), start.eta.copy(), start.torque.copy()
     out_q, out_v, out_w = np.empty((rows, 16)), np.empty((rows, 16)), np.empty((rows, ROW))
-    out_e = np.empty((rows if energy else 1, ENERGIES))
+    out_e = np.empty((rows, ENERGIES)) if energy else None
     given = np.array(commands.commanded)
     status, kept = integrate(
-        q, v, eta, torque, p, np.array(modes, dtype=np.int64), INTEGRATORS[integrator], dt, steps, every,
+        q, v, eta, torque, packed(p), np.array(modes, dtype=np.int64), dt, steps, every,
         np.where(given, commands.position, 0.0), np.where(given, commands.velocity, 0.0), commands.torque,
-        round(commands.dt / dt), back_torque_factor(robot, kappa), energy, out_q, out_v, out_w, out_e,
+        round(commands.dt / dt), back_torque_factor(robot, kappa), loop.workspace(), out_q, out_v, out_w, out_e,
     )  # fmt: skip
     t = start.t + np.minimum(np.arange(rows) * every, steps)[:kept] * dt
     if status == Status.OK:
@@ -252,7 +252,7 @@ def _run(
     final = State(start.t + steps * dt, q, v, eta, torque) if status == Status.OK else None
     return Rollout(
         robot, Status(status), message, t, out_q[:kept], out_v[:kept], out_w[:kept],
-        out_e[:kept] if energy else None, final, modes,
+        None if out_e is None else out_e[:kept], final, modes,
     )  # fmt: skip
 
 

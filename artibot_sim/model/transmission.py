@@ -39,7 +39,7 @@ def back_torque_factor(robot: Robot, kappa: float | None = None) -> float:
 @inlined
 def rolling_sign(omega):
     """Smooth sign of the wheel's rotation (rad/s): at standstill rolling resistance has no torque."""
-    x = omega / ROLLING_WIDTH
+    x = omega * (1.0 / ROLLING_WIDTH)
     if x > 20.0:
         return 1.0  # tanh(20) is 1 in double precision
     if x < -20.0:
@@ -70,7 +70,20 @@ def follow(A, theta, theta_dot, d, d_dot, d_ddot):
 
 
 @inlined
-def motor_equation(motor, p, mode, eta, M_r, theta, theta_dot, d, d_dot, d_ddot, M_d):
+def reflect(motor, eta):
+    """Gear ratio tau/eta from wheel torque to motor torque, and inertia J_m + J_w tau²/eta (eq. 21)."""
+    gear = motor.tau / eta
+    return gear, motor.J_m + motor.J_w * motor.tau * gear
+
+
+@inlined
+def limited(motor, M_m):
+    """A torque within ±torque_max."""
+    return min(max(M_m, -motor.torque_max), motor.torque_max)
+
+
+@inlined
+def motor_equation(motor, p, mode, gear, J, M_r, theta, theta_dot, d, d_dot, d_ddot, M_d):
     """Eq. 21 for one motor, solved for what its mode leaves open.
 
     Returns
@@ -78,13 +91,12 @@ def motor_equation(motor, p, mode, eta, M_r, theta, theta_dot, d, d_dot, d_ddot,
     tuple of 2 floats
         Motor torque M_m (N m) and angular acceleration (rad/s²), motor side.
     """
-    J = motor.J_m + motor.J_w * motor.tau * motor.tau / eta
-    load = motor.tau / eta * M_r
+    load = gear * M_r
     if mode == PRESCRIBED:
         theta_ddot = follow(p.A_motor, theta, theta_dot, d, d_dot, d_ddot)
         return J * theta_ddot + load, theta_ddot
     M_m = M_d
     if mode == DRIVEN:
         M_m = J * (d_ddot + p.velocity_gain * (d_dot - theta_dot)) + load
-    M_m = min(max(M_m, -motor.torque_max), motor.torque_max)
+    M_m = limited(motor, M_m)
     return M_m, (M_m - load) / J
