@@ -160,12 +160,8 @@ def _run(body, contact, drive, A, eta_d, eta_r, share, position, velocity, h, st
         if segment == position.shape[0] - 1:  # the last instant belongs to the last segment's end
             segment, j = segment - 1, steps_per_knot
         _wish(position, velocity, h, segment, j / steps_per_knot, wish)
-        # what the step before left: its efficiencies judge this instant's power flow, its torques are shared
-        _, M_m = _rates(body, contact, drive, A, y, wish, eta, M_back, g)
-        for i in range(4):
-            eta[i] = eta_d[i] if M_m[i] * y[12 + i] >= 0.0 else 1.0 / eta_r[i]
-        M_back[:] = 0.5 * share * (M_m[0] + M_m[1])
         k1, M_m = _rates(body, contact, drive, A, y, wish, eta, M_back, g)
+        theta_dot = y[12:16].copy()
         if k % every == 0:
             row = rows[k // every]
             row[0], row[1:17], row[17:21], row[21:25] = k * dt, y, M_m, eta
@@ -177,6 +173,10 @@ def _run(body, contact, drive, A, eta_d, eta_r, share, position, velocity, h, st
         _wish(position, velocity, h, segment, (j + 1.0) / steps_per_knot, wish)
         k4, _ = _rates(body, contact, drive, A, y + dt * k3, wish, eta, M_back, g)
         y = y + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        # Fig. 7: the next step runs on this one's power flow and front torques, both as they were at its start
+        for i in range(4):
+            eta[i] = eta_d[i] if M_m[i] * theta_dot[i] >= 0.0 else 1.0 / eta_r[i]
+        M_back[:] = 0.5 * share * (M_m[0] + M_m[1])
     return rows
 
 
