@@ -60,7 +60,7 @@ setup(
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-rmw-fastrtps-cpp", "ros-jazzy-common-interfaces"],
         "bench": ["mujoco>=3.2"],
         "test": ["hypothesis>=6.100", "pytest>=7.4", "python-can>=4.3", "sympy>=1.12"],
-        "dev": ["colcon-common-extensions>=0.3", "mypy>=1.10", "ruff>=0.6"],
+        "dev": ["colcon-common-extensions>=0.3", "mypy>=1.10", "ruff>=0.6", "setuptools>=70.1,<80"],  # as colcon asks
     },
     entry_points={"console_scripts": executables()},
 )
