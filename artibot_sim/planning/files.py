@@ -48,7 +48,7 @@ def load_manoeuvre(manoeuvre: str | os.PathLike[str]) -> Manoeuvre:
                 f"{path}: larger than {_LARGEST_FILE} bytes, expected a manoeuvre; use `repeat` for repetitions"
             )
         document = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ArtibotError(f"{path}: not a YAML file: {' '.join(str(error).split())}") from error
     except OSError as error:
         raise ArtibotError(f"{path}: cannot be read: {error.strerror}") from error
@@ -56,8 +56,6 @@ def load_manoeuvre(manoeuvre: str | os.PathLike[str]) -> Manoeuvre:
         return manoeuvre_from_dict(document, name=path.stem)
     except ArtibotError as error:
         raise ArtibotError(f"{path}: {error}") from error
-    except RecursionError as error:
-        raise ArtibotError(f"{path}: nested without end; a repeat must not contain itself") from error
 
 
 def _find(manoeuvre: str | os.PathLike[str]) -> Path:

@@ -106,7 +106,7 @@ ARC = "segments: [{ramp: {speed_m_s: 1, a_max_m_s2: 1}}, {arc: %s}]"
         ("description: 3\nsegments: [stop]", "description: found 3, expected text"),
         ("segments: [stop", "not a YAML file"),
         ("3: 4", "key 3 is not a word"),
-        ("segments: &s [{repeat: {times: 2, segments: *s}}]", "nested without end"),
+        ("segments: &s [{repeat: {times: 2, segments: *s}}]", "not a YAML file: .*recursive"),
     ],
 )
 def test_a_wrong_file_gets_one_line_with_its_path_the_key_and_the_mend(tmp_path: Path, text: str, message: str) -> None:
