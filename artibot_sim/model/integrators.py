@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from artibot_sim.model.compiled import inlined
 from artibot_sim.model.contact import motor_wheels, wheel_force
-from artibot_sim.model.dynamics import all_wheels, attitude, body_accelerations
+from artibot_sim.model.dynamics import all_wheels, attitude, body_accelerations, joint_geometry
 from artibot_sim.model.layout import (
     ACC,
     BACK,
@@ -72,6 +72,7 @@ def hold_efficiencies(p, eta, hold):
 def right_hand_side(q, v, p, modes, drive, hold, jac, w):
     """Accelerations of all coordinates at (q, v), with every contribution, into the row."""
     trig = attitude(q)
+    bias, factors = joint_geometry(q, v, p, trig, jac)
     all_wheels(q, v, p, trig, w)
     for motor in range(motor_count(p)):
         c = coordinate_of(motor)
@@ -85,7 +86,7 @@ def right_hand_side(q, v, p, modes, drive, hold, jac, w):
         )  # fmt: skip
         w[M_R + motor], w[M_M + motor], w[ACC + c] = M_r, M_m, theta_ddot
         w[ETA + motor] = hold[EFFICIENCY + motor]
-    body_accelerations(q, v, p, trig, jac, w)
+    body_accelerations(v, p, trig, bias, factors, jac, w)
 
 
 @inlined
@@ -127,6 +128,7 @@ def semi_implicit_step(q, v, p, modes, drive, hold, dt, jac, w):
     ``drive[D_DDOT:]`` holds the mean acceleration of the commands over the step.
     """
     trig = attitude(q)
+    bias, factors = joint_geometry(q, v, p, trig, jac)
     all_wheels(q, v, p, trig, w)
     for motor in range(motor_count(p)):
         c, first, mode = coordinate_of(motor), 2 * motor, modes[motor]
@@ -143,7 +145,7 @@ def semi_implicit_step(q, v, p, modes, drive, hold, dt, jac, w):
             M_m = J * theta_ddot + gear * M_r
         w[M_R + motor], w[M_M + motor], w[ACC + c] = M_r, M_m, theta_ddot
         w[ETA + motor] = hold[EFFICIENCY + motor]
-    body_accelerations(q, v, p, trig, jac, w)
+    body_accelerations(v, p, trig, bias, factors, jac, w)
     for i in range(16 if p.two else 8):
         new = v[i] + dt * w[ACC + i]
         c = i % 8

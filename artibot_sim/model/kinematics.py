@@ -38,16 +38,31 @@ def sincos(angle):
     n = math.floor(angle * (2.0 / math.pi) + 0.5)
     x = (angle - n * _QUARTER[0]) - n * _QUARTER[1]
     y = x * x
+    y2 = y * y
+    y4 = y2 * y2
+    # summed by halves (Estrin), which shortens the chain that everything else waits for
     s = x + x * y * (
-        -1 / 6 + y * (1 / 120 + y * (-1 / 5040 + y * (1 / 362880 + y * (-1 / 39916800 + y * (
-            1 / 6227020800 + y * (-1 / 1307674368000)))))))  # fmt: skip
+        ((-1 / 6 + y * (1 / 120)) + y2 * (-1 / 5040 + y * (1 / 362880)))
+        + y4 * ((-1 / 39916800 + y * (1 / 6227020800)) + y2 * (-1 / 1307674368000))
+    )
     c = 1.0 + y * (
-        -1 / 2 + y * (1 / 24 + y * (-1 / 720 + y * (1 / 40320 + y * (-1 / 3628800 + y * (
-            1 / 479001600 + y * (-1 / 87178291200 + y / 20922789888000)))))))  # fmt: skip
+        ((-1 / 2 + y * (1 / 24)) + y2 * (-1 / 720 + y * (1 / 40320)))
+        + y4 * ((-1 / 3628800 + y * (1 / 479001600)) + y2 * (-1 / 87178291200 + y * (1 / 20922789888000)))
+    )
     quadrant = int(n) & 3
     if quadrant & 1:
         s, c = c, s
     return -s if quadrant >= 2 else s, -c if quadrant == 1 or quadrant == 2 else c
+
+
+@inlined
+def sincos_small(angle):
+    """As `sincos`, quicker for roll and pitch, which hardly ever leave ±0.01 rad."""
+    if abs(angle) > 0.01:
+        return sincos(angle)
+    y = angle * angle
+    s = angle + angle * y * (-1 / 6 + y * (1 / 120 + y * (-1 / 5040)))
+    return s, 1.0 + y * (-1 / 2 + y * (1 / 24 + y * (-1 / 720 + y * (1 / 40320))))
 
 
 @inlined
@@ -146,8 +161,8 @@ def joint(q, v, p, sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b, jac):
     tuple of 8 floats
         Phi (4), then (d/dt Phi_x) x_dot (4).
     """
-    sb_f, cb_f = sincos(q[BETA])
-    sb_b, cb_b = sincos(q[BACK + BETA])
+    sb_f, cb_f = sincos_small(q[BETA])
+    sb_b, cb_b = sincos_small(q[BACK + BETA])
     fx, fy, fz, bfx, bfy, bfz = arm(
         p.front, sa_f, ca_f, sb_f, cb_f, sg_f, cg_f, v[ALPHA], v[BETA], v[GAMMA], 1.0, 0, jac
     )
@@ -170,8 +185,8 @@ def joint(q, v, p, sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b, jac):
 
 @inlined
 def _evaluate(q, v, p, jac):
-    sa_f, ca_f = sincos(q[ALPHA])
-    sa_b, ca_b = sincos(q[BACK + ALPHA])
+    sa_f, ca_f = sincos_small(q[ALPHA])
+    sa_b, ca_b = sincos_small(q[BACK + ALPHA])
     sg_f, cg_f = sincos(q[GAMMA])
     sg_b, cg_b = sincos(q[BACK + GAMMA])
     return joint(q, v, p, sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b, jac)
