@@ -66,18 +66,31 @@ choose_python() {
   has_venv "$python" || die "$python cannot make virtual environments; as root: apt-get install $version-venv"
 }
 
+# discard_venv: away with one that does not suit; what is no virtual environment is never touched.
+discard_venv() {
+  [ -e "$venv" ] || return 0
+  [ -f "$venv/pyvenv.cfg" ] || die "$venv exists and is no virtual environment; move it away, or set VENV"
+  local sees_system=no wanted=no
+  ! grep -qi '^include-system-site-packages *= *true' "$venv/pyvenv.cfg" || sees_system=yes
+  ! ros_sourced || wanted=yes
+  if ! fit "$venv/bin/python" || ! "$venv/bin/python" -m pip --version >/dev/null 2>&1; then
+    say "$venv: its Python is gone, unfinished or not 3.10-3.13; making it anew"
+  elif [ $sees_system != $wanted ]; then
+    say "$venv was made with$([ $wanted = yes ] && echo out) a ROS 2 sourced; making it anew"
+  else
+    return 0
+  fi
+  rm -rf "$venv"
+}
+
 make_venv() {
+  discard_venv
+  [ -e "$venv" ] && return
   local options=()
-  if [ -x "$venv/bin/python" ] && ! fit "$venv/bin/python"; then
-    say "$venv: its Python is gone or not 3.10-3.13; making it anew"
-    rm -rf "$venv"
-  fi
-  if [ ! -x "$venv/bin/pip" ]; then
-    choose_python
-    ! ros_sourced || options+=(--system-site-packages)
-    say "making $venv with $("$python" --version)"
-    "$python" -m venv "${options[@]}" "$venv"
-  fi
+  choose_python
+  ! ros_sourced || options+=(--system-site-packages)
+  say "making $venv with $("$python" --version)"
+  "$python" -m venv "${options[@]}" "$venv"
 }
 
 # A ROS 2 that is sourced was compiled against one numpy: keep to it.
