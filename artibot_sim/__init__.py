@@ -1,0 +1,1 @@
+"""artibot: simulate, drive, record, identify and diagnose articulated eight-wheel rovers."""
