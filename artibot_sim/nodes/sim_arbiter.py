@@ -130,7 +130,9 @@ def hear_profile(state: Commanding, profile: Profile, rules: Rules, t_ns: int, n
     ahead = (profile.start_ns - t_ns) * 1e-9
     clocks = "do planner and simulator use the same clock (use_sim_time)?"
     if profile.start_ns < t_ns - STALE_NS:
-        raise Refused(f"its start lies {-ahead:.3f} s in the past, more than 1 s; send it anew with a later start; {clocks}")
+        raise Refused(
+            f"its start lies {-ahead:.3f} s in the past, more than 1 s; send it anew with a later start; {clocks}"
+        )
     if profile.start_ns > t_ns + HORIZON_NS:
         raise Refused(f"its start lies {ahead:.0f} s ahead, more than an hour; {clocks}")
     for velocity in profile.velocity:

@@ -46,7 +46,9 @@ def parse_sources(text: str) -> tuple[Source, ...]:
     by_name = {source.value: source for source in AUTO}
     names = [name.strip() for name in text.split(",")]
     if not set(names) <= set(by_name) or len(set(names)) != len(names):
-        raise Refused(f"'{text}': expected auto, none, or some of {', '.join(by_name)} with commas, the ruling one first")
+        raise Refused(
+            f"'{text}': expected auto, none, or some of {', '.join(by_name)} with commas, the ruling one first"
+        )
     return tuple(by_name[name] for name in names)
 
 

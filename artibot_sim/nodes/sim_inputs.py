@@ -80,9 +80,7 @@ class Inputs:
 
     def decide(self, timing: Timing) -> arbiter.Decision:
         """Commands for the period that begins now, ``t_ns``."""
-        self.state, decision = arbiter.decide(
-            self.state, self.rules, self.t_ns, timing.knot_ns, timing.knots, self.now
-        )
+        self.state, decision = arbiter.decide(self.state, self.rules, self.t_ns, timing.knot_ns, timing.knots, self.now)
         if decision.notice:
             self._log.warning(decision.notice)
         return decision

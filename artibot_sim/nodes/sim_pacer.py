@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from pathlib import Path
 from typing import Any
@@ -94,4 +93,4 @@ def write_statistics(path: Path, statistics: dict[str, Any]) -> None:
     """Write statistics as JSON, whole or not at all."""
     part = path.with_name(f".{path.name}.part")
     part.write_text(json.dumps(statistics, indent=2) + "\n", encoding="utf-8")
-    os.replace(part, path)
+    part.replace(path)

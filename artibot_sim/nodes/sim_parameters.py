@@ -2,81 +2,15 @@
 
 from __future__ import annotations
 
-import math
+import textwrap
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.nodes import parameters
+from artibot_sim.nodes.parameters import Spec, Value
 from artibot_sim.nodes.sim_commands import parse_sources
 from artibot_sim.nodes.sim_profile import Refused
-
-Value = bool | int | float | str | tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class Spec:
-    """One parameter.
-
-    Attributes
-    ----------
-    default : value
-        Its type is the parameter's; for a float an integer is taken too (``rate: 0``).
-    low, high : float
-        Bounds of a number, both allowed; `above` is a bound that is not.
-    choices : tuple of str
-        What a text may be; empty: anything.
-    live : bool
-        Whether it can be set while the node runs.
-    """
-
-    name: str
-    default: Value
-    doc: str
-    low: float = -math.inf
-    high: float = math.inf
-    above: float = -math.inf
-    choices: tuple[str, ...] = ()
-    live: bool = False
-
-    def check(self, value: Any) -> Value:
-        """The value in the parameter's type.
-
-        Raises
-        ------
-        ArtibotError
-            With the parameter's name, what was found and what is expected.
-        """
-        kind = type(self.default)
-        if kind is tuple:
-            return self._check_numbers(value)
-        taken = (int, float) if kind is float else (kind,)
-        if not isinstance(value, taken) or (isinstance(value, bool) and kind is not bool):
-            raise ArtibotError(f"parameter {self.name}: {value!r}; expected {self.expected}")
-        if kind in (int, float) and not (self.low <= value <= self.high and value > self.above):
-            raise ArtibotError(f"parameter {self.name}: {value!r} is out of range; expected {self.expected}")
-        if self.choices and value not in self.choices:
-            raise ArtibotError(f"parameter {self.name}: '{value}'; expected {self.expected}")
-        return kind(value)
-
-    def _check_numbers(self, value: Any) -> tuple[float, ...]:
-        numbers = tuple(float(v) for v in value) if isinstance(value, (list, tuple)) or hasattr(value, "typecode") else ()
-        if len(numbers) != len(self.default) or not all(self.low <= v <= self.high for v in numbers):  # type: ignore[arg-type]
-            raise ArtibotError(f"parameter {self.name}: {value!r}; expected {self.expected}")
-        return numbers
-
-    @property
-    def expected(self) -> str:
-        """What a value must be, for a message or a descriptor."""
-        kind = type(self.default)
-        if self.choices:
-            return "one of " + ", ".join(self.choices)
-        if kind in (bool, str):
-            return {bool: "true or false", str: "a text"}[kind]
-        low = f"more than {self.above:g}" if self.above > -math.inf else f"at least {self.low:g}"
-        number = f"{'an integer' if kind is int else 'a number'}, {low}, at most {self.high:g}"
-        return f"{len(self.default)} numbers, each at least {self.low:g}, at most {self.high:g}" if kind is tuple else number  # type: ignore[arg-type]
-
 
 ROBOT = Spec("robot", "agriq", "Robot: a name (agriq, epiq, husky) or the path of a robot file.")
 KAPPA = Spec(
@@ -89,8 +23,8 @@ OTHERS = (
     Spec("dt", 1e-3, "Integration step, s; must divide the publish period.", low=1e-5, high=1e-2),
     Spec("publish_rate", 100.0, "Publications per second of simulated time, Hz.", low=1.0, high=1000.0),
     Spec("rate", 1.0, "Simulated over real time; 0: as fast as it goes.", low=0.0, high=1000.0),
-    Spec("publish_clock", "auto", "Publish /clock and count time from 0; auto: when rate is not 1. Otherwise stamps are "
-         "system time.", choices=("auto", "true", "false")),
+    Spec("publish_clock", "auto", "Publish /clock and count time from 0; auto: when rate is not 1. Otherwise stamps "
+         "are system time.", choices=("auto", "true", "false")),
     Spec("wait_for_profile", False, "Hold the time after the first step until a command has been accepted. With it and "
          "rate 0 a run is the same to the bit, stamps included, however long discovery takes."),
     Spec("start_paused", False, "Start as after ~/pause."),
@@ -102,8 +36,8 @@ OTHERS = (
     Spec("start.y", 0.0, "Start of the front module in map, m.", low=-1e6, high=1e6),
     Spec("start.yaw", 0.0, "Heading at the start, rad.", low=-10.0, high=10.0),
     Spec("start.articulation_yaw", 0.0, "Articulation at the start, gamma_b - gamma_f, rad.", low=-1.5, high=1.5),
-    Spec("command_source", "auto", "Who may command, the ruling one first: auto (live,profile,cmd_vel), none, or some of "
-         "these with commas.", live=True),
+    Spec("command_source", "auto", "Who may command, the ruling one first: auto (live,profile,cmd_vel), none, or some "
+         "of these with commas.", live=True),
     Spec("command_timeout", 0.1, "A live request, or the planner's sign of life, older than this starts a ramp to "
          "standstill; steady wall time, s (divided by rate when that is below 1).", low=1e-3, high=60.0, live=True),
     Spec("cmd_vel_timeout", 0.5, "The same for cmd_vel.", low=1e-3, high=60.0, live=True),
@@ -112,9 +46,11 @@ OTHERS = (
     Spec("acceleration_limit", 2.0, "Limit for a front wheel over ground that follows cmd_vel or catches up with a "
          "profile, m/s^2; 0: none. Profiles and live requests themselves are never changed.", low=0.0, high=1000.0,
          live=True),
-    Spec("max_speed", 20.0, "Commands for a faster wheel over ground are refused, m/s.", high=1000.0, above=0.0, live=True),
+    Spec("max_speed", 20.0, "Commands for a faster wheel over ground are refused, m/s.", high=1000.0, above=0.0,
+         live=True),
     Spec("cmd_vel_stamped", True, "cmd_vel is a TwistStamped; false: a Twist."),
-    Spec("with_driver", False, "A driver publishes odom, motor_torques, motor_command and the wheel joints: leave them."),
+    Spec("with_driver", False, "A driver publishes odom, motor_torques, motor_command and the wheel joints: leave "
+         "them."),
     Spec("publish_tf", True, "Publish /tf, where tf2_msgs can be imported."),
     Spec("reliable", "auto", "Offer measurements reliably with a long queue, for recording without loss; auto: when "
          "rate is 0. Otherwise sensor QoS.", choices=("auto", "true", "false")),
@@ -151,32 +87,38 @@ def check(name: str, value: Any) -> Value:
     return checked
 
 
-def declare(node: Any, spec: Spec, default: Value | None = None) -> Value:
-    """Declare one parameter with its descriptor on an rclpy node and return its checked value.
+def as_yaml() -> str:
+    """All parameters at their defaults as a ROS 2 parameter file with a comment each: ``config/sim.yaml``.
 
-    Raises
-    ------
-    ArtibotError
-        When the value given at the start is refused.
+    `kappa` stands there as a comment, for its default is the robot file's.
     """
-    from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+    lines = [
+        "# Parameters of the simulation node at their defaults; made by `python -m artibot_sim.nodes.sim_parameters`.",
+        "# Use: artibot sim --params sim, or ros2 run artibot_sim sim --ros-args --params-file sim.yaml",
+        "# Realistic sensors: sim_noisy.yaml.",
+        "/**:",
+        "  ros__parameters:",
+    ]
+    for spec in SPECS.values():
+        note = f"{spec.doc} Expected: {spec.expected}." + (" Can be set while running." if spec.live else "")
+        lines += [f"    # {line}" for line in textwrap.wrap(note, 110)]
+        mark = "# " if spec is KAPPA else ""
+        lines.append(f"    {mark}{spec.name}: {_as_yaml(spec.default)}")
+    return "\n".join(lines) + "\n"
 
-    descriptor = ParameterDescriptor(
-        description=spec.doc,
-        additional_constraints=spec.expected,
-        read_only=not spec.live,
-        dynamic_typing=type(spec.default) is float,  # so that `rate: 0` is taken; the type is checked by the table
-    )
-    low = max(spec.low, spec.above)
-    if type(spec.default) is float:
-        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=spec.high, step=0.0)]
-    elif type(spec.default) is int:
-        descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(spec.high), step=1)]
-    value = spec.default if default is None else default
-    from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 
-    try:
-        found = node.declare_parameter(spec.name, list(value) if isinstance(value, tuple) else value, descriptor).value
-    except (InvalidParameterValueException, InvalidParameterTypeException) as error:
-        raise ArtibotError(f"parameter {spec.name}: {' '.join(str(error).split())}; expected {spec.expected}") from error
-    return check(spec.name, found)
+def _as_yaml(value: Value) -> str:
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(repr, value))}]"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return f'"{value}"' if isinstance(value, str) else repr(value)
+
+
+def declare(node: Any, spec: Spec, default: Value | None = None) -> Value:
+    """Declare one parameter on an rclpy node and return its checked value; raises :class:`ArtibotError`."""
+    return check(spec.name, parameters.declare(node, spec, default))
+
+
+if __name__ == "__main__":
+    print(as_yaml(), end="")

@@ -7,6 +7,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 from artibot_sim.model import MOTORS
@@ -99,7 +100,7 @@ def parse_profile(message: Any) -> Profile:
     if not message.points:
         raise Refused("it has no points; expected the whole velocity profile")
     times = tuple(_nanoseconds(point.time_from_start) for point in message.points)
-    if times[0] < 0 or any(b <= a for a, b in zip(times, times[1:], strict=False)):
+    if times[0] < 0 or any(b <= a for a, b in pairwise(times)):
         raise Refused("time_from_start must begin at zero or later and increase from point to point")
     velocity = tuple(_pair(point.velocities, order, i, "velocities") for i, point in enumerate(message.points))
     given = [len(point.positions) > 0 for point in message.points]
@@ -144,8 +145,9 @@ def _check_agreement(times: tuple[int, ...], velocity: tuple[Pair, ...], positio
             low, high = sorted((velocity[i - 1][k], velocity[i][k]))
             if not low - margin <= mean <= high + margin:
                 raise Refused(
-                    f"from point {i - 1} to {i} the position of {FRONT[k]} changes by {mean:g} rad/s while its velocity "
-                    f"goes from {velocity[i - 1][k]:g} to {velocity[i][k]:g}; leave positions empty to have them integrated"
+                    f"from point {i - 1} to {i} the position of {FRONT[k]} changes by {mean:g} rad/s while its "
+                    f"velocity goes from {velocity[i - 1][k]:g} to {velocity[i][k]:g}; "
+                    "leave positions empty to have them integrated"
                 )
 
 

@@ -31,7 +31,7 @@ RELIABLE_QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""For recording at full speed: a subscriber that asks for reliability loses nothing while it is less than this behind."""
+"""For recording at full speed: a reliable subscriber loses nothing while it is less than this behind."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,9 @@ class Publishers:
         message.twist.twist.linear.x, message.twist.twist.angular.z = believed.twist
         self._odom.publish(message)  # type: ignore[union-attr]
 
-    def _publish_motors(self, stamp: tuple[int, int], sample: Sample, position: Any, velocity: Any, torque: Any) -> None:
+    def _publish_motors(
+        self, stamp: tuple[int, int], sample: Sample, position: Any, velocity: Any, torque: Any
+    ) -> None:
         n = len(self._motors)
         message = self._torques_message
         message.header.stamp.sec, message.header.stamp.nanosec = stamp
@@ -160,7 +162,9 @@ class Publishers:
         message.effort = array("d", [math.nan, math.nan, *sample.motor_torque[2:n].tolist()])
         self._command.publish(message)
 
-    def _publish_joints(self, stamp: tuple[int, int], sample: Sample, sensors: Sensors, position: Any, rate: Any) -> None:
+    def _publish_joints(
+        self, stamp: tuple[int, int], sample: Sample, sensors: Sensors, position: Any, rate: Any
+    ) -> None:
         message, n = self._joints_message, self._wheels
         message.header.stamp.sec, message.header.stamp.nanosec = stamp
         angles, rates = array("d"), array("d")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 from geometry_msgs.msg import TransformStamped
@@ -30,7 +31,7 @@ class Transforms:
     def __init__(self, node: Node, robot: Robot) -> None:
         self._publisher = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=100))
         frames = FRAMES if robot.articulated else FRAMES[:3]
-        self._transforms = [_transform(a, b) for a, b in zip(frames, frames[1:], strict=False)]
+        self._transforms = [_transform(a, b) for a, b in pairwise(frames)]
         self._front, self._back = robot.front, robot.back
 
     def publish(self, stamp: tuple[int, int], sample: Sample, believed: tuple[float, float, float]) -> None:
@@ -47,7 +48,8 @@ class Transforms:
         if self._back:
             bend, twist = sample.articulation[0].tolist()
             _fill(self._transforms[2], (-self._front.l, 0.0, self._front.O_z), (0.0, 0.0, bend))
-            _fill(self._transforms[3], (-self._back.l, 0.0, -self._back.O_z), (twist, 0.0, 0.0))
+            hang = (-self._back.l, self._back.O_z * math.sin(twist), -self._back.O_z * math.cos(twist))
+            _fill(self._transforms[3], hang, (twist, 0.0, 0.0))
         self._publisher.publish(TFMessage(transforms=self._transforms))
 
 

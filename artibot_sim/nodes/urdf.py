@@ -1,0 +1,120 @@
+"""A robot file as URDF: boxes and wheels where the model has them, joints as in ``/joint_states``.
+
+``python -m artibot_sim.nodes.urdf`` writes ``config/urdf/*.urdf`` for all shipped robots; a test holds the files to it.
+"""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.model import WHEEL_JOINTS, Robot, load_robot
+from artibot_sim.model.robot import Module
+from artibot_sim.resources import config_folder, config_names
+
+MATERIALS = {"body": "0.85 0.45 0.10 1", "wheel": "0.12 0.12 0.12 1"}
+"""Colours by name, red green blue alpha."""
+
+
+def _number(value: float) -> str:
+    return f"{value:.9g}"
+
+
+def _vector(*values: float) -> str:
+    return " ".join(map(_number, values))
+
+
+def _link(robot: ET.Element, name: str, mass: float, inertia: tuple[float, float, float]) -> ET.Element:
+    link = ET.SubElement(robot, "link", name=name)
+    inertial = ET.SubElement(link, "inertial")
+    ET.SubElement(inertial, "mass", value=_number(mass))
+    xx, yy, zz = map(_number, inertia)
+    ET.SubElement(inertial, "inertia", ixx=xx, ixy="0", ixz="0", iyy=yy, iyz="0", izz=zz)
+    return link
+
+
+def _shape(link: ET.Element, shape: str, attributes: dict[str, str], material: str, rpy: str = "0 0 0") -> None:
+    for kind in ("visual", "collision"):
+        part = ET.SubElement(link, kind)
+        ET.SubElement(part, "origin", xyz="0 0 0", rpy=rpy)
+        ET.SubElement(ET.SubElement(part, "geometry"), shape, attributes)
+        if kind == "visual":
+            ET.SubElement(part, "material", name=material)
+
+
+def _joint(
+    robot: ET.Element, name: str, kind: str, parent: str, child: str, xyz: str, axis: str, limit: float | None = None
+) -> None:
+    joint = ET.SubElement(robot, "joint", name=name, type=kind)
+    ET.SubElement(joint, "parent", link=parent)
+    ET.SubElement(joint, "child", link=child)
+    ET.SubElement(joint, "origin", xyz=xyz, rpy="0 0 0")
+    ET.SubElement(joint, "axis", xyz=axis)
+    if limit is not None:
+        ET.SubElement(joint, "limit", lower=_number(-limit), upper=_number(limit), effort="0", velocity="10")
+
+
+def _module(root: ET.Element, robot: Robot, module: Module, link: str, joints: tuple[str, ...]) -> None:
+    """One module's box and four wheels; `joints` in the order right front, right back, left front, left back."""
+    wheel = robot.wheel
+    body = _link(root, link, module.m, (module.J_x, module.J_y, module.J_z))
+    width = max(module.i_y - wheel.r_w, 0.2 * module.i_y)
+    _shape(body, "box", {"size": _vector(module.i_x + wheel.r_w, width, wheel.r_w)}, "body")
+    for k, joint in enumerate(joints):
+        x, y = (1 - 2 * (k % 2)) * module.i_x / 2, (-1 if k < 2 else 1) * module.i_y / 2
+        name = f"{joint}_link"
+        part = _link(root, name, wheel.m_w, (wheel.J_wx, wheel.J_wy, wheel.J_wx))
+        cylinder = {"radius": _number(wheel.r_w), "length": _number(0.4 * wheel.r_w)}
+        _shape(part, "cylinder", cylinder, "wheel", rpy=_vector(math.pi / 2, 0, 0))
+        _joint(root, joint, "continuous", link, name, _vector(x, y, 0), "0 1 0")
+
+
+def urdf(robot: Robot) -> str:
+    """The URDF of a robot as text.
+
+    Geometry is the robot file's: wheels at (±i_x/2, ±i_y/2, 0) of their module, the joint at (−l_f, 0, O_z) of
+    `base_link` and at (l_b, 0, 0) of `back_link`, turning first in yaw about z of the front module, then in roll
+    about x of the back one. The size of the boxes is for the eye alone.
+
+    Raises
+    ------
+    ArtibotError
+        When the joint is not level with the back module's origin.
+    """
+    if robot.back is not None and robot.back.O_z != 0:
+        raise ArtibotError(
+            f"back.O_z: {robot.back.O_z:g} m; a URDF can be made only where the joint is level with the back module (0)"
+        )
+    root = ET.Element("robot", name=robot.name)
+    for name, rgba in MATERIALS.items():
+        ET.SubElement(ET.SubElement(root, "material", name=name), "color", rgba=rgba)
+    _module(root, robot, robot.front, "base_link", WHEEL_JOINTS[:4])
+    if robot.back is not None:
+        _link(root, "articulation_link", 1e-3, (1e-6, 1e-6, 1e-6))
+        front, back = robot.front, robot.back
+        place = _vector(-front.l, 0, front.O_z)
+        _joint(root, "articulation_yaw", "revolute", "base_link", "articulation_link", place, "0 0 1", math.pi / 2)
+        place = _vector(-back.l, 0, 0)
+        _module(root, robot, back, "back_link", WHEEL_JOINTS[4:])
+        # the origin of back_link lies behind the joint, so the roll axis passes through both
+        _joint(root, "articulation_roll", "revolute", "articulation_link", "back_link", place, "1 0 0", math.pi / 2)
+    ET.indent(root)
+    return '<?xml version="1.0"?>\n<!-- made by `python -m artibot_sim.nodes.urdf` from the robot file -->\n' + (
+        ET.tostring(root, encoding="unicode") + "\n"
+    )
+
+
+def write_all(folder: Path) -> list[Path]:
+    """Write the URDF of every shipped robot into `folder`; return the paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"{name}.urdf" for name in config_names("robots")]
+    for path in paths:
+        path.write_text(urdf(load_robot(path.stem)), encoding="utf-8")
+    return paths
+
+
+if __name__ == "__main__":
+    for written in write_all(config_folder() / "urdf"):
+        print(written)
