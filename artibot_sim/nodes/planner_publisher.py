@@ -40,7 +40,7 @@ SPECS = (
         low=0.0,
         high=1e6,
     ),
-    Spec("clock_timeout", 10.0, "How long to wait for the first /clock with use_sim_time, s.", low=0.1, high=1e6),
+    Spec("clock_timeout", 30.0, "How long to wait for the first /clock with use_sim_time, s.", low=0.1, high=1e6),
     Spec("tail", 0.5, "How long planned/odom goes on after the end, s.", low=0.0, high=1e6),
     Spec("keep", False, "Stay after the end, so that latecomers still get path and profile."),
     Spec("path_interval", 0.1, "Time between poses of planned/path, s.", low=1e-3, high=100.0),

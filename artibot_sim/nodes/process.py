@@ -6,17 +6,9 @@ import signal
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
+from artibot_sim.nodes.ros_args import split_ros_args
 
-def split_ros_args(argv: Sequence[str]) -> tuple[list[str], list[str]]:
-    """The command's own arguments, and those from each ``--ros-args`` to ``--`` (markers included) for rclpy."""
-    own: list[str] = []
-    ros: list[str] = []
-    inside = False
-    for word in argv:
-        inside = inside or word == "--ros-args"
-        (ros if inside else own).append(word)
-        inside = inside and word != "--"
-    return own, ros
+__all__ = ["ros_process", "split_ros_args"]
 
 
 @contextmanager
