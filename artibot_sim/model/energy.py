@@ -1,7 +1,8 @@
 """Where the energy goes: power of each named contribution, and what is stored.
 
-The balance over a rollout is  sum(E_motor) = stored(end) − stored(start) + sum(all other E) − 2 E_joint, with
-`E_joint` the work done on the modules by the joint, zero but for the stabilisation of eq. 13.
+Over a rollout, what the motors put in and the joint does is stored or lost:
+sum(E_motor) + E_joint = stored(end) − stored(start) + sum(all other E). `E_joint` is the work that the joint's
+force does on the modules, zero but for the stabilisation of eq. 13.
 """
 
 from __future__ import annotations

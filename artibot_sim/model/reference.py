@@ -97,21 +97,24 @@ class Wheels:
     Q: Array
 
 
-def _modules(p: Params) -> list[tuple[ModuleParams, int]]:
+def modules_of(p: Params) -> list[tuple[ModuleParams, int]]:
+    """The modules there are, each with the offset of its coordinates."""
     return [(p.front, 0), (p.back, 8)][: 2 if p.two else 1]
 
 
-def _motors(p: Params) -> list[MotorParams]:
+def motors_of(p: Params) -> list[MotorParams]:
+    """The motors there are."""
     return [p.right_front, p.left_front, p.right_back, p.left_back][: 4 if p.two else 2]
 
 
 def contact_forces(robot: Robot, q: Array, v: Array) -> Wheels:
     """Eqs 15 to 20 for every wheel at a state (16,), (16,)."""
-    return _contact(params(robot), q, v)
+    return contact(params(robot), q, v)
 
 
-def _contact(p: Params, q: Array, v: Array) -> Wheels:
-    rows = [_wheel(p, body, b, side, end, q, v) for body, b in _modules(p) for side in (-1, 1) for end in (1, -1)]
+def contact(p: Params, q: Array, v: Array) -> Wheels:
+    """`contact_forces` from the kernel's parameters."""
+    rows = [_wheel(p, body, b, side, end, q, v) for body, b in modules_of(p) for side in (-1, 1) for end in (1, -1)]
     p_x, p_y, F_n, F_l, F_t, Q = zip(*rows, strict=True)
     return Wheels(*(np.array(part) for part in (p_x, p_y, F_n, F_l, F_t, Q)))
 
@@ -135,7 +138,7 @@ def _wheel(p: Params, body: ModuleParams, b: int, side: int, end: int, q: Array,
     rate = (partials(centre) @ v)[2]
     F_n = max(p.k_n * (body.r_0 - height) - p.c_n * rate, 0.0)
     motor = (0 if b == 0 else 2) + (0 if side < 0 else 1)
-    omega = _motors(p)[motor].tau * v[b + (6 if side < 0 else 7)]
+    omega = motors_of(p)[motor].tau * v[b + (6 if side < 0 else 7)]
     F_l, F_t = p.k_l * (p.r_w * omega - velocity[0]), -p.k_t * velocity[1]
     F_h = math.hypot(F_l, F_t)
     if F_h > p.mu_s * F_n:
@@ -173,8 +176,8 @@ def solve(
     Solution
         `residual` is that of the system, relative to the largest term of each row.
     """
-    wheels = _contact(p, q, v)
-    motors, modules = _motors(p), _modules(p)
+    wheels = contact(p, q, v)
+    motors, modules = motors_of(p), modules_of(p)
     mass, n = np.ones(16), np.zeros(16)
     n += wheels.Q.sum(axis=0)
     for body, b in modules:
@@ -209,7 +212,7 @@ def solve(
         joint = 4
         rows = [*jacobian, *rows]
         right = [*(-bias - 2 * p.A_joint * (jacobian @ v) - p.A_joint**2 * phi), *right]
-    matrix, b = _augment(np.diag(mass), rows, n, right)
+    matrix, b = augment(np.diag(mass), rows, n, right)
     x = np.linalg.solve(matrix, b)
     scale = np.abs(matrix) @ np.abs(x) + np.abs(b) + 1e-300
     M[prescribed] = -x[16 + joint :]
@@ -217,7 +220,7 @@ def solve(
     return Solution(x[:16], multiplier, M, wheels, float(np.max(np.abs(matrix @ x - b) / scale)))
 
 
-def _augment(M: Array, rows: list[Array], n: Array, right: list[float]) -> tuple[Array, Array]:
+def augment(M: Array, rows: list[Array], n: Array, right: list[float]) -> tuple[Array, Array]:
     """The matrix and right-hand side of eq. 28."""
     phi = np.array(rows).reshape(len(rows), 16)
     zero = np.zeros((len(rows), len(rows)))

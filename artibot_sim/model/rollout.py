@@ -208,7 +208,7 @@ def rollout(
     """
     chosen = _modes(robot, commands, modes)
     _check_step(robot, commands, dt, integrator, every)
-    p = _limited(params(robot), chosen)
+    p = unlimited_beside_prescribed(params(robot), chosen)
     longest, mode = largest_step(p, integrator, chosen)
     if dt > longest:
         mend = "" if integrator == "semi_implicit" else ", or use the integrator 'semi_implicit'"
@@ -267,7 +267,7 @@ def _modes(robot: Robot, commands: Commands, modes: Mode | Sequence[Mode] | None
     return chosen
 
 
-def _limited(p: Params, modes: tuple[Mode, ...]) -> Params:
+def unlimited_beside_prescribed(p: Params, modes: tuple[Mode, ...]) -> Params:
     """Motors that share the torque of prescribed ones, which have no limit, have none themselves."""
     if Mode.DRIVEN in modes[:2]:
         return p

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.kinematics import constraint, constraint_jacobian
 from artibot_sim.model.layout import BACK, BETA, GAMMA, X, Y, Z
-from artibot_sim.model.params import params
+from artibot_sim.model.params import Params, params
+from artibot_sim.model.reference import constraint_terms
 from artibot_sim.model.robot import Robot
 
 Array = NDArray[np.float64]
@@ -81,20 +81,20 @@ def initial_state(
     if p.two:
         q[BACK + Z] = p.back.r_0 + p.back.m * p.g_z / (4 * p.k_n)
         q[BACK + GAMMA] = yaw + articulation_yaw
-        _close_joint(robot, q)
+        _close_joint(p, q)
     eta = np.array([robot.drive.front.eta_d] * 2 + [(robot.drive.back or robot.drive.front).eta_d] * 2)
     return State(t, q, np.zeros(16), eta, np.zeros(4))
 
 
-def _close_joint(robot: Robot, q: Array) -> None:
+def _close_joint(p: Params, q: Array) -> None:
     """Solve eq. 13 for the back module's x and y and both pitches, in place, by Newton's method."""
     free = [BACK + X, BACK + Y, BETA, BACK + BETA]
     for _ in range(20):
-        gap = constraint(robot, q)
+        gap, jacobian, _ = constraint_terms(p, q, np.zeros(16))
         if np.abs(gap).max() < 1e-15:
             return
-        q[free] -= np.linalg.lstsq(constraint_jacobian(robot, q)[:, free], gap, rcond=None)[0]
-    if np.abs(constraint(robot, q)).max() > 1e-9:
+        q[free] -= np.linalg.lstsq(jacobian[:, free], gap, rcond=None)[0]
+    if np.abs(gap).max() > 1e-9:
         raise ArtibotError(
             f"initial_state: the joint does not close at an articulation of {q[BACK + GAMMA] - q[GAMMA]:g} rad; "
             "check front.O_z, back.O_z and l, or start straighter"

@@ -1,0 +1,101 @@
+"""The compiled loop computes what the equations in plain NumPy say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from artibot_sim.model import Commands, Mode, Robot, State, initial_state, load_robot, rollout
+from artibot_sim.model.params import params
+from artibot_sim.model.reference_steps import PlainState, rk4_step, semi_implicit_step
+from artibot_sim.model.rollout import unlimited_beside_prescribed
+from artibot_sim.model.transmission import back_torque_factor
+
+DT, STEPS, KNOT = 1e-3, 60, 10
+MODES = {
+    "as in the paper": (Mode.PRESCRIBED, Mode.PRESCRIBED, Mode.TORQUE, Mode.TORQUE),
+    "driven": (Mode.DRIVEN, Mode.DRIVEN, Mode.TORQUE, Mode.TORQUE),
+    "all prescribed": (Mode.PRESCRIBED,) * 4,
+    "torques": (Mode.TORQUE,) * 4,
+}
+
+
+def moving_state(robot: Robot, rng: np.random.Generator) -> State:
+    """A rover in a turn: out of equilibrium in every coordinate, joint closed only roughly."""
+    state = initial_state(robot, x=1.0, y=-2.0, yaw=0.7, articulation_yaw=0.3)
+    q, v = state.q.copy(), state.v.copy()
+    q[[2, 3, 4, 10, 11, 12]] += 1e-3 * rng.normal(size=6)
+    v[[0, 1, 8, 9]] = 0.4 * rng.normal(size=4)
+    v[[5, 13]] = 0.3 * rng.normal(size=2)
+    v[[3, 4, 11, 12]] = 0.05 * rng.normal(size=4)
+    v[[6, 7, 14, 15]] = rng.normal(size=4) * 0.5 / robot.wheel.r_w / robot.drive.front.tau
+    if not robot.articulated:
+        q[8:], v[8:] = 0.0, 0.0
+    return State(0.0, q, v, np.array([0.6, 1 / 0.35, 0.6, 0.6]), 0.2 * rng.normal(size=4))
+
+
+def commands(robot: Robot, rng: np.random.Generator, torque: bool) -> Commands:
+    cruise = 0.5 / robot.wheel.r_w / robot.drive.front.tau
+    velocity = cruise * (1 + 0.2 * rng.normal(size=(STEPS // KNOT + 1, 4)))
+    given = 0.3 * rng.normal(size=velocity.shape) if torque else None
+    return Commands(KNOT * DT, velocity, torque=given)
+
+
+def cubic(commands: Commands, t: float, knot: int) -> np.ndarray:
+    """Angles, speeds and accelerations (3, 4) of the Hermite cubic from `knot`, by its basis functions."""
+    h = commands.dt
+    x0, x1 = commands.position[knot], commands.position[knot + 1]
+    v0, v1 = commands.velocity[knot], commands.velocity[knot + 1]
+    s = (t - knot * h) / h
+    value = (1 + 2 * s) * (1 - s) ** 2 * x0 + s**2 * (3 - 2 * s) * x1 + h * s * (1 - s) * ((1 - s) * v0 - s * v1)
+    speed = 6 * s * (s - 1) / h * (x0 - x1) + (1 - s) * (1 - 3 * s) * v0 + s * (3 * s - 2) * v1
+    acceleration = (12 * s - 6) / h**2 * (x0 - x1) + ((6 * s - 4) * v0 + (6 * s - 2) * v1) / h
+    return np.array([value, speed, acceleration])
+
+
+def plain_run(robot: Robot, start: State, order: Commands, modes, kappa: float, integrator: str) -> np.ndarray:
+    p, factor = unlimited_beside_prescribed(params(robot), modes), back_torque_factor(robot, kappa)
+    state = PlainState(start.q, start.v, start.eta, start.torque)
+    for step in range(STEPS):
+        knot, t = step // KNOT, step * DT
+        held = order.torque[knot]
+        if integrator == "rk4":
+            drives = [cubic(order, t + part * DT, knot) for part in (0.0, 0.5, 1.0)]
+            state = rk4_step(p, state, modes, drives, held, factor, DT)
+        else:
+            drive = cubic(order, t, knot)
+            drive[2] = (cubic(order, t + DT, knot)[1] - drive[1]) / DT
+            state = semi_implicit_step(p, state, modes, drive, held, factor, DT)
+    return np.concatenate([state.q, state.v, state.eta, state.torque])
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
+@pytest.mark.parametrize("modes", MODES.values(), ids=MODES.keys())
+@pytest.mark.parametrize("name", ["agriq", "epiq", "husky"])
+def test_compiled_steps_equal_plain_ones(name: str, modes, integrator: str) -> None:
+    rng = np.random.default_rng(7)
+    robot = load_robot(name)
+    if robot.articulated:
+        robot = robot.replace({"front.O_z": 0.03, "back.O_z": 0.02, "contact.c_n": 40.0, "drive.front.torque_max": 0.5})
+    start = moving_state(robot, rng)
+    order = commands(robot, rng, torque=modes[0] == Mode.TORQUE)
+    count = 4 if robot.articulated else 2
+    fast = rollout(robot, order, dt=DT, modes=modes, kappa=0.7, state=start, integrator=integrator).final_state
+    got = np.concatenate([fast.q, fast.v, fast.eta[:count], fast.torque[:count]])
+    plain = plain_run(robot, start, order, modes, 0.7, integrator)
+    want = np.concatenate([plain[:32], plain[32 : 32 + count], plain[36 : 36 + count]])
+    scale = np.abs(want).max() if not robot.articulated else np.maximum(np.abs(want), 1.0)
+    assert np.max(np.abs(got - want) / scale) < 1e-12
+
+
+@pytest.mark.parametrize("switch", ["readings.literal_eq22", "readings.literal_eq9"])
+def test_literal_readings_are_computed_and_differ(switch: str) -> None:
+    rng = np.random.default_rng(3)
+    robot = load_robot("agriq")
+    literal = robot.replace({switch: True})
+    start, order = moving_state(robot, rng), commands(robot, rng, torque=False)
+    modes = MODES["as in the paper"]
+    fast = rollout(literal, order, state=start, kappa=0.7).final_state
+    plain = plain_run(literal, start, order, modes, 0.7, "rk4")
+    assert np.max(np.abs(np.concatenate([fast.q, fast.v]) - plain[:32])) < 1e-10
+    assert not np.allclose(fast.v, rollout(robot, order, state=start, kappa=0.7).final_state.v, rtol=0, atol=1e-6)
