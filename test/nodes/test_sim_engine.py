@@ -1,0 +1,201 @@
+"""The simulated rover between publications: the same as one long rollout, to the bit, and what its sensors say."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from artibot_sim.errors import ArtibotError
+from artibot_sim.model import Commands, initial_state, load_robot, rollout
+from artibot_sim.nodes.sim_arbiter import NAN_PAIR, Decision, Source
+from artibot_sim.nodes.sim_engine import Diverged, Engine, Sample, Start, Timing, quaternion, rotation
+from artibot_sim.nodes.sim_sensors import Odometry, SensorModel, Sensors
+from hypothesis import given
+from hypothesis import strategies as st
+
+AGRIQ = load_robot("agriq")
+METRES = AGRIQ.wheel.r_w * AGRIQ.drive.front.tau
+TIMING = Timing.of(100.0, 1e-3)
+angles = st.floats(-1.0, 1.0)
+
+
+def driven(seconds: float, timing: Timing = TIMING) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity and rotation of both front motors at the knots: a bend with a smooth beginning."""
+    t = np.arange(round(seconds * 1e9 / timing.knot_ns) + 1) * timing.knot_ns * 1e-9
+    shape = np.where(t < 1.0, 3 * t**2 - 2 * t**3, 1.0)
+    velocity = np.column_stack([0.6 * shape, 0.45 * shape]) / METRES
+    steps = 0.5 * timing.knot_ns * 1e-9 * (velocity[1:] + velocity[:-1])
+    return velocity, np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
+
+
+def decisions(velocity: np.ndarray, position: np.ndarray, knots: int = 1) -> list[Decision]:
+    pairs, places = list(map(tuple, velocity)), list(map(tuple, position))
+    return [
+        Decision(tuple(pairs[i : i + knots + 1]), tuple(places[i : i + knots + 1]), NAN_PAIR, Source.PROFILE)
+        for i in range(0, len(pairs) - 1, knots)
+    ]
+
+
+def drive(engine: Engine, velocity: np.ndarray, position: np.ndarray, kappa: float = 0.8) -> list[Sample]:
+    return [engine.step(decision, kappa) for decision in decisions(velocity, position, engine.timing.knots)]
+
+
+def long_run(velocity: np.ndarray, position: np.ndarray, spacing: float, every: int = 10, **options):
+    absent = np.full_like(velocity, np.nan)
+    commands = Commands(spacing, np.hstack([velocity, absent]), position=np.hstack([position, absent]))
+    return rollout(AGRIQ, commands, kappa=0.8, every=every, **options)
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
+def test_period_by_period_is_one_long_rollout_to_the_bit(integrator: str) -> None:
+    velocity, position = driven(3.0)
+    samples = drive(Engine(AGRIQ, TIMING, Start(), integrator), velocity, position)
+    whole = long_run(velocity, position, 0.01, integrator=integrator)
+    for name in ("motor_position", "motor_velocity", "motor_torque", "wheel_position", "wheel_velocity", "twist"):
+        together = np.array([getattr(sample, name) for sample in samples])
+        np.testing.assert_array_equal(together, getattr(whole, name)[:-1], err_msg=name)
+    np.testing.assert_array_equal([sample.position for sample in samples], whole.q[:-1, :3])
+    assert np.hypot(*samples[-1].position[:2]) > 0.5 and abs(samples[-1].articulation[0, 0]) > 0.05
+
+
+def test_a_slower_publication_keeps_the_knots_fine() -> None:
+    timing = Timing.of(20.0, 1e-3)
+    assert (timing.knots, timing.knot_ns) == (5, 10_000_000)
+    velocity, position = driven(2.0)
+    samples = drive(Engine(AGRIQ, timing, Start()), velocity, position)
+    whole = long_run(velocity, position, 0.01, every=50)
+    np.testing.assert_array_equal([sample.position for sample in samples], whole.q[:-1, :3])
+
+
+@pytest.mark.parametrize(("rate", "dt"), [(100.0, 0.003), (100.0, 0.02), (30.0, 0.001), (1000.0, 1e-10)])
+def test_steps_that_do_not_fit_are_refused(rate: float, dt: float) -> None:
+    with pytest.raises(ArtibotError, match="dt"):
+        Timing.of(rate, dt)
+
+
+@given(rate=st.sampled_from([1.0, 10.0, 25.0, 50.0, 100.0, 125.0, 200.0, 500.0, 1000.0]))
+def test_periods_are_whole_knots_of_whole_steps(rate: float) -> None:
+    timing = Timing.of(rate, 1e-3)
+    assert timing.knots * timing.knot_ns == timing.period_ns == round(1e9 / rate)
+    assert timing.knot_ns % timing.dt_ns == 0 and timing.knot_ns <= 10_000_000
+
+
+def test_reset_is_the_start_at_rest_and_runs_on_like_the_first_time() -> None:
+    start = Start(1.0, -2.0, 0.7, 0.3)
+    engine = Engine(AGRIQ, TIMING, start)
+    velocity, position = driven(1.5)
+    first = drive(engine, velocity, position)
+    engine.reset()
+    np.testing.assert_array_equal(engine.state.q, initial_state(AGRIQ, 1.0, -2.0, 0.7, 0.3).q)
+    assert not engine.state.v.any()
+    second = drive(engine, velocity, position)
+    np.testing.assert_array_equal([s.motor_torque for s in first], [s.motor_torque for s in second])
+    np.testing.assert_array_equal([s.acceleration for s in first], [s.acceleration for s in second])
+    assert tuple(first[0].position[:2]) == (1.0, -2.0) and first[0].articulation[0, 0] == pytest.approx(0.3)
+
+
+def test_divergence_is_said_and_leaves_no_nan() -> None:
+    engine = Engine(AGRIQ, TIMING, Start())
+    far = Decision(((0.0, 0.0), (1e9, 1e9)), ((0.0, 0.0), (1e7, 1e7)), NAN_PAIR, Source.LIVE)
+    with pytest.raises(Diverged, match="diverged"):
+        for _ in range(100):
+            engine.step(far, 0.8)
+    assert np.isfinite(engine.state.q).all()
+
+
+def test_at_rest_an_accelerometer_feels_gravity_and_on_a_bend_the_centre() -> None:
+    velocity, position = driven(4.0)
+    samples = drive(Engine(AGRIQ, TIMING, Start()), velocity, position)
+    np.testing.assert_allclose(samples[0].acceleration, [0, 0, 9.81], atol=1e-6)
+    late = np.mean([sample.acceleration for sample in samples[-20:]], axis=0)
+    forward, _, yaw_rate = samples[-1].twist
+    assert late[1] == pytest.approx(forward * yaw_rate, rel=0.05)
+
+
+@given(angles, angles, angles)
+def test_quaternion_and_matrix_are_the_same_rotation(roll: float, pitch: float, yaw: float) -> None:
+    x, y, z, w = quaternion(roll, pitch, yaw)
+    matrix = rotation(roll, pitch, yaw)
+    assert x * x + y * y + z * z + w * w == pytest.approx(1.0)
+    assert [matrix[0, 0], matrix[1, 0], matrix[2, 0]] == pytest.approx(
+        [1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)]
+    )
+    assert matrix[2, 1] == pytest.approx(2 * (y * z + x * w)) and matrix[2, 2] == pytest.approx(1 - 2 * (x * x + y * y))
+
+
+def test_ideal_sensors_pass_the_truth_through_to_the_bit() -> None:
+    sensors = Sensors(SensorModel(), 3)
+    values = np.array([0.1, -2.0, 3.0, 4.0])
+    for read in (sensors.encoders, sensors.velocities, sensors.torques, sensors.articulation):
+        np.testing.assert_array_equal(read(values), values)
+    rate, felt = sensors.imu(0.3, values[:3])
+    assert rate == 0.3
+    np.testing.assert_array_equal(felt, values[:3])
+
+
+NOISY = SensorModel(2048, 0.25, 0.02, 0.01, 0.002, 0.004, 0.001, 0.05, 0.0035, 0.25, (0.1, 0.0, 0.5))
+
+
+def readings(seed: int, model: SensorModel = NOISY, n: int = 4000) -> dict[str, np.ndarray]:
+    sensors = Sensors(model, seed)
+    truth = np.array([10.0, -20.0, 0.5, 0.0])
+    station = [sensors.station(np.zeros(3), np.eye(3)) for _ in range(n)]
+    return {
+        "velocity": np.array([sensors.velocities(truth) for _ in range(n)]) - truth,
+        "torque": np.array([sensors.torques(truth) for _ in range(n)]) - truth,
+        "articulation": np.array([sensors.articulation(truth[:2]) for _ in range(n)]) - truth[:2],
+        "gyro": np.array([sensors.imu(0.2, truth[:3])[0] for _ in range(n)]) - 0.2,
+        "station": np.array([point for point in station if point is not None]),
+    }
+
+
+def test_noise_has_the_size_it_was_given() -> None:
+    found = readings(1)
+    assert found["velocity"].std(axis=0) == pytest.approx([0.25] * 4, rel=0.1)
+    assert found["torque"].std(axis=0) == pytest.approx(np.hypot(0.02, [0.1, 0.2, 0.005, 0.0]), rel=0.1)
+    assert found["articulation"].std() == pytest.approx(0.002, rel=0.1)
+    assert (found["gyro"].mean(), found["gyro"].std()) == pytest.approx((0.001, 0.004), rel=0.2)
+    assert len(found["station"]) == pytest.approx(3000, abs=150)
+    np.testing.assert_allclose(found["station"].mean(axis=0), [0.1, 0.0, 0.5], atol=4e-4)
+    np.testing.assert_allclose(found["station"].std(axis=0), 0.0035, rtol=0.1)
+
+
+def test_same_seed_same_noise_and_other_sensors_do_not_matter() -> None:
+    one, two, other = readings(5, n=50), readings(5, n=50), readings(6, n=50)
+    for name in one:
+        np.testing.assert_array_equal(one[name], two[name])
+        assert not np.array_equal(one[name], other[name])
+    quiet = readings(5, SensorModel(gyro=0.004, gyro_bias=0.001), n=50)
+    np.testing.assert_array_equal(one["gyro"], quiet["gyro"])
+
+
+@given(st.floats(-1e4, 1e4))
+def test_encoders_count_whole_counts(position: float) -> None:
+    count = 2 * math.pi / 2048
+    found = Sensors(NOISY, 0).encoders(np.array([position]))[0]
+    assert abs(found - position) <= count * 0.5001
+    assert found / count == pytest.approx(round(found / count), abs=1e-6)
+
+
+@given(radius=st.floats(0.5, 50.0), side=st.sampled_from([-1, 1]), steps=st.integers(5, 200))
+def test_odometry_on_a_circle_is_the_circle(radius: float, side: int, steps: int) -> None:
+    track, metres = 0.7, 0.004
+    odometry = Odometry(metres, track)
+    odometry.reset(0.0, 0.0, 0.0)
+    turn = math.pi / steps
+    for i in range(steps + 1):
+        length = i * turn * radius
+        right, left = length * (1 + side * track / 2 / radius), length * (1 - side * track / 2 / radius)
+        odometry.update((right / metres, left / metres), (0.0, 0.0))
+    assert odometry.pose == pytest.approx((0.0, side * 2 * radius, side * math.pi), abs=1e-6 * radius)
+
+
+def test_odometry_starts_where_it_is_told_whatever_the_motors_show() -> None:
+    odometry = Odometry(0.004, 0.7)
+    odometry.reset(1.0, 2.0, math.pi / 2)
+    odometry.update((500.0, -30.0), (10.0, 10.0))
+    assert odometry.pose == (1.0, 2.0, math.pi / 2)
+    assert odometry.twist == pytest.approx((0.04, 0.0))
+    odometry.update((600.0, 70.0), (10.0, 10.0))
+    assert odometry.pose == pytest.approx((1.0, 2.4, math.pi / 2))
