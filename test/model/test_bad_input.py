@@ -1,0 +1,115 @@
+"""What a simulation is given is checked before it runs, and one that leaves the finite world says so."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.model import Commands, Mode, State, Status, initial_state, load_robot, rollout
+from artibot_sim.model.params import params
+from artibot_sim.model.stability import largest_step
+
+
+def commands(velocity: float = 50.0, knots: int = 11) -> Commands:
+    table = np.full((knots, 4), np.nan)
+    table[:, :2] = velocity
+    return Commands(0.01, table)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"dt": 0.0}, "dt"),
+        ({"dt": -1e-3}, "dt"),
+        ({"dt": float("nan")}, "dt"),
+        ({"dt": 3e-3}, "dt: 0.003 s does not divide"),
+        ({"dt": 2e-3}, "dt: 0.002 s is unstable with 'rk4'"),
+        ({"dt": 1e-2, "integrator": "semi_implicit"}, "dt: 0.01 s is unstable with 'semi_implicit'"),
+        ({"integrator": "euler"}, "integrator"),
+        ({"every": 0}, "every"),
+        ({"kappa": 0.0}, "kappa"),
+        ({"kappa": 1.5}, "kappa"),
+        ({"kappa": float("nan")}, "kappa"),
+        ({"duration": -1.0}, "duration"),
+        ({"modes": (Mode.PRESCRIBED,) * 3}, "modes"),
+        ({"modes": Mode.PRESCRIBED}, "commands.velocity: no speeds for back_right"),
+    ],
+)
+def test_rollout_refuses(change: dict, says: str) -> None:
+    with pytest.raises(ArtibotError) as caught:
+        rollout(load_robot("agriq"), commands(), **change)
+    assert str(caught.value).startswith(says)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ({"dt": 0.0}, "commands.dt"),
+        ({"velocity": np.zeros((5, 3))}, "commands.velocity"),
+        ({"velocity": np.zeros((0, 4))}, "commands.velocity"),
+        ({"velocity": np.array([[0.0] * 4, [np.nan, 0, 0, 0]])}, "commands.velocity"),
+        ({"velocity": np.array([[0.0] * 4, [np.inf, 0, 0, 0]])}, "commands.velocity"),
+        ({"position": np.zeros((3, 4))}, "commands.position"),
+        ({"torque": np.full((5, 4), np.inf)}, "commands.torque"),
+        ({"t0": float("nan")}, "commands.t0"),
+    ],
+)
+def test_commands_refuse(arguments: dict, says: str) -> None:
+    with pytest.raises(ArtibotError, match=f"^{says}"):
+        Commands(**({"dt": 0.01, "velocity": np.zeros((5, 4))} | arguments))
+
+
+def test_states_refuse_nan_and_wrong_shapes() -> None:
+    state = initial_state(load_robot("agriq"))
+    with pytest.raises(ArtibotError, match=r"^state\.v"):
+        State(0.0, state.q, np.full(16, np.nan), state.eta, state.torque)
+    with pytest.raises(ArtibotError, match=r"^state\.q"):
+        State(0.0, state.q[:15], state.v, state.eta, state.torque)
+    with pytest.raises(ArtibotError, match="^initial_state: yaw"):
+        initial_state(load_robot("agriq"), yaw=float("inf"))
+
+
+def test_unknown_columns_are_named_with_those_there_are() -> None:
+    result = rollout(load_robot("agriq"), commands())
+    with pytest.raises(ArtibotError, match="no column 'F_x'; known: x_f"):
+        result["F_x"]
+    with pytest.raises(ArtibotError, match="energy=True"):
+        result["E_motor_front_right"]
+
+
+def test_the_error_on_an_unstable_step_tells_one_that_is_stable() -> None:
+    robot = load_robot("agriq")
+    modes = (Mode.PRESCRIBED, Mode.PRESCRIBED, Mode.TORQUE, Mode.TORQUE)
+    for integrator in ("rk4", "semi_implicit"):
+        longest, _ = largest_step(params(robot), integrator, modes)
+        knots = Commands(longest * 0.99, commands().velocity)
+        assert rollout(robot, knots, dt=knots.dt, integrator=integrator).status == Status.OK
+
+
+def test_a_rollout_that_diverges_ends_with_a_status_and_finite_rows() -> None:
+    robot = load_robot("agriq")
+    start = initial_state(robot)
+    thrown = State(0.0, start.q, np.where(np.arange(16) == 0, 1e5, 0.0), start.eta, start.torque)
+    table = np.full((11, 4), np.nan)
+    table[:, :2] = 0.0
+    torque = np.full((11, 4), 1e9)
+    result = rollout(robot, Commands(0.01, table, torque=torque), state=thrown, modes=Mode.TORQUE)
+    assert result.status == Status.DIVERGED
+    assert result.final_state is None
+    assert "diverged" in result.message and "shorter dt" in result.message
+    for array in (result.t, result.q, result.v, result.row):
+        assert np.isfinite(array).all()
+        assert len(array) == len(result.t) >= 1
+
+
+def test_nothing_given_is_changed_and_results_are_read_only() -> None:
+    robot, order = load_robot("agriq"), commands()
+    state = initial_state(robot)
+    before = [array.copy() for array in (state.q, state.v, order.velocity)]
+    result = rollout(robot, order, state=state)
+    for array, kept in zip((state.q, state.v, order.velocity), before, strict=True):
+        np.testing.assert_array_equal(array, kept)
+    with pytest.raises(ValueError, match="read-only"):
+        result.q[0, 0] = 1.0
