@@ -92,7 +92,7 @@ def smooth_robot(robot, wheel_inertia_factor=20.0):
 
 
 def stored_energy(robot, q, v):
-    """Energy in a state (n,), J, from eqs 5, 8, 9, 12 and the tyres' springs; written here, not taken from the model."""
+    """Energy in a state (n,), J, from eqs 5, 8, 9, 12 and the tyres' springs, written out apart from the model."""
     total = np.zeros(len(q))
     wheel = robot.wheel
     for k, body, drive in ((0, robot.front, robot.drive.front), (8, robot.back, robot.drive.back)):

@@ -57,7 +57,7 @@ def _module_wheels(contact, i_x, i_y, F_n, vx, vy, w, om_r, om_l):
 
 @njit(cache=True)
 def _solve(A, b):
-    """Gauss without pivoting: A is a mass matrix, symmetric and positive definite. (LAPACK takes seconds to compile.)"""
+    """Gauss without pivoting, as A is a mass matrix. (LAPACK would take seconds to compile.)"""
     n = len(b)
     for k in range(n):
         for i in range(k + 1, n):
@@ -105,9 +105,7 @@ def _accelerations(body, contact, q, v, omega, g):
     A[2, 2] = J_f + m_b * l_f**2
     A[3, 3] = J_b + m_b * l_b**2
     A[2, 3] = A[3, 2] = m_b * l_f * l_b * (cf * cb + sf * sb)
-    rhs = np.array(
-        [Fx + Gx, Fy + Gy, N_f - l_f * (-sf * Gx + cf * Gy), N_b - l_b * (-sb * Gx + cb * Gy)]
-    )
+    rhs = np.array([Fx + Gx, Fy + Gy, N_f - l_f * (-sf * Gx + cf * Gy), N_b - l_b * (-sb * Gx + cb * Gy)])
     return _solve(A, rhs), S
 
 
@@ -196,6 +194,42 @@ def starred(module, wheel):
     return module.m + 4 * wheel.m_w, module.J_z + 4 * wheel.J_wx + wheel.m_w * (module.i_x**2 + module.i_y**2)
 
 
+def _normal(pull):
+    return np.sqrt(GRAVITY**2 - pull[0] ** 2 - pull[1] ** 2)
+
+
+def parameters(robot, pull=(0.0, 0.0)):
+    """What the kernel needs of a robot: body, contact, drive, eta_d, eta_r."""
+    wheel, c = robot.wheel, robot.contact
+    m_f, J_f = starred(robot.front, wheel)
+    body = [m_f, J_f, robot.front.i_x, robot.front.i_y, robot.front.l, 0.0, 1.0, 1.0, 1.0, 0.0, 1.0]
+    drives, m_b = [robot.drive.front] * 4, 0.0
+    if robot.back is not None:
+        m_b, J_b = starred(robot.back, wheel)
+        body[5:] = [m_b, J_b, robot.back.i_x, robot.back.i_y, robot.back.l, 2.0]
+        drives = [robot.drive.front] * 2 + [robot.drive.back] * 2
+    tau, J_m, eta_d, eta_r = (np.array([getattr(d, k) for d in drives]) for k in ("tau", "J_m", "eta_d", "eta_r"))
+    load = _normal(pull) / 2 * np.array([m_f, m_f, m_b, m_b])  # F_n of a motor's two wheels
+    contact = (c.k_l, c.k_t, c.mu_s, c.mu_d, c.u_w, wheel.r_w)
+    drive = (tau, J_m, 2 * wheel.J_wy, c.u_w, wheel.r_w, load)
+    return tuple(map(float, body)), contact, drive, eta_d, eta_r
+
+
+def linearised(robot, speed, eta):
+    """Eigenvalues (1/s) of small motions about driving straight on at `speed` (m/s), wheels holding, eta (4,) fixed."""
+    body, contact, drive, _, _ = parameters(robot)
+    omega = speed / robot.wheel.r_w / drive[0]
+    y = np.concatenate([np.zeros(8), [speed, 0, 0, 0], omega])
+    wish = np.vstack([np.zeros(2), omega[:2], np.zeros(2)])
+
+    def rates(y):
+        g = np.array([0.0, 0.0, GRAVITY])
+        return _rates(body, contact, drive, robot.control.A_motor, y, wish, np.asarray(eta, float), np.zeros(2), g)[0]
+
+    h = 1e-6
+    return np.linalg.eigvals(np.column_stack([(rates(y + h * e) - rates(y - h * e)) / (2 * h) for e in np.eye(16)]))
+
+
 def planar_rollout(robot, commands, dt=1e-3, *, kappa=None, pose=(0.0, 0.0, 0.0), duration=None, every=10, pull=(0, 0)):
     """Integrate the planar rover with RK4: front motors prescribed, back motors under eq. 30, start at rest.
 
@@ -209,22 +243,9 @@ def planar_rollout(robot, commands, dt=1e-3, *, kappa=None, pose=(0.0, 0.0, 0.0)
     pull : (2,)
         g sin(grade) as a vector in the map (m/s^2).
     """
-    wheel, c = robot.wheel, robot.contact
-    m_f, J_f = starred(robot.front, wheel)
-    body = [m_f, J_f, robot.front.i_x, robot.front.i_y, robot.front.l, 0.0, 1.0, 1.0, 1.0, 0.0, 1.0]
-    drives, m_b = [robot.drive.front] * 4, 0.0
-    if robot.back is not None:
-        m_b, J_b = starred(robot.back, wheel)
-        body[5:] = [m_b, J_b, robot.back.i_x, robot.back.i_y, robot.back.l, 2.0]
-        drives = [robot.drive.front] * 2 + [robot.drive.back] * 2
-    tau, J_m, eta_d, eta_r = (np.array([getattr(d, k) for d in drives]) for k in ("tau", "J_m", "eta_d", "eta_r"))
+    body, contact, drive, eta_d, eta_r = parameters(robot, pull)
     kappa = robot.control.kappa if kappa is None else kappa
-    share = tau[2] / tau[0] * (1 / kappa - 1) if m_b else 0.0
-    normal = np.sqrt(GRAVITY**2 - pull[0] ** 2 - pull[1] ** 2)
-    load = normal / 2 * np.array([m_f, m_f, m_b, m_b])  # F_n of a motor's two wheels
-    contact = (c.k_l, c.k_t, c.mu_s, c.mu_d, c.u_w, wheel.r_w)
-    drive = (tau, J_m, 2 * wheel.J_wy, c.u_w, wheel.r_w, load)
-
+    share = drive[0][2] / drive[0][0] * (1 / kappa - 1) if robot.back is not None else 0.0
     position = np.ascontiguousarray(commands.position[:, :2], dtype=float)
     velocity = np.ascontiguousarray(commands.velocity[:, :2], dtype=float)
     steps_per_knot = round(commands.dt / dt)
@@ -235,7 +256,7 @@ def planar_rollout(robot, commands, dt=1e-3, *, kappa=None, pose=(0.0, 0.0, 0.0)
     y[0:4] = x, y_map, yaw, yaw
     y[4:6], y[12:14] = position[0], velocity[0]
     rows = _run(
-        tuple(map(float, body)), contact, drive, robot.control.A_motor, eta_d, eta_r, share, position, velocity,
-        commands.dt, steps_per_knot, round(duration / dt), y, np.array([*pull, normal], dtype=float), every,
+        body, contact, drive, robot.control.A_motor, eta_d, eta_r, share, position, velocity,
+        commands.dt, steps_per_knot, round(duration / dt), y, np.array([*pull, _normal(pull)]), every,
     )  # fmt: skip
     return PlanarResult(rows[:, 0], rows[:, 1:9], rows[:, 9:17], rows[:, 17:21], rows[:, 21:25])

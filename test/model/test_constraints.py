@@ -4,43 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import sympy as sp
+from model.symbolic import geometry_of, joint
 
 from artibot_sim.model.kinematics import constraint, constraint_bias, constraint_jacobian
 
 
 @pytest.fixture(scope="module")
 def symbolic():
-    """Phi, Phi_x and (d/dt Phi_x) v as functions of (q, v, l_f, l_b, O_zf, O_zb)."""
-    q, v = sp.symbols("q:16", real=True), sp.symbols("v:16", real=True)
-    geometry = sp.symbols("l_f l_b O_zf O_zb", real=True)
-
-    def rotation(alpha, beta, gamma):
-        ca, sa, cb, sb, cg, sg = (f(angle) for angle in (alpha, beta, gamma) for f in (sp.cos, sp.sin))
-        R_x = sp.Matrix([[1, 0, 0], [0, ca, -sa], [0, sa, ca]])
-        R_y = sp.Matrix([[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]])
-        R_z = sp.Matrix([[cg, -sg, 0], [sg, cg, 0], [0, 0, 1]])
-        return R_z * R_y * R_x
-
-    R_f, R_b = rotation(*q[3:6]), rotation(*q[11:14])
-    O_f, O_b = sp.Matrix([-geometry[0], 0, geometry[2]]), sp.Matrix([geometry[1], 0, geometry[3]])
-    meet = sp.Matrix(q[0:3]) + R_f * O_f - sp.Matrix(q[8:11]) - R_b * O_b
-    square = (sp.Matrix([[0, 0, 1]]) * R_f.T * R_b * sp.Matrix([1, 0, 0]))[0]
-    Phi = sp.Matrix([*meet, square])
-    Phi_x = Phi.jacobian(q)
-    bias = (Phi_x * sp.Matrix(v)).jacobian(q) * sp.Matrix(v)  # (d/dt Phi_x) v with v held
-    args = (q, v, geometry)
-    return tuple(sp.lambdify(args, expression, "numpy", cse=True) for expression in (Phi, Phi_x, bias))
+    return joint()
 
 
 def robots(agriq):
     """Robots whose joint lies in general places; a joint above the origins makes every term count."""
     yield agriq
     yield agriq.replace({"front.l": 0.31, "back.l": 0.77, "front.O_z": 0.12, "back.O_z": -0.07})
-
-
-def geometry_of(robot):
-    return robot.front.l, robot.back.l, robot.front.O_z, robot.back.O_z
 
 
 def random_states(seed, n):

@@ -96,9 +96,7 @@ def test_single_module_turns_on_the_spot_as_the_closed_form_says(husky):
 
 @pytest.mark.parametrize(("integrator", "dt"), [("rk4", 1e-3), ("semi_implicit", 1e-3), ("semi_implicit", 2e-3)])
 def test_joint_does_not_drift_in_a_minute(agriq, integrator, dt):
-    commands = front_commands(
-        agriq, lambda t: 0.8 * ramp(t), lambda t: 0.5 * np.sin(0.5 * t) * ramp(t), 60.0
-    )
+    commands = front_commands(agriq, lambda t: 0.8 * ramp(t), lambda t: 0.5 * np.sin(0.5 * t) * ramp(t), 60.0)
     result = rollout(agriq, commands, integrator=integrator, dt=dt, every=50, kappa=0.8)
     gap = max(np.abs(constraint(agriq, q)).max() for q in result.q)
     assert gap < 1e-6, f"the joint opens by {gap} m"

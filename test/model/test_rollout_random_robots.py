@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from model.helpers import energy_gap, front_commands, mirrored, mirrored_commands, ramp
+from model.helpers import energy_gap, front_commands, mirrored, mirrored_commands, ramp, standstill
 
-from artibot_sim.model import WHEELS, Status, rollout
+from artibot_sim.model import MOTORS, WHEELS, Status, initial_state, rollout
 from artibot_sim.model.kinematics import constraint
 
 SETTINGS = settings(
@@ -18,6 +17,8 @@ SETTINGS = settings(
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 DT = 5e-4
+SPEEDS = st.one_of(st.floats(0.1, 1.0), st.floats(-1.0, -0.1))
+"""m/s. Not 0: turning on the spot the front torques sum to rounding noise, whose sign eq. 23 would then judge."""
 
 FACTORS = {
     "front.m": (0.4, 2.5), "back.m": (0.4, 2.5), "wheel.m_w": (0.0, 3.0),
@@ -28,20 +29,16 @@ FACTORS = {
     "drive.front.tau": (0.3, 3.0), "drive.back.tau": (0.3, 3.0),
     "drive.front.eta_d": (0.5, 1.6), "drive.back.eta_r": (0.5, 2.5),
 }  # fmt: skip
-VALUES = {"front.l": (0.0, 0.6), "contact.mu_d": (0.05, 0.3), "front.O_z": (0.0, 0.0), "control.kappa": (0.5, 1.0)}
+VALUES = {"front.l": (0.0, 0.6), "contact.mu_d": (0.05, 0.3), "control.kappa": (0.5, 1.0)}
 
 
-@st.composite
-def robots(draw, base):
+ROBOTS = st.fixed_dictionaries({key: st.floats(*bounds) for key, bounds in (FACTORS | VALUES).items()})
+
+
+def build(base, drawn):
+    """A robot with drawn values, or drawn factors on the base robot's."""
     known = dict(zip(FACTORS, base.as_vector(list(FACTORS)), strict=True))
-    changes = {key: known[key] * draw(st.floats(*bounds), label=key) for key, bounds in FACTORS.items()}
-    changes |= {key: draw(st.floats(*bounds), label=key) for key, bounds in VALUES.items()}
-    return base.replace(changes)
-
-
-@pytest.fixture(scope="module")
-def base(agriq):
-    return agriq
+    return base.replace({key: known.get(key, 1.0) * value for key, value in drawn.items()})
 
 
 def drive(robot, speed, turn):
@@ -49,24 +46,31 @@ def drive(robot, speed, turn):
 
 
 @SETTINGS
-@given(data=st.data(), speed=st.floats(-1.0, 1.0), turn=st.floats(-0.8, 0.8))
-def test_any_valid_robot_obeys_the_invariants(base, data, speed, turn):
-    robot = data.draw(robots(base), label="robot")
+@given(drawn=ROBOTS, speed=SPEEDS, turn=st.floats(-0.8, 0.8))
+def test_any_valid_robot_obeys_the_invariants(agriq, drawn, speed, turn):
+    robot = build(agriq, drawn)
     commands = drive(robot, speed, turn)
     result = rollout(robot, commands, dt=DT, integrator="semi_implicit", energy=True)
     assert result.status == Status.OK, result.message
     assert np.isfinite(result.q).all()
     assert np.isfinite(result.row).all()
-    assert max(np.abs(constraint(robot, q)).max() for q in result.q[::25]) < 1e-7, "the joint opens"
+    assert max(np.abs(constraint(robot, q)).max() for q in result.q[::25]) < 1e-5, "the joint opens"
     within_friction(robot, result)
-    put_in = sum(np.abs(result[f"E_motor_{motor}"]).max() for motor in ("front_right", "front_left"))
-    stored_most = 0.5 * (robot.front.m + robot.back.m) * speed**2
-    assert np.abs(energy_gap(robot, result)).max() < 0.01 * (put_in + stored_most) + 1e-6, "energy is not balanced"
+    energy_is_balanced(robot, commands, result)
     mirror = rollout(robot, mirrored_commands(commands), dt=DT, integrator="semi_implicit")
     assert np.abs(mirrored(mirror.q) - result.q)[:, BODIES].max() < 1e-8, "left and right differ"
 
 
 BODIES = [i for i in range(16) if i not in (6, 7, 14, 15)]
+
+
+def energy_is_balanced(robot, commands, result):
+    """The balance is off by little, and by half as much at half the step (the integrator is of order 1)."""
+    half = rollout(robot, commands, dt=DT / 2, integrator="semi_implicit", energy=True, every=20)
+    turned_over = sum(np.abs(result[f"E_motor_{motor}"]).max() for motor in MOTORS)
+    gap, smaller = (np.abs(energy_gap(robot, run)).max() for run in (result, half))
+    assert gap < 0.03 * turned_over, f"energy is not balanced: {gap:.2g} of {turned_over:.2g} J"
+    assert smaller < 0.7 * gap + 1e-4 * turned_over, f"the step does not close it: {gap:.2g}, {smaller:.2g}"
 
 
 def within_friction(robot, result):
@@ -80,13 +84,9 @@ def within_friction(robot, result):
 
 
 @SETTINGS
-@given(data=st.data(), yaw=st.floats(-3.0, 3.0), bend=st.floats(-1.0, 1.0))
-def test_any_valid_robot_stands_still(base, data, yaw, bend):
-    from model.helpers import standstill
-
-    from artibot_sim.model import initial_state
-
-    robot = data.draw(robots(base), label="robot")
+@given(drawn=ROBOTS, yaw=st.floats(-3.0, 3.0), bend=st.floats(-1.0, 1.0))
+def test_any_valid_robot_stands_still(agriq, drawn, yaw, bend):
+    robot = build(agriq, drawn)
     state = initial_state(robot, yaw=yaw, articulation_yaw=bend)
     assert np.abs(constraint(robot, state.q)).max() < 1e-13
     result = rollout(robot, standstill(1.0), dt=DT, integrator="semi_implicit", state=state)

@@ -22,9 +22,7 @@ INTEGRATORS = ["rk4", "semi_implicit"]
 @pytest.fixture(scope="module")
 def turn(agriq):
     """Straight, then a turn in which wheels slide (eq. 16 switches), then the other way round."""
-    return front_commands(
-        agriq, lambda t: 0.8 * ramp(t), lambda t: 0.35 * ramp(t - 3) - 0.7 * ramp(t - 8), 14.0
-    )
+    return front_commands(agriq, lambda t: 0.8 * ramp(t), lambda t: 0.35 * ramp(t - 3) - 0.7 * ramp(t - 8), 14.0)
 
 
 @pytest.fixture(scope="module", params=INTEGRATORS)
