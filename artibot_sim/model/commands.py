@@ -45,8 +45,8 @@ class Commands:
 
     dt: float
     velocity: Array
-    position: Array | None = None
-    torque: Array | None = None
+    position: Array = None  # type: ignore[assignment]  # filled in by __post_init__, as torque is
+    torque: Array = None  # type: ignore[assignment]
     t0: float = 0.0
     commanded: tuple[bool, bool, bool, bool] = field(init=False, default=(False,) * 4)
 
@@ -56,7 +56,7 @@ class Commands:
         if not np.isfinite(self.t0):
             raise ArtibotError(f"commands.t0: {self.t0} s; expected a finite time")
         velocity = self._array("velocity", self.velocity)
-        present = ~np.isnan(velocity).all(axis=0)
+        present = np.asarray(~np.isnan(velocity).all(axis=0))
         self._refuse_gaps("velocity", velocity[:, present])
         position = _integrate(velocity, self.dt) if self.position is None else self._array("position", self.position)
         self._like("position", position, velocity)

@@ -116,11 +116,9 @@ def stored_energy(robot: Robot, q: NDArray[np.float64], v: NDArray[np.float64]) 
     """
     p = params(robot)
     units = (p.right_front, p.left_front, p.right_back, p.left_back)[: 4 if p.two else 2]
-    spin = sum(
-        0.5 * (unit.J_m + unit.J_w * unit.tau**2) * v[:, c] ** 2
-        for unit, c in zip(units, MOTOR_COORDINATES, strict=False)
-    )
-    kinetic, gravity, elastic = np.zeros(len(q)), np.zeros(len(q)), np.zeros(len(q))
+    kinetic, spin, gravity, elastic = (np.zeros(len(q)) for _ in range(4))
+    for unit, c in zip(units, MOTOR_COORDINATES, strict=False):
+        spin += 0.5 * (unit.J_m + unit.J_w * unit.tau**2) * v[:, c] ** 2
     for body, b in ((p.front, 0), (p.back, BACK))[: 2 if p.two else 1]:
         inertia = 1.0 / np.array(body.inverse)
         kinetic += 0.5 * (v[:, b : b + 6] ** 2) @ inertia

@@ -89,9 +89,7 @@ def _module(robot: Robot, module: Module, sign: float) -> ModuleParams:
     # Under its weight every wheel has the rolling radius r_w, so that wheels, origins and joint are coplanar and the
     # rover stands level, as section 4.3 assumes; with one unloaded radius for both modules it would pitch.
     r_0 = robot.wheel.r_w + m * STANDARD_GRAVITY / (4 * robot.contact.k_n)
-    return ModuleParams(
-        m, J_x, J_y, J_z, module.i_x / 2, module.i_y / 2, sign * module.l, module.O_z, r_0, inverse
-    )
+    return ModuleParams(m, J_x, J_y, J_z, module.i_x / 2, module.i_y / 2, sign * module.l, module.O_z, r_0, inverse)
 
 
 def _motor(robot: Robot, drive: Drive) -> MotorParams:

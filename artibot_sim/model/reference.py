@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.model.layout import MOTOR_COORDINATES
 from artibot_sim.model.params import ModuleParams, MotorParams, Params, params
 from artibot_sim.model.robot import Robot
 from artibot_sim.model.transmission import ROLLING_WIDTH, Mode
@@ -150,18 +151,28 @@ def _wheel(p: Params, body: ModuleParams, b: int, side: int, end: int, q: Array,
 
 @dataclass(frozen=True)
 class Solution:
-    """What eq. 28 gives at an instant: accelerations (16,), joint multipliers (4,), motor torques (4,), contact."""
+    """What eq. 28 gives at an instant.
+
+    Attributes
+    ----------
+    acceleration : array, shape (16,)
+    multiplier : array, shape (4,)
+        Of the joint, eq. 13.
+    torque : array, shape (4,)
+        Motor torques, N m.
+    wheels : Wheels
+    residual : float
+        That of the linear system, relative to the terms of each row.
+    """
 
     acceleration: Array
     multiplier: Array
     torque: Array
-    wheels: Wheels | None
+    wheels: Wheels
     residual: float
 
 
-def solve(
-    p: Params, q: Array, v: Array, modes: Sequence[Mode], drive: Array, eta: Array, torque: Array
-) -> Solution:
+def solve(p: Params, q: Array, v: Array, modes: Sequence[Mode], drive: Array, eta: Array, torque: Array) -> Solution:
     """Assemble eq. 28 in full and solve it.
 
     Parameters
@@ -170,58 +181,59 @@ def solve(
         Commanded angles, speeds and accelerations of the motors.
     eta, torque : array, shape (4,)
         Efficiencies and commanded torques held through the step.
-
-    Returns
-    -------
-    Solution
-        `residual` is that of the system, relative to the largest term of each row.
     """
     wheels = contact(p, q, v)
-    motors, modules = motors_of(p), modules_of(p)
-    mass, n = np.ones(16), np.zeros(16)
-    n += wheels.Q.sum(axis=0)
-    for body, b in modules:
-        mass[b : b + 6] = body.m, body.m, body.m, body.J_x, body.J_y, body.J_z
-        n[b : b + 3] += body.m * np.array([p.g_x, p.g_y, p.g_z])
-    rows, right = [], []
-    M = np.zeros(4)
-    prescribed = []
-    for i, motor in enumerate(motors):
-        c = (6, 7, 14, 15)[i]
-        pair = slice(2 * i, 2 * i + 2)
-        omega = motor.tau * v[c]
-        F_l, F_n = wheels.F_l[pair].sum(), wheels.F_n[pair].sum()
-        rolling = p.u_w * (F_l if p.literal_eq22 else F_n * math.tanh(omega / ROLLING_WIDTH))
-        M_r = p.r_w * F_l + rolling
+    mass, n, phi, right = body_system(p, q, v, wheels)
+    joint = len(phi)
+    M_m, prescribed = np.zeros(4), []
+    for i, motor in enumerate(motors_of(p)):
+        c = MOTOR_COORDINATES[i]
         mass[c] = motor.J_m + motor.J_w * motor.tau**2 / eta[i]
-        n[c] = -motor.tau / eta[i] * M_r
-        follow = drive[2, i] - 2 * p.A_motor * (v[c] - drive[1, i]) - p.A_motor**2 * (q[c] - drive[0, i])
+        n[c] = -motor.tau / eta[i] * load_torque(p, wheels, i, motor.tau * v[c])
         if modes[i] == Mode.PRESCRIBED:
             prescribed.append(i)
-            rows.append(np.eye(16)[c])
-            right.append(follow)
+            phi = np.vstack([phi, np.eye(16)[c]])
+            right = np.append(right, follow(p, q[c], v[c], drive[:, i]))
             continue
-        M[i] = torque[i]
+        wanted = torque[i]
         if modes[i] == Mode.DRIVEN:
-            M[i] = mass[c] * (drive[2, i] + p.velocity_gain * (drive[1, i] - v[c])) - n[c]
-        M[i] = min(max(M[i], -motor.torque_max), motor.torque_max)
-        n[c] += M[i]
-    joint = 0
-    if p.two:
-        phi, jacobian, bias = constraint_terms(p, q, v)
-        joint = 4
-        rows = [*jacobian, *rows]
-        right = [*(-bias - 2 * p.A_joint * (jacobian @ v) - p.A_joint**2 * phi), *right]
-    matrix, b = augment(np.diag(mass), rows, n, right)
-    x = np.linalg.solve(matrix, b)
-    scale = np.abs(matrix) @ np.abs(x) + np.abs(b) + 1e-300
-    M[prescribed] = -x[16 + joint :]
-    multiplier = x[16 : 16 + joint] if joint else np.zeros(4)
-    return Solution(x[:16], multiplier, M, wheels, float(np.max(np.abs(matrix @ x - b) / scale)))
+            wanted = mass[c] * (drive[2, i] + p.velocity_gain * (drive[1, i] - v[c])) - n[c]
+        M_m[i] = min(max(wanted, -motor.torque_max), motor.torque_max)
+        n[c] += M_m[i]
+    x, residual = solve_augmented(mass, phi, n, right)
+    M_m[prescribed] = -x[16 + joint :]
+    return Solution(x[:16], x[16 : 16 + joint] if joint else np.zeros(4), M_m, wheels, residual)
 
 
-def augment(M: Array, rows: list[Array], n: Array, right: list[float]) -> tuple[Array, Array]:
-    """The matrix and right-hand side of eq. 28."""
-    phi = np.array(rows).reshape(len(rows), 16)
-    zero = np.zeros((len(rows), len(rows)))
-    return np.block([[M, phi.T], [phi, zero]]), np.concatenate([n, right])
+def body_system(p: Params, q: Array, v: Array, wheels: Wheels) -> tuple[Array, Array, Array, Array]:
+    """The modules' part of eq. 25: diagonal of M, n, rows of Phi_x and their right-hand side, motors left out."""
+    mass, n = np.ones(16), np.asarray(wheels.Q.sum(axis=0))
+    for body, b in modules_of(p):
+        mass[b : b + 6] = body.m, body.m, body.m, body.J_x, body.J_y, body.J_z
+        n[b : b + 3] += body.m * np.array([p.g_x, p.g_y, p.g_z])
+    if not p.two:
+        return mass, n, np.zeros((0, 16)), np.zeros(0)
+    phi, jacobian, bias = constraint_terms(p, q, v)
+    return mass, n, jacobian, -bias - 2 * p.A_joint * (jacobian @ v) - p.A_joint**2 * phi
+
+
+def load_torque(p: Params, wheels: Wheels, motor: int, omega: float) -> float:
+    """M_r of eq. 22 for one motor whose wheels turn at `omega` (rad/s), N m."""
+    pair = slice(2 * motor, 2 * motor + 2)
+    F_l, F_n = float(wheels.F_l[pair].sum()), float(wheels.F_n[pair].sum())
+    return p.r_w * F_l + p.u_w * (F_l if p.literal_eq22 else F_n * math.tanh(omega / ROLLING_WIDTH))
+
+
+def follow(p: Params, theta: float, theta_dot: float, command: Array) -> float:
+    """Acceleration of a prescribed motor (eqs 27, 28); `command` is its angle, speed and acceleration."""
+    return float(command[2] - 2 * p.A_motor * (theta_dot - command[1]) - p.A_motor**2 * (theta - command[0]))
+
+
+def solve_augmented(mass: Array, phi: Array, n: Array, right: Array) -> tuple[Array, float]:
+    """Solve the matrix of eqs 25 and 28 for accelerations and multipliers; also its relative residual."""
+    rows = len(phi)
+    matrix = np.block([[np.diag(mass), phi.T], [phi, np.zeros((rows, rows))]])
+    b = np.concatenate([n, right])
+    x = np.linalg.solve(matrix, b).astype(np.float64)
+    scale = np.abs(matrix) @ np.abs(x) + np.abs(b) + np.finfo(float).tiny
+    return x, float(np.max(np.abs(matrix @ x - b) / scale))

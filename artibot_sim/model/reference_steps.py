@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.model.layout import MOTOR_COORDINATES
 from artibot_sim.model.params import Params
 from artibot_sim.model.reference import (
     Wheels,
-    augment,
-    constraint_terms,
+    body_system,
     contact,
+    follow,
+    load_torque,
     modules_of,
     motors_of,
     solve,
+    solve_augmented,
 )
-from artibot_sim.model.transmission import ROLLING_WIDTH, Mode
+from artibot_sim.model.transmission import Mode
 
 Array = NDArray[np.float64]
 
@@ -49,7 +51,7 @@ def _feed_back(p: Params, torque: Array, theta_dot: Array, eta: Array) -> Array:
     return fresh
 
 
-MOTOR_COLUMNS = [6, 7, 14, 15]
+MOTOR_COLUMNS = list(MOTOR_COORDINATES)
 
 
 def rk4_step(
@@ -76,7 +78,9 @@ def rk4_step(
     active = np.arange(16) < (16 if p.two else 8)
     k_q, k_v, torque = [], [], state.torque
     q, v = state.q, state.v
-    for stage, (h, drive) in enumerate(zip((0.5, 0.5, 1.0, 0.0), (drives[0], drives[1], drives[1], drives[2]), strict=True)):
+    for stage, (h, drive) in enumerate(
+        zip((0.5, 0.5, 1.0, 0.0), (drives[0], drives[1], drives[1], drives[2]), strict=True)
+    ):
         solution = solve(p, q, v, modes, drive, state.eta, held)
         if stage == 0:
             torque = solution.torque
@@ -104,22 +108,15 @@ def semi_implicit_step(
     for i, motor in enumerate(motors_of(p)):
         if modes[i] == Mode.PRESCRIBED:
             c = MOTOR_COLUMNS[i]
-            load = motor.tau / state.eta[i] * _load(p, wheels, i, motor.tau * v[c])
+            load = motor.tau / state.eta[i] * load_torque(p, wheels, i, motor.tau * v[c])
             inertia = motor.J_m + motor.J_w * motor.tau**2 / state.eta[i]
             torque[i] = inertia * (v[c] - state.v[c]) / dt + load
     new_v = v.copy()
-    bodies = [i for _, b in modules_of(p) for i in range(b, b + 6)]
+    bodies = [i for _, offset in modules_of(p) for i in range(offset, offset + 6)]
     new_v[bodies] = state.v[bodies] + dt * _body_acceleration(p, state.q, state.v, wheels)[bodies]
     vertical = np.isin(np.arange(16) % 8, (2, 3, 4))
     new_q = state.q + dt * np.where(vertical, new_v, 0.5 * (state.v + new_v))
     return PlainState(new_q, new_v, _feed_back(p, torque, new_v[MOTOR_COLUMNS], state.eta), torque)
-
-
-def _load(p: Params, wheels: Wheels, motor: int, omega: float) -> float:
-    """M_r of eq. 22 for one motor whose wheels turn at `omega`."""
-    pair = slice(2 * motor, 2 * motor + 2)
-    F_l, F_n = wheels.F_l[pair].sum(), wheels.F_n[pair].sum()
-    return p.r_w * F_l + p.u_w * (F_l if p.literal_eq22 else F_n * math.tanh(omega / ROLLING_WIDTH))
 
 
 def _next_speed(
@@ -128,10 +125,9 @@ def _next_speed(
     """Speed of a motor after a step, the slip of its wheels linearised by the secant of eqs 15, 16; its torque."""
     motor, c = motors_of(p)[i], MOTOR_COLUMNS[i]
     theta, theta_dot = state.q[c], state.v[c]
-    d, d_dot, d_ddot = drive
+    _, d_dot, d_ddot = drive
     if mode == Mode.PRESCRIBED:
-        follow = d_ddot - 2 * p.A_motor * (theta_dot - d_dot) - p.A_motor**2 * (theta - d)
-        return theta_dot + dt * follow, 0.0
+        return theta_dot + dt * follow(p, theta, theta_dot, drive), 0.0
     eta = state.eta[i]
     wheels = contact(p, state.q, state.v)
     pair = slice(2 * i, 2 * i + 2)
@@ -140,23 +136,14 @@ def _next_speed(
     secant = np.where(cut, wheels.F_l[pair] / np.where(free == 0.0, 1.0, free), 1.0)
     damping = motor.tau / eta * p.r_w * (p.k_l * p.r_w * np.where(free == 0.0, 1.0, secant)).sum() * motor.tau
     inertia = motor.J_m + motor.J_w * motor.tau**2 / eta + dt * damping
-    load = motor.tau / eta * _load(p, wheels, i, motor.tau * theta_dot)
+    load = motor.tau / eta * load_torque(p, wheels, i, motor.tau * theta_dot)
     M = held if mode == Mode.TORQUE else inertia * (d_ddot + p.velocity_gain * (d_dot - theta_dot)) + load
     M = min(max(M, -motor.torque_max), motor.torque_max)
     return theta_dot + dt * (M - load) / inertia, M
 
 
 def _body_acceleration(p: Params, q: Array, v: Array, wheels: Wheels) -> Array:
-    """Eq. 25 for the modules alone, from given wheel forces; shape (16,), zero for the motors."""
-    mass, n = np.ones(16), wheels.Q.sum(axis=0)
-    for body, b in modules_of(p):
-        mass[b : b + 6] = body.m, body.m, body.m, body.J_x, body.J_y, body.J_z
-        n[b : b + 3] += body.m * np.array([p.g_x, p.g_y, p.g_z])
-    if not p.two:
-        acceleration: Array = n / mass
-        return acceleration
-    phi, jacobian, bias = constraint_terms(p, q, v)
-    right = -bias - 2 * p.A_joint * (jacobian @ v) - p.A_joint**2 * phi
-    matrix, b = augment(np.diag(mass), list(jacobian), n, list(right))
-    solved: Array = np.linalg.solve(matrix, b)[:16]
-    return solved
+    """Eq. 25 for the modules alone, from given wheel forces; shape (16,), the motors' entries without meaning."""
+    mass, n, phi, right = body_system(p, q, v, wheels)
+    x, _ = solve_augmented(mass, phi, n, right)
+    return x[:16]

@@ -17,6 +17,7 @@ from typing import Any
 import yaml
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.model.quantity import Quantity
 from artibot_sim.model.robot import (
     Contact,
     Control,
@@ -24,14 +25,23 @@ from artibot_sim.model.robot import (
     Drives,
     Module,
     Polarity,
-    Quantity,
     Readings,
     Robot,
     Wheel,
 )
 from artibot_sim.resources import config_names, config_path
 
-SOURCES = ("stated", "table 2", "table 3", "table 4", "datasheet:", "inferred:", "assumed:", "identified:", "diagnosed:")
+SOURCES = (
+    "stated",
+    "table 2",
+    "table 3",
+    "table 4",
+    "datasheet:",
+    "inferred:",
+    "assumed:",
+    "identified:",
+    "diagnosed:",
+)
 """How a source must begin."""
 
 _ENTRY = ("value", "unit", "source", "ci95")

@@ -67,7 +67,7 @@ def test_states_refuse_nan_and_wrong_shapes() -> None:
         State(0.0, state.q, np.full(16, np.nan), state.eta, state.torque)
     with pytest.raises(ArtibotError, match=r"^state\.q"):
         State(0.0, state.q[:15], state.v, state.eta, state.torque)
-    with pytest.raises(ArtibotError, match="^initial_state: yaw"):
+    with pytest.raises(ArtibotError, match=r"^initial_state: yaw"):
         initial_state(load_robot("agriq"), yaw=float("inf"))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.robot import Quantity
+from artibot_sim.model.quantity import Quantity
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from artibot_sim.model.effects.base import Effect, EffectParameter
-from artibot_sim.model.robot import Quantity
+from artibot_sim.model.quantity import Quantity
 
 STANDARD_GRAVITY = 9.81
 """|g| of eq. 12, m/s²."""
