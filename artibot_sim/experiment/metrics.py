@@ -76,7 +76,7 @@ def position_error(p_f: ArrayLike, p_d: ArrayLike, sigma: float) -> float:
         raise ArtibotError(f"position_error: sigma is {sigma}; expected the planned path's length in m, above 0")
     difference = np.asarray(p_f, float)[:2] - np.asarray(p_d, float)[:2]
     if difference.shape != (2,) or not np.isfinite(difference).all():
-        raise ArtibotError(f"position_error: positions {p_f} and {p_d}; expected two finite points (x, y) in m")
+        raise ArtibotError(f"position_error: positions {p_f!r} and {p_d!r}; expected two finite points (x, y) in m")
     return float(np.hypot(*difference)) / float(sigma)
 
 
@@ -102,8 +102,8 @@ def fit_circle(x: ArrayLike, y: ArrayLike, iterations: int = 50) -> Circle:
     Returns
     -------
     Circle
-        The algebraic fit (Pratt's, by Taubin's form without its bias on short arcs) refined by Gauss–Newton
-        with Levenberg's damping on the geometric distances.
+        Taubin's algebraic fit, which is hardly biased on short arcs, refined by Gauss-Newton steps with
+        Levenberg's damping on the geometric distances.
 
     Raises
     ------

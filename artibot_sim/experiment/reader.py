@@ -87,6 +87,7 @@ def _choose(info: BagInfo, found: Mapping[str, str], renames: Mapping[str, str])
     wanted, remarks = {}, []
     for topic in TOPICS:
         name = asked.get(topic.key, topic.name)
+        name = name if name in found else "/" + name.lstrip("/")
         if name not in found:
             if topic.key in asked:
                 present = ", ".join(sorted(found)) or "no topic"

@@ -144,7 +144,7 @@ class _Salvage:
         self.damages.append(damage)
         self._schemas, self._channels = {}, {}  # ids count anew in each file
         for opcode, content, _ in scan.scan(file, damage):
-            if opcode == scan.MESSAGE:
+            if opcode == scan.MESSAGE and len(content) >= scan.LEAST_MESSAGE:
                 message = scan.parse_message(content)
                 if message.channel_id in self._channels:
                     yield self._copy(bag, message)

@@ -15,6 +15,7 @@ from artibot_sim.experiment.storage import MAGIC
 _HEADER = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQII")  # start, end, uncompressed size, crc, length of the compression's name
 _MESSAGE = struct.Struct("<HIQQ")
+LEAST_MESSAGE = _MESSAGE.size
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
 ATTACHMENT, METADATA, DATA_END = 0x09, 0x0C, 0x0F
 _LAST_OPCODE = 0x0F
@@ -101,22 +102,40 @@ def _records(stream: BinaryIO, size: int, damage: Damage) -> Iterator[Record]:
 
 
 def _open_chunk(record: Record, damage: Damage) -> Iterator[Record]:
-    """Yield the records of a chunk; of a truncated one those that can still be decompressed."""
+    """Yield the records of a chunk whose checksum fits; of a truncated one those that can still be decompressed."""
     content = record.content
     if len(content) < _CHUNK.size:
         damage.bad_chunks += 1
         return
-    _, _, size, crc, name_length = _CHUNK.unpack_from(content)
+    start, end, size, crc, name_length = _CHUNK.unpack_from(content)
     at = _CHUNK.size + name_length
     name = content[_CHUNK.size : at].decode("ascii", "replace")
     data, whole = _decompress(name, content[at + 8 :], size)
-    if record.whole and (not whole or (crc and zlib.crc32(data) != crc)):
-        damage.bad_chunks += 1
-        if whole:  # all there, but bytes were changed: nothing in it can be trusted
+    inside = _records(BytesIO(data), len(data), Damage())
+    if record.whole and whole and (not crc or zlib.crc32(data) == crc):
+        yield from inside
+        return
+    damage.bad_chunks += 1
+    if not whole:
+        yield from _plausible(inside, start, end)
+
+
+def _plausible(records: Iterator[Record], start: int, end: int) -> Iterator[Record]:
+    """Yield records of a chunk that no checksum vouches for: all but the last, while their times are the chunk's.
+
+    The last may have been completed by whatever stood behind the cut: after a power cut, often zeros.
+    """
+    held = None
+    for record in records:
+        if record.opcode == MESSAGE and not _is_timely(record.content, start, end):
             return
-    elif not record.whole:
-        damage.bad_chunks += 1
-    yield from _records(BytesIO(data), len(data), Damage())
+        if held is not None:
+            yield held
+        held = record
+
+
+def _is_timely(content: bytes, start: int, end: int) -> bool:
+    return len(content) >= LEAST_MESSAGE and start <= parse_message(content).log_ns <= end
 
 
 def _decompress(name: str, data: bytes, size: int) -> tuple[bytes, bool]:

@@ -16,9 +16,10 @@ from artibot_sim.errors import ArtibotError
 
 MAGIC = b"\x89MCAP0\r\n"
 _SQLITE_MAGIC = b"SQLite format 3\x00"
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 _OTHERS = {
     b"#ROSBAG V": "a ROS 1 bag; convert it with `rosbags-convert`",
-    b"\x28\xb5\x2f\xfd": "a zstd-compressed file; decompress it with `zstd -d` first",
+    _ZSTD_MAGIC: "a zstd-compressed file; decompress it with `zstd -d` first",
     b"PK\x03\x04": "a zip archive; unpack it first",
     b"\x1f\x8b": "a gzip archive; unpack it first",
 }
@@ -207,9 +208,18 @@ def iter_messages(
         while True:
             with clear_errors(file):  # not around the yield: the caller's errors are the caller's
                 message = next(stream, None)
+                if message is not None and message.data.startswith(_ZSTD_MAGIC):
+                    message = message._replace(data=_decompressed(message.data))
             if message is None:
                 break
             yield message
+
+
+def _decompressed(data: bytes) -> bytes:
+    """Return a message that rosbag2 compressed on its own (compression_mode: message); CDR never begins like that."""
+    import zstandard
+
+    return zstandard.ZstdDecompressor().decompressobj().decompress(data)
 
 
 def _iter_mcap(file: Path, topics: Collection[str] | None, start: int | None, end: int | None) -> Iterator[RawMessage]:

@@ -297,5 +297,4 @@ class BagWriter:
 
 def _widen(span: list[int], stamps: list[int]) -> list[int]:
     """Return the [first, last] of a span and more stamps."""
-    both = span + stamps
-    return [min(both), max(both)] if both else []
+    return [min(span + stamps), max(span + stamps)] if span + stamps else []

@@ -20,9 +20,7 @@ _LOG_PERIOD = 10.0
 _LINE_PERIOD = 0.5
 
 
-_TOPICS_HELP = (
-    "Topic to record, * and ? allowed; repeat, or separate by commas.  [default: the contract's that are there]"
-)
+_TOPICS_HELP = "Topic to record, * and ? allowed; repeat, or separate by commas.  [default: the contract's]"
 _SYNC_HELP = "Put the file on the disk itself every so many seconds, against power cuts."
 _POSITIVE = click.FloatRange(min=0, min_open=True)
 
