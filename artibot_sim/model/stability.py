@@ -1,56 +1,105 @@
-"""How long a step may be: the fastest modes of the model against each integrator's stability limit."""
+"""How long a step may be: the fastest modes of the model against each integrator's stability region."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator
+from functools import lru_cache
 
-from artibot_sim.model.params import ModuleParams, MotorParams, Params
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.model.params import MotorParams, Params
 from artibot_sim.model.transmission import PRESCRIBED
 
-REAL_LIMIT = {"rk4": 2.785, "semi_implicit": 2.0}
-"""|lambda| dt up to which a decaying mode is damped."""
+Array = NDArray[np.float64]
 
-OSCILLATION_LIMIT = {"rk4": 2.828, "semi_implicit": 2.0}
-"""omega dt up to which an undamped mode does not grow."""
-
-
-def spin_rate(p: Params, motor: MotorParams) -> float:
-    """Decay rate of a free wheel pair's slip (1/s): the stiffest mode; the worse of the two efficiencies."""
-    rates = []
-    for eta in (motor.eta_d, 1.0 / motor.eta_r):
-        gear = motor.tau**2 / eta
-        rates.append(2.0 * p.k_l * p.r_w**2 * gear / (motor.J_m + motor.J_w * gear))
-    return max(rates)
+ARTICULATIONS = (0.0, 0.4, 0.8, 1.2)
+"""Articulation yaws (rad) at which the modes are taken; which one is stiffest depends on the robot."""
 
 
-def _slip_rate(p: Params, body: ModuleParams) -> float:
-    turn = 4.0 * (p.k_l * body.half_y**2 + p.k_t * body.half_x**2) / body.J_z
-    return max(4.0 * max(p.k_l, p.k_t) / body.m, turn)
+@lru_cache(maxsize=256)
+def largest_step(p: Params, integrator: str, modes: tuple[int, ...]) -> tuple[float, str]:
+    """Longest stable step (s), and which motion sets it.
 
-
-def _bounce(p: Params, body: ModuleParams) -> float:
-    return max(math.sqrt(4.0 * p.k_n / body.m), math.sqrt(4.0 * p.k_n * body.half_y**2 / body.J_x))
-
-
-def largest_step(p: Params, integrator: str, modes: Sequence[int]) -> tuple[float, str]:
-    """Longest stable step (s), and which mode sets it.
-
-    Rates are those of wheels that hold (eq. 15), module by module; a saturated wheel is slower. Wheel spin
-    counts only where it is integrated explicitly: free motors under RK4.
+    The model is linearised about wheels that hold (eq. 15); saturated ones are slower. Motors that are not
+    prescribed spin freely against the same slip that brakes the modules, so their rates add; the semi-implicit
+    integrator takes that spin implicitly, and only the modules' own motion limits it.
     """
-    bodies = (("front", p.front), ("back", p.back))[: 2 if p.two else 1]
-    real, bounce = REAL_LIMIT[integrator], OSCILLATION_LIMIT[integrator]
-    limits = [(real / _slip_rate(p, body), f"slip of the {name} module") for name, body in bodies]
-    limits += [(bounce / _bounce(p, body), f"vertical motion of the {name} module") for name, body in bodies]
-    limits.append((2.0 / p.A_motor, "control.A_motor"))
+    limit = _rk4_limit if integrator == "rk4" else _symplectic_limit
+    free = tuple(mode != PRESCRIBED and integrator == "rk4" for mode in modes)
+    slip = "slip of the wheels" + (" and spin of the motors that are not prescribed" if any(free) else "")
+    limits = [(limit(complex(rate)), slip) for rate in _slip_modes(p, free)]
+    limits += [(limit(1j * omega), "vertical motion on the wheels") for omega in _bounce(p)]
+    limits.append((limit(complex(-p.A_motor)), "control.A_motor"))
     if p.two and p.A_joint > 0.0:
-        limits.append((2.0 / p.A_joint, "control.A_joint"))
-    if integrator == "rk4":
-        motors = (p.right_front, p.left_front, p.right_back, p.left_back)
-        limits += [
-            (real / spin_rate(p, motor), "wheel spin of motors that are not prescribed")
-            for motor, mode in zip(motors[: 4 if p.two else 2], modes, strict=False)
-            if mode != PRESCRIBED
-        ]
+        limits.append((limit(complex(-p.A_joint)), "control.A_joint"))
     return min(limits)
+
+
+def _rk4_limit(rate: complex) -> float:
+    """Longest step for which exp(rate t) does not grow under the classical Runge-Kutta method."""
+    s = np.linspace(0.0, 3.0, 3001)[1:]
+    z = s * rate / abs(rate) if rate != 0 else s * 0j
+    growing = np.abs(1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24) > 1 + 1e-9
+    # z with a positive real part grows as it should, whatever the step
+    stable = s[np.argmax(growing) - 1] if growing.any() and z[0].real <= 0 else math.inf
+    return float(stable / abs(rate)) if rate != 0 and np.isfinite(stable) else math.inf
+
+
+def _symplectic_limit(rate: complex) -> float:
+    """The same for symplectic Euler, which takes damping explicitly and oscillations with the new velocity."""
+    return 2.0 / abs(rate) if rate != 0 else math.inf
+
+
+def _slip_modes(p: Params, free: tuple[bool, ...]) -> Iterator[complex]:
+    """Eigenvalues (1/s) of the planar velocities and the free motors' speeds, for wheels that hold."""
+    motors = (p.right_front, p.left_front, p.right_back, p.left_back)[: 4 if p.two else 2]
+    for articulation in ARTICULATIONS if p.two else (0.0,):
+        for braking in (False, True):
+            etas = [1.0 / motor.eta_r if braking else motor.eta_d for motor in motors]
+            yield from np.linalg.eigvals(_slip_matrix(p, motors, etas, free, articulation))
+
+
+def _slip_matrix(
+    p: Params, motors: tuple[MotorParams, ...], etas: list[float], free: tuple[bool, ...], articulation: float
+) -> Array:
+    """d/dt of (x, y, gamma of each module, free motors) = matrix · the same, the joint's two planar rows eliminated."""
+    bodies = ((p.front, 0.0), (p.back, articulation))[: 2 if p.two else 1]
+    spinning = [i for i in range(len(motors)) if free[i]]
+    size = 3 * len(bodies) + len(spinning)
+    inverse, damping = np.zeros(size), np.zeros((size, size))
+    for b, (body, _) in enumerate(bodies):
+        inverse[3 * b : 3 * b + 3] = 1 / body.m, 1 / body.m, 1 / body.J_z
+    for i, motor in enumerate(motors):
+        body, yaw = bodies[i // 2]
+        y = -body.half_y if i % 2 == 0 else body.half_y
+        c, s = math.cos(yaw), math.sin(yaw)
+        for x in (body.half_x, -body.half_x):
+            along, across = np.zeros(size), np.zeros(size)
+            along[3 * (i // 2) : 3 * (i // 2) + 3] = -c, -s, y
+            across[3 * (i // 2) : 3 * (i // 2) + 3] = -s, c, x
+            force = along.copy()
+            if free[i]:
+                k = 3 * len(bodies) + spinning.index(i)
+                gear = motor.tau / etas[i]
+                along[k] = p.r_w * motor.tau
+                force[k] = p.r_w * gear  # eq. 21: the gear's efficiency makes the pair unsymmetric
+                inverse[k] = 1 / (motor.J_m + motor.J_w * motor.tau * gear)
+            damping += p.k_l * np.outer(force, along) + p.k_t * np.outer(across, across)
+    if not p.two:
+        return -inverse[:, None] * damping
+    joint = np.zeros((2, size))
+    joint[:, :3] = [[1, 0, 0], [0, 1, p.front.O_x]]
+    s, c = math.sin(articulation), math.cos(articulation)
+    joint[:, 3:6] = [[-1, 0, p.back.O_x * s], [0, -1, -p.back.O_x * c]]
+    weighted = joint * inverse
+    project = np.eye(size) - weighted.T @ np.linalg.solve(weighted @ joint.T, joint)
+    return -project @ (inverse[:, None] * damping)
+
+
+def _bounce(p: Params) -> Iterator[float]:
+    """Undamped heave and roll of each module on its four wheels, rad/s."""
+    for body in (p.front, p.back)[: 2 if p.two else 1]:
+        yield math.sqrt(4.0 * p.k_n / body.m)
+        yield math.sqrt(4.0 * p.k_n * body.half_y**2 / body.J_x)

@@ -29,13 +29,6 @@ def growth(z):
     return np.abs(1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24)
 
 
-UNCOUPLED = pytest.mark.xfail(
-    strict=True,
-    reason="largest_step takes wheel spin and body slip one by one; the same slip drives both, so their rates add",
-)
-
-
-@UNCOUPLED
 @pytest.mark.parametrize("kind", ["agriq", "epiq", "light_back"])
 def test_longest_accepted_rk4_step_is_stable(agriq, epiq, kind):
     robot = {"agriq": agriq, "epiq": epiq, "light_back": light_back(agriq)}[kind]
@@ -64,7 +57,6 @@ def test_longest_accepted_semi_implicit_step_leaves_no_ripple(agriq, epiq, kind)
         assert np.ptp(end) < 1e-6 * np.abs(end).max(), f"{name} ripples at dt = {dt * 1e3:.2f} ms"
 
 
-@UNCOUPLED
 def test_what_a_step_of_1_ms_gives_is_true_or_refused(agriq):
     """What unstable wheels waste shows in the slip, not in the pose."""
     robot = light_back(agriq)
