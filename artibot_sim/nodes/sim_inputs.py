@@ -78,6 +78,14 @@ class Inputs:
         self.state = arbiter.Commanding(position=position)
         self._reset_wall_ns, self._reset_at = time.time_ns(), time.monotonic()
 
+    def take(self) -> None:
+        """Hear the messages that have come, without an executor."""
+        for subscription in self._subscriptions:
+            handle = subscription.handle
+            with handle:
+                while (taken := handle.take_message(subscription.msg_type, subscription.raw)) is not None:
+                    subscription.callback(*taken)
+
     def decide(self, timing: Timing) -> arbiter.Decision:
         """Commands for the period that begins now, ``t_ns``."""
         self.state, decision = arbiter.decide(self.state, self.rules, self.t_ns, timing.knot_ns, timing.knots, self.now)

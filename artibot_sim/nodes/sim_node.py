@@ -93,13 +93,13 @@ def run(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
         When a parameter or the robot file is refused.
     """
     with ros_process("sim", ros_args) as asked:
-        from rclpy.executors import ExternalShutdownException
+        from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
         from artibot_sim.nodes.sim_pacer import write_statistics
         from artibot_sim.nodes.sim_simulator import SimNode
 
         node = SimNode(overrides, asked)
-        executor = make_executor()
+        executor = SingleThreadedExecutor()
         executor.add_node(node)
         try:
             status = node.run(executor)
@@ -110,17 +110,6 @@ def run(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
             write_statistics(Path(node.settings["stats"]), statistics)
         node.get_logger().info(summary(statistics))
         return status
-
-
-def make_executor() -> Any:
-    """The events executor where this rclpy has it: it costs a third of the one that builds a wait set each time."""
-    try:
-        from rclpy.experimental import EventsExecutor
-    except ImportError:
-        from rclpy.executors import SingleThreadedExecutor
-
-        return SingleThreadedExecutor()
-    return EventsExecutor()
 
 
 def summary(statistics: dict[str, Any]) -> str:

@@ -14,6 +14,7 @@ from types import SimpleNamespace as Record
 import numpy as np
 import pytest
 import yaml
+
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import WHEEL_JOINTS, load_robot
 from artibot_sim.nodes import sim_parameters as parameters
