@@ -90,9 +90,9 @@ def _slip_matrix(
     if not p.two:
         return -inverse[:, None] * damping
     joint = np.zeros((2, size))
-    joint[:, :3] = [[1, 0, 0], [0, 1, p.front.O_x]]
     s, c = math.sin(articulation), math.cos(articulation)
-    joint[:, 3:6] = [[-1, 0, p.back.O_x * s], [0, -1, -p.back.O_x * c]]
+    joint[:, :3] = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, p.front.O_x]])
+    joint[:, 3:6] = np.array([[-1.0, 0.0, p.back.O_x * s], [0.0, -1.0, -p.back.O_x * c]])
     weighted = joint * inverse
     project = np.eye(size) - weighted.T @ np.linalg.solve(weighted @ joint.T, joint)
     return -project @ (inverse[:, None] * damping)
