@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.experiment.checks import check_file, clear_errors
 from artibot_sim.experiment.columns import Channel, Experiment, find_segments, measured_stamps
 from artibot_sim.experiment.contract import TOPICS, find_topic
 from artibot_sim.experiment.decode import READABLE, Rows
@@ -20,8 +21,6 @@ from artibot_sim.experiment.storage import (
     ChannelInfo,
     RawMessage,
     channel_info,
-    check_file,
-    clear_errors,
     iter_messages,
     open_sqlite,
     sqlite_channels,

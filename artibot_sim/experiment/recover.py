@@ -12,10 +12,11 @@ from typing import Any
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import scan
+from artibot_sim.experiment.checks import MAGIC
 from artibot_sim.experiment.folders import whole_folder
 from artibot_sim.experiment.messages import definition, is_known
 from artibot_sim.experiment.qos import load_profiles
-from artibot_sim.experiment.storage import MAGIC, recording_name, storage_files
+from artibot_sim.experiment.storage import recording_name, storage_files
 from artibot_sim.experiment.writer import BagWriter
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.experiment.storage import MAGIC
+from artibot_sim.experiment.checks import MAGIC
 
 _HEADER = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQII")  # start, end, uncompressed size, crc, length of the compression's name

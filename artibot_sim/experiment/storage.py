@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import sqlite3
-import struct
 from collections.abc import Collection, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,16 +12,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from artibot_sim.errors import ArtibotError
-
-MAGIC = b"\x89MCAP0\r\n"
-_SQLITE_MAGIC = b"SQLite format 3\x00"
-_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-_OTHERS = {
-    b"#ROSBAG V": "a ROS 1 bag; convert it with `rosbags-convert`",
-    _ZSTD_MAGIC: "a zstd-compressed file; decompress it with `zstd -d` first",
-    b"PK\x03\x04": "a zip archive; unpack it first",
-    b"\x1f\x8b": "a gzip archive; unpack it first",
-}
+from artibot_sim.experiment.checks import ZSTD_MAGIC, check_file, clear_errors
 
 
 @dataclass(frozen=True)
@@ -132,60 +122,6 @@ def _listed_files(metadata: Path) -> list[str]:
         return []
 
 
-def check_file(file: Path) -> str:
-    """Look at both ends of a file and return `mcap` or `sqlite3`.
-
-    Raises
-    ------
-    ArtibotError
-        If it is empty, cut short, or of another format; the message says what to do.
-    """
-    try:
-        with open(file, "rb") as stream:
-            head = stream.read(16)
-            size = stream.seek(0, 2)
-            stream.seek(max(0, size - len(MAGIC)))
-            tail = stream.read()
-    except OSError as error:
-        raise ArtibotError(f"{file}: cannot be read: {error.strerror}") from error
-    if not size:
-        raise ArtibotError(f"{file}: the file is empty; expected a recording (.mcap)")
-    if head == _SQLITE_MAGIC:
-        return "sqlite3"
-    if not head.startswith(MAGIC):
-        for magic, what in _OTHERS.items():
-            if head.startswith(magic):
-                raise ArtibotError(f"{file}: this is {what}")
-        raise ArtibotError(f"{file}: not a recording: begins with {head[:8]!r}, expected MCAP's {MAGIC!r}")
-    if tail != MAGIC or size < 2 * len(MAGIC) + 29:
-        raise ArtibotError(
-            f"{file}: cut short or still being written (no MCAP end mark in {size} bytes); run `artibot recover {file}`"
-        )
-    return "mcap"
-
-
-@contextmanager
-def clear_errors(file: Path) -> Iterator[None]:
-    """Turn what the libraries raise on damaged bytes into one sentence naming the file and the mend."""
-    from mcap.exceptions import McapError, UnsupportedCompressionError
-    from mcap.stream_reader import CRCValidationError
-    from zstandard import ZstdError
-
-    try:
-        yield
-    except ArtibotError:
-        raise
-    except UnsupportedCompressionError as error:
-        raise ArtibotError(f"{file}: {error}; `pip install lz4 zstandard` to read it") from error
-    except sqlite3.Error as error:
-        raise ArtibotError(f"{file}: damaged SQLite recording: {error}") from error
-    except CRCValidationError as error:
-        raise ArtibotError(f"{file}: damaged: {error}; run `artibot recover {file}`") from error
-    except (McapError, ZstdError, struct.error, KeyError, ValueError, RuntimeError, OSError, MemoryError) as error:
-        said = f"{type(error).__name__} {error}".strip()
-        raise ArtibotError(f"{file}: damaged: {said}; run `artibot recover {file}`") from error
-
-
 def iter_messages(
     path: Path | str, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
 ) -> Iterator[RawMessage]:
@@ -208,7 +144,7 @@ def iter_messages(
         while True:
             with clear_errors(file):  # not around the yield: the caller's errors are the caller's
                 message = next(stream, None)
-                if message is not None and message.data.startswith(_ZSTD_MAGIC):
+                if message is not None and message.data.startswith(ZSTD_MAGIC):
                     message = message._replace(data=_decompressed(message.data))
             if message is None:
                 break

@@ -186,7 +186,7 @@ class BagWriter:
             entry.sequence = entry.sequence + 1 if sequence is None else sequence
             self._mcap.add_message(entry.number, log_ns, data, publish_ns, entry.sequence & 0xFFFFFFFF)
             self._waiting[topic] += 1
-            self._waiting_bytes += len(data)
+            self._waiting_bytes += len(data) + 31  # with the record around it
             self._waiting_span = _widen(self._waiting_span, [log_ns])
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:

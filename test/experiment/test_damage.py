@@ -86,7 +86,7 @@ def test_a_file_cut_anywhere_is_refused_with_the_mend(
         read_bag(file)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=400, deadline=None)
 @given(data=st.data())
 def test_changed_bytes_are_noticed_or_harmless(
     good: bytes, tmp_path_factory: pytest.TempPathFactory, data: st.DataObject

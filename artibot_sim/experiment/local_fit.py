@@ -1,0 +1,163 @@
+"""Local polynomials through irregular samples: values and rates from noisy measurements, and how noisy they are."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from artibot_sim.experiment.columns import Floats
+
+HELD = 4
+"""Equal samples in a row, at most, that count as one sample and its repetitions; more are a standstill."""
+_BLOCK = 8192
+_NOISE_SAMPLES = 7
+_NOISE_LEVERAGE = 7.0 / 21.0  # weight of the middle one of seven even samples in a cubic's value there
+
+
+def local_fit(
+    t: ArrayLike, y: ArrayLike, at: ArrayLike, half_width: float, degree: int = 3, least: int | None = None
+) -> tuple[Floats, Floats]:
+    """Fit a polynomial to the samples around each time, and return its value and its rate there.
+
+    Parameters
+    ----------
+    t : (n,) times of the samples, s, increasing.
+    y : (n,) or (n, k) samples.
+    at : (m,) times wanted, s.
+    half_width : samples up to this far before and after are used, s.
+    degree : of the polynomial; less where there are not enough samples.
+    least : fewest samples to fit (default 2·degree + 1); the neighbourhood grows for them, to one side at the ends.
+
+    Returns
+    -------
+    (m,) or (m, k) values, and rates per s
+        NaN if there is no sample at all; a rate of 0 if there is only one.
+    """
+    t, at = np.asarray(t, float), np.asarray(at, float)
+    samples = np.asarray(y, float)
+    table = samples.reshape(len(samples), -1)
+    value = np.full((len(at), table.shape[1]), np.nan)
+    rate = value.copy()
+    count = len(t)
+    if count:
+        order = min(degree, count - 1)
+        fewest = min(count, 2 * degree + 1 if least is None else least)
+        low, high = _neighbourhoods(t, at, half_width, fewest)
+        for k in range(0, len(at), _BLOCK):
+            part = slice(k, k + _BLOCK)
+            value[part], rate[part] = _fit(t, table, at[part], low[part], high[part], order)
+    shape = (len(at), *samples.shape[1:])
+    return value.reshape(shape), rate.reshape(shape)
+
+
+def _neighbourhoods(t: Floats, at: Floats, half_width: float, fewest: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first and the one past the last sample to use at each time."""
+    low = np.searchsorted(t, at - half_width, side="left")
+    high = np.searchsorted(t, at + half_width, side="right")
+    size = np.maximum(high - low, fewest)
+    low = np.maximum(low - (size - (high - low) + 1) // 2, 0)
+    high = np.minimum(low + size, len(t))
+    return np.maximum(high - size, 0), high
+
+
+def _fit(t: Floats, table: Floats, at: Floats, low: np.ndarray, high: np.ndarray, order: int) -> tuple[Floats, Floats]:
+    """Solve all the least squares at once: gather each neighbourhood into a row, with weight 0 past its end."""
+    index = low[:, None] + np.arange(int((high - low).max()))
+    weight = (index < high[:, None]).astype(float)
+    index = np.minimum(index, len(t) - 1)
+    since = t[index] - at[:, None]
+    scale = np.maximum((np.abs(since) * weight).max(axis=1), 1e-9)
+    powers = (since / scale[:, None])[..., None] ** np.arange(order + 1) * weight[..., None]
+    offset = table[low]  # large values with small changes keep their digits
+    change = (table[index] - offset[:, None]) * weight[..., None]
+    q, r = np.linalg.qr(powers)
+    solved = np.linalg.solve(r + 1e-300 * np.eye(order + 1), np.einsum("mij,mik->mjk", q, change))
+    slope = solved[:, 1] / scale[:, None] if order else np.zeros_like(offset)
+    return offset + solved[:, 0], slope
+
+
+def fresh(y: ArrayLike) -> np.ndarray:
+    """Say which samples (n,) or (n, k) are new: False for one that merely repeats the one before.
+
+    A recorder that samples faster than the sensor measures holds values; held ones would look like a staircase.
+    More than `HELD` equal ones in a row are a standstill, and all of them are new.
+    """
+    table = np.asarray(y, float).reshape(len(np.asarray(y)), -1)
+    if len(table) < 2:
+        return np.ones(len(table), bool)
+    repeats = np.concatenate(([False], (table[1:] == table[:-1]).all(axis=1)))
+    run = np.cumsum(~repeats)
+    return ~repeats | (np.bincount(run)[run] > HELD)
+
+
+def noise_of(t: ArrayLike, y: ArrayLike) -> float:
+    """Estimate the standard deviation of the noise in samples (n,) of something smooth.
+
+    It is what a cubic through each sample and the three on either side leaves over (a high-pass that motion
+    slower than some five sample periods does not pass), by its median, so outliers and brief events do not count.
+    Noise that is correlated over such times passes unseen. Held samples are left out.
+
+    Returns
+    -------
+    float
+        In the unit of `y`; NaN for fewer than 15 samples.
+    """
+    t, y = np.asarray(t, float), np.asarray(y, float)
+    used = np.isfinite(y)
+    t, y = t[used], y[used]
+    new = fresh(y) if len(y) else used
+    t, y = t[new], y[new]
+    if len(t) < 15:
+        return float("nan")
+    value, _ = local_fit(t, y, t, 0.0, least=_NOISE_SAMPLES)
+    left = np.abs(y - value)[3:-3]
+    left = left[left > 0]
+    if not len(left):
+        return 0.0
+    return float(1.4826 * np.median(left) / np.sqrt(1.0 - _NOISE_LEVERAGE))
+
+
+def bridge(t: Floats, at: Floats, value: Floats, rate: Floats, gap: float) -> tuple[Floats, Floats]:
+    """Replace fitted values and rates (m, k) where there are no samples to fit.
+
+    Parameters
+    ----------
+    t : (n,) times of the samples, s; n ≥ 1.
+    at : (m,) times, s, increasing, evenly spaced enough to have one near each end of a gap.
+    value, rate : fits there.
+    gap : longest distance of samples that still counts as sampled, s.
+
+    Returns
+    -------
+    value, rate
+        The cubic that meets both ends inside a gap; before the first and after the last sample the rate is held.
+    """
+    value, rate = value.copy(), rate.copy()
+    breaks = np.flatnonzero(np.diff(t) > gap)
+    for a, b in zip(t[breaks], t[breaks + 1], strict=True):
+        inside = np.flatnonzero((at > a) & (at < b))
+        if not len(inside) or inside[0] == 0 or inside[-1] == len(at) - 1:
+            continue
+        i, j = inside[0] - 1, inside[-1] + 1
+        value[inside], rate[inside] = hermite(at[i], at[j], value[i], value[j], rate[i], rate[j], at[inside])
+    for outside, edge in (
+        (at < t[0], np.searchsorted(at, t[0])),
+        (at > t[-1], np.searchsorted(at, t[-1], "right") - 1),
+    ):
+        edge = int(np.clip(edge, 0, len(at) - 1))
+        rate[outside] = rate[edge]
+        value[outside] = value[edge] + (at[outside] - at[edge])[:, None] * rate[edge]
+    return value, rate
+
+
+def hermite(
+    t0: ArrayLike, t1: ArrayLike, p0: Floats, p1: Floats, v0: Floats, v1: Floats, at: Floats
+) -> tuple[Floats, Floats]:
+    """Return value and rate, (m, k), of the cubic from (t0, p0, v0) to (t1, p1, v1) at times (m,)."""
+    h = np.asarray(t1 - np.asarray(t0), float)
+    s = ((at - t0) / h)[:, None]
+    h = np.reshape(h, (-1, 1))
+    rise = (p1 - p0) / h
+    value = p0 + h * s * (v0 + s * (3 * rise - 2 * v0 - v1 + s * (v0 + v1 - 2 * rise)))
+    rate = v0 + s * (2 * (3 * rise - 2 * v0 - v1) + s * 3 * (v0 + v1 - 2 * rise))
+    return value, rate
