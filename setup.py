@@ -46,13 +46,13 @@ setup(
     install_requires=[
         "click>=8.1",
         "matplotlib>=3.7",
-        "mcap>=1.2",
+        "mcap>=1.6",
         "numba>=0.59",
         "numpy>=1.26",
         "plotly>=5.20",
         "pyyaml>=6.0",
         "rich>=13.0",
-        "rosbags>=0.10.4",
+        "rosbags>=0.11",
         "scipy>=1.11",
     ],
     extras_require={

@@ -52,10 +52,15 @@ def yaw_error(gamma_f: ArrayLike, gamma_d: ArrayLike, t: ArrayLike) -> float:
     gamma_f, gamma_d, t = _columns(2, gamma_f=gamma_f, gamma_d=gamma_d, t=t)
     if not (np.diff(t) > 0).all():
         raise ArtibotError("yaw_error: times are not increasing; sort them first")
-    planned = float(np.trapezoid(gamma_d, t))
-    if abs(planned) <= 1e-12 * float(np.trapezoid(np.abs(gamma_d), t)) or planned == 0.0:
+    planned = _integral(gamma_d, t)
+    if abs(planned) <= 1e-12 * _integral(np.abs(gamma_d), t) or planned == 0.0:
         raise ArtibotError("yaw_error: the planned yaw integrates to zero, so eq. 31 has no value for this motion")
-    return float(np.trapezoid(gamma_f - gamma_d, t)) / planned
+    return _integral(gamma_f - gamma_d, t) / planned
+
+
+def _integral(values: Array, t: Array) -> float:
+    """Integrate by trapezoids; NumPy's own function has another name in each major version."""
+    return float(np.sum(0.5 * (values[1:] + values[:-1]) * np.diff(t)))
 
 
 def position_error(p_f: ArrayLike, p_d: ArrayLike, sigma: float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import replace
@@ -129,7 +130,7 @@ def _decode(info: BagInfo, decoders: dict[ChannelInfo, Decoder], message: RawMes
         )
     try:
         return decoders[channel](message.data)
-    except SerdeError as error:
+    except (SerdeError, struct.error, ValueError, LookupError) as error:  # older rosbags let the bare ones through
         raise ArtibotError(
             f"{info.path}: topic {channel.topic}: the message logged at {message.log_ns} ns is not a "
             f"{channel.ros_type}: {error}; the program that recorded it used another definition"

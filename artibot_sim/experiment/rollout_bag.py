@@ -146,6 +146,15 @@ def write_experiment(
     )
 
 
+def rollout_columns(result: Rollout, robot: Robot) -> dict[str, dict[str, Floats]]:
+    """Return what a rollout's rows say as columns (n,) of `ground_truth_odom`, `joint_states`, `motor_torques`."""
+    return {
+        "ground_truth_odom": _ground_truth(result),
+        "joint_states": _joint_states(result, robot),
+        "motor_torques": _motor_torques(result, robot),
+    }
+
+
 def _motors(robot: Robot) -> int:
     """How many motors there are: 4, or 2 without a back module."""
     return 4 if robot.articulated else 2

@@ -328,3 +328,23 @@ def test_hidden_topics_are_not_everything() -> None:
     contract = Selection(None, [], False, same)
     assert "/planned/odom" in contract
     assert "/rosout" not in contract
+
+
+def test_nothing_is_lost_at_thousands_of_messages_a_second(
+    publishers: Publishers, start_node: NodeStarter, tmp_path: Path
+) -> None:
+    topics = [f"/fast{i}" for i in range(10)]
+    for topic in topics:
+        publishers.add(topic, joint_state())
+    node = start_node("record", "-o", tmp_path / "run", "-t", "/fast*")
+    publishers.wait_for_subscribers()
+    time.sleep(0.3)
+    begin = time.monotonic()
+    publishers.round(1500, rate=500.0)
+    print(f"{10 * 1500 / (time.monotonic() - begin):.0f} messages/s were published")
+    time.sleep(1.0)
+    assert node.stop(20) == 0
+    counts = {c.topic: c.message_count for c in bag_info(tmp_path / "run").channels}
+    assert counts == dict.fromkeys(topics, 1500)
+    order = [m.sequence for m in iter_messages(tmp_path / "run", ["/fast3"])]
+    assert order == list(range(order[0], order[0] + 1500))
