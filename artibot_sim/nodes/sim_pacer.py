@@ -48,6 +48,11 @@ class Pacer:
         """Seconds to the deadline, negative when it is over."""
         return (self._deadline - time.monotonic_ns()) * 1e-9 if self.rate else 0.0
 
+    @property
+    def overruns(self) -> int:
+        """How many steps were published more than a period late."""
+        return self._overruns
+
     def done(self) -> int:
         """Note that the step of this deadline is published, and go on to the next deadline.
 

@@ -52,8 +52,8 @@ OTHERS = (
     Spec("with_driver", False, "A driver publishes odom, motor_torques, motor_command and the wheel joints: leave "
          "them."),
     Spec("publish_tf", True, "Publish /tf, where tf2_msgs can be imported."),
-    Spec("reliable", "auto", "Offer measurements reliably with a long queue, for recording without loss; auto: when "
-         "rate is 0. Otherwise sensor QoS.", choices=("auto", "true", "false")),
+    Spec("reliable", "auto", "Offer everything reliably with a long queue, for recording without loss; auto: when "
+         "rate is 0. Otherwise sensors have sensor QoS.", choices=("auto", "true", "false")),
     Spec("stats", "", "File for a statistic of lateness and CPU share (JSON), written at the end; empty: none."),
     Spec("noise.encoder_counts", 0, "Encoder counts a motor turn, to which positions are rounded; 0: not rounded.",
          low=0, high=10_000_000),

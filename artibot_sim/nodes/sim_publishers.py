@@ -12,7 +12,7 @@ import numpy as np
 from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 
@@ -23,14 +23,10 @@ from artibot_sim.nodes.sim_sensors import Sensors
 
 ARTICULATION_JOINTS = ("articulation_yaw", "articulation_roll")
 
-CLOCK_QOS = QoSProfile(depth=1, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.BEST_EFFORT)
+STATE_QOS = QoSProfile(depth=10)
+"""For what is no sensor (odometry, truth, commands, /clock): reliable, which every subscriber can take."""
 
-RELIABLE_QOS = QoSProfile(
-    depth=2000,
-    history=HistoryPolicy.KEEP_LAST,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.VOLATILE,
-)
+LONG_QOS = QoSProfile(depth=2000)
 """For recording at full speed: a reliable subscriber loses nothing while it is less than this behind."""
 
 
@@ -67,23 +63,24 @@ class Publishers:
 
     def __init__(self, node: Node, robot: Robot, what: Published) -> None:
         self.what = what
-        qos = RELIABLE_QOS if what.reliable else qos_profile_sensor_data
+        state = LONG_QOS if what.reliable else STATE_QOS
+        qos = LONG_QOS if what.reliable else qos_profile_sensor_data
         self._motors = MOTORS if robot.articulated else MOTORS[:2]
         self._tau = np.array([robot.drive.front.tau] * 4 + [(robot.drive.back or robot.drive.front).tau] * 4)
-        self._clock = node.create_publisher(Clock, "/clock", CLOCK_QOS) if what.clock else None
+        self._clock = node.create_publisher(Clock, "/clock", STATE_QOS) if what.clock else None
         self._clock_message = Clock()
-        self._truth = node.create_publisher(Odometry, "ground_truth/odom", qos)
+        self._truth = node.create_publisher(Odometry, "ground_truth/odom", state)
         self._truth_message = _odometry("map")
         wheels = () if what.with_driver else WHEEL_JOINTS[: 2 * len(self._motors)]
         joints = (*wheels, *(ARTICULATION_JOINTS if robot.articulated else ()))
         self._wheels, self._bends = len(wheels), robot.articulated
         self._joints = node.create_publisher(JointState, "joint_states", qos) if joints else None
         self._joints_message = JointState(name=list(joints))
-        self._odom = None if what.with_driver else node.create_publisher(Odometry, "odom", qos)
+        self._odom = None if what.with_driver else node.create_publisher(Odometry, "odom", state)
         self._odom_message = _odometry("odom")
         if not what.with_driver:
             self._torques = node.create_publisher(JointState, "motor_torques", qos)
-            self._command = node.create_publisher(JointState, "motor_command", qos)
+            self._command = node.create_publisher(JointState, "motor_command", state)
         self._torques_message = JointState(name=list(self._motors))
         self._command_message = JointState(name=list(self._motors))
         self._imu = node.create_publisher(Imu, "imu/data", qos) if what.imu else None

@@ -232,6 +232,14 @@ class SimNode(Node):
         self._steps_due = max(0, self._steps_due - 1)
         if self.standing:
             return
+        self._note_the_time()
+        if self._waits and not self.inputs.heard:
+            self._holding = True
+            self._time_stands(True)
+
+    def _note_the_time(self) -> None:
+        """Go on to the next deadline; say so when this one was missed by more than a period."""
+        overruns = self.pacer.overruns
         slipped = self.pacer.done()
         if slipped:
             self.get_logger().warning(
@@ -239,6 +247,8 @@ class SimNode(Node):
                 throttle_duration_sec=1.0,
             )
             self._catch_up_with_system_time()
-        if self._waits and not self.inputs.heard:
-            self._holding = True
-            self._time_stands(True)
+        elif self.pacer.overruns > overruns:
+            self.get_logger().warning(
+                f"published more than a period late ({self.pacer.overruns} times so far); catching up",
+                throttle_duration_sec=5.0,
+            )

@@ -105,6 +105,15 @@ def test_divergence_is_said_and_leaves_no_nan() -> None:
     assert np.isfinite(engine.state.q).all()
 
 
+def test_driven_front_motors_fall_behind_at_their_torque_limit() -> None:
+    weak = AGRIQ.replace({"drive.front.torque_max": 0.05})
+    velocity, position = driven(2.0)
+    held, led = (drive(Engine(robot, TIMING, Start(), driven=True), velocity, position)[-1] for robot in (weak, AGRIQ))
+    assert abs(held.motor_torque[:2]).max() <= 0.05
+    assert held.motor_velocity[0] < 0.8 * velocity[-1, 0]
+    assert led.motor_velocity[0] == pytest.approx(velocity[-1, 0], rel=0.1)
+
+
 def test_at_rest_an_accelerometer_feels_gravity_and_on_a_bend_the_centre() -> None:
     velocity, position = driven(4.0)
     samples = drive(Engine(AGRIQ, TIMING, Start()), velocity, position)
