@@ -1,0 +1,185 @@
+"""Figure data: what is to be drawn, free of any plotting library."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.report.style import Stroke, shared
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A curve, or a cloud of points where the stroke says so.
+
+    Attributes
+    ----------
+    name : str
+        Which recording, motor and kind.
+    kind : str
+        ``planned``, ``odometric``, ``true``, ``total station``, ``measured`` or ``commanded``.
+    bag : str or None
+        Label of the recording it is from; None for what several have in common.
+    x, y : (n,) arrays
+        In the panel's units. A row of NaN separates pieces that nothing joins.
+    stroke : Stroke
+    side : str
+        ``right`` or ``left`` where a panel has both motors, else empty.
+    """
+
+    name: str
+    kind: str
+    bag: str | None
+    x: Floats
+    y: Floats
+    stroke: Stroke
+    side: str = ""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An entry of a legend, for one line or for all lines of a kind.
+
+    Attributes
+    ----------
+    name : str
+    kind : str
+        As in :class:`Line`.
+    side : str
+        Of the motor, where lines of a kind differ in it.
+    stroke : Stroke
+    """
+
+    name: str
+    kind: str
+    side: str
+    stroke: Stroke
+
+
+@dataclass(frozen=True)
+class Level:
+    """A horizontal line across a panel, at `value` in the panel's unit; nameless ones have no legend entry."""
+
+    name: str
+    value: float
+    stroke: Stroke
+
+
+@dataclass(frozen=True, eq=False)
+class Arrows:
+    """Marks of direction: positions x, y (n,) in m and headings (n,) in rad, 0 along x, positive to the left."""
+
+    x: Floats
+    y: Floats
+    heading: Floats
+    stroke: Stroke
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """A rover at an instant, in the panel's coordinates (m).
+
+    Attributes
+    ----------
+    t : float
+        When, s.
+    bodies, wheels : tuples of (k, 2) arrays
+        Closed polygons.
+    """
+
+    t: float
+    bodies: tuple[Floats, ...]
+    wheels: tuple[Floats, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """One set of axes.
+
+    Attributes
+    ----------
+    key : str
+        Stable name: ``path``, ``yaw``, ``velocity_front``, …
+    title : str
+    x, y : (quantity, unit)
+    lines : tuple of Line
+        In drawing order.
+    equal : bool
+        One metre is as long along x as along y.
+    """
+
+    key: str
+    title: str
+    x: tuple[str, str]
+    y: tuple[str, str]
+    lines: tuple[Line, ...]
+    levels: tuple[Level, ...] = ()
+    arrows: tuple[Arrows, ...] = ()
+    outlines: tuple[Outline, ...] = ()
+    starts: Floats = field(default_factory=lambda: np.empty((0, 2)))
+    equal: bool = False
+
+    @property
+    def legend(self) -> tuple[Entry, ...]:
+        """What the strokes mean.
+
+        What was measured has an entry a line, or none where the figure's key tells recordings apart; what was
+        planned, believed or commanded has one for all its lines, in no one's hue where there are several.
+        """
+        entries = []
+        for kind in dict.fromkeys(line.kind for line in self.lines):
+            lines = [line for line in self.lines if line.kind == kind]
+            if kind in ("true", "measured"):
+                entries += [Entry(line.side or kind, kind, line.side, line.stroke) for line in lines if not line.bag]
+            else:
+                stroke = lines[0].stroke if len(lines) == 1 and not lines[0].bag else shared(lines[0].stroke)
+                entries.append(Entry(kind, kind, "", stroke))
+        return tuple(replace(entry, stroke=entry.stroke._replace(opacity=1.0)) for entry in entries)
+
+    @property
+    def x_label(self) -> str:
+        """Quantity and unit, as written under the axis."""
+        return f"{self.x[0]} ({self.x[1]})"
+
+    @property
+    def y_label(self) -> str:
+        """Quantity and unit, as written beside the axis."""
+        return f"{self.y[0]} ({self.y[1]})"
+
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """Everything of one picture or page.
+
+    Attributes
+    ----------
+    title, subtitle : str
+        What, and when, which robot, which kappa.
+    panels : tuple of Panel
+        In reading order; those without anything to draw are absent.
+    missing : mapping of str to str
+        What could not be drawn → why.
+    key : tuple of (label, colour)
+        Whose hue is whose, where there are several recordings.
+    """
+
+    title: str
+    subtitle: str
+    panels: tuple[Panel, ...]
+    missing: Mapping[str, str] = field(default_factory=dict)
+    key: tuple[tuple[str, str], ...] = ()
+
+    def __getitem__(self, key: str) -> Panel:
+        """The panel with this key; KeyError if it is absent."""
+        for panel in self.panels:
+            if panel.key == key:
+                return panel
+        raise KeyError(key)
+
+    def __contains__(self, key: str) -> bool:
+        return any(panel.key == key for panel in self.panels)

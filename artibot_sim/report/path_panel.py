@@ -1,0 +1,143 @@
+"""The path from above: planned, believed and true, with the rover on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from artibot_sim.experiment import Experiment
+from artibot_sim.report import style
+from artibot_sim.report.outline import outline, size
+from artibot_sim.report.panels import Arrows, Floats, Line, Outline, Panel
+from artibot_sim.report.time_panels import CROWD, Source, merged
+from artibot_sim.report.tracks import KINDS, TOPICS, Track, broken, find_track, find_truth
+
+_ARROWS = 7
+_OUTLINES = 6
+_APART = 2.5
+"""Least distance along the path between drawn rovers, in rover lengths."""
+_SAME_PLACE = 0.01
+"""Starts closer than this (m) are one."""
+
+
+def path_panel(sources: Sequence[Source]) -> tuple[Panel | None, dict[str, str]]:
+    """Return the panel of the paths, None where no recording has any, and what is missing → why."""
+    lines: list[Line] = []
+    missing: dict[str, str] = {}
+    for kind in KINDS:
+        found = [(source, find_track(source.experiment, kind, drawn=True)) for source in sources]
+        lines += [_line(source, track) for source, track in found if track is not None]
+        if kind != "total station" and all(track is None for _, track in found):
+            missing[f"{kind} path"] = f"no position on {TOPICS[kind]}"
+    if "true path" in missing and any(line.kind == "total station" for line in lines):
+        missing["true pose"] = f"no position on {TOPICS['true']}; the total station's points stand in"
+        del missing["true path"]
+    if not lines:
+        return None, missing
+    outlines, why = _outlines(sources)
+    if why:
+        missing["rover outline"] = why
+    panel = Panel(
+        "path", "Path of the front module", ("x", "m"), ("y", "m"), tuple(merged(lines)),
+        arrows=tuple(filter(None, map(_arrows, sources))), outlines=outlines, starts=_starts(sources), equal=True,
+    )  # fmt: skip
+    return panel, missing
+
+
+def _line(source: Source, track: Track) -> Line:
+    stroke = style.track_stroke(track.kind, source.number)
+    if len(source.experiment.segments) > CROWD:
+        stroke = style.crowded(stroke)
+    x, y = (track.x, track.y) if stroke.dash == "points" else broken(track.piece, track.x, track.y)
+    return Line(source.named(track.kind), track.kind, source.bag, x, y, stroke)
+
+
+def main_track(experiment: Experiment) -> Track | None:
+    """Return the track that says best where the rover was: the true one, else what there is."""
+    return find_truth(experiment) or find_track(experiment, "odometric") or find_track(experiment, "planned")
+
+
+def _starts(sources: Sequence[Source]) -> Floats:
+    """Return where the rovers start, (n, 2) in m, each place once."""
+    places: list[Floats] = []
+    for track in filter(None, (main_track(source.experiment) for source in sources)):
+        first = np.flatnonzero(np.concatenate([[True], np.diff(track.piece) > 0]))
+        for point in np.column_stack([track.x[first], track.y[first]]):
+            if all(np.hypot(*(point - other)) > _SAME_PLACE for other in places):
+                places.append(point)
+    return np.array(places).reshape(-1, 2) if len(places) <= CROWD else np.empty((0, 2))
+
+
+def _travelled(track: Track) -> Floats:
+    """Return the length of the path so far (n,), m; jumps between pieces have none."""
+    step = np.hypot(np.diff(track.x), np.diff(track.y))
+    return np.concatenate([[0.0], np.cumsum(np.where(np.diff(track.piece) == 0, step, 0.0))])
+
+
+def _arrows(source: Source) -> Arrows | None:
+    """Return marks of direction at even distances along the path, away from the ends of its pieces."""
+    track = main_track(source.experiment)
+    if track is None or track.piece[-1] - track.piece[0] >= CROWD:
+        return None
+    along = _travelled(track)
+    across = np.hypot(np.ptp(track.x), np.ptp(track.y))
+    wanted = along[-1] * (np.arange(_ARROWS) + 0.5) / _ARROWS
+    rows = []
+    for s in wanted:  # the chord over a hundredth of the picture has a direction even where samples are noisy
+        a, b = np.searchsorted(along, [s - 0.01 * across, s + 0.01 * across])
+        b = min(b, len(along) - 1)
+        if across > 0 and track.piece[a] == track.piece[b] and along[b] > along[a]:
+            rows.append((a, b))
+    if not rows:
+        return None
+    a, b = np.array(rows).T
+    heading = np.arctan2(track.y[b] - track.y[a], track.x[b] - track.x[a])
+    middle = (a + b) // 2
+    stroke = style.track_stroke(track.kind, source.number)._replace(dash="solid")
+    return Arrows(track.x[middle], track.y[middle], heading, stroke)
+
+
+def _outlines(sources: Sequence[Source]) -> tuple[tuple[Outline, ...], str]:
+    """Return the rover of the first recording that has its pose, at some instants; else why there is none."""
+    why = ""
+    for source in sources:
+        track = main_track(source.experiment)
+        if track is None or track.yaw is None or not track.timed:
+            why = why or "no yaw beside the position"
+        elif source.robot is None:
+            why = "the robot is not known; name it with --robot"
+        else:
+            return tuple(_rovers(source, track)), ""
+    return (), why
+
+
+def _rovers(source: Source, track: Track) -> list[Outline]:
+    """Return the rover at even distances along the first piece of its path."""
+    robot = source.robot
+    assert robot is not None and track.yaw is not None
+    rows = np.flatnonzero(track.piece == track.piece[0])
+    along = _travelled(track)[rows]
+    count = 1
+    if track.piece[-1] - track.piece[0] < CROWD:
+        count = int(np.clip(along[-1] / (_APART * size(robot)) + 1, 1, _OUTLINES))
+    chosen = [int(np.searchsorted(along, s)) for s in np.linspace(0.0, along[-1], count)]
+    t = track.t[rows[np.minimum(chosen, len(rows) - 1)]]
+    if count > 1:
+        t[0], t[-1] = track.t[rows[0]], track.t[rows[-1]]
+    x, y, yaw = (np.interp(t, track.t, column) for column in (track.x, track.y, track.yaw))
+    bend = _articulation_at(source.experiment, t)
+    return [
+        outline(robot, x[i], y[i], yaw[i], None if np.isnan(bend[i]) else float(bend[i]), float(t[i]))
+        for i in range(len(t))
+    ]
+
+
+def _articulation_at(experiment: Experiment, t: Floats) -> Floats:
+    """Return the articulation angle at times t (n,), rad; NaN where it was not measured."""
+    channel = experiment.channels.get("joint_states")
+    if channel is None or "articulation_yaw.position" not in channel:
+        return np.full(len(t), np.nan)
+    times, angle = channel.series("articulation_yaw.position")
+    inside = (t >= times[0] - 0.5) & (t <= times[-1] + 0.5)
+    return np.where(inside, np.interp(t, times, angle), np.nan)

@@ -1,0 +1,143 @@
+"""Figure data for plotly, as the plain mappings that plotly.js takes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from artibot_sim.report import style
+from artibot_sim.report.panels import Arrows, Entry, Floats, Line, Outline, Panel
+
+MOST_POINTS = 20_000
+"""Longer lines are thinned: a browser would crawl, and no screen shows more."""
+_PX = 1.25
+"""Pixels on a page for a point in a picture."""
+
+
+def chart(panel: Panel) -> dict[str, Any]:
+    """Return a panel as a plotly figure: ``{"data": …, "layout": …}``, JSON-ready (NaN is None)."""
+    data = [_polygons(panel.outlines, *look) for look in _ROVER] if panel.outlines else []
+    data += [_line(panel, line) for line in panel.lines]
+    data += [_arrows(arrows) for arrows in panel.arrows]
+    if len(panel.starts):
+        data.append(_starts(panel.starts))
+    data += [_entry(entry) for entry in panel.legend]
+    data += [_level_entry(level.name, level.stroke) for level in panel.levels if level.name]
+    return {"data": data, "layout": _layout(panel)}
+
+
+def numbers(values: Floats, digits: int = 7) -> list[float | None]:
+    """Return values with as many digits as a screen needs, None for NaN."""
+    return [None if math.isnan(value) else float(f"{value:.{digits}g}") for value in values.tolist()]
+
+
+def thinned(x: Floats, y: Floats, most: int = MOST_POINTS) -> tuple[Floats, Floats]:
+    """Return a curve (n,) with at most about `most` points that looks the same.
+
+    Of each stretch of samples the least and the greatest y are kept, in their order, and every gap (NaN).
+    """
+    if len(x) <= most:
+        return x, y
+    edges = np.linspace(0, len(x), most // 2 + 1).astype(int)[:-1]
+    low = np.minimum.reduceat(np.where(np.isnan(y), np.inf, y), edges)
+    high = np.maximum.reduceat(np.where(np.isnan(y), -np.inf, y), edges)
+    stretch = np.searchsorted(edges, np.arange(len(x)), side="right") - 1
+    keep = np.isnan(y)
+    for extreme in (low, high):
+        hits = np.flatnonzero(y == extreme[stretch])
+        _, first = np.unique(stretch[hits], return_index=True)
+        keep[hits[first]] = True
+    keep[[0, -1]] = True
+    return x[keep], y[keep]
+
+
+def _line(panel: Panel, line: Line) -> dict[str, Any]:
+    step = max(1, len(line.x) // MOST_POINTS)
+    x, y = (line.x[::step], line.y[::step]) if panel.equal else thinned(line.x, line.y)
+    return {
+        "type": "scatter", "name": line.name, "x": numbers(x), "y": numbers(y), "connectgaps": False,
+        **_stroke(line.stroke), "opacity": line.stroke.opacity, "legendgroup": _group(line.kind, line.side),
+        "showlegend": False, "meta": {"bag": line.bag, "kind": line.kind},
+        "hovertemplate": f"(%{{x:.3f}}, %{{y:.3f}}) {panel.y[1]}" if panel.equal else f"%{{y:.4g}} {panel.y[1]}",
+    }  # fmt: skip
+
+
+def _stroke(stroke: style.Stroke) -> dict[str, Any]:
+    if stroke.dash == "points":
+        return {"mode": "markers", "marker": {"color": stroke.colour, "size": stroke.width * 1.3}}
+    line = {"color": stroke.colour, "width": stroke.width * _PX, "dash": style.WEB_DASHES[stroke.dash]}
+    return {"mode": "lines", "line": line}
+
+
+def _group(kind: str, side: str) -> str:
+    return f"{kind} {side}".strip() if kind == "measured" else kind
+
+
+def _entry(entry: Entry) -> dict[str, Any]:
+    """Return an empty trace that stands in the legend for all lines of its group."""
+    group = _group(entry.kind, entry.side)
+    return {"type": "scatter", "x": [None], "y": [None], "name": entry.name, "legendgroup": group,
+            "showlegend": True, "hoverinfo": "skip", **_stroke(entry.stroke)}  # fmt: skip
+
+
+def _level_entry(name: str, stroke: style.Stroke) -> dict[str, Any]:
+    return {"type": "scatter", "x": [None], "y": [None], "name": name, "showlegend": True, "hoverinfo": "skip",
+            **_stroke(stroke)}  # fmt: skip
+
+
+_ROVER = (("bodies", style.BODY, "#8d99a6"), ("wheels", style.WHEEL, style.WHEEL))
+"""Part of an outline, its fill and its edge, in drawing order."""
+
+
+def _polygons(outlines: Sequence[Outline], part: str, fill: str, edge: str) -> dict[str, Any]:
+    """Return one trace of all bodies or all wheels; NaN separates the polygons."""
+    gap = np.full((1, 2), np.nan)
+    corners = np.concatenate([piece for rover in outlines for polygon in getattr(rover, part) for piece in (polygon, gap)])
+    return {"type": "scatter", "mode": "lines", "name": f"rover, {part}", "x": numbers(corners[:-1, 0]),
+            "y": numbers(corners[:-1, 1]), "fill": "toself", "fillcolor": fill, "line": {"color": edge, "width": 0.8},
+            "hoverinfo": "skip", "showlegend": False}  # fmt: skip
+
+
+def _arrows(arrows: Arrows) -> dict[str, Any]:
+    marker = {"symbol": "triangle-up", "size": 11, "angle": numbers(90.0 - np.degrees(arrows.heading)),
+              "color": arrows.stroke.colour, "line": {"color": style.PAPER, "width": 1}}  # fmt: skip
+    return {"type": "scatter", "mode": "markers", "name": "direction", "x": numbers(arrows.x), "y": numbers(arrows.y),
+            "marker": marker, "hoverinfo": "skip", "showlegend": False}  # fmt: skip
+
+
+def _starts(points: Floats) -> dict[str, Any]:
+    marker = {"symbol": "circle", "size": 10, "color": style.PAPER, "line": {"color": style.INK, "width": 2}}
+    return {"type": "scatter", "mode": "markers", "name": "start", "x": numbers(points[:, 0]), "y": numbers(points[:, 1]),
+            "marker": marker, "showlegend": True, "hovertemplate": "start (%{x:.2f}, %{y:.2f}) m<extra></extra>"}  # fmt: skip
+
+
+def _layout(panel: Panel) -> dict[str, Any]:
+    axis = {"gridcolor": style.GRID, "zeroline": False, "linecolor": "#9aa5b1", "automargin": True,
+            "tickfont": {"color": style.MUTED}}  # fmt: skip
+    x = axis | {"title": {"text": panel.x_label, "standoff": 8}, "showline": True, "ticks": "outside", "tickcolor": "#9aa5b1"}
+    y = axis | {"title": {"text": panel.y_label, "standoff": 6}}
+    if panel.equal:
+        y |= {"scaleanchor": "x", "scaleratio": 1, "showline": True}
+    else:
+        x |= {"range": _span(panel.lines)}
+    return {
+        "font": {"family": style.WEB_FONTS, "size": 13, "color": style.INK}, "paper_bgcolor": style.PAPER,
+        "plot_bgcolor": style.PAPER, "margin": {"l": 56, "r": 12, "t": 8, "b": 44}, "autosize": True,
+        "hovermode": "closest" if panel.equal else "x unified", "xaxis": x, "yaxis": y,
+        "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": 1.01, "yanchor": "bottom", "groupclick": "togglegroup",
+                   "tracegroupgap": 0},
+        "shapes": [
+            {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": level.value, "y1": level.value, "layer": "below",
+             "line": {"color": level.stroke.colour, "width": level.stroke.width, "dash": "dot"}}
+            for level in panel.levels
+        ],
+    }  # fmt: skip
+
+
+def _span(lines: Sequence[Line]) -> list[float]:
+    first = min(float(np.nanmin(line.x)) for line in lines)
+    last = max(float(np.nanmax(line.x)) for line in lines)
+    return [first, last if last > first else first + 1.0]
