@@ -19,6 +19,9 @@ from artibot_sim.model import load_robot, save_robot
 ALL = [*FRONT, "back_right", "back_left"]
 NAN = math.nan
 
+PATIENT = ("-p", "command_timeout:=0.5")
+"""For tests that are not about the timeout's length: a busy machine holds up a test for longer than 0.1 s."""
+
 
 def bump(seconds: float, top: float = 80.0, ratio: float = 1.0) -> list[tuple[float, float]]:
     """Up to `top` rad/s at the motor and back."""
@@ -91,7 +94,7 @@ def test_with_a_driver_the_simulator_leaves_its_topics(start_node, ros_context) 
 
 
 def test_profile_silence_and_stale_profiles(start_node, ros_context) -> None:
-    node = start_node("sim", "--kappa", 0.8)
+    node = start_node("sim", "--kappa", 0.8, "--ros-args", *PATIENT)
     probe = Probe(ros_context, MEASURED)
     probe.ready()
     start = probe.now_ns() + 500_000_000
@@ -111,7 +114,7 @@ def test_profile_silence_and_stale_profiles(start_node, ros_context) -> None:
     probe.keep_alive(2.5)
     assert probe.speed() > 0.2
     probe.clear()
-    probe.spin(1.0)  # the planner is silent
+    probe.spin(1.5)  # the planner is silent
     assert abs(probe.speed()) < 0.01
     commands = np.array([m.velocity[:2] for m in probe.got["motor_command"]]) * METRES
     braking = -np.diff(np.abs(commands).max(axis=1)) / 0.01
@@ -127,7 +130,7 @@ def test_profile_silence_and_stale_profiles(start_node, ros_context) -> None:
 
 
 def test_live_requests_and_their_silence(start_node, ros_context) -> None:
-    node = start_node("sim")
+    node = start_node("sim", "--ros-args", *PATIENT)
     probe = Probe(ros_context, MEASURED)
     probe.ready()
     effort = [NAN, NAN, 0.05, -0.05]
@@ -138,7 +141,7 @@ def test_live_requests_and_their_silence(start_node, ros_context) -> None:
     assert list(probe.last("motor_torques").effort[2:]) != pytest.approx([0.05, -0.05])
     assert probe.last("odom").twist.twist.linear.x == pytest.approx(50.0 * METRES, rel=1e-3)
     probe.clear()
-    probe.spin(1.0)
+    probe.spin(1.5)
     commands = np.array([m.velocity[:2] for m in probe.got["motor_command"]])
     moving = commands[(commands[:, 0] > 0) & (commands[:, 0] < 60.0)]
     assert len(moving) > 5
@@ -149,7 +152,7 @@ def test_live_requests_and_their_silence(start_node, ros_context) -> None:
 
 @pytest.mark.parametrize("stamped", [True, False])
 def test_cmd_vel_and_its_silence(start_node, ros_context, stamped: bool) -> None:
-    start_node("sim", "--ros-args", "-p", f"cmd_vel_stamped:={str(stamped).lower()}")
+    start_node("sim", "--ros-args", "-p", f"cmd_vel_stamped:={str(stamped).lower()}", "-p", "cmd_vel_timeout:=1.0")
     probe = Probe(ros_context, MEASURED)
     send = probe.send_twist if stamped else probe.send_plain_twist
     if stamped:
@@ -162,8 +165,8 @@ def test_cmd_vel_and_its_silence(start_node, ros_context, stamped: bool) -> None
     twist = probe.last("odom").twist.twist
     assert (twist.linear.x, twist.angular.z) == pytest.approx((0.4, 0.2), rel=1e-3)
     probe.spin(0.25)
-    assert probe.last("odom").twist.twist.linear.x == pytest.approx(0.4, rel=1e-3), "0.5 s of patience"
-    probe.spin(1.2)
+    assert probe.last("odom").twist.twist.linear.x == pytest.approx(0.4, rel=1e-3), "the last one holds"
+    probe.spin(1.8)
     assert abs(probe.last("odom").twist.twist.linear.x) < 1e-3
 
 
