@@ -46,8 +46,11 @@ def _jit(function: Function, **options: Any) -> Function:
 
 
 def inlined(function: Function) -> Function:
-    """A piece of the model, compiled into whatever calls it; it allocates nothing."""
-    return _jit(function, forceinline=True, _nrt=False)
+    """A piece of the model, compiled into whatever calls it; it allocates nothing.
+
+    Python cannot call it: without the wrappers for that, everything compiles in half the time.
+    """
+    return _jit(function, forceinline=True, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 def kernel(function: Function) -> Function:
@@ -55,4 +58,4 @@ def kernel(function: Function) -> Function:
 
     It allocates nothing either: counting references to arrays would cost half of its speed.
     """
-    return _jit(function, cache=True, nogil=True, _nrt=False)
+    return _jit(function, cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True)

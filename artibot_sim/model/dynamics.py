@@ -3,51 +3,30 @@
 With eq. 8's simplification the mass matrix is constant and diagonal and nothing depends on products of velocities
 but the joint. The motor rows couple to the rest through the contact forces only, so prescribed motors (28) are
 solved one by one, and the joint's multipliers by the 4×4 Schur complement  S lambda = Phi_x M⁻¹ n + …
+
+Values pass from function to function as tuples, which stay in registers; the row is only written.
 """
 
 from __future__ import annotations
 
 from artibot_sim.model.compiled import inlined
-from artibot_sim.model.contact import generalised_forces, wheel_kinematics
-from artibot_sim.model.kinematics import JACOBIAN, joint, sincos, sincos_small
-from artibot_sim.model.layout import ACC, ALPHA, BACK, GAMMA, LAMBDA, Q_C, Q_G, Q_J, X, Y, Z
+from artibot_sim.model.kinematics import joint
+from artibot_sim.model.layout import ACC, ALPHA, BACK, BETA, GAMMA, Q_G, Q_J, X, Y, Z
 
 
 @inlined
-def attitude(q):
-    """Sines and cosines of roll and yaw of both modules: sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b."""
-    sa_f, ca_f = sincos_small(q[ALPHA])
-    sa_b, ca_b = sincos_small(q[BACK + ALPHA])
-    sg_f, cg_f = sincos(q[GAMMA])
-    sg_b, cg_b = sincos(q[BACK + GAMMA])
-    return sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b
+def module_gravity(body, p, module, w):
+    """Eq. 12: a module's weight, into the row; it never changes."""
+    o = Q_G + 6 * module
+    w[o], w[o + 1], w[o + 2] = body.m * p.g_x, body.m * p.g_y, body.m * p.g_z
 
 
 @inlined
-def all_wheels(q, v, p, trig, w):
-    """Kinematics and normal forces of all wheels (into the row)."""
-    sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b = trig
-    v_x, v_y = cg_f * v[X] + sg_f * v[Y], cg_f * v[Y] - sg_f * v[X]
-    wheel_kinematics(p.front, p, v_x, v_y, v[Z], v[ALPHA], v[GAMMA], sa_f, ca_f, q[Z], 0, w)
-    if p.two:
-        b = BACK
-        v_x, v_y = cg_b * v[b + X] + sg_b * v[b + Y], cg_b * v[b + Y] - sg_b * v[b + X]
-        wheel_kinematics(p.back, p, v_x, v_y, v[b + Z], v[b + ALPHA], v[b + GAMMA], sa_b, ca_b, q[b + Z], 4, w)
-
-
-@inlined
-def module_gravity(body, p, out, w):
-    """Eq. 12: a module's weight, into the row at `out`."""
-    w[Q_G + out] = body.m * p.g_x
-    w[Q_G + out + 1] = body.m * p.g_y
-    w[Q_G + out + 2] = body.m * p.g_z
-
-
-@inlined
-def free_acceleration(inverse, out, acc, w):
-    """M⁻¹ n of one module's six coordinates, the joint left out, into the row's accelerations."""
-    for i in range(6):
-        w[ACC + acc + i] = (w[Q_G + out + i] + w[Q_C + out + i]) * inverse[i]
+def free_acceleration(body, p, forces):
+    """M⁻¹ n of one module's x, y, z, alpha and gamma, the joint left out; beta has none."""
+    x, y, z, alpha, gamma = forces
+    m = body.inverse[0]
+    return p.g_x + m * x, p.g_y + m * y, p.g_z + m * z, body.inverse[3] * alpha, body.inverse[5] * gamma
 
 
 @inlined
@@ -79,95 +58,96 @@ def solve4(factors, b0, b1, b2, b3):
 
 
 @inlined
-def divide_by_mass(p, jac):
-    """The angular block of Phi_x M⁻¹, behind that of Phi_x."""
-    for row in range(4):
-        for i in range(3):
-            jac[JACOBIAN + 6 * row + i] = jac[6 * row + i] * p.front.inverse[3 + i]
-            jac[JACOBIAN + 6 * row + 3 + i] = jac[6 * row + 3 + i] * p.back.inverse[3 + i]
+def compliance(body, columns):
+    """What one module adds to the Schur complement Phi_x M⁻¹ Phi_xᵀ: its lower triangle, row by row."""
+    (a_x, a_y, a_z, a_n), (b_x, b_y, b_z, b_n), (g_x, g_y, g_n) = columns
+    m, J_x, J_y, J_z = body.inverse[0], body.inverse[3], body.inverse[4], body.inverse[5]
+    A_x, A_y, A_z, A_n = J_x * a_x, J_x * a_y, J_x * a_z, J_x * a_n
+    B_x, B_y, B_z, B_n = J_y * b_x, J_y * b_y, J_y * b_z, J_y * b_n
+    G_x, G_y, G_n = J_z * g_x, J_z * g_y, J_z * g_n
+    return (
+        (m + A_x * a_x) + (B_x * b_x + G_x * g_x),
+        A_x * a_y + (B_x * b_y + G_x * g_y), (m + A_y * a_y) + (B_y * b_y + G_y * g_y),
+        A_x * a_z + B_x * b_z, A_y * a_z + B_y * b_z, m + (A_z * a_z + B_z * b_z),
+        A_x * a_n + (B_x * b_n + G_x * g_n), A_y * a_n + (B_y * b_n + G_y * g_n), A_z * a_n + B_z * b_n,
+        A_n * a_n + (B_n * b_n + G_n * g_n),
+    )  # fmt: skip
 
 
 @inlined
-def schur(jac, row, col):
-    """Entry (row, col) of the angular part of Phi_x M⁻¹ Phi_xᵀ."""
-    a, b = JACOBIAN + 6 * row, 6 * col
-    front = jac[a] * jac[b] + jac[a + 1] * jac[b + 1] + jac[a + 2] * jac[b + 2]
-    back = jac[a + 3] * jac[b + 3] + jac[a + 4] * jac[b + 4] + jac[a + 5] * jac[b + 5]
-    return front + back
-
-
-@inlined
-def joint_geometry(q, v, p, trig, jac):
+def joint_geometry(q, v, p, trig):
     """All that the joint's force needs and that no other force enters.
 
     It comes first in the right-hand side, so that its divisions run while the wheel forces are computed.
 
     Returns
     -------
-    tuple of 4 floats, tuple of 10 floats
-        (d/dt Phi_x) x_dot + A² Phi, and the factors of the Schur complement.
+    bias : tuple of 4 floats
+        (d/dt Phi_x) x_dot + A² Phi.
+    front, back : tuple
+        Columns of Phi_x, see `kinematics.joint`.
+    factors : tuple of 10 floats
+        Of the Schur complement.
     """
-    sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b = trig
-    h0, h1, h2, h3, b0, b1, b2, b3 = joint(q, v, p, sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b, jac)
-    divide_by_mass(p, jac)
-    move = p.front.inverse[0] + p.back.inverse[0]
+    phi, bias, front, back = joint(q, v, p, trig)
+    f, b = compliance(p.front, front), compliance(p.back, back)
     factors = factor4(
-        move + schur(jac, 0, 0),
-        schur(jac, 1, 0), move + schur(jac, 1, 1),
-        schur(jac, 2, 0), schur(jac, 2, 1), move + schur(jac, 2, 2),
-        schur(jac, 3, 0), schur(jac, 3, 1), schur(jac, 3, 2), schur(jac, 3, 3),
+        f[0] + b[0],
+        f[1] + b[1], f[2] + b[2],
+        f[3] + b[3], f[4] + b[4], f[5] + b[5],
+        f[6] + b[6], f[7] + b[7], f[8] + b[8], f[9] + b[9],
     )  # fmt: skip
     A2 = p.A_joint * p.A_joint
-    return (b0 + A2 * h0, b1 + A2 * h1, b2 + A2 * h2, b3 + A2 * h3), factors
+    held = bias[0] + A2 * phi[0], bias[1] + A2 * phi[1], bias[2] + A2 * phi[2], bias[3] + A2 * phi[3]
+    return held, front, back, factors
 
 
 @inlined
-def cancel(v, p, jac, row, bias, w):
-    """Row of Phi_x (M⁻¹ n + 2 A x_dot) + (d/dt Phi_x) x_dot + A² Phi: what the joint's force must cancel.
+def at_joint(columns, alpha, beta, gamma):
+    """Phi_x u for the angular part of u in one module."""
+    (a_x, a_y, a_z, a_n), (b_x, b_y, b_z, b_n), (g_x, g_y, g_n) = columns
+    return (
+        a_x * alpha + (b_x * beta + g_x * gamma),
+        a_y * alpha + (b_y * beta + g_y * gamma),
+        a_z * alpha + b_z * beta,
+        a_n * alpha + (b_n * beta + g_n * gamma),
+    )
+
+
+@inlined
+def multipliers(v, p, geometry, free_f, free_b):
+    """Lagrange multipliers of the joint: S lambda = Phi_x (M⁻¹ n + 2 A x_dot) + (d/dt Phi_x) x_dot + A² Phi.
 
     The Baumgarte terms keep eq. 13 from drifting; A = 0 is eq. 25 as printed.
     """
-    a, f, b = 6 * row, ACC + ALPHA, ACC + BACK + ALPHA
-    A = 2.0 * p.A_joint
-    front, back = 0.0, bias
-    for i in range(3):
-        front += jac[a + i] * (w[f + i] + A * v[ALPHA + i])
-        back += jac[a + 3 + i] * (w[b + i] + A * v[BACK + ALPHA + i])
-    if row < 3:
-        front += w[ACC + row] - w[ACC + BACK + row] + A * (v[row] - v[BACK + row])
-    return front + back
-
-
-@inlined
-def joint_forces(v, p, bias, factors, jac, w):
-    """Multipliers of the joint (25) and its generalised forces −Phi_xᵀ lambda, added to the accelerations."""
-    l0, l1, l2, l3 = solve4(
+    bias, front, back, factors = geometry
+    A, j = 2.0 * p.A_joint, BACK
+    f = at_joint(front, free_f[3] + A * v[ALPHA], A * v[BETA], free_f[4] + A * v[GAMMA])
+    b = at_joint(back, free_b[3] + A * v[j + ALPHA], A * v[j + BETA], free_b[4] + A * v[j + GAMMA])
+    return solve4(
         factors,
-        cancel(v, p, jac, 0, bias[0], w),
-        cancel(v, p, jac, 1, bias[1], w),
-        cancel(v, p, jac, 2, bias[2], w),
-        cancel(v, p, jac, 3, bias[3], w),
+        (bias[0] + free_f[0] - free_b[0] + A * (v[X] - v[j + X])) + (f[0] + b[0]),
+        (bias[1] + free_f[1] - free_b[1] + A * (v[Y] - v[j + Y])) + (f[1] + b[1]),
+        (bias[2] + free_f[2] - free_b[2] + A * (v[Z] - v[j + Z])) + (f[2] + b[2]),
+        bias[3] + (f[3] + b[3]),
     )
-    w[LAMBDA], w[LAMBDA + 1], w[LAMBDA + 2], w[LAMBDA + 3] = l0, l1, l2, l3
-    for i in range(3):
-        w[Q_J + i] = -w[LAMBDA + i]
-        w[Q_J + 6 + i] = w[LAMBDA + i]
-        w[Q_J + 3 + i] = -((jac[i] * l0 + jac[6 + i] * l1) + (jac[12 + i] * l2 + jac[18 + i] * l3))
-        w[Q_J + 9 + i] = -((jac[3 + i] * l0 + jac[9 + i] * l1) + (jac[15 + i] * l2 + jac[21 + i] * l3))
-    for i in range(6):
-        w[ACC + i] += w[Q_J + i] * p.front.inverse[i]
-        w[ACC + BACK + i] += w[Q_J + 6 + i] * p.back.inverse[i]
 
 
 @inlined
-def body_accelerations(v, p, trig, bias, factors, jac, w):
-    """Accelerations of both modules from the forces in the row (eqs 12, 17, 18, 25), named parts kept."""
-    sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b = trig
-    generalised_forces(p.front, p, sa_f, ca_f, sg_f, cg_f, 0, 0, w)
-    module_gravity(p.front, p, 0, w)
-    free_acceleration(p.front.inverse, 0, 0, w)
-    if p.two:
-        generalised_forces(p.back, p, sa_b, ca_b, sg_b, cg_b, 4, 6, w)
-        module_gravity(p.back, p, 6, w)
-        free_acceleration(p.back.inverse, 6, BACK, w)
-        joint_forces(v, p, bias, factors, jac, w)
+def jointed(body, columns, free, push, multiplier, module, w):
+    """The joint's generalised forces −Phi_xᵀ lambda on one module and its accelerations, into the row.
+
+    `push` is −1 for the front module and 1 for the back one.
+    """
+    (a_x, a_y, a_z, a_n), (b_x, b_y, b_z, b_n), (g_x, g_y, g_n) = columns
+    l_x, l_y, l_z, l_n = multiplier
+    x, y, z = push * l_x, push * l_y, push * l_z
+    alpha = -((a_x * l_x + a_y * l_y) + (a_z * l_z + a_n * l_n))
+    beta = -((b_x * l_x + b_y * l_y) + (b_z * l_z + b_n * l_n))
+    gamma = -((g_x * l_x + g_y * l_y) + g_n * l_n)
+    o, c, m = Q_J + 6 * module, ACC + BACK * module, body.inverse[0]
+    w[o], w[o + 1], w[o + 2], w[o + 3], w[o + 4], w[o + 5] = x, y, z, alpha, beta, gamma
+    w[c + X], w[c + Y], w[c + Z] = free[0] + m * x, free[1] + m * y, free[2] + m * z
+    w[c + ALPHA] = free[3] + body.inverse[3] * alpha
+    w[c + BETA] = body.inverse[4] * beta
+    w[c + GAMMA] = free[4] + body.inverse[5] * gamma

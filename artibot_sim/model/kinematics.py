@@ -1,8 +1,7 @@
 """Rotations and the universal joint: eqs 2, 13 and 14, and the quadratic velocity terms of eq. 25.
 
-The joint's four constraints are linear in the translations, so its Jacobian (14) is held as what is not
-trivial: a (4, 6) block, row-major in a flat array, whose columns are alpha_f, beta_f, gamma_f, alpha_b, beta_b,
-gamma_b.
+The joint's four constraints are linear in the translations, so of its Jacobian (14) only the columns of the six
+angles are computed.
 """
 
 from __future__ import annotations
@@ -12,17 +11,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.model.compiled import inlined
+from artibot_sim.model.compiled import inlined, kernel
 from artibot_sim.model.layout import ALPHA, BACK, BETA, GAMMA, X, Y, Z
 from artibot_sim.model.params import packed, params
 from artibot_sim.model.robot import Robot
-
-JACOBIAN = 24
-"""Length of the flat (4, 6) block."""
-
-ANGLES = (ALPHA, BETA, GAMMA, BACK + ALPHA, BACK + BETA, BACK + GAMMA)
-"""The coordinates of the block's columns."""
-
 
 _QUARTER = (math.pi / 2, 6.123233995736766e-17)
 """pi/2 in two parts, for the reduction of an angle to within ±pi/4."""
@@ -66,15 +58,17 @@ def sincos_small(angle):
 
 
 @inlined
-def arm(body, s_a, c_a, s_b, c_b, s_g, c_g, alpha_dot, beta_dot, gamma_dot, sign, column, jac):
+def arm(body, s_a, c_a, s_b, c_b, s_g, c_g, alpha_dot, beta_dot, gamma_dot):
     """The joint as seen from one module: r = R O (eq. 13), its partials, and its velocity terms.
-
-    Writes ``sign`` times the partials of r into the first three rows of `jac`, at `column` and the next two.
 
     Returns
     -------
-    tuple of 6 floats
-        r (3) and the part of its second derivative that does not hold accelerations (3), in `map`.
+    r : tuple of 3 floats
+        Its partial by gamma is (-r_y, r_x, 0).
+    r_alpha, r_beta : tuple of 3 floats
+        Partials.
+    bias : tuple of 3 floats
+        The part of r's second derivative that does not hold accelerations. All in `map`.
     """
     O_x, O_z = body.O_x, body.O_z
     # s = Ry Rx O; r = Rz s
@@ -83,16 +77,9 @@ def arm(body, s_a, c_a, s_b, c_b, s_g, c_g, alpha_dot, beta_dot, gamma_dot, sign
     s_z = -s_b * O_x + c_a * c_b * O_z
     s_x_a, s_y_a, s_z_a = -s_a * s_b * O_z, -c_a * O_z, -s_a * c_b * O_z
     s_x_b, s_z_b = s_z, -s_x
-    r_x, r_y = c_g * s_x - s_g * s_y, s_g * s_x + c_g * s_y
-    jac[column] = sign * (c_g * s_x_a - s_g * s_y_a)
-    jac[6 + column] = sign * (s_g * s_x_a + c_g * s_y_a)
-    jac[12 + column] = sign * s_z_a
-    jac[column + 1] = sign * c_g * s_x_b
-    jac[6 + column + 1] = sign * s_g * s_x_b
-    jac[12 + column + 1] = sign * s_z_b
-    jac[column + 2] = -sign * r_y
-    jac[6 + column + 2] = sign * r_x
-    jac[12 + column + 2] = 0.0
+    r = c_g * s_x - s_g * s_y, s_g * s_x + c_g * s_y, s_z
+    r_alpha = c_g * s_x_a - s_g * s_y_a, s_g * s_x_a + c_g * s_y_a, s_z_a
+    r_beta = c_g * s_x_b, s_g * s_x_b, s_z_b
     # rates of s, and its second derivative without accelerations
     ds_x = s_x_a * alpha_dot + s_x_b * beta_dot
     ds_y = s_y_a * alpha_dot
@@ -103,15 +90,21 @@ def arm(body, s_a, c_a, s_b, c_b, s_g, c_g, alpha_dot, beta_dot, gamma_dot, sign
     g2 = gamma_dot * gamma_dot
     b_x = dds_x - 2.0 * gamma_dot * ds_y - g2 * s_x
     b_y = dds_y + 2.0 * gamma_dot * ds_x - g2 * s_y
-    return r_x, r_y, s_z, c_g * b_x - s_g * b_y, s_g * b_x + c_g * b_y, dds_z
+    return r, r_alpha, r_beta, (c_g * b_x - s_g * b_y, s_g * b_x + c_g * b_y, dds_z)
 
 
 @inlined
-def perpendicular(q, v, s_d, c_d, sa_f, ca_f, sb_f, cb_f, sb_b, cb_b, jac):
+def perpendicular(q, v, s_d, c_d, sa_f, ca_f, sb_f, cb_f, sb_b, cb_b):
     """Fourth row of eq. 13: the z axis of {f} stays perpendicular to the x axis of {b}.
 
-    Returns its value and its second derivative's velocity terms; writes its partials into `jac`'s last row.
     Everything is seen from the front module's yaw frame, where only delta = gamma_b − gamma_f enters.
+
+    Returns
+    -------
+    value, bias : float
+        The row, and its second derivative's velocity terms.
+    partials : tuple of 4 floats
+        By alpha_f, beta_f, beta_b and delta.
     """
     a_dot, b_dot, bb_dot = v[ALPHA], v[BETA], v[BACK + BETA]
     d_dot = v[BACK + GAMMA] - v[GAMMA]
@@ -122,13 +115,12 @@ def perpendicular(q, v, s_d, c_d, sa_f, ca_f, sb_f, cb_f, sb_b, cb_b, jac):
     zb_x, zb_z = ca_f * cb_f, -ca_f * sb_f
     xb_x, xb_y, xb_z = -sb_b * c_d, -sb_b * s_d, -cb_b
     xd_x, xd_y = -x_y, x_x
-    by_delta = z_x * xd_x + z_y * xd_y
-    jac[18] = za_x * x_x + za_y * x_y + za_z * x_z
-    jac[19] = zb_x * x_x + zb_z * x_z
-    jac[20] = -by_delta
-    jac[21] = 0.0
-    jac[22] = z_x * xb_x + z_y * xb_y + z_z * xb_z
-    jac[23] = by_delta
+    partials = (
+        za_x * x_x + za_y * x_y + za_z * x_z,
+        zb_x * x_x + zb_z * x_z,
+        z_x * xb_x + z_y * xb_y + z_z * xb_z,
+        z_x * xd_x + z_y * xd_y,
+    )
     dz_x = za_x * a_dot + zb_x * b_dot
     dz_y = za_y * a_dot
     dz_z = za_z * a_dot + zb_z * b_dot
@@ -149,65 +141,69 @@ def perpendicular(q, v, s_d, c_d, sa_f, ca_f, sb_f, cb_f, sb_b, cb_b, jac):
         + 2.0 * (dz_x * dx_x + dz_y * dx_y + dz_z * dx_z)
         + z_x * ddx_x + z_y * ddx_y + z_z * ddx_z
     )  # fmt: skip
-    return value, bias
+    return value, bias, partials
 
 
 @inlined
-def joint(q, v, p, sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b, jac):
-    """Eq. 13, its Jacobian's angular block (into `jac`) and the velocity terms of its second derivative.
+def joint(q, v, p, trig):
+    """Eq. 13, the angular block of its Jacobian (14) and the velocity terms of its second derivative.
 
     Returns
     -------
-    tuple of 8 floats
-        Phi (4), then (d/dt Phi_x) x_dot (4).
+    phi, bias : tuple of 4 floats
+        Phi, and (d/dt Phi_x) x_dot.
+    front, back : tuple of 3 tuples of floats
+        Columns of Phi_x for alpha, beta (4 each) and gamma (3: its third entry, of z, is zero and left out).
     """
+    sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b = trig
     sb_f, cb_f = sincos_small(q[BETA])
     sb_b, cb_b = sincos_small(q[BACK + BETA])
-    fx, fy, fz, bfx, bfy, bfz = arm(
-        p.front, sa_f, ca_f, sb_f, cb_f, sg_f, cg_f, v[ALPHA], v[BETA], v[GAMMA], 1.0, 0, jac
-    )
-    bx, by, bz, bbx, bby, bbz = arm(
-        p.back, sa_b, ca_b, sb_b, cb_b, sg_b, cg_b, v[BACK + ALPHA], v[BACK + BETA], v[BACK + GAMMA], -1.0, 3, jac
+    f, f_a, f_b, df = arm(p.front, sa_f, ca_f, sb_f, cb_f, sg_f, cg_f, v[ALPHA], v[BETA], v[GAMMA])
+    b, b_a, b_b, db = arm(
+        p.back, sa_b, ca_b, sb_b, cb_b, sg_b, cg_b, v[BACK + ALPHA], v[BACK + BETA], v[BACK + GAMMA]
     )
     s_d, c_d = sg_b * cg_f - cg_b * sg_f, cg_b * cg_f + sg_b * sg_f  # of delta
-    phi_4, bias_4 = perpendicular(q, v, s_d, c_d, sa_f, ca_f, sb_f, cb_f, sb_b, cb_b, jac)
-    return (
-        q[X] + fx - q[BACK + X] - bx,
-        q[Y] + fy - q[BACK + Y] - by,
-        q[Z] + fz - q[BACK + Z] - bz,
-        phi_4,
-        bfx - bbx,
-        bfy - bby,
-        bfz - bbz,
-        bias_4,
-    )
+    n, dn, (n_fa, n_fb, n_bb, n_d) = perpendicular(q, v, s_d, c_d, sa_f, ca_f, sb_f, cb_f, sb_b, cb_b)
+    phi = q[X] + f[0] - q[BACK + X] - b[0], q[Y] + f[1] - q[BACK + Y] - b[1], q[Z] + f[2] - q[BACK + Z] - b[2], n
+    bias = df[0] - db[0], df[1] - db[1], df[2] - db[2], dn
+    front = (f_a[0], f_a[1], f_a[2], n_fa), (f_b[0], f_b[1], f_b[2], n_fb), (-f[1], f[0], -n_d)
+    back = (-b_a[0], -b_a[1], -b_a[2], 0.0), (-b_b[0], -b_b[1], -b_b[2], n_bb), (b[1], -b[0], n_d)
+    return phi, bias, front, back
 
 
 @inlined
-def _evaluate(q, v, p, jac):
+def attitude(q):
+    """Sines and cosines of roll and yaw of both modules: sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b."""
     sa_f, ca_f = sincos_small(q[ALPHA])
     sa_b, ca_b = sincos_small(q[BACK + ALPHA])
     sg_f, cg_f = sincos(q[GAMMA])
     sg_b, cg_b = sincos(q[BACK + GAMMA])
-    return joint(q, v, p, sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b, jac)
+    return sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b
+
+
+@kernel
+def _evaluate(q, v, p):
+    return joint(q, v, p, attitude(q))
 
 
 def constraint(robot: Robot, q: NDArray[np.float64]) -> NDArray[np.float64]:
     """Phi of eq. 13, shape (4,): the joint's gap in `map` (m) and the fourth row's cosine, at ``q`` (16,)."""
-    return np.array(_evaluate(q, np.zeros(16), packed(params(robot)), np.zeros(JACOBIAN))[:4])
+    return np.array(_evaluate(q, np.zeros(16), packed(params(robot)))[0])
 
 
 def constraint_jacobian(robot: Robot, q: NDArray[np.float64]) -> NDArray[np.float64]:
     """Phi_x of eq. 14, shape (4, 16), at ``q`` (16,)."""
-    block = np.zeros(JACOBIAN)
-    _evaluate(q, np.zeros(16), params(robot), block)
+    _, _, front, back = _evaluate(q, np.zeros(16), packed(params(robot)))
     jacobian = np.zeros((4, 16))
     jacobian[:3, X : Z + 1] = np.eye(3)
     jacobian[:3, BACK + X : BACK + Z + 1] = -np.eye(3)
-    jacobian[:, ANGLES] = block.reshape(4, 6)
+    for (alpha, beta, gamma), module in ((front, 0), (back, BACK)):
+        jacobian[:, module + ALPHA] = alpha
+        jacobian[:, module + BETA] = beta
+        jacobian[[X, Y, 3], module + GAMMA] = gamma
     return jacobian
 
 
 def constraint_bias(robot: Robot, q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
     """(d/dt Phi_x) x_dot, shape (4,): minus the right-hand side of eq. 25's lower rows."""
-    return np.array(_evaluate(q, v, packed(params(robot)), np.zeros(JACOBIAN))[4:])
+    return np.array(_evaluate(q, v, packed(params(robot)))[1])

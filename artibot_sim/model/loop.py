@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import math
-
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model.compiled import inlined, kernel
+from artibot_sim.model.dynamics import module_gravity
 from artibot_sim.model.energy import powers
 from artibot_sim.model.integrators import (
-    D,
+    BEHIND,
     D_DDOT,
     D_DOT,
+    FRONT,
     TORQUE_D,
+    D,
     coordinate_of,
     hold_efficiencies,
     motor_count,
@@ -23,7 +25,6 @@ from artibot_sim.model.integrators import (
     right_hand_side,
     semi_implicit_step,
 )
-from artibot_sim.model.kinematics import JACOBIAN
 from artibot_sim.model.layout import ACC, ENERGIES, M_M, ROW
 from artibot_sim.model.transmission import efficiency
 
@@ -36,7 +37,6 @@ class Work(NamedTuple):
     """Arrays that a loop works in, so that it allocates nothing."""
 
     w: NDArray[np.float64]
-    jac: NDArray[np.float64]
     drive: NDArray[np.float64]
     cubic: NDArray[np.float64]
     hold: NDArray[np.float64]
@@ -51,7 +51,7 @@ class Work(NamedTuple):
 
 def workspace() -> Work:
     """A fresh one, for one loop at a time."""
-    return Work(*map(np.zeros, (ROW, 2 * JACOBIAN, 12, 16, 16, 4, 16, 16, 16, 16, ENERGIES, ENERGIES)))
+    return Work(*map(np.zeros, (ROW, 12, 16, 16, 4, 16, 16, 16, 16, ENERGIES, ENERGIES)))
 
 
 @inlined
@@ -151,15 +151,10 @@ def next_stage(k, q, v, dt, w, q_s, v_s, sum_q, sum_v):
 
 
 @inlined
-def keep_row(row, q, v, w, e, out_q, out_v, out_w, out_e):
+def keep(values, row, out):
     """Copy what is kept of an instant."""
-    for i in range(16):
-        out_q[row, i], out_v[row, i] = q[i], v[i]
-    for i in range(ROW):
-        out_w[row, i] = w[i]
-    if out_e is not None:
-        for i in range(ENERGIES):
-            out_e[row, i] = e[i]
+    for i in range(len(values)):
+        out[row, i] = values[i]
 
 
 @kernel
@@ -184,9 +179,12 @@ def integrate_rk4(
     tuple of int
         OK or DIVERGED, and the number of rows written.
     """
-    w, jac, drive, cubic, hold, eta_next, q_s, v_s, sum_q, sum_v, e, pw = work
+    w, drive, cubic, hold, eta_next, q_s, v_s, sum_q, sum_v, e, pw = work
     for i in range(16):
         q_s[i], v_s[i] = q[i], v[i]
+    module_gravity(p.front, p, FRONT, w)
+    if p.two:
+        module_gravity(p.back, p, BEHIND, w)
     row = 0
     for step in range(steps + 1):
         s = prepare(
@@ -195,12 +193,16 @@ def integrate_rk4(
         for k in range(4):
             if k == 1 or k == 3:
                 command_at(cubic, s + (0.5 if k == 1 else 1.0) * dt, drive)
-            right_hand_side(q_s, v_s, p, modes, drive, hold, jac, w)
+            right_hand_side(q_s, v_s, p, modes, drive, hold, w)
             if k == 0:
                 if step == steps or step % every == 0:
                     if not sound(q, v):
                         return DIVERGED, row
-                    keep_row(row, q, v, w, e, out_q, out_v, out_w, out_e)
+                    keep(q, row, out_q)
+                    keep(v, row, out_v)
+                    keep(w, row, out_w)
+                    if out_e is not None:
+                        keep(e, row, out_e)
                     row += 1
                 if step == steps:
                     return OK, row
@@ -219,7 +221,10 @@ def integrate_semi_implicit(
     work, out_q, out_v, out_w, out_e,
 ):  # fmt: skip
     """As `integrate_rk4`; a row's contributions are those that act from its state to the next."""
-    w, jac, drive, cubic, hold, _, q_old, v_old, _, _, e, pw = work
+    w, drive, cubic, hold, _, q_old, v_old, _, _, e, pw = work
+    module_gravity(p.front, p, FRONT, w)
+    if p.two:
+        module_gravity(p.back, p, BEHIND, w)
     row = 0
     for step in range(steps + 1):
         s = prepare(
@@ -228,11 +233,15 @@ def integrate_semi_implicit(
         mean_acceleration(cubic, s, dt, drive)
         for i in range(16):
             q_old[i], v_old[i] = q[i], v[i]
-        semi_implicit_step(q, v, p, modes, drive, hold, dt, jac, w)
+        semi_implicit_step(q, v, p, modes, drive, hold, dt, w)
         if step == steps or step % every == 0:
             if not sound(q_old, v_old):
                 return DIVERGED, row
-            keep_row(row, q_old, v_old, w, e, out_q, out_v, out_w, out_e)
+            keep(q_old, row, out_q)
+            keep(v_old, row, out_v)
+            keep(w, row, out_w)
+            if out_e is not None:
+                keep(e, row, out_e)
             row += 1
         if step == steps:
             for i in range(16):

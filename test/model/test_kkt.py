@@ -105,7 +105,7 @@ def test_augmented_system_holds_at_the_kernels_solution(case, run):
     for row in range(0, len(run.t), 7):
         motion, closed = residual(robot, run, row, gravity)
         assert motion < 1e-10, f"t = {run.t[row]:.2f} s: eq. 3 is off by {motion:.1e} of its terms"
-        assert closed < 1e-10, f"t = {run.t[row]:.2f} s: the joint's accelerations are off by {closed:.1e}"
+        assert closed < 1e-9, f"t = {run.t[row]:.2f} s: the joint's accelerations are off by {closed:.1e}"
 
 
 def test_high_joint_tilts_the_modules(case, run):
