@@ -6,11 +6,11 @@ import threading
 
 import numpy as np
 import pytest
+from model.helpers import front_commands, ramp
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Mode, Status, initial_state, rollout
 from artibot_sim.model.batch import available_cores, rollout_batch
-from model.helpers import front_commands, ramp
 
 PARTS = ("t", "q", "v", "row")
 
