@@ -33,20 +33,19 @@ def local_fit(
     (m,) or (m, k) values, and rates per s
         NaN if there is no sample at all; a rate of 0 if there is only one.
     """
-    t, at = np.asarray(t, float), np.asarray(at, float)
-    samples = np.asarray(y, float)
-    table = samples.reshape(len(samples), -1)
-    value = np.full((len(at), table.shape[1]), np.nan)
-    rate = value.copy()
-    count = len(t)
-    if count:
-        order = min(degree, count - 1)
-        fewest = min(count, 2 * degree + 1 if least is None else least)
-        low, high = _neighbourhoods(t, at, half_width, fewest)
-        for k in range(0, len(at), _BLOCK):
-            part = slice(k, k + _BLOCK)
-            value[part], rate[part] = _fit(t, table, at[part], low[part], high[part], order)
-    shape = (len(at), *samples.shape[1:])
+    times, wanted, samples = np.asarray(t, float), np.asarray(at, float), np.asarray(y, float)
+    shape = (len(wanted), *samples.shape[1:])
+    count = len(times)
+    if not count:
+        return np.full(shape, np.nan), np.full(shape, np.nan)
+    table = samples.reshape(count, -1)
+    value, rate = np.empty((2, len(wanted), table.shape[1]))
+    order = min(degree, count - 1)
+    fewest = min(count, 2 * degree + 1 if least is None else least)
+    low, high = _neighbourhoods(times, wanted, half_width, fewest)
+    for k in range(0, len(wanted), _BLOCK):
+        part = slice(k, k + _BLOCK)
+        value[part], rate[part] = _fit(times, table, wanted[part], low[part], high[part], order)
     return value.reshape(shape), rate.reshape(shape)
 
 
@@ -82,9 +81,10 @@ def fresh(y: ArrayLike) -> np.ndarray:
     A recorder that samples faster than the sensor measures holds values; held ones would look like a staircase.
     More than `HELD` equal ones in a row are a standstill, and all of them are new.
     """
-    table = np.asarray(y, float).reshape(len(np.asarray(y)), -1)
-    if len(table) < 2:
-        return np.ones(len(table), bool)
+    samples = np.asarray(y, float)
+    if len(samples) < 2:
+        return np.ones(len(samples), bool)
+    table = samples.reshape(len(samples), -1)
     repeats = np.concatenate(([False], (table[1:] == table[:-1]).all(axis=1)))
     run = np.cumsum(~repeats)
     return ~repeats | (np.bincount(run)[run] > HELD)
@@ -102,15 +102,15 @@ def noise_of(t: ArrayLike, y: ArrayLike) -> float:
     float
         In the unit of `y`; NaN for fewer than 15 samples.
     """
-    t, y = np.asarray(t, float), np.asarray(y, float)
-    used = np.isfinite(y)
-    t, y = t[used], y[used]
-    new = fresh(y) if len(y) else used
-    t, y = t[new], y[new]
-    if len(t) < 15:
+    times, samples = np.asarray(t, float), np.asarray(y, float)
+    used = np.isfinite(samples)
+    times, samples = times[used], samples[used]
+    new = fresh(samples)
+    times, samples = times[new], samples[new]
+    if len(times) < 15:
         return float("nan")
-    value, _ = local_fit(t, y, t, 0.0, least=_NOISE_SAMPLES)
-    left = np.abs(y - value)[3:-3]
+    value, _ = local_fit(times, samples, times, 0.0, least=_NOISE_SAMPLES)
+    left = np.abs(samples - value)[3:-3]
     left = left[left > 0]
     if not len(left):
         return 0.0
@@ -151,12 +151,11 @@ def bridge(t: Floats, at: Floats, value: Floats, rate: Floats, gap: float) -> tu
 
 
 def hermite(
-    t0: ArrayLike, t1: ArrayLike, p0: Floats, p1: Floats, v0: Floats, v1: Floats, at: Floats
+    t0: Floats | float, t1: Floats | float, p0: Floats, p1: Floats, v0: Floats, v1: Floats, at: Floats
 ) -> tuple[Floats, Floats]:
     """Return value and rate, (m, k), of the cubic from (t0, p0, v0) to (t1, p1, v1) at times (m,)."""
-    h = np.asarray(t1 - np.asarray(t0), float)
-    s = ((at - t0) / h)[:, None]
-    h = np.reshape(h, (-1, 1))
+    start, h = np.reshape(t0, (-1, 1)), np.reshape(np.subtract(t1, t0), (-1, 1))
+    s = (at[:, None] - start) / h
     rise = (p1 - p0) / h
     value = p0 + h * s * (v0 + s * (3 * rise - 2 * v0 - v1 + s * (v0 + v1 - 2 * rise)))
     rate = v0 + s * (2 * (3 * rise - 2 * v0 - v1) + s * 3 * (v0 + v1 - 2 * rise))

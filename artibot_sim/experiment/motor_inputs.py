@@ -76,7 +76,7 @@ def rotations(experiment: Experiment, robot: Robot, t_start: float, t_end: float
             )
     turned = np.isfinite(velocity).all(axis=0)
     torque = np.full_like(velocity, np.nan)
-    for i in np.flatnonzero(~turned):
+    for i in np.flatnonzero(~turned).tolist():
         torque[:, i] = _held(motors, f"{MOTORS[i]}.effort", t)
     modes = tuple(Mode.PRESCRIBED if given else Mode.TORQUE for given in turned)
     return MotorInputs(t, _KNOT, position, velocity, torque, modes, position, velocity)
@@ -126,7 +126,8 @@ def _count(robot: Robot) -> int:
 
 def _knots(t_start: float, t_end: float, dt: float) -> Floats:
     """Return knots from `t_start` to the first one not before `t_end`."""
-    return t_start + dt * np.arange(max(2, int(np.ceil((t_end - t_start) / dt - 1e-6)) + 1))
+    count = max(2, int(np.ceil((t_end - t_start) / dt - 1e-6)) + 1)
+    return np.asarray(t_start + dt * np.arange(count), float)
 
 
 def _by_effort(experiment: Experiment, channel: Channel, back: str) -> bool:

@@ -1,0 +1,166 @@
+"""Where the rover was and how it moved, as its recording says: what a simulation starts from and is held against."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from artibot_sim.experiment.columns import Channel, Experiment, Floats
+from artibot_sim.experiment.heading import Compass, carried_fit
+from artibot_sim.experiment.local_fit import fresh, local_fit, noise_of
+from artibot_sim.model import MOTORS
+
+POSE_HALF_WIDTH = 0.3
+"""s around an instant whose positions give place and velocity there."""
+RATE_HALF_WIDTH = 0.05
+"""s around an instant whose yaw rates and articulation angles count."""
+_EXACT = 1e-5  # m or rad: measurements with less noise are taken as they are, not smoothed
+
+
+class Motion(NamedTuple):
+    """Pose (m, rad, `map`), velocity (m/s, `map`), yaw rate (rad/s), articulation (rad, rad/s); NaN if unknown."""
+
+    x: float
+    y: float
+    yaw: float
+    vx: float
+    vy: float
+    yaw_rate: float
+    articulation: float
+    articulation_rate: float
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Measurements of a recording's motion within one segment.
+
+    Attributes
+    ----------
+    experiment : the recording.
+    t_start, t_end : s, the segment; nothing outside is used.
+    """
+
+    experiment: Experiment
+    t_start: float
+    t_end: float
+
+    @property
+    def position_source(self) -> Channel | None:
+        """The topic that says where the rover went: `/total_station/point`, else `/ground_truth/odom`."""
+        channels = self.experiment.channels
+        return channels.get("total_station") or channels.get("ground_truth_odom")
+
+    def position(self) -> tuple[Floats, Floats]:
+        """Return times (n,) and points (n, 2), m; held samples are left out."""
+        channel = self.position_source
+        return _samples(channel, ("x", "y"), self.t_start, self.t_end) if channel else _nothing(2)
+
+    def yaw(self) -> tuple[Floats, Floats]:
+        """Return times (n,) and measured headings (n, 1), rad; none where only points were measured."""
+        channel = self.experiment.channels.get("ground_truth_odom")
+        return _samples(channel, ("yaw",), self.t_start, self.t_end) if channel else _nothing(1)
+
+    def yaw_rate(self) -> tuple[Floats, Floats]:
+        """Return times (n,) and yaw rates (n, 1), rad/s: of the IMU, else of the ground truth's twist."""
+        for key in ("imu", "ground_truth_odom"):
+            channel = self.experiment.channels.get(key)
+            if channel is not None and "yaw_rate" in channel:
+                found = _samples(channel, ("yaw_rate",), self.t_start, self.t_end)
+                if len(found[0]):
+                    return found
+        return _nothing(1)
+
+    def articulation(self) -> tuple[Floats, Floats]:
+        """Return times (n,) and articulation angles (n, 1), rad."""
+        channel = self.experiment.channels.get("joint_states")
+        if channel is None or "articulation_yaw.position" not in channel:
+            return _nothing(1)
+        return _samples(channel, ("articulation_yaw.position",), self.t_start, self.t_end)
+
+    def motors(self, articulated: bool) -> dict[str, tuple[Floats, Floats]]:
+        """Return times (n,) and values (n, 2) of `front_velocity` (rad/s), `torque_front` and `torque_back` (N·m)."""
+        channel = self.experiment.channels.get("motor_torques")
+        wanted = {"front_velocity": (MOTORS[:2], "velocity"), "torque_front": (MOTORS[:2], "effort")}
+        if articulated:
+            wanted["torque_back"] = (MOTORS[2:], "effort")
+        if channel is None:
+            return {}
+        return {
+            name: _samples(channel, tuple(f"{motor}.{quantity}" for motor in motors), self.t_start, self.t_end)
+            for name, (motors, quantity) in wanted.items()
+        }
+
+    def at(self, t: float) -> Motion:
+        """Return the motion at time `t`, by local fits to the measurements before and after it."""
+        bend, bend_rate = _local(*self.articulation(), t, RATE_HALF_WIDTH)
+        yaw, yaw_slope = _local(*self.yaw(), t, POSE_HALF_WIDTH)
+        times, rates = self.yaw_rate()
+        rate = float(_local(times, rates, t, RATE_HALF_WIDTH, degree=1)[0][0]) if len(times) else float(yaw_slope[0])
+        heading = float(yaw[0]) if np.isfinite(yaw[0]) else self._compass.heading(t)
+        position, velocity = self._carried(t, heading) or _local(*self.position(), t, POSE_HALF_WIDTH)
+        twist = self._twist(t)
+        if twist is not None:
+            c, s = np.cos(heading), np.sin(heading)
+            velocity = np.array([c * twist[0] - s * twist[1], s * twist[0] + c * twist[1]])
+        (x, y), (vx, vy) = position.tolist(), velocity.tolist()
+        return Motion(x, y, heading, vx, vy, rate, float(bend[0]), float(bend_rate[0]))
+
+    @cached_property
+    def _compass(self) -> Compass:
+        """What gives headings where only points were measured."""
+        return Compass(self.position(), self.yaw_rate(), self.speeds())
+
+    def speeds(self) -> tuple[Floats, Floats]:
+        """Return times (n,) and the speeds of the front motors (n, 2), rad/s."""
+        motors = self.experiment.channels.get("motor_torques")
+        names = ("front_right.velocity", "front_left.velocity")
+        return _samples(motors, names, self.t_start, self.t_end) if motors else _nothing(2)
+
+    def _carried(self, t: float, heading: float) -> tuple[Floats, Floats] | None:
+        """Return place and velocity (2,) at `t` with the help of the accelerometer, None if there is none."""
+        imu = self.experiment.channels.get("imu")
+        if imu is None or not {"ax", "ay", "yaw_rate"} <= set(imu.columns):
+            return None
+        times, sensed = _samples(imu, ("ax", "ay", "yaw_rate"), self.t_start, self.t_end)
+        if len(times) < 20 or not sensed[:, :2].any():
+            return None
+        return carried_fit(self.position(), times, sensed, t, heading)
+
+    def _twist(self, t: float) -> Floats | None:
+        """Return the measured velocity (2,) in the rover's frame, m/s, if the ground truth has one."""
+        channel = self.experiment.channels.get("ground_truth_odom")
+        if channel is None or not {"vx", "vy"} <= set(channel.columns):
+            return None
+        times, values = _samples(channel, ("vx", "vy"), self.t_start, self.t_end)
+        return _local(times, values, t, RATE_HALF_WIDTH)[0] if len(times) else None
+
+
+def _nothing(columns: int) -> tuple[Floats, Floats]:
+    return np.empty(0), np.empty((0, columns))
+
+
+def _samples(channel: Channel, names: tuple[str, ...], t_start: float, t_end: float) -> tuple[Floats, Floats]:
+    """Return times (n,) and values (n, k) of columns where all are finite and new."""
+    if not set(names) <= set(channel.columns):
+        return _nothing(len(names))
+    values = np.column_stack([channel[name] for name in names])
+    used = np.isfinite(values).all(axis=1) & (channel.t >= t_start - 1e-6) & (channel.t <= t_end + 1e-6)
+    times, values = channel.t[used], values[used]
+    new = fresh(values)
+    return times[new], values[new]
+
+
+def _local(times: Floats, values: Floats, t: float, half_width: float, degree: int = 3) -> tuple[Floats, Floats]:
+    """Return values and rates (k,) at `t`: those of a local fit, or of the samples themselves if they are exact."""
+    if not len(times):
+        nan = np.full(values.shape[1], np.nan)
+        return nan, nan
+    value, rate = local_fit(times, values, np.array([t]), half_width, degree)
+    near = slice(*np.searchsorted(times, (t - 20 * half_width, t + 20 * half_width)))
+    exact = [noise_of(times[near], column[near]) < _EXACT for column in values.T]
+    if all(exact) and times[0] <= t <= times[-1]:
+        value = np.array([[np.interp(t, times, column) for column in values.T]])
+    return value[0], rate[0]
