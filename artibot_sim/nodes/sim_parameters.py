@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Mapping
 from typing import Any
 
+from artibot_sim import parameters
 from artibot_sim.errors import ArtibotError
-from artibot_sim.nodes import parameters
-from artibot_sim.nodes.parameters import Spec, Value
+from artibot_sim.nodes.parameters import declare as declare_spec
 from artibot_sim.nodes.sim_commands import parse_sources
 from artibot_sim.nodes.sim_profile import Refused
+from artibot_sim.parameters import Spec, Value
 
 ROBOT = Spec("robot", "agriq", "Robot: a name (agriq, epiq, husky) or the path of a robot file.")
 KAPPA = Spec(
@@ -88,36 +88,21 @@ def check(name: str, value: Any) -> Value:
 
 
 def as_yaml() -> str:
-    """All parameters at their defaults as a ROS 2 parameter file with a comment each: ``config/sim.yaml``.
+    """All parameters at their defaults as a ROS 2 parameter file: ``config/sim.yaml``.
 
     `kappa` stands there as a comment, for its default is the robot file's.
     """
-    lines = [
-        "# Parameters of the simulation node at their defaults; made by `python -m artibot_sim.nodes.sim_parameters`.",
-        "# Use: artibot sim --params sim, or ros2 run artibot_sim sim --ros-args --params-file sim.yaml",
-        "# Realistic sensors: sim_noisy.yaml.",
-        "/**:",
-        "  ros__parameters:",
-    ]
-    for spec in SPECS.values():
-        note = f"{spec.doc} Expected: {spec.expected}." + (" Can be set while running." if spec.live else "")
-        lines += [f"    # {line}" for line in textwrap.wrap(note, 110)]
-        mark = "# " if spec is KAPPA else ""
-        lines.append(f"    {mark}{spec.name}: {_as_yaml(spec.default)}")
-    return "\n".join(lines) + "\n"
-
-
-def _as_yaml(value: Value) -> str:
-    if isinstance(value, tuple):
-        return f"[{', '.join(map(repr, value))}]"
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return f'"{value}"' if isinstance(value, str) else repr(value)
+    header = (
+        "Parameters of the simulation node at their defaults; made by `python -m artibot_sim.nodes.sim_parameters`.",
+        "Use: artibot sim --params sim, or ros2 run artibot_sim sim --ros-args --params-file sim.yaml",
+        "Realistic sensors: sim_noisy.yaml.",
+    )
+    return parameters.as_yaml(SPECS.values(), header, left_out=(KAPPA.name,))
 
 
 def declare(node: Any, spec: Spec, default: Value | None = None) -> Value:
     """Declare one parameter on an rclpy node and return its checked value; raises :class:`ArtibotError`."""
-    return check(spec.name, parameters.declare(node, spec, default))
+    return check(spec.name, declare_spec(node, spec, default))
 
 
 if __name__ == "__main__":
