@@ -1,0 +1,1 @@
+"""CiA 402 (CANopen) drives: state machine, scaling, PDOs and the bus, without ROS."""
