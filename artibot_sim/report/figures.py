@@ -50,7 +50,9 @@ def experiment_figure(experiments: Sequence[Experiment], robots: Sequence[Robot 
         If there is nothing to draw, or there are too many recordings.
     """
     if not 1 <= len(experiments) <= len(BAGS):
-        raise ArtibotError(f"{len(experiments)} recordings; expected 1 to {len(BAGS)}, else colours cannot be told apart")
+        raise ArtibotError(
+            f"{len(experiments)} recordings; expected 1 to {len(BAGS)}, else colours cannot be told apart"
+        )
     sources = _sources(experiments, robots or [None] * len(experiments))
     first, missing = path_panel(sources)
     rest, also = time_panels(sources)
@@ -95,7 +97,9 @@ def labels(experiments: Sequence[Experiment]) -> list[str]:
     depth = 1
     while len(set(names)) < len(names) and depth < max(map(len, paths)):
         depth += 1
-        names = ["/".join([*path[-depth:-1], experiment.name]) for path, experiment in zip(paths, experiments, strict=True)]
+        names = [
+            "/".join([*path[-depth:-1], experiment.name]) for path, experiment in zip(paths, experiments, strict=True)
+        ]
     kappas = [experiment.metadata.get("kappa", "") for experiment in experiments]
     if len(set(kappas)) > 1:
         names = [f"{name} (κ {kappa})" if kappa else name for name, kappa in zip(names, kappas, strict=True)]

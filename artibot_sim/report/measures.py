@@ -83,7 +83,12 @@ class Measures:
         """Return all as JSON takes it; None where a value is absent."""
         three, two = ("planned", "odometric", "true"), ("odometric", "true")
         arcs = [
-            {"t_start": arc.t_start, "t_end": arc.t_end, "turn": arc.turn, **{kind: arc.radius.get(kind) for kind in three}}
+            {
+                "t_start": arc.t_start,
+                "t_end": arc.t_end,
+                "turn": arc.turn,
+                **{kind: arc.radius.get(kind) for kind in three},
+            }
             for arc in self.arcs
         ]
         return {
@@ -113,7 +118,9 @@ def measure(experiment: Experiment) -> Measures:
     remarks = [f"{kind}: not recorded" for kind in tracks if kind not in present]
     last = min([window[1], *(float(track.t[-1]) for track in present.values())])
     if last < window[1] - _LATE:
-        remarks.append(f"the recording ends {window[1] - last:.1f} s before the plan; the figures are for what there is")
+        remarks.append(
+            f"the recording ends {window[1] - last:.1f} s before the plan; the figures are for what there is"
+        )
     window = (window[0], last)
     e_gamma: dict[str, float] = {}
     e_x: dict[str, float] = {}

@@ -12,11 +12,17 @@ from artibot_sim.report import style
 from artibot_sim.report.panels import Figure
 from artibot_sim.report.web import chart
 
+HINT = (
+    "Drag over a chart to zoom in (all time axes follow), drag with shift to move, double-click for all; "
+    "click on a legend to hide a line."
+)
 Section = tuple[str, Sequence[tuple[str, str, Sequence[str]]]]
 """Heading and lines (quantity, unit, texts) of a part of a table."""
 
 
-def render_page(figure: Figure, table: Sequence[Section] = (), columns: Sequence[str] = (), notes: Sequence[str] = ()) -> bytes:
+def render_page(
+    figure: Figure, table: Sequence[Section] = (), columns: Sequence[str] = (), notes: Sequence[str] = ()
+) -> bytes:
     """Return a page (UTF-8) with all panels of a figure.
 
     Parameters
@@ -36,9 +42,9 @@ def render_page(figure: Figure, table: Sequence[Section] = (), columns: Sequence
         "TITLE": html.escape(figure.title),
         "STYLE": _style(),
         "HEAD": _head(figure),
-        "PANELS": "\n".join(_panel(i, panel.title, panel.equal) for i, panel in enumerate(figure.panels)),
+        "PANELS": _panels(figure),
         "TABLE": _table(table, columns),
-        "NOTES": "".join(f"<p>{html.escape(note)}</p>" for note in notes),
+        "NOTES": "".join(f"<p>{html.escape(note)}</p>" for note in (*notes, HINT)),
         "CHARTS": _script_json(charts),
         "SCRIPT": _SCRIPT,
         "PLOTLY": get_plotlyjs(),
@@ -70,9 +76,17 @@ def _head(figure: Figure) -> str:
     return title + "".join(f"<p>{html.escape(line)}</p>" for line in lines)
 
 
-def _panel(number: int, title: str, equal: bool) -> str:
-    kind = "plot square" if equal else "plot"
-    return f'<section class="{"wide" if equal else ""}"><h2>{html.escape(title)}</h2><div id="plot{number}" class="{kind}"></div></section>'
+def _panels(figure: Figure) -> str:
+    """Return the charts' places: two columns on a wide screen, where a path takes two rows and a last one alone both."""
+    cells = sum(2 if panel.equal else 1 for panel in figure.panels)
+    out = []
+    for i, panel in enumerate(figure.panels):
+        place = "wide" if panel.equal else "both" if cells % 2 and panel is figure.panels[-1] else "one"
+        kind = "plot square" if panel.equal else "plot"
+        out.append(
+            f'<section class="{place}"><h2>{html.escape(panel.title)}</h2><div id="plot{i}" class="{kind}"></div></section>'
+        )
+    return "\n".join(out)
 
 
 def _table(table: Sequence[Section], columns: Sequence[str]) -> str:
@@ -113,7 +127,7 @@ footer { padding-bottom: 24px; padding-top: 12px; }
 .key button[aria-pressed=false]::before { background: @GRID@; }
 .grid { display: grid; grid-template-columns: minmax(0, 1fr); gap: 0 24px; }
 .plot { width: 100%; height: 270px; }
-.plot.square { height: min(115vw, 560px); }
+.plot.square { height: min(100vw, 560px); }
 .scroll { overflow-x: auto; margin-top: 20px; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { padding: 3px 14px 3px 0; text-align: right; white-space: nowrap; }
@@ -124,6 +138,7 @@ tr.name th { font-weight: 600; padding-top: 10px; }
 @media (min-width: 860px) {
   .grid { grid-template-columns: minmax(0, 1fr) minmax(0, 1fr); }
   .wide { grid-row: span 2; }
+  .both { grid-column: span 2; }
   .wide .plot.square { height: 592px; }
 }
 """
@@ -131,8 +146,7 @@ tr.name th { font-weight: 600; padding-top: 10px; }
 _SCRIPT = """
 "use strict";
 const coarse = window.matchMedia("(pointer: coarse)").matches;  // a finger on a chart scrolls the page
-const settings = {responsive: true, displaylogo: false, displayModeBar: coarse ? false : "hover",
-  modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"]};
+const settings = {responsive: true, displayModeBar: false};
 const plots = charts.map((chart, i) => {
   const plot = document.getElementById("plot" + i);
   chart.layout.dragmode = coarse ? false : "zoom";

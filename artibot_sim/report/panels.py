@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -183,3 +183,10 @@ class Figure:
 
     def __contains__(self, key: str) -> bool:
         return any(panel.key == key for panel in self.panels)
+
+
+def extent(values: Sequence[Floats]) -> tuple[float, float]:
+    """Return the least and greatest finite value of several arrays (0, 0 where there is none)."""
+    finite = [column[np.isfinite(column)] for column in values]
+    joined = np.concatenate(finite) if finite else np.empty(0)
+    return (float(joined.min()), float(joined.max())) if len(joined) else (0.0, 0.0)

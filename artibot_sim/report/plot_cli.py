@@ -26,7 +26,9 @@ _FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--html", type=_FILE, help="Page to write: interactive, one file, needs no network.")
 @click.option("--json", "as_json", type=_FILE, help="Figures of merit for scripts, in SI units.")
 @click.option("--robot", help="Robot name or file, for outlines and limits [what the recording names].")
-@click.option("--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable.")
+@click.option(
+    "--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable."
+)
 @click.option("--start", type=float, help="Draw from here on, s since the recording's start.")
 @click.option("--end", type=float, help="Draw up to here, s.")
 def command(
@@ -102,7 +104,9 @@ def _read(path: Path, topics: Sequence[str], start: float | None, end: float | N
         raise ArtibotError(f"--start {start:g} --end {end:g}: expected the start before the end")
     part = experiment.between(first, last)
     if not part.segments:
-        raise ArtibotError(f"{path}: nothing was recorded between {first:g} and {last:g} s; it is {experiment.duration:.1f} s long")
+        raise ArtibotError(
+            f"{path}: nothing was recorded between {first:g} and {last:g} s; it is {experiment.duration:.1f} s long"
+        )
     return part
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from artibot_sim.report import style
-from artibot_sim.report.panels import Arrows, Figure, Line, Outline, Panel
+from artibot_sim.report.panels import Arrows, Figure, Line, Outline, Panel, extent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -85,7 +85,9 @@ def _heading(canvas: Canvas, figure: Figure) -> None:
         _key(canvas, figure, left, 1 - top / height)
     else:
         canvas.text(left, 1 - top / height, figure.title, fontsize=14, fontweight="bold", va="top")
-    canvas.text(left, 1 - (top + 0.3) / height, "\n".join(lines), fontsize=9.5, color=style.MUTED, va="top", linespacing=1.35)
+    canvas.text(
+        left, 1 - (top + 0.3) / height, "\n".join(lines), fontsize=9.5, color=style.MUTED, va="top", linespacing=1.35
+    )
 
 
 def _said(figure: Figure) -> list[str]:
@@ -131,8 +133,7 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
 
 def _time_limits(axes: Axes, lines: Sequence[Line]) -> None:
     """Let the time axis end with the data."""
-    first = min(float(np.nanmin(line.x)) for line in lines)
-    last = max(float(np.nanmax(line.x)) for line in lines)
+    first, last = extent([line.x for line in lines])
     if last > first:
         axes.set_xlim(first, last)
 
@@ -140,7 +141,14 @@ def _time_limits(axes: Axes, lines: Sequence[Line]) -> None:
 def line_style(stroke: style.Stroke) -> dict[str, Any]:
     """Return a stroke in matplotlib's words."""
     if stroke.dash == "points":
-        return {"ls": "none", "marker": "o", "ms": stroke.width, "mew": 0, "color": stroke.colour, "alpha": stroke.opacity}
+        return {
+            "ls": "none",
+            "marker": "o",
+            "ms": stroke.width,
+            "mew": 0,
+            "color": stroke.colour,
+            "alpha": stroke.opacity,
+        }
     options: dict[str, Any] = {"color": stroke.colour, "lw": stroke.width, "ls": style.DASHES[stroke.dash]}
     return options | {"alpha": stroke.opacity}
 
@@ -156,7 +164,9 @@ def draw_arrows(axes: Axes, arrows: Arrows, size: float = 8.0) -> None:
     """Draw heads of arrows; with equal axes an angle in the data is one in the picture."""
     for x, y, heading in zip(arrows.x, arrows.y, arrows.heading, strict=True):
         head = (3, 0, float(np.degrees(heading)) - 90.0)
-        axes.plot([x], [y], ls="none", marker=head, ms=size, mfc=arrows.stroke.colour, mec=style.PAPER, mew=0.7, zorder=4)
+        axes.plot(
+            [x], [y], ls="none", marker=head, ms=size, mfc=arrows.stroke.colour, mec=style.PAPER, mew=0.7, zorder=4
+        )
 
 
 def _legends(canvas: Canvas, figure: Figure, places: Sequence[Axes]) -> None:

@@ -49,7 +49,9 @@ def terminal_table(names: Sequence[str], measured: Sequence[Measures]) -> Table:
     return table
 
 
-def summary(experiments: Sequence[Experiment], measured: Sequence[Measures], missing: Mapping[str, str]) -> dict[str, Any]:
+def summary(
+    experiments: Sequence[Experiment], measured: Sequence[Measures], missing: Mapping[str, str]
+) -> dict[str, Any]:
     """Return what the table says, as JSON takes it: SI units, null for what is absent."""
     bags = [
         {
@@ -67,4 +69,4 @@ def summary(experiments: Sequence[Experiment], measured: Sequence[Measures], mis
 
 
 def _texts(values: Mapping[str, float], factor: float = 1.0) -> tuple[str, ...]:
-    return tuple(f"{factor * values[kind]:.2f}" if kind in values else NONE for kind in KINDS)
+    return tuple(f"{factor * values[kind] + 0.0:.2f}".replace("-", "−") if kind in values else NONE for kind in KINDS)

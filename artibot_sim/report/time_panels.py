@@ -10,7 +10,7 @@ import numpy as np
 
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.report import style
-from artibot_sim.report.panels import Floats, Level, Line, Panel
+from artibot_sim.report.panels import Floats, Level, Line, Panel, extent
 from artibot_sim.report.tracks import TOPICS, broken, find_track, pieces, whole_turns
 
 if TYPE_CHECKING:
@@ -126,7 +126,9 @@ class _Motors:
                 channel = source.experiment.channels.get(key)
                 for side in self.sides if channel is not None else ():
                     stroke = style.motor_stroke(kind, side, source.number)
-                    lines += _lines(source, channel, f"{self.end}_{side}.{self.quantity}", kind, stroke, self._side(side))
+                    lines += _lines(
+                        source, channel, f"{self.end}_{side}.{self.quantity}", kind, stroke, self._side(side)
+                    )
         word = "torque" if self.quantity == "effort" else self.quantity
         one = f" {self.sides[0]}" if len(self.sides) == 1 else ""
         key = f"{word}_{self.end}{one.replace(' ', '_')}"
@@ -144,7 +146,10 @@ class _Motors:
         robots = [source.robot for source in sources]
         if self.end == "back" and robots and all(robot is not None and not robot.articulated for robot in robots):
             return None  # there are no back motors to be missed
-        return f"{self.end} motor {word}s", f"no {self.quantity} of {self.end} motors on /motor_torques or /motor_command"
+        return (
+            f"{self.end} motor {word}s",
+            f"no {self.quantity} of {self.end} motors on /motor_torques or /motor_command",
+        )
 
     def _limits(self, sources: Sequence[Source], panel: Panel) -> tuple[Level, ...]:
         """Return ±torque_max where all robots agree on one that is not far beyond what was reached."""
@@ -223,10 +228,3 @@ def _close(a: Line, b: Line) -> bool:
 def _same(p: Floats, q: Floats) -> bool:
     low, high = extent([p])
     return bool(np.allclose(p, q, rtol=0.0, atol=_ALIKE * (high - low) + 1e-9, equal_nan=True))
-
-
-def extent(values: Sequence[Floats]) -> tuple[float, float]:
-    """Return the least and greatest finite value of several arrays (0, 0 where there is none)."""
-    finite = [column[np.isfinite(column)] for column in values]
-    joined = np.concatenate(finite) if finite else np.empty(0)
-    return (float(joined.min()), float(joined.max())) if len(joined) else (0.0, 0.0)

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from artibot_sim.report import style
-from artibot_sim.report.panels import Arrows, Entry, Floats, Line, Outline, Panel
+from artibot_sim.report.panels import Arrows, Entry, Floats, Line, Outline, Panel, extent
 
 MOST_POINTS = 20_000
 """Longer lines are thinned: a browser would crawl, and no screen shows more."""
+_EXACT = 6_000
+"""Lines shorter than this are drawn with every point."""
 _PX = 1.25
 """Pixels on a page for a point in a picture."""
 
@@ -55,11 +57,14 @@ def thinned(x: Floats, y: Floats, most: int = MOST_POINTS) -> tuple[Floats, Floa
 
 
 def _line(panel: Panel, line: Line) -> dict[str, Any]:
+    stroke = _stroke(line.stroke)
+    if "line" in stroke and len(line.x) < _EXACT:
+        stroke["line"]["simplify"] = False  # plotly's simplification bends lines visibly
     step = max(1, len(line.x) // MOST_POINTS)
     x, y = (line.x[::step], line.y[::step]) if panel.equal else thinned(line.x, line.y)
     return {
         "type": "scatter", "name": line.name, "x": numbers(x), "y": numbers(y), "connectgaps": False,
-        **_stroke(line.stroke), "opacity": line.stroke.opacity, "legendgroup": _group(line.kind, line.side),
+        **stroke, "opacity": line.stroke.opacity, "legendgroup": _group(line.kind, line.side),
         "showlegend": False, "meta": {"bag": line.bag, "kind": line.kind},
         "hovertemplate": f"(%{{x:.3f}}, %{{y:.3f}}) {panel.y[1]}" if panel.equal else f"%{{y:.4g}} {panel.y[1]}",
     }  # fmt: skip
@@ -95,7 +100,9 @@ _ROVER = (("bodies", style.BODY, "#8d99a6"), ("wheels", style.WHEEL, style.WHEEL
 def _polygons(outlines: Sequence[Outline], part: str, fill: str, edge: str) -> dict[str, Any]:
     """Return one trace of all bodies or all wheels; NaN separates the polygons."""
     gap = np.full((1, 2), np.nan)
-    corners = np.concatenate([piece for rover in outlines for polygon in getattr(rover, part) for piece in (polygon, gap)])
+    corners = np.concatenate(
+        [piece for rover in outlines for polygon in getattr(rover, part) for piece in (polygon, gap)]
+    )
     return {"type": "scatter", "mode": "lines", "name": f"rover, {part}", "x": numbers(corners[:-1, 0]),
             "y": numbers(corners[:-1, 1]), "fill": "toself", "fillcolor": fill, "line": {"color": edge, "width": 0.8},
             "hoverinfo": "skip", "showlegend": False}  # fmt: skip
@@ -111,18 +118,28 @@ def _arrows(arrows: Arrows) -> dict[str, Any]:
 def _starts(points: Floats) -> dict[str, Any]:
     marker = {"symbol": "circle", "size": 10, "color": style.PAPER, "line": {"color": style.INK, "width": 2}}
     return {"type": "scatter", "mode": "markers", "name": "start", "x": numbers(points[:, 0]), "y": numbers(points[:, 1]),
-            "marker": marker, "showlegend": True, "hovertemplate": "start (%{x:.2f}, %{y:.2f}) m<extra></extra>"}  # fmt: skip
+            "marker": marker, "showlegend": True, "legendrank": 2000,
+            "hovertemplate": "start (%{x:.2f}, %{y:.2f}) m<extra></extra>"}  # fmt: skip
 
 
 def _layout(panel: Panel) -> dict[str, Any]:
     axis = {"gridcolor": style.GRID, "zeroline": False, "linecolor": "#9aa5b1", "automargin": True,
             "tickfont": {"color": style.MUTED}}  # fmt: skip
-    x = axis | {"title": {"text": panel.x_label, "standoff": 8}, "showline": True, "ticks": "outside", "tickcolor": "#9aa5b1"}
-    y = axis | {"title": {"text": panel.y_label, "standoff": 6}}
+    x = axis | {
+        "title": {"text": panel.x_label, "standoff": 8, "font": {"size": 13}},
+        "showline": True,
+        "ticks": "outside",
+        "tickcolor": "#9aa5b1",
+    }
+    y = axis | {"title": {"text": panel.y_label, "standoff": 6, "font": {"size": 13}}}
     if panel.equal:
-        y |= {"scaleanchor": "x", "scaleratio": 1, "showline": True}
+        shown = [np.column_stack([line.x, line.y]) for line in panel.lines]
+        shown += [polygon for rover in panel.outlines for polygon in (*rover.bodies, *rover.wheels)]
+        corners = np.concatenate(shown)
+        x |= {"range": _span([corners[:, 0]], 0.05)}
+        y |= {"range": _span([corners[:, 1]], 0.05), "scaleanchor": "x", "scaleratio": 1, "showline": True}
     else:
-        x |= {"range": _span(panel.lines)}
+        x |= {"range": _span([line.x for line in panel.lines])}
     return {
         "font": {"family": style.WEB_FONTS, "size": 13, "color": style.INK}, "paper_bgcolor": style.PAPER,
         "plot_bgcolor": style.PAPER, "margin": {"l": 56, "r": 12, "t": 8, "b": 44}, "autosize": True,
@@ -137,7 +154,8 @@ def _layout(panel: Panel) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _span(lines: Sequence[Line]) -> list[float]:
-    first = min(float(np.nanmin(line.x)) for line in lines)
-    last = max(float(np.nanmax(line.x)) for line in lines)
-    return [first, last if last > first else first + 1.0]
+def _span(columns: Sequence[Floats], margin: float = 0.0) -> list[float]:
+    """Return the range of an axis, with a margin as a fraction of what is shown."""
+    first, last = extent(columns)
+    room = margin * (last - first) if last > first else 0.5
+    return [first - room, last + room]
