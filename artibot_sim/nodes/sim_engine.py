@@ -9,11 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model import Commands, Mode, Robot, State, Status, initial_state, rollout
+from artibot_sim.model import Commands, Mode, Robot, Rollout, State, Status, initial_state, rollout
+from artibot_sim.model.layout import MOTOR_COORDINATES
 from artibot_sim.model.params import params
 from artibot_sim.nodes.sim_arbiter import Decision
 
 Array = NDArray[np.float64]
+
+MOTORS_IN_Q = np.array(MOTOR_COORDINATES)
 
 KNOT_NS = 10_000_000
 """Longest spacing of the command knots: slower publications do not coarsen the commands."""
@@ -74,37 +77,43 @@ class Timing:
 
 @dataclass(frozen=True)
 class Sample:
-    """The truth at one instant: shapes (4,) by MOTORS and (8,) by WHEELS; map frame unless said otherwise.
+    """The truth at one instant: shapes (4,) by MOTORS; map frame unless said otherwise.
 
     Attributes
     ----------
     position, rpy : array, shape (3,)
         Front module's origin (m), roll, pitch and yaw (rad).
-    twist : array, shape (3,)
+    twist : tuple of 3 floats
         In its own frame: forward, left (m/s) and yaw rate (rad/s).
-    acceleration : array, shape (3,)
-        Specific force in its own frame (m/s²): what an accelerometer feels, the mean over the last period.
+    felt : array, shape (3,)
+        Specific force (m/s²), the mean over the last period: acceleration less gravity.
     motor_position, motor_velocity, motor_torque : array, shape (4,)
         Motor-side, rad, rad/s, N·m.
-    wheel_position, wheel_velocity : array, shape (8,)
-        rad, rad/s.
     articulation : array, shape (2, 2)
         Yaw and roll (rad); their rates (rad/s).
-    command : array, shape (2,)
+    command : tuple of 2 floats
         Front motors' commanded velocities at this instant, rad/s.
     """
 
     position: Array
     rpy: Array
-    twist: Array
-    acceleration: Array
+    twist: tuple[float, float, float]
+    felt: Array
     motor_position: Array
     motor_velocity: Array
     motor_torque: Array
-    wheel_position: Array
-    wheel_velocity: Array
     articulation: Array
     command: tuple[float, float]
+
+    @property
+    def attitude(self) -> Array:
+        """Rotation from the front module's frame to `map`, shape (3, 3)."""
+        return rotation(*self.rpy.tolist())
+
+    @property
+    def acceleration(self) -> Array:
+        """What an accelerometer in the front module feels, in its frame (m/s², shape (3,))."""
+        return self.attitude.T @ self.felt
 
 
 class Diverged(Exception):
@@ -181,28 +190,22 @@ class Engine:
         torque[:, 2:] = decision.effort
         return Commands(self.timing.knot_ns * 1e-9, velocity, position=position, torque=torque, t0=self.state.t)
 
-    def _sample(self, result, decision: Decision) -> Sample:
+    def _sample(self, result: Rollout, decision: Decision) -> Sample:
         """Row 0 of the period: its torques are those that act from this instant on, as in one long rollout."""
         q, v = result.q[0], result.v[0]
-        felt = (v[:3] - self._v_last[:3]) / (self.timing.period_ns * 1e-9) - self._gravity
-        two = self.robot.articulated
-        yaw_rate = v[13] - v[5] if two else 0.0
+        c, s = math.cos(q[5]), math.sin(q[5])
+        bend = [[0.0, 0.0], [0.0, 0.0]]
+        if self.robot.articulated:
+            bend = [[q[13] - q[5], q[11] - q[3]], [v[13] - v[5], _roll_rate(q, v)]]
         return Sample(
             position=q[:3],
             rpy=q[3:6],
-            twist=result.twist[0],
-            acceleration=rotation(*q[3:6]).T @ felt,
-            motor_position=result.motor_position[0],
-            motor_velocity=result.motor_velocity[0],
+            twist=(float(c * v[0] + s * v[1]), float(c * v[1] - s * v[0]), float(v[5])),
+            felt=(v[:3] - self._v_last[:3]) / (self.timing.period_ns * 1e-9) - self._gravity,
+            motor_position=q[MOTORS_IN_Q],
+            motor_velocity=v[MOTORS_IN_Q],
             motor_torque=result.motor_torque[0],
-            wheel_position=result.wheel_position[0],
-            wheel_velocity=result.wheel_velocity[0],
-            articulation=np.array(
-                [
-                    [result.articulation_yaw[0], result.articulation_roll[0]],
-                    [yaw_rate, _roll_rate(q, v) if two else 0.0],
-                ]
-            ),
+            articulation=np.array(bend),
             command=decision.velocity[0],
         )
 

@@ -6,22 +6,27 @@ import importlib.util
 import math
 from array import array
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Odometry
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 
 from artibot_sim.model import MOTORS, WHEEL_JOINTS, Robot
-from artibot_sim.nodes.sim_engine import Sample, quaternion, rotation
+from artibot_sim.nodes.sim_engine import Sample, quaternion
 from artibot_sim.nodes.sim_sensors import Odometry as Believed
 from artibot_sim.nodes.sim_sensors import Sensors
 
 ARTICULATION_JOINTS = ("articulation_yaw", "articulation_roll")
+
+QUIET = PublisherEventCallbacks(use_default_callbacks=False)
+"""No event handlers for publishers: two each would make every wait of the executor twice as long."""
 
 STATE_QOS = QoSProfile(depth=10)
 """For what is no sensor (odometry, truth, commands, /clock): reliable, which every subscriber can take."""
@@ -63,29 +68,30 @@ class Publishers:
 
     def __init__(self, node: Node, robot: Robot, what: Published) -> None:
         self.what = what
+        publisher = partial(node.create_publisher, event_callbacks=QUIET)
         state = LONG_QOS if what.reliable else STATE_QOS
         qos = LONG_QOS if what.reliable else qos_profile_sensor_data
         self._motors = MOTORS if robot.articulated else MOTORS[:2]
         self._tau = np.array([robot.drive.front.tau] * 4 + [(robot.drive.back or robot.drive.front).tau] * 4)
-        self._clock = node.create_publisher(Clock, "/clock", STATE_QOS) if what.clock else None
+        self._clock = publisher(Clock, "/clock", STATE_QOS) if what.clock else None
         self._clock_message = Clock()
-        self._truth = node.create_publisher(Odometry, "ground_truth/odom", state)
+        self._truth = publisher(Odometry, "ground_truth/odom", state)
         self._truth_message = _odometry("map")
         wheels = () if what.with_driver else WHEEL_JOINTS[: 2 * len(self._motors)]
         joints = (*wheels, *(ARTICULATION_JOINTS if robot.articulated else ()))
         self._wheels, self._bends = len(wheels), robot.articulated
-        self._joints = node.create_publisher(JointState, "joint_states", qos) if joints else None
+        self._joints = publisher(JointState, "joint_states", qos) if joints else None
         self._joints_message = JointState(name=list(joints))
-        self._odom = None if what.with_driver else node.create_publisher(Odometry, "odom", state)
+        self._odom = None if what.with_driver else publisher(Odometry, "odom", state)
         self._odom_message = _odometry("odom")
         if not what.with_driver:
-            self._torques = node.create_publisher(JointState, "motor_torques", qos)
-            self._command = node.create_publisher(JointState, "motor_command", state)
+            self._torques = publisher(JointState, "motor_torques", qos)
+            self._command = publisher(JointState, "motor_command", state)
         self._torques_message = JointState(name=list(self._motors))
         self._command_message = JointState(name=list(self._motors))
-        self._imu = node.create_publisher(Imu, "imu/data", qos) if what.imu else None
+        self._imu = publisher(Imu, "imu/data", qos) if what.imu else None
         self._imu_message = _imu()
-        self._station = node.create_publisher(PointStamped, "total_station/point", qos) if what.station else None
+        self._station = publisher(PointStamped, "total_station/point", qos) if what.station else None
         self._station_message = PointStamped()
         self._station_message.header.frame_id = "map"
         self._tf = None
@@ -130,7 +136,7 @@ class Publishers:
         pose.position.x, pose.position.y, pose.position.z = sample.position.tolist()
         q = pose.orientation
         q.x, q.y, q.z, q.w = quaternion(*sample.rpy.tolist())
-        twist.linear.x, twist.linear.y, twist.angular.z = sample.twist.tolist()
+        twist.linear.x, twist.linear.y, twist.angular.z = sample.twist
         self._truth.publish(message)
 
     def _publish_odom(self, stamp: tuple[int, int], believed: Believed) -> None:
@@ -177,13 +183,13 @@ class Publishers:
     def _publish_imu(self, stamp: tuple[int, int], sample: Sample, sensors: Sensors) -> None:
         message = self._imu_message
         message.header.stamp.sec, message.header.stamp.nanosec = stamp
-        message.angular_velocity.z, felt = sensors.imu(float(sample.twist[2]), sample.acceleration)
+        message.angular_velocity.z, felt = sensors.imu(sample.twist[2], sample.acceleration)
         acceleration = message.linear_acceleration
         acceleration.x, acceleration.y, acceleration.z = felt.tolist()
         self._imu.publish(message)  # type: ignore[union-attr]
 
     def _publish_station(self, stamp: tuple[int, int], sample: Sample, sensors: Sensors) -> None:
-        point = sensors.station(sample.position, rotation(*sample.rpy.tolist()))
+        point = sensors.station(sample.position, sample.attitude)
         if point is None:
             return
         message = self._station_message

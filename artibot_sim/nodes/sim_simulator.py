@@ -38,7 +38,7 @@ from artibot_sim.nodes.sim_pacer import Pacer
 from artibot_sim.nodes.sim_publishers import Published, Publishers, has_tf
 from artibot_sim.nodes.sim_sensors import Odometry, Sensors
 
-SERVE_EVERY = 0.02
+SERVE_EVERY = 0.05
 """How often services and parameters are served while simulated time runs, s."""
 
 IDLE = 0.02
