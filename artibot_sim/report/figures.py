@@ -91,7 +91,7 @@ def align(experiments: Sequence[Experiment]) -> tuple[list[float], str]:
 
 
 def labels(experiments: Sequence[Experiment]) -> list[str]:
-    """Return names that tell recordings apart: with the folder above where names are equal, with kappa where it differs."""
+    """Return names that tell recordings apart: with folders where names are equal, with kappa where it differs."""
     paths = [experiment.path.resolve().parts for experiment in experiments]
     names = [experiment.name for experiment in experiments]
     depth = 1

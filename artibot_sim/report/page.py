@@ -77,15 +77,14 @@ def _head(figure: Figure) -> str:
 
 
 def _panels(figure: Figure) -> str:
-    """Return the charts' places: two columns on a wide screen, where a path takes two rows and a last one alone both."""
+    """Return the charts' places: two columns on a wide screen; a path takes two rows, a last one alone both columns."""
     cells = sum(2 if panel.equal else 1 for panel in figure.panels)
     out = []
     for i, panel in enumerate(figure.panels):
         place = "wide" if panel.equal else "both" if cells % 2 and panel is figure.panels[-1] else "one"
         kind = "plot square" if panel.equal else "plot"
-        out.append(
-            f'<section class="{place}"><h2>{html.escape(panel.title)}</h2><div id="plot{i}" class="{kind}"></div></section>'
-        )
+        title = f"<h2>{html.escape(panel.title)}</h2>"
+        out.append(f'<section class="{place}">{title}<div id="plot{i}" class="{kind}"></div></section>')
     return "\n".join(out)
 
 
@@ -100,7 +99,8 @@ def _table(table: Sequence[Section], columns: Sequence[str]) -> str:
         for what, unit, texts in lines:
             cells = "".join(f"<td>{html.escape(text)}</td>" for text in texts)
             rows.append(f"<tr><th>{html.escape(what)}</th><td>{html.escape(unit)}</td>{cells}</tr>")
-    return f'<div class="scroll"><table><thead><tr><th></th><th></th>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table></div>'
+    head = f"<thead><tr><th></th><th></th>{head}</tr></thead>"
+    return f'<div class="scroll"><table>{head}<tbody>{"".join(rows)}</tbody></table></div>'
 
 
 def _style() -> str:
@@ -120,7 +120,8 @@ h2 { font-size: 1rem; margin: 18px 0 2px; }
 header p, footer { color: @MUTED@; margin: 2px 0; font-size: .93rem; }
 footer { padding-bottom: 24px; padding-top: 12px; }
 .key { display: flex; flex-wrap: wrap; gap: 4px 18px; }
-.key button { font: inherit; font-size: 1.15rem; color: inherit; background: none; border: 0; padding: 2px 0; cursor: pointer; }
+.key button { font: inherit; font-size: 1.15rem; color: inherit; background: none; border: 0; padding: 2px 0;
+  cursor: pointer; }
 .key button::before { content: ""; display: inline-block; width: 1.3em; height: .28em; margin-right: .5em;
   vertical-align: .25em; background: var(--hue); }
 .key button[aria-pressed=false] { color: @MUTED@; text-decoration: line-through; }
@@ -161,7 +162,8 @@ Promise.all(plots).then(all => {
       if (following || !keys.length) return;
       following = true;
       const range = plot.layout.xaxis.range.slice();
-      Promise.all(timed.filter(other => other !== plot).map(other => Plotly.relayout(other, {"xaxis.range": range.slice()})))
+      const others = timed.filter(other => other !== plot);
+      Promise.all(others.map(other => Plotly.relayout(other, {"xaxis.range": range.slice()})))
         .finally(() => { following = false; });
     });
   }
@@ -170,7 +172,8 @@ Promise.all(plots).then(all => {
       const shown = button.getAttribute("aria-pressed") !== "true";
       button.setAttribute("aria-pressed", String(shown));
       for (const plot of all) {
-        const mine = plot.data.map((trace, i) => trace.meta && trace.meta.bag === button.dataset.bag ? i : -1).filter(i => i >= 0);
+        const mine = [];
+        plot.data.forEach((trace, i) => { if (trace.meta && trace.meta.bag === button.dataset.bag) mine.push(i); });
         if (mine.length) Plotly.restyle(plot, {visible: shown}, mine);
       }
     });
@@ -184,7 +187,8 @@ _PAGE = """<!DOCTYPE html>
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:">
+<meta http-equiv="Content-Security-Policy"
+ content="default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:">
 <title>@TITLE@</title>
 <style>@STYLE@</style>
 </head>

@@ -57,23 +57,33 @@ def new_canvas(width: float, height: float, **options: Any) -> Canvas:
 
 
 def _layout(figure: Figure) -> tuple[Canvas, list[Axes]]:
-    """Return axes for all panels in two columns; a path takes two rows, a last one alone both columns."""
+    """Return axes for all panels."""
+    cells = place(figure.panels)
+    rows = max(cell[0].stop for cell in cells)
+    head = _HEAD + 0.18 * len(_said(figure))
+    height = head + _ROW * rows
+    canvas = new_canvas(WIDTH, height, layout="constrained")
+    engine: Any = canvas.get_layout_engine()
+    engine.set(rect=(0, 0, 1, 1 - head / height), h_pad=0.1, w_pad=0.14)
+    grid = canvas.add_gridspec(rows, 2)
+    return canvas, [canvas.add_subplot(grid[cell]) for cell in cells]
+
+
+def place(panels: Sequence[Panel]) -> list[tuple[slice, slice]]:
+    """Return rows and columns of panels in two columns: a path takes two rows, the last one what would stay empty."""
     cells: list[tuple[slice, slice]] = []
-    free = [(row, column) for row in range(2 * len(figure.panels)) for column in (0, 1)]
-    for panel in figure.panels:
+    free = [(row, column) for row in range(2 * len(panels)) for column in (0, 1)]
+    for panel in panels:
         row, column = free.pop(0)
         if panel.equal:
             free.remove((row + 1, column))
         cells.append((slice(row, row + 1 + panel.equal), slice(column, column + 1)))
     rows = max(cell[0].stop for cell in cells)
-    if free[0] == (rows - 1, 1):  # nothing beside the last panel
-        cells[-1] = (cells[-1][0], slice(0, 2))
-    head = _HEAD + 0.18 * len(_said(figure))
-    height = head + _ROW * rows
-    canvas = new_canvas(WIDTH, height, layout="constrained")
-    canvas.get_layout_engine().set(rect=(0, 0, 1, 1 - head / height), h_pad=0.1, w_pad=0.14)  # type: ignore[union-attr]
-    grid = canvas.add_gridspec(rows, 2)
-    return canvas, [canvas.add_subplot(grid[cell]) for cell in cells]
+    if free[0][0] < rows:
+        last_rows, last_columns = cells[-1]
+        below = last_columns.start == free[0][1]
+        cells[-1] = (slice(last_rows.start, rows), last_columns) if below else (last_rows, slice(0, 2))
+    return cells
 
 
 def _heading(canvas: Canvas, figure: Figure) -> None:
@@ -172,10 +182,14 @@ def draw_arrows(axes: Axes, arrows: Arrows, size: float = 8.0) -> None:
 def _legends(canvas: Canvas, figure: Figure, places: Sequence[Axes]) -> None:
     """Put each legend between title and axes, in as few rows as fit; titles side by side stay level."""
     rows = [_legend(canvas, axes, panel) for axes, panel in zip(places, figure.panels, strict=True)]
-    for axes in places:
-        top = axes.get_subplotspec().rowspan.start  # type: ignore[union-attr]
-        level = max(n for n, other in zip(rows, places, strict=True) if other.get_subplotspec().rowspan.start == top)  # type: ignore[union-attr]
+    tops = [_cell(axes).rowspan.start for axes in places]
+    for axes, top in zip(places, tops, strict=True):
+        level = max(n for n, other in zip(rows, tops, strict=True) if other == top)
         axes.set_title(axes.get_title(loc="left"), pad=7.0 + 14.0 * level)
+
+
+def _cell(axes: Axes) -> Any:
+    return axes.get_subplotspec()
 
 
 def _legend(canvas: Canvas, axes: Axes, panel: Panel) -> int:
@@ -184,8 +198,7 @@ def _legend(canvas: Canvas, axes: Axes, panel: Panel) -> int:
 
     handles = [Line2D([], [], **line_style(entry.stroke), label=entry.name) for entry in panel.legend]
     handles += [line for line in axes.get_lines() if not str(line.get_label()).startswith("_")]
-    spanned = len(axes.get_subplotspec().colspan)  # type: ignore[union-attr]
-    width = (WIDTH / 2 * spanned - 0.8) * 72.0
+    width = (WIDTH / 2 * len(_cell(axes).colspan) - 0.8) * 72.0
     for columns in range(len(handles), 0, -1):
         legend = axes.legend(
             handles=handles, ncols=columns, loc="lower left", bbox_to_anchor=(0.0, 1.0),

@@ -100,7 +100,7 @@ def crowded(stroke: Stroke) -> Stroke:
     return stroke._replace(width=max(0.7, 0.5 * stroke.width), opacity=0.55)
 
 
-def matplotlib_style() -> dict[str, Any]:
+def matplotlib_style() -> Any:
     """Settings for ``matplotlib.rc_context``."""
     return {
         "font.family": list(PNG_FONTS), "font.size": 9.5, "text.color": INK, "mathtext.default": "regular",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -63,7 +63,7 @@ def time_panels(sources: Sequence[Source]) -> tuple[list[Panel], dict[str, str]]
     """Return the panels over time that have anything to draw, and what is missing → why."""
     found: list[Panel] = []
     missing: dict[str, str] = {}
-    makers = [_yaw, _speed, *_motor_panels(sources), _articulation]
+    makers: list[Callable[[Sequence[Source]], Made]] = [_yaw, _speed, *_motor_panels(sources), _articulation]
     for make in makers:
         panel, why = make(sources)
         if panel is not None:

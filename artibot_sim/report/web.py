@@ -117,8 +117,8 @@ def _arrows(arrows: Arrows) -> dict[str, Any]:
 
 def _starts(points: Floats) -> dict[str, Any]:
     marker = {"symbol": "circle", "size": 10, "color": style.PAPER, "line": {"color": style.INK, "width": 2}}
-    return {"type": "scatter", "mode": "markers", "name": "start", "x": numbers(points[:, 0]), "y": numbers(points[:, 1]),
-            "marker": marker, "showlegend": True, "legendrank": 2000,
+    return {"type": "scatter", "mode": "markers", "name": "start", "x": numbers(points[:, 0]),
+            "y": numbers(points[:, 1]), "marker": marker, "showlegend": True, "legendrank": 2000,
             "hovertemplate": "start (%{x:.2f}, %{y:.2f}) m<extra></extra>"}  # fmt: skip
 
 
@@ -144,8 +144,8 @@ def _layout(panel: Panel) -> dict[str, Any]:
         "font": {"family": style.WEB_FONTS, "size": 13, "color": style.INK}, "paper_bgcolor": style.PAPER,
         "plot_bgcolor": style.PAPER, "margin": {"l": 56, "r": 12, "t": 8, "b": 44}, "autosize": True,
         "hovermode": "closest" if panel.equal else "x unified", "xaxis": x, "yaxis": y,
-        "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": 1.01, "yanchor": "bottom", "groupclick": "togglegroup",
-                   "tracegroupgap": 0},
+        "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": 1.01, "yanchor": "bottom",
+                   "groupclick": "togglegroup", "tracegroupgap": 0},
         "shapes": [
             {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": level.value, "y1": level.value, "layer": "below",
              "line": {"color": level.stroke.colour, "width": level.stroke.width, "dash": "dot"}}
