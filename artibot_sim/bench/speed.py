@@ -1,0 +1,94 @@
+"""Speed of rollouts: single ones, and batches on all cores."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+
+from artibot_sim.bench.results import Result
+from artibot_sim.bench.scenario import Scenario
+from artibot_sim.bench.timing import repeat, thread_waited
+from artibot_sim.model import Robot
+from artibot_sim.model.batch import available_cores, rollout_batch
+
+SOIL = {
+    "contact.k_l": (2000.0, 3300.0),
+    "contact.k_t": (1400.0, 2600.0),
+    "contact.mu_s": (0.45, 0.80),
+    "contact.mu_d": (0.20, 0.42),
+    "contact.u_w": (0.004, 0.014),
+}
+"""Ranges (about Table 4) of the soils in a batch."""
+
+
+def single(scenario: Scenario, name: str, integrator: str, dt: float) -> Result:
+    """Steps per second of wall time of one rollout on one core, from commands to named outputs."""
+    timing = repeat(lambda: scenario.rollout(integrator, dt), scenario.runs(40), scenario.tick)
+    steps = scenario.steps(dt)
+    note = f"one rollout of {scenario.commands.duration:.4g} s, {integrator} at {dt * 1e3:g} ms, all outputs at 100 Hz"
+    return Result(name, steps / timing.best, "steps/s", note, timing.per_second(steps))
+
+
+def rollouts(scenario: Scenario) -> list[Result]:
+    """Both integrators at 1 ms, and the semi-implicit one at 2 ms."""
+    return [
+        single(scenario, "rollout_rk4_1ms", "rk4", 1e-3),
+        single(scenario, "rollout_semi_implicit", "semi_implicit", 1e-3),
+        single(scenario, "rollout_semi_implicit_2ms", "semi_implicit", 2e-3),
+    ]
+
+
+def soils(robot: Robot, count: int, seed: int = 0) -> list[Robot]:
+    """Robots on `count` soils: a Latin hypercube over SOIL."""
+    rng = np.random.default_rng(seed)
+    low, high = np.array(list(SOIL.values())).T
+    unit = (np.array([rng.permutation(count) for _ in SOIL]).T + rng.random((count, len(SOIL)))) / count
+    return [robot.with_vector(list(SOIL), values) for values in low + unit * (high - low)]
+
+
+class BatchTiming:
+    """One batch: its wall time, and how long its threads waited for a core that somebody else had."""
+
+    def __init__(self, scenario: Scenario, robots: list[Robot], workers: int) -> None:
+        before = thread_waited()
+        waited: dict[int, float] = {}
+
+        def progress(_done: int) -> None:
+            waited[threading.get_ident()] = thread_waited() or 0.0
+
+        start = time.perf_counter()
+        rollout_batch(robots, scenario.commands, workers=workers, keep="rows", progress=progress)
+        self.wall = time.perf_counter() - start
+        base = (before or 0.0) if workers == 1 else 0.0  # one worker is the calling thread, which is older
+        self.waited = (sum(waited.values()) - base) / workers
+        scenario.tick()
+
+    @property
+    def undisturbed(self) -> float:
+        """Wall time less the waiting, s."""
+        return max(self.wall - self.waited, 1e-9)
+
+
+def batch(scenario: Scenario) -> list[Result]:
+    """A batch over soils on all cores, and its ratio to one core; one and all take turns."""
+    cores = available_cores()
+    robots = soils(scenario.robot, 8 if scenario.quick else 64)
+    BatchTiming(scenario, robots[:2], cores)
+    runs = [(BatchTiming(scenario, robots, 1), BatchTiming(scenario, robots, cores)) for _ in range(scenario.runs(5))]
+    one, every = (min(run[i].wall for run in runs) for i in (0, 1))
+    free_one, free_every = (min(run[i].undisturbed for run in runs) for i in (0, 1))
+    steps = scenario.steps(1e-3) * len(robots)
+    median = float(np.median([run[1].wall for run in runs]))
+    note = f"{len(robots)} soils, RK4 at 1 ms, all outputs at 100 Hz, threads on {cores} cores"
+    detail = {"median": steps / median, "runs": len(runs), "one_core": steps / one, "cores": cores}
+    ratio_detail = {"undisturbed": free_one / free_every, "cores": cores, "runs": len(runs)}
+    ratio_note = (
+        f"batch on {cores} cores over one core; {free_one / free_every:.2f} "
+        "without the time that threads waited for a core others had"
+    )
+    return [
+        Result("batch_rk4_all_cores", steps / every, "steps/s", note, detail),
+        Result("batch_rk4_ratio_to_one_core", one / every, "x", ratio_note, ratio_detail),
+    ]
