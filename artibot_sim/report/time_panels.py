@@ -146,8 +146,9 @@ class _Motors:
         robots = [source.robot for source in sources]
         if self.end == "back" and robots and all(robot is not None and not robot.articulated for robot in robots):
             return None  # there are no back motors to be missed
+        plural = {"velocity": "velocities"}.get(word, f"{word}s")
         return (
-            f"{self.end} motor {word}s",
+            f"{self.end} motor {plural}",
             f"no {self.quantity} of {self.end} motors on /motor_torques or /motor_command",
         )
 
@@ -215,8 +216,8 @@ def _equal(lines: Sequence[Line]) -> bool:
 
 
 def _close(a: Line, b: Line) -> bool:
-    if a.x.shape == b.x.shape:
-        return _same(a.x, b.x) and _same(a.y, b.y)
+    if a.x.shape == b.x.shape and _same(a.x, b.x) and _same(a.y, b.y):
+        return True
     first, last = max(a.x[0], b.x[0]), min(a.x[-1], b.x[-1])
     long_enough = last - first > _COMMON * max(a.x[-1] - a.x[0], b.x[-1] - b.x[0])
     if not long_enough or not all((np.diff(line.x) > 0).all() for line in (a, b)):
