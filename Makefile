@@ -20,7 +20,7 @@ setup-run:
 	@scripts/setup.sh run
 
 demo: setup-run ## plan, simulate, record, replay and plot the paper's trajectory (ARGS=... for options)
-	@$(PY) -m artibot_sim.nodes.demo $(ARGS)
+	@$(PY) -m artibot_sim.cli demo $(ARGS)
 
 test: setup lint types ## everything: lint, types, and all tests (ARGS="-k planner" for some of them)
 	@$(PY) -m pytest $(ARGS)

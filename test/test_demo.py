@@ -1,21 +1,48 @@
-"""The demo, as ``make demo`` runs it but shorter: it succeeds, leaves results and no process behind."""
+"""The demo, as ``make demo`` runs it but shorter: it succeeds, leaves results, and no process whatever happens."""
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
+import time
 import uuid
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from ros_helpers import NodeStarter
+from artibot_sim.errors import ArtibotError
+from artibot_sim.experiment import read_bag
+from artibot_sim.nodes.demo_echo import LISTENED
+from artibot_sim.nodes.demo_result import PAPER, lacks, read_result, result_table
+from artibot_sim.nodes.domain import reserved_domain
+from ros_helpers import ROOT, NodeProcess, NodeStarter
 
 MARK = "ARTIBOT_TEST_MARK"
+StartDemo = Callable[[Path], NodeProcess]
 
 
-def processes_with(mark: str) -> list[str]:
-    """Command lines of all processes whose environment holds `mark`, whatever their session or parent."""
-    found = []
+@pytest.fixture
+def mark() -> str:
+    """A value of the environment variable `MARK` that is in no other process."""
+    return uuid.uuid4().hex
+
+
+@pytest.fixture
+def start_demo(start_node: NodeStarter, mark: str) -> StartDemo:
+    """Starts the short demo with results in a folder; all its processes carry the mark."""
+
+    def start(out: Path) -> NodeProcess:
+        command = [sys.executable, "-m", "artibot_sim.cli", "demo", "--short", "--out", str(out)]
+        return start_node.run(command, name="demo", env={MARK: mark})
+
+    return start
+
+
+def processes_with(mark: str) -> dict[int, str]:
+    """Ids and command lines of all processes whose environment holds `mark`, whatever their session or parent."""
+    found = {}
     for folder in Path("/proc").iterdir():
         if not folder.name.isdigit():
             continue
@@ -24,17 +51,104 @@ def processes_with(mark: str) -> list[str]:
         except OSError:  # it ended meanwhile, or is another user's
             continue
         if f"{MARK}={mark}".encode() in environment.split(b"\0"):
-            found.append(command.replace(b"\0", b" ").decode(errors="replace"))
+            found[int(folder.name)] = command.replace(b"\0", b" ").decode(errors="replace")
     return found
 
 
 @pytest.mark.install
-def test_the_short_demo_leaves_results_and_no_process(start_node: NodeStarter, tmp_path: Path) -> None:
-    mark, out = uuid.uuid4().hex, tmp_path / "demo"
-    command = [sys.executable, "-m", "artibot_sim.nodes.demo", "--short", "--out", str(out)]
-    demo = start_node.run(command, name="demo", env={MARK: mark})
-    assert processes_with(mark)  # so that an empty list at the end means something
+def test_the_short_demo_leaves_results_and_no_process(start_demo: StartDemo, mark: str, tmp_path: Path) -> None:
+    out = tmp_path / "results"
+    demo = start_demo(out)
+    demo.wait_for("[2/5]")
+    assert len(processes_with(mark)) >= 2  # so that an empty one at the end means something
     assert demo.wait(timeout=300) == 0, demo.output
     assert not processes_with(mark)
-    assert list(out.rglob("*.mcap"))
-    assert list(out.rglob("*.png"))
+    assert (out / "drive.png").read_bytes().startswith(b"\x89PNG")
+    assert b"<html" in (out / "drive.html").read_bytes()[:1000].lower()
+    recorded = read_bag(out / "recording")
+    assert recorded.metadata["robot"] == "agriq"
+    assert set(recorded.channels) >= {"planned_path", "planned_front_velocity", "planned_odom", "motor_torques"}
+    count = sum(len(recorded.channels[topic[1:].replace("/", "_")].t) for topic in LISTENED)
+    assert f"{count} messages came again on {len(LISTENED)} topics, each the same to the byte" in demo.output
+    assert "yaw error e_γ (eq. 31)" in demo.output
+    for word in ("sim", "record", "planner", "replay", "plot"):
+        assert f"$ artibot {word} " in demo.output
+
+
+@pytest.mark.install
+@pytest.mark.parametrize(
+    ("number", "when"), [(signal.SIGTERM, "[1/5]"), (signal.SIGINT, "[3/5]"), (signal.SIGHUP, "[4/5]")]
+)
+def test_a_signal_ends_everything_and_keeps_nothing(
+    start_demo: StartDemo, mark: str, tmp_path: Path, number: signal.Signals, when: str
+) -> None:
+    out = tmp_path / "results"
+    demo = start_demo(out)
+    demo.wait_for(when, timeout=120)
+    demo.send(number)
+    assert demo.wait(timeout=30) == 128 + number, demo.output
+    assert not processes_with(mark)
+    assert not out.exists()
+    assert f"ended by {number.name}" in demo.output
+
+
+@pytest.mark.install
+def test_even_killed_it_leaves_no_process(start_demo: StartDemo, mark: str, tmp_path: Path) -> None:
+    demo = start_demo(tmp_path / "results")
+    demo.wait_for("[3/5]", timeout=120)
+    demo.send(signal.SIGKILL)
+    demo.wait()
+    deadline = time.monotonic() + 20
+    while processes_with(mark) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not processes_with(mark)
+
+
+@pytest.mark.install
+def test_when_a_node_dies_its_last_words_are_shown(start_demo: StartDemo, mark: str, tmp_path: Path) -> None:
+    out = tmp_path / "results"
+    demo = start_demo(out)
+    demo.wait_for("[3/5]", timeout=120)
+    (sim,) = [pid for pid, command in processes_with(mark).items() if "artibot_sim.cli sim" in command]
+    os.kill(sim, signal.SIGKILL)
+    assert demo.wait(timeout=30) == 1, demo.output
+    assert not processes_with(mark)
+    assert "ended by SIGKILL" in demo.output
+    assert "is ready at kappa" in demo.output
+    assert list((out / "logs").glob("*.log"))
+
+
+def test_results_are_never_overwritten(start_demo: StartDemo, tmp_path: Path) -> None:
+    demo = start_demo(tmp_path)
+    assert demo.wait() == 2
+    assert "never overwritten" in demo.output
+    assert not (tmp_path / "logs").exists()
+
+
+def test_a_domain_is_given_to_one_at_a_time() -> None:
+    with reserved_domain() as first, reserved_domain() as second:
+        assert first != second
+    with reserved_domain(7) as wanted:
+        assert wanted == 7
+
+
+def test_all_domains_in_use_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("artibot_sim.nodes.domain._silent", lambda domain: False)
+    with pytest.raises(ArtibotError, match="all in use"), reserved_domain():
+        pass
+
+
+@pytest.mark.parametrize(("name", "duration"), [("table6_agriq", 28.85), ("table6_epiq", 17.42)])
+def test_the_figures_stand_beside_table_7(name: str, duration: float) -> None:
+    from rich.console import Console
+
+    result, robot = read_result(ROOT / "bags" / name), name.partition("_")[2]
+    assert not lacks(result, duration)
+    assert lacks(result, duration + 1) == "the drive is not whole"
+    console = Console(width=160, record=True, quiet=True)
+    console.print(result_table(result, robot, 0.8, duration, 25.85, paper=True))
+    text = console.export_text()
+    for figure in PAPER[robot][0.8]:
+        assert f"{figure:.2f} %" in text
+    assert f"{100 * result.measures.e_gamma['true']:.2f} %" in text
+    assert str(result.messages) in text

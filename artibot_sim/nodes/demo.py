@@ -1,0 +1,276 @@
+"""``artibot demo``: what a newcomer sees first. Real nodes in processes of their own drive, record and replay."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shlex
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import click
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.nodes.crew import Child, ChildFailed, Crew, Interrupted, noted_signals
+from artibot_sim.nodes.domain import reserved_domain
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from artibot_sim.model import Robot
+    from artibot_sim.nodes.demo_display import Steps
+    from artibot_sim.planning import Plan
+
+START: Final = 60.0
+"""How long a node may take until it is ready, s: compiling the model the first time is most of it."""
+DRIVE: Final = 180.0
+"""How long the drive may take, s of real time."""
+OTHERS: Final = 90.0
+"""How long replay, and the picture, may take, s."""
+STRAGGLERS: Final = 3.0
+"""How long after a replay's end its last messages may still come, s."""
+REPLAY_RATE: Final = 2
+"""Of the recorder's time, in which the drive went faster than it would in reality already."""
+READY: Final = "is ready at kappa"
+
+
+class Settings(NamedTuple):
+    """What is to be shown."""
+
+    robot: Robot
+    robot_name: str
+    kappa: float
+    manoeuvre: str
+    plan: Plan
+    out: Path
+    domain: int
+
+    @property
+    def recording(self) -> Path:
+        """The drive's recording."""
+        return self.out / "recording"
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """What keeps the demo's nodes among themselves."""
+        return {"ROS_DOMAIN_ID": str(self.domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+
+
+@click.command("demo", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for the results.  [default: demo, demo_2, …]")
+@click.option("--robot", default="agriq", show_default=True, help="Robot: agriq, epiq, husky, or a robot file.")
+@click.option("--kappa", type=click.FloatRange(0, 1, min_open=True), help="Front share of traction.  [the robot's]")
+@click.option("--short", is_flag=True, help="Drive ten seconds instead of the paper's trajectory.")
+@click.option("--domain", type=click.IntRange(0, 232), help="ROS_DOMAIN_ID.  [default: one that nobody uses]")
+def command(out: Path | None, robot: str, kappa: float | None, short: bool, domain: int | None) -> int:
+    """Plan the paper's trajectory, simulate, record and replay it with real ROS 2 nodes, and show what happened.
+
+    Takes less than a minute and ends every process it starts.
+
+    \b
+    Examples:
+      artibot demo
+      artibot demo --robot epiq --kappa 0.6 --out epiq_demo
+      artibot demo --short
+    """
+    from rich.console import Console
+
+    from artibot_sim.model import load_robot
+    from artibot_sim.planning import load_manoeuvre, plan
+
+    console = Console(highlight=False)
+    rover = load_robot(robot)
+    share = rover.control.kappa if kappa is None else kappa
+    manoeuvre = "short" if short else "table6_epiq" if rover.name == "epiq" else "table6_agriq"
+    planned = plan(load_manoeuvre(manoeuvre), rover)
+    try:
+        with noted_signals() as asked, reserved_domain(domain) as free, _new_folder(out) as folder:
+            return _run(Settings(rover, robot, share, manoeuvre, planned, folder, free), asked, console)
+    except Interrupted as signal:
+        console.print(f"ended by {signal}; nothing is left running, and no results are kept", style="bold")
+        return 128 + signal.number
+
+
+@contextlib.contextmanager
+def _new_folder(out: Path | None) -> Iterator[Path]:
+    """Make the folder for the results: the one named, else the next that is free.
+
+    Removed again when a signal ends the demo; kept with its logs when something fails.
+    """
+    names = [out] if out else [Path("demo"), *(Path(f"demo_{n}") for n in range(2, 1000))]
+    folder = next((folder for folder in names if not folder.exists()), None)
+    if folder is None:
+        raise ArtibotError(
+            f"{names[-1]}: exists already; results are never overwritten, name another folder with --out"
+        )
+    try:
+        (folder / "logs").mkdir(parents=True)
+    except OSError as error:
+        raise ArtibotError(f"{folder}: cannot be made: {error.strerror}; name another folder with --out") from error
+    try:
+        yield folder
+    except Interrupted:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+def _run(settings: Settings, asked: list[int], console: Console) -> int:
+    """Go through all steps and return the exit status; no child is left, whatever happens."""
+    from artibot_sim.nodes.demo_display import Steps
+
+    began = time.monotonic()
+    logs = settings.out / "logs"
+    os.environ.update(settings.environment)  # for the listener in this process, too
+    quiet = {
+        "ROS_LOG_DIR": str((logs / "ros").resolve()),
+        "RCUTILS_COLORIZED_OUTPUT": "0",
+        "RCUTILS_CONSOLE_OUTPUT_FORMAT": "[{severity}] [{name}]: {message}",
+        "PYTHONUNBUFFERED": "1",
+    }
+    crew, steps = Crew(logs, {**os.environ, **quiet}, asked), Steps(console, 5)
+    try:
+        _introduce(settings, console)
+        _drive(settings, crew, steps)
+        _replay(settings, crew, steps)
+        _draw(settings, crew, steps)
+        return _conclude(settings, console, began)
+    except ChildFailed as failure:
+        steps.stop()
+        console.print(f"\n{failure}. Its last words:\n", style="bold red", markup=False, soft_wrap=True)
+        console.print(failure.child.last_lines(), markup=False, soft_wrap=True)
+        console.print(f"\nAll that was said is in {logs}", markup=False, soft_wrap=True)
+        return 1
+    finally:
+        steps.stop()
+        crew.end()
+
+
+def _introduce(settings: Settings, console: Console) -> None:
+    plan = settings.plan
+    console.print(
+        f"{settings.robot.name} drives {settings.manoeuvre}: {plan.path_length:.2f} m in {plan.duration:.2f} s, "
+        f"κ = {settings.kappa:g}. Each step shows what you would type yourself, after",
+        markup=False,
+    )
+    variables = " ".join(f"{name}={value}" for name, value in settings.environment.items())
+    console.print(f"        export {variables}\n", style="cyan", markup=False, soft_wrap=True)
+
+
+def _drive(settings: Settings, crew: Crew, steps: Steps) -> None:
+    """Simulate and record the planned drive: three processes, as in three terminals."""
+    from artibot_sim.nodes.demo_echo import LISTENED
+
+    about = ["--robot", settings.robot_name, "--kappa", f"{settings.kappa:g}"]
+    sim = _begin(crew, steps, "Simulator", ["sim", *about, "--rate", "0", "--wait-for-profile"], stays=True)
+    crew.wait(sim, lambda: READY in sim.output, START, "ready", steps.tick)
+    steps.done("waits for a profile, then runs as fast as it can")
+
+    about[1] = settings.robot.name
+    out = ["--out", str(settings.recording)]
+    record = _begin(crew, steps, "Recorder, in a second terminal", ["record", *about, *out], stays=True)
+    crew.wait(record, lambda: _records(record, LISTENED), START, f"recording {', '.join(LISTENED)}", steps.tick)
+    steps.done("has found the simulator's topics")
+
+    words = ["planner", settings.manoeuvre, "--robot", settings.robot_name, "--use-sim-time", "--start-delay", "5"]
+    planner = _begin(crew, steps, "Planner, in a third terminal", words, note=lambda: _how_far(planner))
+    crew.wait_for_end(planner, START + DRIVE, steps.tick)
+    crew.stop(sim)
+    crew.stop(record)
+    messages = re.findall(r"(\d+) messages of (\d+) topics", record.output)
+    if not messages:
+        raise ChildFailed(record, "did not say what it recorded")
+    steps.done(f"the rover has driven; {messages[-1][0]} messages of {messages[-1][1]} topics are recorded")
+
+
+def _replay(settings: Settings, crew: Crew, steps: Steps) -> None:
+    """Publish the recording again and compare what comes with it."""
+    from artibot_sim.nodes.demo_echo import listening
+
+    with listening(settings.recording, settings.domain) as echo:
+        words = ["replay", str(settings.recording), "--rate", str(REPLAY_RATE)]
+        replay = _begin(crew, steps, "Replay", words, note=lambda: f"{echo.count} of {echo.expected} messages")
+
+        def listen() -> None:
+            echo.take()
+            steps.tick()
+
+        crew.wait_for_end(replay, START + OTHERS, listen)
+        crew.pause(lambda: echo.count >= echo.expected, STRAGGLERS, listen)
+        difference = echo.difference()
+        if difference:
+            raise ChildFailed(replay, f"did not publish what was recorded: {difference}")
+        steps.done(f"{echo.count} messages came again on {len(echo.heard)} topics, each the same to the byte")
+
+
+def _draw(settings: Settings, crew: Crew, steps: Steps) -> None:
+    """Draw the recording."""
+    files = ["--png", str(settings.out / "drive.png"), "--html", str(settings.out / "drive.html")]
+    words = ["plot", str(settings.recording), "--robot", settings.robot_name, *files]
+    crew.wait_for_end(_begin(crew, steps, "Picture", words), OTHERS, steps.tick)
+    steps.done("drawn")
+
+
+def _begin(
+    crew: Crew, steps: Steps, name: str, words: Sequence[str], *, stays: bool = False, note: Callable[[], str] = str
+) -> Child:
+    steps.begin(name, shlex.join(["artibot", *words]), note)
+    return crew.start(*words, stays=stays)
+
+
+def _records(record: Child, topics: Sequence[str]) -> bool:
+    """Whether the recorder has found all these topics."""
+    output = record.output
+    return all(f"recording {topic} [" in output for topic in topics)
+
+
+def _how_far(planner: Child) -> str:
+    """Return how far the drive is, from the planner's log."""
+    said = re.findall(r"\d+ of \d+ s$", planner.output, re.MULTILINE)
+    return str(said[-1]) if said else ""
+
+
+def _conclude(settings: Settings, console: Console, began: float) -> int:
+    """Show the figures, where the files are, and what to type next; return the exit status."""
+    from artibot_sim.nodes.demo_result import NOTE, lacks, read_result, result_table
+
+    result, plan = read_result(settings.recording), settings.plan
+    missing = lacks(result, plan.duration)
+    if missing:
+        console.print(f"\n{settings.recording}: {missing}. Is this machine very busy? Try again.", style="bold red")
+        return 1
+    paper = settings.manoeuvre.startswith("table6")
+    console.print()
+    console.print(result_table(result, settings.robot.name, settings.kappa, plan.duration, plan.path_length, paper))
+    if paper:
+        console.print(NOTE, style="dim", markup=False)
+    out, bag = shlex.quote(str(settings.out)), shlex.quote(str(settings.recording))
+    text = f"""
+    {out}/drive.png     the picture
+    {out}/drive.html    the same to zoom into, in a browser
+    {out}/recording     the recording (rosbag2, MCAP)
+    {out}/logs          what every node said
+
+Next:
+    artibot planner --list                      other manoeuvres
+    artibot sim --robot {settings.robot_name}                   a rover in real time; --help shows more
+    artibot plot {bag} --json figures.json
+    artibot replay {bag} --resimulate rotations --out {out}/again
+
+Took {time.monotonic() - began:.0f} s. Nothing is left running."""
+    console.print(text, markup=False, soft_wrap=True)
+    return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` (by default the process's own) and return the exit status."""
+    args = list(sys.argv[1:] if argv is None else argv)
+    return int(command.main(args=args, prog_name="artibot demo", standalone_mode=False) or 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,98 @@
+"""What the demo's drive came to, beside the paper's figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from rich.table import Table
+
+from artibot_sim.experiment import Experiment, bag_info, read_bag
+from artibot_sim.report.measures import Measures, measure
+
+PAPER: Final[Mapping[str, Mapping[float, tuple[float, float]]]] = {
+    "agriq": {0.6: (4.36, 5.63), 0.8: (4.52, 6.83), 1.0: (5.10, 6.45)},
+    "epiq": {0.6: (1.98, 1.79), 0.8: (2.13, 2.20), 1.0: (2.52, 2.75)},
+}
+"""Table 7: robot → kappa → magnitude of e_gamma and e_x in %, on the trajectory of Table 6."""
+NOTE: Final = (
+    "The paper's geometry is lost in part and was inferred by fitting this very table: it is context here, not a "
+    "validation."
+)
+_AT_REST = 0.02
+"""The planner is heard of before the rover has moved this far on the plan, m."""
+
+
+class Result(NamedTuple):
+    """A drive: its recording and figures."""
+
+    recording: Experiment
+    measures: Measures
+    messages: int
+
+
+def read_result(recording: Path) -> Result:
+    """Read the recording of a drive."""
+    experiment = read_bag(recording)
+    return Result(experiment, measure(experiment), bag_info(recording).message_count)
+
+
+def lacks(result: Result, duration: float) -> str:
+    """Return what of the drive (planned to last `duration`, s) the recording misses, empty if it is whole."""
+    for key in ("planned_odom", "ground_truth_odom", "motor_torques"):
+        if key not in result.recording.channels:
+            return f"nothing came on {key}"
+    planned = result.recording.channels["planned_odom"]
+    late = float(np.hypot(planned["x"][0], planned["y"][0]))
+    if late > _AT_REST:
+        return f"the first planned pose on record is {late:.2f} m on the way"
+    window = result.measures.window
+    if window is None or window[1] - window[0] < duration - 0.5:
+        return "; ".join(result.measures.remarks) or "the drive is not whole"
+    return ""
+
+
+def result_table(result: Result, robot: str, kappa: float, duration: float, path_length: float, paper: bool) -> Table:
+    """Return the figures as a table; those of Table 7 beside them with `paper`."""
+    measures = result.measures
+    stated = PAPER.get(robot, {}) if paper else {}
+    table = Table(title=f"{robot} at κ = {kappa:g}", title_style="bold", title_justify="left", show_edge=False)
+    for name in ("", "odometric", "true", *(["paper, Table 7"] if stated else [])):
+        table.add_column(name, justify="left" if not name else "right")
+    errors = (("yaw error e_γ (eq. 31)", measures.e_gamma), ("final position error e_x (eq. 32)", measures.e_x))
+    for i, (name, values) in enumerate(errors):
+        table.add_row(name, *_pair(values, 100.0, "%"), *([_paper(stated, i, kappa)] if stated else []))
+    for arc in measures.arcs:
+        side = "left" if arc.turn > 0 else "right"
+        table.add_row(f"radius to the {side}, planned {arc.radius['planned']:.2f} m", *_pair(arc.radius, 1.0, "m"))
+    table.add_row(f"path length, planned {path_length:.2f} m", *_pair(measures.path_length, 1.0, "m"))
+    table.add_section()
+    table.add_row("duration", "", f"{duration:.2f} s")
+    for end, peak in peak_torques(result.recording).items():
+        table.add_row(f"peak torque, {end} motors", "", f"{peak:.3f} N·m")
+    table.add_row("messages recorded", "", str(result.messages))
+    return table
+
+
+def peak_torques(experiment: Experiment) -> dict[str, float]:
+    """Return the largest magnitude of the motor torques (N·m) of each module that has motors."""
+    channel = experiment.channels["motor_torques"]
+    peaks = {}
+    for end in ("front", "back"):
+        efforts = [channel[name] for name in channel.columns if name.startswith(end) and name.endswith(".effort")]
+        if efforts:
+            peaks[end] = float(np.nanmax(np.abs(efforts)))
+    return peaks
+
+
+def _pair(values: Mapping[str, float], factor: float, unit: str) -> list[str]:
+    return [f"{factor * values[kind]:.2f} {unit}" if kind in values else "–" for kind in ("odometric", "true")]
+
+
+def _paper(stated: Mapping[float, Any], column: int, kappa: float) -> str:
+    """Return Table 7's figure for this kappa, else all it has."""
+    if kappa in stated:
+        return f"{stated[kappa][column]:.2f} %"
+    return ", ".join(f"{figures[column]:.2f} % (κ {k:g})" for k, figures in stated.items())
