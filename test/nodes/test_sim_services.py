@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import signal
 import struct
+import time
 
 import numpy as np
 import pytest
@@ -63,8 +65,8 @@ def test_a_hundred_resets(start_node, ros_context) -> None:
 
 
 def test_pause_and_step(start_node, ros_context) -> None:
-    start_node("sim", "--ros-args", "-p", "publish_clock:='true'")
-    probe = Probe(ros_context, TOPICS)
+    start_node("sim", "--ros-args", "-p", "publish_clock:='true'", "-p", "reliable:='true'")
+    probe = Probe(ros_context, TOPICS, reliable=True)
     probe.ready()
     assert not probe.trigger("step").success, "not paused"
     assert probe.pause(True).success
@@ -114,6 +116,25 @@ def test_without_clock_stamps_jump_ahead_over_a_pause(start_node, ros_context) -
     probe.until(lambda: probe.now_ns() > stood, "time going on")
     stamps = np.array([stamp_ns(m) for m in probe.got["ground_truth/odom"]])
     assert np.diff(stamps).max() > 400_000_000 and np.diff(stamps).min() >= 10_000_000
+
+
+@pytest.mark.parametrize("clock", [True, False])
+def test_a_machine_that_stands_still_makes_time_slip_not_race(start_node, ros_context, clock: bool) -> None:
+    node = start_node("sim", "--ros-args", "-p", f"publish_clock:='{str(clock).lower()}'")
+    probe = Probe(ros_context)
+    probe.ready()
+    node.send(signal.SIGSTOP)
+    time.sleep(1.0)
+    node.send(signal.SIGCONT)
+    node.wait_for("the schedule slips", 10.0)
+    stood = probe.now_ns()
+    probe.until(lambda: probe.now_ns() > stood + 300_000_000, "time going on", 10.0)
+    gaps = np.diff([stamp_ns(m) for m in probe.got["ground_truth/odom"]])
+    assert gaps.min() >= 10_000_000
+    if clock:
+        assert gaps.max() < 500_000_000, "simulated time only comes later"
+    else:
+        assert gaps.max() > 700_000_000, "stamps are system time again"
 
 
 def test_parameters_while_running(start_node, ros_context) -> None:
