@@ -44,12 +44,15 @@ NUMBERS = np.dtype(
 """The robot and the run, as the callback takes them."""
 
 
-@intrinsic
-def _at(typing_context, address):  # type: ignore[no-untyped-def]  # numba's own form
+def _to_pointer(typing_context, address):  # type: ignore[no-untyped-def]  # numba's own form
     def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
         return builder.inttoptr(args[0], context.get_value_type(signature.return_type))
 
     return types.voidptr(types.int64), generate
+
+
+_at: Any = intrinsic(_to_pointer)
+"""A number as a C pointer, inside compiled code."""
 
 
 @njit
@@ -181,5 +184,5 @@ def callback(data: Any, numbers: NDArray[Any], memory: Array, command: Array) ->
             carray(_at(qfrc_p), (dofs,), np.float64), carray(_at(xfrc_p), (bodies, 6), np.float64),
         )  # fmt: skip
 
-    function = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(passive.address)
+    function = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(int(passive.address))
     return function, [*held, passive]

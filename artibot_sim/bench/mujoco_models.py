@@ -30,7 +30,8 @@ def _articulated(p: Params, front: str, back: str, height: tuple[float, float]) 
     return f"""
     <body name="front" pos="0 0 {height[0]!r}">{_SLIDES}{_HINGES}{front}
       <body name="back" pos="{offset}">
-        <joint name="yaw" type="hinge" axis="0 0 1" pos="{at}"/><joint name="roll" type="hinge" axis="1 0 0" pos="{at}"/>
+        <joint name="yaw" type="hinge" axis="0 0 1" pos="{at}"/>
+        <joint name="roll" type="hinge" axis="1 0 0" pos="{at}"/>
         {back}
       </body>
     </body>"""
@@ -85,7 +86,9 @@ def native_model(robot: Robot, dt: float, integrator: str) -> str:
 
 def _params(robot: Robot) -> Params:
     if not robot.articulated:
-        raise ArtibotError(f"bench: robot '{robot.name}' has no back module; expected an articulated one, such as agriq")
+        raise ArtibotError(
+            f"bench: robot '{robot.name}' has no back module; expected an articulated one, such as agriq"
+        )
     return params(robot)
 
 

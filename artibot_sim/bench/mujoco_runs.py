@@ -150,4 +150,3 @@ class NativeRun:
             own = eta * M_m / motor.tau - 2 * p.u_w * p.back.m * -p.g_z / 4 * np.tanh(speed[dof] / 0.02)
             torques += [0.5 * own] * 2
         return torques
-

@@ -59,10 +59,11 @@ class Result:
 
 @dataclass(frozen=True)
 class Skipped:
-    """A benchmark that could not be run here, and why."""
+    """A benchmark that could not be run here, or failed, and why."""
 
     name: str
     reason: str
+    failed: bool = False
 
 
 def machine() -> dict[str, Any]:

@@ -1,0 +1,91 @@
+"""``artibot bench``: measure, print a table, write the file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from artibot_sim.bench.results import Result, Skipped
+
+
+@click.command("bench", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.option("--json", "path", type=click.Path(dir_okay=False, path_type=Path), help="Write the numbers to this file.")
+@click.option("--only", multiple=True, metavar="NAME", help="Only this benchmark or result; may be repeated.")
+@click.option("--quick", is_flag=True, help="Seconds instead of minutes: few runs of the first 8 s, no processes.")
+@click.option("--list", "show_list", is_flag=True, help="List the names and end.")
+def command(path: Path | None, only: tuple[str, ...], quick: bool, show_list: bool) -> int:
+    """Measure the speed of the model and the commands on this machine.
+
+    Speeds are those of the best run, because whatever else the machine does can only slow a run down; the spread
+    of the runs is shown beside. Where MuJoCo is installed, the same trajectory runs in it as well.
+
+    \b
+    Examples:
+      artibot bench
+      artibot bench --json bench.json
+      artibot bench --only rollout --only mujoco
+    """
+    from artibot_sim.bench.suite import SUITE, chosen
+
+    if show_list:
+        for key, benchmark in SUITE.items():
+            click.echo(f"{key:10}{', '.join(benchmark.names)}")
+        return 0
+    keys = chosen(only, quick)
+    if path is not None and not path.absolute().parent.is_dir():
+        raise click.BadParameter(f"{path.parent} is no folder; make it first", param_hint="--json")
+    return _measure(keys, quick, path)
+
+
+def _measure(keys: list[str], quick: bool, path: Path | None) -> int:
+    """Measure, print and write; 1 when a benchmark failed."""
+    from rich.console import Console
+
+    from artibot_sim.bench.results import machine, write_json
+    from artibot_sim.bench.table import WIDTH, heading, notes, table
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = WIDTH  # a file or a pipe has no width of its own
+    host = machine()
+    results, skipped = _with_progress(keys, quick)
+    if path is not None:
+        write_json(path, host, results, skipped)
+    console.print(heading(host))
+    console.print(table(results))
+    for line in notes(results, skipped):
+        console.print(line, style="dim")
+    if path is not None:
+        console.print(f"written to {path}", soft_wrap=True)
+    return int(any(skip.failed for skip in skipped))
+
+
+def _with_progress(keys: list[str], quick: bool) -> tuple[list[Result], list[Skipped]]:
+    """Run all with a bar on standard error that is gone afterwards."""
+    import time
+
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from artibot_sim.bench.scenario import Scenario
+    from artibot_sim.bench.suite import SUITE, run
+
+    columns = (TextColumn("{task.description:10}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("", total=sum(SUITE[key].seconds for key in keys))
+        ends = {key: sum(SUITE[k].seconds for k in keys[: i + 1]) for i, key in enumerate(keys)}
+        now: list[tuple[str, float]] = []
+
+        def begin(key: str) -> None:
+            now[:] = [(key, time.monotonic())]
+            progress.update(task, completed=ends[key] - SUITE[key].seconds, description=key)
+
+        def tick() -> None:
+            key, since = now[0]
+            share = min((time.monotonic() - since) / SUITE[key].seconds, 0.98)
+            progress.update(task, completed=ends[key] - (1 - share) * SUITE[key].seconds)
+
+        return run(keys, Scenario(quick, tick), begin)

@@ -1,0 +1,96 @@
+"""The benchmarks, in the order in which they run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from artibot_sim.bench import accuracy, nodes, peers, recording, speed, startup
+from artibot_sim.bench.results import Result, Skipped
+from artibot_sim.bench.scenario import Scenario
+from artibot_sim.errors import ArtibotError
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """One thing to measure.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the results it gives.
+    run : callable
+    seconds : float
+        About how long it takes, for the progress bar.
+    missing : callable
+        Says what keeps it from running here, or None.
+    in_quick : bool
+        Whether ``--quick`` runs it when it was not asked for by name.
+    """
+
+    names: tuple[str, ...]
+    run: Callable[[Scenario], list[Result]]
+    seconds: float
+    missing: Callable[[], str | None] = lambda: None
+    in_quick: bool = True
+
+
+SUITE: dict[str, Benchmark] = {
+    "rollout": Benchmark(("rollout_rk4_1ms", "rollout_semi_implicit", "rollout_semi_implicit_2ms"), speed.rollouts, 2),
+    "batch": Benchmark(("batch_rk4_all_cores", "batch_rk4_ratio_to_one_core"), speed.batch, 15),
+    "mujoco": Benchmark(
+        ("mujoco_law_rk4_1ms", "mujoco_law_euler_1ms", "mujoco_native_rk4_1ms", "mujoco_native_implicitfast_1ms"),
+        peers.mujoco, 15, peers.missing,
+    ),
+    "ripple": Benchmark(
+        ("back_speed_ripple_rk4_1ms", "back_speed_ripple_semi_implicit_2ms", "back_speed_ripple_converged"),
+        accuracy.ripples, 1,
+    ),
+    "pose": Benchmark(
+        ("pose_difference_rk4_1ms", *(f"pose_difference_semi_implicit_{ms}ms" for ms in (1, 2, 5))), accuracy.poses, 1,
+    ),
+    "start": Benchmark(("start_cold", "start_warm"), startup.starts, 40, in_quick=False),
+    "recorder": Benchmark(("recorder_writer",), recording.writer, 3),
+    "sim": Benchmark(("sim_node_cpu_share", "sim_node_late_p99"), nodes.sim, 26, nodes.missing, in_quick=False),
+    "replay": Benchmark(("replay_late_p99",), nodes.replay, 35, nodes.replay_missing, in_quick=False),
+}  # fmt: skip
+"""Name → :class:`Benchmark`."""
+
+
+def chosen(only: Sequence[str], quick: bool) -> list[str]:
+    """Benchmarks to run: those that are, or give, what was asked for by name; all, or the quick ones, if nothing was.
+
+    Raises
+    ------
+    ArtibotError
+        For a name that is no benchmark's and no result's.
+    """
+    for name in only:
+        if not any(name == key or name in benchmark.names for key, benchmark in SUITE.items()):
+            raise ArtibotError(f"bench: nothing is called '{name}'; expected one of {', '.join(all_names())}")
+    if not only:
+        return [key for key, benchmark in SUITE.items() if benchmark.in_quick or not quick]
+    return [key for key, benchmark in SUITE.items() if {key, *benchmark.names} & set(only)]
+
+
+def all_names() -> list[str]:
+    """Names of benchmarks and of their results."""
+    return [name for key, benchmark in SUITE.items() for name in dict.fromkeys((key, *benchmark.names))]
+
+
+def run(keys: Sequence[str], scenario: Scenario, begin: Callable[[str], Any]) -> tuple[list[Result], list[Skipped]]:
+    """Run benchmarks; `begin` hears which one comes next."""
+    results: list[Result] = []
+    skipped: list[Skipped] = []
+    for key in keys:
+        begin(key)
+        reason = SUITE[key].missing()
+        if reason is not None:
+            skipped.append(Skipped(key, reason))
+            continue
+        try:
+            results += SUITE[key].run(scenario)
+        except ArtibotError as error:  # one that fails does not take the others' numbers with it
+            skipped.append(Skipped(key, str(error), failed=True))
+    return peers.attach(results), skipped
