@@ -144,13 +144,10 @@ class _Motors:
 
     def _missing(self, sources: Sequence[Source], word: str) -> tuple[str, str] | None:
         robots = [source.robot for source in sources]
-        if self.end == "back" and robots and all(robot is not None and not robot.articulated for robot in robots):
+        if self.end == "back" and all(robot is not None and not robot.articulated for robot in robots):
             return None  # there are no back motors to be missed
-        plural = {"velocity": "velocities"}.get(word, f"{word}s")
-        return (
-            f"{self.end} motor {plural}",
-            f"no {self.quantity} of {self.end} motors on /motor_torques or /motor_command",
-        )
+        what = f"{self.end} {'right and left' if len(self.sides) > 1 else self.sides[0]} motor {word}"
+        return what.replace(" right and left", ""), f"no {self.quantity} on /motor_torques or /motor_command"
 
     def _limits(self, sources: Sequence[Source], panel: Panel) -> tuple[Level, ...]:
         """Return ±torque_max where all robots agree on one that is not far beyond what was reached."""

@@ -159,7 +159,7 @@ def test_a_pose_without_orientation_still_has_a_path(tmp_path: Path) -> None:
     assert points.kind == "total station"
     assert points.stroke.dash == "points"
     assert np.allclose(points.x, pose["x"]) and np.allclose(points.y, pose["y"])
-    absent = {"planned path", "odometric path", "true pose", "yaw", "speed", "front motor velocities", "rover outline"}
+    absent = {"planned path", "odometric path", "true pose", "yaw", "speed", "front motor velocity", "rover outline"}
     assert absent <= set(figure.missing)
     assert "/planned/path" in figure.missing["planned path"]
     assert not figure["path"].outlines
@@ -224,7 +224,7 @@ def test_the_husky_recording() -> None:
     run = read_bag(foreign("husky_a"))
     figure = experiment_figure([run], [load_robot("husky")])
     assert [panel.key for panel in figure.panels] == ["path", "yaw", "velocity_front"]
-    assert {"planned path", "odometric path", "speed", "front motor torques"} == set(figure.missing)
+    assert {"planned path", "odometric path", "speed", "front motor torque"} == set(figure.missing)
     (path,) = figure["path"].lines
     assert pieces_of(path.x) == len(run.segments) > 100
     for line in figure["velocity_front"].lines:
