@@ -34,9 +34,12 @@ OTHERS: Final = 90.0
 """How long replay, and the picture, may take, s."""
 STRAGGLERS: Final = 3.0
 """How long after a replay's end its last messages may still come, s."""
-REPLAY_RATE: Final = 2
-"""Of the recorder's time, in which the drive went faster than it would in reality already."""
+REPLAY_RATE: Final = 3
+"""Of the recorder's time, in which the drive went three times as fast as in reality."""
+SIM_OPTIONS: Final = ("--rate", "3", "--wait-for-profile", "--params", "sim_patient")
+"""Three times real time, for at full speed the planner's pose (50 Hz of simulated time) could not keep up."""
 READY: Final = "is ready at kappa"
+SIMULATED: Final = ("/ground_truth/odom", "/odom", "/joint_states", "/motor_torques", "/motor_command")
 
 
 class Settings(NamedTuple):
@@ -163,20 +166,18 @@ def _introduce(settings: Settings, console: Console) -> None:
 
 def _drive(settings: Settings, crew: Crew, steps: Steps) -> None:
     """Simulate and record the planned drive: three processes, as in three terminals."""
-    from artibot_sim.nodes.demo_echo import LISTENED
-
     about = ["--robot", settings.robot_name, "--kappa", f"{settings.kappa:g}"]
-    sim = _begin(crew, steps, "Simulator", ["sim", *about, "--rate", "0", "--wait-for-profile"], stays=True)
+    sim = _begin(crew, steps, "Simulator", ["sim", *about, *SIM_OPTIONS], stays=True)
     crew.wait(sim, lambda: READY in sim.output, START, "ready", steps.tick)
-    steps.done("waits for a profile, then runs as fast as it can")
+    steps.done("waits for a profile; time will run at three times its pace")
 
     about[1] = settings.robot.name
     out = ["--out", str(settings.recording)]
     record = _begin(crew, steps, "Recorder, in a second terminal", ["record", *about, *out], stays=True)
-    crew.wait(record, lambda: _records(record, LISTENED), START, f"recording {', '.join(LISTENED)}", steps.tick)
+    crew.wait(record, lambda: _records(record), START, f"recording {', '.join(SIMULATED)}", steps.tick)
     steps.done("has found the simulator's topics")
 
-    words = ["planner", settings.manoeuvre, "--robot", settings.robot_name, "--use-sim-time", "--start-delay", "5"]
+    words = ["planner", settings.manoeuvre, "--robot", settings.robot_name, "--use-sim-time", "--start-delay", "3"]
     planner = _begin(crew, steps, "Planner, in a third terminal", words, note=lambda: _how_far(planner))
     crew.wait_for_end(planner, START + DRIVE, steps.tick)
     crew.stop(sim)
@@ -192,7 +193,7 @@ def _replay(settings: Settings, crew: Crew, steps: Steps) -> None:
     from artibot_sim.nodes.demo_echo import listening
 
     with listening(settings.recording, settings.domain) as echo:
-        words = ["replay", str(settings.recording), "--rate", str(REPLAY_RATE)]
+        words = ["replay", str(settings.recording), "--rate", str(REPLAY_RATE), "--wait", "1"]
         replay = _begin(crew, steps, "Replay", words, note=lambda: f"{echo.count} of {echo.expected} messages")
 
         def listen() -> None:
@@ -222,10 +223,10 @@ def _begin(
     return crew.start(*words, stays=stays)
 
 
-def _records(record: Child, topics: Sequence[str]) -> bool:
-    """Whether the recorder has found all these topics."""
+def _records(record: Child) -> bool:
+    """Whether the recorder has found all that the simulator publishes."""
     output = record.output
-    return all(f"recording {topic} [" in output for topic in topics)
+    return all(f"recording {topic} [" in output for topic in SIMULATED)
 
 
 def _how_far(planner: Child) -> str:

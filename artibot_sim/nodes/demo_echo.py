@@ -8,13 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from artibot_sim.experiment import bag_info, iter_messages
-
-LISTENED = ("/ground_truth/odom", "/odom", "/joint_states", "/motor_torques", "/motor_command")
-"""What the rover did: all that a replay publishes without being asked."""
+from artibot_sim.nodes.replay_selection import Wish, select
 
 
 class Echo:
-    """Takes what is published and compares it with a recording.
+    """Takes what a replay publishes and compares it with the recording.
 
     Parameters
     ----------
@@ -23,21 +21,22 @@ class Echo:
     """
 
     def __init__(self, node: Any, recording: Path) -> None:
-        from rclpy.qos import QoSProfile
-
         from artibot_sim.nodes.record_types import import_message
+        from artibot_sim.nodes.replay_publishers import recorded_qos
 
-        self.recorded: dict[str, list[bytes]] = {topic: [] for topic in LISTENED}
-        for message in iter_messages(recording, LISTENED):
+        info = bag_info(recording)
+        topics = select(info, Wish(), node.resolve_topic_name).names
+        self.recorded: dict[str, list[bytes]] = {topic: [] for topic in topics}
+        for message in iter_messages(recording, topics):
             self.recorded[message.channel.topic].append(message.data)
-        self.heard: dict[str, list[bytes]] = {topic: [] for topic in LISTENED}
-        types = {channel.topic: channel.ros_type for channel in bag_info(recording).channels}
-        profile = QoSProfile(depth=1 + max(map(len, self.recorded.values())))  # reliable: nothing may be lost
-        self._subscriptions = {
-            topic: node.create_subscription(import_message(types[topic]), topic, _unused, profile, raw=True)
-            for topic in LISTENED
-            if topic in types
-        }
+        self.heard: dict[str, list[bytes]] = {topic: [] for topic in topics}
+        self._subscriptions = {}
+        for topic, name in topics.items():
+            channels = [channel for channel in info.channels if channel.topic == topic]
+            qos = recorded_qos(channels)
+            qos.depth = 1 + len(self.recorded[topic])  # nothing may be lost
+            ros_type = import_message(channels[0].ros_type)
+            self._subscriptions[topic] = node.create_subscription(ros_type, name, _unused, qos, raw=True)
 
     def take(self) -> None:
         """Take what has come."""

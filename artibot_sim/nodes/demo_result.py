@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -18,11 +19,9 @@ PAPER: Final[Mapping[str, Mapping[float, tuple[float, float]]]] = {
 }
 """Table 7: robot → kappa → magnitude of e_gamma and e_x in %, on the trajectory of Table 6."""
 NOTE: Final = (
-    "The paper's geometry is lost in part and was inferred by fitting this very table: it is context here, not a "
-    "validation."
+    "Table 7 prints magnitudes. The rover's geometry, which the paper lost in part, was inferred by fitting this very "
+    "table: it is context here, not a validation."
 )
-_AT_REST = 0.02
-"""The planner is heard of before the rover has moved this far on the plan, m."""
 
 
 class Result(NamedTuple):
@@ -34,22 +33,25 @@ class Result(NamedTuple):
 
 
 def read_result(recording: Path) -> Result:
-    """Read the recording of a drive."""
+    """Read the recording of a drive.
+
+    The figures are taken against `/planned/path`, whose stamps say when each point was planned for: it is one message,
+    while `/planned/odom` has a gap wherever a busy machine held up the planner.
+    """
     experiment = read_bag(recording)
-    return Result(experiment, measure(experiment), bag_info(recording).message_count)
+    channels = dict(experiment.channels)
+    if "planned_path" in channels:
+        channels.pop("planned_odom", None)
+    return Result(experiment, measure(replace(experiment, channels=channels)), bag_info(recording).message_count)
 
 
 def lacks(result: Result, duration: float) -> str:
     """Return what of the drive (planned to last `duration`, s) the recording misses, empty if it is whole."""
-    for key in ("planned_odom", "ground_truth_odom", "motor_torques"):
+    for key in ("planned_path", "ground_truth_odom", "motor_torques"):
         if key not in result.recording.channels:
             return f"nothing came on {key}"
-    planned = result.recording.channels["planned_odom"]
-    late = float(np.hypot(planned["x"][0], planned["y"][0]))
-    if late > _AT_REST:
-        return f"the first planned pose on record is {late:.2f} m on the way"
     window = result.measures.window
-    if window is None or window[1] - window[0] < duration - 0.5:
+    if window is None or window[1] - window[0] < duration - 0.1:
         return "; ".join(result.measures.remarks) or "the drive is not whole"
     return ""
 
