@@ -40,13 +40,13 @@ def wheel_kinematics(body, p, v_x, v_y, v_z, alpha_dot, gamma_dot, s_a, c_a, z, 
 
 @inlined
 def saturated(p, F_l, F_t, F_n):
-    """Eq. 16: F_l, F_t within what friction holds, and whether they have been cut."""
+    """Eq. 16: F_l, F_t within what friction holds, and the share of them that is left: 1 where nothing is cut."""
     F_h2 = F_l * F_l + F_t * F_t
     limit = p.mu_s * F_n
     if F_h2 > limit * limit:
-        scale = p.mu_d * F_n / math.sqrt(F_h2)
-        return F_l * scale, F_t * scale, 1.0
-    return F_l, F_t, 0.0
+        held = p.mu_d * F_n / math.sqrt(F_h2)
+        return F_l * held, F_t * held, held
+    return F_l, F_t, 1.0
 
 
 @inlined
@@ -59,11 +59,11 @@ def motor_wheels(p, omega, p_x, p_yf, p_yb, F_n, motor, w):
         Sum of both F_l; F_t in front; F_t behind (N).
     """
     F_l = p.k_l * (p.r_w * omega - p_x)
-    F_lf, F_tf, sat_f = saturated(p, F_l, -p.k_t * p_yf, F_n)
-    F_lb, F_tb, sat_b = saturated(p, F_l, -p.k_t * p_yb, F_n)
+    F_lf, F_tf, held_f = saturated(p, F_l, -p.k_t * p_yf, F_n)
+    F_lb, F_tb, held_b = saturated(p, F_l, -p.k_t * p_yb, F_n)
     i = 2 * motor
-    w[F_L + i], w[F_T + i], w[SAT + i] = F_lf, F_tf, sat_f
-    w[F_L + i + 1], w[F_T + i + 1], w[SAT + i + 1] = F_lb, F_tb, sat_b
+    w[F_L + i], w[F_T + i], w[SAT + i] = F_lf, F_tf, 1.0 if held_f != 1.0 else 0.0
+    w[F_L + i + 1], w[F_T + i + 1], w[SAT + i + 1] = F_lb, F_tb, 1.0 if held_b != 1.0 else 0.0
     return F_lf + F_lb, F_tf, F_tb
 
 

@@ -52,10 +52,11 @@ def motor_count(p):
 
 @inlined
 def hold_efficiencies(p, eta, hold):
-    """Fix for a step what eq. 21 makes of the efficiencies."""
+    """Fix for a step what eq. 21 makes of the efficiencies, which seldom change."""
     for motor in range(motor_count(p)):
-        gear, J = reflect(motor_of(p, motor), eta[motor])
-        hold[EFFICIENCY + motor], hold[GEAR + motor], hold[INERTIA + motor] = eta[motor], gear, J
+        if hold[EFFICIENCY + motor] != eta[motor]:
+            gear, J = reflect(motor_of(p, motor), eta[motor])
+            hold[EFFICIENCY + motor], hold[GEAR + motor], hold[INERTIA + motor] = eta[motor], gear, J
 
 
 FRONT, BEHIND = np.int64(0), np.int64(1)
@@ -81,11 +82,9 @@ def turn_motor(p, unit, mode, theta, theta_dot, p_x, p_yf, p_yb, F_n, motor, dri
 def spin_slope(p, omega, p_x, p_yf, p_yb, F_n):
     """Sum of F_l of a motor's wheels, and its secant slope by the wheel speed (N, N s/rad); no force is stored."""
     free = p.k_l * (p.r_w * omega - p_x)
-    F_lf, _, sat_f = saturated(p, free, -p.k_t * p_yf, F_n)
-    F_lb, _, sat_b = saturated(p, free, -p.k_t * p_yb, F_n)
-    front = F_lf / free if sat_f > 0.0 and free != 0.0 else 1.0
-    back = F_lb / free if sat_b > 0.0 and free != 0.0 else 1.0
-    return F_lf + F_lb, p.k_l * p.r_w * (front + back)
+    F_lf, _, held_f = saturated(p, free, -p.k_t * p_yf, F_n)
+    F_lb, _, held_b = saturated(p, free, -p.k_t * p_yb, F_n)
+    return F_lf + F_lb, p.k_l * p.r_w * (held_f + held_b)
 
 
 @inlined
@@ -191,7 +190,7 @@ def semi_implicit_step(q, v, p, modes, drive, hold, dt, w):
     ``drive[D_DDOT:]`` holds the mean acceleration of the commands over the step.
     """
     accelerations(step_motor, q, v, p, modes, drive, hold, dt, w)
-    for i in range(16 if p.two else 8):
+    for i in range(16):
         new = v[i] + dt * w[ACC + i]
         c = i % 8
         # where the ground is a spring the new velocity must be used (symplectic); elsewhere the mean is closer

@@ -20,6 +20,10 @@ _QUARTER = (math.pi / 2, 6.123233995736766e-17)
 """pi/2 in two parts, for the reduction of an angle to within ±pi/4."""
 
 
+_ROUND = 1.5 * 2.0**52
+"""Adding and subtracting it rounds to a whole number, sooner than a conversion to an integer and back."""
+
+
 @inlined
 def sincos(angle):
     """Sine and cosine together, to rounding (2e-16) for angles up to 1e4 rad.
@@ -27,7 +31,7 @@ def sincos(angle):
     Taylor's series after reduction to ±pi/4, without branches: several times faster than two calls of the C
     library, and the same on every machine.
     """
-    n = math.floor(angle * (2.0 / math.pi) + 0.5)
+    n = (angle * (2.0 / math.pi) + _ROUND) - _ROUND
     x = (angle - n * _QUARTER[0]) - n * _QUARTER[1]
     y = x * x
     y2 = y * y

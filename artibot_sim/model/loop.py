@@ -26,7 +26,7 @@ from artibot_sim.model.integrators import (
     semi_implicit_step,
 )
 from artibot_sim.model.layout import ACC, ENERGIES, M_M, ROW
-from artibot_sim.model.transmission import efficiency
+from artibot_sim.model.transmission import TORQUE, efficiency
 
 OK, DIVERGED = 0, 1
 LIMIT = 1e6
@@ -69,9 +69,11 @@ def hermite(position, velocity, knot, h, cubic):
 
 
 @inlined
-def command_at(cubic, s, drive):
+def command_at(cubic, s, modes, drive):
     """Commanded angles, speeds and accelerations `s` seconds after the knot, into `drive` (12,)."""
     for motor in range(4):
+        if modes[motor] == TORQUE:
+            continue
         c0, c1, c2, c3 = cubic[motor], cubic[4 + motor], cubic[8 + motor], cubic[12 + motor]
         drive[D + motor] = c0 + s * (c1 + s * (c2 + s * c3))
         drive[D_DOT + motor] = c1 + s * (2.0 * c2 + 3.0 * s * c3)
@@ -113,14 +115,16 @@ def sound(q, v):
 
 
 @inlined
-def prepare(p, step, knot_steps, dt, position, velocity, torque_d, back_factor, previous, eta, cubic, drive, hold):
+def prepare(
+    p, modes, step, knot_steps, dt, position, velocity, torque_d, back_factor, previous, eta, cubic, drive, hold,
+):  # fmt: skip
     """Commands at the start of a step and what is held through it; returns the time since the knot, s."""
     phase, knot = step % knot_steps, step // knot_steps
     if phase == 0:
         hermite(position, velocity, knot, knot_steps * dt, cubic)
     commanded_torques(torque_d, knot, back_factor, previous, hold)
     hold_efficiencies(p, eta, hold)
-    command_at(cubic, phase * dt, drive)
+    command_at(cubic, phase * dt, modes, drive)
     return phase * dt
 
 
@@ -188,11 +192,11 @@ def integrate_rk4(
     row = 0
     for step in range(steps + 1):
         s = prepare(
-            p, step, knot_steps, dt, position, velocity, torque_d, back_factor, previous, eta, cubic, drive, hold
+            p, modes, step, knot_steps, dt, position, velocity, torque_d, back_factor, previous, eta, cubic, drive, hold
         )
         for k in range(4):
             if k == 1 or k == 3:
-                command_at(cubic, s + (0.5 if k == 1 else 1.0) * dt, drive)
+                command_at(cubic, s + (0.5 if k == 1 else 1.0) * dt, modes, drive)
             right_hand_side(q_s, v_s, p, modes, drive, hold, w)
             if k == 0:
                 if step == steps or step % every == 0:
@@ -228,7 +232,7 @@ def integrate_semi_implicit(
     row = 0
     for step in range(steps + 1):
         s = prepare(
-            p, step, knot_steps, dt, position, velocity, torque_d, back_factor, previous, eta, cubic, drive, hold
+            p, modes, step, knot_steps, dt, position, velocity, torque_d, back_factor, previous, eta, cubic, drive, hold
         )
         mean_acceleration(cubic, s, dt, drive)
         for i in range(16):
