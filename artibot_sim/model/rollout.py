@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -46,6 +46,16 @@ class Status(enum.IntEnum):
     DIVERGED = 1
 
 
+_PLACES = {
+    **{name: ("q", i) for i, name in enumerate(COORDINATES)},
+    **{f"{name}_dot": ("v", i) for i, name in enumerate(COORDINATES)},
+    **{name: ("row", i) for i, name in enumerate(COLUMNS)},
+}
+"""Column → the array of a Rollout that holds it, and where."""
+
+_ENERGY_PLACES = {name: ("energy", i) for i, name in enumerate(ENERGY_COLUMNS)}
+
+
 @dataclass(frozen=True)
 class Rollout:
     """What a simulation gives: rows at ``t``, every quantity under its name (see `columns`).
@@ -77,15 +87,8 @@ class Rollout:
     energy: Array | None
     final_state: State | None
     modes: tuple[Mode, ...] = DEFAULT_MODES
-    _index: dict[str, tuple[str, int]] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        index = {name: ("q", i) for i, name in enumerate(COORDINATES)}
-        index |= {f"{name}_dot": ("v", i) for i, name in enumerate(COORDINATES)}
-        index |= {name: ("row", i) for i, name in enumerate(COLUMNS)}
-        if self.energy is not None:
-            index |= {name: ("energy", i) for i, name in enumerate(ENERGY_COLUMNS)}
-        object.__setattr__(self, "_index", index)
         for array in (self.t, self.q, self.v, self.row, self.energy):
             if array is not None:
                 array.setflags(write=False)
@@ -93,13 +96,14 @@ class Rollout:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names that ``rollout[name]`` knows."""
-        return tuple(self._index)
+        return tuple(_PLACES if self.energy is None else _PLACES | _ENERGY_PLACES)
 
     def __getitem__(self, name: str) -> Array:
-        if name not in self._index:
-            hint = "; pass energy=True to rollout for energies" if name.startswith("E_") else ""
-            raise ArtibotError(f"rollout: no column '{name}'; known: {', '.join(self._index)}{hint}")
-        table, column = self._index[name]
+        place = _PLACES.get(name) or (None if self.energy is None else _ENERGY_PLACES.get(name))
+        if place is None:
+            hint = "; pass energy=True to rollout for energies" if name in _ENERGY_PLACES else ""
+            raise ArtibotError(f"rollout: no column '{name}'; known: {', '.join(self.columns)}{hint}")
+        table, column = place
         values: Array = getattr(self, table)[:, column]
         return values
 
