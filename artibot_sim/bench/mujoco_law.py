@@ -184,5 +184,5 @@ def callback(data: Any, numbers: NDArray[Any], memory: Array, command: Array) ->
             carray(_at(qfrc_p), (dofs,), np.float64), carray(_at(xfrc_p), (bodies, 6), np.float64),
         )  # fmt: skip
 
-    function = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(int(passive.address))
+    function = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(passive.address or 0)
     return function, [*held, passive]
