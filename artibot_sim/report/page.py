@@ -37,7 +37,7 @@ def render_page(
     """
     from plotly.offline import get_plotlyjs
 
-    charts = [chart(panel) | {"time": not panel.equal} for panel in figure.panels]
+    charts = [chart(panel, figure.time_span) | {"time": not panel.equal} for panel in figure.panels]
     parts = {
         "TITLE": html.escape(figure.title),
         "STYLE": _style(),

@@ -174,6 +174,11 @@ class Figure:
     missing: Mapping[str, str] = field(default_factory=dict)
     key: tuple[tuple[str, str], ...] = ()
 
+    @property
+    def time_span(self) -> tuple[float, float]:
+        """First and last time of all panels over time, s: they share their axis."""
+        return extent([line.x for panel in self.panels if not panel.equal for line in panel.lines])
+
     def __getitem__(self, key: str) -> Panel:
         """The panel with this key; KeyError if it is absent."""
         for panel in self.panels:

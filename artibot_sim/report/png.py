@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from artibot_sim.report import style
-from artibot_sim.report.panels import Arrows, Figure, Line, Outline, Panel, extent
+from artibot_sim.report.panels import Arrows, Figure, Outline, Panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,6 +34,8 @@ def render_png(figure: Figure) -> bytes:
         canvas, places = _layout(figure)
         for panel, axes in zip(figure.panels, places, strict=True):
             draw_panel(axes, panel)
+            if not panel.equal and figure.time_span[0] < figure.time_span[1]:
+                axes.set_xlim(*figure.time_span)
         _legends(canvas, figure, places)
         _heading(canvas, figure)
         return to_png(canvas, DPI)
@@ -137,15 +139,6 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
     if panel.equal:
         axes.set_aspect("equal", adjustable="datalim")
         axes.margins(0.05)
-    else:
-        _time_limits(axes, panel.lines)
-
-
-def _time_limits(axes: Axes, lines: Sequence[Line]) -> None:
-    """Let the time axis end with the data."""
-    first, last = extent([line.x for line in lines])
-    if last > first:
-        axes.set_xlim(first, last)
 
 
 def line_style(stroke: style.Stroke) -> dict[str, Any]:

@@ -19,8 +19,15 @@ _PX = 1.25
 """Pixels on a page for a point in a picture."""
 
 
-def chart(panel: Panel) -> dict[str, Any]:
-    """Return a panel as a plotly figure: ``{"data": …, "layout": …}``, JSON-ready (NaN is None)."""
+def chart(panel: Panel, time_span: tuple[float, float]) -> dict[str, Any]:
+    """Return a panel as a plotly figure: ``{"data": …, "layout": …}``, JSON-ready (NaN is None).
+
+    Parameters
+    ----------
+    panel : Panel
+    time_span : (first, last)
+        Of a time axis, s.
+    """
     data = [_polygons(panel.outlines, *look) for look in _ROVER] if panel.outlines else []
     data += [_line(panel, line) for line in panel.lines]
     data += [_arrows(arrows) for arrows in panel.arrows]
@@ -28,7 +35,7 @@ def chart(panel: Panel) -> dict[str, Any]:
         data.append(_starts(panel.starts))
     data += [_entry(entry) for entry in panel.legend]
     data += [_level_entry(level.name, level.stroke) for level in panel.levels if level.name]
-    return {"data": data, "layout": _layout(panel)}
+    return {"data": data, "layout": _layout(panel, time_span)}
 
 
 def numbers(values: Floats, digits: int = 7) -> list[float | None]:
@@ -122,7 +129,7 @@ def _starts(points: Floats) -> dict[str, Any]:
             "hovertemplate": "start (%{x:.2f}, %{y:.2f}) m<extra></extra>"}  # fmt: skip
 
 
-def _layout(panel: Panel) -> dict[str, Any]:
+def _layout(panel: Panel, time_span: tuple[float, float]) -> dict[str, Any]:
     axis = {"gridcolor": style.GRID, "zeroline": False, "linecolor": "#9aa5b1", "automargin": True,
             "tickfont": {"color": style.MUTED}}  # fmt: skip
     x = axis | {
@@ -139,7 +146,7 @@ def _layout(panel: Panel) -> dict[str, Any]:
         x |= {"range": _span([corners[:, 0]], 0.05)}
         y |= {"range": _span([corners[:, 1]], 0.05), "scaleanchor": "x", "scaleratio": 1, "showline": True}
     else:
-        x |= {"range": _span([line.x for line in panel.lines])}
+        x |= {"range": _span([np.array(time_span)])}
     return {
         "font": {"family": style.WEB_FONTS, "size": 13, "color": style.INK}, "paper_bgcolor": style.PAPER,
         "plot_bgcolor": style.PAPER, "margin": {"l": 56, "r": 12, "t": 8, "b": 44}, "autosize": True,

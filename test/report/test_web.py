@@ -33,8 +33,9 @@ def traces(panel_chart: dict[str, Any]) -> dict[str, dict[str, Any]]:
 @pytest.mark.parametrize("several", [False, True])
 def test_traces_are_the_lines(runs: list[Experiment], agriq: Robot, several: bool) -> None:
     which = runs if several else runs[:1]
-    for panel in experiment_figure(which, [agriq] * len(which)).panels:
-        found = traces(chart(panel))
+    figure = experiment_figure(which, [agriq] * len(which))
+    for panel in figure.panels:
+        found = traces(chart(panel, figure.time_span))
         assert list(found) == [line.name for line in panel.lines]
         for line in panel.lines:
             trace = found[line.name]
@@ -47,12 +48,12 @@ def test_traces_are_the_lines(runs: list[Experiment], agriq: Robot, several: boo
 def test_plotly_knows_every_attribute(runs: list[Experiment], agriq: Robot) -> None:
     go = pytest.importorskip("plotly.graph_objects")
     for panel in experiment_figure(runs, [agriq, agriq]).panels:
-        go.Figure(chart(panel))  # refuses unknown names and values
+        go.Figure(chart(panel, (0.0, 1.0)))  # refuses unknown names and values
 
 
 def test_each_legend_entry_stands_for_lines(run: Experiment, agriq: Robot) -> None:
     for panel in experiment_figure([run], [agriq]).panels:
-        data = chart(panel)["data"]
+        data = chart(panel, (0.0, 1.0))["data"]
         groups = {trace["legendgroup"] for trace in data if "meta" in trace}
         entries = [trace for trace in data if trace["showlegend"] and "legendgroup" in trace]
         assert {trace["legendgroup"] for trace in entries} == groups
