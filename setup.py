@@ -44,12 +44,15 @@ setup(
     zip_safe=False,
     python_requires=">=3.10",
     install_requires=[
+        "canopen>=2.4",
         "click>=8.1",
         "matplotlib>=3.7",
         "mcap>=1.6",
         "numba>=0.59",
         "numpy>=1.26",
         "plotly>=5.20",
+        "python-can>=4.3",
+        "python-can-remote>=0.3",
         "pyyaml>=6.0",
         "rich>=13.0",
         "rosbags>=0.11",
@@ -59,7 +62,7 @@ setup(
         # ROS 2 Jazzy as wheels (x86-64, Python 3.10-3.13). Never on top of a ROS 2 that is sourced already.
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-rmw-fastrtps-cpp", "ros-jazzy-common-interfaces"],
         "bench": ["mujoco>=3.2"],
-        "test": ["hypothesis>=6.100", "pytest>=7.4", "python-can>=4.3", "sympy>=1.12"],
+        "test": ["cantools>=39.4", "hypothesis>=6.100", "pytest>=7.4", "sympy>=1.12"],
         "dev": ["colcon-common-extensions>=0.3", "mypy>=1.10", "ruff>=0.6", "setuptools>=70.1,<80"],  # as colcon asks
     },
     entry_points={"console_scripts": executables()},

@@ -1,4 +1,4 @@
-"""Where the files shipped with artibot are: robots, manoeuvres, node parameters, URDF.
+"""Where the files shipped with artibot are: robots, manoeuvres, node parameters, URDF, EDS.
 
 They are data files of the package: ``config/`` in a checkout, ``share/artibot_sim/config`` once installed by pip or
 colcon. Both are found from where this module lies, so nothing has to be sourced or set.
@@ -17,6 +17,7 @@ KINDS: Final = {
     "nodes": ("", ".yaml"),
     "manoeuvres": ("manoeuvres", ".yaml"),
     "urdf": ("urdf", ".urdf"),
+    "eds": ("", ".eds"),
 }
 """Kind of file → its folder below ``config`` and its suffix. Robots and nodes' parameters share a folder."""
 
@@ -49,7 +50,7 @@ def config_names(kind: str) -> tuple[str, ...]:
 
     Parameters
     ----------
-    kind : {"robots", "nodes", "manoeuvres", "urdf"}
+    kind : {"robots", "nodes", "manoeuvres", "urdf", "eds"}
     """
     folder, suffix = _place(kind)
     return tuple(sorted(path.stem for path in folder.glob(f"*{suffix}") if _is_kind(kind, path)))
@@ -60,7 +61,7 @@ def config_path(kind: str, name: str) -> Path:
 
     Parameters
     ----------
-    kind : {"robots", "nodes", "manoeuvres", "urdf"}
+    kind : {"robots", "nodes", "manoeuvres", "urdf", "eds"}
     name : str
         Name without suffix, such as ``"agriq"``.
 
@@ -84,6 +85,8 @@ def _place(kind: str) -> tuple[Path, str]:
 
 def _is_kind(kind: str, path: Path) -> bool:
     if KINDS[kind][0]:
+        return True
+    if path.suffix == ".eds":
         return True
     is_node = "ros__parameters:" in path.read_text(encoding="utf-8")  # what makes a YAML file ROS 2 parameters
     return is_node == (kind == "nodes")
