@@ -81,7 +81,7 @@ class Player:
         self._served = 0.0
         self._next_tick = 0.0
         self._last_tick = 0
-        qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)  # serves subscribers of either kind
         self._clock = node.create_publisher(Clock, "/clock", qos) if pace.clock > 0 else None
         self._services = [
             node.create_service(SetBool, "~/pause", self._on_pause),
