@@ -7,7 +7,7 @@ export VENV
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-run demo test lint types bench bags colcon clean
+.PHONY: help setup setup-run demo test lint types bench bags pictures colcon clean
 
 help: ## this list
 	@echo "make TARGET, of which:"
@@ -38,6 +38,9 @@ bench: setup-run ## speed of the model, beside MuJoCo's (ARGS="--json FILE")
 
 bags: setup-run ## make the reference recordings in bags/ again
 	@$(PY) -m artibot_sim.experiment.reference_bags bags $(ARGS)
+
+pictures: setup-run ## draw the README's pictures again
+	@$(PY) -m artibot_sim.report.picture $(ARGS)
 
 colcon: setup ## build the ROS 2 package into install/, for `source install/setup.bash`
 	@$(abspath $(VENV))/bin/colcon build --packages-select artibot_sim

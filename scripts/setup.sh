@@ -111,20 +111,21 @@ install_packages() {
   "$venv/bin/python" -c 'import rclpy' || die "rclpy does not import in $venv; remove $venv and try again"
 }
 
-# For the tests on a real CAN. Without it they are skipped, so this is never fatal.
-install_can() {
+# For the tests on a real CAN and in a browser. Without these they are skipped, so this is never fatal.
+install_test_packages() {
   local missing=()
   export PATH="$PATH:/usr/sbin:/sbin"
   command -v linux.uml >/dev/null || missing+=(user-mode-linux)
   command -v insmod >/dev/null || missing+=(kmod)
   command -v ip >/dev/null || missing+=(iproute2)
   command -v candump >/dev/null || missing+=(can-utils)
+  command -v chromium >/dev/null || command -v chromium-browser >/dev/null || missing+=(chromium)
   [ ${#missing[@]} = 0 ] && return
-  apt_install "${missing[@]}" || say "left out: ${missing[*]}; tests on a real CAN will be skipped"
+  apt_install "${missing[@]}" || say "left out: ${missing[*]}; the tests on a real CAN or in a browser that need them will be skipped"
 }
 
 case $stage in run) extras= ;; dev) extras=test,dev ;; bench) extras=bench ;; esac
-[ "$stage" != dev ] || install_can
+[ "$stage" != dev ] || install_test_packages
 
 stamp=$venv/.ready-$stage
 want=$(cat setup.py setup.cfg scripts/setup.sh | cksum; echo "${ROS_DISTRO:-}"; pwd)
