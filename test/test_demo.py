@@ -65,11 +65,11 @@ def test_the_short_demo_leaves_results_and_no_process(start_demo: StartDemo, mar
     assert not processes_with(mark)
     assert (out / "drive.png").read_bytes().startswith(b"\x89PNG")
     assert b"<html" in (out / "drive.html").read_bytes()[:1000].lower()
-    recorded = read_bag(out / "recording")
+    recorded = read_bag(out / "short")
     assert recorded.metadata["robot"] == "agriq"
     assert set(recorded.channels) >= {"planned_path", "planned_front_velocity", "planned_odom", "motor_torques"}
     moving = ("/clock", "/planned/front_velocity")  # a replay has its own clock, and moves no rover
-    counts = [c.message_count for c in bag_info(out / "recording").channels if c.topic not in moving]
+    counts = [c.message_count for c in bag_info(out / "short").channels if c.topic not in moving]
     assert f"{sum(counts)} messages came again on {len(counts)} topics, each the same to the byte" in demo.output
     assert "yaw error e_γ (eq. 31)" in demo.output
     for word in ("sim", "record", "planner", "replay", "plot"):

@@ -56,7 +56,7 @@ class Settings(NamedTuple):
     @property
     def recording(self) -> Path:
         """The drive's recording."""
-        return self.out / "recording"
+        return self.out / self.manoeuvre
 
     @property
     def environment(self) -> dict[str, str]:
@@ -250,21 +250,32 @@ def _conclude(settings: Settings, console: Console, began: float) -> int:
     if paper:
         console.print(NOTE, style="dim", markup=False)
     out, bag = shlex.quote(str(settings.out)), shlex.quote(str(settings.recording))
+    results = {
+        f"{out}/drive.png": "the picture",
+        f"{out}/drive.html": "the same to zoom into, in a browser",
+        bag: "the recording (rosbag2, MCAP)",
+        f"{out}/logs": "what every node said",
+    }
+    further = {
+        "artibot planner --list": "other manoeuvres",
+        f"artibot sim --robot {shlex.quote(settings.robot_name)}": "a rover in real time, waiting for commands",
+        f"artibot plot {bag} --json figures.json": "the figures of the table, for scripts",
+        f"artibot replay {bag} --resimulate rotations --out {out}/again": "the recorded rotations through the model",
+    }
     text = f"""
-    {out}/drive.png     the picture
-    {out}/drive.html    the same to zoom into, in a browser
-    {out}/recording     the recording (rosbag2, MCAP)
-    {out}/logs          what every node said
+{_columns(results)}
 
 Next:
-    artibot planner --list                      other manoeuvres
-    artibot sim --robot {settings.robot_name}                   a rover in real time; --help shows more
-    artibot plot {bag} --json figures.json
-    artibot replay {bag} --resimulate rotations --out {out}/again
+{_columns(further)}
 
 Took {time.monotonic() - began:.0f} s. Nothing is left running."""
     console.print(text, markup=False, soft_wrap=True)
     return 0
+
+
+def _columns(rows: dict[str, str]) -> str:
+    width = max(map(len, rows)) + 4
+    return "\n".join(f"    {left:{width}}{right}" for left, right in rows.items())
 
 
 def main(argv: Sequence[str] | None = None) -> int:

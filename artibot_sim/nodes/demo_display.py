@@ -29,6 +29,7 @@ class Steps:
         self._name = ""
         self._began = 0.0
         self._live: Live | None = None
+        self._spinner = Spinner("dots")
         self._note: Callable[[], str] = str
 
     def begin(self, name: str, command: str, note: Callable[[], str] = str) -> None:
@@ -39,14 +40,16 @@ class Steps:
         self.console.print(head)
         self.console.print(Text.assemble(("      $ ", "dim"), (command, "cyan")), soft_wrap=True)
         if self.console.is_terminal:
-            self._live = Live(Spinner("dots"), console=self.console, transient=True, auto_refresh=False)
+            self._spinner = Spinner("dots")
+            self._live = Live(self._spinner, console=self.console, transient=True, auto_refresh=False)
             self._live.start()
 
     def tick(self) -> None:
         """Keep the spinner turning; to be called often."""
         if self._live is not None:
             text = f" {time.monotonic() - self._began:4.1f} s  {self._note()}"
-            self._live.update(Spinner("dots", text=Text(text, style="dim")), refresh=True)
+            self._spinner.update(text=Text(text, style="dim"))
+            self._live.refresh()
 
     def done(self, what: str) -> None:
         """End the step and say what came of it."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from rich.table import Table
@@ -19,8 +19,9 @@ PAPER: Final[Mapping[str, Mapping[float, tuple[float, float]]]] = {
 }
 """Table 7: robot → kappa → magnitude of e_gamma and e_x in %, on the trajectory of Table 6."""
 NOTE: Final = (
-    "Table 7 prints magnitudes. The rover's geometry, which the paper lost in part, was inferred by fitting this very "
-    "table: it is context here, not a validation."
+    "Torques peak where the planned curvature jumps: prescribed motors follow, whatever it takes. Table 7 prints "
+    "magnitudes; geometry that the paper lost was inferred by fitting this very table, so it is context here, not a "
+    "validation."
 )
 
 
@@ -73,7 +74,7 @@ def result_table(result: Result, robot: str, kappa: float, duration: float, path
     table.add_section()
     table.add_row("duration", "", f"{duration:.2f} s")
     for end, peak in peak_torques(result.recording).items():
-        table.add_row(f"peak torque, {end} motors", "", f"{peak:.3f} N·m")
+        table.add_row(f"peak torque, {end} motors", "", f"{peak:.3g} N·m")
     table.add_row("messages recorded", "", str(result.messages))
     return table
 
@@ -93,8 +94,7 @@ def _pair(values: Mapping[str, float], factor: float, unit: str) -> list[str]:
     return [f"{factor * values[kind]:.2f} {unit}" if kind in values else "–" for kind in ("odometric", "true")]
 
 
-def _paper(stated: Mapping[float, Any], column: int, kappa: float) -> str:
-    """Return Table 7's figure for this kappa, else all it has."""
-    if kappa in stated:
-        return f"{stated[kappa][column]:.2f} %"
-    return ", ".join(f"{figures[column]:.2f} % (κ {k:g})" for k, figures in stated.items())
+def _paper(stated: Mapping[float, tuple[float, float]], column: int, kappa: float) -> str:
+    """Return Table 7's figure for this kappa, else the range of those it has."""
+    figures = [stated[kappa][column]] if kappa in stated else sorted(row[column] for row in stated.values())
+    return "–".join(f"{figure:.2f}" for figure in dict.fromkeys((figures[0], figures[-1]))) + " %"
