@@ -59,7 +59,7 @@ class Spec:
             raise ArtibotError(f"parameter {self.name}: found {value!r}, expected {self.expected}")
         return kind(value)
 
-    def _is_number(self, value: Any, kinds: tuple[type, ...]) -> bool:
+    def _is_number(self, value: Any, kinds: tuple[type[float], ...]) -> bool:
         return (
             isinstance(value, kinds)
             and not isinstance(value, bool)

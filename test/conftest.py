@@ -8,11 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from hypothesis import settings
 
 from ros_helpers import NodeStarter, rclpy_context, reserved_domain, ros_environment, skip
 
 if TYPE_CHECKING:
     from rclpy.context import Context
+
+settings.register_profile("artibot", deadline=None)  # no test is about how long an example takes on a busy machine
+settings.load_profile("artibot")
 
 
 @pytest.fixture
