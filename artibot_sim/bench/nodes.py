@@ -52,8 +52,8 @@ def sim(scenario: Scenario) -> list[Result]:
     late = ("late_p50_ms", "late_max_ms", "overruns", "steps")
     return [
         Result("sim_node_cpu_share", found["cpu_share"], "cores", note),
-        Result("sim_node_late_p99", found["late_p99_ms"], "ms", f"{note}; published after the deadline",
-               {key: found[key] for key in late}),
+        Result("sim_node_late_p99", found["late_p99_ms"], "ms", f"{note}; load {os.getloadavg()[0]:.1f}",
+               {key: found[key] for key in late} | _load()),
     ]  # fmt: skip
 
 
@@ -70,8 +70,13 @@ def replay(scenario: Scenario) -> list[Result]:
     if "late_p99_ms" not in found:
         raise ArtibotError(f"bench: replay --stats wrote {sorted(found)}; expected late_p99_ms")
     numbers = {key: value for key, value in found.items() if isinstance(value, int | float) and key != "late_p99_ms"}
-    note = "published after the recorded instant, Table 6 at its own pace"
-    return [Result("replay_late_p99", found["late_p99_ms"], "ms", note, numbers)]
+    note = f"published after the recorded instant, Table 6 at its own pace; load {os.getloadavg()[0]:.1f}"
+    return [Result("replay_late_p99", found["late_p99_ms"], "ms", note, numbers | _load())]
+
+
+def _load() -> dict[str, float]:
+    """How busy the machine was: lateness tells about the node only where a core was free."""
+    return {"load_average": os.getloadavg()[0]}
 
 
 def _word(word: str) -> list[str]:

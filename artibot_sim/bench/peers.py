@@ -34,7 +34,7 @@ def mujoco(scenario: Scenario) -> list[Result]:
         ("native_implicitfast", NativeRun, "implicitfast", "its own contacts and friction, which are another law"),
     ):
         run = kind(scenario.robot, scenario.commands, 1e-3, integrator)
-        timing = repeat(run, scenario.runs(3), scenario.tick)
+        timing = repeat(run, scenario.runs(5), scenario.tick)
         apart = distance(run().pose, reference)
         note = f"MuJoCo, {integrator} at 1 ms, {what}; {apart[-1]:.2g} m from artibot's RK4 at the end"
         detail = {"pose_difference": float(apart[-1]), "pose_difference_largest": float(apart.max())}
@@ -49,6 +49,6 @@ def attach(results: Sequence[Result]) -> list[Result]:
 
     def peer(name: str) -> Peer | None:
         other = found.get(BESIDE.get(name, ""))
-        return Peer(other.note, other.value, other.unit) if other else None
+        return Peer(other.note, other.value, other.unit, other.detail.get("by_cpu_time")) if other else None
 
     return [result.beside(peer(result.name)) for result in results]

@@ -18,11 +18,12 @@ from artibot_sim.version import __version__
 
 @dataclass(frozen=True)
 class Peer:
-    """The same measured with another program in the same run."""
+    """The same measured with another program in the same run; `by_cpu_time` is the value by its CPU time."""
 
     name: str
     value: float
     unit: str
+    by_cpu_time: float | None = None
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class Result:
     def as_json(self) -> dict[str, Any]:
         """As the contract has it, with the details beside."""
         own = {"name": self.name, "value": self.value, "unit": self.unit, "peer": self.peer and asdict(self.peer)}
-        return {**own, "note": self.note, **self.detail}
+        return {**self.detail, "note": self.note} | own
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,15 @@ def _row(result: Result) -> Iterator[str]:
     spread = f" ±{50 * detail['spread']:.0f} %" if "spread" in detail else ""
     yield f"{detail['runs']:.0f}{spread}" if "runs" in detail else ""
     yield number(result.peer.value) if result.peer else ""
-    yield f"{result.value / result.peer.value:.1f} x" if result.peer else ""
+    yield _ratio(result)
+
+
+def _ratio(result: Result) -> str:
+    """Over the peer, by CPU time where both have it: others on the machine slow one of the two more than the other."""
+    if result.peer is None:
+        return ""
+    own, other = result.detail.get("by_cpu_time"), result.peer.by_cpu_time
+    return f"{own / other if own and other else result.value / result.peer.value:.1f} x"
 
 
 def notes(results: Sequence[Result], skipped: Sequence[Skipped]) -> Iterator[str]:
@@ -69,6 +77,8 @@ def notes(results: Sequence[Result], skipped: Sequence[Skipped]) -> Iterator[str
         said.setdefault(result.note, []).append(result.name)
     for note, names in said.items():
         yield f"{', '.join(names)}: {note}"
+    if any(result.peer and result.peer.by_cpu_time for result in results):
+        yield "over peer: ratio of the values by CPU time, which others on the machine disturb less"
     if any(result.name.startswith("mujoco_") for result in results):
         yield MUJOCO_NOTE
     for skip in skipped:
