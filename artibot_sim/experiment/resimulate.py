@@ -208,14 +208,16 @@ class _Run:
         if self.robot.articulated and not np.isfinite(motion.articulation):
             self._remark("the articulation is not recorded; windows start straight")
         position, velocity = inputs.measured_position[first].copy(), inputs.measured_velocity[first].copy()
+        efforts: Floats | None = _efforts(self.experiment, t)
         if _at_rest(self.experiment, t):
             motion = motion._replace(vx=0.0, vy=0.0, yaw_rate=0.0, articulation_rate=0.0)
             velocity[:] = 0.0
+            efforts = None  # eq. 30 feeds back what was before the first movement
         told = np.array([mode == Mode.PRESCRIBED for mode in inputs.modes])
         velocity = np.where(told, inputs.velocity[first], velocity)
         origin = np.where(np.isfinite(position), position, 0.0)
         offset = np.where(told, origin - np.nan_to_num(inputs.position[first]), 0.0)
-        return start_state(self.robot, motion, origin, velocity, _efforts(self.experiment, t), t), offset
+        return start_state(self.robot, motion, origin, velocity, efforts, t), offset
 
     def _remark(self, text: str) -> None:
         self.remarks[text] = self.remarks.get(text, 0) + 1

@@ -1,0 +1,146 @@
+"""`artibot replay --drive`: an experiment driven again, with the simulation node as the rover."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2")
+
+from replay_probe import OUTPUTS, Listener, input_bag, recorded, rover_bag, types_of
+
+from artibot_sim.experiment import read_bag
+from artibot_sim.nodes.replay_source import stamp_of
+from ros_helpers import NodeStarter
+
+if TYPE_CHECKING:
+    from rclpy.context import Context
+
+ODOMETRY = "nav_msgs/msg/Odometry"
+
+
+@pytest.fixture(scope="module")
+def rover(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return rover_bag(tmp_path_factory.mktemp("bags") / "rover")
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory, rover: Path) -> Path:
+    return input_bag(tmp_path_factory.mktemp("bags") / "inputs", rover)
+
+
+def decoded(data: bytes, kind: type) -> Any:
+    from rclpy.serialization import deserialize_message
+
+    return deserialize_message(data, kind)
+
+
+def test_the_profile_starts_anew_and_the_sign_of_life_goes_on(
+    start_node: NodeStarter, ros_context: Context, inputs: Path
+) -> None:
+    from trajectory_msgs.msg import JointTrajectory
+
+    types = {topic: kind for topic, kind in types_of(inputs).items() if topic not in ("/strange", "/clock")}
+    listener = Listener(ros_context, types)
+    began = time.time()
+    with listener.listening():
+        node = start_node("replay", inputs, "--drive", "--delay", 0.8)
+        node.wait_for("starts at")
+        qos = listener.node.get_publishers_info_by_topic("/planned/front_velocity")[0].qos_profile
+        assert node.wait() == 0
+    assert qos.durability.name == "TRANSIENT_LOCAL"
+    (profile,) = listener.bytes_of("/planned/front_velocity")
+    published = listener.times_of("/planned/front_velocity")[0]
+    start = stamp_of(profile) / 1e9
+    assert began < published < start <= published + 0.8
+    old, new = (decoded(data, JointTrajectory) for data in (recorded(inputs)["/planned/front_velocity"][0], profile))
+    assert new.points == old.points
+    assert new.joint_names == old.joint_names
+    end = start + read_bag(inputs).channels["planned_front_velocity"]["time_from_start"][-1]
+    signs = listener.times_of("/planned/odom")
+    assert signs[0] <= published + 0.05
+    assert signs[-1] >= end
+    assert np.median(np.diff(signs)) <= 0.025
+    assert (np.diff([stamp_of(data) for data in listener.bytes_of("/planned/odom")]) > 0).all()
+    assert all(abs(stamp_of(data) / 1e9 - at) < 0.05 for data, at in listener.got["/planned/odom"] for at in [at / 1e9])
+    assert listener.got["/cmd_vel"], "a recorded input"
+    assert all(stamp_of(data) / 1e9 >= published for data in listener.bytes_of("/cmd_vel"))
+    assert not listener.got["/motor_command_request"], "never unless asked for by name"
+    assert not any(listener.got[topic] for topic in OUTPUTS)
+
+
+def test_signs_of_life_say_where_the_rover_ought_to_be(
+    start_node: NodeStarter, ros_context: Context, rover: Path
+) -> None:
+    from nav_msgs.msg import Odometry
+
+    listener = Listener(ros_context, {"/planned/odom": ODOMETRY})
+    with listener.listening():
+        node = start_node("replay", rover, "--drive", "--wait", 0)
+        node.wait_for("starts at")
+        assert node.wait() == 0
+    start = float(node.output.split("starts at ")[1].split(",")[0])
+    planned = read_bag(rover).channels["planned_odom"]
+    for data in listener.bytes_of("/planned/odom"):
+        message = decoded(data, Odometry)
+        since = stamp_of(data) / 1e9 - start
+        x = message.pose.pose.position.x
+        near = planned["x"][(planned.t >= since - 0.045) & (planned.t <= since + 0.002)]
+        assert x in near or (since < 0.05 and x == 0.0) or (since > planned.t[-1] and x == planned["x"][-1])
+
+
+def test_outputs_and_requests_only_by_name(start_node: NodeStarter, ros_context: Context, inputs: Path) -> None:
+    wanted = {"/odom": ODOMETRY, "/motor_torques": "sensor_msgs/msg/JointState"}
+    listener = Listener(ros_context, wanted | {"/motor_command_request": "sensor_msgs/msg/JointState"})
+    args = ("--drive", "--wait", 0, "--delay", 0.2, "-x", "cmd_vel,base/*,arm/*,planned/*")
+    with listener.listening():
+        node = start_node("replay", inputs, *args, "--request-from", "motor_command", "-t", "odom")
+        assert node.wait() == 0
+    original = recorded(inputs)
+    assert listener.bytes_of("/odom") == original["/odom"]
+    assert not listener.got["/motor_torques"]
+    requests = listener.bytes_of("/motor_command_request")
+    assert [data[12:] for data in requests] == [data[12:] for data in original["/motor_command"]]
+    assert all(abs(stamp_of(data) - at) < 5e8 for data, at in listener.got["/motor_command_request"])
+
+
+def test_an_experiment_is_driven_again_by_the_simulation(
+    start_node: NodeStarter, ros_context: Context, rover: Path
+) -> None:
+    from nav_msgs.msg import Odometry
+
+    listener = Listener(ros_context, {"/ground_truth/odom": ODOMETRY})
+    sim = start_node("sim", "--robot", "agriq", "--ros-args", "-p", "command_timeout:=0.5")
+    sim.wait_for("is ready")
+    with listener.listening():
+        node = start_node("replay", rover, "--drive")
+        assert node.wait() == 0, node.output
+    assert "silent" not in sim.output
+    truth = read_bag(rover).channels["ground_truth_odom"]
+    last = decoded(listener.bytes_of("/ground_truth/odom")[-1], Odometry).pose.pose.position
+    assert truth["x"][-1] > 0.8
+    assert (last.x, last.y) == pytest.approx((truth["x"][-1], truth["y"][-1]), abs=2e-3)
+
+
+def test_driving_follows_simulated_time(start_node: NodeStarter, ros_context: Context, rover: Path) -> None:
+    from nav_msgs.msg import Odometry
+
+    listener = Listener(ros_context, {"/ground_truth/odom": ODOMETRY})
+    sim = start_node("sim", "--robot", "agriq", "--rate", 2, "--ros-args", "-p", "command_timeout:=0.5")
+    sim.wait_for("is ready")
+    with listener.listening():
+        node = start_node("replay", rover, "--drive", "--use-sim-time")
+        assert node.wait() == 0, node.output
+    truth = read_bag(rover).channels["ground_truth_odom"]
+    last = decoded(listener.bytes_of("/ground_truth/odom")[-1], Odometry).pose.pose.position
+    assert (last.x, last.y) == pytest.approx((truth["x"][-1], truth["y"][-1]), abs=2e-3)
+
+
+def test_nobody_to_drive_is_an_error(start_node: NodeStarter, rover: Path) -> None:
+    node = start_node("replay", rover, "--drive", "--wait-timeout", 0.5)
+    assert node.wait() == 2
+    assert "fewer than 1 listeners" in node.output
