@@ -36,13 +36,13 @@ _CACHE = str(cache_folder())
 
 
 def _jit(function: Function, **options: Any) -> Function:
-    saved = config.CACHE_DIR
-    config.CACHE_DIR = _CACHE  # read when the function is decorated, so other users of numba keep their own
+    saved = config.CACHE_DIR  # type: ignore[attr-defined]  # numba sets its options when it is imported
+    config.CACHE_DIR = _CACHE  # type: ignore[attr-defined]  # read when the function is decorated, so other users of numba keep their own
     try:
         compiled: Function = numba.njit(error_model="numpy", fastmath=_FAST, **options)(function)
         return compiled
     finally:
-        config.CACHE_DIR = saved
+        config.CACHE_DIR = saved  # type: ignore[attr-defined]
 
 
 def inlined(function: Function) -> Function:

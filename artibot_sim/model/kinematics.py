@@ -163,9 +163,7 @@ def joint(q, v, p, trig):
     sb_f, cb_f = sincos_small(q[BETA])
     sb_b, cb_b = sincos_small(q[BACK + BETA])
     f, f_a, f_b, df = arm(p.front, sa_f, ca_f, sb_f, cb_f, sg_f, cg_f, v[ALPHA], v[BETA], v[GAMMA])
-    b, b_a, b_b, db = arm(
-        p.back, sa_b, ca_b, sb_b, cb_b, sg_b, cg_b, v[BACK + ALPHA], v[BACK + BETA], v[BACK + GAMMA]
-    )
+    b, b_a, b_b, db = arm(p.back, sa_b, ca_b, sb_b, cb_b, sg_b, cg_b, v[BACK + ALPHA], v[BACK + BETA], v[BACK + GAMMA])
     s_d, c_d = sg_b * cg_f - cg_b * sg_f, cg_b * cg_f + sg_b * sg_f  # of delta
     n, dn, (n_fa, n_fb, n_bb, n_d) = perpendicular(q, v, s_d, c_d, sa_f, ca_f, sb_f, cb_f, sb_b, cb_b)
     phi = q[X] + f[0] - q[BACK + X] - b[0], q[Y] + f[1] - q[BACK + Y] - b[1], q[Z] + f[2] - q[BACK + Z] - b[2], n
