@@ -38,7 +38,7 @@ def test_the_shipped_file_is_the_table() -> None:
     assert found == {name: value for name, value in DEFAULTS.items() if name != "kappa"}
 
 
-@pytest.mark.parametrize("name", ["sim", "sim_noisy"])
+@pytest.mark.parametrize("name", ["sim", "sim_noisy", "sim_patient"])
 def test_shipped_values_are_accepted(name: str) -> None:
     for key, value in shipped(name).items():
         parameters.check(key, value)
