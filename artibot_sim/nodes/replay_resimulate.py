@@ -43,8 +43,19 @@ def run_resimulation(
     _print(result)
     for remark in (*experiment.remarks, *result.remarks):
         click.echo(f"note: {remark}", err=True)
-    click.echo(f"{out}/simulated, {out}/metrics.json")
+    click.echo(f"wrote {out}/simulated, {out}/metrics.json, {_draw(result, out)}")
     return 0
+
+
+def _draw(result: Resimulation, out: Path) -> Path:
+    """Draw the recording and its simulation on top of each other."""
+    from artibot_sim.report.figures import experiment_figure
+    from artibot_sim.report.output import write_files
+    from artibot_sim.report.png import render_png
+
+    figure = experiment_figure([result.experiment, read_bag(out / "simulated")], [result.robot, result.robot])
+    write_files({out / "compared.png": render_png(figure)})
+    return out / "compared.png"
 
 
 @contextmanager

@@ -19,6 +19,8 @@ from artibot_sim.experiment.storage import BagInfo, RawMessage, iter_messages
 
 AHEAD = 64 << 20
 """Bytes that are read ahead, at most."""
+MOST = 10_000
+"""Messages that are read ahead, at most."""
 GAP_NS = 10_000_000
 """Between the last instant of a pass and the first one of the next, ns."""
 SECOND = 1_000_000_000
@@ -93,8 +95,8 @@ class Source:
 
     def wait_ready(self) -> None:
         """Wait until enough is read to begin."""
-        while not self._done and self._bytes - self._taken < AHEAD // 2:
-            time.sleep(0.005)
+        while not self._done and self._bytes - self._taken < AHEAD // 4 and len(self._queue) < MOST // 4:
+            time.sleep(0.002)
 
     def close(self) -> None:
         """End the reading."""
@@ -126,7 +128,7 @@ class Source:
         """Fill the queue: the thread's body."""
         try:
             for due in self._passes():
-                while self._bytes - self._taken > AHEAD and not self._stopped:
+                while (self._bytes - self._taken > AHEAD or len(self._queue) >= MOST) and not self._stopped:
                     time.sleep(0.005)
                 if self._stopped:
                     return
