@@ -20,7 +20,7 @@ COURSE_HALF_WIDTH = 0.3
 CARRIED_SPAN = 1.0
 """s before and after an instant over which the accelerometer is trusted to connect positions."""
 _SLOWEST = 0.1  # m/s: slower, the direction of motion is noise
-_COURSE_NOISE = 0.01  # m/s, of the velocity that a course comes from
+_COURSE_NOISE = 0.005  # m/s, of the velocity that a course comes from
 _SLIP = 0.5  # rad of side slip per rad/s of yaw rate that changes from turn to turn; rather too much: few turns
 _MEAN_SLIP = 0.3  # rad of side slip per rad/s of yaw rate that does not
 _DRIFT = 1e-3  # rad per root second, of an integrated yaw rate
@@ -38,11 +38,13 @@ class Compass:
     position : points (n, 2), m.
     yaw_rate : (n, 1) rad/s; may be empty.
     speeds : of the front motors (n, 2), rad/s, for forwards, backwards and standstill; may be empty.
+    sensed : forward and leftward acceleration (m/s²) and yaw rate (rad/s), (n, 3); may be empty.
     """
 
     position: Samples
     yaw_rate: Samples
     speeds: Samples
+    sensed: Samples
 
     def heading(self, t: float) -> float:
         """Return the heading at `t`, rad; 0 if the rover never moves.
@@ -78,8 +80,20 @@ class Compass:
         sign = self._direction(times)
         speed = np.hypot(*velocity.T)
         moving = (speed > _SLOWEST) & (sign != 0)
-        heading = np.arctan2(sign * velocity[:, 1], sign * velocity[:, 0])[moving]
-        return times[moving], np.unwrap(heading), speed[moving]
+        times, sign, velocity = times[moving], sign[moving], velocity[moving]
+        if len(self.sensed[0]):
+            velocity = self._carried_velocity(times, velocity, sign)
+        heading = np.arctan2(sign * velocity[:, 1], sign * velocity[:, 0])
+        return times, np.unwrap(heading), np.hypot(*velocity.T)
+
+    def _carried_velocity(self, times: Floats, velocity: Floats, sign: Floats) -> Floats:
+        """Return better velocities (n, 2), m/s, with the accelerometer turned to the course; it absorbs the slip."""
+        better = velocity.copy()
+        for row, (t, v) in enumerate(zip(times.tolist(), velocity * sign[:, None], strict=True)):
+            found = carried_fit(self.position, *self.sensed, t, float(np.arctan2(v[1], v[0])))
+            if found is not None and np.hypot(*(found[1] - velocity[row])) < _SLOWEST:
+                better[row] = found[1]
+        return better
 
     def _direction(self, t: Floats) -> Floats:
         """Return 1 where the front motors turn forwards, −1 backwards, 0 where one does not (turning on the spot)."""

@@ -111,7 +111,7 @@ class Measured:
     @cached_property
     def _compass(self) -> Compass:
         """What gives headings where only points were measured."""
-        return Compass(self.position(), self.yaw_rate(), self.speeds())
+        return Compass(self.position(), self.yaw_rate(), self.speeds(), self.sensed)
 
     def speeds(self) -> tuple[Floats, Floats]:
         """Return times (n,) and the speeds of the front motors (n, 2), rad/s."""
@@ -121,13 +121,14 @@ class Measured:
 
     def _carried(self, t: float, heading: float) -> tuple[Floats, Floats] | None:
         """Return place and velocity (2,) at `t` with the help of the accelerometer, None if there is none."""
+        return carried_fit(self.position(), *self.sensed, t, heading) if len(self.sensed[0]) else None
+
+    @cached_property
+    def sensed(self) -> tuple[Floats, Floats]:
+        """Times (n,), forward and leftward acceleration (m/s²) and yaw rate (rad/s), (n, 3); zeros are no measurement."""
         imu = self.experiment.channels.get("imu")
-        if imu is None or not {"ax", "ay", "yaw_rate"} <= set(imu.columns):
-            return None
-        times, sensed = _samples(imu, ("ax", "ay", "yaw_rate"), self.t_start, self.t_end)
-        if len(times) < 20 or not sensed[:, :2].any():
-            return None
-        return carried_fit(self.position(), times, sensed, t, heading)
+        times, sensed = _samples(imu, ("ax", "ay", "yaw_rate"), self.t_start, self.t_end) if imu else _nothing(3)
+        return (times, sensed) if len(times) >= 20 and sensed[:, :2].any() else _nothing(3)
 
     def _twist(self, t: float) -> Floats | None:
         """Return the measured velocity (2,) in the rover's frame, m/s, if the ground truth has one."""
