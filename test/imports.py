@@ -22,6 +22,7 @@ OWNERS = {
     "mcap": ("experiment",),
     "rosbags": ("experiment",),
     "can": (DRIVER,),
+    "can_remote": (DRIVER,),
     "canopen": (DRIVER,),
     "mujoco": ("bench",),
 }

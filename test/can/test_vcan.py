@@ -3,26 +3,12 @@
 from __future__ import annotations
 
 import json
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-
-from ros_helpers import ROOT, skip
-
-IN_UML = ROOT / "scripts" / "in_uml.sh"
-TOOLS = {"linux.uml": "user-mode-linux", "insmod": "kmod", "ip": "iproute2", "candump": "can-utils"}
-
-
-def in_uml(*command: str, timeout: float = 120.0) -> subprocess.CompletedProcess[str]:
-    """Run `command` in the user-mode kernel, or skip where its Debian packages are missing."""
-    path = "/usr/local/bin:/usr/bin:/bin:/usr/sbin:/sbin"
-    missing = sorted(package for tool, package in TOOLS.items() if shutil.which(tool, path=path) is None)
-    if missing:
-        skip(f"no user-mode kernel with CAN here: apt-get install {' '.join(missing)}")
-    return subprocess.run([str(IN_UML), *command], capture_output=True, text=True, timeout=timeout, check=False)
+from can_kernel import IN_UML, in_uml
 
 
 @pytest.mark.vcan

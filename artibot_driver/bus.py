@@ -1,0 +1,239 @@
+"""A CAN bus by name: opened with a clear word about what is missing, and watched while it is used.
+
+Frames go through python-can, so any of its interfaces serves. Nothing here raises once the bus is open: a frame that
+could not be sent is counted, and :meth:`Bus.health` says what the controller and the interface report.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import socket
+import struct
+import time
+from dataclasses import dataclass
+from typing import Any, Final
+
+import can
+
+from artibot_driver.bus_health import SYS, BusState, link_state, read_error_frame, worse
+from artibot_driver.frames import Frame
+from artibot_sim.errors import ArtibotError
+
+_ARPHRD_CAN = 280
+_NO_BITRATE: Final = ("socketcan", "remote", "virtual", "udp_multicast")
+_SEND_TIMEOUT: Final = 0.1
+"""A network socket that takes no data for this long has lost its other end, s."""
+
+
+@dataclass
+class Counters:
+    """What a bus has seen since it was opened."""
+
+    sent: int = 0
+    received: int = 0
+    not_sent: int = 0
+    error_frames: int = 0
+    overruns: int = 0
+    restarts: int = 0
+
+
+@dataclass(frozen=True)
+class Health:
+    """State of a bus at one moment.
+
+    Attributes
+    ----------
+    tx_errors, rx_errors : int or None
+        The controller's error counters, where an error frame has told them.
+    reason : str
+        The last thing that went wrong, empty where nothing did.
+    """
+
+    state: BusState
+    tx_errors: int | None
+    rx_errors: int | None
+    reason: str
+
+
+class Bus:
+    """An open bus; also a context manager. Made by :func:`open_bus`, for one thread at a time.
+
+    Attributes
+    ----------
+    counters : Counters
+    raw : can.BusABC
+        python-can's bus, for canopen and others.
+    """
+
+    def __init__(self, raw: can.BusABC, interface: str, channel: str) -> None:
+        self.raw = raw
+        self.interface = interface
+        self.channel = channel
+        self.counters = Counters()
+        self._controller = BusState.ACTIVE
+        self._errors: tuple[int | None, int | None] = (None, None)
+        self._reason = ""
+
+    def __enter__(self) -> Bus:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def send(self, frame: Frame) -> bool:
+        """Send a frame; False, and counted, where it could not be sent."""
+        message = can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=False)
+        return self.send_message(message)
+
+    def send_message(self, message: can.Message) -> bool:
+        """Send any frame of python-can's; False, and counted, where it could not be sent."""
+        if self._controller is BusState.LOST:
+            self.counters.not_sent += 1
+            return False
+        try:
+            self.raw.send(message)
+        except (can.CanError, OSError, ValueError) as error:
+            self.counters.not_sent += 1
+            self._failed(error)
+            return False
+        self.counters.sent += 1
+        return True
+
+    def receive(self, timeout: float = 0.0) -> can.Message | None:
+        """The next frame within `timeout` (s), or None; error frames are kept here and change the health."""
+        deadline = time.monotonic() + timeout
+        while self._controller is not BusState.LOST:
+            try:
+                message = self.raw.recv(max(0.0, deadline - time.monotonic()))
+            except (can.CanError, OSError, ValueError) as error:
+                self._failed(error)
+                return None
+            except Exception as error:
+                if type(error).__name__ != "WebsocketClosed":  # python-can-remote's own, which is no CanError
+                    raise
+                self._lose(f"the other end has closed: {error}")
+                return None
+            if message is None or not message.is_error_frame:
+                self.counters.received += message is not None
+                return message
+            self._take_error_frame(message)
+        return None
+
+    def health(self) -> Health:
+        """What is known now; for SocketCAN the interface is asked."""
+        state = self._controller
+        if self.interface == "socketcan" and state is not BusState.LOST:
+            link = link_state(self.channel)
+            if link is BusState.LOST:
+                self._lose(f"{self.channel} is no longer there")
+            state = worse(link, state)
+        return Health(state, *self._errors, self._reason)
+
+    def close(self) -> None:
+        """Close the bus, whatever state it is in; what was sent before still goes out."""
+        if self.interface != "remote":
+            with contextlib.suppress(can.CanError, OSError):
+                self.raw.shutdown()
+            return
+        # python-can-remote's own shutdown fails on a server that is gone and waits for one that hangs
+        if self._controller is not BusState.LOST:
+            with contextlib.suppress(OSError):
+                self.raw.remote_protocol.close()  # type: ignore[attr-defined]
+                self._drain(time.monotonic() + _SEND_TIMEOUT)
+        with contextlib.suppress(OSError):
+            self.raw.socket.close()  # type: ignore[attr-defined]
+        can.BusABC.shutdown(self.raw)
+
+    def _drain(self, deadline: float) -> None:
+        """Read on until the other end has closed: to close with something unread would drop what was sent last."""
+        while self._controller is not BusState.LOST and time.monotonic() < deadline:
+            self.receive(0.01)
+
+    def _failed(self, error: Exception) -> None:
+        code = getattr(error, "error_code", None) or getattr(error, "errno", None)
+        if code in (errno.ENODEV, errno.ENXIO):
+            self._lose(f"{self.channel} is no longer there")
+        elif self.interface == "remote" or isinstance(error, ValueError):
+            self._lose(f"connection lost: {error}")
+        else:
+            self._reason = str(error)
+
+    def _lose(self, reason: str) -> None:
+        if self._controller is not BusState.LOST:
+            self._controller, self._reason = BusState.LOST, reason
+
+    def _take_error_frame(self, message: can.Message) -> None:
+        self.counters.error_frames += 1
+        seen = read_error_frame(message)
+        self.counters.overruns += seen.overrun
+        self.counters.restarts += seen.restarted
+        self._controller = seen.state or self._controller
+        self._errors = (seen.tx_errors, seen.rx_errors) if seen.tx_errors is not None else self._errors
+        self._reason = seen.text or self._reason
+
+
+def open_bus(interface: str = "socketcan", channel: str = "vcan0", bitrate: int = 500_000, **options: Any) -> Bus:
+    """Open a CAN bus.
+
+    Parameters
+    ----------
+    interface, channel : str
+        As python-can names them: ``socketcan`` and ``can0``; ``remote`` and ``ws://127.0.0.1:PORT/`` for a loopback
+        bus between processes.
+    bitrate : int
+        For interfaces that are set up on opening; SocketCAN's rate is set by ``ip link``.
+    **options
+        Handed to python-can.
+
+    Raises
+    ------
+    ArtibotError
+        When the interface is missing, down or no CAN interface, with the command that mends it.
+    """
+    if interface == "socketcan":
+        check_socketcan(channel)
+    if interface not in _NO_BITRATE:
+        options = {"bitrate": bitrate, **options}
+    try:
+        raw = can.Bus(interface=interface, channel=channel, **options)
+    except ConnectionError as error:
+        raise ArtibotError(
+            f"bus {channel}: nobody answers there ({error.strerror}); start a loopback bus: "
+            "python -m artibot_driver.loopback --port PORT"
+        ) from error
+    except (can.CanError, OSError, ValueError, TypeError, ImportError, AssertionError) as error:
+        raise ArtibotError(f"bus {interface} {channel}: cannot be opened: {' '.join(str(error).split())}") from error
+    own = getattr(raw, "socket", None)
+    if interface == "remote" and isinstance(own, socket.socket):
+        own.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _timeval(_SEND_TIMEOUT))
+    return Bus(raw, interface, channel)
+
+
+def check_socketcan(channel: str) -> None:
+    """Raise :class:`ArtibotError`, with the mend, unless `channel` is a CAN interface of this kernel that is up."""
+    virtual = channel.startswith("vcan")
+    kind = "type vcan" if virtual else "type can bitrate 500000"
+    mend = f"sudo ip link add dev {channel} type vcan; sudo ip link set {channel} up"
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except (OSError, AttributeError) as error:
+        raise ArtibotError(
+            f"bus {channel}: this machine's kernel has no CAN ({error}); load it (sudo modprobe can_raw vcan), or use "
+            "a loopback bus: interface remote, channel as `python -m artibot_driver.loopback` prints it"
+        ) from error
+    try:
+        found = int((SYS / channel / "type").read_text(encoding="ascii"))
+    except (OSError, ValueError) as error:
+        mend = mend if virtual else "connect the adapter and see `ip link`; without hardware take vcan0"
+        raise ArtibotError(f"bus {channel}: there is no such interface; {mend}") from error
+    if found != _ARPHRD_CAN:
+        raise ArtibotError(f"bus {channel}: is no CAN interface; `ip -br link show type can` lists those there are")
+    if link_state(channel) is BusState.DOWN:
+        options = "" if virtual else f" {kind}"
+        raise ArtibotError(f"bus {channel}: the interface is down; sudo ip link set {channel} up{options}")
+
+
+def _timeval(seconds: float) -> bytes:
+    """A C struct timeval."""
+    return struct.pack("ll", int(seconds), round(1e6 * (seconds % 1)))

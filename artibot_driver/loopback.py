@@ -1,0 +1,111 @@
+"""A CAN bus between processes where the kernel has none: python-can-remote's server, on this machine only.
+
+``python -m artibot_driver.loopback`` serves until it is interrupted and prints the channel to use with the interface
+``remote``; :func:`loopback_bus` does so for the length of a ``with`` block.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import logging
+import os
+import select
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from artibot_sim.errors import ArtibotError
+
+HOST = "127.0.0.1"
+"""No other machine can reach the bus."""
+
+_START_TIMEOUT, _END_TIMEOUT = 20.0, 5.0
+
+
+@contextlib.contextmanager
+def loopback_bus(port: int = 0) -> Iterator[str]:
+    """Start a server in a process of its own, yield the channel to connect to, and end it.
+
+    It also ends when this process does, however that happens: it watches a pipe that only this process holds.
+
+    Parameters
+    ----------
+    port : int
+        TCP port on 127.0.0.1; 0 for any free one.
+
+    Raises
+    ------
+    ArtibotError
+        When it does not start, with what it said.
+    """
+    command = [sys.executable, "-m", "artibot_driver.loopback", "--port", str(port), "--while-stdin"]
+    here = str(Path(__file__).resolve().parents[1])  # this very copy of artibot, however it was found
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, [here, os.environ.get("PYTHONPATH")]))}
+    pipe = subprocess.PIPE
+    server = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=environment)
+    try:
+        yield _channel_of(server)
+    finally:
+        _end(server)
+
+
+def _channel_of(server: subprocess.Popen[str]) -> str:
+    """The line that a server prints once it listens."""
+    assert server.stdout is not None
+    ready, _, _ = select.select([server.stdout], [], [], _START_TIMEOUT)
+    line = server.stdout.readline().strip() if ready else ""
+    if not line:
+        server.kill()
+        _, said = server.communicate()
+        reason = said.strip().splitlines()[-1] if said.strip() else f"nothing heard for {_START_TIMEOUT:g} s"
+        raise ArtibotError(f"loopback bus: did not start: {reason}")
+    return line
+
+
+def _end(server: subprocess.Popen[str]) -> None:
+    try:
+        server.communicate(timeout=_END_TIMEOUT)  # closes its standard input, which ends it
+    except subprocess.TimeoutExpired:
+        server.kill()
+        server.communicate()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Serve a loopback bus until SIGINT, SIGTERM or, if asked, the end of standard input."""
+    parser = argparse.ArgumentParser(prog="python -m artibot_driver.loopback", description=str(__doc__).splitlines()[0])
+    parser.add_argument("--port", type=int, default=0, help="TCP port on 127.0.0.1 [any free one]")
+    parser.add_argument("--while-stdin", action="store_true", help="end with the end of standard input")
+    options = parser.parse_args(argv)
+    from can_remote import RemoteServer
+
+    logging.getLogger("can_remote").setLevel(logging.ERROR)
+    try:
+        server = RemoteServer(HOST, options.port, interface="virtual", channel=f"artibot-{os.getpid()}")
+    except (OSError, OverflowError) as error:
+        print(f"port {options.port} on {HOST}: {error}", file=sys.stderr)
+        return 2
+    finished = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: finished.set())
+    # Ctrl-C reaches every process of a terminal; whoever holds the pipe still has to say goodbye on the bus
+    signal.signal(signal.SIGINT, signal.SIG_IGN if options.while_stdin else lambda *_: finished.set())
+    threading.Thread(target=server.serve_forever, name="loopback", daemon=True).start()
+    print(f"ws://{HOST}:{server.server_port}/", flush=True)
+    if options.while_stdin:
+        threading.Thread(target=_set_at_end_of_input, args=(finished,), name="stdin", daemon=True).start()
+    finished.wait()
+    server.shutdown()
+    server.server_close()
+    return 0
+
+
+def _set_at_end_of_input(finished: threading.Event) -> None:
+    sys.stdin.read()
+    finished.set()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,28 @@
+"""Where tests on a real CAN run: on this machine's kernel if it has vcan0, else in a user-mode one."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+from ros_helpers import ROOT, skip
+
+IN_UML = ROOT / "scripts" / "in_uml.sh"
+TOOLS = {"linux.uml": "user-mode-linux", "insmod": "kmod", "ip": "iproute2", "candump": "can-utils"}
+
+
+def has_vcan() -> bool:
+    """Whether this kernel has vcan0, up, and we may make others: the suites put interfaces down."""
+    flags = Path("/sys/class/net/vcan0/flags")
+    return flags.is_file() and int(flags.read_text(encoding="ascii"), 0) & 1 == 1 and os.geteuid() == 0
+
+
+def in_uml(*command: str, timeout: float = 120.0) -> subprocess.CompletedProcess[str]:
+    """Run `command` in the user-mode kernel, or skip where its Debian packages are missing."""
+    path = "/usr/local/bin:/usr/bin:/bin:/usr/sbin:/sbin"
+    missing = sorted(package for tool, package in TOOLS.items() if shutil.which(tool, path=path) is None)
+    if missing:
+        skip(f"no user-mode kernel with CAN here: apt-get install {' '.join(missing)}")
+    return subprocess.run([str(IN_UML), *command], capture_output=True, text=True, timeout=timeout, check=False)

@@ -1,0 +1,126 @@
+"""The loopback bus across processes does what any bus must, and ends with whoever started it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+
+import pytest
+from bus_contract import BusContract, Place, received, wait_for
+
+from artibot_driver.bus import open_bus
+from artibot_driver.bus_health import BusState
+from artibot_driver.frames import Frame
+from artibot_driver.loopback import loopback_bus
+from artibot_sim.errors import ArtibotError
+from ros_helpers import ROOT
+
+
+@pytest.fixture
+def place() -> Iterator[Place]:
+    with loopback_bus() as channel:
+        yield "remote", channel
+
+
+class TestLoopback(BusContract):
+    """All of :class:`BusContract`."""
+
+
+def serve(*arguments: str) -> subprocess.Popen[str]:
+    """A server as a user starts it."""
+    command = [sys.executable, "-m", "artibot_driver.loopback", *arguments]
+    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_server_started_by_hand_ends_on_a_signal(number: signal.Signals) -> None:
+    server = serve()
+    assert server.stdout is not None
+    channel = server.stdout.readline().strip()
+    with open_bus("remote", channel) as one, open_bus("remote", channel) as other:
+        assert one.send(Frame(1, b"x"))
+        assert received(other) == Frame(1, b"x")
+        server.send_signal(number)
+        _, said = server.communicate(timeout=10)
+    assert (server.returncode, said) == (0, "")
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_a_lost_server_is_noticed_counted_and_never_raises(number: signal.Signals) -> None:
+    server = serve()
+    assert server.stdout is not None
+    bus = open_bus("remote", server.stdout.readline().strip())
+    server.send_signal(number)
+    server.communicate(timeout=10)
+    assert bus.receive(5.0) is None
+    assert wait_for(lambda: bus.receive(0.01) is None and bus.health().state is BusState.LOST)
+    assert not bus.health().state.carries_frames
+    assert "connection lost" in bus.health().reason or "has closed" in bus.health().reason
+    assert not bus.send(Frame(1, b""))
+    assert bus.counters.not_sent == 1
+    bus.close()
+
+
+def test_a_server_that_hangs_holds_nobody_up_for_long() -> None:
+    server = serve()
+    assert server.stdout is not None
+    bus = open_bus("remote", server.stdout.readline().strip())
+    os.kill(server.pid, signal.SIGSTOP)
+    try:
+        begin = time.monotonic()
+        while bus.send(Frame(0x181, bytes(8))):
+            assert time.monotonic() - begin < 60
+        assert bus.health().state is BusState.LOST
+        bus.close()
+    finally:
+        os.kill(server.pid, signal.SIGKILL)
+        server.communicate(timeout=10)
+
+
+def test_the_server_ends_with_the_process_that_started_it() -> None:
+    begin = "from artibot_driver.loopback import loopback_bus\nimport os\nblock = loopback_bus()\n"
+    command = [sys.executable, "-c", begin + "print(block.__enter__(), flush=True)\nos._exit(9)"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 9
+    channel = done.stdout.strip()
+
+    def refused() -> bool:
+        try:
+            open_bus("remote", channel).close()
+        except ArtibotError as error:
+            return "nobody answers there" in str(error)
+        return False
+
+    assert wait_for(refused, 10.0)
+
+
+def test_a_taken_port_says_so(place: Place) -> None:
+    port = int(place[1].rstrip("/").rpartition(":")[2])
+    expected = rf"loopback bus: did not start: port {port} on 127.0.0.1: .*in use"
+    with pytest.raises(ArtibotError, match=expected), loopback_bus(port):
+        pass
+
+
+def test_only_this_machine_is_served(place: Place) -> None:
+    assert place[1].startswith("ws://127.0.0.1:")
+
+
+@pytest.mark.parametrize(
+    ("interface", "channel", "message"),
+    [
+        (
+            "remote",
+            "ws://127.0.0.1:1/",
+            r"bus ws://127.0.0.1:1/: nobody answers there .* -m artibot_driver.loop",
+        ),
+        ("carrier_pigeon", "x", r"bus carrier_pigeon x: cannot be opened: Unknown interface type"),
+        ("socketcan", "nosuchcan0", r"bus nosuchcan0: (this machine's kernel has no CAN|there is no such interface)"),
+    ],
+)
+def test_a_bus_that_cannot_be_opened_names_the_mend(interface: str, channel: str, message: str) -> None:
+    with pytest.raises(ArtibotError, match=message):
+        open_bus(interface, channel)
