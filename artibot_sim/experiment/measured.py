@@ -125,7 +125,7 @@ class Measured:
 
     @cached_property
     def sensed(self) -> tuple[Floats, Floats]:
-        """Times (n,), forward and leftward acceleration (m/s²) and yaw rate (rad/s), (n, 3); zeros are no measurement."""
+        """Times (n,), forward and leftward acceleration (m/s²) and yaw rate (rad/s), (n, 3); zeros measure nothing."""
         imu = self.experiment.channels.get("imu")
         times, sensed = _samples(imu, ("ax", "ay", "yaw_rate"), self.t_start, self.t_end) if imu else _nothing(3)
         return (times, sensed) if len(times) >= 20 and sensed[:, :2].any() else _nothing(3)
