@@ -88,6 +88,11 @@ def initial_state(
 
 def _close_joint(p: Params, q: Array) -> None:
     """Solve eq. 13 for the back module's x and y and both pitches, in place, by Newton's method."""
+    x_f, x_b = p.front.O_x, p.back.O_x
+    q[BACK + X] = q[X] + x_f * math.cos(q[GAMMA]) - x_b * math.cos(q[BACK + GAMMA])
+    q[BACK + Y] = q[Y] + x_f * math.sin(q[GAMMA]) - x_b * math.sin(q[BACK + GAMMA])
+    if q[Z] + p.front.O_z == q[BACK + Z] + p.back.O_z:
+        return  # level, as on flat ground: this closes it
     free = [BACK + X, BACK + Y, BETA, BACK + BETA]
     for _ in range(20):
         gap, jacobian, _ = constraint_terms(p, q, np.zeros(16))
