@@ -62,8 +62,21 @@ setup(
         # ROS 2 Jazzy as wheels (x86-64, Python 3.10-3.13). Never on top of a ROS 2 that is sourced already.
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-rmw-fastrtps-cpp", "ros-jazzy-common-interfaces"],
         "bench": ["mujoco>=3.2"],
-        "test": ["cantools>=39.4", "hypothesis>=6.100", "pytest>=7.4", "sympy>=1.12"],
-        "dev": ["colcon-common-extensions>=0.3", "mypy>=1.10", "ruff>=0.6", "setuptools>=70.1,<80"],  # as colcon asks
+        "test": [
+            "cantools>=39.4",
+            "hypothesis>=6.100",
+            "mcap-ros2-support>=0.5",
+            "mujoco>=3.2",
+            "pytest>=7.4",
+            "sympy>=1.12",
+        ],
+        # Another minor version of ruff formats otherwise, one of mypy finds more: neither may break a clone of today.
+        "dev": [
+            "colcon-common-extensions>=0.3",
+            "mypy==2.4.*",
+            "ruff==0.17.*",
+            "setuptools>=70.1,<80",
+        ],  # as colcon asks
     },
     entry_points={"console_scripts": executables()},
 )
