@@ -13,6 +13,7 @@ from artibot_sim.model import Commands, Mode, Robot, Rollout, State, Status, ini
 from artibot_sim.model.layout import MOTOR_COORDINATES
 from artibot_sim.model.params import params
 from artibot_sim.nodes.sim_arbiter import Decision
+from artibot_sim.nodes.sim_commands import Source
 
 Array = NDArray[np.float64]
 
@@ -145,6 +146,12 @@ class Engine:
         self._gravity = np.array([p.g_x, p.g_y, p.g_z])
         self.state: State = initial_state(robot, start.x, start.y, start.yaw, start.articulation_yaw)
         self._v_last = self.state.v
+
+    def warm_up(self) -> None:
+        """Compile or load the kernel, so that the first period is like all others."""
+        still = ((0.0, 0.0),) * (self.timing.knots + 1)
+        self.step(Decision(still, still, (math.nan, math.nan), Source.NONE), self.robot.control.kappa)
+        self.reset()
 
     def reset(self) -> None:
         """Back to the start, at rest."""

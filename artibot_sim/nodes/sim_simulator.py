@@ -74,15 +74,17 @@ class SimNode(Node):
         self.timing = Timing.of(get("publish_rate"), get("dt"))
         start, driven = settings.start(self.settings), get("front_mode") == "driven"
         self.engine = Engine(self.robot, self.timing, start, get("integrator"), driven)
+        self.engine.warm_up()  # before anybody can see a subscription and send what would then be late
         self.inputs = Inputs(self, settings.rules(self.settings, self.robot), get("cmd_vel_stamped"))
         self.sensors = Sensors(settings.sensor_model(self.settings), get("seed"))
         self.odometry = Odometry(settings.metres_per_radian(self.robot), self.robot.front.i_y)
+        self.odometry.reset(start.x, start.y, start.yaw)
         self.out = Publishers(self, self.robot, self._published())
         self.pacer = Pacer(self.timing.period_ns, get("rate"))
         self.steps = 0
         self._asked = [] if asked is None else asked
         self.paused = False
-        self._holding = self._waits = False
+        self._holding, self._waits = False, get("wait_for_profile")
         self._steps_due = 0
         self._serve_at = 0.0
         self._listeners, self._ticks, self._tick_at = -1, 0, 0.0
@@ -166,18 +168,12 @@ class SimNode(Node):
             self._holding = False
             self._time_stands(self.standing)
 
-    def warm_up(self) -> None:
-        """Compile or load the kernel, so that the first period is like all others."""
-        self.engine.step(self.inputs.decide(self.timing), self.settings["kappa"])
-        self.reset()
-        gc.collect()
-        gc.freeze()  # what lives now lives to the end: collections stay short
-
     # -- the loop -----------------------------------------------------------------------------------------------
 
     def run(self, executor: SingleThreadedExecutor) -> int:
         """Simulate until asked to end, the duration is over, or the model diverges; return the exit status."""
-        self.warm_up()
+        gc.collect()
+        gc.freeze()  # what lives now lives to the end: collections stay short
         self.inputs.t_ns = self.timing.period_ns if self.out.what.clock else 0
         self.paused = self.settings["start_paused"]
         self._time_stands(self.paused)

@@ -67,3 +67,13 @@ def test_a_planner_that_dies_stops_the_rover(start_node, ros_context) -> None:
     commands = np.array([m.velocity[:2] for m in probe.got["motor_command"]]) * METRES
     assert not commands[-1].any() and abs(probe.speed()) < 0.01
     assert -np.diff(np.abs(commands).max(axis=1)).min() / 0.01 <= 2.0 * (1 + 1e-6)
+
+
+def test_a_simulator_that_still_compiles_misses_no_profile(start_node, ros_context, bend: Path, tmp_path: Path) -> None:
+    """Both started at once, nothing cached: the planner sees a listener only when there is one that can follow."""
+    node = start_node("sim", "--rate", 3, "--params", "sim_patient", env={"ARTIBOT_CACHE_DIR": str(tmp_path)})
+    start_node("planner", "--manoeuvre", bend, "--use-sim-time", "--ros-args", "-p", "clock_timeout:=120.0")
+    probe = Probe(ros_context, ["ground_truth/odom", "motor_command"])
+    node.wait_for("profile accepted", 120.0)
+    probe.until(lambda: probe.speed() > 0.3, "the rover to move", 30.0)
+    assert "refused" not in node.output
