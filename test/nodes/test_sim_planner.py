@@ -75,5 +75,6 @@ def test_a_simulator_that_still_compiles_misses_no_profile(start_node, ros_conte
     start_node("planner", "--manoeuvre", bend, "--use-sim-time", "--ros-args", "-p", "clock_timeout:=120.0")
     probe = Probe(ros_context, ["ground_truth/odom", "motor_command"])
     node.wait_for("profile accepted", 120.0)
+    probe.ready()
     probe.until(lambda: probe.speed() > 0.3, "the rover to move", 30.0)
     assert "refused" not in node.output
