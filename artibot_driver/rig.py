@@ -100,7 +100,7 @@ class Rig:
         yield Setting(0x605A, 0, 2)  # quick stop: slow down on the quick stop ramp, then switch on disabled
         yield Setting(0x605E, 0, 2)  # fault: slow down on the quick stop ramp
         yield Setting(0x6072, 0, scale.torque_limit.raw(math.inf).raw)
-        yield Setting(0x6080, 0, scale.speed_limit.raw(math.inf).raw)
+        yield Setting(0x6080, 0, scale.speed_limit.raw(config.max_speed * turn).raw + 1)  # not below what is commanded
         yield Setting(0x6083, 0, acceleration)
         yield Setting(0x6084, 0, acceleration)
         yield Setting(0x6085, 0, scale.acceleration.raw(config.stop_deceleration * turn).raw)

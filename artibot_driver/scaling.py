@@ -68,7 +68,7 @@ class Scale:
         cut = min(max(rounded, self.low), self.high)
         return Scaled(cut, cut != rounded)
 
-    def si(self, raw: int) -> float:
+    def si(self, raw: float) -> float:
         """The SI value of an integer, whatever its size: what a drive reports is not judged here."""
         return raw * self.step
 
@@ -171,7 +171,7 @@ def motor_scaling(
         acceleration=Scale("rad/s^2", step, *UINT32, f"{motor} acceleration"),
         torque_slope=Scale("N m/s", thousandth, *UINT32, f"{motor} torque slope"),
         torque_limit=Scale("N m", thousandth, *UINT16, f"{motor} torque limit").within(limit),
-        speed_limit=Scale("rad/s", RPM, *UINT32, f"{motor} speed limit").within(max_speed),
+        speed_limit=Scale("rad/s", RPM, *UINT32, f"{motor} speed limit"),
         rated_torque=rated,
         rated_current=current,
         velocity_exponent=velocity_exponent,

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import random
+import threading
 import time
 from collections.abc import Iterator
 
 import can
 import canopen
 import pytest
+from canopen.profiles.p402 import BaseNode402
+from drive_bench import running_drives
 
 from artibot_driver.bus import Bus, open_bus
 from artibot_driver.bus_health import BusState
+from artibot_driver.cia402 import State
 from artibot_driver.config import config_from_parameters
 from artibot_driver.dictionary import load_dictionary
 from artibot_driver.frames import Emcy, Frame, Heartbeat, NmtCommand, NmtState, heartbeat, nmt
@@ -126,6 +131,37 @@ class BusContract:
         assert collected[0] == Pdo(node, rig.codec.maps["TPDO1"], (0x0237, -123456, -250))
         assert collected[1] == Emcy(node, 0x8130, 0x11, bytes(5))
 
+    def test_canopen_s_master_sets_a_simulated_drive_up_drives_it_and_is_lost(self, place: Place, rig: Rig) -> None:
+        node = rig.config.node_ids["front_left"]
+        with CanopenNetwork(place) as network, open_bus(*place) as bus, running_drives(bus, rig) as drives:
+            master = BaseNode402(node, load_dictionary(node=node))
+            network.add_node(master)
+            assert wait_for(lambda: drives["front_left"].nmt is NmtState.PRE_OPERATIONAL)
+            assert master.sdo["Manufacturer device name"].raw == "artibot drive"
+            for each in rig.settings("front_left"):
+                variable = master.sdo[each.index]
+                variable = variable[each.subindex] if not hasattr(variable, "raw") else variable
+                if each.written:
+                    variable.raw = each.value
+                assert variable.raw == each.value, each
+            with pytest.raises(canopen.SdoAbortedError, match="0x06010002"):
+                master.sdo["Statusword"].raw = 1
+            beat = network.send_periodic(0x700 + rig.config.driver_id, bytes((5,)), rig.config.driver_period)
+            master.nmt.state = "OPERATIONAL"
+            network.sync.start(0.01)
+            master.setup_402_state_machine()
+            with transmitted(master.rpdo[1], 0.01):  # canopen leaves a synchronous RPDO to be sent to others
+                assert wait_for(lambda: master.state == "SWITCH ON DISABLED")
+                master.state = "OPERATION ENABLED"
+                assert wait_for(lambda: drives["front_left"].state is State.OPERATION_ENABLED)
+                master.rpdo[1]["Target velocity"].raw = 500_000
+                assert wait_for(lambda: abs(master.tpdo[1]["Velocity actual value"].raw - 500_000) < 5_000)
+            beat.stop()
+            assert wait_for(lambda: drives["front_left"].state is State.FAULT)
+            assert [error.code for error in master.emcy.log] == [0x8130]
+            assert drives["back_left"].state is State.SWITCH_ON_DISABLED
+            network.sync.stop()
+
     def test_canopen_understands_our_services(self, place: Place) -> None:
         with CanopenNetwork(place) as network, open_bus(*place) as ours:
             remote = network.add_node(5, load_dictionary(node=5))
@@ -154,6 +190,24 @@ def wait_for(condition: object, timeout: float = 5.0) -> bool:
             return False
         time.sleep(0.005)
     return True
+
+
+@contextlib.contextmanager
+def transmitted(pdo: canopen.pdo.PdoMap, period: float) -> Iterator[None]:
+    """Send a PDO every `period` seconds: python-can-remote's own periodic frames cannot change their data."""
+    finished = threading.Event()
+
+    def run() -> None:
+        while not finished.wait(period):
+            pdo.transmit()
+
+    thread = threading.Thread(target=run, name="rpdo")
+    thread.start()
+    try:
+        yield
+    finally:
+        finished.set()
+        thread.join()
 
 
 class CanopenNetwork:

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 from bus_contract import BusContract, Place, random_frame, received, wait_for
+from drive_bench import running_drives
 
 from artibot_driver.bus import Bus, open_bus
 from artibot_driver.bus_health import BusState
@@ -190,3 +191,35 @@ def drained(bus: Bus) -> int:
     while bus.receive(0.0) is not None:
         count += 1
     return count
+
+
+def test_candump_and_cansend_talk_to_a_simulated_drive(place: Place) -> None:
+    rig = load_rig(config_from_parameters({}))
+    with (
+        open_bus(*place) as bus,
+        subprocess.Popen(["candump", "-L", "vcan0"], stdout=subprocess.PIPE, text=True) as dump,
+    ):
+        wait_until_listened("vcan0", 2)
+        with running_drives(bus, rig) as drives:
+            assert wait_for(lambda: drives["back_left"].state is State.SWITCH_ON_DISABLED)
+            for word in (
+                "604#4041600000000000",  # read 6041h
+                "604#2F6060000A000000",  # 6060h: cyclic synchronous torque
+                "000#0104",  # start node 4
+                "204#0600000000000000",  # shutdown
+                "080#",
+                "204#0F00000000006400",  # enable operation, 100 ‰
+                "080#",
+            ):
+                subprocess.run(["cansend", "vcan0", word], check=True)
+            assert wait_for(lambda: drives["back_left"].state is State.OPERATION_ENABLED)
+            time.sleep(0.02)
+            subprocess.run(["cansend", "vcan0", "080#"], check=True)
+            time.sleep(0.1)
+        dump.terminate()
+        shown, _ = dump.communicate(timeout=20)
+    lines = [line.split()[2] for line in shown.splitlines()]
+    assert "704#00" in lines  # boot-up
+    assert "584#4B41600070000000" in lines  # switch on disabled, voltage enabled
+    assert "584#6060600000000000" in lines
+    assert [line for line in lines if line.startswith("184#")][-1].endswith("6400")  # torque actual value, 100 ‰

@@ -1,0 +1,113 @@
+"""Set-points of a simulated drive: how the demand follows its target, in the drive's own units."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from artibot_driver.cia402 import HALT, OperationMode
+from artibot_driver.scaling import MotorScaling
+from artibot_driver.simulated.objects import Objects
+from artibot_driver.simulated.shaft import FREE, ShaftCommand
+
+SLOW_DOWN, QUICK_STOP, SLOW_DOWN_AND_STAY, QUICK_STOP_AND_STAY = 1, 2, 5, 6
+"""Quick stop option codes (605Ah): the ramp of 6084h or of 6085h, and whether the drive stays there; 0 is no ramp."""
+
+STANDSTILL_RPM: Final = 1.0
+"""Below this speed a motor counts as standing, rpm."""
+
+PATIENCE: Final = 0.5
+"""A motor that has not come to rest so long after its demand has is left without current, s."""
+
+
+class Motion:
+    """Demands of velocity (606Bh units) and torque (permille), as floating numbers between two roundings.
+
+    Attributes
+    ----------
+    limited : bool
+        Whether a limit cuts the target off: the statusword's internal limit.
+    """
+
+    def __init__(self, objects: Objects, scaling: MotorScaling) -> None:
+        self._objects = objects
+        self._scaling = scaling
+        self._rpm = 10.0**-scaling.velocity_exponent
+        self.velocity = 0.0
+        self.torque = 0.0
+        self.limited = False
+        self._waited = 0.0
+
+    def begin(self, velocity: int, torque: int) -> None:
+        """Start from what the motor does, so that nothing jumps."""
+        self.velocity, self.torque = float(velocity), float(torque)
+        self.limited, self._waited = False, 0.0
+
+    def stop(self) -> None:
+        """No demand any more."""
+        self.begin(0, 0)
+
+    def follow(self, mode: int, dt: float) -> ShaftCommand:
+        """Move the demand towards the target of the mode for `dt` seconds."""
+        objects = self._objects.values
+        halted = bool(objects[0x6040, 0] & HALT)
+        if mode in (OperationMode.PROFILE_VELOCITY, OperationMode.CYCLIC_SYNC_VELOCITY):
+            target = 0.0 if halted else self._limit(objects[0x60FF, 0], objects[0x6080, 0] * self._rpm)
+            faster = target * self.velocity >= 0 and abs(target) > abs(self.velocity)
+            slope = objects[0x6083 if faster else 0x6084, 0]
+            free = mode == OperationMode.CYCLIC_SYNC_VELOCITY and not halted
+            self.velocity, self.torque = target if free else _approach(self.velocity, target, slope * dt), 0.0
+        elif mode in (OperationMode.PROFILE_TORQUE, OperationMode.CYCLIC_SYNC_TORQUE):
+            target = 0.0 if halted else self._limit(objects[0x6071, 0], objects[0x6072, 0])
+            free = mode == OperationMode.CYCLIC_SYNC_TORQUE and not halted
+            slope = objects[0x6087, 0]
+            self.torque, self.velocity = target if free else _approach(self.torque, target, slope * dt), 0.0
+        else:
+            self.stop()
+            return FREE
+        return self._command(mode)
+
+    def reached(self, mode: int) -> bool:
+        """Whether the demand is at its target."""
+        objects = self._objects.values
+        if mode in (OperationMode.PROFILE_VELOCITY, OperationMode.CYCLIC_SYNC_VELOCITY):
+            return self.velocity == objects[0x60FF, 0]
+        return self.torque == objects[0x6071, 0]
+
+    def ramp_down(self, mode: int, code: int, actual: int, dt: float) -> tuple[ShaftCommand, bool]:
+        """Bring the motor to rest as an option code says, for `dt` seconds.
+
+        Returns
+        -------
+        command : ShaftCommand
+        done : bool
+            Whether the motor stands, or in a torque mode is without torque.
+        """
+        objects = self._objects.values
+        if code == 0 or mode not in tuple(OperationMode):
+            self.stop()
+            return FREE, True
+        if OperationMode(mode).is_velocity:
+            slope = objects[0x6085 if code in (QUICK_STOP, QUICK_STOP_AND_STAY) else 0x6084, 0]
+            self.velocity = _approach(self.velocity, 0.0, slope * dt)
+            at_rest = abs(actual) <= STANDSTILL_RPM * self._rpm
+            self._waited += dt if self.velocity == 0.0 else 0.0
+            done = self.velocity == 0.0 and (at_rest or self._waited > PATIENCE)
+        else:
+            self.torque = _approach(self.torque, 0.0, objects[0x6087, 0] * dt)
+            done = self.torque == 0.0
+        return self._command(mode), done
+
+    def _limit(self, target: float, limit: float) -> float:
+        self.limited = abs(target) > limit
+        return min(max(target, -limit), limit)
+
+    def _command(self, mode: int) -> ShaftCommand:
+        limit = self._scaling.torque_limit.si(self._objects.values[0x6072, 0])
+        if OperationMode(mode).is_velocity:
+            return ShaftCommand(self._scaling.velocity.si(self.velocity), None, limit)
+        return ShaftCommand(None, self._scaling.torque.si(self.torque), limit)
+
+
+def _approach(value: float, target: float, step: float) -> float:
+    """`value`, at most `step` nearer to `target`."""
+    return min(value + step, target) if target > value else max(value - step, target)

@@ -1,0 +1,160 @@
+"""The object dictionary of a simulated drive: its values, and what may be written to it."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from canopen.objectdictionary import ObjectDictionary, ODVariable
+
+from artibot_driver.dictionary import FORMATS
+
+NO_OBJECT: Final = 0x06020000
+NO_SUBINDEX: Final = 0x06090011
+READ_ONLY: Final = 0x06010002
+WRITE_ONLY: Final = 0x06010001
+NOT_MAPPABLE: Final = 0x06040041
+PDO_TOO_LONG: Final = 0x06040042
+WRONG_LENGTH: Final = 0x06070010
+INVALID_VALUE: Final = 0x06090030
+TOO_HIGH: Final = 0x06090031
+TOO_LOW: Final = 0x06090032
+NOT_NOW: Final = 0x08000022
+
+Key = tuple[int, int]
+"""Index and subindex."""
+
+_DISABLED = 1 << 31
+
+
+class Abort(Exception):
+    """An access that the drive refuses; `code` is CiA 301's SDO abort code."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"SDO abort {code:#010x}")
+        self.code = code
+
+
+class Objects:
+    """Values of all objects, as integers (texts as bytes).
+
+    Parameters
+    ----------
+    dictionary : ObjectDictionary
+        The EDS, read for this drive's node id.
+    commissioned : mapping of (index, subindex) to int
+        What a real drive's maker or owner has set for good: motor and encoder data.
+    """
+
+    def __init__(self, dictionary: ObjectDictionary, commissioned: Mapping[Key, int]) -> None:
+        self._variables = _variables(dictionary)
+        self._commissioned = dict(commissioned)
+        self._hooks: dict[Key, Callable[[int], None]] = {}
+        self.values: dict[Key, int] = {}
+        self.texts: dict[Key, bytes] = {}
+        self.reset()
+
+    def reset(self, communication_only: bool = False) -> None:
+        """All objects, or those of communication (1000h to 1FFFh), as after power on."""
+        for key, variable in self._variables.items():
+            if communication_only and not 0x1000 <= key[0] < 0x2000:
+                continue
+            if isinstance(variable.default, str):
+                self.texts[key] = variable.default.encode("ascii")
+            else:
+                self.values[key] = self._commissioned.get(key, variable.default or 0)
+
+    def on_write(self, index: int, hook: Callable[[int], None], subindex: int = 0) -> None:
+        """Have `hook` called with every value written to an object, before it is stored; it may raise Abort."""
+        self._hooks[index, subindex] = hook
+
+    def variable(self, key: Key) -> ODVariable:
+        """The EDS's entry of an object; raises :class:`Abort` where there is none."""
+        found = self._variables.get(key)
+        if found is None:
+            known = any(index == key[0] for index, _ in self._variables)
+            raise Abort(NO_SUBINDEX if known else NO_OBJECT)
+        return found
+
+    def read(self, key: Key) -> bytes:
+        """An object's bytes, as an SDO upload gives them; raises :class:`Abort`."""
+        variable = self.variable(key)
+        if not variable.readable:
+            raise Abort(WRITE_ONLY)
+        if key in self.texts:
+            return self.texts[key]
+        return struct.pack(f"<{_format(variable)}", self.values[key])
+
+    def write(self, key: Key, data: bytes) -> None:
+        """Take an object's bytes, as an SDO download brings them; raises :class:`Abort`."""
+        variable = self.variable(key)
+        if not variable.writable:
+            raise Abort(READ_ONLY)
+        packing = struct.Struct(f"<{_format(variable)}")
+        if len(data) != packing.size:
+            raise Abort(WRONG_LENGTH)
+        self.assign(key, packing.unpack(data)[0])
+
+    def assign(self, key: Key, value: int) -> None:
+        """Store a value that came from outside, after its limits and its hook; raises :class:`Abort`."""
+        variable = self._variables[key]
+        if variable.max is not None and value > variable.max:
+            raise Abort(TOO_HIGH)
+        if variable.min is not None and value < variable.min:
+            raise Abort(TOO_LOW)
+        if 0x1400 <= key[0] < 0x1C00:
+            self._check_pdo(key, value)
+        hook = self._hooks.get(key)
+        if hook is not None:
+            hook(value)
+        self.values[key] = value
+
+    def _check_pdo(self, key: Key, value: int) -> None:
+        """CiA 301's order: a PDO is switched off, then its mapping emptied, then filled, counted and switched on."""
+        index, subindex = key
+        is_mapping = bool(index & 0x200)
+        communication = (index & ~0x200, 1)
+        if not is_mapping:
+            enabled = subindex == 1 and not value & _DISABLED
+            if enabled and not 0x180 <= value <= 0x57F:
+                raise Abort(INVALID_VALUE)
+            return
+        if not self.values[communication] & _DISABLED or (subindex and self.values[index, 0]):
+            raise Abort(NOT_NOW)
+        words = [value] if subindex else [self.values[index, k] for k in range(1, value + 1)]
+        if sum(self._mapped_bits(word, index < 0x1800) for word in words if word or not subindex) > 64:
+            raise Abort(PDO_TOO_LONG)
+
+    def _mapped_bits(self, word: int, received: bool) -> int:
+        """Bits of an object in a PDO; raises :class:`Abort` where it cannot be mapped so."""
+        variable = self._variables.get((word >> 16, word >> 8 & 0xFF))
+        if variable is None or not variable.pdo_mappable or word & 0xFF != len(variable):
+            raise Abort(NOT_MAPPABLE)
+        if received and not variable.writable:
+            raise Abort(NOT_MAPPABLE)
+        return word & 0xFF
+
+    def pdo(self, communication: int) -> tuple[int, struct.Struct, tuple[Key, ...]] | None:
+        """Identifier, layout and objects of a PDO as it is set up now; None where it is off or empty."""
+        cob_id, mapping = self.values[communication, 1], communication + 0x200
+        words = [self.values[mapping, k] for k in range(1, self.values[mapping, 0] + 1)]
+        if cob_id & _DISABLED or not words:
+            return None
+        keys = tuple((word >> 16, word >> 8 & 0xFF) for word in words)
+        return cob_id, struct.Struct("<" + "".join(_format(self._variables[key]) for key in keys)), keys
+
+
+def _variables(dictionary: ObjectDictionary) -> dict[Key, ODVariable]:
+    found: dict[Key, ODVariable] = {}
+    for entry in dictionary.values():
+        parts = [entry] if isinstance(entry, ODVariable) else list(entry.values())
+        found |= {(part.index, part.subindex): part for part in parts}
+    return found
+
+
+def _format(variable: ODVariable) -> str:
+    letter = FORMATS.get(variable.data_type or 0)
+    if letter is None:
+        raise Abort(WRONG_LENGTH)  # texts are read only: none gets here but by a wrong EDS
+    return letter
