@@ -10,17 +10,14 @@ import difflib
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
-import yaml
-
 from artibot_driver.cia402 import OperationMode
+from artibot_sim.documents import load_document
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS
 from artibot_sim.parameters import Spec, Value, as_yaml
-from artibot_sim.resources import config_names, config_path
 
 MODES: Final = {mode.name.lower(): mode for mode in OperationMode}
 """Modes of operation by the names that stand in the file."""
@@ -204,28 +201,13 @@ def load_config(config: str | os.PathLike[str] = "driver") -> DriverConfig:
     ArtibotError
         Naming the file, the key, what was found, what was expected and the mend.
     """
-    path = _find(config)
-    try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ArtibotError(f"{path}: not a YAML file: {' '.join(str(error).split())}") from error
-    except OSError as error:
-        raise ArtibotError(f"{path}: cannot be read: {error.strerror}") from error
-    try:
-        return config_from_parameters(dict(_flat(_parameters(document), "")))
-    except ArtibotError as error:
-        raise ArtibotError(f"{path}: {error}") from error
+    return load_document(
+        "nodes", config, "driver parameters", lambda document, _: config_from_parameters(_flat_parameters(document))
+    )
 
 
-def _find(config: str | os.PathLike[str]) -> Path:
-    text = os.fspath(config)
-    path = Path(text)
-    if path.suffix in (".yaml", ".yml") or os.sep in text:
-        return path
-    if text not in config_names("nodes"):
-        names = ", ".join(config_names("nodes"))
-        raise ArtibotError(f"driver parameters '{text}': unknown; expected one of {names} or the path of a YAML file")
-    return config_path("nodes", text)
+def _flat_parameters(document: Any) -> dict[str, Any]:
+    return dict(_flat(_parameters(document), ""))
 
 
 def _parameters(document: Any) -> Mapping[Any, Any]:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 LAYERS = ("model", "planning", "experiment", "identify", "diagnose", "report", "bench", "nodes", "cli")
 """Parts of artibot_sim, lowest first: each may import itself and what stands before it."""
 
-BELOW_ALL = ("errors", "parameters", "resources", "version", "commands")
+BELOW_ALL = ("documents", "errors", "parameters", "resources", "version", "commands")
 """Modules that any part may import, and that import only each other."""
 
 DRIVER = "artibot_driver"

@@ -16,6 +16,7 @@ from typing import Any
 
 import yaml
 
+from artibot_sim.documents import did_you_mean, load_document
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.quantity import Quantity
 from artibot_sim.model.robot import (
@@ -29,7 +30,6 @@ from artibot_sim.model.robot import (
     Robot,
     Wheel,
 )
-from artibot_sim.resources import config_names, config_path
 
 SOURCES = (
     "stated",
@@ -62,33 +62,7 @@ def load_robot(robot: str | os.PathLike[str]) -> Robot:
     ArtibotError
         Naming the file, the key, what was found, what was expected and the mend.
     """
-    path = _find(robot)
-    try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ArtibotError(f"{path}: not a YAML file: {' '.join(str(error).split())}") from error
-    except OSError as error:
-        raise ArtibotError(f"{path}: cannot be read: {error.strerror}") from error
-    try:
-        return robot_from_dict(document, name=path.stem)
-    except ArtibotError as error:
-        raise ArtibotError(f"{path}: {error}") from error
-
-
-def _find(robot: str | os.PathLike[str]) -> Path:
-    text = os.fspath(robot)
-    path = Path(text)
-    if path.suffix in (".yaml", ".yml") or os.sep in text:
-        if not path.is_file():
-            raise ArtibotError(f"{path}: no such robot file; give an existing file or one of {_names()}")
-        return path
-    if text not in config_names("robots"):
-        raise ArtibotError(f"robot '{text}': unknown; expected one of {_names()} or the path of a YAML file")
-    return config_path("robots", text)
-
-
-def _names() -> str:
-    return ", ".join(config_names("robots"))
+    return load_document("robots", robot, "robot", robot_from_dict)
 
 
 def robot_from_dict(document: Any, name: str = "robot") -> Robot:
@@ -223,7 +197,9 @@ def _required(node: Mapping[str, Any], key: str, path: str = "") -> Any:
 def _refuse_unknown(node: Mapping[str, Any], known: set[str], path: str) -> None:
     for key in node:
         if key not in known:
-            raise ArtibotError(f"{path}{key}: unknown key; expected one of {', '.join(sorted(known))}")
+            raise ArtibotError(
+                f"{path}{key}: unknown key{did_you_mean(key, known)}; expected one of {', '.join(sorted(known))}"
+            )
 
 
 def _float(value: Any, key: str) -> float:

@@ -8,24 +8,19 @@ key ends with its unit; angles are in degrees. A wrong, unknown or missing key i
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
 import os
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
-import yaml
-
+from artibot_sim.documents import did_you_mean, load_document
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.robot import Quantity
+from artibot_sim.model.quantity import Quantity
 from artibot_sim.planning.manoeuvre import SEGMENTS, Manoeuvre, Repeat, Segment
-from artibot_sim.resources import config_names, config_path
+from artibot_sim.resources import config_names
 
 _SUFFIX = {"m": "_m", "s": "_s", "Hz": "_hz", "rad": "_deg", "1/m": "_per_m", "m/s": "_m_s", "rad/s": "_rad_s"}
 _SUFFIX |= {"m/s^2": "_m_s2", "rad/s^2": "_rad_s2", "": ""}
-
-_LARGEST_FILE = 1_000_000
 
 
 def load_manoeuvre(manoeuvre: str | os.PathLike[str]) -> Manoeuvre:
@@ -41,65 +36,12 @@ def load_manoeuvre(manoeuvre: str | os.PathLike[str]) -> Manoeuvre:
     ArtibotError
         Naming the file, the key, what was found, what was expected and the mend.
     """
-    path = _find(manoeuvre)
-    try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise ArtibotError(
-                f"{path}: larger than {_LARGEST_FILE} bytes, expected a manoeuvre; use `repeat` for repetitions"
-            )
-        document = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ArtibotError(f"{path}: not a YAML file: {' '.join(str(error).split())}") from error
-    except OSError as error:
-        raise ArtibotError(f"{path}: cannot be read: {error.strerror}") from error
-    try:
-        return manoeuvre_from_dict(document, name=path.stem)
-    except ArtibotError as error:
-        raise ArtibotError(f"{path}: {error}") from error
-
-
-def _find(manoeuvre: str | os.PathLike[str]) -> Path:
-    text = os.fspath(manoeuvre)
-    path = Path(text)
-    if path.suffix in (".yaml", ".yml") or os.sep in text:
-        if not path.is_file():
-            raise ArtibotError(f"{path}: no such manoeuvre file; give an existing file or one of {_names()}")
-        return path
-    if text not in manoeuvre_names():
-        raise ArtibotError(
-            f"manoeuvre '{text}': unknown{_close(text, manoeuvre_names())}; "
-            f"expected one of {_names()} or the path of a YAML file"
-        )
-    return config_path("manoeuvres", text)
+    return load_document("manoeuvres", manoeuvre, "manoeuvre", manoeuvre_from_dict)
 
 
 def manoeuvre_names() -> tuple[str, ...]:
     """Names of the manoeuvres shipped with artibot."""
     return config_names("manoeuvres")
-
-
-def _names() -> str:
-    return ", ".join(manoeuvre_names())
-
-
-class _Loader(yaml.SafeLoader):
-    """SafeLoader that refuses a key given twice, where YAML would silently take the last."""
-
-
-def _unique(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
-    loader.flatten_mapping(node)
-    seen: set[Any] = set()
-    for key_node, _ in node.value:
-        key = loader.construct_object(key_node)
-        if not isinstance(key, str):
-            raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is not a word", key_node.start_mark)
-        if key in seen:
-            raise yaml.constructor.ConstructorError(None, None, f"key '{key}' stands twice", key_node.start_mark)
-        seen.add(key)
-    return loader.construct_mapping(node, deep=True)
-
-
-_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _unique)
 
 
 def manoeuvre_from_dict(document: Any, name: str = "manoeuvre") -> Manoeuvre:
@@ -136,7 +78,7 @@ def _segment(node: Any, path: str) -> Segment:
     kind, body = next(iter(node.items()))
     if kind not in SEGMENTS:
         raise ArtibotError(
-            f"{path}.{kind}: unknown segment{_close(kind, SEGMENTS)}; expected one of {', '.join(SEGMENTS)}"
+            f"{path}.{kind}: unknown segment{did_you_mean(kind, SEGMENTS)}; expected one of {', '.join(SEGMENTS)}"
         )
     cls, path = SEGMENTS[kind], f"{path}.{kind}"
     body = {} if body is None else body
@@ -215,13 +157,8 @@ def _refuse_unknown(node: Mapping[str, Any], known: Iterable[str], path: str) ->
     for key in node:
         if key not in known:
             raise ArtibotError(
-                f"{path}{key}: unknown key{_close(key, known)}; expected {', '.join(known) or 'none here'}"
+                f"{path}{key}: unknown key{did_you_mean(key, known)}; expected {', '.join(known) or 'none here'}"
             )
-
-
-def _close(word: str, known: Iterable[str]) -> str:
-    near = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
-    return f", did you mean '{near[0]}'?" if near else ""
 
 
 def _example(cls: type) -> str:
