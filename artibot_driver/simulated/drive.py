@@ -25,7 +25,9 @@ SENSOR: Final = 0x7300
 """Error code of a motor whose position or speed is no number."""
 
 _QUICK_STOPS: Final = (0, 1, 2, SLOW_DOWN_AND_STAY, QUICK_STOP_AND_STAY)
-_POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
+POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
+"""States in which the motor may have current."""
+
 _NEEDED: Final = (
     0x6007, 0x6040, 0x6041, 0x605A, 0x605E, 0x6060, 0x6061, 0x6064, 0x606B, 0x606C, 0x6071, 0x6072, 0x6074, 0x6077,
     0x6080, 0x6083, 0x6084, 0x6085, 0x6087, 0x60FF, 0x6502,
@@ -105,7 +107,7 @@ class SimulatedDrive(CanopenNode):
 
     def _connection_lost(self, code: int) -> None:
         """What the abort connection option code (6007h) says; being told to leave operational harms no idle drive."""
-        if code == COMMUNICATION and self.state not in _POWERED:
+        if code == COMMUNICATION and self.state not in POWERED:
             return
         action = self.objects.values[0x6007, 0]
         if action == 1:
@@ -140,7 +142,7 @@ class SimulatedDrive(CanopenNode):
         if self.state is State.OPERATION_ENABLED and was is not State.QUICK_STOP_ACTIVE:
             self._refresh()
             self._motion.begin(self.objects.values[0x606C, 0], 0)
-        if self.state not in _POWERED:
+        if self.state not in POWERED:
             self._motion.stop()
             self._shaft.command(FREE)
         if trigger is Command.FAULT_RESET:
@@ -152,7 +154,7 @@ class SimulatedDrive(CanopenNode):
         values, mode = self.objects.values, self.objects.values[0x6060, 0]
         if self.state is State.OPERATION_ENABLED:
             self._shaft.command(self._motion.follow(mode, dt))
-        elif self.state in _POWERED:
+        elif self.state in POWERED:
             reaction = self.state is State.FAULT_REACTION_ACTIVE
             code = values[0x605E if reaction else 0x605A, 0]
             self._refresh()

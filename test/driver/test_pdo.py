@@ -188,11 +188,12 @@ def test_a_pdo_of_a_node_that_is_not_ours_is_unknown() -> None:
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_random_frames_never_raise(seed: int) -> None:
-    kinds = fuzz.run(100_000, seed)
+def test_random_frames_never_raise_and_lead_a_drive_only_along_the_table(seed: int) -> None:
+    kinds, changes = fuzz.run(100_000, seed)
     assert sum(kinds.values()) == 100_000
     assert {"Unknown", "Malformed", "Pdo", "Sdo", "Emcy", "Sync"} <= set(kinds)
-    assert kinds == fuzz.run(100_000, seed)  # a seed is a reproduction
+    assert {"0", "1", "2", "4", "13"} <= set(changes)  # it does get enabled, faulted and reset
+    assert (kinds, changes) == fuzz.run(100_000, seed)  # a seed is a reproduction
 
 
 def test_two_services_on_one_identifier_are_refused() -> None:
