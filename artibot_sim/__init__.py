@@ -1,1 +1,1 @@
-"""artibot: simulate, drive, record, identify and diagnose articulated eight-wheel rovers."""
+"""artibot: simulate, record and replay articulated eight-wheel rovers."""

@@ -78,7 +78,7 @@ class Words(click.Group):
 @click.group(cls=Words, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="artibot")
 def artibot() -> None:
-    """Simulate, drive, record and diagnose articulated eight-wheel rovers.
+    """Simulate, record and replay articulated eight-wheel rovers.
 
     \b
     artibot demo                        the whole tour in a minute
