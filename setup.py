@@ -35,7 +35,7 @@ def executables():
 setup(
     name=PACKAGE,
     version=runpy.run_path(str(ROOT / PACKAGE / "version.py"))["__version__"],
-    description="Simulate, drive, record, identify and diagnose articulated eight-wheel rovers",
+    description="Simulate, record and replay articulated eight-wheel rovers",
     license="Apache-2.0",
     maintainer="artibot maintainers",
     maintainer_email="artibot-maintainers@example.org",
