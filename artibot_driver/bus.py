@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import can
+from can_remote.websocket import WebsocketClosed
 
 from artibot_driver.bus_health import SYS, BusState, link_state, read_error_frame, worse
 from artibot_driver.frames import Frame
@@ -56,6 +57,10 @@ class Health:
     reason: str
 
 
+_TROUBLE: Final = (can.CanError, OSError, ValueError, WebsocketClosed)
+"""What python-can and its interfaces raise once a bus is open: ValueError is a closed socket."""
+
+
 class Bus:
     """An open bus; also a context manager. Made by :func:`open_bus`, for one thread at a time.
 
@@ -93,7 +98,7 @@ class Bus:
             return False
         try:
             self.raw.send(message)
-        except (can.CanError, OSError, ValueError) as error:
+        except _TROUBLE as error:
             self.counters.not_sent += 1
             self._failed(error)
             return False
@@ -106,13 +111,8 @@ class Bus:
         while self._controller is not BusState.LOST:
             try:
                 message = self.raw.recv(max(0.0, deadline - time.monotonic()))
-            except (can.CanError, OSError, ValueError) as error:
+            except _TROUBLE as error:
                 self._failed(error)
-                return None
-            except Exception as error:
-                if type(error).__name__ != "WebsocketClosed":  # python-can-remote's own, which is no CanError
-                    raise
-                self._lose(f"the other end has closed: {error}")
                 return None
             if message is None or not message.is_error_frame:
                 self.counters.received += message is not None
@@ -141,9 +141,9 @@ class Bus:
             with contextlib.suppress(OSError):
                 self.raw.remote_protocol.close()  # type: ignore[attr-defined]
                 self._drain(time.monotonic() + _SEND_TIMEOUT)
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(*_TROUBLE):
             self.raw.socket.close()  # type: ignore[attr-defined]
-        can.BusABC.shutdown(self.raw)
+            can.BusABC.shutdown(self.raw)
 
     def _drain(self, deadline: float) -> None:
         """Read on until the other end has closed: to close with something unread would drop what was sent last."""

@@ -88,23 +88,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (OSError, OverflowError) as error:
         print(f"port {options.port} on {HOST}: {error}", file=sys.stderr)
         return 2
-    finished = threading.Event()
-    signal.signal(signal.SIGTERM, lambda *_: finished.set())
-    # Ctrl-C reaches every process of a terminal; whoever holds the pipe still has to say goodbye on the bus
-    signal.signal(signal.SIGINT, signal.SIG_IGN if options.while_stdin else lambda *_: finished.set())
+    # Waited for by the main thread, blocked in all: a handler may be kept waiting while the main thread sleeps
+    ends = {signal.SIGTERM} if options.while_stdin else {signal.SIGTERM, signal.SIGINT}
+    signal.pthread_sigmask(signal.SIG_BLOCK, ends)
+    if options.while_stdin:
+        # Ctrl-C reaches every process of a terminal; whoever holds the pipe still has to say goodbye on the bus
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        threading.Thread(target=_end_with_input, name="stdin", daemon=True).start()
     threading.Thread(target=server.serve_forever, name="loopback", daemon=True).start()
     print(f"ws://{HOST}:{server.server_port}/", flush=True)
-    if options.while_stdin:
-        threading.Thread(target=_set_at_end_of_input, args=(finished,), name="stdin", daemon=True).start()
-    finished.wait()
+    signal.sigwait(ends)
     server.shutdown()
     server.server_close()
     return 0
 
 
-def _set_at_end_of_input(finished: threading.Event) -> None:
+def _end_with_input() -> None:
     sys.stdin.read()
-    finished.set()
+    os.kill(os.getpid(), signal.SIGTERM)
 
 
 if __name__ == "__main__":
