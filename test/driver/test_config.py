@@ -98,9 +98,7 @@ def test_a_wrong_file_is_refused_by_name(tmp_path: Path, content: str, message: 
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(
-        ArtibotError, match=r"none[.]yaml: no such driver parameters file; give an existing file"
-    ):
+    with pytest.raises(ArtibotError, match=r"none[.]yaml: no such driver parameters file; give an existing file"):
         load_config(tmp_path / "none.yaml")
     with pytest.raises(ArtibotError, match="driver parameters 'drive': unknown, did you mean 'driver'"):
         load_config("drive")

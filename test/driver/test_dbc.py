@@ -97,7 +97,7 @@ def test_the_command_prints_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert dbc.main([]) == 0
     assert capsys.readouterr().out == dbc.dbc_text(RIG)
     assert dbc.main(["nowhere.yaml"]) == 2
-    assert capsys.readouterr().err.startswith("artibot: nowhere.yaml: cannot be read")
+    assert capsys.readouterr().err.startswith("artibot: nowhere.yaml: no such driver parameters file; give")
 
 
 def test_names_that_tools_would_confuse_are_refused() -> None:
