@@ -63,7 +63,8 @@ class Rollout:
     Attributes
     ----------
     status : Status
-        DIVERGED where the state left the finite world; the rows end before that.
+        DIVERGED where the state left the finite world; the rows end before that, and there are none where it
+        began outside.
     message : str
         One line for a person.
     t : array, shape (n,), s
@@ -248,6 +249,8 @@ def _run(
     t = start.t + np.minimum(np.arange(rows) * every, steps)[:kept] * dt
     if status == Status.OK:
         message = f"{steps} steps of {dt:g} s with {integrator}"
+    elif not kept:
+        message = "diverged before its first step: the state it starts from has a speed or angle that no rover has"
     else:
         message = (
             f"diverged between {t[-1]:.3f} and {t[-1] + every * dt:.3f} s; try a shorter dt than {dt:g} s, "

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from artibot_sim.errors import ArtibotError
+
 MAX_LAG_NS = 250_000_000
 """A machine that is further behind than this is not asked to catch up: the simulation slips instead."""
 
@@ -95,7 +97,16 @@ class Pacer:
 
 
 def write_statistics(path: Path, statistics: dict[str, Any]) -> None:
-    """Write statistics as JSON, whole or not at all."""
+    """Write statistics as JSON, whole or not at all.
+
+    Raises
+    ------
+    ArtibotError
+        When the file cannot be written.
+    """
     part = path.with_name(f".{path.name}.part")
-    part.write_text(json.dumps(statistics, indent=2) + "\n", encoding="utf-8")
-    part.replace(path)
+    try:
+        part.write_text(json.dumps(statistics, indent=2) + "\n", encoding="utf-8")
+        part.replace(path)
+    except OSError as error:
+        raise ArtibotError(f"stats: {path} cannot be written: {error.strerror}") from error

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
+from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Robot
 from artibot_sim.nodes.sim_commands import Rules, parse_sources
 from artibot_sim.nodes.sim_engine import Start
@@ -60,6 +62,19 @@ def sensor_model(settings: Settings) -> SensorModel:
         station_loss=settings["total_station.loss"],
         prism=settings["total_station.prism"],
     )
+
+
+def check_stats(settings: Settings) -> None:
+    """Refuse a file of statistics whose folder is missing: a run of hours must not find out at its end.
+
+    Raises
+    ------
+    ArtibotError
+        Naming the file.
+    """
+    path = Path(settings["stats"])
+    if settings["stats"] and not path.parent.is_dir():
+        raise ArtibotError(f"parameter stats: {path}: there is no folder {path.parent}; make it first")
 
 
 def switched(settings: Settings, name: str, automatic: bool) -> bool:

@@ -71,6 +71,7 @@ class SimNode(Node):
         own = {parameters.KAPPA.name: parameters.declare(self, parameters.KAPPA, self.robot.control.kappa)}
         self.settings: dict[str, Any] = own | {spec.name: parameters.declare(self, spec) for spec in parameters.OTHERS}
         get = self.settings.__getitem__
+        settings.check_stats(self.settings)
         self.timing = Timing.of(get("publish_rate"), get("dt"))
         start, driven = settings.start(self.settings), get("front_mode") == "driven"
         self.engine = Engine(self.robot, self.timing, start, get("integrator"), driven)

@@ -104,6 +104,17 @@ def test_a_rollout_that_diverges_ends_with_a_status_and_finite_rows() -> None:
         assert len(array) == len(result.t) >= 1
 
 
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
+def test_a_state_that_no_rover_has_is_a_divergence(integrator: str) -> None:
+    start = initial_state(load_robot("agriq"))
+    absurd = State(0.0, start.q, np.where(np.arange(16) == 6, 1e7, 0.0), start.eta, start.torque)
+    result = rollout(load_robot("agriq"), commands(), state=absurd, integrator=integrator)
+    assert result.status == Status.DIVERGED
+    assert "starts from" in result.message
+    assert result.final_state is None
+    assert len(result.t) == len(result.q) == 0
+
+
 def test_nothing_given_is_changed_and_results_are_read_only() -> None:
     robot, order = load_robot("agriq"), commands()
     state = initial_state(robot)

@@ -234,6 +234,7 @@ def test_divergence_ends_it_with_a_reason(start_node, ros_context, tmp_path: Pat
         (["--ros-args", "-p", "integrator:=euler"], "integrator"),
         (["--integrator", "rk4", "--dt", "0.01"], "unstable"),
         (["--command-source", "joystick"], "joystick"),
+        (["--stats", "/nowhere/at_all/stats.json"], "/nowhere/at_all"),
     ],
 )
 def test_bad_parameters_end_it_with_one_line(start_node, args: list[str], says: str) -> None:

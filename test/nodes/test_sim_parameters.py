@@ -121,6 +121,8 @@ def test_without_pace_there_is_no_waiting(tmp_path: Path) -> None:
     write_statistics(tmp_path / "s.json", pacer.statistics())
     assert json.loads((tmp_path / "s.json").read_text())["steps"] == 1
     assert [path.name for path in tmp_path.iterdir()] == ["s.json"]
+    with pytest.raises(ArtibotError, match=r"stats: .*gone.* cannot be written"):
+        write_statistics(tmp_path / "gone" / "s.json", pacer.statistics())
 
 
 @pytest.mark.parametrize("name", ROBOTS)
