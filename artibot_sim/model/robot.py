@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.model.effects import effects_from_dict
 from artibot_sim.model.quantity import Quantity, not_negative, positive, quantity
 
 MOTORS = ("front_right", "front_left", "back_right", "back_left")
@@ -152,7 +153,8 @@ class Robot:
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:
-        for name in ("effects", "sources", "intervals"):
+        object.__setattr__(self, "effects", MappingProxyType(effects_from_dict(self.effects)))
+        for name in ("sources", "intervals"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         for key, spec, value in self.quantities():
             spec.check(key, value)

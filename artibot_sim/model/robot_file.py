@@ -84,15 +84,13 @@ def robot_from_dict(document: Any, name: str = "robot") -> Robot:
     for key, value in readings.items():
         if not isinstance(value, bool):
             raise ArtibotError(f"readings.{key}: found {value!r}, expected true or false")
-    from artibot_sim.model.effects import effects_from_dict
-
     return Robot(
         name=str(top.get("name", name)),
         description=str(top.get("description", "")),
         back=back,
         drive=drives,
         readings=Readings(**readings),
-        effects=effects_from_dict(_mapping(top.get("effects") or {}, "effects")),
+        effects=_mapping(top.get("effects") or {}, "effects"),
         sources=reader.sources,
         intervals=reader.intervals,
         **parts,

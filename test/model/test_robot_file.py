@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import math
 import re
 
@@ -152,3 +153,17 @@ def test_parameters_cannot_be_changed_in_place() -> None:
         robot.contact.k_l = 1.0  # type: ignore[misc]
     with pytest.raises(TypeError):
         robot.effects["slope"] = {}  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    ("effects", "says"),
+    [
+        ({"slop": {"grade": 0.05}}, "effects.slop: unknown effect"),
+        ({"slope": {"grad": 0.05}}, "effects.slope.grad: unknown key"),
+        ({"slope": {"grade": 2.0}}, "effects.slope.grade: 2 rad is out of bounds"),
+    ],
+)
+def test_effects_given_in_python_are_checked_as_those_of_a_file(effects: dict, says: str) -> None:
+    with pytest.raises(ArtibotError, match=f"^{re.escape(says)}"):
+        dataclasses.replace(load_robot("agriq"), effects=effects)
+    assert dataclasses.replace(load_robot("agriq"), effects={"slope": {}}).effects["slope"]["grade"] == 0.0
