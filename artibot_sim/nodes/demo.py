@@ -18,6 +18,7 @@ import click
 from artibot_sim.errors import ArtibotError
 from artibot_sim.nodes.crew import Child, ChildFailed, Crew, Interrupted, noted_signals
 from artibot_sim.nodes.domain import reserved_domain
+from artibot_sim.nodes.options import Number
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -67,7 +68,7 @@ class Settings(NamedTuple):
 @click.command("demo", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the results.  [default: demo, demo_2, …]")
 @click.option("--robot", default="agriq", show_default=True, help="Robot: agriq, epiq, husky, or a robot file.")
-@click.option("--kappa", type=click.FloatRange(0, 1, min_open=True), help="Front share of traction.  [the robot's]")
+@click.option("--kappa", type=Number(0, 1, min_open=True), help="Front share of traction.  [the robot's]")
 @click.option("--short", is_flag=True, help="Drive ten seconds instead of the paper's trajectory.")
 @click.option("--domain", type=click.IntRange(0, 232), help="ROS_DOMAIN_ID.  [default: one that nobody uses]")
 def command(out: Path | None, robot: str, kappa: float | None, short: bool, domain: int | None) -> int:

@@ -14,6 +14,7 @@ from typing import Any
 import click
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.nodes.options import Number
 from artibot_sim.nodes.ros_args import split_ros_args
 
 _LOG_PERIOD = 10.0
@@ -22,7 +23,7 @@ _LINE_PERIOD = 0.5
 
 _TOPICS_HELP = "Topic to record, * and ? allowed; repeat, or separate by commas.  [default: the contract's]"
 _SYNC_HELP = "Put the file on the disk itself every so many seconds, against power cuts."
-_POSITIVE = click.FloatRange(min=0, min_open=True)
+_POSITIVE = Number(min=0, min_open=True)
 
 
 @click.command("record", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -32,7 +33,7 @@ _POSITIVE = click.FloatRange(min=0, min_open=True)
 @click.option("--exclude", "-x", multiple=True, metavar="NAME", help="Topic to leave out, * and ? allowed; repeatable.")
 @click.option("--duration", type=_POSITIVE, help="End after this many seconds.")
 @click.option("--robot", help="For the metadata: the robot's name.")
-@click.option("--kappa", type=click.FloatRange(0, 1, min_open=True), help="For the metadata: the division parameter.")
+@click.option("--kappa", type=Number(0, 1, min_open=True), help="For the metadata: the division parameter.")
 @click.option("--description", help="For the metadata: what is driven.")
 @click.option("--surface", help="For the metadata: on what ground.")
 @click.option("--operator", help="For the metadata: by whom.")

@@ -10,10 +10,11 @@ from typing import Any
 import click
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.nodes.options import Number
 from artibot_sim.nodes.process import split_ros_args
 
-_POSITIVE = click.FloatRange(min=0, min_open=True)
-_NOT_NEGATIVE = click.FloatRange(min=0)
+_POSITIVE = Number(min=0, min_open=True)
+_NOT_NEGATIVE = Number(min=0)
 _TOPICS_HELP = "Topic to publish, * and ? allowed; repeat, or separate by commas.  [default: all that move no rover]"
 _DRIVE_HELP = "Move a rover: publish the recorded inputs with new stamps, and the planner's sign of life."
 

@@ -101,7 +101,7 @@ def _read(path: Path, topics: Sequence[str], start: float | None, end: float | N
         return experiment
     first, last = -math.inf if start is None else start, math.inf if end is None else end
     if not first < last:
-        raise ArtibotError(f"--start {start:g} --end {end:g}: expected the start before the end")
+        raise ArtibotError(f"--start {first:g} --end {last:g}: expected the start before the end")
     part = experiment.between(first, last)
     if not part.segments:
         raise ArtibotError(

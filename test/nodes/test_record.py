@@ -231,6 +231,7 @@ def test_nothing_is_overwritten(start_node: NodeStarter, tmp_path: Path) -> None
     [
         (["--metadata", "tyres"], "KEY=VALUE"),
         (["--kappa", "1.5"], "kappa"),
+        (["--kappa", "nan"], "not a finite number"),
         (["--all", "-t", "/odom"], "one of the two"),
     ],
 )

@@ -226,6 +226,7 @@ def test_nothing_that_moves_a_rover_is_published_without_drive(
         (("-t", "nothing_*"), "no topic is called 'nothing_*'"),
         (("--remap", "odom"), "FROM:=TO"),
         (("--start", "100"), "nothing from 100 s"),
+        (("--rate", "nan"), "not a finite number"),
         (("-t", "/strange"), "foreign_msgs"),
         (("-t", "odom", "--wait", "1", "--wait-timeout", "0.3"), "fewer than 1 subscribers"),
         (("--drive", "--loop"), "does not work with --drive"),

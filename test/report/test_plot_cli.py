@@ -77,6 +77,7 @@ def test_a_topic_can_be_renamed(bags: list[Path], capsys: pytest.CaptureFixture[
         (["BAG", "--png", "a.png", "--html", "no/such/folder/a.html"], "a.html: cannot be written"),
         (["BAG", "--png", "a.png", "--html", "a.png"], "a.png: asked for twice"),
         (["BAG", "--start", "9", "--end", "2"], "expected the start before the end"),
+        (["BAG", "--start", "nan"], "expected the start before the end"),
         (["BAG", "--start", "900"], "nothing was recorded between 900"),
         (["BAG", "--topic", "/odom"], "expected WANTED=FOUND"),
         (["BAG"] * 6, "6 recordings"),
