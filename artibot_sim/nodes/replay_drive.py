@@ -21,7 +21,7 @@ from artibot_sim.experiment.storage import BagInfo, RawMessage, iter_messages
 from artibot_sim.nodes.replay_progress import Progress
 from artibot_sim.nodes.replay_publishers import Outlet
 from artibot_sim.nodes.replay_selection import PROFILE, REQUEST, SIGN_OF_LIFE, called, moves_a_rover
-from artibot_sim.nodes.replay_source import SECOND, stamp_of, with_stamp
+from artibot_sim.nodes.stamps import SECOND, stamp_of, with_stamp
 
 SIGN_PERIOD = 0.02
 """s between signs of life; the contract asks for 0.05 at most."""

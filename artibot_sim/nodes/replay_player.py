@@ -19,7 +19,8 @@ from std_srvs.srv import SetBool, Trigger
 from artibot_sim.errors import ArtibotError
 from artibot_sim.nodes.replay_progress import Progress
 from artibot_sim.nodes.replay_publishers import Outlet
-from artibot_sim.nodes.replay_source import SECOND, Due, RecordedTime, Source, lateness_summary, stamp_of, with_stamp
+from artibot_sim.nodes.replay_source import Due, RecordedTime, Source, lateness_summary
+from artibot_sim.nodes.stamps import SECOND, stamp_of, with_stamp
 
 NAP = 0.02
 """Longest sleep, s: between two of them services are served and signals seen."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import threading
 import time
 from bisect import bisect_right
@@ -16,6 +15,7 @@ import numpy as np
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.storage import BagInfo, RawMessage, iter_messages
+from artibot_sim.nodes.stamps import SECOND, stamp_of
 
 AHEAD = 64 << 20
 """Bytes that are read ahead, at most."""
@@ -23,7 +23,6 @@ MOST = 10_000
 """Messages that are read ahead, at most."""
 GAP_NS = 10_000_000
 """Between the last instant of a pass and the first one of the next, ns."""
-SECOND = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -201,20 +200,6 @@ class RecordedTime:
     def shift(self, pass_number: int) -> int:
         """Return by how much the time of a pass is ahead of the recording's, ns."""
         return pass_number * self._period
-
-
-def stamp_of(data: bytes) -> int:
-    """Return the time at the very beginning of a CDR message, ns: a Clock's, or a Header's stamp."""
-    sec, nanosec = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
-    return int(sec) * SECOND + int(nanosec)
-
-
-def with_stamp(data: bytes, stamp_ns: int) -> bytes:
-    """Return a CDR message with another time at its very beginning; all else is the same."""
-    changed = bytearray(data)
-    sec, nanosec = divmod(stamp_ns, SECOND)
-    struct.pack_into("<iI" if data[1] & 1 else ">iI", changed, 4, sec, nanosec)
-    return bytes(changed)
 
 
 def lateness_summary(late_s: np.ndarray) -> dict[str, float]:

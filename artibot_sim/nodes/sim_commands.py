@@ -66,6 +66,8 @@ class Rules:
         Requested back efforts are cut to ± this (N·m).
     needs_sign_of_life : bool
         False when the simulator runs as fast as it goes.
+    sign_tolerance : float
+        A sign of life whose stamp is further than this (simulated s) from now is none: a recording's, say.
     """
 
     metres_per_radian: float
@@ -78,6 +80,7 @@ class Rules:
     acceleration_limit: float = 2.0
     max_speed: float = 20.0
     needs_sign_of_life: bool = True
+    sign_tolerance: float = 1.0
 
     def check_speed(self, velocity: Pair) -> None:
         """Refuse motor velocities (rad/s) that no rover has."""

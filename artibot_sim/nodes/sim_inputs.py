@@ -16,6 +16,7 @@ from artibot_sim.nodes import sim_arbiter as arbiter
 from artibot_sim.nodes.sim_commands import TOPICS, Rules, Source, parse_request, parse_twist
 from artibot_sim.nodes.sim_engine import Timing
 from artibot_sim.nodes.sim_profile import Refused, parse_profile
+from artibot_sim.nodes.stamps import SECOND, stamp_of
 
 IN_FLIGHT = 1.0
 """For so long after a reset (s) a command may still arrive that was sent before it."""
@@ -138,6 +139,16 @@ class Inputs:
             return
         self.state = arbiter.hear_twist(self.state, velocity, self.now)
 
-    def _on_planner(self, _message: bytes, info: dict[str, Any]) -> None:
-        if not self._outdated(info):
-            self.state = arbiter.hear_planner(self.state, self.now)
+    def _on_planner(self, message: bytes, info: dict[str, Any]) -> None:
+        if self._outdated(info):
+            return
+        stamp_ns = stamp_of(message)
+        off = (stamp_ns - self.t_ns) / SECOND
+        # a recording that is played again is no planner; without a stamp nobody can tell
+        if stamp_ns and self.rules.needs_sign_of_life and abs(off) > self.rules.sign_tolerance:
+            self._log.warning(
+                f"planned/odom is stamped {off:+.1f} s from now: taken for no sign of life (a replay, another clock?)",
+                throttle_duration_sec=5.0,
+            )
+            return
+        self.state = arbiter.hear_planner(self.state, self.now)

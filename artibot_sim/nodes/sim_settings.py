@@ -39,6 +39,7 @@ def rules(settings: Settings, robot: Robot) -> Rules:
         acceleration_limit=settings["acceleration_limit"],
         max_speed=settings["max_speed"],
         needs_sign_of_life=rate != 0,
+        sign_tolerance=max(1.0, settings["command_timeout"] * max(1.0, rate)),
     )
 
 

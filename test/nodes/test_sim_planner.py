@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from nav_msgs.msg import Odometry
 from sim_probe import METRES, Probe, stamp_ns
 
 from artibot_sim.model import load_robot, rollout
@@ -78,3 +79,19 @@ def test_a_simulator_that_still_compiles_misses_no_profile(start_node, ros_conte
     probe.ready()
     probe.until(lambda: probe.speed() > 0.3, "the rover to move", 30.0)
     assert "refused" not in node.output
+
+
+def test_a_played_recording_is_no_sign_of_life(start_node, ros_context) -> None:
+    """The planner dies while an old recording's planned/odom comes on, as plain `replay` publishes it."""
+    node = start_node("sim", "--ros-args", "-p", "command_timeout:=0.5")
+    probe = Probe(ros_context, ["ground_truth/odom", "motor_command"])
+    probe.ready()
+    planner = start_node("planner", "table6_agriq")
+    node.wait_for("profile accepted", 60.0)
+    probe.until(lambda: probe.speed() > 0.3, "the rover to move", 30.0)
+    planner.send(signal.SIGKILL)
+    old = Odometry()
+    old.header.stamp.sec = 1_600_000_000
+    probe.repeat(lambda: probe.planned.publish(old), 3.0)
+    assert "no sign of life" in node.output
+    assert abs(probe.speed()) < 0.01
