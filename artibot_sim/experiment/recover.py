@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -47,13 +47,16 @@ class RecoverReport:
     complete: bool = False
 
 
-def recover(path: Path | str, out: Path | str | None = None) -> RecoverReport:
+def recover(
+    path: Path | str, out: Path | str | None = None, *, progress: Callable[[int], None] | None = None
+) -> RecoverReport:
     """Save everything that can be read of a truncated or killed MCAP recording.
 
     Parameters
     ----------
     path : folder (with or without metadata.yaml) or bare .mcap file; it is never changed.
     out : folder to write; `<name>_recovered` beside the recording by default.
+    progress : called now and then with the number of messages saved so far.
 
     Returns
     -------
@@ -72,7 +75,7 @@ def recover(path: Path | str, out: Path | str | None = None) -> RecoverReport:
     name = f"{recording_name(source)}_recovered"
     beside = source.resolve().parent
     target = Path(out) if out is not None else beside / name
-    salvage = _Salvage(files)
+    salvage = _Salvage(files, progress)
     with whole_folder(target) as folder:
         seconds = salvage.write(folder, target.resolve().name)
     return RecoverReport(
@@ -103,8 +106,9 @@ def _check_kind(file: Path) -> None:
 class _Salvage:
     """Copies records from damaged files into a new recording."""
 
-    def __init__(self, files: tuple[Path, ...]) -> None:
+    def __init__(self, files: tuple[Path, ...], progress: Callable[[int], None] | None = None) -> None:
         self.files = files
+        self._progress = progress
         self.damages: list[scan.Damage] = []
         self.counts: Counter[str] = Counter()
         self._schemas: dict[int, Any] = {}
@@ -120,6 +124,8 @@ class _Salvage:
             for file in self.files:
                 for stamp in self._messages(file, bag):
                     first, last = min(first, stamp), max(last, stamp)
+                    if self._progress and (saved := sum(self.counts.values())) % 1000 == 0:
+                        self._progress(saved)
         return (last - first) / 1e9 if self.counts else 0.0
 
     def _metadata(self) -> tuple[dict[str, str], list[tuple[str, dict[str, str]]]]:

@@ -24,9 +24,13 @@ def command(recording: Path, out: Path | None) -> None:
       artibot recover run7            # writes run7_recovered
       artibot recover run7/run7_0.mcap --out saved
     """
+    from rich.console import Console
+
     from artibot_sim.experiment.recover import recover
 
-    _show(recover(recording, out))
+    with Console(stderr=True).status(f"reading {recording}") as status:
+        report = recover(recording, out, progress=lambda saved: status.update(f"saved {saved} messages"))
+    _show(report)
 
 
 def _show(report: RecoverReport) -> None:

@@ -185,3 +185,14 @@ def test_the_command_refuses_in_one_line(tmp_path: Path, capfd: pytest.CaptureFi
     error = capfd.readouterr().err
     assert error.count("\n") == 1
     assert str(tmp_path / "nothing") in error
+
+
+def test_progress_counts_the_messages_up_to_what_was_saved(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "long", live=False) as bag:
+        bag.register("/odom", "nav_msgs/msg/Odometry")
+        for i in range(2500):
+            bag.write("/odom", bytes(64), i, i)
+    told: list[int] = []
+    report = recover(tmp_path / "long", progress=told.append)
+    assert told == [1000, 2000]
+    assert report.messages == 2500
