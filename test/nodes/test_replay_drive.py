@@ -99,7 +99,7 @@ def test_signs_of_life_say_where_the_rover_ought_to_be(
 def test_outputs_and_requests_only_by_name(start_node: NodeStarter, ros_context: Context, inputs: Path) -> None:
     wanted = {"/odom": ODOMETRY, "/motor_torques": "sensor_msgs/msg/JointState"}
     listener = Listener(ros_context, wanted | {"/motor_command_request": "sensor_msgs/msg/JointState"})
-    args = ("--drive", "--wait", 0, "--delay", 0.2, "-x", "cmd_vel,base/*,arm/*,planned/*")
+    args = ("--drive", "--wait", 1, "--delay", 0.2, "-x", "cmd_vel,base/*,arm/*,planned/*")
     with listener.listening():
         node = start_node("replay", inputs, *args, "--request-from", "motor_command", "-t", "odom")
         assert node.wait() == 0
