@@ -368,3 +368,4 @@ def test_supported_modes_are_the_rig_s() -> None:
     bench.drive.power_on(0)
     for mode in OperationMode:
         bench.write(0x6060, int(mode))
+        assert bench.drive.objects.values[0x6060, 0] == int(mode)
