@@ -18,7 +18,7 @@ DRIVER_MAY = ("model", "planning", *BELOW_ALL)
 """What the driver may import of artibot_sim; of the parts there, only nodes may import the driver."""
 
 OWNERS = {
-    "rclpy": ("nodes", DRIVER),
+    "rclpy": ("nodes",),
     "mcap": ("experiment",),
     "rosbags": ("experiment",),
     "can": (DRIVER,),

@@ -12,8 +12,8 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, Robot, Rollout, State, Status, initial_state, rollout
 from artibot_sim.model.layout import MOTOR_COORDINATES
 from artibot_sim.model.params import params
-from artibot_sim.nodes.sim_arbiter import Decision
-from artibot_sim.nodes.sim_commands import Source
+from artibot_sim.nodes.arbiter import Decision
+from artibot_sim.nodes.command_messages import Source
 
 Array = NDArray[np.float64]
 

@@ -95,7 +95,7 @@ def run(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
     with ros_process("sim", ros_args) as asked:
         from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
-        from artibot_sim.nodes.sim_pacer import write_statistics
+        from artibot_sim.nodes.pacer import write_statistics
         from artibot_sim.nodes.sim_simulator import SimNode
 
         node = SimNode(overrides, asked)

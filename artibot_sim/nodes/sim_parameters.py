@@ -7,9 +7,9 @@ from typing import Any
 
 from artibot_sim import parameters
 from artibot_sim.errors import ArtibotError
+from artibot_sim.nodes.command_messages import parse_sources
 from artibot_sim.nodes.parameters import declare as declare_spec
-from artibot_sim.nodes.sim_commands import parse_sources
-from artibot_sim.nodes.sim_profile import Refused
+from artibot_sim.nodes.profile import Refused
 from artibot_sim.parameters import Spec, Value
 
 ROBOT = Spec("robot", "agriq", "Robot: a name (agriq, epiq, husky) or the path of a robot file.")

@@ -19,8 +19,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 
 from artibot_sim.model import MOTORS, WHEEL_JOINTS, Robot
+from artibot_sim.nodes.odometry import Odometry as Believed
 from artibot_sim.nodes.sim_engine import Sample, quaternion
-from artibot_sim.nodes.sim_sensors import Odometry as Believed
 from artibot_sim.nodes.sim_sensors import Sensors
 
 ARTICULATION_JOINTS = ("articulation_yaw", "articulation_roll")

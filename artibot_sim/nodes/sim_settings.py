@@ -8,17 +8,13 @@ from typing import Any
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Robot
-from artibot_sim.nodes.sim_commands import Rules, parse_sources
+from artibot_sim.nodes.command_messages import Rules, parse_sources
+from artibot_sim.nodes.odometry import metres_per_radian
 from artibot_sim.nodes.sim_engine import Start
 from artibot_sim.nodes.sim_sensors import SensorModel
 
 Settings = Mapping[str, Any]
 """Checked parameters by name (:data:`artibot_sim.nodes.sim_parameters.SPECS`)."""
-
-
-def metres_per_radian(robot: Robot) -> float:
-    """``r_w tau``: ground covered per radian of a front motor."""
-    return robot.wheel.r_w * robot.drive.front.tau
 
 
 def rules(settings: Settings, robot: Robot) -> Rules:

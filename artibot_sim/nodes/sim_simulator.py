@@ -32,11 +32,12 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot
 from artibot_sim.nodes import sim_parameters as parameters
 from artibot_sim.nodes import sim_settings as settings
+from artibot_sim.nodes.inputs import Inputs
+from artibot_sim.nodes.odometry import Odometry, metres_per_radian
+from artibot_sim.nodes.pacer import Pacer
 from artibot_sim.nodes.sim_engine import Diverged, Engine, Timing
-from artibot_sim.nodes.sim_inputs import Inputs
-from artibot_sim.nodes.sim_pacer import Pacer
 from artibot_sim.nodes.sim_publishers import Published, Publishers, has_tf
-from artibot_sim.nodes.sim_sensors import Odometry, Sensors
+from artibot_sim.nodes.sim_sensors import Sensors
 
 SERVE_EVERY = 0.05
 """How often services and parameters are served while simulated time runs, s."""
@@ -78,7 +79,7 @@ class SimNode(Node):
         self.engine.warm_up()  # before anybody can see a subscription and send what would then be late
         self.inputs = Inputs(self, settings.rules(self.settings, self.robot), get("cmd_vel_stamped"))
         self.sensors = Sensors(settings.sensor_model(self.settings), get("seed"))
-        self.odometry = Odometry(settings.metres_per_radian(self.robot), self.robot.front.i_y)
+        self.odometry = Odometry(metres_per_radian(self.robot), self.robot.front.i_y)
         self.odometry.reset(start.x, start.y, start.yaw)
         self.out = Publishers(self, self.robot, self._published())
         self.pacer = Pacer(self.timing.period_ns, get("rate"))
@@ -219,7 +220,7 @@ class SimNode(Node):
     def _step(self) -> None:
         """Publish this instant and compute the next."""
         t_ns, period = self.inputs.t_ns, self.timing.period_ns
-        decision = self.inputs.decide(self.timing)
+        decision = self.inputs.decide(self.timing.knot_ns, self.timing.knots)
         sample = self.engine.step(decision, self.settings["kappa"])
         every = round(1e9 / self.settings["total_station.rate"])
         due = t_ns // every != (t_ns - period) // every

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, initial_state, load_robot, rollout
-from artibot_sim.nodes.sim_arbiter import NAN_PAIR, Decision, Source
+from artibot_sim.nodes.arbiter import NAN_PAIR, Decision, Source
+from artibot_sim.nodes.odometry import Odometry
 from artibot_sim.nodes.sim_engine import Diverged, Engine, Sample, Start, Timing, quaternion, rotation
-from artibot_sim.nodes.sim_sensors import Odometry, SensorModel, Sensors
+from artibot_sim.nodes.sim_sensors import SensorModel, Sensors
 
 AGRIQ = load_robot("agriq")
 METRES = AGRIQ.wheel.r_w * AGRIQ.drive.front.tau

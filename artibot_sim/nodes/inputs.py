@@ -1,4 +1,4 @@
-"""The simulation node's ear: subscriptions, refusals with their warnings, and what was heard so far."""
+"""The ear of simulator and driver: subscriptions, refusals with their warnings, and what was heard so far."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profi
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
-from artibot_sim.nodes import sim_arbiter as arbiter
-from artibot_sim.nodes.sim_commands import TOPICS, Rules, Source, parse_request, parse_twist
-from artibot_sim.nodes.sim_engine import Timing
-from artibot_sim.nodes.sim_profile import Refused, parse_profile
+from artibot_sim.nodes import arbiter
+from artibot_sim.nodes.command_messages import TOPICS, Rules, Source, parse_request, parse_twist
+from artibot_sim.nodes.profile import Refused, parse_profile
 from artibot_sim.nodes.stamps import SECOND, stamp_of
 
 IN_FLIGHT = 1.0
@@ -25,7 +24,7 @@ PROFILE_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durabi
 
 
 class Inputs:
-    """Hears commands and decides, with :mod:`artibot_sim.nodes.sim_arbiter`, what holds.
+    """Hears commands and decides, with :mod:`artibot_sim.nodes.arbiter`, what holds.
 
     Parameters
     ----------
@@ -87,9 +86,9 @@ class Inputs:
                 while (taken := handle.take_message(subscription.msg_type, subscription.raw)) is not None:
                     subscription.callback(*taken)
 
-    def decide(self, timing: Timing) -> arbiter.Decision:
-        """Commands for the period that begins now, ``t_ns``."""
-        self.state, decision = arbiter.decide(self.state, self.rules, self.t_ns, timing.knot_ns, timing.knots, self.now)
+    def decide(self, knot_ns: int, knots: int = 1) -> arbiter.Decision:
+        """Commands for the period of `knots` intervals of `knot_ns` nanoseconds that begins now, ``t_ns``."""
+        self.state, decision = arbiter.decide(self.state, self.rules, self.t_ns, knot_ns, knots, self.now)
         if decision.notice:
             self._log.warning(decision.notice)
         return decision

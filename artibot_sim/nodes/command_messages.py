@@ -9,7 +9,7 @@ from enum import Enum
 from typing import Any
 
 from artibot_sim.model import MOTORS
-from artibot_sim.nodes.sim_profile import Pair, Refused
+from artibot_sim.nodes.profile import Pair, Refused
 
 
 class Source(Enum):

@@ -24,8 +24,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from artibot_sim.nodes.sim_commands import TOPICS, Rules, Source
-from artibot_sim.nodes.sim_profile import Pair, Profile, Refused
+from artibot_sim.nodes.command_messages import TOPICS, Rules, Source
+from artibot_sim.nodes.profile import Pair, Profile, Refused
 
 STALE_NS = 1_000_000_000
 """A profile whose start lies further in the past is refused (contract)."""

@@ -13,7 +13,7 @@ from typing import Any
 from artibot_sim.model import MOTORS
 
 FRONT = MOTORS[:2]
-"""The front motors, right first: the order of every pair in the simulation node."""
+"""The front motors, right first: the order of every pair of commands."""
 
 Pair = tuple[float, float]
 
