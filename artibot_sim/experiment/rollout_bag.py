@@ -183,16 +183,16 @@ def _odometry(result: Rollout, robot: Robot) -> dict[str, Floats]:
 
 def _joint_states(result: Rollout, robot: Robot) -> dict[str, Floats]:
     from artibot_sim.model import WHEEL_JOINTS
+    from artibot_sim.model.kinematics import articulation
 
     columns = {}
     for i, wheel in enumerate(WHEEL_JOINTS[: 2 * _motors(robot)]):
         columns[f"{wheel}.position"] = result.wheel_position[:, i]
         columns[f"{wheel}.velocity"] = result.wheel_velocity[:, i]
     if robot.articulated:
-        columns["articulation_yaw.position"] = result.articulation_yaw
-        columns["articulation_yaw.velocity"] = result["gamma_b_dot"] - result["gamma_f_dot"]
-        columns["articulation_roll.position"] = result.articulation_roll
-        columns["articulation_roll.velocity"] = result["alpha_b_dot"] - result["alpha_f_dot"]
+        angle, rate = articulation(result.q), articulation(result.v)
+        for i, joint in enumerate(("articulation_yaw", "articulation_roll")):
+            columns[f"{joint}.position"], columns[f"{joint}.velocity"] = angle[:, i], rate[:, i]
     return columns
 
 

@@ -188,6 +188,14 @@ def _evaluate(q, v, p):
     return joint(q, v, p, attitude(q))
 
 
+def articulation(q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Yaw and roll of the joint, shape (…, 2): gamma_b − gamma_f and alpha_b − alpha_f.
+
+    Linear in the coordinates, so it serves for coordinates (rad) and velocities (rad/s) alike, both (…, 16).
+    """
+    return q[..., (BACK + GAMMA, BACK + ALPHA)] - q[..., (GAMMA, ALPHA)]
+
+
 def constraint(robot: Robot, q: NDArray[np.float64]) -> NDArray[np.float64]:
     """Phi of eq. 13, shape (4,): the joint's gap in `map` (m) and the fourth row's cosine, at ``q`` (16,)."""
     return np.array(_evaluate(q, np.zeros(16), packed(params(robot)))[0])

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.commands import Commands
+from artibot_sim.model.kinematics import articulation
 from artibot_sim.model.layout import (
-    ALPHA,
-    BACK,
     COLUMNS,
     COORDINATES,
     ENERGIES,
@@ -153,12 +152,12 @@ class Rollout:
     @property
     def articulation_yaw(self) -> Array:
         """gamma_b − gamma_f, rad, shape (n,); the paper's gamma_r is its negative."""
-        return self.q[:, BACK + GAMMA] - self.q[:, GAMMA] if self.robot.articulated else np.zeros(len(self.t))
+        return articulation(self.q)[:, 0] if self.robot.articulated else np.zeros(len(self.t))
 
     @property
     def articulation_roll(self) -> Array:
         """alpha_b − alpha_f, rad, shape (n,)."""
-        return self.q[:, BACK + ALPHA] - self.q[:, ALPHA] if self.robot.articulated else np.zeros(len(self.t))
+        return articulation(self.q)[:, 1] if self.robot.articulated else np.zeros(len(self.t))
 
 
 def rollout(

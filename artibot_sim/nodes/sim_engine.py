@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, Robot, Rollout, State, Status, initial_state, rollout
+from artibot_sim.model.kinematics import articulation
 from artibot_sim.model.layout import MOTOR_COORDINATES
 from artibot_sim.model.params import params
 from artibot_sim.nodes.arbiter import Decision
@@ -201,9 +202,7 @@ class Engine:
         """Row 0 of the period: its torques are those that act from this instant on, as in one long rollout."""
         q, v = result.q[0], result.v[0]
         c, s = math.cos(q[5]), math.sin(q[5])
-        bend = [[0.0, 0.0], [0.0, 0.0]]
-        if self.robot.articulated:
-            bend = [[q[13] - q[5], q[11] - q[3]], [v[13] - v[5], _roll_rate(q, v)]]
+        bend = np.array([articulation(q), articulation(v)]) if self.robot.articulated else np.zeros((2, 2))
         return Sample(
             position=q[:3],
             rpy=q[3:6],
@@ -212,7 +211,7 @@ class Engine:
             motor_position=q[MOTORS_IN_Q],
             motor_velocity=v[MOTORS_IN_Q],
             motor_torque=result.motor_torque[0],
-            articulation=np.array(bend),
+            articulation=bend,
             command=decision.velocity[0],
         )
 
@@ -240,12 +239,3 @@ def quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, flo
         c_a * c_b * s_g - s_a * s_b * c_g,
         c_a * c_b * c_g + s_a * s_b * s_g,
     )
-
-
-def _roll_rate(q: Array, v: Array) -> float:
-    """Rate of the articulation's roll: the modules' relative angular velocity along the back one's x axis."""
-    beta_f, beta_b, delta = q[4], q[12], q[13] - q[5]
-    s_bf, c_bf, s_bb, c_bb = math.sin(beta_f), math.cos(beta_f), math.sin(beta_b), math.cos(beta_b)
-    along_back = v[11] - s_bb * v[13]
-    along_front = v[3] * (c_bf * c_bb * math.cos(delta) + s_bf * s_bb) + v[4] * c_bb * math.sin(delta) - s_bb * v[5]
-    return float(along_back - along_front)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.experiment.rollout_bag import rollout_columns
 from artibot_sim.model import Commands, initial_state, load_robot, rollout
 from artibot_sim.nodes.arbiter import NAN_PAIR, Decision, Source
 from artibot_sim.nodes.odometry import Odometry
@@ -59,6 +61,25 @@ def test_period_by_period_is_one_long_rollout_to_the_bit(integrator: str) -> Non
         np.testing.assert_array_equal(together, getattr(whole, name)[:-1], err_msg=name)
     np.testing.assert_array_equal([sample.position for sample in samples], whole.q[:-1, :3])
     assert np.hypot(*samples[-1].position[:2]) > 0.5 and abs(samples[-1].articulation[0, 0]) > 0.05
+
+
+def test_the_articulation_is_that_of_a_recorded_rollout_when_a_module_rolls_and_pitches() -> None:
+    engine = Engine(AGRIQ, TIMING, Start(articulation_yaw=0.4))
+    tossed = engine.state.v.copy()
+    tossed[[3, 4]] = 0.3, 0.1  # rates of the front module's roll and pitch, rad/s
+    start = engine.state = replace(engine.state, v=tossed)
+    velocity, position = driven(1.0)
+    samples = np.array([sample.articulation for sample in drive(engine, velocity, position)])
+    absent = np.full_like(velocity, np.nan)
+    commands = Commands(0.01, np.hstack([velocity, absent]), position=np.hstack([position, absent]))
+    recorded = rollout_columns(rollout(AGRIQ, commands, kappa=0.8, state=start), AGRIQ)["joint_states"]
+    for i, joint in enumerate(("articulation_yaw", "articulation_roll")):
+        np.testing.assert_array_equal(samples[:, 0, i], recorded[f"{joint}.position"][:-1])
+        np.testing.assert_array_equal(samples[:, 1, i], recorded[f"{joint}.velocity"][:-1])
+    fine = rollout(AGRIQ, commands, kappa=0.8, state=start, every=1).articulation_roll
+    rate = np.gradient(fine, 1e-3)[::10]
+    np.testing.assert_allclose(samples[1:, 1, 1], rate[1:-1], atol=0.02 * np.abs(rate).max())
+    assert np.abs(rate).max() > 0.1
 
 
 def test_a_slower_publication_keeps_the_knots_fine() -> None:
