@@ -50,6 +50,10 @@ class Pacer:
         """Seconds to the deadline, negative when it is over."""
         return (self._deadline - time.monotonic_ns()) * 1e-9 if self.rate else 0.0
 
+    def due_ns(self) -> int:
+        """System time of the deadline, ns since 1970, as the system clock stands now."""
+        return time.time_ns() + round(self.remaining() * 1e9)
+
     @property
     def overruns(self) -> int:
         """How many steps were published more than a period late."""

@@ -7,8 +7,9 @@ a core more, because it builds its wait set anew for every wait; a second thread
 interpreter's lock.
 
 **Time.** With `publish_clock` (automatic when `rate` is not 1) simulated time begins at the first period, not at 0, and
-`/clock` only increases. Without it stamps are system time; a pause or a machine that cannot keep up then makes them
-jump ahead, never back. What is published with stamp t is the state at t with the torques that act from t on.
+`/clock` only increases. Without it stamps are system time; a pause, a machine that cannot keep up or a system clock
+that is set forward makes them jump ahead. They never go back: after the system clock was set back they stay ahead of
+it, and the node says so. What is published with stamp t is the state at t with the torques that act from t on.
 
 **Holding.** With `wait_for_profile` time stands after the first step until a command was accepted. While time stands
 (also in a pause) /clock is repeated a few times whenever the number of its subscribers changes, so that a planner on
@@ -44,6 +45,9 @@ SERVE_EVERY = 0.05
 
 IDLE = 0.02
 """How long the executor is waited in at a time while simulated time stands, s."""
+
+STEPPED_NS = 50_000_000
+"""Stamps and system time may differ by this much before the system clock counts as set."""
 
 TICKS, TICK_EVERY = 5, 0.2
 """Repetitions of a standing /clock after its subscribers changed, and their spacing (s): discovery takes a while."""
@@ -89,6 +93,7 @@ class SimNode(Node):
         self._holding, self._waits = False, get("wait_for_profile")
         self._steps_due = 0
         self._serve_at = 0.0
+        self._ahead = False
         self._listeners, self._ticks, self._tick_at = -1, 0, 0.0
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/pause", self._on_pause)
@@ -156,8 +161,7 @@ class SimNode(Node):
     def _catch_up_with_system_time(self) -> None:
         """Where stamps are system time they jump ahead over the time that was not simulated."""
         if not self.out.what.clock:
-            due = time.time_ns() + max(0, round(self.pacer.remaining() * 1e9))
-            self.inputs.t_ns = max(self.inputs.t_ns, due)
+            self.inputs.t_ns = max(self.inputs.t_ns, self.pacer.due_ns())
 
     def reset(self) -> None:
         """Put the rover back to its start, at rest, and forget all commands; time goes on."""
@@ -250,3 +254,20 @@ class SimNode(Node):
                 f"published more than a period late ({self.pacer.overruns} times so far); catching up",
                 throttle_duration_sec=5.0,
             )
+        if not slipped and not self.out.what.clock and self.pacer.rate == 1:
+            self._follow_system_clock()
+
+    def _follow_system_clock(self) -> None:
+        """Set the stamps forward after the system clock was (NTP, by hand); say so when it was set back."""
+        behind = self.pacer.due_ns() - self.inputs.t_ns
+        if -behind > STEPPED_NS:  # or was this process held up between reading the two clocks? that would look like it
+            behind = self.pacer.due_ns() - self.inputs.t_ns
+        if behind > STEPPED_NS:
+            self.inputs.t_ns += behind
+            self.get_logger().warning(f"the system clock was set forward by {behind * 1e-9:.2f} s: stamps jump with it")
+        elif -behind > STEPPED_NS and not self._ahead:
+            self.get_logger().warning(
+                f"the system clock was set back: stamps never go back and stay {-behind * 1e-9:.2f} s ahead of it; "
+                "start the simulator anew to have them agree"
+            )
+        self._ahead = -behind > STEPPED_NS
