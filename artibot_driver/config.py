@@ -61,8 +61,39 @@ _TABLE = (
          "motor-side, N m/s.", high=1e4, above=0.0),
 )  # fmt: skip
 
+KAPPA = Spec(
+    "kappa", 1.0, "Share of the front module in the traction torque (eq. 29); default: the robot file's. Not below "
+    "what the back motors' rated torque allows (Agri.q: 0.622).", high=1.0, above=0.0, live=True,
+)  # fmt: skip
+
+_COMMANDING = (
+    KAPPA,
+    Spec("autoconfigure", True, "Open the bus and set the drives up at the start; false: wait for the lifecycle's "
+         "configure."),
+    Spec("enable_on_start", False, "Enable the drives as soon as they are set up; false: wait for ~/enable or the "
+         "lifecycle's activate."),
+    Spec("command_source", "auto", "Who may command, the ruling one first: auto (live,profile,cmd_vel), none, or some "
+         "of these with commas.", live=True),
+    Spec("command_timeout", 0.1, "A live request, or the planner's sign of life, older than this starts a ramp to "
+         "standstill; steady wall time, s.", low=1e-3, high=60.0, live=True),
+    Spec("cmd_vel_timeout", 0.5, "The same for cmd_vel.", low=1e-3, high=60.0, live=True),
+    Spec("acceleration_limit", 2.0, "Limit for a front wheel over ground that follows cmd_vel or catches up with a "
+         "profile, m/s^2; 0: none. Profiles and live requests themselves are never changed.", low=0.0, high=1000.0,
+         live=True),
+    Spec("cmd_vel_stamped", True, "cmd_vel is a TwistStamped; false: a Twist."),
+    Spec("odom_frame", "odom", "Frame of odom."),
+    Spec("base_frame", "base_link", "Frame of the front module, child of odom_frame."),
+    Spec("stats", "", "File for a statistic of lateness and CPU share (JSON), written at the end; empty: none."),
+)  # fmt: skip
+
 SPECS: Mapping[str, Spec] = {spec.name: spec for spec in _TABLE}
-"""Every parameter by its name, which is its key's path in the file."""
+"""What drives, bus and driver share, by name, which is its key's path in the file."""
+
+COMMANDING_SPECS: Mapping[str, Spec] = {spec.name: spec for spec in _COMMANDING}
+"""What only the driver node uses: how commands are listened to. :class:`DriverConfig` has none of it."""
+
+ALL_SPECS: Mapping[str, Spec] = {**SPECS, **COMMANDING_SPECS}
+"""Every parameter that may stand in the file."""
 
 _HEADER = (
     "Parameters of the driver and of the simulated drives; made by `python -m artibot_driver.config`.",
@@ -72,7 +103,7 @@ _HEADER = (
 
 @dataclass(frozen=True)
 class DriverConfig:
-    """The table's values, checked; SI units.
+    """The values of :data:`SPECS`, checked; SI units.
 
     Attributes
     ----------
@@ -132,16 +163,19 @@ class DriverConfig:
 def config_from_parameters(given: Mapping[str, Any]) -> DriverConfig:
     """Build the configuration from parameters by name; those not given have their defaults.
 
+    Those of :data:`COMMANDING_SPECS` are checked and left to the node.
+
     Raises
     ------
     ArtibotError
         With the parameter's name, what was found and what is expected.
     """
-    for name in given:
-        if name not in SPECS:
-            near = difflib.get_close_matches(name, SPECS, n=1, cutoff=0.5)
+    for name, found in given.items():
+        if name not in ALL_SPECS:
+            near = difflib.get_close_matches(name, ALL_SPECS, n=1, cutoff=0.5)
             hint = f"; did you mean '{near[0]}'?" if near else ""
-            raise ArtibotError(f"parameter {name}: unknown{hint}; expected one of {', '.join(SPECS)}")
+            raise ArtibotError(f"parameter {name}: unknown{hint}; expected one of {', '.join(ALL_SPECS)}")
+        ALL_SPECS[name].check(found)
     value: dict[str, Any] = {name: spec.check(given.get(name, spec.default)) for name, spec in SPECS.items()}
     config = DriverConfig(
         robot=value["robot"],
@@ -228,5 +262,10 @@ def _flat(node: Mapping[Any, Any], path: str) -> Iterator[tuple[str, Any]]:
             yield f"{path}{key}", value
 
 
+def shipped_file() -> str:
+    """All parameters at their defaults: ``config/driver.yaml``. `kappa` is a comment: its default is the robot's."""
+    return as_yaml(ALL_SPECS.values(), _HEADER, left_out=(KAPPA.name,))
+
+
 if __name__ == "__main__":
-    print(as_yaml(SPECS.values(), _HEADER), end="")
+    print(shipped_file(), end="")

@@ -11,12 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from artibot_driver.cia402 import OperationMode
-from artibot_driver.config import _HEADER, SPECS, config_from_parameters, load_config
+from artibot_driver.config import SPECS, config_from_parameters, load_config, shipped_file
 from artibot_driver.dictionary import load_dictionary, pdo_maps
 from artibot_driver.rig import Rig, Setting, frame_bits, has_object, load_rig
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS, load_robot
-from artibot_sim.parameters import as_yaml
 from artibot_sim.resources import config_path
 
 
@@ -26,7 +25,7 @@ def rig(**given: Any) -> Rig:
 
 
 def test_the_shipped_file_is_the_table() -> None:
-    assert config_path("nodes", "driver").read_text(encoding="utf-8") == as_yaml(SPECS.values(), _HEADER)
+    assert config_path("nodes", "driver").read_text(encoding="utf-8") == shipped_file()
     assert load_config() == load_config("driver") == config_from_parameters({})
 
 
