@@ -108,17 +108,25 @@ class Bus:
     def receive(self, timeout: float = 0.0) -> can.Message | None:
         """The next frame within `timeout` (s), or None; error frames are kept here and change the health."""
         deadline = time.monotonic() + timeout
-        while self._controller is not BusState.LOST:
-            try:
-                message = self.raw.recv(max(0.0, deadline - time.monotonic()))
-            except _TROUBLE as error:
-                self._failed(error)
-                return None
+        while True:
+            message = self.receive_any(max(0.0, deadline - time.monotonic()))
             if message is None or not message.is_error_frame:
-                self.counters.received += message is not None
                 return message
+
+    def receive_any(self, timeout: float = 0.0) -> can.Message | None:
+        """As :meth:`receive`, but error frames are handed out too, once the health is changed by them."""
+        if self._controller is BusState.LOST:
+            return None
+        try:
+            message = self.raw.recv(timeout)
+        except _TROUBLE as error:
+            self._failed(error)
+            return None
+        if message is not None and message.is_error_frame:
             self._take_error_frame(message)
-        return None
+        else:
+            self.counters.received += message is not None
+        return message
 
     def health(self) -> Health:
         """What is known now; for SocketCAN the interface is asked."""

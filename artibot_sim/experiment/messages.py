@@ -13,17 +13,30 @@ if TYPE_CHECKING:
 
 Decoder = Callable[[bytes], Any]
 
+CAN_FRAME = "can_msgs/msg/Frame"
+"""One frame of a CAN bus; its package is not among those that come with every ROS 2."""
+
+_OWN = {
+    CAN_FRAME: (
+        "std_msgs/Header header\nuint32 id\nbool is_rtr\nbool is_extended\nbool is_error\nuint8 dlc\nuint8[8] data\n"
+    )
+}
+"""Definitions of types beyond Jazzy's common messages that artibot writes itself."""
+
 
 @cache
 def typestore() -> Typestore:
-    """Return the message types of ROS 2 Jazzy (shared, not to be registered into)."""
-    from rosbags.typesys import Stores, get_typestore
+    """Return the message types of ROS 2 Jazzy and the few of `_OWN` (shared, not to be registered into)."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    return get_typestore(Stores.ROS2_JAZZY)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name, text in _OWN.items():
+        store.register(get_types_from_msg(text, name))
+    return store
 
 
 def is_known(ros_type: str) -> bool:
-    """Say whether `ros_type` is one of Jazzy's common messages."""
+    """Say whether artibot knows `ros_type` without a recording's definition of it."""
     return ros_type in typestore().fielddefs
 
 
@@ -88,7 +101,7 @@ def decoder(ros_type: str, text: str = "", encoding: str = "ros2msg", type_hash:
     Notes
     -----
     The recording's own definition rules where it differs from Jazzy's, so a type changed in another
-    distribution, or unknown here (can_msgs, say), decodes as it was written.
+    distribution, or unknown here, decodes as it was written.
 
     Raises
     ------

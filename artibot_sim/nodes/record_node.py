@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import time
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import click
@@ -23,6 +21,7 @@ _LINE_PERIOD = 0.5
 
 _TOPICS_HELP = "Topic to record, * and ? allowed; repeat, or separate by commas.  [default: the contract's]"
 _SYNC_HELP = "Put the file on the disk itself every so many seconds, against power cuts."
+_CAN_HELP = "Record all frames of this CAN bus too (can0, vcan0, ws://127.0.0.1:PORT/), as /from_can_bus."
 _POSITIVE = Number(min=0, min_open=True)
 
 
@@ -38,12 +37,15 @@ _POSITIVE = Number(min=0, min_open=True)
 @click.option("--surface", help="For the metadata: on what ground.")
 @click.option("--operator", help="For the metadata: by whom.")
 @click.option("--metadata", multiple=True, metavar="KEY=VALUE", help="For the metadata: anything else; repeatable.")
+@click.option("--can", metavar="CHANNEL", help=_CAN_HELP)
+@click.option("--can-interface", metavar="NAME", help="python-can's interface.  [default: socketcan; remote for ws://]")
 @click.option("--compression", type=click.Choice(["zstd", "lz4", "none"]), default="zstd", show_default=True)
 @click.option("--sync", type=_POSITIVE, default=1.0, show_default=True, help=_SYNC_HELP)
 @click.pass_obj
 def command(
     ros_args: list[str] | None, out: Path | None, topics: tuple[str, ...], everything: bool, exclude: tuple[str, ...],
-    duration: float | None, metadata: tuple[str, ...], compression: str, sync: float, **named: Any,
+    duration: float | None, metadata: tuple[str, ...], can: str | None, can_interface: str | None, compression: str,
+    sync: float, **named: Any,
 ) -> int:  # fmt: skip
     """Record topics to a rosbag2 folder (MCAP) until Ctrl-C.
 
@@ -54,6 +56,7 @@ def command(
     Examples:
       artibot record -o run7 --robot agriq --kappa 0.8 --surface "wet grass"
       artibot record --all --exclude "/camera/*" --duration 60
+      artibot record --can can0 --robot agriq
       artibot record -t /odom -t "/planned/*" --ros-args -r __ns:=/rover1
     """
     values = {key: str(value) for key, value in named.items() if value is not None}
@@ -63,7 +66,7 @@ def command(
     folder = out or Path(f"run_{datetime.now():%Y%m%d_%H%M%S}")
     return run(
         folder, values, _split(topics) or None, _split(exclude), everything=everything, duration=duration,
-        compression=compression, sync=sync, ros_args=ros_args or [],
+        bus=(can, can_interface), compression=compression, sync=sync, ros_args=ros_args or [],
     )  # fmt: skip
 
 
@@ -83,8 +86,8 @@ def _split(names: Sequence[str]) -> list[str]:
 
 def run(
     folder: Path, metadata: dict[str, str], patterns: list[str] | None = None, exclude: Sequence[str] = (), *,
-    everything: bool = False, duration: float | None = None, compression: str = "zstd", sync: float | None = 1.0,
-    ros_args: Sequence[str] = (),
+    everything: bool = False, duration: float | None = None, bus: tuple[str | None, str | None] = (None, None),
+    compression: str = "zstd", sync: float | None = 1.0, ros_args: Sequence[str] = (),
 ) -> int:  # fmt: skip
     """Record until SIGINT, SIGTERM or the end of `duration`; return the exit status 0.
 
@@ -94,36 +97,31 @@ def run(
         If the folder exists, or the disk is full; what was written until then is kept.
     """
     import rclpy
-    from rclpy.signals import SignalHandlerOptions
 
     from artibot_sim.experiment.writer import BagWriter
+    from artibot_sim.nodes.process import ros_process
+    from artibot_sim.nodes.record_can import CanTap, open_listener
     from artibot_sim.nodes.recorder import Recorder, Selection
 
     if folder.exists():
         raise ArtibotError(f"{folder}: exists already; recordings are never overwritten, give another name with -o")
-    asked: list[int] = []
-
-    def ask(number: int, _frame: FrameType | None) -> None:
-        asked.append(number)
-
-    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
-    rclpy.init(args=["record", *ros_args], signal_handler_options=SignalHandlerOptions.NO)
-    try:
+    with ros_process("record", ros_args) as asked:
         node = rclpy.create_node("record", start_parameter_services=False)
         selection = Selection(patterns, exclude, everything, node.resolve_topic_name)
+        listener = open_listener(node, *bus)
+        metadata = {"can": f"{listener.interface} {listener.channel}", **metadata} if listener else metadata
         bag = BagWriter(folder, metadata, compression=compression, sync_period=sync)
         recorder = Recorder(node, bag, selection)
         node.get_logger().info(f"recording to {folder}; Ctrl-C ends it")
+        tap = CanTap(recorder, listener) if listener else None
         try:
             _loop(recorder, asked, duration)
         finally:
+            if tap:
+                tap.close()
             recorder.close()
         _report(recorder, folder)
         return 0
-    finally:
-        rclpy.try_shutdown()
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _loop(recorder: Any, asked: list[int], duration: float | None) -> None:

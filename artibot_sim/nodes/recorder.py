@@ -14,6 +14,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.contract import TOPICS
+from artibot_sim.experiment.qos import Qos
 from artibot_sim.experiment.writer import BagWriter
 from artibot_sim.nodes.record_types import describe, import_message, qos_dict
 
@@ -75,20 +76,43 @@ class Recorder:
         self.node = node
         self.bag = bag
         self.selection = selection
-        self.taken = 0
+        self._polled = self._put = 0
+        self._others: set[str] = set()
         self.failure: ArtibotError | None = None
         self._subscriptions: dict[str, Any] = {}
         self._demands: dict[str, tuple[bool, bool]] = {}
         self._refused: set[str] = set()
+        self._left_out: dict[str, str] = {}
         self._queue: deque[tuple[str, bytes, int, int, int | None]] = deque()
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._write, name="bag writer", daemon=True)
         self._thread.start()
 
     @property
+    def taken(self) -> int:
+        """Messages taken so far."""
+        return self._polled + self._put
+
+    @property
     def topics(self) -> list[str]:
-        """Topics subscribed to, sorted."""
-        return sorted(self._subscriptions)
+        """Topics subscribed to and those that come another way, sorted."""
+        return sorted({*self._subscriptions, *self._others})
+
+    @property
+    def waiting(self) -> int:
+        """Messages taken and not written yet."""
+        return len(self._queue)
+
+    def add(self, topic: str, ros_type: str, qos: Qos, why: str) -> None:
+        """Announce a topic whose messages are `put`; if it is published too, that is left out and `why` said."""
+        self.bag.register(topic, ros_type, qos)
+        self._others.add(topic)
+        self._left_out[topic] = why
+
+    def put(self, topic: str, data: bytes, stamp_ns: int) -> None:
+        """Take a message that came another way than over ROS; for one thread."""
+        self._queue.append((topic, data, stamp_ns, stamp_ns, None))
+        self._put += 1
 
     def discover(self) -> None:
         """Subscribe to selected topics that have appeared; adapt to publishers that have joined."""
@@ -97,6 +121,9 @@ class Recorder:
                 continue
             publishers = self.node.get_publishers_info_by_topic(topic)
             if not publishers:
+                continue
+            if topic in self._left_out:
+                self._refuse(topic, f"is not subscribed to: {self._left_out[topic]}")
                 continue
             if len(types) != 1:
                 self._refuse(topic, f"is published with several types ({', '.join(types)})")
@@ -140,7 +167,7 @@ class Recorder:
     def poll(self) -> int:
         """Take every message that has arrived; return how many."""
         count = sum(self._empty(topic, subscription) for topic, subscription in self._subscriptions.items())
-        self.taken += count
+        self._polled += count
         return count
 
     def _empty(self, topic: str, subscription: Any) -> int:
