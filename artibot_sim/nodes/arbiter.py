@@ -93,6 +93,8 @@ class Decision:
         Who ruled at the end of the period.
     notice : str
         Something a person should know, or empty.
+    silenced : bool
+        Whether in this period a source fell silent that had asked for motion, and no other took over.
     """
 
     velocity: tuple[Pair, ...]
@@ -100,6 +102,7 @@ class Decision:
     effort: Pair
     source: Source
     notice: str = ""
+    silenced: bool = False
 
 
 def hear_live(state: Commanding, velocity: Pair, effort: Pair, now: float) -> Commanding:
@@ -110,6 +113,15 @@ def hear_live(state: Commanding, velocity: Pair, effort: Pair, now: float) -> Co
 def hear_twist(state: Commanding, velocity: Pair, now: float) -> Commanding:
     """A velocity command that :func:`parse_twist` has passed."""
     return replace(state, twist=Twist(velocity, now))
+
+
+def hear_refused(state: Commanding, source: Source) -> Commanding:
+    """A message that was refused ends the command that its source gave before; a profile stands by itself."""
+    return replace(
+        state,
+        live=None if source is Source.LIVE else state.live,
+        twist=None if source is Source.CMD_VEL else state.twist,
+    )
 
 
 def hear_planner(state: Commanding, now: float) -> Commanding:
@@ -169,13 +181,21 @@ def decide(
         position = (position[0] + moved[0], position[1] + moved[1])
         velocities.append(velocity)
         positions.append(position)
+    silenced = source is Source.NONE and _asked_for_motion(state, bool(notice))
     if source is Source.NONE and state.source is not Source.NONE and velocity != (0.0, 0.0):
         notice = notice or f"{TOPICS[state.source]} is silent or over: ramp to standstill"
     if pending and end_ns >= pending.profile.end_ns:
         pending = None
     effort = state.live.effort if source is Source.LIVE and state.live else NAN_PAIR
     after = replace(state, position=position, velocity=velocity, source=source, pending=pending)
-    return after, Decision(tuple(velocities), tuple(positions), effort, source, notice)
+    return after, Decision(tuple(velocities), tuple(positions), effort, source, notice, silenced)
+
+
+def _asked_for_motion(state: Commanding, planner_silent: bool) -> bool:
+    """Whether the source that ruled until now wanted the rover to move; what has asked for a stop may fall silent."""
+    last = {Source.LIVE: state.live, Source.CMD_VEL: state.twist}.get(state.source)
+    asked = last.velocity if last else state.velocity
+    return state.source is not Source.NONE and (asked != (0.0, 0.0) or planner_silent)
 
 
 def _planner_alive(state: Commanding, rules: Rules, end_ns: int, now: float) -> tuple[Pending | None, str]:

@@ -33,6 +33,15 @@ class Inputs:
         May be exchanged while running.
     stamped : bool
         Whether `cmd_vel` is a TwistStamped.
+
+    Attributes
+    ----------
+    t_ns : int
+        What the time is, in that of the stamps.
+    state : Commanding
+        What was heard so far.
+    deaf : str
+        Why no command is taken at the moment, or empty; a command that comes then is lost.
     """
 
     def __init__(self, node: Node, rules: Rules, stamped: bool) -> None:
@@ -44,6 +53,7 @@ class Inputs:
         self._stopped_at: float | None = None
         self._reset_wall_ns = 0
         self._reset_at = -IN_FLIGHT
+        self.deaf = ""
         sensor = qos_profile_sensor_data
         self._subscriptions = [
             node.create_subscription(JointTrajectory, TOPICS[Source.PROFILE], self._on_profile, PROFILE_QOS),
@@ -94,18 +104,28 @@ class Inputs:
         return decision
 
     def _outdated(self, info: dict[str, Any]) -> bool:
-        """Whether a message was sent before the last reset and has only arrived after it."""
+        """Whether a message was sent before commands were dropped and has only arrived after it."""
         if time.monotonic() - self._reset_at > IN_FLIGHT:
             return False
         return bool(info["source_timestamp"] < self._reset_wall_ns)
 
+    def _unheard(self, source: Source, info: dict[str, Any]) -> bool:
+        """Whether a command is none, because of when it was sent or comes."""
+        if self.deaf:
+            self._log.warning(f"{TOPICS[source]} refused: {self.deaf}", throttle_duration_sec=5.0)
+        return bool(self.deaf) or self._outdated(info)
+
     def _refuse(self, source: Source, reason: Refused) -> None:
         self._log.warning(f"{TOPICS[source]} refused: {reason}", throttle_duration_sec=1.0)
+        self.state = arbiter.hear_refused(self.state, source)
 
     def _on_profile(self, message: JointTrajectory, info: dict[str, Any]) -> None:
-        if self._outdated(info):
+        if self._unheard(Source.PROFILE, info):
             return
         try:
+            # one that waits for latecomers may come long after a stop
+            if info["source_timestamp"] < self._reset_wall_ns:
+                raise Refused("it was published before the last stop or enable; publish it anew")
             profile = parse_profile(message)
             known = self.state.last_key == profile.key
             self.state = arbiter.hear_profile(self.state, profile, self.rules, self.t_ns, self.now)
@@ -117,7 +137,7 @@ class Inputs:
             self._log.info(f"profile accepted: it starts in {ahead:.3f} s and lasts {lasts:.3f} s")
 
     def _on_request(self, message: JointState, info: dict[str, Any]) -> None:
-        if self._outdated(info):
+        if self._unheard(Source.LIVE, info):
             return
         try:
             velocity, effort, remark = parse_request(message, self.rules)
@@ -129,7 +149,7 @@ class Inputs:
         self.state = arbiter.hear_live(self.state, velocity, effort, self.now)
 
     def _on_twist(self, message: TwistStamped | Twist, info: dict[str, Any]) -> None:
-        if self._outdated(info):
+        if self._unheard(Source.CMD_VEL, info):
             return
         try:
             velocity = parse_twist(message.twist if self._stamped else message, self.rules)

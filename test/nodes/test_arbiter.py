@@ -242,3 +242,45 @@ def test_nothing_heard_makes_a_command_that_is_not_finite_or_moves_after_long_si
             assert all(math.isfinite(v) for knot in (*decision.velocity, *decision.position) for v in knot)
     state, decisions, _, _ = run(state, RULES, 120, t_ns, now)
     assert state.velocity == (0.0, 0.0) and decisions[-1].source is Source.NONE
+
+
+@pytest.mark.parametrize(("source", "hear"), [(Source.LIVE, "live"), (Source.CMD_VEL, "twist")])
+@pytest.mark.parametrize("refused", [True, False])
+def test_only_a_source_that_asked_for_motion_is_silenced(source: Source, hear: str, refused: bool) -> None:
+    def heard(state: Commanding, velocity: Pair, now: float) -> Commanding:
+        if hear == "live":
+            return arbiter.hear_live(state, velocity, NAN, now)
+        return arbiter.hear_twist(state, velocity, now)
+
+    timeout = RULES.command_timeout if hear == "live" else RULES.cmd_vel_timeout
+    for velocity in ((80.0, 40.0), (0.0, 0.0)):
+        state, decisions, t_ns, now = run(heard(Commanding(), velocity, 5.0), RULES, 5, 0, 5.0)
+        assert not any(each.silenced for each in decisions)
+        if refused:
+            state = arbiter.hear_refused(state, source)
+        state, decisions, *_ = run(state, RULES, 60, t_ns, now)
+        first = next((k for k, each in enumerate(decisions) if each.silenced), None)
+        if velocity == (0.0, 0.0):
+            assert first is None
+        elif refused:
+            assert first == 0, "a refused message ends what came before it at once"
+        else:
+            assert 0.01 * first + 0.05 == pytest.approx(timeout, abs=0.011)
+        assert sum(each.silenced for each in decisions) <= 1, "said once"
+
+
+def test_a_refused_message_leaves_other_sources_and_a_profile_alone() -> None:
+    state = arbiter.hear_twist(arbiter.hear_live(Commanding(), (1.0, 1.0), NAN, 0.0), (2.0, 2.0), 0.0)
+    state = arbiter.hear_profile(state, ramped(10**9, 1.0), RULES, 0, 0.0)
+    assert arbiter.hear_refused(state, Source.LIVE) == replace(state, live=None)
+    assert arbiter.hear_refused(state, Source.CMD_VEL) == replace(state, twist=None)
+    assert arbiter.hear_refused(state, Source.PROFILE) == state
+
+
+def test_a_planner_that_dies_silences_its_profile_and_one_that_is_over_does_not() -> None:
+    for dies in (True, False):
+        state = arbiter.hear_profile(Commanding(), ramped(0, 1.0), RULES, 0, 0.0)
+        state, decisions, t_ns, now = run(state, RULES, 40, 0, 0.0, alive=True)
+        state, more, *_ = run(state, RULES, 100, t_ns, now, alive=not dies)
+        assert not any(each.silenced for each in decisions)
+        assert sum(each.silenced for each in more) == dies
