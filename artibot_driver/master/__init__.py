@@ -1,0 +1,34 @@
+"""The driver's half without ROS: leads four CiA 402 drives, one :meth:`Master.cycle` in every SYNC period."""
+
+from artibot_driver.master.master import Master
+from artibot_driver.master.phases import Phase
+from artibot_driver.master.sharing import check_kappa, kappa_bounds
+from artibot_driver.master.values import (
+    BusStatus,
+    Commanded,
+    Cycle,
+    DriveStatus,
+    Feedback,
+    Reason,
+    Setpoints,
+    Stage,
+    Status,
+    Stop,
+)
+
+__all__ = [
+    "BusStatus",
+    "Commanded",
+    "Cycle",
+    "DriveStatus",
+    "Feedback",
+    "Master",
+    "Phase",
+    "Reason",
+    "Setpoints",
+    "Stage",
+    "Status",
+    "Stop",
+    "check_kappa",
+    "kappa_bounds",
+]

@@ -1,0 +1,85 @@
+"""The master's own state machine: one table, and a pure function that looks things up in it.
+
+Where nothing turns, the phase says what is there; from READY on it says what the four drives do together.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import Final, NamedTuple
+
+
+class Phase(enum.Enum):
+    """What the master is at."""
+
+    OFFLINE = "the bus carries no frames"
+    CONFIGURING = "drives are missing or being set up"
+    LOCKED = "a drive is in fault: reset it first"
+    READY = "disabled, may be enabled"
+    ENABLING = "drives are being enabled"
+    ENABLED = "enabled"
+    STOPPING = "coming to standstill, then disabled"
+
+    @property
+    def moves(self) -> bool:
+        """Whether drives may have current."""
+        return self in (Phase.ENABLING, Phase.ENABLED, Phase.STOPPING)
+
+
+class Facts(NamedTuple):
+    """What decides, found anew in every cycle.
+
+    `carries`: the bus carries frames; `complete`: all drives are set up and heard; `faulted`: one reports a fault;
+    `enable`: enabling was asked for since the last cycle; `incident`: there is a reason to stop; `all_enabled`: all
+    drives report operation enabled; `stopped`: the ramp is over, and the drives are without current or had the time
+    for it.
+    """
+
+    carries: bool
+    complete: bool
+    faulted: bool
+    enable: bool
+    incident: bool
+    all_enabled: bool
+    stopped: bool
+
+
+class Row(NamedTuple):
+    """One arrow: what must be so (`needs`) and not so (`bars`), by the names of :class:`Facts`."""
+
+    start: Phase
+    end: Phase
+    needs: tuple[str, ...] = ()
+    bars: tuple[str, ...] = ()
+
+
+_P = Phase
+_RESTING = (_P.OFFLINE, _P.CONFIGURING, _P.LOCKED, _P.READY)
+
+TABLE: Final = (
+    Row(_P.READY, _P.ENABLING, ("enable", "carries", "complete"), ("faulted", "incident")),
+    *(
+        row
+        for start in _RESTING
+        for row in (
+            Row(start, _P.OFFLINE, bars=("carries",)),
+            Row(start, _P.CONFIGURING, ("carries",), ("complete",)),
+            Row(start, _P.LOCKED, ("carries", "complete", "faulted")),
+            Row(start, _P.READY, ("carries", "complete"), ("faulted",)),
+        )
+    ),
+    Row(_P.ENABLING, _P.STOPPING, ("incident",)),
+    Row(_P.ENABLING, _P.ENABLED, ("all_enabled",)),
+    Row(_P.ENABLED, _P.STOPPING, ("incident",)),
+    Row(_P.STOPPING, _P.CONFIGURING, ("stopped",)),
+)
+"""Every arrow; of those that fit, the first is taken. Where none fits, the phase stays."""
+
+
+def next_phase(phase: Phase, facts: Facts) -> Phase:
+    """The phase after `phase`, given what was found."""
+    for row in TABLE:
+        if row.start is phase and all(getattr(facts, name) for name in row.needs):
+            if not any(getattr(facts, name) for name in row.bars):
+                return row.end
+    return phase
