@@ -3,33 +3,25 @@
 from __future__ import annotations
 
 import importlib.util
-import math
 from array import array
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import numpy as np
 from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Odometry
-from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 
-from artibot_sim.model import MOTORS, WHEEL_JOINTS, Robot
+from artibot_sim.model import Robot
+from artibot_sim.nodes.motor_publishers import QUIET, STATE_QOS, MotorPublishers, WheelJoints, odometry_message
 from artibot_sim.nodes.odometry import Odometry as Believed
 from artibot_sim.nodes.sim_engine import Sample, quaternion
 from artibot_sim.nodes.sim_sensors import Sensors
 
 ARTICULATION_JOINTS = ("articulation_yaw", "articulation_roll")
-
-QUIET = PublisherEventCallbacks(use_default_callbacks=False)
-"""No event handlers for publishers: two each would make every wait of the executor twice as long."""
-
-STATE_QOS = QoSProfile(depth=10)
-"""For what is no sensor (odometry, truth, commands, /clock): reliable, which every subscriber can take."""
 
 LONG_QOS = QoSProfile(depth=2000)
 """For recording at full speed: a reliable subscriber loses nothing while it is less than this behind."""
@@ -52,10 +44,6 @@ def has_tf() -> bool:
     return importlib.util.find_spec("tf2_msgs") is not None
 
 
-def _numbers(values: Any) -> array[float]:
-    return array("d", np.ascontiguousarray(values, dtype=float).tobytes())
-
-
 class Publishers:
     """The node's publishers and their messages.
 
@@ -71,24 +59,17 @@ class Publishers:
         publisher = partial(node.create_publisher, event_callbacks=QUIET)
         state = LONG_QOS if what.reliable else STATE_QOS
         qos = LONG_QOS if what.reliable else qos_profile_sensor_data
-        self._motors = MOTORS if robot.articulated else MOTORS[:2]
-        self._tau = np.array([robot.drive.front.tau] * 4 + [(robot.drive.back or robot.drive.front).tau] * 4)
         self._clock = publisher(Clock, "/clock", STATE_QOS) if what.clock else None
         self._clock_message = Clock()
         self._truth = publisher(Odometry, "ground_truth/odom", state)
-        self._truth_message = _odometry("map")
-        wheels = () if what.with_driver else WHEEL_JOINTS[: 2 * len(self._motors)]
+        self._truth_message = odometry_message("map")
+        self._wheels = None if what.with_driver else WheelJoints(robot)
+        wheels = self._wheels.names if self._wheels else ()
         joints = (*wheels, *(ARTICULATION_JOINTS if robot.articulated else ()))
-        self._wheels, self._bends = len(wheels), robot.articulated
+        self._bends = robot.articulated
         self._joints = publisher(JointState, "joint_states", qos) if joints else None
         self._joints_message = JointState(name=list(joints))
-        self._odom = None if what.with_driver else publisher(Odometry, "odom", state)
-        self._odom_message = _odometry("odom")
-        if not what.with_driver:
-            self._torques = publisher(JointState, "motor_torques", qos)
-            self._command = publisher(JointState, "motor_command", state)
-        self._torques_message = JointState(name=list(self._motors))
-        self._command_message = JointState(name=list(self._motors))
+        self._motors = None if what.with_driver else MotorPublishers(node, robot, state, qos)
         self._imu = publisher(Imu, "imu/data", qos) if what.imu else None
         self._imu_message = _imu()
         self._station = publisher(PointStamped, "total_station/point", qos) if what.station else None
@@ -117,9 +98,10 @@ class Publishers:
         self._publish_truth(stamp, sample)
         position, velocity = sensors.encoders(sample.motor_position), sensors.velocities(sample.motor_velocity)
         believed.update((float(position[0]), float(position[1])), (float(velocity[0]), float(velocity[1])))
-        if self._odom:
-            self._publish_motors(stamp, sample, position, velocity, sensors.torques(sample.motor_torque))
-            self._publish_odom(stamp, believed)
+        if self._motors:
+            self._motors.torques(t_ns, position, velocity, sensors.torques(sample.motor_torque))
+            self._motors.command(t_ns, sample.command, sample.motor_torque[2:])
+            self._motors.odom(t_ns, believed)
         if self._joints:
             self._publish_joints(stamp, sample, sensors, position, velocity)
         if self._imu:
@@ -139,41 +121,14 @@ class Publishers:
         twist.linear.x, twist.linear.y, twist.angular.z = sample.twist
         self._truth.publish(message)
 
-    def _publish_odom(self, stamp: tuple[int, int], believed: Believed) -> None:
-        message = self._odom_message
-        message.header.stamp.sec, message.header.stamp.nanosec = stamp
-        x, y, yaw = believed.pose
-        message.pose.pose.position.x, message.pose.pose.position.y = x, y
-        q = message.pose.pose.orientation
-        q.x, q.y, q.z, q.w = quaternion(0.0, 0.0, yaw)
-        message.twist.twist.linear.x, message.twist.twist.angular.z = believed.twist
-        self._odom.publish(message)  # type: ignore[union-attr]
-
-    def _publish_motors(
-        self, stamp: tuple[int, int], sample: Sample, position: Any, velocity: Any, torque: Any
-    ) -> None:
-        n = len(self._motors)
-        message = self._torques_message
-        message.header.stamp.sec, message.header.stamp.nanosec = stamp
-        message.position, message.velocity = _numbers(position[:n]), _numbers(velocity[:n])
-        message.effort = _numbers(torque[:n])
-        self._torques.publish(message)
-        message = self._command_message
-        message.header.stamp.sec, message.header.stamp.nanosec = stamp
-        absent = [math.nan] * (n - 2)
-        message.velocity = array("d", [*sample.command, *absent])
-        message.effort = array("d", [math.nan, math.nan, *sample.motor_torque[2:n].tolist()])
-        self._command.publish(message)
-
     def _publish_joints(
         self, stamp: tuple[int, int], sample: Sample, sensors: Sensors, position: Any, rate: Any
     ) -> None:
-        message, n = self._joints_message, self._wheels
+        message = self._joints_message
         message.header.stamp.sec, message.header.stamp.nanosec = stamp
         angles, rates = array("d"), array("d")
-        if n:
-            angles = _numbers(np.repeat(position, 2)[:n] * self._tau[:n])
-            rates = _numbers(np.repeat(rate, 2)[:n] * self._tau[:n])
+        if self._wheels:
+            angles, rates = self._wheels.of(position), self._wheels.of(rate)
         if self._bends:
             angles.extend(sensors.articulation(sample.articulation[0]).tolist())
             rates.extend(sample.articulation[1].tolist())
@@ -196,12 +151,6 @@ class Publishers:
         message.header.stamp.sec, message.header.stamp.nanosec = stamp
         message.point.x, message.point.y, message.point.z = point.tolist()
         self._station.publish(message)  # type: ignore[union-attr]
-
-
-def _odometry(frame: str) -> Odometry:
-    message = Odometry(child_frame_id="base_link")
-    message.header.frame_id = frame
-    return message
 
 
 def _imu() -> Imu:

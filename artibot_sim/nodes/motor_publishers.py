@@ -1,0 +1,118 @@
+"""What simulator and driver publish of the motors: odometry, torques, commands and wheel joints, filled in place."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from nav_msgs.msg import Odometry
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+
+from artibot_sim.model import MOTORS, WHEEL_JOINTS, Robot
+from artibot_sim.nodes.odometry import Odometry as Believed
+
+QUIET = PublisherEventCallbacks(use_default_callbacks=False)
+"""No event handlers for publishers: two each would make every wait of the executor twice as long."""
+
+STATE_QOS = QoSProfile(depth=10)
+"""For what is no sensor (odometry, truth, commands, /clock): reliable, which every subscriber can take."""
+
+
+def numbers(values: Any) -> array[float]:
+    """Numbers as a message's sequence takes them without looking at each."""
+    return array("d", np.ascontiguousarray(values, dtype=float).tobytes())
+
+
+def stamp_of_ns(message: Any, t_ns: int) -> None:
+    """Set the stamp of a message's header."""
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(t_ns, 1_000_000_000)
+
+
+def odometry_message(frame: str, child: str = "base_link") -> Odometry:
+    """An empty Odometry between two frames."""
+    message = Odometry(child_frame_id=child)
+    message.header.frame_id = frame
+    return message
+
+
+class WheelJoints:
+    """Wheel angles from motor angles: both wheels of a motor turn with it.
+
+    Attributes
+    ----------
+    names : tuple of str
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.names = WHEEL_JOINTS if robot.articulated else WHEEL_JOINTS[:4]
+        front, back = robot.drive.front.tau, (robot.drive.back or robot.drive.front).tau
+        self._tau = np.array([front] * 4 + [back] * 4)[: len(self.names)]
+
+    def of(self, motors: Any) -> array[float]:
+        """Wheel-side values, in the order of `names`, from the motors' (shape (4,))."""
+        return numbers(np.repeat(motors, 2)[: len(self.names)] * self._tau)
+
+
+class MotorPublishers:
+    """Publishers of ``odom``, ``motor_torques`` and ``motor_command``.
+
+    Parameters
+    ----------
+    node : rclpy Node
+    robot : Robot
+    state, sensor : QoSProfile
+        Of what is a state (odometry, command) and of what is measured.
+    odom_frame, base_frame : str
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        robot: Robot,
+        state: QoSProfile,
+        sensor: QoSProfile,
+        odom_frame: str = "odom",
+        base_frame: str = "base_link",
+    ) -> None:
+        publisher = partial(node.create_publisher, event_callbacks=QUIET)
+        self.motors = MOTORS if robot.articulated else MOTORS[:2]
+        self._odom = publisher(Odometry, "odom", state)
+        self._odom_message = odometry_message(odom_frame, base_frame)
+        self._torques = publisher(JointState, "motor_torques", sensor)
+        self._torques_message = JointState(name=list(self.motors))
+        self._command = publisher(JointState, "motor_command", state)
+        self._command_message = JointState(name=list(self.motors))
+
+    def odom(self, t_ns: int, believed: Believed) -> None:
+        """Publish where the rover believes it is."""
+        message = self._odom_message
+        stamp_of_ns(message, t_ns)
+        x, y, yaw = believed.pose
+        message.pose.pose.position.x, message.pose.pose.position.y = x, y
+        q = message.pose.pose.orientation
+        q.z, q.w = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
+        message.twist.twist.linear.x, message.twist.twist.angular.z = believed.twist
+        self._odom.publish(message)
+
+    def torques(self, t_ns: int, position: Any, velocity: Any, torque: Any) -> None:
+        """Publish what the motors do, arrays of shape (4,): rad, rad/s, N·m, motor-side."""
+        n, message = len(self.motors), self._torques_message
+        stamp_of_ns(message, t_ns)
+        message.position, message.velocity = numbers(position[:n]), numbers(velocity[:n])
+        message.effort = numbers(torque[:n])
+        self._torques.publish(message)
+
+    def command(self, t_ns: int, velocity: Sequence[float], torque: Sequence[float]) -> None:
+        """Publish what was commanded: front velocities (rad/s) and back torques (N·m); NaN where nothing was."""
+        n, message = len(self.motors), self._command_message
+        stamp_of_ns(message, t_ns)
+        message.velocity = array("d", [*velocity, math.nan, math.nan][:n])
+        message.effort = array("d", [math.nan, math.nan, *torque][:n])
+        self._command.publish(message)
