@@ -36,11 +36,13 @@ class Motion:
         self.torque = 0.0
         self.limited = False
         self._waited = 0.0
+        self._goal, self._left = 0.0, 0.0
 
     def begin(self, velocity: int, torque: int) -> None:
         """Start from what the motor does, so that nothing jumps."""
         self.velocity, self.torque = float(velocity), float(torque)
         self.limited, self._waited = False, 0.0
+        self._goal, self._left = self.velocity, 0.0
 
     def stop(self) -> None:
         """No demand any more."""
@@ -52,10 +54,13 @@ class Motion:
         halted = bool(objects[0x6040, 0] & HALT)
         if mode in (OperationMode.PROFILE_VELOCITY, OperationMode.CYCLIC_SYNC_VELOCITY):
             target = 0.0 if halted else self._limit(objects[0x60FF, 0], objects[0x6080, 0] * self._rpm)
-            faster = target * self.velocity >= 0 and abs(target) > abs(self.velocity)
-            slope = objects[0x6083 if faster else 0x6084, 0]
-            free = mode == OperationMode.CYCLIC_SYNC_VELOCITY and not halted
-            self.velocity, self.torque = target if free else _approach(self.velocity, target, slope * dt), 0.0
+            if mode == OperationMode.CYCLIC_SYNC_VELOCITY and not halted:
+                self.velocity = self._interpolate(target, dt)
+            else:
+                faster = target * self.velocity >= 0 and abs(target) > abs(self.velocity)
+                self.velocity = _approach(self.velocity, target, objects[0x6083 if faster else 0x6084, 0] * dt)
+                self._goal, self._left = self.velocity, 0.0
+            self.torque = 0.0
         elif mode in (OperationMode.PROFILE_TORQUE, OperationMode.CYCLIC_SYNC_TORQUE):
             target = 0.0 if halted else self._limit(objects[0x6071, 0], objects[0x6072, 0])
             free = mode == OperationMode.CYCLIC_SYNC_TORQUE and not halted
@@ -96,6 +101,18 @@ class Motion:
             self.torque = _approach(self.torque, 0.0, objects[0x6087, 0] * dt)
             done = self.torque == 0.0
         return self._command(mode), done
+
+    def _interpolate(self, target: float, dt: float) -> float:
+        """A straight line from one set-point to the next, for as long as 60C2h says that they are apart."""
+        objects = self._objects.values
+        if target != self._goal:
+            self._goal, self._left = target, objects.get((0x60C2, 1), 0) * 10.0 ** objects.get((0x60C2, 2), 0)
+        if dt >= self._left:
+            self._left = 0.0
+            return target
+        velocity = self.velocity + (target - self.velocity) * dt / self._left
+        self._left -= dt
+        return velocity
 
     def _limit(self, target: float, limit: float) -> float:
         self.limited = abs(target) > limit

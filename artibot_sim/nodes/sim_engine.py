@@ -143,8 +143,7 @@ class Engine:
         self.integrator = integrator
         front = Mode.DRIVEN if driven else Mode.PRESCRIBED
         self.modes = (front, front, Mode.TORQUE, Mode.TORQUE)
-        p = params(robot)
-        self._gravity = np.array([p.g_x, p.g_y, p.g_z])
+        self._gravity = gravity_of(robot)
         self.state: State = initial_state(robot, start.x, start.y, start.yaw, start.articulation_yaw)
         self._v_last = self.state.v
 
@@ -201,19 +200,30 @@ class Engine:
     def _sample(self, result: Rollout, decision: Decision) -> Sample:
         """Row 0 of the period: its torques are those that act from this instant on, as in one long rollout."""
         q, v = result.q[0], result.v[0]
-        c, s = math.cos(q[5]), math.sin(q[5])
-        bend = np.array([articulation(q), articulation(v)]) if self.robot.articulated else np.zeros((2, 2))
-        return Sample(
-            position=q[:3],
-            rpy=q[3:6],
-            twist=(float(c * v[0] + s * v[1]), float(c * v[1] - s * v[0]), float(v[5])),
-            felt=(v[:3] - self._v_last[:3]) / (self.timing.period_ns * 1e-9) - self._gravity,
-            motor_position=q[MOTORS_IN_Q],
-            motor_velocity=v[MOTORS_IN_Q],
-            motor_torque=result.motor_torque[0],
-            articulation=bend,
-            command=decision.velocity[0],
-        )
+        felt = (v[:3] - self._v_last[:3]) / (self.timing.period_ns * 1e-9) - self._gravity
+        return sample_of(self.robot, q, v, result.motor_torque[0], felt, decision.velocity[0])
+
+
+def sample_of(robot: Robot, q: Array, v: Array, torque: Array, felt: Array, command: tuple[float, float]) -> Sample:
+    """The sample of a state (q, v), both of shape (16,), under motor torques (4,); it keeps views of the arrays."""
+    c, s = math.cos(q[5]), math.sin(q[5])
+    return Sample(
+        position=q[:3],
+        rpy=q[3:6],
+        twist=(float(c * v[0] + s * v[1]), float(c * v[1] - s * v[0]), float(v[5])),
+        felt=felt,
+        motor_position=q[MOTORS_IN_Q],
+        motor_velocity=v[MOTORS_IN_Q],
+        motor_torque=torque,
+        articulation=np.array([articulation(q), articulation(v)]) if robot.articulated else np.zeros((2, 2)),
+        command=command,
+    )
+
+
+def gravity_of(robot: Robot) -> Array:
+    """Gravity in `map`, m/s², shape (3,): tilted on a slope."""
+    p = params(robot)
+    return np.array([p.g_x, p.g_y, p.g_z])
 
 
 def rotation(roll: float, pitch: float, yaw: float) -> Array:

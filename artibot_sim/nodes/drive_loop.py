@@ -1,0 +1,155 @@
+"""Four simulated drives on a bus and the motors behind them, kept in step with real time. No ROS in here.
+
+Frames are answered as they come, between two slices of motion; a slice is 2 ms or less. Nothing here has a thread:
+whoever owns a :class:`DriveLoop` calls :meth:`DriveLoop.run_until` again and again. Frames and drives live in steady
+wall time. A machine that was held up turns the motors by all the slices that are due at once, after it has read what
+came in the meantime: a heartbeat that was there in time counts.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import Final
+
+from artibot_driver.bus import Bus, open_bus
+from artibot_driver.bus_health import BusState
+from artibot_driver.config import DriverConfig, load_config
+from artibot_driver.frames import Frame
+from artibot_driver.rig import Rig
+from artibot_driver.simulated.drive import SimulatedDrive
+from artibot_sim.errors import ArtibotError
+from artibot_sim.model import MOTORS
+from artibot_sim.nodes.drive_shafts import Turned
+
+MOST_AT_ONCE: Final = 200
+"""Frames that are read at most when a slice is overdue: a flood of them must not stop the motors."""
+
+LOOK_EVERY: Final = 500_000_000
+"""Between two looks at the bus's health, ns."""
+
+
+class DriveLoop:
+    """Drives, bus and motors.
+
+    Parameters
+    ----------
+    rig : Rig
+    turned : Turned
+        The motors.
+    bus : Bus
+        It is closed by :meth:`close`, and opened anew where it was lost.
+
+    Attributes
+    ----------
+    drives : dict of str to SimulatedDrive
+        By motor.
+    """
+
+    def __init__(self, rig: Rig, turned: Turned, bus: Bus) -> None:
+        self.rig, self.turned, self.bus = rig, turned, bus
+        self.drives = {motor: SimulatedDrive(rig, motor, turned.shafts[motor], self._send) for motor in MOTORS}
+        self._look_at, self._lost = 0, False
+
+    def _send(self, frame: Frame) -> None:
+        self.bus.send(frame)
+
+    def switch_on(self) -> None:
+        """Switch all drives' power on, or off and on again: they boot, motors without current."""
+        now = time.monotonic_ns()
+        for drive in self.drives.values():
+            drive.power_on(now)
+
+    def run_until(self, deadline: int, slices: int) -> str:
+        """Serve the bus until `deadline` (steady ns), and turn the motors by `slices`, the last of which ends then.
+
+        Returns
+        -------
+        str
+            What a person should know about the bus now, mostly nothing.
+
+        Raises
+        ------
+        Diverged
+            Where the motors are a model's and it cannot go on.
+        """
+        begin, done = deadline - slices * self.turned.slice_ns, 0
+        while done < slices:
+            self._serve(begin + (done + 1) * self.turned.slice_ns)
+            now = time.monotonic_ns()
+            for drive in self.drives.values():
+                drive.step(now)
+            due = min(slices, (now - begin) // self.turned.slice_ns)
+            self.turned.advance(due - done)
+            done = due
+        return self._look_after_bus()
+
+    def close(self) -> None:
+        """Close the bus."""
+        self.bus.close()
+
+    def _serve(self, until: int) -> None:
+        """Answer frames until then, and what has come by then, but not for ever."""
+        late = 0
+        while late < MOST_AT_ONCE:
+            left = until - time.monotonic_ns()
+            message = self.bus.receive(max(0, left) * 1e-9)
+            if message is None:
+                left = until - time.monotonic_ns()
+                if left <= 0:
+                    return
+                time.sleep(min(left, 1_000_000) * 1e-9)  # a bus that is down or lost says at once that nothing came
+                continue
+            late += left <= 0
+            if message.is_extended_id or message.is_remote_frame:
+                continue
+            can_id, data, now = message.arbitration_id, bytes(message.data), time.monotonic_ns()
+            for drive in self.drives.values():
+                drive.receive(can_id, data, now)
+
+    def _look_after_bus(self) -> str:
+        """Try to open a bus again that is lost; what there is to say of it."""
+        now = time.monotonic_ns()
+        if now < self._look_at:
+            return ""
+        self._look_at = now + LOOK_EVERY
+        health = self.bus.health()
+        if health.state is not BusState.LOST:
+            return ""
+        first, self._lost = not self._lost, True
+        config = self.rig.config
+        try:
+            found = open_bus(config.interface, config.channel, config.bitrate)
+        except ArtibotError:
+            return f"bus {config.channel} is lost ({health.reason}): the drives hear nobody" if first else ""
+        self.bus.close()
+        self.bus, self._lost = found, False
+        return f"bus {config.channel} is there again"
+
+
+def drive_config(robot: str, params: str = "driver", interface: str = "", channel: str = "") -> DriverConfig:
+    """The driver's parameters as the simulated drives take them.
+
+    Parameters
+    ----------
+    robot : str
+        The simulated one, whatever stands in the parameters: its motors are those that the drives turn.
+    params : str
+        A shipped parameter file's name, or a path.
+    interface, channel : str
+        Instead of those in the file, where not empty.
+    """
+    config = load_config(params)
+    return replace(config, robot=robot, interface=interface or config.interface, channel=channel or config.channel)
+
+
+def open_drive_loop(rig: Rig, turned: Turned) -> DriveLoop:
+    """Open the rig's bus and put its drives there, not yet switched on.
+
+    Raises
+    ------
+    ArtibotError
+        When the bus cannot be opened, with the mend.
+    """
+    config = rig.config
+    return DriveLoop(rig, turned, open_bus(config.interface, config.channel, config.bitrate))

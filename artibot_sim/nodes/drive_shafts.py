@@ -1,0 +1,193 @@
+"""The motors behind simulated drives: those of the model, or flywheels on a bench. No ROS in here.
+
+The drives' velocity and torque loops are stiff, so they are integrated inside the model's step: a motor whose drive
+asks for a speed is `Mode.DRIVEN` with the drive's torque limit, one whose drive asks for a torque `Mode.TORQUE`, one
+without current `Mode.TORQUE` with none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Protocol
+
+import numpy as np
+
+from artibot_driver.simulated.shaft import FREE, InertialShaft, Shaft, ShaftCommand, ShaftState
+from artibot_sim.errors import ArtibotError
+from artibot_sim.model import MOTORS, Robot, Status, initial_state
+from artibot_sim.model.layout import MOTOR_COORDINATES
+from artibot_sim.model.stepper import Stepper, Turn
+from artibot_sim.nodes.sim_engine import Array, Diverged, Sample, Start, Timing, gravity_of, sample_of
+from artibot_sim.nodes.sim_sensors import Sensors
+
+LONGEST_SLICE_NS = 2_000_000
+"""Between two exchanges of drives and motors: 500 a second at least."""
+
+_MOTORS = list(MOTOR_COORDINATES)
+
+
+class Turned(Protocol):
+    """What turns the shafts of a set of drives."""
+
+    @property
+    def shafts(self) -> Mapping[str, Shaft]:
+        """Motor → what its drive sees of it."""
+
+    @property
+    def slice_ns(self) -> int:
+        """Time between two exchanges."""
+
+    def advance(self, slices: int) -> None:
+        """Turn on for so many slices, under what the drives ask for now."""
+
+
+class ModelShaft:
+    """One motor of the model as its drive sees it.
+
+    Over a slice the velocity loop's set-point goes from what was asked for the slice before to what is asked now: it
+    has no steps, and its slope is the acceleration that the loop feeds forward.
+    """
+
+    def __init__(self) -> None:
+        self.asked = FREE
+        self._before: float | None = None
+        self._measured = ShaftState(0.0, 0.0, 0.0)
+
+    def command(self, command: ShaftCommand) -> None:
+        """Take a set-point."""
+        self.asked = command
+
+    def state(self) -> ShaftState:
+        """What was measured at the end of the last slice."""
+        return self._measured
+
+    def turn(self) -> Turn:
+        """What the model's motor is told for the next slice."""
+        asked = self.asked
+        if asked.velocity is None:
+            self._before = None
+            return Turn(None, asked.torque or 0.0, asked.torque_limit)
+        first = asked.velocity if self._before is None else self._before
+        self._before = asked.velocity
+        return Turn((first, asked.velocity), 0.0, asked.torque_limit)
+
+    def measure(self, position: float, velocity: float, torque: float) -> None:
+        """Keep what the drive is to see."""
+        self._measured = ShaftState(position, velocity, torque)
+
+
+class RoverShafts:
+    """The rover of the model, turned by its drives.
+
+    Parameters
+    ----------
+    robot : Robot
+        An articulated one: it needs four motors.
+    timing : Timing
+        Of the publications; the slices divide their period.
+    start : Start
+    integrator : str
+    sensors : Sensors, optional
+        Noise of the speeds and torques that the drives measure; none by default. Positions are counted by the drives.
+    """
+
+    def __init__(
+        self, robot: Robot, timing: Timing, start: Start, integrator: str = "rk4", sensors: Sensors | None = None
+    ) -> None:
+        if not robot.articulated:
+            raise ArtibotError(f"robot '{robot.name}': is rigid and has two motors; expected a robot with four drives")
+        self.robot, self.timing, self.start = robot, timing, start
+        self._steps = steps_of_a_slice(timing)
+        self.slice_ns = self._steps * timing.dt_ns
+        self._initial = initial_state(robot, start.x, start.y, start.yaw, start.articulation_yaw)
+        self._stepper = Stepper(robot, dt=timing.dt_ns * 1e-9, integrator=integrator, state=self._initial)
+        self._sensors = sensors
+        self._motors = tuple(ModelShaft() for _ in MOTORS)
+        self.shafts: Mapping[str, Shaft] = dict(zip(MOTORS, self._motors, strict=True))
+        self._counted = np.zeros(4)
+        self._gravity = gravity_of(robot)
+        self._v_last = self._stepper.v.copy()
+
+    def warm_up(self) -> None:
+        """Compile or load the kernel, so that the first slice is like all others."""
+        self.advance(1)
+        self._put(np.zeros(4))
+
+    def advance(self, slices: int) -> None:
+        """Turn on for so many slices.
+
+        Raises
+        ------
+        Diverged
+            When the model cannot go on; the state is left as it was.
+        """
+        right, left, back_right, back_left = (motor.turn() for motor in self._motors)
+        turns = (right, left, back_right, back_left)
+        if self._stepper.advance(slices * self._steps, turns) is not Status.OK:
+            raise Diverged(f"diverged {self._stepper.t:.3f} s after its start; try the integrator 'semi_implicit'")
+        self._measure()
+
+    def sample(self) -> Sample:
+        """The truth now; call it once a period."""
+        stepper = self._stepper
+        felt = (stepper.v[:3] - self._v_last[:3]) / (self.timing.period_ns * 1e-9) - self._gravity
+        self._v_last = stepper.v.copy()
+        asked = [math.nan if motor.asked.velocity is None else motor.asked.velocity for motor in self._motors[:2]]
+        return sample_of(self.robot, stepper.q.copy(), self._v_last, stepper.torque.copy(), felt, (asked[0], asked[1]))
+
+    def reset(self) -> None:
+        """Back to the start, at rest. The encoders count on: only the rover was moved, by somebody's hands."""
+        self._put(self._counted + self._stepper.q[_MOTORS])
+
+    @property
+    def front_position(self) -> tuple[float, float]:
+        """Angles of the front motors since the start, rad."""
+        return float(self._stepper.q[6]), float(self._stepper.q[7])
+
+    def _put(self, counted: Array) -> None:
+        self._counted = counted
+        self._stepper.state = self._initial
+        self._v_last = self._stepper.v.copy()
+        self._measure()
+
+    def _measure(self) -> None:
+        velocity, torque = self._stepper.v[_MOTORS], self._stepper.torque
+        position = self._counted + self._stepper.q[_MOTORS]
+        if self._sensors:
+            velocity, torque = self._sensors.velocities(velocity), self._sensors.torques(torque)
+        values = zip(position.tolist(), velocity.tolist(), torque.tolist(), strict=True)
+        for motor, (angle, speed, effort) in zip(self._motors, values, strict=True):
+            motor.measure(angle, speed, effort)
+
+
+class Flywheels:
+    """Four flywheels on a bench, each on its own: for a driver without a rover."""
+
+    def __init__(self, slice_ns: int = LONGEST_SLICE_NS) -> None:
+        self.slice_ns = slice_ns
+        self._wheels = {motor: InertialShaft() for motor in MOTORS}
+        self.shafts: Mapping[str, Shaft] = dict(self._wheels)
+
+    def advance(self, slices: int) -> None:
+        """Turn on for so many slices."""
+        for wheel in self._wheels.values():
+            wheel.advance(slices * self.slice_ns * 1e-9)
+
+
+def steps_of_a_slice(timing: Timing) -> int:
+    """Integration steps between two exchanges: as many as fit into 2 ms and divide the publish period.
+
+    Raises
+    ------
+    ArtibotError
+        When a single step is longer.
+    """
+    steps = timing.period_ns // timing.dt_ns
+    most = LONGEST_SLICE_NS // timing.dt_ns
+    if most < 1:
+        raise ArtibotError(
+            f"dt: {timing.dt_ns * 1e-9:g} s is too long with drives; they exchange with the model 500 times a second: "
+            "expected at most 0.002 s"
+        )
+    return next(n for n in range(most, 0, -1) if steps % n == 0)
