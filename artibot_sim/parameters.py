@@ -77,7 +77,9 @@ class Spec:
         low = f"more than {self.above:g}" if self.above > -math.inf else f"at least {self.low:g}"
         if isinstance(self.default, tuple):
             return f"{len(self.default)} numbers, each {low}, at most {self.high:g}"
-        return f"{'an integer' if isinstance(self.default, int) else 'a number'}, {low}, at most {self.high:g}"
+        if isinstance(self.default, int):
+            return f"an integer, {low}, at most {self.high:.10g}"
+        return f"a number, {low}, at most {self.high:g}"
 
 
 def as_yaml(specs: Iterable[Spec], header: Sequence[str], left_out: Container[str] = ()) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from typing import Any
 
 from artibot_sim.errors import ArtibotError
@@ -34,6 +35,16 @@ def declare(node: Any, spec: Spec, default: Value | None = None) -> Value:
     try:
         found = node.declare_parameter(spec.name, list(value) if isinstance(value, tuple) else value, descriptor).value
     except (InvalidParameterValueException, InvalidParameterTypeException) as error:
-        reason = " ".join(str(error).split())
-        raise ArtibotError(f"parameter {spec.name}: {reason}; expected {spec.expected}") from error
+        given = node._parameter_overrides[spec.name].value  # rclpy's errors have it in their prose alone
+        raise ArtibotError(f"parameter {spec.name}: found {given!r}, expected {spec.expected}") from error
     return spec.check(found)
+
+
+def warn_of_unknown(node: Any) -> None:
+    """Warn of parameters that were given but that the node has not declared: ROS ignores them in silence."""
+    known = [name for name in node._parameters if name != "use_sim_time"]
+    for name in node._parameter_overrides:
+        if not node.has_parameter(name) and not name.startswith("qos_overrides."):
+            near = difflib.get_close_matches(name, known, n=1)
+            mend = f"did you mean {near[0]}?" if near else f"{node.get_name()} has {', '.join(sorted(known))}"
+            node.get_logger().warning(f"parameter {name} is unknown and ignored; {mend}")

@@ -21,7 +21,7 @@ from trajectory_msgs.msg import JointTrajectory
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot
 from artibot_sim.nodes import planner_messages as messages
-from artibot_sim.nodes.parameters import Spec, declare
+from artibot_sim.nodes.parameters import Spec, declare, warn_of_unknown
 from artibot_sim.planning import load_manoeuvre, plan
 
 SPECS = (
@@ -84,6 +84,7 @@ class PlannerNode(Node):
             start=(get("start.x"), get("start.y"), get("start.yaw")),
             wheel_speed_limit=get("wheel_speed_limit") or None,
         )
+        warn_of_unknown(self)
         self.start_ns: int | None = None
         self.finished = False
         self._asked = asked

@@ -6,6 +6,7 @@ import signal
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
+from artibot_sim.errors import ArtibotError
 from artibot_sim.nodes.ros_args import split_ros_args
 
 __all__ = ["ros_process", "split_ros_args"]
@@ -27,17 +28,44 @@ def ros_process(name: str, ros_args: Sequence[str]) -> Iterator[list[int]]:
     list of int
         Grows by the number of each SIGINT and SIGTERM: the node's loop looks at it and ends in good order, which
         rclpy's own handlers, that shut down the context at once, do not allow.
+
+    Raises
+    ------
+    ArtibotError
+        When ROS refuses an argument, or a name that was given with one.
     """
     import rclpy
+    from rclpy.exceptions import NameValidationException
     from rclpy.signals import SignalHandlerOptions
 
     asked: list[int] = []
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = {number: signal.signal(number, lambda n, _frame: asked.append(n)) for number in numbers}
     try:
-        rclpy.init(args=[name, *ros_args], signal_handler_options=SignalHandlerOptions.NO)
+        with _clear_refusals():
+            rclpy.init(args=[name, *ros_args], signal_handler_options=SignalHandlerOptions.NO)
         yield asked
+    except NameValidationException as error:
+        reason = " ".join(str(error).split())
+        raise ArtibotError(f"--ros-args: {reason}; expected a name such as /rover1/odom") from error
     finally:
         rclpy.try_shutdown()
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def _clear_refusals() -> Iterator[None]:
+    """Turn what rclpy raises for arguments that it cannot read into one line."""
+    from rclpy.impl.implementation_singleton import rclpy_implementation as implementation
+
+    try:
+        yield
+    except implementation.UnknownROSArgsError as error:
+        raise ArtibotError(
+            f"--ros-args: unknown: {error}; expected -p NAME:=VALUE, -r FROM:=TO, --params-file FILE …; "
+            "`--` ends them, before options of artibot"
+        ) from error
+    except (implementation.RCLInvalidROSArgsError, implementation.RCLError) as error:
+        reason = str(error).removeprefix("failed to initialize rcl: ").partition(", at /")[0]
+        raise ArtibotError(f"--ros-args: {reason}") from error

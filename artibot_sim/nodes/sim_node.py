@@ -35,9 +35,10 @@ def parameter_files(names: Sequence[str]) -> list[str]:
     """``--ros-args`` that load parameter files, each a path or the name of a shipped one (``sim``)."""
     args: list[str] = []
     for name in names:
-        path = Path(name) if Path(name).suffix in (".yaml", ".yml") else config_path("nodes", name)
+        shipped = config_names("nodes")
+        path = config_path("nodes", name) if name in shipped else Path(name)
         if not path.is_file():
-            raise ArtibotError(f"{path}: no such parameter file; give an existing one or {config_names('nodes')}")
+            raise ArtibotError(f"--params {name}: no such file; give an existing one or one of {', '.join(shipped)}")
         args += ["--params-file", str(path)]
     return ["--ros-args", *args, "--"] if args else []
 

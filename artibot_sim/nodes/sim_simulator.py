@@ -36,6 +36,7 @@ from artibot_sim.nodes import sim_settings as settings
 from artibot_sim.nodes.inputs import Inputs
 from artibot_sim.nodes.odometry import Odometry, metres_per_radian
 from artibot_sim.nodes.pacer import Pacer
+from artibot_sim.nodes.parameters import warn_of_unknown
 from artibot_sim.nodes.sim_engine import Diverged, Engine, Timing
 from artibot_sim.nodes.sim_publishers import Published, Publishers, has_tf
 from artibot_sim.nodes.sim_sensors import Sensors
@@ -99,6 +100,7 @@ class SimNode(Node):
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/step", self._on_step)
         self.add_on_set_parameters_callback(self._on_parameters)
+        warn_of_unknown(self)
 
     # -- settings -----------------------------------------------------------------------------------------------
 

@@ -196,7 +196,12 @@ def test_namespace_and_parameters_reach_it_through_ros_args(
     [
         (["--subscriber-timeout", "0.2"], "/planned/front_velocity: nobody listened within 0.2 s"),
         (["--use-sim-time", "--ros-args", "-p", "clock_timeout:=0.2"], "/clock: nothing came within 0.2 s"),
-        (["--rate", "5"], "parameter rate: "),
+        (["--rate", "5"], "parameter rate: found 5.0, expected a number, at least 20, at most 1000\n"),
+        (["--ros-args", "-p", "tail:=.nan"], "parameter tail: found nan, expected a number, at least 0"),
+        (["--ros-args", "-p", "keep:=3"], "parameter keep: found 3, expected true or false"),
+        (["--ros-args", "--rate", "5"], "--ros-args: unknown: ['--rate', '5']; expected"),
+        (["--ros-args", "-r", "one"], "--ros-args: Couldn't parse remap rule: '-r one'"),
+        (["--ros-args", "--params-file", "nowhere.yaml"], "--ros-args: Couldn't parse params file"),
         (["--ros-args", "-p", "dt:=fast"], "parameter dt: found 'fast', expected a number, at least 0.001"),
         (["table6_agri"], "manoeuvre 'table6_agri': unknown, did you mean 'table6_agriq'"),
         (["--robot", "agric"], "robot 'agric': unknown"),
@@ -207,6 +212,11 @@ def test_what_it_cannot_use_gets_one_line_and_status_2(start_node: NodeStarter, 
     assert node.wait(30) == 2
     assert message in node.output
     assert "Traceback" not in node.output
+
+
+def test_a_misspelt_parameter_is_said(start_node: NodeStarter) -> None:
+    node = start_node("planner", "--ros-args", "-p", "start_dely:=2.0")
+    node.wait_for("parameter start_dely is unknown and ignored; did you mean start_delay?")
 
 
 def test_the_list_names_every_shipped_manoeuvre() -> None:
