@@ -62,8 +62,13 @@ _CONTROLLER_STATES: Final = (  # bits of byte 1, worst first
 
 
 def read_error_frame(message: can.Message) -> ErrorFrame:
-    """Read an error frame; bytes that are missing count as zero."""
-    classes, data = message.arbitration_id, bytes(message.data) + bytes(8)
+    """Read an error frame."""
+    return read_error_classes(message.arbitration_id, bytes(message.data))
+
+
+def read_error_classes(classes: int, data: bytes) -> ErrorFrame:
+    """Read an error frame's identifier, which holds classes, and its data; bytes that are missing count as zero."""
+    data = data + bytes(8)
     detail = data[1] if classes & _CONTROLLER else 0
     state = next((state for bits, state in _CONTROLLER_STATES if detail & bits), None)
     if classes & _RESTARTED:

@@ -21,6 +21,7 @@ COMMANDS: Final[dict[str, Word]] = {
     "record": Word("artibot_sim.nodes.record_node:main", "Record topics to a bag that survives a crash."),
     "replay": Word("artibot_sim.nodes.replay_node:main", "Publish a recording again, or feed it to the model."),
     "recover": Word("artibot_sim.experiment.recover_cli:command", "Mend a recording that was cut off."),
+    "can": Word("artibot_sim.can_cli:command", "Decode recorded CAN frames; a DBC, a loopback bus."),
     "plot": Word("artibot_sim.report.plot_cli:command", "Draw a recording, to PNG or an HTML page."),
     "bench": Word("artibot_sim.bench:command", "Measure the speed of the model and the commands."),
     "demo": Word("artibot_sim.nodes.demo:main", "Plan, simulate, record, replay and plot the paper's trajectory."),

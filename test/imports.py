@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-LAYERS = ("model", "planning", "experiment", "identify", "diagnose", "report", "bench", "nodes", "cli")
+LAYERS = ("model", "planning", "experiment", "identify", "diagnose", "report", "bench", "nodes", "can_cli", "cli")
 """Parts of artibot_sim, lowest first: each may import itself and what stands before it."""
 
 BELOW_ALL = ("documents", "errors", "parameters", "resources", "version", "commands")
@@ -15,7 +15,10 @@ BELOW_ALL = ("documents", "errors", "parameters", "resources", "version", "comma
 
 DRIVER = "artibot_driver"
 DRIVER_MAY = ("model", "planning", *BELOW_ALL)
-"""What the driver may import of artibot_sim; of the parts there, only nodes may import the driver."""
+"""What the driver may import of artibot_sim."""
+
+ABOVE_DRIVER = ("nodes", "can_cli")
+"""The parts of artibot_sim that may import the driver."""
 
 OWNERS = {
     "rclpy": ("nodes",),
@@ -97,7 +100,7 @@ def _inside(importer: str, imported: str) -> bool:
     if importer == DRIVER:
         return imported in DRIVER_MAY
     if imported == DRIVER:
-        return importer == "nodes"
+        return importer in ABOVE_DRIVER
     if importer not in LAYERS or imported not in LAYERS:
         return False
     return LAYERS.index(imported) < LAYERS.index(importer)

@@ -1,0 +1,270 @@
+"""`artibot can`: recorded CAN frames decoded, the bus's load, its DBC, and a loopback bus. Needs no ROS."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from artibot_sim.errors import ArtibotError
+
+if TYPE_CHECKING:
+    from artibot_driver.explain import Explainer
+    from artibot_driver.rig import Rig
+    from artibot_sim.experiment.can_frames import CanFrame
+
+_SECOND: Final = 1_000_000_000
+_STDIN: Final = "-"
+_PICTURE_PERIOD: Final = 0.25
+_KINDS: Final = ("rpdo", "tpdo", "sync", "nmt", "heartbeat", "emcy", "sdo", "error", "malformed", "other")
+_SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
+
+_params = click.option("--params", metavar="FILE", default=None, help="Driver parameters.  [default: driver]")
+_robot = click.option("--robot", help="Robot: a name or a robot file.  [default: the recording's, or the parameters']")
+_topic = click.option("--topic", "topics", multiple=True, metavar="NAME", help="Topic with the frames; repeatable.")
+_start = click.option("--start", type=float, help="Begin here, s from the recording's beginning.")
+_end = click.option("--end", type=float, help="End here, s from the recording's beginning.")
+
+
+@click.group("can", context_settings=_SETTINGS)
+def command() -> None:
+    """CAN frames: decode recorded ones, see how full the bus was, make a DBC or a loopback bus.
+
+    \b
+    Examples:
+      artibot can decode run7 --node front_left
+      artibot can load run7
+      artibot can dbc > artibot.dbc
+    """
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Frames to go through.
+
+    Attributes
+    ----------
+    name : of the recording.
+    stream : the frames.
+    start_ns, end_ns : first and last stamp of the recording; None where only reading tells.
+    robot : as the recording says, or None.
+    """
+
+    name: str
+    stream: Iterator[CanFrame]
+    start_ns: int | None
+    end_ns: int | None
+    robot: str | None
+
+
+def open_frames(source: str, topics: tuple[str, ...], start: float | None, end: float | None) -> Frames:
+    """Open a recording, a log of candump or standard input (`-`).
+
+    Parameters
+    ----------
+    source : folder, file or `-`.
+    topics : of a recording, which to read; all that carry frames if empty.
+    start, end : s from the beginning, or None.
+
+    Raises
+    ------
+    ArtibotError
+        If there are no frames in it. While iterating, where it is damaged.
+    """
+    from artibot_sim.experiment import bag_info
+    from artibot_sim.experiment.can_frames import can_topics, iter_frames
+    from artibot_sim.experiment.candump import is_candump, iter_candump
+
+    if start is not None and end is not None and not start <= end:
+        raise ArtibotError(f"--start {start:g} --end {end:g}: nothing lies between them")
+    path = Path(source)
+    if source == _STDIN:
+        return Frames("standard input", _cut(iter_candump(sys.stdin, "standard input"), start, end), None, None, None)
+    if path.is_file() and is_candump(path):
+        return Frames(source, _cut(_log(path), start, end), None, None, None)
+    info = bag_info(path)
+    found = can_topics(info, topics)
+    begin = info.start_ns + round((start or 0.0) * _SECOND)
+    last = info.end_ns if end is None else min(info.end_ns, info.start_ns + round(end * _SECOND))
+    stream = iter_frames(path, found, begin, last + 1)
+    return Frames(source, stream, info.start_ns, last, info.metadata.get("robot"))
+
+
+def _log(path: Path) -> Iterator[CanFrame]:
+    from artibot_sim.experiment.candump import iter_candump
+
+    with open(path, encoding="ascii", errors="replace") as stream:
+        yield from iter_candump(stream, str(path))
+
+
+def _cut(frames: Iterator[CanFrame], start: float | None, end: float | None) -> Iterator[CanFrame]:
+    """The frames between two times from the first one on."""
+    first: int | None = None
+    for frame in frames:
+        first = frame.stamp_ns if first is None else first
+        t = (frame.stamp_ns - first) / _SECOND
+        if end is not None and t > end:
+            return
+        if start is None or t >= start:
+            yield frame
+
+
+def load_rig_for(params: str | None, robot: str | None, recorded: str | None) -> Rig:
+    """Read driver parameters, robot and EDS.
+
+    Parameters
+    ----------
+    params : name or path of a parameter file, None for the one shipped.
+    robot : name or path, rules over all.
+    recorded : what the recording says, which rules over the shipped parameters.
+    """
+    from artibot_driver.config import load_config
+    from artibot_driver.rig import load_rig
+
+    config = load_config(params or "driver")
+    wanted = robot or (recorded if params is None else None)
+    return load_rig(replace(config, robot=wanted) if wanted else config)
+
+
+@command.command("decode", short_help="Print recorded CAN frames decoded.", context_settings=_SETTINGS)
+@click.argument("bag", metavar="BAG|LOG|-")
+@_params
+@_robot
+@click.option(
+    "--node", "nodes", multiple=True, metavar="NAME", help="Only this motor, `driver`, `all` or id; repeatable."
+)
+@click.option("--kind", "kinds", multiple=True, type=click.Choice(_KINDS), help="Only this kind; repeatable.")
+@_start
+@_end
+@_topic
+@click.option("--raw", is_flag=True, help="Show identifiers, bytes and integers too.")
+@click.option("--json", "form", flag_value="json", help="One JSON object a line.")
+@click.option("--csv", "form", flag_value="csv", help="CSV with a row for each object.")
+def decode(bag: str, params: str | None, robot: str | None, form: str | None, raw: bool, **given: Any) -> int:
+    """Print the CAN frames of a recording decoded: time, drive, what, and each object with its SI value.
+
+    BAG is a recording made with `artibot record --can`, or by anything that writes can_msgs/msg/Frame; LOG a file that
+    `candump -l` or `candump -L` wrote; `-` reads such lines from standard input. Values are motor-side, with each
+    motor's polarity. Times count from the recording's beginning, those of a log from its first frame.
+
+    \b
+    Examples:
+      artibot can decode run7 --node front_left --kind tpdo --start 10 --end 12
+      artibot can decode run7 --kind emcy --kind nmt --raw
+      artibot can decode run7 --json | jq .values.torque_actual_value.value
+      candump -L can0 | artibot can decode -
+    """
+    from artibot_driver.explain import Explainer
+
+    frames = open_frames(bag, given["topics"], given["start"], given["end"])
+    explainer = Explainer(load_rig_for(params, robot, frames.robot))
+    nodes = _checked_nodes(given["nodes"], explainer)
+    with quiet_pipe():
+        shown = _print(frames, explainer, nodes, frozenset(given["kinds"]), form, raw)
+        if not shown and sys.stdout.isatty():
+            click.echo("no frame is like that", err=True)
+    return 0
+
+
+def _checked_nodes(nodes: tuple[str, ...], explainer: Explainer) -> frozenset[str]:
+    from artibot_driver.explain import names
+
+    known = list(names(explainer.rig))
+    for node in nodes:
+        if node not in known and not node.isdigit():
+            raise ArtibotError(f"--node {node}: expected {', '.join(known)} or a node id")
+    return frozenset(nodes)
+
+
+def _print(
+    frames: Frames, explainer: Explainer, nodes: frozenset[str], kinds: frozenset[str], form: str | None, raw: bool
+) -> int:
+    """Print the frames that match; return how many."""
+    from artibot_driver.explain import matches
+    from artibot_driver.explain_text import COLUMNS, as_csv, as_json, for_reading
+
+    line = {"json": as_json, "csv": as_csv}.get(form or "", for_reading(raw))
+    out, live, shown, first = sys.stdout, frames.end_ns is None, 0, frames.start_ns
+    if form == "csv":
+        out.write(",".join(COLUMNS) + "\n")
+    for frame in with_progress(frames):
+        first = frame.stamp_ns if first is None else first
+        found = explainer.explain(frame)
+        if not matches(found, nodes, kinds):
+            continue
+        after = frame.stamp_ns - first
+        out.write(line(after / _SECOND, frame.stamp_ns, frame, found) + "\n")
+        shown += 1
+        if live:
+            out.flush()
+    out.flush()
+    return shown
+
+
+@contextmanager
+def quiet_pipe() -> Iterator[None]:
+    """Let the reader of standard output go away (`| head`) without a word."""
+    try:
+        yield
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is buffered has to go somewhere
+
+
+def with_progress(frames: Frames) -> Iterator[CanFrame]:
+    """The frames; where standard output goes elsewhere than to a terminal and takes its time, with a bar."""
+    if frames.start_ns is None or frames.end_ns is None or sys.stdout.isatty() or not sys.stderr.isatty():
+        yield from frames.stream
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    begin, following = frames.start_ns, time.monotonic()
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(frames.name, total=max(1, frames.end_ns - begin))
+        for frame in frames.stream:
+            if time.monotonic() >= following:
+                following = time.monotonic() + _PICTURE_PERIOD
+                bar.update(task, completed=frame.stamp_ns - begin)
+            yield frame
+
+
+@command.command("dbc", short_help="Print a DBC of the bus.", context_settings=_SETTINGS)
+@_params
+@click.option("--robot", help="Robot: a name or a robot file.  [default: the parameters']")
+def dbc(params: str | None, robot: str | None) -> int:
+    """Print a DBC of the bus, with signals in SI units, for SavvyCAN, PlotJuggler, cantools and others.
+
+    \b
+    Example:
+      artibot can dbc --robot epiq > epiq.dbc
+    """
+    from artibot_driver.dbc import dbc_text
+
+    text = dbc_text(load_rig_for(params, robot, None))
+    with quiet_pipe():
+        click.echo(text, nl=False)
+    return 0
+
+
+@command.command("loopback", short_help="Run a CAN bus between processes.", context_settings=_SETTINGS)
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=0, help="TCP port on 127.0.0.1.  [default: any free one]"
+)
+def loopback(port: int) -> int:
+    """Run a CAN bus between processes where the kernel has none, until Ctrl-C; print its channel.
+
+    \b
+    Example:
+      artibot can loopback --port 5900 &
+      artibot record --can ws://127.0.0.1:5900/
+    """
+    from artibot_driver.loopback import main
+
+    return main(["--port", str(port)])
