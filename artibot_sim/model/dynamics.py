@@ -22,11 +22,18 @@ def module_gravity(body, p, module, w):
 
 
 @inlined
-def free_acceleration(body, p, forces):
-    """M⁻¹ n of one module's x, y, z, alpha and gamma, the joint left out; beta has none."""
+def free_acceleration(body, p, v_x, v_y, gamma_dot, forces, dt):
+    """M⁻¹ n of one module's x, y, z, alpha and gamma, the joint left out; beta has none.
+
+    `body.sluggish` (over a step `dt`) resists a change of the velocity as seen from the module, so that it has no
+    effect in a steady turn.
+    """
     x, y, z, alpha, gamma = forces
-    m = body.inverse[0]
-    return p.g_x + m * x, p.g_y + m * y, p.g_z + m * z, body.inverse[3] * alpha, body.inverse[5] * gamma
+    m, extra = body.inverse[0], body.sluggish
+    if dt > 0.0 and extra != 0.0:
+        x -= extra * (p.g_x + gamma_dot * v_y)
+        y -= extra * (p.g_y - gamma_dot * v_x)
+    return p.g_x + m * x, p.g_y + m * y, p.g_z + body.inverse[2] * z, body.inverse[3] * alpha, body.inverse[5] * gamma
 
 
 @inlined
@@ -61,14 +68,14 @@ def solve4(factors, b0, b1, b2, b3):
 def compliance(body, columns):
     """What one module adds to the Schur complement Phi_x M⁻¹ Phi_xᵀ: its lower triangle, row by row."""
     (a_x, a_y, a_z, a_n), (b_x, b_y, b_z, b_n), (g_x, g_y, g_n) = columns
-    m, J_x, J_y, J_z = body.inverse[0], body.inverse[3], body.inverse[4], body.inverse[5]
+    m, m_z, J_x, J_y, J_z = body.inverse[0], body.inverse[2], body.inverse[3], body.inverse[4], body.inverse[5]
     A_x, A_y, A_z, A_n = J_x * a_x, J_x * a_y, J_x * a_z, J_x * a_n
     B_x, B_y, B_z, B_n = J_y * b_x, J_y * b_y, J_y * b_z, J_y * b_n
     G_x, G_y, G_n = J_z * g_x, J_z * g_y, J_z * g_n
     return (
         (m + A_x * a_x) + (B_x * b_x + G_x * g_x),
         A_x * a_y + (B_x * b_y + G_x * g_y), (m + A_y * a_y) + (B_y * b_y + G_y * g_y),
-        A_x * a_z + B_x * b_z, A_y * a_z + B_y * b_z, m + (A_z * a_z + B_z * b_z),
+        A_x * a_z + B_x * b_z, A_y * a_z + B_y * b_z, m_z + (A_z * a_z + B_z * b_z),
         A_x * a_n + (B_x * b_n + G_x * g_n), A_y * a_n + (B_y * b_n + G_y * g_n), A_z * a_n + B_z * b_n,
         A_n * a_n + (B_n * b_n + G_n * g_n),
     )  # fmt: skip
@@ -147,7 +154,7 @@ def jointed(body, columns, free, push, multiplier, module, w):
     gamma = -((g_x * l_x + g_y * l_y) + g_n * l_n)
     o, c, m = Q_J + 6 * module, ACC + BACK * module, body.inverse[0]
     w[o], w[o + 1], w[o + 2], w[o + 3], w[o + 4], w[o + 5] = x, y, z, alpha, beta, gamma
-    w[c + X], w[c + Y], w[c + Z] = free[0] + m * x, free[1] + m * y, free[2] + m * z
+    w[c + X], w[c + Y], w[c + Z] = free[0] + m * x, free[1] + m * y, free[2] + body.inverse[2] * z
     w[c + ALPHA] = free[3] + body.inverse[3] * alpha
     w[c + BETA] = body.inverse[4] * beta
     w[c + GAMMA] = free[4] + body.inverse[5] * gamma

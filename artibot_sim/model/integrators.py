@@ -151,7 +151,7 @@ def module_forces(move, body, right, left, q, v, p, s_a, c_a, s_g, c_g, module, 
         p, left, modes[motor + 1], q[b + THETA_L], v[b + THETA_L], p_xl, p_yf, p_yb, F_l, motor + 1, drive, hold, dt, w
     )
     forces = generalised_forces(body, p, s_a, c_a, s_g, c_g, on_right, on_left, F_r, F_l, module, w)
-    return free_acceleration(body, p, forces)
+    return free_acceleration(body, p, v[b + X], v[b + Y], v[b + GAMMA], forces, dt)
 
 
 @inlined

@@ -27,6 +27,7 @@ class ModuleParams(NamedTuple):
     O_z: float
     r_0: float  # unloaded wheel radius, of eq. 15's F_n = k_n (r_0 - r)
     inverse: tuple[float, float, float, float, float, float]  # of the mass matrix's six diagonal entries
+    sluggish: float = 0.0  # mass that `stability.implicit_slip` adds against changes of the planar velocity
 
 
 class MotorParams(NamedTuple):

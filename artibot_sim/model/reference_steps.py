@@ -21,6 +21,7 @@ from artibot_sim.model.reference import (
     solve,
     solve_augmented,
 )
+from artibot_sim.model.stability import OVERSHOOT
 from artibot_sim.model.transmission import Mode
 
 Array = NDArray[np.float64]
@@ -95,7 +96,7 @@ def rk4_step(
 def semi_implicit_step(
     p: Params, state: PlainState, modes: Sequence[Mode], drive: Array, command: Array, factor: float, dt: float
 ) -> PlainState:
-    """One step of symplectic Euler with implicit wheel spin.
+    """One step of symplectic Euler with implicit wheel spin and, where the step is long for it, slip.
 
     `drive` (3, 4) holds the commanded angles and speeds at the step's start and the mean acceleration over it.
     """
@@ -113,7 +114,7 @@ def semi_implicit_step(
             torque[i] = inertia * (v[c] - state.v[c]) / dt + load
     new_v = v.copy()
     bodies = [i for _, offset in modules_of(p) for i in range(offset, offset + 6)]
-    new_v[bodies] = state.v[bodies] + dt * _body_acceleration(p, state.q, state.v, wheels)[bodies]
+    new_v[bodies] = state.v[bodies] + dt * _body_acceleration(p, state.q, state.v, wheels, dt)[bodies]
     vertical = np.isin(np.arange(16) % 8, (2, 3, 4))
     new_q = state.q + dt * np.where(vertical, new_v, 0.5 * (state.v + new_v))
     return PlainState(new_q, new_v, _feed_back(p, torque, new_v[MOTOR_COLUMNS], state.eta), torque)
@@ -142,8 +143,20 @@ def _next_speed(
     return theta_dot + dt * (M - load) / inertia, M
 
 
-def _body_acceleration(p: Params, q: Array, v: Array, wheels: Wheels) -> Array:
-    """Eq. 25 for the modules alone, from given wheel forces; shape (16,), the motors' entries without meaning."""
+def _body_acceleration(p: Params, q: Array, v: Array, wheels: Wheels, dt: float) -> Array:
+    """Eq. 25 for the modules alone, from given wheel forces; shape (16,), the motors' entries without meaning.
+
+    In the module's frame the slip's damping (1.5 M at most, as one step sees it) adds to what resists a change of
+    velocity: M dv_body/dt becomes max(M, dt D / 1.5) dv_body/dt.
+    """
     mass, n, phi, right = body_system(p, q, v, wheels)
+    for body, b in modules_of(p):
+        damping = 4 * max(p.k_l, p.k_t)
+        spin_damping = 4 * (p.k_t * body.half_x**2 + p.k_l * body.half_y**2)
+        sluggish = max(dt / (1 + OVERSHOOT) * damping - body.m, 0.0)
+        # a = dv_body/dt + gamma_dot × v, and only the first part is resisted
+        n[b : b + 2] += sluggish * v[b + 5] * np.array([-v[b + 1], v[b]])
+        mass[b : b + 2] += sluggish
+        mass[b + 5] = max(body.J_z, dt / (1 + OVERSHOOT) * spin_damping)
     x, _ = solve_augmented(mass, phi, n, right)
     return x[:16]

@@ -26,7 +26,7 @@ from artibot_sim.model.layout import (
 )
 from artibot_sim.model.params import Params, packed, params
 from artibot_sim.model.robot import Robot
-from artibot_sim.model.stability import largest_step
+from artibot_sim.model.stability import implicit_slip, largest_step
 from artibot_sim.model.state import State, initial_state
 from artibot_sim.model.transmission import Mode, back_torque_factor
 
@@ -183,7 +183,7 @@ def rollout(
     dt : float
         Integration step, s.
     integrator : {"rk4", "semi_implicit"}
-        Explicit fourth order, or one right-hand side a step with implicit wheel spin.
+        Explicit fourth order, or one right-hand side a step with implicit wheel spin and slip.
     every : int
         A row is kept each `every` steps, and at the end.
     modes : Mode or sequence of 4 Mode, optional
@@ -235,6 +235,8 @@ def _run(
     from artibot_sim.model import loop
 
     integrate = loop.integrate_rk4 if integrator == "rk4" else loop.integrate_semi_implicit
+    if integrator == "semi_implicit":
+        p = implicit_slip(p, dt)
     rows = -(-steps // every) + 1
     q, v, eta, torque = start.q.copy(), start.v.copy(), start.eta.copy(), start.torque.copy()
     out_q, out_v, out_w = np.empty((rows, 16)), np.empty((rows, 16)), np.empty((rows, ROW))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Iterator
 from functools import lru_cache
@@ -9,8 +10,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.model.params import MotorParams, Params
-from artibot_sim.model.transmission import PRESCRIBED
+from artibot_sim.model.params import ModuleParams, MotorParams, Params
+from artibot_sim.model.transmission import DRIVEN, PRESCRIBED
 
 Array = NDArray[np.float64]
 
@@ -18,23 +19,70 @@ ARTICULATIONS = (0.0, 0.4, 0.8, 1.2)
 """Articulation yaws (rad) at which the modes are taken; which one is stiffest depends on the robot."""
 
 
+OVERSHOOT = 0.5
+"""How far beyond its goal a semi-implicit step may carry the fastest slip of a module, as a share of the way."""
+
+MARGIN = 0.95
+"""Longest semi-implicit step over the one at which an oscillation no longer dies down."""
+
+
+def implicit_slip(p: Params, dt: float) -> Params:
+    """`p` as a semi-implicit step of `dt` (s) takes it: the modules' slip implicit, as far as the step needs it.
+
+    Linearised, a step that takes the share theta of a slip at its end has M + theta dt D in place of M, D being
+    eq. 15's damping of x, y and gamma. theta is the smallest at which no slip overshoots by more than OVERSHOOT,
+    (1 + OVERSHOOT) (M + theta dt D) >= dt D: none at a step so short that M alone does, and no slip limits the step.
+    Sliding wheels (eq. 16) and the joint only make a slip slower.
+    """
+    h = dt / (1.0 + OVERSHOOT)
+
+    def module(body: ModuleParams) -> ModuleParams:
+        m = max(body.m, h * 4.0 * max(p.k_l, p.k_t))
+        J_z = max(body.J_z, h * 4.0 * (p.k_t * body.half_x**2 + p.k_l * body.half_y**2))
+        return body._replace(inverse=(1 / m, 1 / m, *body.inverse[2:5], 1 / J_z), sluggish=m - body.m)
+
+    return p._replace(front=module(p.front), back=module(p.back))
+
+
 @lru_cache(maxsize=256)
 def largest_step(p: Params, integrator: str, modes: tuple[int, ...]) -> tuple[float, str]:
     """Longest stable step (s), and which motion sets it.
 
-    The model is linearised about wheels that hold (eq. 15); saturated ones are slower. Motors that are not
-    prescribed spin freely against the same slip that brakes the modules, so their rates add; the semi-implicit
-    integrator takes that spin implicitly, and only the modules' own motion limits it.
+    The model is linearised about wheels that hold (eq. 15) and turn; saturated ones are slower. Under RK4 motors that
+    are not prescribed spin freely against the same slip that brakes the modules, so their rates add. The
+    semi-implicit integrator takes spin and slip implicitly; the springs and the control loops limit its step.
     """
-    limit = _rk4_limit if integrator == "rk4" else _symplectic_limit
-    free = tuple(mode != PRESCRIBED and integrator == "rk4" for mode in modes)
-    slip = "slip of the wheels" + (" and spin of the motors that are not prescribed" if any(free) else "")
-    limits = [(limit(complex(rate)), slip) for rate in _slip_modes(p, free)]
-    limits += [(limit(1j * omega), "vertical motion on the wheels") for omega in _bounce(p)]
-    limits.append((limit(complex(-p.A_motor)), "control.A_motor"))
-    if p.two and p.A_joint > 0.0:
-        limits.append((limit(complex(-p.A_joint)), "control.A_joint"))
+    modes = modes[: 4 if p.two else 2]
+    limits = list(_rk4_limits(p, modes) if integrator == "rk4" else _semi_implicit_limits(p))
+    if PRESCRIBED in modes:
+        limits.append(((_RK4_REAL if integrator == "rk4" else MARGIN) / p.A_motor, "control.A_motor"))
+    if DRIVEN in modes:
+        limits.append(((_RK4_REAL if integrator == "rk4" else 2 * MARGIN) / p.velocity_gain, "control.velocity_gain"))
     return min(limits)
+
+
+def _rk4_limits(p: Params, modes: tuple[int, ...]) -> Iterator[tuple[float, str]]:
+    free = tuple(mode != PRESCRIBED for mode in modes)
+    slip = "slip of the wheels" + (" and spin of the motors that are not prescribed" if any(free) else "")
+    yield from ((_rk4_limit(rate), slip) for rate in _slip_modes(p, free))
+    for damping, stiffness, what in _springs(p):
+        yield _rk4_limit(cmath.sqrt(damping * damping / 4 - stiffness) - damping / 2), what
+        yield _rk4_limit(-cmath.sqrt(damping * damping / 4 - stiffness) - damping / 2), what
+
+
+def _semi_implicit_limits(p: Params) -> Iterator[tuple[float, str]]:
+    """Of v += -h (stiffness x + damping v), x += h v, which is stable while stiffness h² + 2 damping h < 4."""
+    for damping, stiffness, what in _springs(p):
+        yield MARGIN * 4 / (damping + math.sqrt(damping * damping + 4 * stiffness)), what
+
+
+def _springs(p: Params) -> Iterator[tuple[float, float, str]]:
+    """Damping (1/s) and stiffness (1/s²) of heave and roll of each module on its wheels, and of the joint's gap."""
+    for body in (p.front, p.back)[: 2 if p.two else 1]:
+        for inverse in (4.0 / body.m, 4.0 * body.half_y**2 / body.J_x):
+            yield p.c_n * inverse, p.k_n * inverse, "vertical motion on the wheels"
+    if p.two and p.A_joint > 0.0:
+        yield 2 * p.A_joint, p.A_joint**2, "control.A_joint"
 
 
 def _rk4_limit(rate: complex) -> float:
@@ -52,9 +100,7 @@ def _rk4_radius(direction: complex) -> float:
     return float(s[np.argmax(growing) - 1]) if growing.any() and direction.real <= 0 else math.inf
 
 
-def _symplectic_limit(rate: complex) -> float:
-    """The same for symplectic Euler, which takes damping explicitly and oscillations with the new velocity."""
-    return 2.0 / abs(rate) if rate != 0 else math.inf
+_RK4_REAL = _rk4_radius(complex(-1.0))
 
 
 def _slip_modes(p: Params, free: tuple[bool, ...]) -> Iterator[complex]:
@@ -101,10 +147,3 @@ def _slip_matrix(
     weighted = joint * inverse
     project = np.eye(size) - weighted.T @ np.linalg.solve(weighted @ joint.T, joint)
     return -project @ (inverse[:, None] * damping)
-
-
-def _bounce(p: Params) -> Iterator[float]:
-    """Undamped heave and roll of each module on its four wheels, rad/s."""
-    for body in (p.front, p.back)[: 2 if p.two else 1]:
-        yield math.sqrt(4.0 * p.k_n / body.m)
-        yield math.sqrt(4.0 * p.k_n * body.half_y**2 / body.J_x)

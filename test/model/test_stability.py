@@ -5,13 +5,15 @@ An unstable wheel spin is bounded by eq. 16 and hardly seen in the pose, so the 
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from model.helpers import front_commands, ramp
 from model.planar import linearised
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model import WHEELS, Mode, rollout
+from artibot_sim.model import WHEELS, Commands, Mode, State, initial_state, rollout
 from artibot_sim.model.params import params
 from artibot_sim.model.stability import largest_step
 
@@ -73,3 +75,85 @@ def test_what_a_step_of_1_ms_gives_is_true_or_refused(agriq):
         assert "dt" in str(error)
         return
     assert found == pytest.approx(true, rel=0.1), "free wheels rattle: the step is too long for them"
+
+
+PAPER, DRIVEN, ALL = MODES, (Mode.DRIVEN, Mode.DRIVEN, Mode.TORQUE, Mode.TORQUE), (Mode.PRESCRIBED,) * 4
+TORQUES = (Mode.TORQUE,) * 4
+
+
+@pytest.fixture
+def unchecked(monkeypatch):
+    """`rollout` takes any step."""
+    monkeypatch.setattr(sys.modules["artibot_sim.model.rollout"], "largest_step", lambda *_: (np.inf, ""))
+
+
+def growth_of_a_step(robot, dt, modes, speed, bend):
+    """Largest eigenvalue of one semi-implicit step, found by trying: rover driving straight on, or standing bent."""
+    cruise = speed / (robot.wheel.r_w * robot.drive.front.tau)
+    table = np.full((3, 4), cruise)
+    commands = Commands(dt, table, position=dt * np.arange(3)[:, None] * table)
+    rest = initial_state(robot, articulation_yaw=bend)
+    v = np.zeros(16)
+    v[[0, 6, 7, 8, 14, 15]] = speed, cruise, cruise, speed, cruise, cruise
+    modules = 2 if robot.articulated else 1
+    tried = [*range(8 * modules), *range(16, 16 + 8 * modules), *range(32, 32 + 2 * modules)]
+
+    def step(x):
+        state = State(0.0, x[:16], x[16:32], rest.eta, x[32:])
+        end = rollout(robot, commands, dt=dt, integrator="semi_implicit", modes=modes, state=state, duration=dt)
+        return np.concatenate([end.final_state.q, end.final_state.v, end.final_state.torque])[tried]
+
+    x = np.concatenate([rest.q, v, np.zeros(4)])
+    columns = [(step(x + 1e-6 * e) - step(x - 1e-6 * e)) / 2e-6 for e in np.eye(36)[tried]]
+    return np.abs(np.linalg.eigvals(np.column_stack(columns))).max()
+
+
+@pytest.mark.parametrize("modes", [PAPER, DRIVEN, ALL, TORQUES], ids=["paper", "driven", "prescribed", "torques"])
+@pytest.mark.parametrize("name", ["agriq", "epiq", "husky", "light_back", "damped"])
+def test_semi_implicit_limit_is_where_steps_begin_to_grow(request, agriq, unchecked, name, modes):
+    """Up to the limit nothing grows but what grows in any step; a third beyond it, something does."""
+    changed = {"light_back": lambda: light_back(agriq), "damped": lambda: agriq.replace({"contact.c_n": 2000.0})}
+    robot = changed[name]() if name in changed else request.getfixturevalue(name)
+    dt, what = largest_step(params(robot), "semi_implicit", modes)
+    cases = [(0.3, 0.0), (0.0, 0.8 if robot.articulated else 0.0)]
+    for part in (0.1, 0.5, 1.0):
+        worst = max(growth_of_a_step(robot, part * dt, modes, *case) for case in cases)
+        assert worst < np.exp(0.5 * part * dt) + 1e-6, (
+            f"{worst:.4f} a step at {part * dt * 1e3:.2f} ms, limit by {what}"
+        )
+    beyond = max(growth_of_a_step(robot, 1.33 * dt, modes, *case) for case in cases)
+    assert beyond > 1.05, f"nothing grows at {1.33 * dt * 1e3:.2f} ms: the limit by {what} is too careful"
+
+
+@pytest.mark.parametrize("name", ["agriq", "epiq", "husky"])
+@pytest.mark.parametrize("modes", [PAPER, DRIVEN, ALL, TORQUES], ids=["paper", "driven", "prescribed", "torques"])
+def test_semi_implicit_takes_1_to_5_ms_with_room(request, name, modes):
+    dt, _ = largest_step(params(request.getfixturevalue(name)), "semi_implicit", modes)
+    assert dt >= 6e-3
+
+
+@pytest.mark.parametrize("name", ["agriq", "epiq"])
+def test_long_steps_give_the_same_steady_turn(request, name):
+    """The slip's share taken implicitly acts on changes alone: at 9 ms the circle is that of 1 ms."""
+    robot = request.getfixturevalue(name)
+
+    def turn(dt):
+        commands = front_commands(robot, lambda t: 0.25 * ramp(t), lambda t: 0.2 * ramp(t), 9.0, h=9 * dt)
+        end = rollout(robot, commands, dt=dt, integrator="semi_implicit", kappa=0.8)
+        return np.array([*end.twist[-1], end.articulation_yaw[-1], *end.motor_velocity[-1], *end.motor_torque[-1]])
+
+    short, long = turn(1e-3), turn(9e-3)
+    np.testing.assert_allclose(long, short, rtol=4e-3, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["agriq", "epiq"])
+def test_table_6_at_5_ms_is_the_same_path(request, name):
+    from artibot_sim.planning import load_manoeuvre, plan
+
+    robot = request.getfixturevalue(name)
+    commands = plan(load_manoeuvre(f"table6_{name}"), robot, dt=0.01).commands()
+    true, found = (
+        rollout(robot, commands, dt=dt, integrator=integrator, every=round(0.01 / dt)).pose[:, :2]
+        for dt, integrator in ((2e-4, "rk4"), (5e-3, "semi_implicit"))
+    )
+    assert np.abs(found - true).max() < 0.02
