@@ -74,10 +74,10 @@ def native_model(robot: Robot, dt: float, integrator: str) -> str:
     pairs = "".join(f'<joint joint1="{WHEELS[i]}" joint2="{WHEELS[i + 1]}"/>' for i in (4, 6))
     return f"""<mujoco model="{robot.name}, contacts of MuJoCo">
   <option timestep="{dt!r}" integrator="{integrator}" gravity="{p.g_x!r} {p.g_y!r} {p.g_z!r}"/>
-  <default><geom friction="{p.mu_s!r} 0.005 0.0001" contype="0" conaffinity="0"/></default>
+  <default><geom friction="{p.front.mu_s!r} 0.005 0.0001" contype="0" conaffinity="0"/></default>
   <worldbody>
     <geom name="ground" type="plane" size="0 0 1" conaffinity="1"/>
-    {_articulated(p, modules[0], modules[1], (p.r_w, p.r_w))}
+    {_articulated(p, modules[0], modules[1], (p.right_front.r_w, p.right_back.r_w))}
   </worldbody>
   <equality>{pairs}</equality>
   <actuator>{actuators}</actuator>
@@ -108,5 +108,5 @@ def _wheel(robot: Robot, p: Params, body: ModuleParams, i: int) -> str:
       <body name="{WHEELS[i]}" pos="{x!r} {y!r} 0">
         <joint name="{WHEELS[i]}" type="hinge" axis="0 1 0" armature="{rotor!r}"/>
         {_inertial(wheel.m_w, (wheel.J_wx, wheel.J_wy, wheel.J_wx))}
-        <geom type="ellipsoid" size="{p.r_w!r} 0.03 {p.r_w!r}" contype="1"/>
+        <geom type="ellipsoid" size="{drive.r_w!r} 0.03 {drive.r_w!r}" contype="1"/>
       </body>"""

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from artibot_sim.model.compiled import inlined
 from artibot_sim.model.kinematics import joint
-from artibot_sim.model.layout import ACC, ALPHA, BACK, BETA, GAMMA, Q_G, Q_J, X, Y, Z
+from artibot_sim.model.layout import ACC, ALPHA, BACK, BEHIND, BETA, FRONT, GAMMA, Q_G, Q_J, X, Y, Z
+from artibot_sim.model.mass_centre import about_mass_centre, joint_from_mass_centre, mass_centre
 
 
 @inlined
@@ -22,15 +23,20 @@ def module_gravity(body, p, module, w):
 
 
 @inlined
-def free_acceleration(body, p, v_x, v_y, gamma_dot, forces, dt):
+def free_acceleration(body, p, fx, v_x, v_y, gamma_dot, s_g, c_g, forces, module, dt, w):
     """M⁻¹ n of one module's x, y, z, alpha and gamma, the joint left out; beta has none.
 
     `body.sluggish` (over a step `dt`) resists a change of the velocity as seen from the module, so that it has no
-    effect in a steady turn.
+    effect in a steady turn. With effects x and y are those of the centre of mass.
     """
+    if fx is not None:
+        forces = about_mass_centre(body, p, fx, forces, s_g, c_g, module, w)
     x, y, z, alpha, gamma = forces
     m, extra = body.inverse[0], body.sluggish
     if dt > 0.0 and extra != 0.0:
+        if fx is not None:
+            r_x, r_y = mass_centre(fx, module, s_g, c_g)
+            v_x, v_y = v_x - gamma_dot * r_y, v_y + gamma_dot * r_x
         x -= extra * (p.g_x + gamma_dot * v_y)
         y -= extra * (p.g_y - gamma_dot * v_x)
     return p.g_x + m * x, p.g_y + m * y, p.g_z + body.inverse[2] * z, body.inverse[3] * alpha, body.inverse[5] * gamma
@@ -82,7 +88,7 @@ def compliance(body, columns):
 
 
 @inlined
-def joint_geometry(q, v, p, trig):
+def joint_geometry(q, v, p, fx, trig):
     """All that the joint's force needs and that no other force enters.
 
     It comes first in the right-hand side, so that its divisions run while the wheel forces are computed.
@@ -97,6 +103,12 @@ def joint_geometry(q, v, p, trig):
         Of the Schur complement.
     """
     phi, bias, front, back = joint(q, v, p, trig)
+    A2 = p.A_joint * p.A_joint
+    held = bias[0] + A2 * phi[0], bias[1] + A2 * phi[1], bias[2] + A2 * phi[2], bias[3] + A2 * phi[3]
+    if fx is not None:
+        held, gamma_f = joint_from_mass_centre(p, fx, v, held, front[2], FRONT, trig[2], trig[3])
+        held, gamma_b = joint_from_mass_centre(p, fx, v, held, back[2], BEHIND, trig[6], trig[7])
+        front, back = (front[0], front[1], gamma_f), (back[0], back[1], gamma_b)
     f, b = compliance(p.front, front), compliance(p.back, back)
     factors = factor4(
         f[0] + b[0],
@@ -104,8 +116,6 @@ def joint_geometry(q, v, p, trig):
         f[3] + b[3], f[4] + b[4], f[5] + b[5],
         f[6] + b[6], f[7] + b[7], f[8] + b[8], f[9] + b[9],
     )  # fmt: skip
-    A2 = p.A_joint * p.A_joint
-    held = bias[0] + A2 * phi[0], bias[1] + A2 * phi[1], bias[2] + A2 * phi[2], bias[3] + A2 * phi[3]
     return held, front, back, factors
 
 

@@ -7,21 +7,28 @@ force does on the modules, zero but for the stabilisation of eq. 13.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model.compiled import inlined
+from artibot_sim.model.contact import unloaded_radius
+from artibot_sim.model.effects import hooks
 from artibot_sim.model.integrators import coordinate_of, motor_count, motor_of
 from artibot_sim.model.kinematics import sincos
 from artibot_sim.model.layout import (
     ACC,
     ALPHA,
     BACK,
+    E_ARTICULATION,
+    E_DRAG,
     E_GEAR,
     E_JOINT,
     E_MOTOR,
     E_NORMAL,
     E_OFFSET,
+    E_PUSH,
     E_ROLLING,
     E_SLIP_L,
     E_SLIP_T,
@@ -31,11 +38,14 @@ from artibot_sim.model.layout import (
     F_N,
     F_T,
     GAMMA,
+    M_D,
+    M_J,
     M_M,
     M_R,
     MOTOR_COORDINATES,
     P_X,
     P_Y,
+    PUSH,
     Q_J,
     X,
     Y,
@@ -47,7 +57,7 @@ from artibot_sim.model.transmission import rolling_sign
 
 
 @inlined
-def motor_powers(v, p, w, out):
+def motor_powers(v, p, fx, w, out):
     """Power put in by the motors, and lost in the gears: (1/eta − 1) of what passes to the wheels."""
     for motor in range(motor_count(p)):
         c = coordinate_of(motor)
@@ -56,10 +66,12 @@ def motor_powers(v, p, w, out):
         out[E_MOTOR + motor] = w[M_M + motor] * v[c]
         passed = omega * (unit.J_w * unit.tau * w[ACC + c] + w[M_R + motor])
         out[E_GEAR + motor] = (1.0 / w[ETA + motor] - 1.0) * passed
+        if fx is not None:
+            out[E_DRAG + motor] = w[M_D + motor] * v[c]
 
 
 @inlined
-def wheel_powers(body, p, q, v, module, base, w, out):
+def wheel_powers(body, p, fx, q, v, module, base, w, out):
     """Power dissipated between the wheels of one module and the ground.
 
     `E_offset`: the forces act u_w ahead of where the slip is taken. `E_tilt`: eq. 18 turns the normal force with
@@ -76,24 +88,31 @@ def wheel_powers(body, p, q, v, module, base, w, out):
         motor = j // 2
         omega = motor_of(p, motor).tau * v[coordinate_of(motor)]
         F_l, F_t, F_n = w[F_L + j], w[F_T + j], w[F_N + j]
-        out[E_SLIP_L + j] = F_l * (p.r_w * omega - w[P_X + j])
+        r_0, u_w = body.r_0, p.u_w
+        if fx is not None:
+            r_0 = unloaded_radius(body, p, fx, base // 4, 1.0 if i % 2 == 0 else -1.0, -1.0 if i < 2 else 1.0)
+            u_w *= hooks.lead(fx, math.sqrt(w[P_X + j] * w[P_X + j] + w[P_Y + j] * w[P_Y + j]))
+        out[E_SLIP_L + j] = F_l * (motor_of(p, motor).r_w * omega - w[P_X + j])
         out[E_SLIP_T + j] = -F_t * w[P_Y + j]
-        out[E_OFFSET + j] = -p.u_w * gamma_dot * (F_t * c_a - F_n * s_a)
-        out[E_ROLLING + j] = p.u_w * omega * (F_l if p.literal_eq22 else F_n * rolling_sign(omega))
+        out[E_OFFSET + j] = -u_w * gamma_dot * (F_t * c_a - F_n * s_a)
+        out[E_ROLLING + j] = u_w * omega * (F_l if p.literal_eq22 else F_n * rolling_sign(omega))
         rate = v_z + alpha_dot * y * c_a
-        spring = p.k_n * max(body.r_0 - q[module + Z] - y * s_a, 0.0)
+        spring = p.k_n * max(r_0 - q[module + Z] - y * s_a, 0.0)
         out[E_NORMAL + j] = (spring - F_n) * rate
         along_normal = -s_a * (v_y + gamma_dot * x) + c_a * v_z + alpha_dot * y
         out[E_TILT + j] = F_n * (rate - along_normal)
 
 
 @inlined
-def powers(q, v, p, w, out):
+def powers(q, v, p, fx, w, out):
     """Power of every contribution (W) at a state whose row is `w`, into `out` (ENERGIES,)."""
-    motor_powers(v, p, w, out)
-    wheel_powers(p.front, p, q, v, 0, 0, w, out)
+    motor_powers(v, p, fx, w, out)
+    wheel_powers(p.front, p, fx, q, v, 0, 0, w, out)
+    if fx is not None:
+        out[E_ARTICULATION] = w[M_J] * (v[BACK + GAMMA] - v[GAMMA])
+        out[E_PUSH] = w[PUSH] * v[X] + w[PUSH + 1] * v[Y]
     if p.two:
-        wheel_powers(p.back, p, q, v, BACK, 4, w, out)
+        wheel_powers(p.back, p, fx, q, v, BACK, 4, w, out)
         total = 0.0
         for i in range(6):
             total += w[Q_J + i] * v[i] + w[Q_J + 6 + i] * v[BACK + i]

@@ -10,13 +10,32 @@ commanded angle, speed and acceleration, ``hold`` what stays through the step.
 
 from __future__ import annotations
 
-import numpy as np
-
 from artibot_sim.model.compiled import inlined
-from artibot_sim.model.contact import generalised_forces, motor_wheels, saturated, wheel_kinematics
+from artibot_sim.model.contact import generalised_forces, motor_wheels, saturated, soil_under, wheel_pairs
 from artibot_sim.model.dynamics import free_acceleration, joint_geometry, jointed, multipliers
+from artibot_sim.model.effects import hooks
+from artibot_sim.model.joint_torque import turned_by_joint
 from artibot_sim.model.kinematics import attitude
-from artibot_sim.model.layout import ACC, ALPHA, BACK, BETA, ETA, GAMMA, LAMBDA, M_M, M_R, THETA_L, THETA_R, X, Y, Z
+from artibot_sim.model.layout import (
+    ACC,
+    ALPHA,
+    BACK,
+    BEHIND,
+    BETA,
+    ETA,
+    FRONT,
+    GAMMA,
+    LAMBDA,
+    M_D,
+    M_M,
+    M_R,
+    THETA_L,
+    THETA_R,
+    X,
+    Y,
+    Z,
+)  # fmt: skip
+from artibot_sim.model.mass_centre import back_to_origin
 from artibot_sim.model.transmission import DRIVEN, PRESCRIBED, follow, limited, load_torque, motor_equation, reflect
 
 D, D_DOT, D_DDOT = 0, 4, 8
@@ -59,18 +78,24 @@ def hold_efficiencies(p, eta, hold):
             hold[EFFICIENCY + motor], hold[GEAR + motor], hold[INERTIA + motor] = eta[motor], gear, J
 
 
-FRONT, BEHIND = np.int64(0), np.int64(1)
-"""The modules. Not Python's integers, for each of whose values numba would compile every function anew."""
+@inlined
+def drag_on(fx, motor, theta_dot, w):
+    """Torque of effects against a motor's rotation, N m, also into the row; none in the paper's model."""
+    if fx is not None:
+        w[M_D + motor] = hooks.drag(fx, motor, theta_dot)
+        return w[M_D + motor]
+    return 0.0
 
 
 @inlined
-def turn_motor(p, unit, mode, theta, theta_dot, p_x, p_yf, p_yb, F_n, motor, drive, hold, dt, w):
+def turn_motor(p, fx, unit, mode, theta, theta_dot, pair, soil, motor, drive, hold, lag, dt, w):
     """A motor and its two wheels at an instant (eqs 15, 16, 21, 22): into the row, and the forces returned."""
     omega = unit.tau * theta_dot
-    forces = motor_wheels(p, omega, p_x, p_yf, p_yb, F_n, motor, w)
-    M_r = load_torque(p, omega, forces[0], 2.0 * F_n)
+    forces = motor_wheels(fx, unit, pair, soil, omega, motor, lag, dt, w)
+    M_r = load_torque(p, fx, unit, pair, soil, omega, forces[0])
+    load = hold[GEAR + motor] * M_r + drag_on(fx, motor, theta_dot, w)
     M_m, theta_ddot = motor_equation(
-        unit, p, mode, hold[GEAR + motor], hold[INERTIA + motor], M_r, theta, theta_dot,
+        unit, p, mode, hold[INERTIA + motor], load, theta, theta_dot,
         drive[D + motor], drive[D_DOT + motor], drive[D_DDOT + motor], hold[TORQUE_D + motor],
     )  # fmt: skip
     w[M_R + motor], w[M_M + motor], w[ACC + coordinate_of(motor)] = M_r, M_m, theta_ddot
@@ -79,16 +104,20 @@ def turn_motor(p, unit, mode, theta, theta_dot, p_x, p_yf, p_yb, F_n, motor, dri
 
 
 @inlined
-def spin_slope(p, omega, p_x, p_yf, p_yb, F_n):
+def spin_slope(fx, unit, pair, soil, omega, motor, lag):
     """Sum of F_l of a motor's wheels, and its secant slope by the wheel speed (N, N s/rad); no force is stored."""
-    free = p.k_l * (p.r_w * omega - p_x)
-    F_lf, _, held_f = saturated(p, free, -p.k_t * p_yf, F_n)
-    F_lb, _, held_b = saturated(p, free, -p.k_t * p_yb, F_n)
-    return F_lf + F_lb, p.k_l * p.r_w * (held_f + held_b)
+    slip = unit.r_w * omega - pair.p_x
+    free = soil.k_l * slip
+    F_tf, F_tb = -soil.k_t * pair.p_yf, -soil.k_t * pair.p_yb
+    if fx is not None and hooks.follow_rate(fx, pair.p_x) > 0.0:
+        F_tf, F_tb = lag[2 * motor], lag[2 * motor + 1]
+    F_lf, _, held_f = saturated(fx, free, F_tf, pair.F_nf, soil.mu_sf, soil.mu_df, slip, pair.p_yf)
+    F_lb, _, held_b = saturated(fx, free, F_tb, pair.F_nb, soil.mu_sb, soil.mu_db, slip, pair.p_yb)
+    return F_lf + F_lb, soil.k_l * unit.r_w * (held_f + held_b)
 
 
 @inlined
-def next_speed(unit, p, mode, gear, J, theta, theta_dot, d, d_dot, d_ddot, M_d, p_x, p_yf, p_yb, F_n, dt):
+def next_speed(p, fx, unit, mode, gear, J, theta, theta_dot, d, d_dot, d_ddot, M_d, pair, soil, motor, lag, dt):
     """Motor speed after a step, the wheels' slip taken implicitly (linearised at the old speed), and its torque.
 
     A prescribed motor's torque follows from the new forces; zero stands in its place here.
@@ -96,9 +125,13 @@ def next_speed(unit, p, mode, gear, J, theta, theta_dot, d, d_dot, d_ddot, M_d, 
     if mode == PRESCRIBED:
         return theta_dot + dt * follow(p.A_motor, theta, theta_dot, d, d_dot, d_ddot), 0.0
     omega = unit.tau * theta_dot
-    F_l, slope = spin_slope(p, omega, p_x, p_yf, p_yb, F_n)
-    load = gear * load_torque(p, omega, F_l, 2.0 * F_n)
-    inertia = J + dt * gear * p.r_w * slope * unit.tau
+    F_l, slope = spin_slope(fx, unit, pair, soil, omega, motor, lag)
+    load = gear * load_torque(p, fx, unit, pair, soil, omega, F_l)
+    inertia = J + dt * gear * unit.r_w * slope * unit.tau
+    if fx is not None:
+        drag = hooks.drag(fx, motor, theta_dot)
+        load += drag
+        inertia += dt * drag / theta_dot if theta_dot != 0.0 else 0.0
     M_m = M_d
     if mode == DRIVEN:
         M_m = inertia * (d_ddot + p.velocity_gain * (d_dot - theta_dot)) + load
@@ -107,26 +140,27 @@ def next_speed(unit, p, mode, gear, J, theta, theta_dot, d, d_dot, d_ddot, M_d, 
 
 
 @inlined
-def step_motor(p, unit, mode, theta, theta_dot, p_x, p_yf, p_yb, F_n, motor, drive, hold, dt, w):
+def step_motor(p, fx, unit, mode, theta, theta_dot, pair, soil, motor, drive, hold, lag, dt, w):
     """As `turn_motor`, over a step: the forces are those at the new speed."""
     gear, J = hold[GEAR + motor], hold[INERTIA + motor]
     speed, M_m = next_speed(
-        unit, p, mode, gear, J, theta, theta_dot, drive[D + motor], drive[D_DOT + motor], drive[D_DDOT + motor],
-        hold[TORQUE_D + motor], p_x, p_yf, p_yb, F_n, dt,
+        p, fx, unit, mode, gear, J, theta, theta_dot, drive[D + motor], drive[D_DOT + motor], drive[D_DDOT + motor],
+        hold[TORQUE_D + motor], pair, soil, motor, lag, dt,
     )  # fmt: skip
     omega = unit.tau * speed
-    forces = motor_wheels(p, omega, p_x, p_yf, p_yb, F_n, motor, w)
-    M_r = load_torque(p, omega, forces[0], 2.0 * F_n)
+    forces = motor_wheels(fx, unit, pair, soil, omega, motor, lag, dt, w)
+    M_r = load_torque(p, fx, unit, pair, soil, omega, forces[0])
     theta_ddot = (speed - theta_dot) / dt
+    drag = drag_on(fx, motor, speed, w)
     if mode == PRESCRIBED:
-        M_m = J * theta_ddot + gear * M_r
+        M_m = J * theta_ddot + gear * M_r + drag
     w[M_R + motor], w[M_M + motor], w[ACC + coordinate_of(motor)] = M_r, M_m, theta_ddot
     w[ETA + motor] = hold[EFFICIENCY + motor]
     return forces
 
 
 @inlined
-def module_forces(move, body, right, left, q, v, p, s_a, c_a, s_g, c_g, module, modes, drive, hold, dt, w):
+def module_forces(move, body, right, left, q, v, p, fx, s_a, c_a, s_g, c_g, module, modes, drive, hold, lag, dt, w):
     """Motors, wheels and ground of one module, into the row; the joint left out.
 
     Parameters
@@ -141,55 +175,69 @@ def module_forces(move, body, right, left, q, v, p, s_a, c_a, s_g, c_g, module, 
     """
     b, motor = BACK * module, 2 * module
     v_x, v_y = c_g * v[b + X] + s_g * v[b + Y], c_g * v[b + Y] - s_g * v[b + X]
-    p_xr, p_xl, p_yf, p_yb, F_r, F_l = wheel_kinematics(
-        body, p, v_x, v_y, v[b + Z], v[b + ALPHA], v[b + GAMMA], s_a, c_a, q[b + Z], module, w
+    pair_r, pair_l = wheel_pairs(
+        body, p, fx, v_x, v_y, v[b + Z], v[b + ALPHA], v[b + GAMMA], s_a, c_a, q[b + Z], module, w
     )
+    soil_r = soil_under(body, p, fx, pair_r, q[b + X], q[b + Y], s_g, c_g, c_a, -1.0)
+    soil_l = soil_under(body, p, fx, pair_l, q[b + X], q[b + Y], s_g, c_g, c_a, 1.0)
     on_right = move(
-        p, right, modes[motor], q[b + THETA_R], v[b + THETA_R], p_xr, p_yf, p_yb, F_r, motor, drive, hold, dt, w
-    )
+        p, fx, right, modes[motor], q[b + THETA_R], v[b + THETA_R], pair_r, soil_r, motor, drive, hold, lag, dt, w,
+    )  # fmt: skip
     on_left = move(
-        p, left, modes[motor + 1], q[b + THETA_L], v[b + THETA_L], p_xl, p_yf, p_yb, F_l, motor + 1, drive, hold, dt, w
+        p, fx, left, modes[motor + 1], q[b + THETA_L], v[b + THETA_L], pair_l, soil_l, motor + 1, drive, hold, lag,
+        dt, w,
+    )  # fmt: skip
+    forces = generalised_forces(
+        body, p, fx, s_a, c_a, s_g, c_g, on_right, on_left, pair_r, pair_l, soil_r, soil_l, module, w
     )
-    forces = generalised_forces(body, p, s_a, c_a, s_g, c_g, on_right, on_left, F_r, F_l, module, w)
-    return free_acceleration(body, p, v[b + X], v[b + Y], v[b + GAMMA], forces, dt)
+    return free_acceleration(body, p, fx, v[b + X], v[b + Y], v[b + GAMMA], s_g, c_g, forces, module, dt, w)
 
 
 @inlined
-def accelerations(move, q, v, p, modes, drive, hold, dt, w):
+def accelerations(move, q, v, p, fx, modes, drive, hold, lag, dt, w):
     """All of eq. 28 at (q, v): every contribution and the accelerations of all coordinates, into the row."""
     trig = attitude(q)
-    geometry = joint_geometry(q, v, p, trig)
+    geometry = joint_geometry(q, v, p, fx, trig)
     sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b = trig
     front = module_forces(
-        move, p.front, p.right_front, p.left_front, q, v, p, sa_f, ca_f, sg_f, cg_f, FRONT, modes, drive, hold, dt, w
-    )
+        move, p.front, p.right_front, p.left_front, q, v, p, fx, sa_f, ca_f, sg_f, cg_f, FRONT, modes, drive, hold,
+        lag, dt, w,
+    )  # fmt: skip
     if not p.two:
         for i in range(3):
             w[ACC + i] = front[i]
         w[ACC + ALPHA], w[ACC + GAMMA] = front[3], front[4]
+        if fx is not None:
+            back_to_origin(fx, v, sg_f, cg_f, FRONT, w)
         return
     back = module_forces(
-        move, p.back, p.right_back, p.left_back, q, v, p, sa_b, ca_b, sg_b, cg_b, BEHIND, modes, drive, hold, dt, w
-    )
+        move, p.back, p.right_back, p.left_back, q, v, p, fx, sa_b, ca_b, sg_b, cg_b, BEHIND, modes, drive, hold,
+        lag, dt, w,
+    )  # fmt: skip
+    if fx is not None:
+        front, back = turned_by_joint(p, fx, v, geometry, front, back, q[BACK + GAMMA] - q[GAMMA], dt, w)
     multiplier = multipliers(v, p, geometry, front, back)
     w[LAMBDA], w[LAMBDA + 1], w[LAMBDA + 2], w[LAMBDA + 3] = multiplier
     jointed(p.front, geometry[1], front, -1.0, multiplier, FRONT, w)
     jointed(p.back, geometry[2], back, 1.0, multiplier, BEHIND, w)
+    if fx is not None:
+        back_to_origin(fx, v, sg_f, cg_f, FRONT, w)
+        back_to_origin(fx, v, sg_b, cg_b, BEHIND, w)
 
 
 @inlined
-def right_hand_side(q, v, p, modes, drive, hold, w):
+def right_hand_side(q, v, p, fx, modes, drive, hold, lag, w):
     """Accelerations of all coordinates at (q, v), with every contribution, into the row."""
-    accelerations(turn_motor, q, v, p, modes, drive, hold, 0.0, w)
+    accelerations(turn_motor, q, v, p, fx, modes, drive, hold, lag, 0.0, w)
 
 
 @inlined
-def semi_implicit_step(q, v, p, modes, drive, hold, dt, w):
+def semi_implicit_step(q, v, p, fx, modes, drive, hold, lag, dt, w):
     """Advance (q, v) in place by `dt`; the row then holds the contributions that acted.
 
     ``drive[D_DDOT:]`` holds the mean acceleration of the commands over the step.
     """
-    accelerations(step_motor, q, v, p, modes, drive, hold, dt, w)
+    accelerations(step_motor, q, v, p, fx, modes, drive, hold, lag, dt, w)
     for i in range(16):
         new = v[i] + dt * w[ACC + i]
         c = i % 8

@@ -6,11 +6,16 @@ physical contribution under its own name; :data:`COLUMNS` lists them in order.
 
 from __future__ import annotations
 
+import numpy as np
+
 from artibot_sim.model.robot import MOTORS, WHEELS
 
 X, Y, Z, ALPHA, BETA, GAMMA, THETA_R, THETA_L = range(8)
 BACK = 8
 """Offset of the back module's coordinates."""
+
+FRONT, BEHIND = np.int64(0), np.int64(1)
+"""The modules. Not Python's integers, for each of whose values numba would compile every function anew."""
 
 COORDINATES = tuple(
     f"{symbol}_{module}{side}"
@@ -41,7 +46,10 @@ Q_C = 72
 Q_J = 84
 LAMBDA = 96  # Lagrange multipliers of eq. 13 (4)
 ACC = 100  # accelerations of the 16 coordinates
-ROW = 116
+M_D = 116  # of effects: drag on the motors, N m (4); torque in the joint's yaw, N m; force on the front module, N (2)
+M_J = 120
+PUSH = 121
+ROW = 123
 
 COLUMNS: tuple[str, ...] = (
     *(f"p_x_{wheel}" for wheel in WHEELS),
@@ -58,6 +66,10 @@ COLUMNS: tuple[str, ...] = (
     *(f"Q_joint_{name}" for name in _POSE),
     *(f"lambda_{i}" for i in range(1, 5)),
     *(f"{name}_ddot" for name in COORDINATES),
+    *(f"M_drag_{motor}" for motor in MOTORS),
+    "M_joint",
+    "push_x",
+    "push_y",
 )
 """Names of the row's entries."""
 
@@ -71,7 +83,10 @@ E_ROLLING = 32
 E_NORMAL = 40
 E_TILT = 48
 E_JOINT = 56
-ENERGIES = 57
+E_DRAG = 57  # of effects
+E_ARTICULATION = 61
+E_PUSH = 62
+ENERGIES = 63
 
 ENERGY_COLUMNS: tuple[str, ...] = (
     *(f"E_motor_{motor}" for motor in MOTORS),
@@ -83,7 +98,12 @@ ENERGY_COLUMNS: tuple[str, ...] = (
     *(f"E_normal_{wheel}" for wheel in WHEELS),
     *(f"E_tilt_{wheel}" for wheel in WHEELS),
     "E_joint",
+    *(f"E_drag_{motor}" for motor in MOTORS),
+    "E_articulation",
+    "E_push",
 )
-"""Names of the energies: put in by the motors, then dissipated (or, for `E_joint`, done by the constraint)."""
+"""Names of the energies: put in by the motors (and, for `E_push`, by an external force), then dissipated, or for
+`E_joint` done by the constraint, or for `E_articulation` taken by torques in the joint (a spring gives its part back).
+"""
 
 assert len(COLUMNS) == ROW and len(ENERGY_COLUMNS) == ENERGIES

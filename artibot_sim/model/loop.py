@@ -12,10 +12,8 @@ from artibot_sim.model.compiled import inlined, kernel
 from artibot_sim.model.dynamics import module_gravity
 from artibot_sim.model.energy import powers
 from artibot_sim.model.integrators import (
-    BEHIND,
     D_DDOT,
     D_DOT,
-    FRONT,
     TORQUE_D,
     D,
     coordinate_of,
@@ -25,7 +23,7 @@ from artibot_sim.model.integrators import (
     right_hand_side,
     semi_implicit_step,
 )
-from artibot_sim.model.layout import ACC, ENERGIES, M_M, ROW
+from artibot_sim.model.layout import ACC, BEHIND, ENERGIES, FRONT, M_M, ROW
 from artibot_sim.model.transmission import TORQUE, efficiency
 
 OK, DIVERGED = 0, 1
@@ -47,11 +45,13 @@ class Work(NamedTuple):
     sum_v: NDArray[np.float64]
     e: NDArray[np.float64]
     power: NDArray[np.float64]
+    lag: NDArray[np.float64]
+    sum_lag: NDArray[np.float64]
 
 
 def workspace() -> Work:
     """A fresh one, for one loop at a time."""
-    return Work(*map(np.zeros, (ROW, 12, 16, 16, 4, 16, 16, 16, 16, ENERGIES, ENERGIES)))
+    return Work(*map(np.zeros, (ROW, 12, 16, 16, 4, 16, 16, 16, 16, ENERGIES, ENERGIES, 16, 8)))
 
 
 @inlined
@@ -129,9 +129,9 @@ def prepare(
 
 
 @inlined
-def add_powers(q, v, p, w, weight, e, pw):
+def add_powers(q, v, p, fx, w, weight, e, pw):
     """Accumulate `weight` (s) times the power of every contribution."""
-    powers(q, v, p, w, pw)
+    powers(q, v, p, fx, w, pw)
     for i in range(ENERGIES):
         e[i] += weight * pw[i]
 
@@ -155,6 +155,18 @@ def next_stage(k, q, v, dt, w, q_s, v_s, sum_q, sum_v):
 
 
 @inlined
+def next_lag(k, lateral, dt, lag, sum_lag):
+    """As `next_stage` for the lateral forces that lag; `lag` holds the stage's and then their rates."""
+    weight = 1.0 if k == 0 or k == 3 else 2.0
+    h = dt if k == 2 else 0.5 * dt
+    for i in range(8):
+        sum_lag[i] = weight * lag[8 + i] if k == 0 else sum_lag[i] + weight * lag[8 + i]
+        if k == 3:
+            lateral[i] += dt / 6.0 * sum_lag[i]
+        lag[i] = lateral[i] if k == 3 else lateral[i] + h * lag[8 + i]
+
+
+@inlined
 def keep(values, row, out):
     """Copy what is kept of an instant."""
     for i in range(len(values)):
@@ -163,7 +175,7 @@ def keep(values, row, out):
 
 @kernel
 def integrate_rk4(
-    q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
+    q, v, eta, previous, lateral, p, fx, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
     work, out_q, out_v, out_w, out_e,
 ):  # fmt: skip
     """Advance the state in place by `steps` steps and keep every `every`-th row, the first and the last included.
@@ -173,6 +185,10 @@ def integrate_rk4(
     q, v : array, shape (16,)
     eta, previous : array, shape (4,)
         Efficiencies for the next step, and motor torques of the step before.
+    lateral : array, shape (8,)
+        Lateral forces of tyres that need some way to build them up, N.
+    fx : record or None
+        Effects' parameters, with the time of the start in ``fx.t``; None is the paper's model, at compile time.
     position, velocity, torque_d : array, shape (n, 4)
         Commands at knots `knot_steps` steps apart; the first is at the start.
     out_e : array or None
@@ -183,7 +199,12 @@ def integrate_rk4(
     tuple of int
         OK or DIVERGED, and the number of rows written.
     """
-    w, drive, cubic, hold, eta_next, q_s, v_s, sum_q, sum_v, e, pw = work
+    w, drive, cubic, hold, eta_next, q_s, v_s, sum_q, sum_v, e, pw, lag, sum_lag = work
+    start = 0.0
+    if fx is not None:
+        start = fx.t
+        for i in range(8):
+            lag[i] = lateral[i]
     for i in range(16):
         q_s[i], v_s[i] = q[i], v[i]
     module_gravity(p.front, p, FRONT, w)
@@ -197,7 +218,9 @@ def integrate_rk4(
         for k in range(4):
             if k == 1 or k == 3:
                 command_at(cubic, s + (0.5 if k == 1 else 1.0) * dt, modes, drive)
-            right_hand_side(q_s, v_s, p, modes, drive, hold, w)
+            if fx is not None:
+                fx.t = start + dt * (step + (0.0 if k == 0 else 1.0 if k == 3 else 0.5))
+            right_hand_side(q_s, v_s, p, fx, modes, drive, hold, lag, w)
             if k == 0:
                 if step == steps or step % every == 0:
                     if not sound(q, v):
@@ -212,8 +235,10 @@ def integrate_rk4(
                     return OK, row
                 feed_back(p, v, w, eta_next, previous)
             if out_e is not None:
-                add_powers(q_s, v_s, p, w, dt / (6.0 if k == 0 or k == 3 else 3.0), e, pw)
+                add_powers(q_s, v_s, p, fx, w, dt / (6.0 if k == 0 or k == 3 else 3.0), e, pw)
             next_stage(k, q, v, dt, w, q_s, v_s, sum_q, sum_v)
+            if fx is not None:
+                next_lag(k, lateral, dt, lag, sum_lag)
         for motor in range(4):
             eta[motor] = eta_next[motor]
     return OK, row
@@ -221,11 +246,16 @@ def integrate_rk4(
 
 @kernel
 def integrate_semi_implicit(
-    q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
+    q, v, eta, previous, lateral, p, fx, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
     work, out_q, out_v, out_w, out_e,
 ):  # fmt: skip
     """As `integrate_rk4`; a row's contributions are those that act from its state to the next."""
-    w, drive, cubic, hold, _, q_old, v_old, _, _, e, pw = work
+    w, drive, cubic, hold, _, q_old, v_old, _, _, e, pw, lag, _ = work
+    start = 0.0
+    if fx is not None:
+        start = fx.t
+        for i in range(8):
+            lag[i] = lateral[i]
     module_gravity(p.front, p, FRONT, w)
     if p.two:
         module_gravity(p.back, p, BEHIND, w)
@@ -237,7 +267,9 @@ def integrate_semi_implicit(
         mean_acceleration(cubic, s, dt, drive)
         for i in range(16):
             q_old[i], v_old[i] = q[i], v[i]
-        semi_implicit_step(q, v, p, modes, drive, hold, dt, w)
+        if fx is not None:
+            fx.t = start + dt * step
+        semi_implicit_step(q, v, p, fx, modes, drive, hold, lag, dt, w)
         if step == steps or step % every == 0:
             if not sound(q_old, v_old):
                 return DIVERGED, row
@@ -252,8 +284,12 @@ def integrate_semi_implicit(
                 q[i], v[i] = q_old[i], v_old[i]
             break
         feed_back(p, v, w, eta, previous)
+        if fx is not None:
+            for i in range(8):
+                lateral[i] += dt * lag[8 + i]
+                lag[i] = lateral[i]
         if out_e is not None:
             for i in range(16):
                 v_old[i] = 0.5 * (v_old[i] + v[i])
-            add_powers(q_old, v_old, p, w, dt, e, pw)
+            add_powers(q_old, v_old, p, fx, w, dt, e, pw)
     return OK, row

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 
+from artibot_sim.model.effects import at_work
 from artibot_sim.model.effects.slope import STANDARD_GRAVITY, gravity
 from artibot_sim.model.robot import Drive, Module, Robot
 
@@ -26,6 +27,10 @@ class ModuleParams(NamedTuple):
     O_x: float  # joint in the module's frame: -l_f in front, +l_b behind
     O_z: float
     r_0: float  # unloaded wheel radius, of eq. 15's F_n = k_n (r_0 - r)
+    k_l: float  # soil under this module's wheels
+    k_t: float
+    mu_s: float
+    mu_d: float
     inverse: tuple[float, float, float, float, float, float]  # of the mass matrix's six diagonal entries
     sluggish: float = 0.0  # mass that `stability.implicit_slip` adds against changes of the planar velocity
 
@@ -34,6 +39,7 @@ class MotorParams(NamedTuple):
     """One motor with its gearbox and wheels (eq. 21)."""
 
     tau: float
+    r_w: float
     eta_d: float
     eta_r: float
     J_m: float
@@ -53,12 +59,7 @@ class Params(NamedTuple):
     left_back: MotorParams
     k_n: float
     c_n: float
-    k_l: float
-    k_t: float
-    mu_s: float
-    mu_d: float
     u_w: float
-    r_w: float
     literal_eq22: bool
     A_motor: float
     A_joint: float
@@ -66,6 +67,9 @@ class Params(NamedTuple):
     g_x: float
     g_y: float
     g_z: float
+    joint_damping: float = 0.0  # steepest slopes of what effects bring, which limit the step: N m s/rad, N m/rad
+    joint_stiffness: float = 0.0
+    lateral_damping: float = 0.0  # of each wheel beside k_t, N s/m
 
 
 def starred(robot: Robot, module: Module) -> tuple[float, float, float, float]:
@@ -90,21 +94,28 @@ def _module(robot: Robot, module: Module, sign: float) -> ModuleParams:
     # Under its weight every wheel has the rolling radius r_w, so that wheels, origins and joint are coplanar and the
     # rover stands level, as section 4.3 assumes; with one unloaded radius for both modules it would pitch.
     r_0 = robot.wheel.r_w + m * STANDARD_GRAVITY / (4 * robot.contact.k_n)
-    return ModuleParams(m, J_x, J_y, J_z, module.i_x / 2, module.i_y / 2, sign * module.l, module.O_z, r_0, inverse)
+    soil = robot.contact
+    return ModuleParams(
+        m, J_x, J_y, J_z, module.i_x / 2, module.i_y / 2, sign * module.l, module.O_z, r_0,
+        soil.k_l, soil.k_t, soil.mu_s, soil.mu_d, inverse,
+    )  # fmt: skip
 
 
 def _motor(robot: Robot, drive: Drive) -> MotorParams:
     J_w = robot.wheel.wheels_per_motor * robot.wheel.J_wy
-    return MotorParams(drive.tau, drive.eta_d, drive.eta_r, drive.J_m, J_w, drive.torque_max)
+    return MotorParams(drive.tau, robot.wheel.r_w, drive.eta_d, drive.eta_r, drive.J_m, J_w, drive.torque_max)
 
 
 def params(robot: Robot) -> Params:
-    """The kernel's view of `robot`. A rigid robot's missing module is filled with the front's numbers, unused."""
+    """The kernel's view of `robot`, with what its effects change in these numbers.
+
+    A rigid robot's missing module is filled with the front's numbers, unused.
+    """
     front = _motor(robot, robot.drive.front)
     back = _motor(robot, robot.drive.back or robot.drive.front)
     contact, control = robot.contact, robot.control
-    g = gravity(**robot.effects["slope"]) if "slope" in robot.effects else gravity(0.0, 0.0)
-    return Params(
+    g = gravity(0.0, 0.0)
+    p = Params(
         two=robot.articulated,
         front=_module(robot, robot.front, -1.0),
         back=_module(robot, robot.back or robot.front, 1.0),
@@ -114,12 +125,7 @@ def params(robot: Robot) -> Params:
         left_back=back,
         k_n=contact.k_n,
         c_n=contact.c_n,
-        k_l=contact.k_l,
-        k_t=contact.k_t,
-        mu_s=contact.mu_s,
-        mu_d=contact.mu_d,
         u_w=contact.u_w,
-        r_w=robot.wheel.r_w,
         literal_eq22=robot.readings.literal_eq22,
         A_motor=control.A_motor,
         A_joint=control.A_joint,
@@ -128,6 +134,10 @@ def params(robot: Robot) -> Params:
         g_y=g[1],
         g_z=g[2],
     )
+    for effect, values in at_work(robot.effects).values():
+        if effect.adapt is not None:
+            p = effect.adapt(p, values)
+    return p
 
 
 def _dtype(cls: type) -> np.dtype:

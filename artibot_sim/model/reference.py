@@ -14,43 +14,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model.layout import MOTOR_COORDINATES
-from artibot_sim.model.params import ModuleParams, MotorParams, Params, params
-from artibot_sim.model.robot import Robot
+from artibot_sim.model.params import Params
+from artibot_sim.model.reference_contact import (
+    Wheels,
+    contact,
+    contact_forces,
+    modules_of,
+    motors_of,
+    rotation_x,
+    rotation_y,
+    rotation_z,
+)
+from artibot_sim.model.reference_effects import NEUTRAL, PlainEffects
+from artibot_sim.model.stability import OVERSHOOT
 from artibot_sim.model.transmission import ROLLING_WIDTH, Mode
 
 Array = NDArray[np.float64]
 
+__all__ = ["Solution", "Wheels", "constraint_terms", "contact", "contact_forces", "solve"]
+
 E_X, E_Z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
-
-
-def rotation_x(a: float) -> tuple[Array, Array, Array]:
-    """R_x(a) and its first and second derivatives."""
-    c, s = math.cos(a), math.sin(a)
-    return (
-        np.array([[1, 0, 0], [0, c, -s], [0, s, c]]),
-        np.array([[0, 0, 0], [0, -s, -c], [0, c, -s]]),
-        np.array([[0, 0, 0], [0, -c, s], [0, -s, -c]]),
-    )
-
-
-def rotation_y(a: float) -> tuple[Array, Array, Array]:
-    """R_y(a) and its first and second derivatives."""
-    c, s = math.cos(a), math.sin(a)
-    return (
-        np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]),
-        np.array([[-s, 0, c], [0, 0, 0], [-c, 0, -s]]),
-        np.array([[-c, 0, -s], [0, 0, 0], [s, 0, -c]]),
-    )
-
-
-def rotation_z(a: float) -> tuple[Array, Array, Array]:
-    """R_z(a) and its first and second derivatives."""
-    c, s = math.cos(a), math.sin(a)
-    return (
-        np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]),
-        np.array([[-s, -c, 0], [c, -s, 0], [0, 0, 0]]),
-        np.array([[-c, s, 0], [-s, -c, 0], [0, 0, 0]]),
-    )
 
 
 def _turned(angles: Array, rates: Array, vector: Array) -> tuple[Array, Array, Array]:
@@ -87,69 +70,6 @@ def constraint_terms(p: Params, q: Array, v: Array) -> tuple[Array, Array, Array
 
 
 @dataclass(frozen=True)
-class Wheels:
-    """Contact of eight (or four) wheels: velocities (m/s), forces after eq. 16 (N), generalised forces (n, 16)."""
-
-    p_x: Array
-    p_y: Array
-    F_n: Array
-    F_l: Array
-    F_t: Array
-    Q: Array
-
-
-def modules_of(p: Params) -> list[tuple[ModuleParams, int]]:
-    """The modules there are, each with the offset of its coordinates."""
-    return [(p.front, 0), (p.back, 8)][: 2 if p.two else 1]
-
-
-def motors_of(p: Params) -> list[MotorParams]:
-    """The motors there are."""
-    return [p.right_front, p.left_front, p.right_back, p.left_back][: 4 if p.two else 2]
-
-
-def contact_forces(robot: Robot, q: Array, v: Array) -> Wheels:
-    """Eqs 15 to 20 for every wheel at a state (16,), (16,)."""
-    return contact(params(robot), q, v)
-
-
-def contact(p: Params, q: Array, v: Array) -> Wheels:
-    """`contact_forces` from the kernel's parameters."""
-    rows = [_wheel(p, body, b, side, end, q, v) for body, b in modules_of(p) for side in (-1, 1) for end in (1, -1)]
-    p_x, p_y, F_n, F_l, F_t, Q = zip(*rows, strict=True)
-    return Wheels(*(np.array(part) for part in (p_x, p_y, F_n, F_l, F_t, Q)))
-
-
-def _wheel(p: Params, body: ModuleParams, b: int, side: int, end: int, q: Array, v: Array) -> tuple:
-    """One wheel: `side` is −1 on the right, `end` is 1 in front."""
-    R_x, dR_x, _ = rotation_x(q[b + 3])
-    R_z, dR_z, _ = rotation_z(q[b + 5])
-
-    def partials(point: Array) -> Array:
-        """d p_*/d x of eq. 19 (3, 16); pitch does not move a wheel."""
-        jacobian = np.zeros((3, 16))
-        jacobian[:, b : b + 3] = np.eye(3)
-        jacobian[:, b + 3] = R_z @ dR_x @ point
-        jacobian[:, b + 5] = dR_z @ R_x @ point
-        return jacobian
-
-    centre = np.array([end * body.half_x, side * body.half_y, 0.0])
-    velocity = (R_z @ R_x).T @ (partials(centre) @ v)
-    height = q[b + 2] + (R_z @ R_x @ centre)[2]
-    rate = (partials(centre) @ v)[2]
-    F_n = max(p.k_n * (body.r_0 - height) - p.c_n * rate, 0.0)
-    motor = (0 if b == 0 else 2) + (0 if side < 0 else 1)
-    omega = motors_of(p)[motor].tau * v[b + (6 if side < 0 else 7)]
-    F_l, F_t = p.k_l * (p.r_w * omega - velocity[0]), -p.k_t * velocity[1]
-    F_h = math.hypot(F_l, F_t)
-    if F_h > p.mu_s * F_n:
-        F_l, F_t = p.mu_d * F_n * F_l / F_h, p.mu_d * F_n * F_t / F_h
-    applied = centre + np.array([p.u_w, 0.0, 0.0])  # eq. 20
-    Q = partials(applied).T @ (R_z @ R_x @ np.array([F_l, F_t, F_n]))  # eq. 18
-    return velocity[0], velocity[1], F_n, F_l, F_t, Q
-
-
-@dataclass(frozen=True)
 class Solution:
     """What eq. 28 gives at an instant.
 
@@ -172,7 +92,10 @@ class Solution:
     residual: float
 
 
-def solve(p: Params, q: Array, v: Array, modes: Sequence[Mode], drive: Array, eta: Array, torque: Array) -> Solution:
+def solve(
+    p: Params, q: Array, v: Array, modes: Sequence[Mode], drive: Array, eta: Array, torque: Array,
+    fx: PlainEffects = NEUTRAL, lateral: Array | None = None,
+) -> Solution:  # fmt: skip
     """Assemble eq. 28 in full and solve it.
 
     Parameters
@@ -181,15 +104,17 @@ def solve(p: Params, q: Array, v: Array, modes: Sequence[Mode], drive: Array, et
         Commanded angles, speeds and accelerations of the motors.
     eta, torque : array, shape (4,)
         Efficiencies and commanded torques held through the step.
+    lateral : array, shape (8,), optional
+        Lateral forces that lag.
     """
-    wheels = contact(p, q, v)
-    mass, n, phi, right = body_system(p, q, v, wheels)
+    wheels = contact(p, q, v, fx, lateral)
+    mass, n, phi, right = body_system(p, q, v, wheels, fx)
     joint = len(phi)
     M_m, prescribed = np.zeros(4), []
     for i, motor in enumerate(motors_of(p)):
         c = MOTOR_COORDINATES[i]
-        mass[c] = motor.J_m + motor.J_w * motor.tau**2 / eta[i]
-        n[c] = -motor.tau / eta[i] * load_torque(p, wheels, i, motor.tau * v[c])
+        mass[c, c] = motor.J_m + motor.J_w * motor.tau**2 / eta[i]
+        n[c] = -motor.tau / eta[i] * load_torque(p, wheels, i, motor.tau * v[c]) - fx.drag(i, v[c])
         if modes[i] == Mode.PRESCRIBED:
             prescribed.append(i)
             phi = np.vstack([phi, np.eye(16)[c]])
@@ -197,7 +122,7 @@ def solve(p: Params, q: Array, v: Array, modes: Sequence[Mode], drive: Array, et
             continue
         wanted = torque[i]
         if modes[i] == Mode.DRIVEN:
-            wanted = mass[c] * (drive[2, i] + p.velocity_gain * (drive[1, i] - v[c])) - n[c]
+            wanted = mass[c, c] * (drive[2, i] + p.velocity_gain * (drive[1, i] - v[c])) - n[c]
         M_m[i] = min(max(wanted, -motor.torque_max), motor.torque_max)
         n[c] += M_m[i]
     x, residual = solve_augmented(mass, phi, n, right)
@@ -205,23 +130,59 @@ def solve(p: Params, q: Array, v: Array, modes: Sequence[Mode], drive: Array, et
     return Solution(x[:16], x[16 : 16 + joint] if joint else np.zeros(4), M_m, wheels, residual)
 
 
-def body_system(p: Params, q: Array, v: Array, wheels: Wheels) -> tuple[Array, Array, Array, Array]:
-    """The modules' part of eq. 25: diagonal of M, n, rows of Phi_x and their right-hand side, motors left out."""
-    mass, n = np.ones(16), np.asarray(wheels.Q.sum(axis=0))
+def body_system(
+    p: Params, q: Array, v: Array, wheels: Wheels, fx: PlainEffects = NEUTRAL, dt: float = 0.0
+) -> tuple[Array, Array, Array, Array]:
+    """The modules' part of eq. 25: M (16, 16), n, rows of Phi_x and their right-hand side, motors left out.
+
+    Over a semi-implicit step `dt`, what resists a change of the planar velocity as seen from the module is
+    M dv/dt = max(M, dt D / 1.5) dv/dt, D being the damping of the slip.
+    """
+    mass, n = np.eye(16), np.asarray(wheels.Q.sum(axis=0))
+    n[:2] += fx.push()
     for body, b in modules_of(p):
-        mass[b : b + 6] = body.m, body.m, body.m, body.J_x, body.J_y, body.J_z
-        n[b : b + 3] += body.m * np.array([p.g_x, p.g_y, p.g_z])
+        h = dt / (1 + OVERSHOOT)
+        k_t = body.k_t + p.lateral_damping
+        m = max(body.m, h * 4 * max(body.k_l, k_t))
+        J_z = max(body.J_z, h * 4 * (k_t * body.half_x**2 + body.k_l * body.half_y**2))
+        x, y = fx.centre(b)
+        r = rotation_z(q[b + 5])[0][:2, :2] @ np.array([x, y])
+        across, rate = (
+            np.array([-r[1], r[0]]),
+            v[b + 5],
+        )  # z × r: how the centre of mass moves in a turn
+        velocity = v[b : b + 2] + rate * across
+        # a = dv_seen/dt + gamma_dot × v, and only the first part is resisted
+        own = (m - body.m) * rate * np.array([-velocity[1], velocity[0]]) + body.m * np.array([p.g_x, p.g_y])
+        block = np.diag([m, m, body.m, body.J_x, body.J_y, J_z + m * r @ r])
+        block[:2, 5], block[5, :2] = m * across, m * across
+        mass[b : b + 6, b : b + 6] = block
+        n[b : b + 2] += own + m * rate**2 * r
+        n[b + 2] += body.m * p.g_z
+        n[b + 3] += body.m * p.g_z * y
+        n[b + 5] += across @ own
     if not p.two:
         return mass, n, np.zeros((0, 16)), np.zeros(0)
+    _add_joint_torque(mass, n, q, v, fx, dt)
     phi, jacobian, bias = constraint_terms(p, q, v)
     return mass, n, jacobian, -bias - 2 * p.A_joint * (jacobian @ v) - p.A_joint**2 * phi
 
 
+def _add_joint_torque(mass: Array, n: Array, q: Array, v: Array, fx: PlainEffects, dt: float) -> None:
+    """The effects' torque in the joint's yaw, over a step `dt` with its rate taken at the end (by the secant)."""
+    angle, rate = q[13] - q[5], v[13] - v[5]
+    angle += 0.5 * dt * rate
+    n[[5, 13]] += fx.joint(angle, rate) * np.array([1.0, -1.0])
+    slow = rate if abs(rate) > 1e-9 else 1e-9
+    slope = (fx.joint(angle, slow) - fx.joint(angle, 0.0)) / slow
+    mass[np.ix_([5, 13], [5, 13])] += dt * slope * np.array([[1.0, -1.0], [-1.0, 1.0]])
+
+
 def load_torque(p: Params, wheels: Wheels, motor: int, omega: float) -> float:
     """M_r of eq. 22 for one motor whose wheels turn at `omega` (rad/s), N m."""
-    pair = slice(2 * motor, 2 * motor + 2)
-    F_l, F_n = float(wheels.F_l[pair].sum()), float(wheels.F_n[pair].sum())
-    return p.r_w * F_l + p.u_w * (F_l if p.literal_eq22 else F_n * math.tanh(omega / ROLLING_WIDTH))
+    pair, r_w = slice(2 * motor, 2 * motor + 2), motors_of(p)[motor].r_w
+    F_l, u_F_n = float(wheels.F_l[pair].sum()), float(wheels.u[pair] @ wheels.F_n[pair])
+    return r_w * F_l + (p.u_w * F_l if p.literal_eq22 else u_F_n * math.tanh(omega / ROLLING_WIDTH))
 
 
 def follow(p: Params, theta: float, theta_dot: float, command: Array) -> float:
@@ -232,7 +193,7 @@ def follow(p: Params, theta: float, theta_dot: float, command: Array) -> float:
 def solve_augmented(mass: Array, phi: Array, n: Array, right: Array) -> tuple[Array, float]:
     """Solve the matrix of eqs 25 and 28 for accelerations and multipliers; also its relative residual."""
     rows = len(phi)
-    matrix = np.block([[np.diag(mass), phi.T], [phi, np.zeros((rows, rows))]])
+    matrix = np.block([[mass, phi.T], [phi, np.zeros((rows, rows))]])
     b = np.concatenate([n, right])
     x = np.linalg.solve(matrix, b).astype(np.float64)
     scale = np.abs(matrix) @ np.abs(x) + np.abs(b) + np.finfo(float).tiny

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.commands import Commands
+from artibot_sim.model.effects import record
 from artibot_sim.model.kinematics import articulation
 from artibot_sim.model.layout import (
     COLUMNS,
@@ -26,16 +26,21 @@ from artibot_sim.model.layout import (
 )
 from artibot_sim.model.params import Params, packed, params
 from artibot_sim.model.robot import Robot
+from artibot_sim.model.rollout_checks import (
+    DEFAULT_MODES,
+    INTEGRATORS,
+    check_step,
+    chosen_modes,
+    number_of_steps,
+    unlimited_beside_prescribed,
+)
 from artibot_sim.model.stability import implicit_slip, largest_step
 from artibot_sim.model.state import State, initial_state
 from artibot_sim.model.transmission import Mode, back_torque_factor
 
+__all__ = ["DEFAULT_MODES", "INTEGRATORS", "Rollout", "Status", "rollout", "unlimited_beside_prescribed"]
+
 Array = NDArray[np.float64]
-
-INTEGRATORS = ("rk4", "semi_implicit")
-
-DEFAULT_MODES = (Mode.PRESCRIBED, Mode.PRESCRIBED, Mode.TORQUE, Mode.TORQUE)
-"""As in the paper: front motors follow their profile, back motors share their torque."""
 
 
 class Status(enum.IntEnum):
@@ -187,9 +192,9 @@ def rollout(
     every : int
         A row is kept each `every` steps, and at the end.
     modes : Mode or sequence of 4 Mode, optional
-        How each motor is moved; front prescribed and back under torque by default, as in the paper. Torque limits
-        hold for motors that are driven, and for torques only beside driven ones: prescribed front motors have no
-        limit, so their share has none.
+        How each motor is moved; front prescribed and back under torque by default, as in the paper (front driven
+        where an effect limits them). Torque limits hold for motors that are driven, and for torques only beside
+        driven ones: prescribed front motors have no limit, so their share has none.
     kappa : float, optional
         Front share of eq. 29, in (0, 1]; the robot's own by default.
     state : State, optional
@@ -210,8 +215,8 @@ def rollout(
     step before, and the efficiencies are those of eq. 23 there. Both are in `State`, so a rollout continued from
     `final_state` at a knot equals one that was never cut, bit for bit.
     """
-    chosen = _modes(robot, commands, modes)
-    _check_step(robot, commands, dt, integrator, every)
+    chosen = chosen_modes(robot, commands, modes)
+    check_step(commands, dt, integrator, every)
     p = unlimited_beside_prescribed(params(robot), chosen)
     longest, mode = largest_step(p, integrator, chosen)
     if dt > longest:
@@ -224,7 +229,7 @@ def rollout(
     if not 0.0 < share <= 1.0:
         raise ArtibotError(f"kappa: {share:g}; expected a share of the front module in (0, 1] (eq. 29)")
     start = initial_state(robot, t=commands.t0) if state is None else state
-    steps = _steps(commands.duration if duration is None else duration, dt)
+    steps = number_of_steps(commands.duration if duration is None else duration, dt)
     return _run(robot, commands, p, chosen, share, start, steps, dt, integrator, every, energy)
 
 
@@ -238,12 +243,13 @@ def _run(
     if integrator == "semi_implicit":
         p = implicit_slip(p, dt)
     rows = -(-steps // every) + 1
-    q, v, eta, torque = start.q.copy(), start.v.copy(), start.eta.copy(), start.torque.copy()
+    q, v, eta, torque, lateral = (array.copy() for array in (start.q, start.v, start.eta, start.torque, start.lateral))
     out_q, out_v, out_w = np.empty((rows, 16)), np.empty((rows, 16)), np.empty((rows, ROW))
     out_e = np.empty((rows, ENERGIES)) if energy else None
     given = np.array(commands.commanded)
     status, kept = integrate(
-        q, v, eta, torque, packed(p), np.array(modes, dtype=np.int64), dt, steps, every,
+        q, v, eta, torque, lateral, packed(p), record(robot.effects, start.t), np.array(modes, dtype=np.int64),
+        dt, steps, every,
         np.where(given, commands.position, 0.0), np.where(given, commands.velocity, 0.0), commands.torque,
         round(commands.dt / dt), back_torque_factor(robot, kappa), loop.workspace(), out_q, out_v, out_w, out_e,
     )  # fmt: skip
@@ -257,46 +263,8 @@ def _run(
             f"diverged between {t[-1]:.3f} and {t[-1] + every * dt:.3f} s; try a shorter dt than {dt:g} s, "
             "the integrator 'semi_implicit', or less extreme commands"
         )
-    final = State(start.t + steps * dt, q, v, eta, torque) if status == Status.OK else None
+    final = State(start.t + steps * dt, q, v, eta, torque, lateral) if status == Status.OK else None
     return Rollout(
         robot, Status(status), message, t, out_q[:kept], out_v[:kept], out_w[:kept],
         None if out_e is None else out_e[:kept], final, modes,
     )  # fmt: skip
-
-
-def _modes(robot: Robot, commands: Commands, modes: Mode | Sequence[Mode] | None) -> tuple[Mode, ...]:
-    chosen = DEFAULT_MODES if modes is None else (modes,) * 4 if isinstance(modes, Mode) else tuple(map(Mode, modes))
-    if len(chosen) != 4:
-        raise ArtibotError(f"modes: {len(chosen)} given; expected one, or four in the order of MOTORS")
-    names = ("front_right", "front_left", "back_right", "back_left")[: 4 if robot.articulated else 2]
-    for name, mode, given in zip(names, chosen, commands.commanded, strict=False):
-        if mode != Mode.TORQUE and not given:
-            raise ArtibotError(f"commands.velocity: no speeds for {name}, which is {mode.name}; give its column")
-    return chosen
-
-
-def unlimited_beside_prescribed(p: Params, modes: tuple[Mode, ...]) -> Params:
-    """Motors that share the torque of prescribed ones, which have no limit, have none themselves."""
-    if Mode.DRIVEN in modes[:2]:
-        return p
-    right = p.right_back if modes[2] == Mode.DRIVEN else p.right_back._replace(torque_max=math.inf)
-    left = p.left_back if modes[3] == Mode.DRIVEN else p.left_back._replace(torque_max=math.inf)
-    return p._replace(right_back=right, left_back=left)
-
-
-def _check_step(robot: Robot, commands: Commands, dt: float, integrator: str, every: int) -> None:
-    if integrator not in INTEGRATORS:
-        raise ArtibotError(f"integrator: '{integrator}'; expected one of {', '.join(INTEGRATORS)}")
-    if not (math.isfinite(dt) and dt > 0):
-        raise ArtibotError(f"dt: {dt} s; expected a finite step greater than 0, such as 0.001 s")
-    ratio = commands.dt / dt
-    if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6:
-        raise ArtibotError(f"dt: {dt:g} s does not divide the commands' knot spacing of {commands.dt:g} s")
-    if not (isinstance(every, int | np.integer) and every >= 1):
-        raise ArtibotError(f"every: {every!r}; expected a number of steps of at least 1")
-
-
-def _steps(duration: float, dt: float) -> int:
-    if not (math.isfinite(duration) and duration >= 0):
-        raise ArtibotError(f"duration: {duration} s; expected a finite time of at least 0")
-    return round(duration / dt)

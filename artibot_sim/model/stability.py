@@ -37,8 +37,9 @@ def implicit_slip(p: Params, dt: float) -> Params:
     h = dt / (1.0 + OVERSHOOT)
 
     def module(body: ModuleParams) -> ModuleParams:
-        m = max(body.m, h * 4.0 * max(p.k_l, p.k_t))
-        J_z = max(body.J_z, h * 4.0 * (p.k_t * body.half_x**2 + p.k_l * body.half_y**2))
+        across = body.k_t + p.lateral_damping
+        m = max(body.m, h * 4.0 * max(body.k_l, across))
+        J_z = max(body.J_z, h * 4.0 * (across * body.half_x**2 + body.k_l * body.half_y**2))
         return body._replace(inverse=(1 / m, 1 / m, *body.inverse[2:5], 1 / J_z), sluggish=m - body.m)
 
     return p._replace(front=module(p.front), back=module(p.back))
@@ -72,17 +73,24 @@ def _rk4_limits(p: Params, modes: tuple[int, ...]) -> Iterator[tuple[float, str]
 
 def _semi_implicit_limits(p: Params) -> Iterator[tuple[float, str]]:
     """Of v += -h (stiffness x + damping v), x += h v, which is stable while stiffness h² + 2 damping h < 4."""
-    for damping, stiffness, what in _springs(p):
-        yield MARGIN * 4 / (damping + math.sqrt(damping * damping + 4 * stiffness)), what
+    for damping, stiffness, what in _springs(p, implicit=True):
+        if damping + stiffness > 0.0:
+            yield MARGIN * 4 / (damping + math.sqrt(damping * damping + 4 * stiffness)), what
 
 
-def _springs(p: Params) -> Iterator[tuple[float, float, str]]:
-    """Damping (1/s) and stiffness (1/s²) of heave and roll of each module on its wheels, and of the joint's gap."""
+def _springs(p: Params, implicit: bool = False) -> Iterator[tuple[float, float, str]]:
+    """Damping (1/s) and stiffness (1/s²) of each module's heave and roll, of the joint's gap, and of its yaw.
+
+    Damping in the joint's yaw counts only where it is not taken implicitly.
+    """
     for body in (p.front, p.back)[: 2 if p.two else 1]:
         for inverse in (4.0 / body.m, 4.0 * body.half_y**2 / body.J_x):
             yield p.c_n * inverse, p.k_n * inverse, "vertical motion on the wheels"
     if p.two and p.A_joint > 0.0:
         yield 2 * p.A_joint, p.A_joint**2, "control.A_joint"
+    if p.two and p.joint_damping + p.joint_stiffness > 0.0:
+        inverse = 1 / p.front.J_z + 1 / p.back.J_z
+        yield (0.0 if implicit else inverse * p.joint_damping), inverse * p.joint_stiffness, "torque in the joint's yaw"
 
 
 def _rk4_limit(rate: complex) -> float:
@@ -134,12 +142,15 @@ def _slip_matrix(
             if free[i]:
                 k = 3 * len(bodies) + spinning.index(i)
                 gear = motor.tau / etas[i]
-                along[k] = p.r_w * motor.tau
-                force[k] = p.r_w * gear  # eq. 21: the gear's efficiency makes the pair unsymmetric
+                along[k] = motor.r_w * motor.tau
+                force[k] = motor.r_w * gear  # eq. 21: the gear's efficiency makes the pair unsymmetric
                 inverse[k] = 1 / (motor.J_m + motor.J_w * motor.tau * gear)
-            damping += p.k_l * np.outer(force, along) + p.k_t * np.outer(across, across)
+            damping += body.k_l * np.outer(force, along) + (body.k_t + p.lateral_damping) * np.outer(across, across)
     if not p.two:
         return -inverse[:, None] * damping
+    twist = np.zeros(size)
+    twist[[2, 5]] = -1.0, 1.0
+    damping += p.joint_damping * np.outer(twist, twist)
     joint = np.zeros((2, size))
     s, c = math.sin(articulation), math.cos(articulation)
     joint[:, :3] = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, p.front.O_x]])

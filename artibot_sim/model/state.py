@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,9 @@ class State:
         Efficiencies for the next step (eq. 23).
     torque : array, shape (4,)
         Motor torques of the last step (N m), which eq. 30 feeds back.
+    lateral : array, shape (8,)
+        Lateral forces (N) of tyres that need some way to build them up, in the order of WHEELS; only the effect
+        `tyre_relaxation` knows them.
     """
 
     t: float
@@ -39,9 +42,10 @@ class State:
     v: Array
     eta: Array
     torque: Array
+    lateral: Array = field(default_factory=lambda: np.zeros(8))
 
     def __post_init__(self) -> None:
-        for name, size in (("q", 16), ("v", 16), ("eta", 4), ("torque", 4)):
+        for name, size in (("q", 16), ("v", 16), ("eta", 4), ("torque", 4), ("lateral", 8)):
             array = np.array(getattr(self, name), dtype=float)
             if array.shape != (size,) or not np.isfinite(array).all():
                 raise ArtibotError(f"state.{name}: found {array!r}, expected {size} finite numbers")

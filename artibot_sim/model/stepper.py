@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import loop
+from artibot_sim.model.effects import record
 from artibot_sim.model.layout import M_M, ROW
 from artibot_sim.model.params import PARAMS_DTYPE, params
 from artibot_sim.model.robot import Robot
@@ -96,7 +97,8 @@ class Stepper:
         self._position, self._velocity, self._torque_d = np.zeros((2, 4)), np.zeros((2, 4)), np.zeros((2, 4))
         self._work, self._out = loop.workspace(), (np.empty((2, 16)), np.empty((2, 16)), np.empty((2, ROW)))
         self.q, self.v, self.torque = np.zeros(16), np.zeros(16), np.zeros(4)
-        self._eta, self._previous, self._t, self._steps = np.zeros(4), np.zeros(4), 0.0, 0
+        self._eta, self._previous, self._lateral = np.zeros(4), np.zeros(4), np.zeros(8)
+        self._effects, self._t, self._steps = record(robot.effects, 0.0), 0.0, 0
         self.state = initial_state(robot) if state is None else state
 
     @property
@@ -107,13 +109,13 @@ class Stepper:
     @property
     def state(self) -> State:
         """All that a rollout needs to go on from here."""
-        return State(self.t, self.q, self.v, self._eta, self._previous)
+        return State(self.t, self.q, self.v, self._eta, self._previous, self._lateral)
 
     @state.setter
     def state(self, state: State) -> None:
         self._t, self._steps = state.t, 0
         self.q[:], self.v[:], self._eta[:], self._previous[:] = state.q, state.v, state.eta, state.torque
-        self.torque[:] = state.torque
+        self.torque[:], self._lateral[:] = state.torque, state.lateral
 
     def advance(self, steps: int, turns: tuple[Turn, Turn, Turn, Turn]) -> Status:
         """Go on by `steps` steps; `turns` are in the order of MOTORS (a rigid robot's back ones are ignored).
@@ -126,12 +128,15 @@ class Stepper:
         for motor, turn in enumerate(turns):
             self._tell(motor, turn, steps * self.dt)
         q, v, eta, previous = self.q.copy(), self.v.copy(), self._eta.copy(), self._previous.copy()
+        lateral = self._lateral.copy()
+        if self._effects is not None:
+            self._effects["t"] = self.t
         status, _ = self._integrate(
-            q, v, eta, previous, self._table[0], self._modes, self.dt, steps, steps, self._position, self._velocity,
-            self._torque_d, 2 * steps, self._shared, self._work, *self._out, None,
+            q, v, eta, previous, lateral, self._table[0], self._effects, self._modes, self.dt, steps, steps,
+            self._position, self._velocity, self._torque_d, 2 * steps, self._shared, self._work, *self._out, None,
         )  # fmt: skip
         if status == Status.OK:
-            self.q, self.v, self._eta, self._previous = q, v, eta, previous
+            self.q, self.v, self._eta, self._previous, self._lateral = q, v, eta, previous, lateral
             self.torque[:] = self._out[2][1, M_M : M_M + 4]
             self._steps += steps
         return Status(status)

@@ -48,11 +48,15 @@ def rolling_sign(omega):
 
 
 @inlined
-def load_torque(p, omega, F_l_sum, F_n_sum):
+def load_torque(p, fx, unit, pair, soil, omega, F_l_sum):
     """M_r of eq. 22: torque of the contact forces on the wheels' axle, N m."""
     if p.literal_eq22:
-        return p.r_w * F_l_sum + p.u_w * F_l_sum
-    return p.r_w * F_l_sum + p.u_w * F_n_sum * rolling_sign(omega)
+        return unit.r_w * F_l_sum + p.u_w * F_l_sum
+    if fx is not None:
+        u_F_n = soil.u_f * pair.F_nf + soil.u_b * pair.F_nb
+    else:
+        u_F_n = p.u_w * (pair.F_nf + pair.F_nb)
+    return unit.r_w * F_l_sum + u_F_n * rolling_sign(omega)
 
 
 @inlined
@@ -83,15 +87,14 @@ def limited(motor, M_m):
 
 
 @inlined
-def motor_equation(motor, p, mode, gear, J, M_r, theta, theta_dot, d, d_dot, d_ddot, M_d):
-    """Eq. 21 for one motor, solved for what its mode leaves open.
+def motor_equation(motor, p, mode, J, load, theta, theta_dot, d, d_dot, d_ddot, M_d):
+    """Eq. 21 for one motor under a `load` (N m, motor side), solved for what its mode leaves open.
 
     Returns
     -------
     tuple of 2 floats
         Motor torque M_m (N m) and angular acceleration (rad/s²), motor side.
     """
-    load = gear * M_r
     if mode == PRESCRIBED:
         theta_ddot = follow(p.A_motor, theta, theta_dot, d, d_dot, d_ddot)
         return J * theta_ddot + load, theta_ddot

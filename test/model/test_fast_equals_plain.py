@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
+from model.effects import SEVERITY_1, with_effects
 
+from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, Robot, State, initial_state, load_robot, rollout
 from artibot_sim.model.params import params
+from artibot_sim.model.reference_effects import PlainEffects
 from artibot_sim.model.reference_steps import PlainState, rk4_step, semi_implicit_step
 from artibot_sim.model.rollout import unlimited_beside_prescribed
 from artibot_sim.model.transmission import back_torque_factor
@@ -55,18 +60,19 @@ def cubic(commands: Commands, t: float, knot: int) -> np.ndarray:
 
 def plain_run(robot: Robot, start: State, order: Commands, modes, kappa: float, integrator: str) -> np.ndarray:
     p, factor = unlimited_beside_prescribed(params(robot), modes), back_torque_factor(robot, kappa)
-    state = PlainState(start.q, start.v, start.eta, start.torque)
+    state = PlainState(start.q, start.v, start.eta, start.torque, start.lateral)
+    effects = PlainEffects(robot.effects)
     dt = order.dt / KNOT
     for step in range(STEPS):
         knot, t = step // KNOT, step * dt
         held = order.torque[knot]
         if integrator == "rk4":
             drives = [cubic(order, t + part * dt, knot) for part in (0.0, 0.5, 1.0)]
-            state = rk4_step(p, state, modes, drives, held, factor, dt)
+            state = rk4_step(p, state, modes, drives, held, factor, dt, effects.at(t))
         else:
             drive = cubic(order, t, knot)
             drive[2] = (cubic(order, t + dt, knot)[1] - drive[1]) / dt
-            state = semi_implicit_step(p, state, modes, drive, held, factor, dt)
+            state = semi_implicit_step(p, state, modes, drive, held, factor, dt, effects.at(t))
     return np.concatenate([state.q, state.v, state.eta, state.torque])
 
 
@@ -100,3 +106,52 @@ def test_literal_readings_are_computed_and_differ(switch: str) -> None:
     plain = plain_run(literal, start, order, modes, 0.7, "rk4")
     assert np.max(np.abs(np.concatenate([fast.q, fast.v]) - plain[:32])) < 1e-10
     assert not np.allclose(fast.v, rollout(robot, order, state=start, kappa=0.7).final_state.v, rtol=0, atol=1e-6)
+
+
+def gap_with(robot: Robot, modes, integrator: str, dt: float) -> float:
+    """Distance of the compiled steps from the plain ones over the larger of 1 and what is compared."""
+    rng = np.random.default_rng(11)
+    robot = robot.replace({"front.O_z": 0.03, "back.O_z": 0.02, "contact.c_n": 40.0})
+    moving, order = moving_state(robot, rng), commands(robot, rng, modes[0] == Mode.TORQUE, dt)
+    start = dataclasses.replace(moving, lateral=20.0 * rng.normal(size=8))
+    end = rollout(robot, order, dt=dt, modes=modes, kappa=0.7, state=start, integrator=integrator).final_state
+    got = np.concatenate([end.q, end.v, end.eta, end.torque])
+    want = plain_run(robot, start, order, modes, 0.7, integrator)
+    return float(np.max(np.abs(got - want) / np.maximum(np.abs(want), 1.0)))
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
+@pytest.mark.parametrize("effect", sorted(SEVERITY_1))
+def test_compiled_effects_equal_plain_ones(agriq, effect: str, integrator: str) -> None:
+    modes = MODES["driven"] if effect == "torque_limit" else MODES["as in the paper"]
+    assert gap_with(with_effects(agriq, effect), modes, integrator, DT) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("name", "integrator", "dt"),
+    [("agriq", "rk4", DT), *((name, "semi_implicit", dt) for name in ("agriq", "epiq") for dt in (DT, 3e-3))],
+)
+@pytest.mark.parametrize("modes", MODES.values(), ids=MODES.keys())
+def test_all_compiled_effects_at_once_equal_plain_ones(name: str, modes, integrator: str, dt: float) -> None:
+    """For the small Epi.q an articulation that is as hard to turn as Agri.q's is beyond RK4, see the next test."""
+    robot = with_effects(load_robot(name), *SEVERITY_1)
+    assert gap_with(robot, modes, integrator, dt) < 1e-12
+
+
+def test_a_joint_too_stiff_for_the_step_is_refused(epiq) -> None:
+    robot, order = with_effects(epiq, "joint_friction"), commands(epiq, np.random.default_rng(1), torque=False)
+    with pytest.raises(ArtibotError, match="dt"):
+        rollout(robot, order, dt=DT, integrator="rk4")
+    assert rollout(robot, order, dt=DT, integrator="semi_implicit").final_state is not None
+
+
+def test_effects_on_a_rigid_robot_equal_plain_ones(husky) -> None:
+    rng = np.random.default_rng(5)
+    robot = with_effects(husky, *(name for name in SEVERITY_1 if not name.startswith(("joint", "back", "payload"))))
+    start, order = moving_state(robot, rng), commands(robot, rng, torque=False)
+    modes = MODES["driven"]
+    for integrator in ("rk4", "semi_implicit"):
+        end = rollout(robot, order, dt=DT, modes=modes, state=start, integrator=integrator).final_state
+        plain = plain_run(robot, start, order, modes, 1.0, integrator)
+        np.testing.assert_allclose(end.q[:8], plain[:8], rtol=0, atol=1e-12 * np.abs(plain).max())
+        np.testing.assert_allclose(end.v[:8], plain[16:24], rtol=0, atol=1e-12 * np.abs(plain).max())

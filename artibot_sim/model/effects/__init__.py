@@ -1,23 +1,37 @@
 """Model extensions: what the paper's model leaves out, each in one place.
 
-An effect is declared and computed in one file of this package; at its neutral value the model is bit-identical
-to the paper's. A robot file names the ones at work under ``effects``.
+An effect is declared and computed in one file of this package, which ends in ``EFFECT = Effect(…)``; being there is
+enough to be known. At its neutral value the model is bit-identical to the paper's. A robot file names the ones at
+work under ``effects``.
 """
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
 from collections.abc import Mapping
 from typing import Any
 
-from artibot_sim.errors import ArtibotError
-from artibot_sim.model.effects.base import Effect
-from artibot_sim.model.effects.slope import SLOPE
+import numpy as np
 
-EFFECTS: dict[str, Effect] = {effect.id: effect for effect in (SLOPE,)}
+from artibot_sim.documents import did_you_mean
+from artibot_sim.errors import ArtibotError
+from artibot_sim.model.effects.base import Effect, Values
+
+_NOT_EFFECTS = ("base", "hooks")
+
+
+def _found() -> dict[str, Effect]:
+    names = sorted(module.name for module in pkgutil.iter_modules(__path__) if module.name not in _NOT_EFFECTS)
+    effects = [importlib.import_module(f"{__name__}.{name}").EFFECT for name in names]
+    return {effect.id: effect for effect in effects}
+
+
+EFFECTS: dict[str, Effect] = _found()
 """Every effect by id."""
 
 
-def effects_from_dict(document: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+def effects_from_dict(document: Mapping[str, Any]) -> dict[str, dict[str, float | str]]:
     """Check the ``effects`` section of a robot file.
 
     Each effect's parameters stand as numbers or as ``{value, unit, source}``; a parameter that is not given has
@@ -26,7 +40,42 @@ def effects_from_dict(document: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     return {name: _effect(name).read(entries, f"effects.{name}") for name, entries in document.items()}
 
 
+def at_work(effects: Mapping[str, Values]) -> dict[str, tuple[Effect, Values]]:
+    """Those of a robot's effects that make a difference, in the order of `EFFECTS`."""
+    return {
+        name: (effect, effects[name])
+        for name, effect in EFFECTS.items()
+        if name in effects and effect.active(effects[name])
+    }
+
+
+_RECORDED = {name: effect for name, effect in EFFECTS.items() if effect.hooks}
+
+RECORD_DTYPE = np.dtype(
+    [("t", np.float64), *((name, [(key, np.float64) for key in e.parameters]) for name, e in _RECORDED.items())],
+    align=True,
+)
+"""What compiled code takes of the effects: the time (s), and each one's parameters under its name."""
+
+
+def record(effects: Mapping[str, Values], t: float) -> np.void | None:
+    """A robot's effects for the extended kernel at the time `t` (s); None where the paper's model does."""
+    working = at_work(effects)
+    if not any(effect.hooks for effect, _ in working.values()):
+        return None
+    fx: np.void = np.zeros(1, dtype=RECORD_DTYPE)[0]
+    fx["t"] = t
+    for name, effect in _RECORDED.items():
+        values = working[name][1] if name in working else {}
+        for key, parameter in effect.parameters.items():
+            fx[name][key] = parameter.number(values.get(key, parameter.neutral))
+    return fx
+
+
 def _effect(name: str) -> Effect:
     if name not in EFFECTS:
-        raise ArtibotError(f"effects.{name}: unknown effect; this version simulates {', '.join(sorted(EFFECTS))}")
+        raise ArtibotError(
+            f"effects.{name}: unknown effect{did_you_mean(name, EFFECTS)}; "
+            f"this version simulates {', '.join(sorted(EFFECTS))}"
+        )
     return EFFECTS[name]

@@ -2,20 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.quantity import Quantity
+
+if TYPE_CHECKING:
+    from artibot_sim.model.params import Params
+
+Values = Mapping[str, Any]
+"""Parameters of an effect by name: numbers, and names where a parameter is a choice."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A parameter that is one of several names; compiled code knows it by its place among them."""
+
+    names: tuple[str, ...]
+    doc: str
+
+    def read(self, entry: Any, key: str) -> str:
+        """The name, checked."""
+        if isinstance(entry, Mapping):
+            entry = entry.get("value")
+        if entry not in self.names:
+            raise ArtibotError(f"{key}: found {entry!r}, expected one of {', '.join(self.names)} ({self.doc})")
+        return str(entry)
 
 
 @dataclass(frozen=True)
 class EffectParameter:
     """One parameter of an effect: its declaration and the value at which the effect is absent."""
 
-    quantity: Quantity
-    neutral: float
+    quantity: Quantity | Choice
+    neutral: float | str
+
+    def number(self, value: float | str) -> float:
+        """`value` as compiled code takes it."""
+        return float(self.quantity.names.index(str(value)) if isinstance(self.quantity, Choice) else value)
 
 
 @dataclass(frozen=True)
@@ -31,14 +58,27 @@ class Effect:
     doc : str
         The physics in one sentence.
     parameters : mapping of str to EffectParameter
+        The first are those that say how strong it is.
+    sizes : int
+        How many of them do: the effect is absent where all of these are neutral, whatever the others are.
+    adapt : callable, optional
+        (Params, values) → Params: what the effect changes in the numbers of the paper's model.
+    hooks : mapping of str to compiled function
+        What the extended kernel calls, by the hook's name (see `effects.hooks`).
+    drives_front : bool
+        Whether it acts on front motors only where they are driven.
     """
 
     id: str
     acts: str
     doc: str
     parameters: Mapping[str, EffectParameter]
+    sizes: int = 1
+    adapt: Callable[[Params, Values], Params] | None = None
+    hooks: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
+    drives_front: bool = False
 
-    def read(self, entries: Any, path: str) -> dict[str, float]:
+    def read(self, entries: Any, path: str) -> dict[str, float | str]:
         """Parameter values from a robot file's entry, checked; absent ones are neutral."""
         if not isinstance(entries, Mapping):
             raise ArtibotError(f"{path}: found {entries!r}, expected the parameters {', '.join(self.parameters)}")
@@ -50,8 +90,27 @@ class Effect:
             for name, parameter in self.parameters.items()
         }
 
+    def active(self, values: Values) -> bool:
+        """Whether these values make a difference."""
+        strengths = list(self.parameters.items())[: self.sizes]
+        return any(values[name] != parameter.neutral for name, parameter in strengths)
 
-def _value(entry: Any, quantity: Quantity, key: str) -> float:
+
+def number(
+    unit: str, low: float, high: float, doc: str, neutral: float = 0.0, *, low_open: bool = False
+) -> EffectParameter:
+    """Declare a parameter that is a number within bounds (an infinite one only where it is neutral)."""
+    return EffectParameter(Quantity(unit, low, high, doc, low_open, math.isinf(high) and neutral != high), neutral)
+
+
+def choice(names: tuple[str, ...], doc: str) -> EffectParameter:
+    """Declare a parameter that is one of several names; the first stands where none is given."""
+    return EffectParameter(Choice(names, doc), names[0])
+
+
+def _value(entry: Any, quantity: Quantity | Choice, key: str) -> float | str:
+    if isinstance(quantity, Choice):
+        return quantity.read(entry, key)
     if isinstance(entry, Mapping):
         if entry.get("unit", quantity.unit) != quantity.unit:
             raise ArtibotError(f"{key}.unit: found '{entry['unit']}', expected '{quantity.unit}'")

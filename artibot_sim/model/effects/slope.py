@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
-from artibot_sim.model.effects.base import Effect, EffectParameter
-from artibot_sim.model.quantity import Quantity
+from artibot_sim.model.effects.base import Effect, Values, number
+
+if TYPE_CHECKING:
+    from artibot_sim.model.params import Params
 
 STANDARD_GRAVITY = 9.81
 """|g| of eq. 12, m/s²."""
-
-SLOPE = Effect(
-    id="slope",
-    acts="environment",
-    doc="Each module is pulled by m g sin(grade) towards `heading` in `map`.",
-    parameters={
-        "grade": EffectParameter(Quantity("rad", -0.8, 0.8, "angle of the slope"), 0.0),
-        "heading": EffectParameter(Quantity("rad", -math.inf, math.inf, "direction downhill in map"), 0.0),
-    },
-)
 
 
 def gravity(grade: float, heading: float) -> tuple[float, float, float]:
@@ -27,3 +20,20 @@ def gravity(grade: float, heading: float) -> tuple[float, float, float]:
         return 0.0, 0.0, -STANDARD_GRAVITY
     along = STANDARD_GRAVITY * math.sin(grade)
     return along * math.cos(heading), along * math.sin(heading), -STANDARD_GRAVITY * math.cos(grade)
+
+
+def _adapt(p: Params, values: Values) -> Params:
+    g_x, g_y, g_z = gravity(**values)
+    return p._replace(g_x=g_x, g_y=g_y, g_z=g_z)
+
+
+EFFECT = Effect(
+    id="slope",
+    acts="environment",
+    doc="Each module is pulled by m g sin(grade) towards `heading` in `map`.",
+    parameters={
+        "grade": number("rad", -0.8, 0.8, "angle of the slope"),
+        "heading": number("rad", -math.inf, math.inf, "direction downhill in map"),
+    },
+    adapt=_adapt,
+)

@@ -1,0 +1,27 @@
+"""Wind, or a tether."""
+
+from __future__ import annotations
+
+import math
+
+from artibot_sim.model.compiled import inlined
+from artibot_sim.model.effects.base import Effect, number
+
+
+@inlined
+def push(fx, module):
+    """Force on a module's origin along x and y of `map`, N."""
+    force = fx.external_force.force if module == 0 else 0.0
+    return force * math.cos(fx.external_force.heading), force * math.sin(fx.external_force.heading)
+
+
+EFFECT = Effect(
+    id="external_force",
+    acts="environment",
+    doc="A constant horizontal force at the front module's origin, fixed in `map`.",
+    parameters={
+        "force": number("N", -math.inf, math.inf, "horizontal force"),
+        "heading": number("rad", -math.inf, math.inf, "its direction in map"),
+    },
+    hooks={"push": push},
+)

@@ -1,0 +1,31 @@
+"""Worn or cold gears."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from artibot_sim.model.effects.base import Effect, Values, number
+
+if TYPE_CHECKING:
+    from artibot_sim.model.params import MotorParams, Params
+
+
+def _adapt(p: Params, values: Values) -> Params:
+    def worn(motor: MotorParams) -> MotorParams:
+        return motor._replace(eta_d=min(values["scale"] * motor.eta_d, 1.0))
+
+    return p._replace(
+        right_front=worn(p.right_front),
+        left_front=worn(p.left_front),
+        right_back=worn(p.right_back),
+        left_back=worn(p.left_back),
+    )
+
+
+EFFECT = Effect(
+    id="gear_efficiency",
+    acts="drive",
+    doc="The direct efficiency of all transmissions is `scale` times the configured one (and at most 1).",
+    parameters={"scale": number("-", 0.0, 10.0, "of eta_d", 1.0, low_open=True)},
+    adapt=_adapt,
+)

@@ -1,0 +1,35 @@
+"""Dry friction in the articulation."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from artibot_sim.model.compiled import inlined
+from artibot_sim.model.effects.base import Effect, Values, number
+
+if TYPE_CHECKING:
+    from artibot_sim.model.params import Params
+
+WIDTH = 0.01
+"""Yaw rate of the articulation over which friction changes its sign (tanh), rad/s."""
+
+
+@inlined
+def joint(fx, angle, rate):
+    """Torque against the articulation's yaw, N m."""
+    return fx.joint_friction.torque * math.tanh(rate / WIDTH)
+
+
+def _adapt(p: Params, values: Values) -> Params:
+    return p._replace(joint_damping=p.joint_damping + values["torque"] / WIDTH)
+
+
+EFFECT = Effect(
+    id="joint_friction",
+    acts="joint",
+    doc="Coulomb torque that opposes the articulation's yaw rate.",
+    parameters={"torque": number("N m", 0.0, math.inf, "Coulomb torque")},
+    adapt=_adapt,
+    hooks={"joint": joint},
+)

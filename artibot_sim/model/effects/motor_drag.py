@@ -1,0 +1,31 @@
+"""A brake that drags, a stone in a gear."""
+
+from __future__ import annotations
+
+import math
+
+from artibot_sim.model.compiled import inlined
+from artibot_sim.model.effects.base import Effect, choice, number
+
+WIDTH = 0.5
+"""Motor speed over which the drag changes its sign (tanh), rad/s."""
+
+
+@inlined
+def drag(fx, motor, theta_dot):
+    """Torque against the rotation of a motor, motor-side, N m."""
+    if motor != int(fx.motor_drag.motor):
+        return 0.0
+    return fx.motor_drag.torque * math.tanh(theta_dot / WIDTH)
+
+
+EFFECT = Effect(
+    id="motor_drag",
+    acts="drive",
+    doc="One motor carries a constant extra torque against its rotation.",
+    parameters={
+        "torque": number("N m", 0.0, math.inf, "motor-side drag"),
+        "motor": choice(("front_right", "front_left", "back_right", "back_left"), "which motor"),
+    },
+    hooks={"drag": drag},
+)

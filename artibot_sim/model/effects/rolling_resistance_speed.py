@@ -1,0 +1,23 @@
+"""Rolling resistance that grows with speed."""
+
+from __future__ import annotations
+
+import math
+
+from artibot_sim.model.compiled import inlined
+from artibot_sim.model.effects.base import Effect, number
+
+
+@inlined
+def lead(fx, speed):
+    """Factor of u_w for a wheel whose centre moves at `speed` (m/s)."""
+    return 1.0 + fx.rolling_resistance_speed.coefficient * speed
+
+
+EFFECT = Effect(
+    id="rolling_resistance_speed",
+    acts="contact",
+    doc="u_w becomes u_w (1 + coefficient |v|), v being the velocity of the wheel's centre.",
+    parameters={"coefficient": number("s/m", 0.0, math.inf, "growth of u_w with speed")},
+    hooks={"lead": lead},
+)

@@ -1,0 +1,34 @@
+"""Sizes of the effects at which each is plain to see (Agri.q), for the tests."""
+
+from __future__ import annotations
+
+import dataclasses
+
+SEVERITY_1 = {
+    "torque_limit": {"front_max": 0.36},
+    "motor_drag": {"torque": 0.25, "motor": "back_left"},
+    "gear_efficiency": {"scale": 0.77},
+    "wheel_radius_mismatch": {"relative": 0.02},
+    "slope": {"grade": 0.05, "heading": 0.7},
+    "external_force": {"force": 35.0, "heading": -0.4},
+    "friction_patch": {"scale": 0.55, "x": 1.0, "y": -2.0, "radius": 0.5},
+    "soil_softening": {"rate": 0.008},
+    "back_friction": {"scale": 0.6},
+    "stribeck": {"velocity": 0.08},
+    "bulldozing": {"coefficient": 900.0},
+    "tyre_relaxation": {"length": 0.3},
+    "rolling_resistance_speed": {"coefficient": 1.5},
+    "com_offset": {"x": 0.06, "y": -0.04},
+    "payload": {"mass": 15.0, "module": "back"},
+    "joint_friction": {"torque": 10.0},
+    "joint_damping": {"coefficient": 30.0},
+    "joint_stiffness": {"stiffness": 25.0},
+    "joint_stop": {"angle": 0.2},
+}
+"""Effect → parameters at the contract's severity 1."""
+
+
+def with_effects(robot, *names, **changes):
+    """The robot with some effects at severity 1, or with the parameters given by name."""
+    chosen = {name: SEVERITY_1[name] for name in names} | changes
+    return dataclasses.replace(robot, effects=dict(robot.effects) | chosen)

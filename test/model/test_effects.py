@@ -1,0 +1,335 @@
+"""What each effect does: nothing at its neutral value, and at severity 1 what its physics says."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from model.effects import SEVERITY_1, with_effects
+from model.helpers import energy_gap, from_knot, front_commands, ramp, standstill
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.model import MOTORS, WHEELS, Mode, Robot, initial_state, load_robot, rollout, save_robot
+from artibot_sim.model.effects import EFFECTS
+
+CONTRACT = {*SEVERITY_1}
+FRONT, BACK = WHEELS[:4], WHEELS[4:]
+
+
+def turn(robot, speed=0.4, yaw_rate=0.3, duration=6.0, **options):
+    commands = front_commands(robot, lambda t: speed * ramp(t), lambda t: yaw_rate * ramp(t - 1.5), duration)
+    return rollout(robot, commands, **({"kappa": 0.8} | options))
+
+
+@pytest.fixture(scope="module")
+def plain(agriq):
+    return turn(agriq)
+
+
+@pytest.fixture(scope="module")
+def straight(agriq):
+    return turn(agriq, yaw_rate=0.0)
+
+
+def total(result, name, wheels=WHEELS):
+    return sum(result[f"{name}_{wheel}"] for wheel in wheels)
+
+
+def test_every_effect_is_in_the_tests_table():
+    assert {name for name, effect in EFFECTS.items() if effect.acts not in ("command", "sensor")} == CONTRACT
+
+
+@pytest.mark.parametrize("name", sorted(CONTRACT))
+def test_neutral_is_the_papers_model_to_the_bit(agriq, plain, name):
+    """Also where the parameters that only say where or which are set."""
+    values = SEVERITY_1[name] | {
+        key: parameter.neutral for key, parameter in list(EFFECTS[name].parameters.items())[: EFFECTS[name].sizes]
+    }
+    result = turn(with_effects(agriq, **{name: values}))
+    np.testing.assert_array_equal(result.q, plain.q)
+    np.testing.assert_array_equal(result.row, plain.row)
+
+
+@pytest.mark.parametrize("name", sorted(CONTRACT - {"friction_patch", "joint_stop", "torque_limit", "soil_softening"}))
+def test_severity_1_is_plain_to_see(agriq, plain, name):
+    result = turn(with_effects(agriq, name))
+    moved = np.abs(result.pose - plain.pose).max()
+    pulled = np.abs(result.motor_torque - plain.motor_torque).max()
+    assert moved > 0.01 or pulled > 0.02, f"{name}: {moved:.2g} m or rad, {pulled:.2g} N m"
+
+
+@pytest.mark.parametrize("name", ["none", *sorted(name for name in CONTRACT if not EFFECTS[name].hooks)])
+def test_the_extended_kernel_is_the_papers_where_nothing_acts(agriq, name):
+    """An effect that acts too little to be seen has the rest computed by the other kernel, to rounding."""
+    tiny = {"joint_damping": {"coefficient": 1e-300}}
+    values = {} if name == "none" else {name: SEVERITY_1[name]}
+    np.testing.assert_allclose(
+        turn(with_effects(agriq, **tiny, **values)).q, turn(with_effects(agriq, **values)).q, rtol=0, atol=1e-9
+    )
+
+
+def test_a_file_with_every_effect_is_read_as_it_was_written(agriq, tmp_path: Path):
+    robot = with_effects(agriq, *SEVERITY_1)
+    save_robot(robot, tmp_path / "extended.yaml")
+    assert load_robot(tmp_path / "extended.yaml") == robot
+
+
+@pytest.mark.parametrize(
+    ("effects", "says"),
+    [
+        (
+            {"motor_drag": {"torque": 0.1, "motor": "middle"}},
+            "effects.motor_drag.motor: found 'middle', expected",
+        ),
+        ({"payload": {"mass": -1.0}}, "effects.payload.mass: -1 kg is out of bounds"),
+        ({"joint_stop": {"angle": 0.0}}, "effects.joint_stop.angle: 0 rad is out of bounds"),
+        ({"stribeck": {"velocity": float("inf")}}, "effects.stribeck.velocity: inf m/s is out of bounds"),
+        ({"bulldozer": {}}, "effects.bulldozer: unknown effect, did you mean 'bulldozing'?"),
+    ],
+)
+def test_a_bad_effect_is_refused(agriq, effects, says):
+    with pytest.raises(ArtibotError) as caught:
+        dataclasses.replace(agriq, effects=effects)
+    assert str(caught.value).startswith(says)
+
+
+@pytest.mark.parametrize("name", sorted({name for name in CONTRACT if EFFECTS[name].hooks} - {"joint_stiffness"}))
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
+def test_accounts_close_with_an_effect(agriq, name, integrator):
+    """Energy put in by motors and the external force is stored or taken, the effects' part under its own name."""
+    robot = with_effects(agriq, name)
+    result = turn(robot, energy=True, dt=5e-4, integrator=integrator)
+    put_in = sum(result[f"E_motor_{motor}"][-1] for motor in MOTORS)
+    gap = energy_gap(robot, result) + 2 * result["E_push"]  # put in, where energy_gap takes it for taken
+    assert np.abs(gap).max() < 2e-3 * put_in
+
+
+def test_torque_limit_saturates_and_is_caught_up(agriq):
+    limit = 0.2
+    robot = with_effects(agriq, torque_limit={"front_max": limit})
+    result = turn(robot, speed=0.8, yaw_rate=0.4)
+    assert result.modes[:2] == (Mode.DRIVEN, Mode.DRIVEN)
+    torque = result.motor_torque[:, :2]
+    assert np.abs(torque).max() <= limit * (1 + 1e-12)
+    assert (np.abs(torque) > 0.999 * limit).any()
+
+
+def test_gear_efficiency_asks_more_of_the_motors(agriq, straight):
+    worn = turn(with_effects(agriq, gear_efficiency={"scale": 0.8}), yaw_rate=0.0)
+    front = slice(0, 2)
+    np.testing.assert_allclose(worn.motor_torque[-1, front], straight.motor_torque[-1, front] / 0.8, rtol=1e-3)
+
+
+@pytest.mark.parametrize("relative", [0.02, -0.02])
+def test_larger_right_wheels_turn_left(agriq, relative):
+    result = turn(with_effects(agriq, wheel_radius_mismatch={"relative": relative}), yaw_rate=0.0)
+    assert np.sign(result["gamma_f"][-1]) == np.sign(relative)
+
+
+def test_a_push_from_behind_relieves_the_motors(agriq, straight):
+    pushed = turn(with_effects(agriq, external_force={"force": 35.0, "heading": 0.0}), yaw_rate=0.0)
+    less = total(straight, "F_l")[-1] - total(pushed, "F_l")[-1]
+    assert less == pytest.approx(35.0, rel=1e-3)
+
+
+def test_a_push_moves_free_wheels_by_newtons_law(agriq):
+    """All of the rover and its wheels' inertia, before slip and rolling resistance know of it."""
+    robot = with_effects(agriq.replace({"contact.u_w": 0.0}), external_force={"force": 35.0, "heading": 1.0})
+    result = rollout(robot, standstill(0.01), modes=Mode.TORQUE, dt=1e-6, every=1, duration=1e-6)
+    mass = agriq.front.m + 4 * agriq.wheel.m_w
+    direction = np.array([result["x_f_ddot"][0], result["y_f_ddot"][0]])
+    assert 0 < direction @ [np.cos(1.0), np.sin(1.0)] <= 35.0 / mass
+
+
+@pytest.mark.parametrize("module", ["front", "back"])
+def test_payload_weighs_on_its_own_wheels(agriq, straight, module):
+    loaded = turn(with_effects(agriq, payload={"mass": 15.0, "module": module}), yaw_rate=0.0)
+    own, other = (FRONT, BACK) if module == "front" else (BACK, FRONT)
+    np.testing.assert_allclose(total(loaded, "F_n", own) - total(straight, "F_n", own), 15.0 * 9.81, rtol=1e-6)
+    np.testing.assert_allclose(total(loaded, "F_n", other), total(straight, "F_n", other), rtol=1e-9)
+
+
+def test_com_offset_loads_the_wheels_as_the_contract_says(agriq):
+    x, y = 0.06, -0.04
+    robot = with_effects(agriq, com_offset={"x": x, "y": y})
+    result = rollout(robot, standstill(1.0))
+    body = agriq.front
+    quarter = (body.m + 4 * agriq.wheel.m_w) * 9.81 / 4
+    for wheel in FRONT:
+        end = 1 if wheel.endswith("_front") else -1
+        side = 1 if "left" in wheel else -1
+        load = quarter * (1 + end * 2 * x / body.i_x) * (1 + side * 2 * y / body.i_y)
+        np.testing.assert_allclose(result[f"F_n_{wheel}"], load, rtol=1e-9)
+    assert np.abs(result.q - result.q[0]).max() < 1e-10
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
+def test_com_offset_turns_what_is_pushed_at_the_origin(agriq, integrator):
+    """Free of the ground's forces, a push at the origin turns the module about its centre of mass: J w' = −r × F."""
+    soft = {"contact.k_l": 1e-9, "contact.k_t": 1e-9, "contact.u_w": 0.0}
+    rigid = dataclasses.replace(agriq.replace(soft), back=None, drive=dataclasses.replace(agriq.drive, back=None))
+    robot = with_effects(rigid, com_offset={"x": 0.0, "y": 0.2}, external_force={"force": 10.0, "heading": 0.0})
+    result = rollout(robot, standstill(0.2), dt=1e-4, integrator=integrator, modes=Mode.PRESCRIBED)
+    wheel, body = agriq.wheel, agriq.front
+    J = body.J_z + 4 * wheel.J_wx + wheel.m_w * (body.i_x**2 + body.i_y**2)
+    m = body.m + 4 * wheel.m_w
+    assert result["gamma_f_ddot"][0] == pytest.approx(0.2 * 10.0 / J, rel=1e-9)
+    centre = result["y_f"] + 0.2 * np.cos(result["gamma_f"])
+    np.testing.assert_allclose(centre, 0.2, atol=1e-6)
+    along = result["x_f"] - 0.2 * np.sin(result["gamma_f"])
+    np.testing.assert_allclose(along[-1], 0.5 * 10.0 / m * 0.2**2, rtol=2e-3)
+
+
+def test_friction_patch_acts_inside_alone(agriq, plain):
+    far = turn(with_effects(agriq, friction_patch={"scale": 0.2, "x": 100.0, "y": 0.0, "radius": 5.0}))
+    np.testing.assert_allclose(far.q, plain.q, rtol=0, atol=1e-9)
+    patch = {"scale": 0.2, "x": 1.0, "y": 0.0, "radius": 0.5}
+    result = turn(with_effects(agriq, friction_patch=patch), speed=0.4, yaw_rate=0.0, duration=8.0)
+    held = result["F_n_front_left_front"] * agriq.contact.mu_s
+    force = np.hypot(result["F_l_front_left_front"], result["F_t_front_left_front"])
+    place = result["x_f"] + 0.5 * agriq.front.i_x
+    inside = np.abs(place - 1.0) < np.sqrt(0.5**2 - (0.5 * agriq.front.i_y) ** 2) - 1e-6
+    assert inside.any()
+    assert (force[inside] <= 0.2 * held[inside] * (1 + 1e-9)).all()
+
+
+def test_softening_soil_slips_more_with_time(agriq):
+    soft = turn(with_effects(agriq, soil_softening={"rate": 0.05}), yaw_rate=0.0, duration=15.0)
+    firm = turn(agriq, yaw_rate=0.0, duration=15.0)
+    behind = firm["x_f"] - soft["x_f"]
+    early, late = (np.searchsorted(soft.t, t) for t in (5.0, 14.0))
+    assert 0 < behind[early] < 0.5 * behind[late]
+
+
+def test_softening_goes_on_with_the_states_time(agriq):
+    robot = with_effects(agriq, soil_softening={"rate": 0.05})
+    commands = front_commands(robot, lambda t: 0.4 * ramp(t), lambda t: 0.2 * ramp(t - 1), 6.0)
+    whole = rollout(robot, commands)
+    half = rollout(robot, commands, duration=3.0)
+    rest = rollout(robot, from_knot(commands, 300), state=half.final_state)
+    np.testing.assert_allclose(rest.q[-1], whole.q[-1], rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
+def test_a_cut_rollout_goes_on_with_every_effect(agriq, integrator):
+    robot = with_effects(agriq, *SEVERITY_1)
+    commands = front_commands(robot, lambda t: 0.4 * ramp(t), lambda t: 0.2 * ramp(t - 1), 4.0)
+    whole = rollout(robot, commands, integrator=integrator)
+    half = rollout(robot, commands, duration=2.0, integrator=integrator)
+    rest = rollout(robot, from_knot(commands, 200), state=half.final_state, integrator=integrator)
+    np.testing.assert_allclose(rest.q[-1], whole.q[-1], rtol=0, atol=1e-11)
+
+
+def test_back_wheels_of_less_friction_slide_first(agriq):
+    less = turn(with_effects(agriq, back_friction={"scale": 0.3}), yaw_rate=0.5, speed=0.5)
+    for wheel in BACK:
+        force = np.hypot(less[f"F_l_{wheel}"], less[f"F_t_{wheel}"])
+        assert (force <= 0.3 * agriq.contact.mu_s * less[f"F_n_{wheel}"] * (1 + 1e-9)).all()
+
+
+def test_stribeck_lies_between_holding_and_sliding(agriq):
+    result = turn(with_effects(agriq, stribeck={"velocity": 0.08}), yaw_rate=0.6, speed=0.5)
+    slid = 0
+    for wheel in WHEELS:
+        cut = result[f"sat_{wheel}"] == 1.0
+        mu = np.hypot(result[f"F_l_{wheel}"], result[f"F_t_{wheel}"])[cut] / result[f"F_n_{wheel}"][cut]
+        assert (mu <= agriq.contact.mu_s + 1e-9).all() and (mu >= agriq.contact.mu_d - 1e-9).all()
+        slid += ((mu > agriq.contact.mu_d + 0.01) & (mu < agriq.contact.mu_s - 0.001)).sum()
+    assert slid > 10
+
+
+def test_bulldozing_adds_to_what_eq_16_leaves(agriq):
+    result = turn(with_effects(agriq, bulldozing={"coefficient": 900.0}))
+    c, checked = agriq.contact, 0
+    for wheel in WHEELS:
+        hold = result[f"sat_{wheel}"] == 0.0
+        p_y = result[f"p_y_{wheel}"][hold]
+        np.testing.assert_allclose(
+            result[f"F_t_{wheel}"][hold], -c.k_t * p_y - 900.0 * np.abs(p_y) * p_y, rtol=1e-9, atol=1e-9
+        )
+        checked += (np.abs(p_y) > 0.01).sum()
+    assert checked > 100
+
+
+def test_relaxed_tyres_reach_the_same_force_later(agriq, plain):
+    """Where nothing changes any more the force is eq. 15's; while it does, it lags."""
+    robot = with_effects(agriq, tyre_relaxation={"length": 0.3})
+    slow = front_commands(robot, lambda t: 0.3 * ramp(t), lambda t: 0.05 * ramp(t - 2), 14.0)
+    result = rollout(robot, slow, kappa=0.8)
+    for wheel in WHEELS:
+        steady = -agriq.contact.k_t * result[f"p_y_{wheel}"]
+        size = np.abs(steady).max()
+        assert result[f"F_t_{wheel}"][-1] == pytest.approx(steady[-1], abs=0.02 * size)
+        assert np.abs(result[f"F_t_{wheel}"] - steady).max() > 0.05 * size
+
+
+def test_rolling_resistance_grows_with_speed(agriq):
+    robot = with_effects(agriq, rolling_resistance_speed={"coefficient": 1.5})
+    needed = {}
+    for speed in (0.2, 0.6):
+        for which in (agriq, robot):
+            result = turn(which, speed=speed, yaw_rate=0.0)
+            needed[speed, which is robot] = (
+                result["M_r_front_left"][-1]
+                - agriq.wheel.r_w * total(result, "F_l", ("front_left_front", "front_left_back"))[-1]
+            )
+    assert needed[0.6, False] == pytest.approx(needed[0.2, False], rel=1e-6)
+    for speed in (0.2, 0.6):
+        assert needed[speed, True] == pytest.approx((1 + 1.5 * speed) * needed[speed, False], rel=0.02)
+
+
+def test_a_dragged_motor_needs_the_drag_on_top(agriq, straight):
+    dragged = turn(with_effects(agriq, motor_drag={"torque": 0.25, "motor": "front_left"}), yaw_rate=0.0, kappa=1.0)
+    free = turn(agriq, yaw_rate=0.0, kappa=1.0)
+    more = dragged.motor_torque[-1] - free.motor_torque[-1]
+    assert more[1] == pytest.approx(0.25, rel=0.02)
+    assert np.abs(more[[0, 2, 3]]).max() < 0.01
+    back = turn(with_effects(agriq, motor_drag={"torque": 0.25, "motor": "front_left"}), speed=-0.4, yaw_rate=0.0)
+    assert (back["M_drag_front_left"][-100:] < 0).all()
+
+
+@pytest.mark.parametrize("name", ["joint_friction", "joint_damping", "joint_stiffness"])
+def test_a_stiff_articulation_bends_less_or_later(agriq, plain, name):
+    result = turn(with_effects(agriq, name))
+    early = plain.t < 4.0
+    bent, free = (np.abs(r.articulation_yaw[early]) for r in (result, plain))
+    assert (bent <= free + 1e-6).all() and bent.sum() < 0.99 * free.sum()
+
+
+def test_torques_in_the_joint_are_what_they_say(agriq):
+    sizes = {"joint_friction": 10.0, "joint_damping": 30.0, "joint_stiffness": 25.0}
+    result = turn(with_effects(agriq, *sizes))
+    angle, rate = result.articulation_yaw, result["gamma_b_dot"] - result["gamma_f_dot"]
+    np.testing.assert_allclose(result["M_joint"], 10 * np.tanh(rate / 0.01) + 30 * rate + 25 * angle, atol=1e-9)
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
+def test_the_stop_stops(agriq, integrator):
+    result = turn(with_effects(agriq, joint_stop={"angle": 0.2}), yaw_rate=0.4, duration=10.0, integrator=integrator)
+    free = turn(agriq, yaw_rate=0.4, duration=10.0, integrator=integrator)
+    assert np.abs(free.articulation_yaw).max() > 0.3
+    assert np.abs(result.articulation_yaw).max() < 0.23
+    pushes = result["M_joint"] * result.articulation_yaw
+    assert (pushes >= 0).all() and pushes.max() > 0
+
+
+def test_friction_in_the_joint_stops_a_swing_and_does_not_turn_it(agriq):
+    """A strong friction at a long step: the semi-implicit step brings the joint to rest, it does not shake."""
+    robot = with_effects(agriq, joint_friction={"torque": 300.0})
+    start = initial_state(robot, articulation_yaw=0.3)
+    v = start.v.copy()
+    rate, yaw, l_b = 0.5, start.q[13], agriq.back.l
+    v[[8, 9, 13]] = l_b * rate * np.sin(yaw), -l_b * rate * np.cos(yaw), rate  # the back module swings about the joint
+    result = rollout(
+        robot, standstill(1.0), dt=5e-3, integrator="semi_implicit", every=1, state=dataclasses.replace(start, v=v)
+    )
+    rate = result["gamma_b_dot"] - result["gamma_f_dot"]
+    assert np.abs(rate[-20:]).max() < 1e-3
+    assert (np.diff(np.sign(rate[np.abs(rate) > 1e-3])) == 0).all()
+
+
+def test_joint_effects_are_nothing_to_a_rigid_robot(husky: Robot):
+    robot = with_effects(husky, "joint_friction", "joint_damping", "joint_stiffness", "joint_stop")
+    np.testing.assert_allclose(turn(robot).q, turn(husky).q, rtol=0, atol=1e-9)
