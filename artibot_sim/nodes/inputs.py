@@ -42,6 +42,8 @@ class Inputs:
         What was heard so far.
     deaf : str
         Why no command is taken at the moment, or empty; a command that comes then is lost.
+    refusals : dict of Source to str
+        Why the last message of a source was refused; nothing where it was not.
     """
 
     def __init__(self, node: Node, rules: Rules, stamped: bool) -> None:
@@ -54,9 +56,9 @@ class Inputs:
         self._reset_wall_ns = 0
         self._reset_at = -IN_FLIGHT
         self.deaf = ""
+        self.refusals: dict[Source, str] = {}
         sensor = qos_profile_sensor_data
         self._subscriptions = [
-            node.create_subscription(JointTrajectory, TOPICS[Source.PROFILE], self._on_profile, PROFILE_QOS),
             node.create_subscription(JointState, TOPICS[Source.LIVE], self._on_request, sensor),
             node.create_subscription(
                 TwistStamped if stamped else Twist, TOPICS[Source.CMD_VEL], self._on_twist, sensor
@@ -64,6 +66,17 @@ class Inputs:
             node.create_subscription(Odometry, "planned/odom", self._on_planner, sensor, raw=True),
         ]
         self._stamped = stamped
+        self._node, self._profiles = node, None
+        self.hear_profiles(True)
+
+    def hear_profiles(self, wanted: bool) -> None:
+        """Subscribe to profiles or not: a planner waits for somebody who does before it publishes its one."""
+        if wanted and self._profiles is None:
+            topic = TOPICS[Source.PROFILE]
+            self._profiles = self._node.create_subscription(JointTrajectory, topic, self._on_profile, PROFILE_QOS)
+        elif not wanted and self._profiles is not None:
+            self._node.destroy_subscription(self._profiles)
+            self._profiles = None
 
     @property
     def now(self) -> float:
@@ -86,11 +99,12 @@ class Inputs:
     def drop(self, position: tuple[float, float]) -> None:
         """Forget every command, also those on their way; the front motors stand at `position` (rad)."""
         self.state = arbiter.Commanding(position=position)
+        self.refusals.clear()
         self._reset_wall_ns, self._reset_at = time.time_ns(), time.monotonic()
 
     def take(self) -> None:
         """Hear the messages that have come, without an executor."""
-        for subscription in self._subscriptions:
+        for subscription in (*self._subscriptions, *([self._profiles] if self._profiles else [])):
             handle = subscription.handle
             with handle:
                 while (taken := handle.take_message(subscription.msg_type, subscription.raw)) is not None:
@@ -117,6 +131,7 @@ class Inputs:
 
     def _refuse(self, source: Source, reason: Refused) -> None:
         self._log.warning(f"{TOPICS[source]} refused: {reason}", throttle_duration_sec=1.0)
+        self.refusals[source] = str(reason)
         self.state = arbiter.hear_refused(self.state, source)
 
     def _on_profile(self, message: JointTrajectory, info: dict[str, Any]) -> None:
@@ -146,6 +161,7 @@ class Inputs:
             return
         if remark:
             self._log.warning(f"{TOPICS[Source.LIVE]}: {remark}", throttle_duration_sec=1.0)
+        self.refusals.pop(Source.LIVE, None)
         self.state = arbiter.hear_live(self.state, velocity, effort, self.now)
 
     def _on_twist(self, message: TwistStamped | Twist, info: dict[str, Any]) -> None:
@@ -156,6 +172,7 @@ class Inputs:
         except Refused as reason:
             self._refuse(Source.CMD_VEL, reason)
             return
+        self.refusals.pop(Source.CMD_VEL, None)
         self.state = arbiter.hear_twist(self.state, velocity, self.now)
 
     def _on_planner(self, message: bytes, info: dict[str, Any]) -> None:
