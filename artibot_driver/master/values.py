@@ -1,4 +1,4 @@
-"""What goes into a cycle of the master and what comes out: frozen values, SI, motor-side, in the order of ``MOTORS``."""
+"""What goes into a cycle of the master and what comes out: frozen values, SI, motor-side, motors as in ``MOTORS``."""
 
 from __future__ import annotations
 
@@ -56,6 +56,7 @@ class Reason(enum.Enum):
     DRIVE_RESTARTED = "a drive has left operational by itself"
     DRIVE_FAULT = "a drive has a fault"
     DRIVE_STATE = "a drive is not in the state it was led to"
+    SECOND_DRIVER = "somebody else commands the drives"
     BUS_LOST = "the bus carries no frames"
     CANNOT_SEND = "frames could not be sent"
     BUS_OVERLOADED = "the bus is flooded"
