@@ -9,6 +9,7 @@ came in the meantime: a heartbeat that was there in time counts.
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -125,6 +126,16 @@ class DriveLoop:
         self.bus.close()
         self.bus, self._lost = found, False
         return f"bus {config.channel} is there again"
+
+
+def drive_states(drives: Mapping[str, SimulatedDrive]) -> str:
+    """Their states in words, those that agree together: ``all operation enabled``."""
+    motors: dict[str, list[str]] = {}
+    for motor, drive in drives.items():
+        motors.setdefault(drive.state.name.lower().replace("_", " "), []).append(motor)
+    if len(motors) == 1:
+        return f"all {next(iter(motors))}"
+    return "; ".join(f"{', '.join(names)} {state}" for state, names in motors.items())
 
 
 def drive_config(robot: str, params: str = "driver", interface: str = "", channel: str = "") -> DriverConfig:
