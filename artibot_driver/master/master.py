@@ -29,6 +29,9 @@ from artibot_sim.model import MOTORS
 ENABLE_TIMEOUT: Final = 1_000_000_000
 """Drives that are not enabled after this long are given up, ns."""
 
+HOLD_TIME: Final = 50_000_000
+"""At a ramp's end the front motors are held at standstill for so long, should they lag behind, ns."""
+
 RELEASE_TIMEOUT: Final = 200_000_000
 """Drives are waited for to be without current for so long after a ramp, ns."""
 
@@ -65,6 +68,7 @@ class Master:
         self._armed: int | None = None
         self._following = False
         self._since = self._reset_until = self._beat_due = self._sync = 0
+        self._rested: int | None = None
         self._released: int | None = None
         self._last: int | None = None
         self._bus_state = BusState.ACTIVE
@@ -229,7 +233,7 @@ class Master:
         was, self._phase = self._phase, next_phase(self._phase, self._facts(now, enable))
         if self._phase is was:
             return
-        self._since, self._released = now, None
+        self._since, self._rested, self._released = now, None, None
         if self._phase is Phase.ENABLING:
             self._stop, self._armed = None, now
             self._targets.begin((self._links[0].quantity(VELOCITY), self._links[1].quantity(VELOCITY)))
@@ -244,7 +248,9 @@ class Master:
         if not self._following:
             self._targets.ramp_down(dt)
         if self._phase is Phase.STOPPING and self._released is None and self._targets.at_rest:
-            self._released = now
+            self._rested = now if self._rested is None else self._rested
+            slow = all(self._targets.is_slow(link.quantity(VELOCITY)) for link in self._links[:2])
+            self._released = now if slow or now - self._rested >= HOLD_TIME else None
         if self._phase is Phase.ENABLING or self._released is not None:
             return Integers(self._targets.integers((0, 0)).velocity, (0, 0))
         right, left = (

@@ -18,7 +18,7 @@ TOLERANCE: Final = 1.01
 """What is asked for beyond a limit times this is a mistake and is not followed; up to it, it is cut off."""
 
 STANDSTILL: Final = 0.02
-"""Wheels slower than this over ground count as standing when drives are enabled, m/s."""
+"""Wheels slower than this over ground count as standing, m/s."""
 
 
 class Integers(NamedTuple):
@@ -88,9 +88,12 @@ class Targets:
 
     def begin(self, velocity: Pair) -> None:
         """Start from what the front motors do, rad/s; what is next to nothing is rest."""
-        slow = STANDSTILL * motor_per_metre(self._rig.robot, FRONT[0])
-        rolling = math.isfinite(sum(velocity)) and max(map(abs, velocity)) > slow
-        self.velocity, self._effort = velocity if rolling else (0.0, 0.0), NAN_PAIR
+        slow = not math.isfinite(sum(velocity)) or all(map(self.is_slow, velocity))
+        self.velocity, self._effort = (0.0, 0.0) if slow else velocity, NAN_PAIR
+
+    def is_slow(self, velocity: float) -> bool:
+        """Whether a front motor with this velocity (rad/s) counts as standing; not for NaN."""
+        return abs(velocity) <= STANDSTILL / self._rig.config.max_speed * self._limit
 
     def ramp_down(self, dt: float) -> None:
         """`dt` seconds nearer to standstill, both wheels scaled alike: the path keeps its curvature."""
