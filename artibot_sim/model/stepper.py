@@ -18,7 +18,7 @@ from artibot_sim.model.layout import M_M, ROW
 from artibot_sim.model.params import PARAMS_DTYPE, params
 from artibot_sim.model.robot import Robot
 from artibot_sim.model.rollout import INTEGRATORS, Status
-from artibot_sim.model.stability import largest_step
+from artibot_sim.model.stability import implicit_slip, largest_step
 from artibot_sim.model.state import State, initial_state
 from artibot_sim.model.transmission import Mode, back_torque_factor
 
@@ -88,7 +88,7 @@ class Stepper:
             )
         self.robot, self.dt = robot, dt
         self._integrate = loop.integrate_rk4 if integrator == "rk4" else loop.integrate_semi_implicit
-        self._table = np.array([p], dtype=PARAMS_DTYPE)
+        self._table = np.array([implicit_slip(p, dt) if integrator == "semi_implicit" else p], dtype=PARAMS_DTYPE)
         self._limits = tuple(self._table[name]["torque_max"] for name in _RECORDS)
         self._own = tuple(float(limit[0]) for limit in self._limits)
         self._shared = back_torque_factor(robot)

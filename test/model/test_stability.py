@@ -157,3 +157,18 @@ def test_table_6_at_5_ms_is_the_same_path(request, name):
         for dt, integrator in ((2e-4, "rk4"), (5e-3, "semi_implicit"))
     )
     assert np.abs(found - true).max() < 0.02
+
+
+def test_a_stepper_takes_long_steps_too(epiq):
+    from artibot_sim.model.stepper import Stepper, Turn
+
+    cruise = 0.3 / (epiq.wheel.r_w * epiq.drive.front.tau)
+    ends = []
+    for dt in (1e-3, 8e-3):
+        rover = Stepper(epiq, dt=dt, integrator="semi_implicit")
+        for k in range(500):
+            speed = min(1, k / 250) * cruise, min(1, (k + 1) / 250) * cruise
+            slower = 0.9 * speed[0], 0.9 * speed[1]
+            rover.advance(round(8e-3 / dt), (Turn(speed), Turn(slower), Turn(speed), Turn(speed)))
+        ends.append(rover.q[:6].copy())
+    np.testing.assert_allclose(ends[1], ends[0], atol=5e-3)
