@@ -42,19 +42,30 @@ def loopback_bus(port: int = 0) -> Iterator[str]:
     ArtibotError
         When it does not start, with what it said.
     """
-    command = [sys.executable, "-m", "artibot_driver.loopback", "--port", str(port), "--while-stdin"]
-    here = str(Path(__file__).resolve().parents[1])  # this very copy of artibot, however it was found
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, [here, os.environ.get("PYTHONPATH")]))}
-    pipe = subprocess.PIPE
-    server = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=environment)
+    server = start_server(port)
     try:
-        yield _channel_of(server)
+        yield channel_of(server)
     finally:
         _end(server)
 
 
-def _channel_of(server: subprocess.Popen[str]) -> str:
-    """The line that a server prints once it listens."""
+def start_server(port: int = 0) -> subprocess.Popen[str]:
+    """A server in a process of its own, which ends with its standard input; it has not begun to listen yet."""
+    command = [sys.executable, "-m", "artibot_driver.loopback", "--port", str(port), "--while-stdin"]
+    here = str(Path(__file__).resolve().parents[1])  # this very copy of artibot, however it was found
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, [here, os.environ.get("PYTHONPATH")]))}
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=environment)
+
+
+def channel_of(server: subprocess.Popen[str]) -> str:
+    """The channel that a server prints once it listens.
+
+    Raises
+    ------
+    ArtibotError
+        When it does not start, with what it said.
+    """
     assert server.stdout is not None
     ready, _, _ = select.select([server.stdout], [], [], _START_TIMEOUT)
     line = server.stdout.readline().strip() if ready else ""

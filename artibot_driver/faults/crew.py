@@ -42,6 +42,10 @@ class Crew:
 
         return send
 
+    def use_bus(self, bus: AnyBus) -> None:
+        """Go on with another bus."""
+        self._bus = bus
+
     def step(self, now: int) -> None:
         """Take in what has come, turn the motors, let the drives act."""
         if self._last is None:

@@ -38,6 +38,8 @@ class Outcome:
         down; all were at standstill or without torque. After its end: all drives were set up. s; NaN where not so.
     complaints : list of str
         What was not as it must be.
+    disturbed : int
+        How often the trial was made again, because the machine held it up.
     """
 
     fault: str
@@ -48,6 +50,7 @@ class Outcome:
     rejoined: float = math.nan
     reason: Reason | None = None
     complaints: list[str] = field(default_factory=list)
+    disturbed: int = 0
 
 
 class NotReady(RuntimeError):
