@@ -13,7 +13,7 @@ from artibot_driver.rig import load_rig
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS, load_robot
 from artibot_sim.nodes.crew import noted_signals
-from artibot_sim.nodes.drive_loop import DriveLoop, drive_config, drive_states, open_drive_loop
+from artibot_sim.nodes.drive_loop import DriveLoop, drive_config, drive_states, open_drive_loop, prefer
 from artibot_sim.nodes.drive_shafts import Flywheels, RoverShafts
 from artibot_sim.nodes.options import Number
 from artibot_sim.nodes.pacer import Pacer
@@ -21,14 +21,16 @@ from artibot_sim.nodes.ros_args import split_ros_args
 from artibot_sim.nodes.sim_engine import Diverged, Start, Timing
 
 TIMING = Timing.of(100.0, 1e-3)
+PRIORITY = 50
+"""Among the machine's real-time threads."""
 
 
 @click.command("drives", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.option("--robot", default="agriq", show_default=True, help="Robot: agriq, epiq, or the path of a robot file.")
 @click.option("--bench", is_flag=True, help="Four flywheels instead of the rover.")
 @click.option("--params", default="driver", show_default=True, help="The driver's parameters: a name, or a path.")
-@click.option("--interface", default="", help="python-can's name of the CAN interface.  [that in the parameters]")
-@click.option("--channel", default="", help="CAN channel: vcan0, can0, ….  [that in the parameters]")
+@click.option("--interface", default="", help="python-can's name of the CAN interface.  [by the channel]")
+@click.option("--channel", default="", help="CAN channel: vcan0, can0, ws://….  [that in the parameters]")
 @click.option("--duration", type=Number(0), default=0.0, help="End after so many seconds.  [default: at Ctrl-C]")
 @click.option("--every", type=Number(0, min_open=True), default=5.0, show_default=True, help="Print so often, s.")
 def command(robot: str, bench: bool, params: str, interface: str, channel: str, duration: float, every: float) -> int:
@@ -41,7 +43,7 @@ def command(robot: str, bench: bool, params: str, interface: str, channel: str, 
     Examples:
       artibot drives
       artibot drives --bench --channel can0
-      artibot drives --interface remote --channel ws://127.0.0.1:40000/
+      artibot drives --channel ws://127.0.0.1:40000/
     """
     turned = Flywheels() if bench else RoverShafts(load_robot(robot), TIMING, Start())
     if isinstance(turned, RoverShafts):
@@ -60,6 +62,8 @@ def _run(loop: DriveLoop, asked: list[int], duration: float, every: float) -> in
     """Run until asked to end, in real time."""
     config, slices = loop.rig.config, TIMING.period_ns // loop.turned.slice_ns
     print(f"drives {_nodes(loop)} on {config.interface} {config.channel}; Ctrl-C ends them", flush=True)
+    if reason := prefer(PRIORITY):
+        print(reason, flush=True)
     loop.switch_on()
     gc.collect()
     gc.freeze()

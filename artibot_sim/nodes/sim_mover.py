@@ -11,7 +11,7 @@ from rclpy.node import Node
 from artibot_driver.rig import load_rig
 from artibot_sim.model import Robot
 from artibot_sim.nodes import sim_settings
-from artibot_sim.nodes.drive_loop import drive_config, drive_states, open_drive_loop
+from artibot_sim.nodes.drive_loop import drive_config, drive_states, open_drive_loop, prefer
 from artibot_sim.nodes.drive_shafts import RoverShafts
 from artibot_sim.nodes.inputs import Inputs
 from artibot_sim.nodes.sim_engine import Engine, Sample, Timing
@@ -123,6 +123,7 @@ class DrivenMover:
         self._shafts.warm_up()
         rig = load_rig(drive_config(get("robot"), get("driver_params"), get("bus.interface"), get("bus.channel")))
         self._loop = open_drive_loop(rig, self._shafts)
+        self._priority = get("realtime_priority")
         self._slices = timing.period_ns // self._shafts.slice_ns
         self._log, self._said, self.t_ns = node.get_logger(), "", 0
 
@@ -136,8 +137,11 @@ class DrivenMover:
 
     def stop_time(self, stopped: bool) -> None:
         """Switch the drives on: once, for their time never stands."""
-        if not stopped:
-            self._loop.switch_on()
+        if stopped:
+            return
+        if reason := prefer(self._priority):
+            self._log.info(reason)
+        self._loop.switch_on()
 
     def wait(self, seconds: float) -> None:
         """Serve the bus and turn the motors until the publication is due."""

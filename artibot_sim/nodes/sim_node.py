@@ -48,8 +48,8 @@ OPTIONS = {
 @click.option("--wait-for-profile/--no-wait-for-profile", default=None, help="Hold the time until a command comes.")
 @click.option("--with-driver/--without-driver", default=None, help="Let drives on a CAN bus turn the rover.")
 @click.option("--driver-params", metavar="FILE", help="The driver's parameters: a path, or a name.  [default: driver]")
-@click.option("--interface", help="python-can's name of the CAN interface.  [default: that in the driver's parameters]")
-@click.option("--channel", help="CAN channel: vcan0, can0, ….  [default: that in the driver's parameters]")
+@click.option("--interface", help="python-can's name of the CAN interface.  [default: by the channel]")
+@click.option("--channel", help="CAN channel: vcan0, can0, ws://….  [default: that in the driver's parameters]")
 @click.option(
     "--params", multiple=True, metavar="FILE", help="Parameter file: a path, or a shipped one by name (sim_noisy)."
 )
