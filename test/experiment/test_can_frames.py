@@ -66,14 +66,17 @@ def test_any_frame_survives_and_is_the_message_that_rosbags_makes(frame: CanFram
     )  # fmt: skip
 
 
+OTHERS_TEXT = (
+    "# a comment\nstd_msgs/Header header\nuint32 id # 11 or 29 bits\nbool is_rtr\nbool is_extended\nbool is_error\n"
+    "uint8 dlc\nuint8[8] data\n"
+)
+DECODE_OTHERS = frame_decoder(channel(OTHERS_TEXT))
+
+
 @given(frame=frames())
 def test_other_writers_definitions_and_byte_order_are_read(frame: CanFrame) -> None:
-    text = (
-        "# a comment\nstd_msgs/Header header\nuint32 id # 11 or 29 bits\nbool is_rtr\nbool is_extended\nbool is_error\n"
-    )
-    decode = frame_decoder(channel(text + "uint8 dlc\nuint8[8] data\n"))
     message = STORE.deserialize_cdr(encode_frame(frame), CAN_FRAME)
-    assert decode(bytes(STORE.serialize_cdr(message, CAN_FRAME, little_endian=False))) == frame
+    assert DECODE_OTHERS(bytes(STORE.serialize_cdr(message, CAN_FRAME, little_endian=False))) == frame
 
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
