@@ -40,24 +40,24 @@ def render_page(
     charts = [chart(panel, figure.time_span) | {"time": not panel.equal} for panel in figure.panels]
     parts = {
         "TITLE": html.escape(figure.title),
-        "STYLE": _style(),
+        "STYLE": page_style(),
         "HEAD": _head(figure),
         "PANELS": _panels(figure),
         "TABLE": _table(table, columns),
         "NOTES": "".join(f"<p>{html.escape(note)}</p>" for note in (*notes, HINT)),
-        "CHARTS": _script_json(charts),
+        "CHARTS": script_json(charts),
         "SCRIPT": _SCRIPT,
         "PLOTLY": get_plotlyjs(),
     }
-    return _filled(_PAGE, parts).encode()
+    return filled(_PAGE, parts).encode()
 
 
-def _filled(text: str, parts: Mapping[str, str]) -> str:
+def filled(text: str, parts: Mapping[str, str]) -> str:
     """Return a text with @NAME@ replaced; what is put in is not looked at again."""
     return re.sub("@([A-Z]+)@", lambda match: parts[match[1]], text)
 
 
-def _script_json(content: Any) -> str:
+def script_json(content: Any) -> str:
     """Return JSON that cannot end the script element it stands in."""
     return json.dumps(content, separators=(",", ":"), allow_nan=False, ensure_ascii=False).replace("</", "<\\/")
 
@@ -103,10 +103,10 @@ def _table(table: Sequence[Section], columns: Sequence[str]) -> str:
     return f'<div class="scroll"><table>{head}<tbody>{"".join(rows)}</tbody></table></div>'
 
 
-def _style() -> str:
+def page_style() -> str:
     """Return the page's style sheet, in the colours of `style`."""
     colours = {name: getattr(style, name) for name in ("INK", "MUTED", "GRID", "PAPER")}
-    return _filled(_CSS, colours | {"FONTS": style.WEB_FONTS})
+    return filled(_CSS, colours | {"FONTS": style.WEB_FONTS})
 
 
 _CSS = """

@@ -1,0 +1,24 @@
+"""The geometries that ``artibot reproduce --calibrate`` found; running it again gives the same numbers."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from artibot_sim.reproduce.calibration import Calibration
+
+CALIBRATIONS: Final = {
+    "agriq": Calibration(
+        robot="agriq",
+        values={"i_x": 0.362, "i_y": 0.608, "l_b": 0.704},
+        misfit=1.226,
+        ranges={"i_x": (0.331, 0.374), "i_y": (0.562, 0.655), "l_b": (0.700, 1.298)},
+        evaluations=1116,
+    ),
+    "epiq": Calibration(
+        robot="epiq",
+        values={"i_x": 0.065, "i_y": 0.263, "l_f = l_b": 0.057},
+        misfit=0.315,
+        ranges={"i_x": (0.032, 0.095), "i_y": (0.211, 0.349), "l_f = l_b": (0.041, 0.098)},
+        evaluations=1116,
+    ),
+}
