@@ -18,10 +18,14 @@ import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from artibot_driver.priority import take_priority
 from artibot_sim.errors import ArtibotError
 
 HOST = "127.0.0.1"
 """No other machine can reach the bus."""
+
+PRIORITY = 60
+"""Above the driver's: a bus does not wait for its nodes."""
 
 _START_TIMEOUT, _END_TIMEOUT = 20.0, 5.0
 
@@ -106,6 +110,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Ctrl-C reaches every process of a terminal; whoever holds the pipe still has to say goodbye on the bus
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         threading.Thread(target=_end_with_input, name="stdin", daemon=True).start()
+    take_priority(PRIORITY)
     threading.Thread(target=server.serve_forever, name="loopback", daemon=True).start()
     print(f"ws://{HOST}:{server.server_port}/", flush=True)
     signal.sigwait(ends)

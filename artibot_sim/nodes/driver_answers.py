@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from artibot_driver.master import Phase, Stage, Status
+from artibot_driver.master import Phase, Stage, Status, Stop
 
 Answer = tuple[bool, str]
 """Success, and one sentence for a person."""
@@ -50,9 +50,9 @@ def answer(pending: Pending, status: Status, now: float) -> Answer | None:
 
 def _enabled(status: Status, pending: Pending) -> Answer | None:
     if status.phase in (Phase.ENABLING, Phase.ENABLED):
-        return (True, status.notice or "enabled") if status.phase is Phase.ENABLED else None
+        return (True, "enabled: what is commanded from now on is followed") if status.phase is Phase.ENABLED else None
     if status.stop is not None and status.stop.at_ns >= pending.asked * 1e9:
-        return False, f"{status.stop.reason.value}: {status.stop.text}"
+        return False, stop_text(status.stop)
     return False, _and(status.notice, obstacles(status))
 
 
@@ -73,6 +73,12 @@ def _reset(status: Status, _pending: Pending) -> Answer | None:
 
 
 _OUTCOMES = {"enable": _enabled, "disable": _disabled, "quick_stop": _stopping, "reset_fault": _reset}
+
+
+def stop_text(stop: Stop) -> str:
+    """Why the rover was stopped, in words."""
+    reason = stop.reason.value
+    return reason if stop.text in ("", reason) else f"{reason}: {stop.text}"
 
 
 def obstacles(status: Status) -> str:

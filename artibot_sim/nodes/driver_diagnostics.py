@@ -11,7 +11,7 @@ from artibot_driver.bus_health import BusState
 from artibot_driver.cia402 import State
 from artibot_driver.config import DriverConfig
 from artibot_driver.master import DriveStatus, Phase, Stage, Status
-from artibot_sim.nodes.driver_answers import obstacles
+from artibot_sim.nodes.driver_answers import obstacles, stop_text
 from artibot_sim.nodes.motor_publishers import stamp_of_ns
 
 OK, WARN, ERROR, STALE = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE)
@@ -68,7 +68,7 @@ def _driver(robot: str, status: Status, own: Mapping[str, object]) -> Diagnostic
     level, text = OK, status.phase.value
     if status.stop is not None:
         level = WARN if status.stop.reason.asked_for else ERROR
-        text = f"stopped: {status.stop.reason.value}: {status.stop.text}"
+        text = f"stopped: {stop_text(status.stop)}"
         if status.stop.reason.asked_for and not status.phase.moves:
             level = OK
     elif status.phase in (Phase.OFFLINE, Phase.LOCKED) or status.refusal:

@@ -83,7 +83,7 @@ def run(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         status = node.run(executor)
-        statistics = node.pacer.statistics()
+        statistics = node.loop.pacer.statistics()
         if node.settings["stats"]:
             write_statistics(Path(node.settings["stats"]), statistics)
         node.get_logger().info(summary(statistics))

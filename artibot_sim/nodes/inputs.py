@@ -123,11 +123,14 @@ class Inputs:
             return False
         return bool(info["source_timestamp"] < self._reset_wall_ns)
 
-    def _unheard(self, source: Source, info: dict[str, Any]) -> bool:
-        """Whether a command is none, because of when it was sent or comes."""
+    def _is_deaf(self, source: Source) -> bool:
         if self.deaf:
             self._log.warning(f"{TOPICS[source]} refused: {self.deaf}", throttle_duration_sec=5.0)
-        return bool(self.deaf) or self._outdated(info)
+        return bool(self.deaf)
+
+    def _unheard(self, source: Source, info: dict[str, Any]) -> bool:
+        """Whether a command is none, because of when it was sent or comes."""
+        return self._is_deaf(source) or self._outdated(info)
 
     def _refuse(self, source: Source, reason: Refused) -> None:
         self._log.warning(f"{TOPICS[source]} refused: {reason}", throttle_duration_sec=1.0)
@@ -135,7 +138,7 @@ class Inputs:
         self.state = arbiter.hear_refused(self.state, source)
 
     def _on_profile(self, message: JointTrajectory, info: dict[str, Any]) -> None:
-        if self._unheard(Source.PROFILE, info):
+        if self._is_deaf(Source.PROFILE):
             return
         try:
             # one that waits for latecomers may come long after a stop

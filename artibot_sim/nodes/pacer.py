@@ -124,6 +124,19 @@ class Pacer:
         }
 
 
+def check_stats(name: str) -> None:
+    """Refuse a file of statistics whose folder is missing: a run of hours must not find out at its end.
+
+    Raises
+    ------
+    ArtibotError
+        Naming the file.
+    """
+    path = Path(name)
+    if name and not path.parent.is_dir():
+        raise ArtibotError(f"parameter stats: {path}: there is no folder {path.parent}; make it first")
+
+
 def write_statistics(path: Path, statistics: dict[str, Any]) -> None:
     """Write statistics as JSON, whole or not at all.
 
