@@ -35,11 +35,11 @@ class LoopbackPlace:
 
     def __init__(self) -> None:
         self._server = start_server()
-        self._channel = channel_of(self._server)
+        self.channel = channel_of(self._server)
 
     def open(self) -> Bus:
         """Another end of it."""
-        return open_bus("remote", self._channel)
+        return open_bus("remote", self.channel)
 
     def down(self) -> None:
         """Kill the server."""
@@ -48,11 +48,11 @@ class LoopbackPlace:
 
     def up(self) -> bool:
         """Start another server."""
-        port, until = int(self._channel.rstrip("/").rpartition(":")[2]), time.monotonic() + _REOPEN
+        port, until = int(self.channel.rstrip("/").rpartition(":")[2]), time.monotonic() + _REOPEN
         while True:
             self._server = start_server(port)
             try:
-                self._channel = channel_of(self._server)
+                self.channel = channel_of(self._server)
                 return True
             except ArtibotError:  # the port is not free yet
                 if time.monotonic() > until:
@@ -68,12 +68,12 @@ class SocketCanPlace:
     """An interface of this kernel; to put it down and up takes the right to do so."""
 
     def __init__(self, channel: str) -> None:
-        self._channel = channel
+        self.channel = channel
         open_bus("socketcan", channel).close()  # says at once what is missing
 
     def open(self) -> Bus:
         """Another end of it."""
-        return open_bus("socketcan", self._channel)
+        return open_bus("socketcan", self.channel)
 
     def down(self) -> None:
         """Put the interface down."""
@@ -88,7 +88,7 @@ class SocketCanPlace:
         """The interface stays."""
 
     def _ip(self, state: str) -> None:
-        command = ["ip", "link", "set", self._channel, state]
+        command = ["ip", "link", "set", self.channel, state]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
-            raise ArtibotError(f"bus {self._channel}: cannot be put {state}: {done.stderr.strip()}; run as root")
+            raise ArtibotError(f"bus {self.channel}: cannot be put {state}: {done.stderr.strip()}; run as root")

@@ -136,10 +136,10 @@ class Master:
         return Cycle(report.feedback(self._links, now_ns, self._config), commanded, self._status(now_ns))
 
     def close(self, now_ns: int) -> None:
-        """Take the drives' current away and leave them in pre-operational."""
+        """Take the drives' current away; they are left pre-operational, without a watch on the driver's heartbeat."""
         frames = [frame for link in self._links for frame in link.frames(State.SWITCH_ON_DISABLED, 0, 0, False)]
         frames.append(self._rig.codec.sync())
-        frames += [nmt(NmtCommand.ENTER_PRE_OPERATIONAL, link.node) for link in self._links]
+        frames += [nmt(NmtCommand.RESET_COMMUNICATION, link.node) for link in self._links]
         self._traffic.send(frames)
         self._phase, self._armed, self._following = Phase.CONFIGURING, None, False
         for link in self._links:

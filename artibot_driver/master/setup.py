@@ -19,10 +19,10 @@ from artibot_driver.rig import Rig, Setting
 SEEK_PERIOD: Final = 100_000_000
 """Between two calls to a drive that does not answer, and two commands to start, ns."""
 
-ANSWER_TIMEOUT: Final = 100_000_000
+ANSWER_TIMEOUT: Final = 50_000_000
 """An SDO request without an answer is repeated after this long, ns."""
 
-TRIES: Final = 5
+TRIES: Final = 10
 """Requests without an answer, or refused for the moment, before the drive is sought anew."""
 
 START_TIMEOUT: Final = 1_000_000_000

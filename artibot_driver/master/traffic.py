@@ -20,7 +20,7 @@ FRAMES_A_READ: Final = 400
 SHARE_OF_PERIOD: Final = 0.35
 """Share of the SYNC period that reading may take."""
 
-WINDOW: Final = 100_000_000
+WINDOW: Final = 50_000_000
 """Time over which the bus's load is measured, ns."""
 
 FULL: Final = 0.95
@@ -107,7 +107,7 @@ class Traffic:
 
     @property
     def load(self) -> float:
-        """Share of the bit rate that was used in the last tenth of a second; 0 while that is not over."""
+        """Share of the bit rate that was used in the last 50 ms; 0 while that is not over."""
         (begin, before), (end, after) = self._loads[0], self._loads[-1]
         took = end - begin
         return 0.0 if took < 0.8 * WINDOW else 1e9 * (after - before) / (took * self._bitrate)

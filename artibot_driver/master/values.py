@@ -174,7 +174,7 @@ class BusStatus:
     Attributes
     ----------
     load : float
-        Share of the configured bit rate that frames took in the last tenth of a second, without stuff bits.
+        Share of the configured bit rate that frames took in the last 50 ms, stuff bits at their most.
     reason : str
         The last thing that went wrong, empty where nothing did.
     """
