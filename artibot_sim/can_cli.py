@@ -121,15 +121,14 @@ def _print(
     from artibot_driver.explain_text import COLUMNS, as_csv, as_json, for_reading
 
     line = {"json": as_json, "csv": as_csv}.get(form or "", for_reading(raw))
-    out, live, shown, first = sys.stdout, frames.end_ns is None, 0, frames.start_ns
+    out, live, shown = sys.stdout, frames.end_ns is None, 0
     if form == "csv":
         out.write(",".join(COLUMNS) + "\n")
     for frame in with_progress(frames):
-        first = frame.stamp_ns if first is None else first
         found = explainer.explain(frame)
         if not matches(found, nodes, kinds):
             continue
-        after = frame.stamp_ns - first
+        after = frame.stamp_ns - (frames.start_ns or 0)
         out.write(line(after / _SECOND, frame.stamp_ns, frame, found) + "\n")
         shown += 1
         if live:
@@ -239,7 +238,7 @@ def dbc(params: str | None, robot: str | None) -> int:
 
     \b
     Example:
-      artibot can dbc --robot epiq > epiq.dbc
+      artibot can dbc --params my_driver.yaml > my_rover.dbc
     """
     from artibot_driver.dbc import dbc_text
 

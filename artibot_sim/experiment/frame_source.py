@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain, takewhile
 from pathlib import Path
 from typing import Final
 
@@ -25,7 +26,7 @@ class Frames:
     ----------
     name : of the recording.
     stream : the frames.
-    start_ns, end_ns : first and last stamp of the recording; None where only reading tells.
+    start_ns, end_ns : first and last stamp of the recording; None where only reading tells (the last of a log).
     robot : as the recording says, or None.
     """
 
@@ -54,14 +55,14 @@ def open_frames(source: str, topics: tuple[str, ...], start: float | None, end: 
         raise ArtibotError(f"--start {start:g} --end {end:g}: nothing lies between them")
     path = Path(source)
     if source == _STDIN:
-        return Frames("standard input", _cut(iter_candump(sys.stdin, "standard input"), start, end), None, None, None)
+        return _from_log("standard input", iter_candump(sys.stdin, "standard input"), start, end)
     if path.is_file() and is_candump(path):
-        return Frames(source, _cut(_log(path), start, end), None, None, None)
+        return _from_log(source, _log(path), start, end)
     info = bag_info(path)
     found = can_topics(info, topics)
     begin = info.start_ns + round((start or 0.0) * _SECOND)
     last = info.end_ns if end is None else min(info.end_ns, info.start_ns + round(end * _SECOND))
-    stream = iter_frames(path, found, begin, last + 1)
+    stream = iter_frames(path, found, begin, last + 1) if begin <= last else iter(())
     return Frames(source, stream, info.start_ns, last, info.metadata.get("robot"))
 
 
@@ -70,13 +71,13 @@ def _log(path: Path) -> Iterator[CanFrame]:
         yield from iter_candump(stream, str(path))
 
 
-def _cut(frames: Iterator[CanFrame], start: float | None, end: float | None) -> Iterator[CanFrame]:
-    """The frames between two times from the first one on."""
-    first: int | None = None
-    for frame in frames:
-        first = frame.stamp_ns if first is None else first
-        t = (frame.stamp_ns - first) / _SECOND
-        if end is not None and t > end:
-            return
-        if start is None or t >= start:
-            yield frame
+def _from_log(name: str, frames: Iterator[CanFrame], start: float | None, end: float | None) -> Frames:
+    """The frames between two times from the first one on; the first is read at once."""
+    head = next(frames, None)
+    if head is None:
+        return Frames(name, iter(()), None, None, None)
+    begin = head.stamp_ns + round((start or 0.0) * _SECOND)
+    last = None if end is None else head.stamp_ns + round(end * _SECOND)
+    stream = (frame for frame in chain((head,), frames) if frame.stamp_ns >= begin)
+    cut = stream if last is None else takewhile(lambda frame: frame.stamp_ns <= last, stream)
+    return Frames(name, cut, head.stamp_ns, None, None)
