@@ -67,25 +67,21 @@ def _with_progress(keys: list[str], quick: bool) -> tuple[list[Result], list[Ski
     """Run all with a bar on standard error that is gone afterwards."""
     import time
 
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
     from artibot_sim.bench.scenario import Scenario
     from artibot_sim.bench.suite import SUITE, run
+    from artibot_sim.progress import Bar
 
-    columns = (TextColumn("{task.description:10}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("", total=sum(SUITE[key].seconds for key in keys))
-        ends = {key: sum(SUITE[k].seconds for k in keys[: i + 1]) for i, key in enumerate(keys)}
-        now: list[tuple[str, float]] = []
+    ends = {key: sum(SUITE[k].seconds for k in keys[: i + 1]) for i, key in enumerate(keys)}
+    now: list[tuple[str, float]] = []
+    with Bar(sum(SUITE[key].seconds for key in keys)) as bar:
 
         def begin(key: str) -> None:
             now[:] = [(key, time.monotonic())]
-            progress.update(task, completed=ends[key] - SUITE[key].seconds, description=key)
+            bar.show(ends[key] - SUITE[key].seconds, key)
 
         def tick() -> None:
             key, since = now[0]
             share = min((time.monotonic() - since) / SUITE[key].seconds, 0.98)
-            progress.update(task, completed=ends[key] - (1 - share) * SUITE[key].seconds)
+            bar.show(ends[key] - (1 - share) * SUITE[key].seconds)
 
         return run(keys, Scenario(quick, tick), begin)
