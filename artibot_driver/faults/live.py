@@ -8,6 +8,9 @@ import time
 from collections.abc import Callable
 from typing import Final
 
+from can.typechecking import CanFilters
+
+from artibot_driver.bus import Bus
 from artibot_driver.faults.crew import Crew
 from artibot_driver.faults.place import Place
 from artibot_driver.faults.wire import UnreliableBus
@@ -16,23 +19,17 @@ from artibot_driver.frames import Frame
 from artibot_driver.master import Master
 from artibot_driver.rig import Rig
 
-HICCUP: Final = 40_000_000
-"""A machine that holds the loop or the drives up for longer (ns) has a share in what follows."""
+_NOTHING: Final[CanFilters] = [{"can_id": 0x1FFFFFFF, "can_mask": 0x1FFFFFFF, "extended": True}]
+"""Filter for one who only talks."""
 
 
 class LiveWorld(World):
-    """On a real bus; a context manager, for the thread of the drives ends with it.
-
-    Attributes
-    ----------
-    late : int
-        The longest time that the loop or the drives were held up by the machine, ns.
-    """
+    """On a real bus; a context manager, for the thread of the drives ends with it."""
 
     def __init__(self, rig: Rig, rng: random.Random, place: Place) -> None:
         super().__init__(rig, rng)
         self._place = place
-        self._buses = [place.open() for _ in range(3)]
+        self._buses = self._open()
         self.unreliable = UnreliableBus(self._buses[0], rng)
         self._crew = Crew(rig, self._buses[1])
         self.master = Master(self.unreliable, rig)
@@ -40,7 +37,12 @@ class LiveWorld(World):
         self._finished = threading.Event()
         self._thread = threading.Thread(target=self._drives, name="drives")
         self._next = self.now
-        self.late = 0
+
+    def _open(self) -> list[Bus]:
+        """Ends of the bus for the master, the drives, and others who do not listen."""
+        buses = [self._place.open() for _ in range(3)]
+        buses[2].raw.set_filters(_NOTHING)
+        return buses
 
     def __enter__(self) -> LiveWorld:
         self._thread.start()
@@ -51,11 +53,6 @@ class LiveWorld(World):
         self._thread.join()
         for bus in self._buses:
             bus.close()
-
-    @property
-    def disturbed(self) -> bool:
-        """Whether the machine has held something up."""
-        return self.late > HICCUP
 
     def _drives(self) -> None:
         last = self.now
@@ -97,8 +94,6 @@ class LiveWorld(World):
         """Have somebody else send frames."""
         for frame in frames:
             self._buses[2].send(frame)
-        while self._buses[2].receive() is not None:
-            pass
 
     def bus_down(self) -> None:
         """Have the bus carry nothing any more."""
@@ -111,7 +106,7 @@ class LiveWorld(World):
             for bus in self._buses:
                 bus.close()
             with self._lock:
-                self._buses = [self._place.open() for _ in range(3)]
+                self._buses = self._open()
                 self._crew.use_bus(self._buses[1])
             self.unreliable.bus = self._buses[0]
             self.master.use_bus(self.unreliable)

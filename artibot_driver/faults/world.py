@@ -20,6 +20,9 @@ from artibot_driver.rig import Rig, motor_per_metre
 DRIVE_STEP: Final = 2_000_000
 """Between two steps of the drives, ns."""
 
+HICCUP: Final = 30_000_000
+"""A machine that holds the loop or the drives up for longer (ns) has a share in what follows."""
+
 _FLOOD_FRAME = Frame(0x7F0, bytes(8))
 
 
@@ -44,6 +47,8 @@ class World(ABC):
         Foreign frames, as a share of what the bus can carry.
     noise : int
         Random frames in every period, from nodes that are none of ours.
+    late : int
+        The longest time that the machine has held the loop or the drives up, ns; 0 in time of its own.
     trace : list of Sample
         All periods so far.
     """
@@ -54,6 +59,7 @@ class World(ABC):
         self.hung = False
         self.flood = 0.0
         self.noise = 0
+        self.late = 0
         self.trace: list[Sample] = []
         self.period = 1000 * rig.config.sync_period_us
         self.turn = motor_per_metre(rig.robot, "front_right")
@@ -84,6 +90,11 @@ class World(ABC):
     @abstractmethod
     def bus_up(self) -> None:
         """Have it carry frames again."""
+
+    @property
+    def slack(self) -> float:
+        """What the machine has a share in is judged with so much more time, s."""
+        return 1e-9 * self.late if self.late > HICCUP else 0.0
 
     @property
     def last(self) -> Cycle:

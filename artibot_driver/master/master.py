@@ -38,8 +38,8 @@ RELEASE_TIMEOUT: Final = 200_000_000
 RESET_TIME: Final = 1_000_000_000
 """A fault reset is tried for so long, ns."""
 
-HEALTH_PERIOD: Final = 20_000_000
-"""Between two questions after the bus's state, ns."""
+HEALTH_PERIOD: Final = 50_000_000
+"""Between two questions after the bus's state, ns; where sending fails it is asked for at once."""
 
 
 class Master:
