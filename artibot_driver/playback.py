@@ -94,14 +94,19 @@ class Sender:
             dlc=frame.dlc if frame.is_remote else None,
             data=None if frame.is_remote else frame.data,
         )
-        deadline = time.monotonic() + _FULL
-        while not self.bus.send_message(message):
-            if time.monotonic() > deadline or not self.bus.health().state.carries_frames:
-                self.failed += 1
-                return False
-            time.sleep(_BETWEEN)
+        if not self.bus.send_message(message) and not self._send_again(message):
+            self.failed += 1
+            return False
         self.sent += 1
         return True
+
+    def _send_again(self, message: can.Message) -> bool:
+        deadline = time.monotonic() + _FULL
+        while time.monotonic() < deadline and self.bus.health().state.carries_frames:
+            time.sleep(_BETWEEN)
+            if self.bus.send_message(message):
+                return True
+        return False
 
     def drain(self) -> None:
         """Throw away what others have sent: a bus that nobody reads fills up."""

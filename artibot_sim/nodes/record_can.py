@@ -52,7 +52,10 @@ def open_listener(node: Any, channel: str | None, interface: str | None) -> List
     log = node.get_logger()
 
     def say(bad: bool, text: str) -> None:
-        (log.warning if bad else log.info)(f"{text}; the recording goes on" if bad else text)
+        if bad:  # two lines: rclpy lets one line of code log with one severity only
+            log.warning(f"{text}; the recording goes on")
+        else:
+            log.info(text)
 
     return Listener(interface_of(asked[0], asked[1]), asked[0], say)
 

@@ -29,6 +29,8 @@ _READING = 0.002
 _QUIET = 0.003
 """Without a frame for so long, s, there is time for other things."""
 _DRAIN_PERIOD = 0.1
+_UNDRAINED = 100
+"""Frames that are sent at most before what others send is thrown away."""
 
 Say = Callable[[str], None]
 
@@ -83,7 +85,7 @@ class FrameOutlet:
         self._sender = Sender(bus)
         self._chooser = chooser
         self._warn = warn
-        self._drained = 0.0
+        self._undrained = 0
         self._timer: Any = None
 
     @property
@@ -100,14 +102,14 @@ class FrameOutlet:
         if not self._sender.send(frame) and self._sender.failed == 1:
             reason = self._sender.bus.health().reason or self._sender.bus.health().state.value
             self._warn(f"CAN bus {self._sender.bus.channel}: a frame could not be sent: {reason}")
-        self.drain()
+        self._undrained += 1
+        if self._undrained >= _UNDRAINED:
+            self.drain()
 
     def drain(self) -> None:
-        """Throw away now and then what others send on the bus."""
-        now = time.monotonic()
-        if now - self._drained > _DRAIN_PERIOD:
-            self._drained = now
-            self._sender.drain()
+        """Throw away what others have sent on the bus."""
+        self._undrained = 0
+        self._sender.drain()
 
     def drain_by(self, node: Any) -> None:
         """Let a node do so too, for pauses."""
@@ -182,11 +184,12 @@ def _play(source: Source, outlet: FrameOutlet, rate: float, asked: list[int]) ->
     try:
         for due in source:
             deadline = origin + due.at_ns / SECOND / rate if due else time.monotonic() + _READING
-            while not asked and (left := deadline - time.monotonic()) > 0:
+            while not asked and (left := deadline - (now := time.monotonic())) > 0:
                 if left > _QUIET:
-                    progress.show((time.monotonic() - origin) * rate, len(late))
+                    progress.show((now - origin) * rate, len(late))
                     outlet.drain()
-                time.sleep(min(max(0.0, deadline - time.monotonic()), _NAP))
+                    left = deadline - time.monotonic()
+                time.sleep(min(max(0.0, left), _NAP))
             if asked:
                 break
             if due:
