@@ -60,9 +60,7 @@ class Resimulation:
     remarks: tuple[str, ...] = ()
 
     def write(self, out: Path | str, *, progress: Report | None = None) -> Path:
-        """Write the bag `out/simulated` and `out/metrics.json`; return `out`.
-
-        `progress` hears now and then the share that is done.
+        """Write `out/simulated` and `out/metrics.json`; `progress` hears the share that is done. Returns `out`.
 
         Raises
         ------
@@ -70,8 +68,7 @@ class Resimulation:
             If one of them exists, or cannot be written.
         """
         out = Path(out)
-        target = out / "metrics.json"
-        if target.exists():
+        if (target := out / "metrics.json").exists():
             raise ArtibotError(f"{target}: exists already; results are never overwritten, give another folder")
         try:
             out.mkdir(parents=True, exist_ok=True)

@@ -10,12 +10,16 @@ from typing import Any
 
 from artibot_sim.report import style
 from artibot_sim.report.panels import Figure
-from artibot_sim.report.web import chart
+from artibot_sim.report.web import MOST_POINTS, chart, is_thinned
 
 HINT = (
     "Drag over a chart to zoom in (all time axes follow), drag with shift to move, double-click for all; "
     "click on a legend to hide a line."
 )
+THINNED = (
+    f"Lines of more than {MOST_POINTS:,} samples are drawn with about that many, peaks included (on a map evenly); "
+    "artibot plot with --start and --end draws a part with every sample."
+).replace(",", " ", 1)
 Section = tuple[str, Sequence[tuple[str, str, Sequence[str]]]]
 """Heading and lines (quantity, unit, texts) of a part of a table."""
 
@@ -37,6 +41,7 @@ def render_page(
     """
     from plotly.offline import get_plotlyjs
 
+    hints = (THINNED, HINT) if any(map(is_thinned, figure.panels)) else (HINT,)
     charts = [chart(panel, figure.time_span) | {"time": not panel.equal} for panel in figure.panels]
     parts = {
         "TITLE": html.escape(figure.title),
@@ -44,7 +49,7 @@ def render_page(
         "HEAD": _head(figure),
         "PANELS": _panels(figure),
         "TABLE": _table(table, columns),
-        "NOTES": "".join(f"<p>{html.escape(note)}</p>" for note in (*notes, HINT)),
+        "NOTES": "".join(f"<p>{html.escape(note)}</p>" for note in (*notes, *hints)),
         "CHARTS": script_json(charts),
         "SCRIPT": _SCRIPT,
         "PLOTLY": get_plotlyjs(),

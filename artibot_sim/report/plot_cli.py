@@ -100,8 +100,8 @@ def draw(
     names = labels(experiments)
     files: dict[Path, bytes] = {}
     tell = progress or (lambda _: None)
-    for number, (path, render) in enumerate(((png, _png), (html, _page), (json, _json))):
-        tell(number / 3)
+    for path, render in ((png, _png), (html, _page), (json, _json)):
+        tell(len(files) / 3)
         if path is not None:
             if path in files:
                 raise ArtibotError(f"{path}: asked for twice; give each output its own name")
