@@ -130,7 +130,7 @@ class Master:
         elif not self._phase.moves:
             self._rest(now_ns)
         self._change_phase(now_ns, self._answer(now_ns, wishes))
-        sent = self._move(now_ns, 1e-9 * (now_ns - last))
+        sent = self._move(now_ns, 1e-9 * min(now_ns - last, 2 * self._period))  # no leap down after a hold-up
         self._send(now_ns, sent)
         commanded = self._targets.commanded(sent, now_ns) if self._phase.moves else Commanded(stamp_ns=now_ns)
         return Cycle(report.feedback(self._links, now_ns, self._config), commanded, self._status(now_ns))
@@ -166,10 +166,10 @@ class Master:
         """Follow set-points that are fresh and sound; else say why the rover has to stop, if it has to."""
         if self._phase is not Phase.ENABLED:
             return None
-        if given is not None and (self._armed is None or given.stamp_ns <= self._armed):
+        text = "" if given is None else self._targets.fault_of(given)
+        if given is not None and not text and (self._armed is None or given.stamp_ns <= self._armed):
             self._tally["setpoints_stale"] += 1
             given = None
-        text = "" if given is None else self._targets.fault_of(given)
         if given is None or text:
             self._tally["setpoints_invalid" if text else "setpoints_missing"] += 1
             under_way, self._following = self._following and not self._targets.at_rest, False

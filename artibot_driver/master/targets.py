@@ -57,6 +57,8 @@ class Targets:
     def fault_of(self, given: Setpoints) -> str:
         """What is wrong with set-points, one clause; empty where they can be followed."""
         try:
+            if not isinstance(given.stamp_ns, int):
+                return f"a stamp that is no time in ns: {given.stamp_ns!r}"
             (right, left), (back_right, back_left) = given.front_velocity, given.back_effort
             speed = max(abs(right), abs(left))
             if not math.isfinite(right + left) or speed > TOLERANCE * self._limit:
@@ -83,8 +85,7 @@ class Targets:
             self._tally["saturated_velocity"] += 1
         self.velocity = (right * scale, left * scale)
         self._effort = given.back_effort
-        if given.kappa is not None:
-            self._kappa = given.kappa
+        self._kappa = self._rig.robot.control.kappa if given.kappa is None else given.kappa
 
     def begin(self, velocity: Pair) -> None:
         """Start from what the front motors do, rad/s; what is next to nothing is rest."""

@@ -219,13 +219,15 @@ def test_too_fast_a_command_is_scaled_within_a_percent_and_refused_beyond() -> N
         Setpoints((1.0, "x"), 0),  # type: ignore[arg-type]
         Setpoints((1.0,), 0),  # type: ignore[arg-type]
         Setpoints(None, 0),  # type: ignore[arg-type]
+        Setpoints((1.0, 1.0), math.nan),  # type: ignore[arg-type]
+        Setpoints((1.0, 1.0), None),  # type: ignore[arg-type]
     ],
 )
 def test_what_cannot_be_followed_stops_and_never_raises(given: Setpoints) -> None:
     w = Logged().enabled()
     w.command = lambda now: Setpoints((60.0, 60.0), now)
     w.run(0.3)
-    w.command = lambda now: replace(given, stamp_ns=now)
+    w.command = lambda now: replace(given, stamp_ns=now if given.stamp_ns == 0 else given.stamp_ns)
     w.run(0.02)
     assert w.last.status.stop is not None
     assert w.last.status.stop.reason is Reason.INVALID_COMMAND
@@ -317,6 +319,42 @@ def test_reading_ends_when_its_time_is_over_whatever_waits() -> None:
     begin = now[0]
     master.cycle(now[0], None)
     assert now[0] - begin < 20_000_000
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_random_frames_raise_nothing_and_move_nothing_that_is_not_enabled(seed: int) -> None:
+    """Random data under any identifier, many of them ours, in all phases; a person enables and resets in between."""
+    w = Logged(seed)
+    rng = random.Random(seed)
+    ours = [can_id for can_id in range(0x800) if RIG.codec.knows(can_id) and can_id & 0x7F in (0, 1, 2, 3, 4, 127)]
+    w.command = lambda now: Setpoints((40.0, 40.0), now)
+    phases = set()
+    for k in range(1500):
+        noisy = k % 500 < 250
+        w.inject(
+            [Frame(rng.choice(ours), rng.randbytes(rng.choice((8, 8, rng.randrange(9))))) for _ in range(3 * noisy)]
+        )
+        w.run(0.01)
+        if k % 20 == 0:
+            (w.master.enable if k % 40 else w.master.reset_fault)()
+        status = w.last.status
+        phases.add(status.phase)
+        if not status.phase.moves:
+            assert all(math.isnan(each) for each in w.last.commanded.front_velocity)
+    assert {Phase.CONFIGURING, Phase.READY, Phase.ENABLED, Phase.STOPPING} <= phases
+
+
+def test_a_cycle_that_comes_late_makes_no_leap() -> None:
+    w = Logged().enabled()
+    w.command = lambda now: Setpoints((0.8 * TURN, 0.8 * TURN), now)
+    w.run(0.5)
+    w.hung = True
+    w.run(0.12)
+    w.hung = False
+    w.run(0.01)
+    assert w.last.status.stop is not None
+    assert w.last.status.stop.reason is Reason.OVERRUN
+    assert w.last.commanded.front_velocity[0] > 0.7 * TURN
 
 
 def test_close_takes_the_current_away_at_once_and_leaves_no_fault() -> None:
