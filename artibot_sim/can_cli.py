@@ -248,6 +248,36 @@ def dbc(params: str | None, robot: str | None) -> int:
     return 0
 
 
+@command.command("settings", short_help="Show what the drives must be set to.", context_settings=_SETTINGS)
+@_params
+@click.option("--robot", help="Robot: a name or a robot file.  [default: the parameters']")
+@click.option("--node", "motor", metavar="NAME", help="Only this motor.")
+def settings(params: str | None, robot: str | None, motor: str | None) -> int:
+    """Show every object that a drive must have, and whether the driver writes it or the drive must have it already.
+
+    What is `compared` belongs to commissioning: set it with the drive's own tool. The driver reads it and refuses the
+    drive where it differs.
+
+    \b
+    Example:
+      artibot can settings --params my_rover.yaml --node front_right
+    """
+    from artibot_driver.explain import Explainer
+    from artibot_driver.explain_text import setting_text
+
+    explainer = Explainer(load_rig_for(params, robot, None))
+    motors = list(explainer.rig.codec.nodes)
+    if motor is not None and motor not in motors:
+        raise ArtibotError(f"--node {motor}: expected {', '.join(motors)}")
+    with quiet_pipe():
+        for name in [motor] if motor else motors:
+            click.echo(f"{name} (node {explainer.rig.codec.nodes[name]})")
+            for each in explainer.rig.settings(name):
+                value = explainer.value(name, each.index, each.subindex, each.value)
+                click.echo(f"  {'written' if each.written else 'compared':8}  {setting_text(value)}")
+    return 0
+
+
 @command.command("loopback", short_help="Run a CAN bus between processes.", context_settings=_SETTINGS)
 @click.option(
     "--port", type=click.IntRange(0, 65535), default=0, help="TCP port on 127.0.0.1.  [default: any free one]"

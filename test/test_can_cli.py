@@ -187,6 +187,21 @@ def test_the_dbc_is_that_of_the_module(other_robot: str, capsys: pytest.CaptureF
     assert output(capsys, "dbc", "--robot", other_robot) == other != dbc_text(RIG)
 
 
+def test_the_settings_are_the_rig_s(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = output(capsys, "settings").splitlines()
+    count = len(RIG.settings("front_right"))
+    assert len(lines) == 4 * (1 + count)
+    assert lines[0] == "front_right (node 1)"
+    for line, setting in zip(lines[1:], RIG.settings("front_right"), strict=False):
+        how, key, value, in_hex = line.split()[:4]
+        assert how == ("written" if setting.written else "compared")
+        assert (key, int(value)) == (f"{setting.index:04X}h:{setting.subindex}", setting.value)
+        assert int(in_hex, 16) == setting.value & 0xFFFFFFFF
+    (torque,) = [line for line in output(capsys, "settings", "--node", "back_left").splitlines() if "6072h" in line]
+    assert torque.endswith(f"max_torque  {RIG.scaling['back_left'].torque_limit.si(int(torque.split()[2])):.6g} N m")
+    assert "expected front_right" in refused(capsys, "settings", "--node", "driver")
+
+
 def test_help_needs_neither_ros_nor_a_bus(capsys: pytest.CaptureFixture[str]) -> None:
-    for words in ((), ("decode",), ("load",), ("dbc",), ("loopback",)):
+    for words in ((), ("decode",), ("load",), ("dbc",), ("settings",), ("loopback",)):
         assert "Example" in output(capsys, *words, "--help")
