@@ -20,6 +20,7 @@ from std_srvs.srv import Trigger
 
 from artibot_driver.bus import open_bus
 from artibot_driver.pdo import Codec
+from artibot_driver.priority import take_priority
 
 MEASURED = ("odom", "joint_states", "motor_torques", "motor_command")
 
@@ -161,6 +162,7 @@ class Sniffer:
         self._thread.start()
 
     def _run(self) -> None:
+        take_priority(45)  # a frame's time is when it was read
         while not self._finished.is_set():
             message = self._bus.receive(0.05)
             if message is not None:

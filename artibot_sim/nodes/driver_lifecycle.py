@@ -11,6 +11,7 @@ outcome is looked at once a period.
 from __future__ import annotations
 
 import gc
+import sys
 import time
 from typing import Any
 
@@ -39,6 +40,9 @@ IDLE = 0.05
 
 FAREWELL = 2.0
 """Beyond the ramp to standstill, how long the drives are given to switch off at the end, s."""
+
+SWITCH = 5e-4
+"""How long another thread (that reads a profile) may keep the loop waiting, s."""
 
 GOODBYE = 0.1
 """How long the process stays for its last answers, s."""
@@ -173,6 +177,7 @@ class DriverNode(LifecycleNode):
         if self.settings["autoconfigure"] and self.trigger_configure() is not DONE:
             raise ArtibotError(self._fault)
         self._started = True
+        sys.setswitchinterval(SWITCH)
         gc.collect()
         gc.freeze()  # what lives now lives to the end: collections stay short
         if refused := take_priority(self.settings["realtime_priority"]):

@@ -50,7 +50,7 @@ class DriverLoop:
     def __init__(self, node: Node, rig: Rig, settings: dict[str, Any]) -> None:
         self._rig, self._settings, self._log = rig, settings, node.get_logger()
         rules = parameters.rules(settings, rig.robot, rig.config)
-        self.desk = CommandDesk(Inputs(node, rules, settings["cmd_vel_stamped"]))
+        self.desk = CommandDesk(Inputs(node, rules, settings["cmd_vel_stamped"], beside=True))
         self._out = DriverPublishers(node, rig.robot, settings["odom_frame"], settings["base_frame"])
         self._keeper = BusKeeper(rig.config)
         self._period_ns = 1_000 * rig.config.sync_period_us
