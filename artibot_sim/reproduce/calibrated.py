@@ -9,10 +9,10 @@ from artibot_sim.reproduce.calibration import Calibration
 CALIBRATIONS: Final = {
     "agriq": Calibration(
         robot="agriq",
-        values={"i_x": 0.362, "i_y": 0.608, "l_b": 0.704},
-        misfit=1.226,
-        ranges={"i_x": (0.331, 0.374), "i_y": (0.562, 0.655), "l_b": (0.700, 1.298)},
-        evaluations=1116,
+        values={"i_x": 0.371, "i_y": 0.627, "l_b": 1.109},
+        misfit=1.288,
+        ranges={"i_x": (0.334, 0.375), "i_y": (0.570, 0.648), "l_b": (0.712, 1.297)},
+        evaluations=780,
     ),
     "epiq": Calibration(
         robot="epiq",

@@ -40,7 +40,7 @@ def section5(quick: bool = False, progress: Callable[[float], None] | None = Non
     caption = (
         "Lateral (χ) and yaw (ψ) acceleration of the front module per newton of longitudinal force at a back wheel, "
         "for Agri.q's inertias, over l_f / (l_f + l_b) and γ_r = γ_f − γ_b. Solid lines: where it vanishes. "
-        "Fig. 6 of the paper is lost, so its statements on signs are what can be compared."
+        "Fig. 6's values are not printed; its statements on signs are what can be compared."
     )
     sheet = Sheet("fig6", "Fig. 6: what a force at a back wheel does to the front module", caption, rows)
     return Section(5, "Model analysis", (sheet,), (), (), statements(found, ratio_of(epiq)))
@@ -149,6 +149,6 @@ def _brakes(found: InfluenceMap, gamma: Array) -> Statement:
     return Statement(
         "In approximately the same range the wheel hinders the yaw acceleration (ψ opposite to γ_r).",
         both > 0 and alone <= 0.02 * both,
-        f"{both} points do both, {alone} only one of the two: all that reaches the front module passes the joint, "
-        "which lies l_f behind its origin, so χ and ψ vanish together.",
+        f"{both} points do both, {alone} only one of the two"
+        + ("." if alone else ": all passes the joint, l_f behind the front origin, so χ and ψ vanish together."),
     )

@@ -142,7 +142,7 @@ def _limit_sheet(study: Study) -> Sheet:
         x = ("limit of the front motors", "N·m")
         panels.append(charts.panel(f"limit_{column}", f"Test 1: {title}", x, (title, "m"), lines, levels))
     caption = (
-        "Driven motors. The higher the limit, the tighter the circle, until front wheels break away; then little more "
-        "torque is enough to reach the planned speeds."
+        "Driven motors. The higher the limit, the tighter the circle, until front wheels break away, which takes "
+        "the circle to the planned one."
     )
     return Sheet("limit", "Why one torque limit does not do", caption, (tuple(panels),))

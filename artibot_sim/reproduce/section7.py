@@ -16,6 +16,7 @@ from artibot_sim.reproduce.calibration import Calibration
 from artibot_sim.reproduce.paper import KAPPAS, ROBOTS
 from artibot_sim.reproduce.result import Section
 from artibot_sim.reproduce.runs import Run, drive, sliding
+from artibot_sim.reproduce.suspects import tried
 
 Array = NDArray[np.float64]
 
@@ -54,12 +55,15 @@ class Study:
         Epi.q over l_f = l_b, m, with that geometry's wheel spacings.
     branches : Sweep
         Agri.q over i_x / i_y, i_y kept.
+    suspects : dict of str to (3, 2) array
+        See `suspects.tried`.
     """
 
     runs: dict[tuple[str, str], dict[float, Run]]
     calibrations: Mapping[str, Calibration]
     length: dict[str, Sweep]
     branches: Sweep
+    suspects: dict[str, Array]
 
 
 def section7(
@@ -93,7 +97,7 @@ def study(
     spacing = ratios * agriq.front.i_y
     branches = sweep(agriq, "agriq", spacing, ("front.i_x", "back.i_x"), _span(tell, 0.6, 0.4))
     branches = Sweep(ratios, branches.e_gamma, branches.e_x, branches.front_axle)
-    return Study(runs, calibrations, length, branches)
+    return Study(runs, calibrations, length, branches, tried())
 
 
 def _span(tell: Callable[[float], None], start: float, length: float) -> Callable[[float], None]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from artibot_sim.model import load_robot
+from artibot_sim.reproduce import suspects
 from artibot_sim.reproduce.calibration import overall_length
 from artibot_sim.reproduce.paper import KAPPAS, LENGTH, ROBOTS, TABLE_7
 from artibot_sim.reproduce.result import Statement, percent
@@ -28,8 +29,11 @@ def statements(study: Study) -> tuple[Statement, ...]:
     for (name, geometry), runs in study.runs.items():
         who = f"{ROBOTS[name]} ({geometry})"
         out += [_understeer(who, runs), _trend(who, runs), _size(who, name, runs)]
-    out += [_smaller(study), *(_lighter(study, name) for name in ROBOTS), _followed(study)]
-    return (*out, _swing(study), _short(study), *_lengths(study), _branches(study))
+        if name == "epiq":
+            out.append(_position_trend(who, runs))
+    out += [_smaller(study), *(_lighter(study, name) for name in ROBOTS), _irrelevant(study), _followed(study)]
+    why = (_sign(study), _swing(study), *suspects.statements(study.suspects), _short(study))
+    return (*out, *why, *_lengths(study), _branches(study))
 
 
 def _listed(runs: Runs, pick: str) -> str:
@@ -58,6 +62,13 @@ def _trend(who: str, runs: Runs) -> Statement:
             else "; the signed error does not fall throughout."
         ),
     )
+
+
+def _position_trend(who: str, runs: Runs) -> Statement:
+    e_x = [runs[kappa].e_x for kappa in KAPPAS]
+    return Statement(
+        f"{who}: e_x grows with κ, as in Table 7.", bool((np.diff(e_x) > 0).all()), _listed(runs, "e_x") + "."
+    )  # fmt: skip
 
 
 def _size(who: str, name: str, runs: Runs) -> Statement:
@@ -107,6 +118,18 @@ def _lighter(study: Study, name: str) -> Statement:
     )
 
 
+def _irrelevant(study: Study) -> Statement:
+    relief = {}
+    for name in ROBOTS:
+        runs = study.runs[name, "shipped"]
+        relief[name] = _effort(runs[1.0]) - _effort(runs[0.6])
+    return Statement(
+        "That relief is almost irrelevant for Epi.q (less than a hundredth of Agri.q's).",
+        abs(relief["epiq"]) < 0.01 * relief["agriq"],
+        f"{1e3 * relief['epiq']:.2f} mN·m for Epi.q, {1e3 * relief['agriq']:.0f} mN·m for Agri.q.",
+    )
+
+
 def _followed(study: Study) -> Statement:
     worst = 0.0
     for runs in study.runs.values():
@@ -117,6 +140,19 @@ def _followed(study: Study) -> Statement:
         "Without torque limits the front wheels precisely follow the planned velocity.",
         worst < 0.01,
         f"RMS deviation over the largest planned speed: at most {percent(worst)} (eq. 27 takes up the jumps).",
+    )
+
+
+def _sign(study: Study) -> Statement:
+    falls = {
+        (name, geometry): bool((np.diff([runs[k].e_gamma for k in KAPPAS]) < 0).all())
+        for (name, geometry), runs in study.runs.items()
+    }
+    printed = all((np.diff([table[k][0] for k in KAPPAS]) > 0).all() for table in TABLE_7.values())
+    return Statement(
+        "Table 7's magnitudes stand for understeer: the signed e_γ falls with κ, so magnitudes that grow are negative.",
+        all(falls.values()) and printed,
+        f"It falls in {sum(falls.values())} of {len(falls)} combinations of robot and geometry.",
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from artibot_sim.model import load_robot
 from artibot_sim.report.panels import Panel
-from artibot_sim.reproduce import charts
+from artibot_sim.reproduce import charts, suspects
 from artibot_sim.reproduce import section7_claims as claims
 from artibot_sim.reproduce.calibration import PROBLEMS, overall_length
 from artibot_sim.reproduce.paper import KAPPAS, LENGTH, ROBOTS, TABLE_7
@@ -35,6 +35,7 @@ def written(study: Study) -> Section:
     tables = (
         comparison_table("Table 7: magnitudes of e_γ, and e_x", comparisons),
         _parts_table(study),
+        suspects.table(study.suspects),
         _geometry_table(study),
     )
     notes = (
