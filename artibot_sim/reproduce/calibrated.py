@@ -16,9 +16,9 @@ CALIBRATIONS: Final = {
     ),
     "epiq": Calibration(
         robot="epiq",
-        values={"i_x": 0.065, "i_y": 0.263, "l_f = l_b": 0.057},
-        misfit=0.315,
-        ranges={"i_x": (0.032, 0.095), "i_y": (0.211, 0.349), "l_f = l_b": (0.041, 0.098)},
-        evaluations=1116,
+        values={"i_x": 0.065, "i_y": 0.264, "l_f = l_b": 0.057},
+        misfit=0.320,
+        ranges={"i_x": (0.034, 0.084), "i_y": (0.176, 0.346), "l_f = l_b": (0.039, 0.104)},
+        evaluations=780,
     ),
 }

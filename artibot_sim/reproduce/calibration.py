@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Robot, load_robot
-from artibot_sim.planning import load_manoeuvre
+from artibot_sim.planning import Manoeuvre, load_manoeuvre
 from artibot_sim.reproduce.circles import rotation_driven
 from artibot_sim.reproduce.paper import KAPPAS, LENGTH, SIMULATED, TABLE_7, TESTS
 from artibot_sim.reproduce.runs import drive
@@ -26,6 +27,18 @@ POPULATION = 10
 """Trials a generation, for each unknown."""
 NEAR = 0.5
 """Geometries whose misfit is within this many points of the best one's are counted as fitting as well."""
+
+
+@cache
+def _shipped(name: str) -> Robot:
+    """The robot file, read once."""
+    return load_robot(name)
+
+
+@cache
+def _trajectory(name: str) -> Manoeuvre:
+    """Table 6 for a robot, read once."""
+    return load_manoeuvre(f"table6_{name}")
 
 
 @dataclass(frozen=True)
@@ -65,12 +78,12 @@ class Problem:
             for unknown, value in zip(self.unknowns, values, strict=True)
             for key in unknown.keys
         }  # fmt: skip
-        return load_robot(self.robot).replace(lengths, source=f"inferred: fit to {self.data}")
+        return _shipped(self.robot).replace(lengths, source=f"inferred: fit to {self.data}")
 
     def misfits(self, values: Array) -> Array:
         """Differences from the paper: points of e_gamma and e_x for each kappa, percent of the radii."""
         robot = self.with_values(values)
-        manoeuvre = load_manoeuvre(f"table6_{self.robot}")
+        manoeuvre = _trajectory(self.robot)
         found = []
         for kappa in KAPPAS:
             e_gamma, e_x = TABLE_7[self.robot][kappa]
