@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 
 
@@ -24,3 +25,9 @@ def take_priority(priority: int) -> str:
     except (OSError, AttributeError) as error:  # no right to, or not Linux
         return str(error)
     return ""
+
+
+def drop_priority() -> None:
+    """Have this thread treated as an ordinary one again."""
+    with contextlib.suppress(OSError, AttributeError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
+from artibot_driver.priority import drop_priority, take_priority
 from artibot_sim.errors import ArtibotError
 from artibot_sim.nodes.ros_args import split_ros_args
 
@@ -17,8 +18,15 @@ _SWITCH = 5e-4  # s: a thread hands over to the one that waits after so long; Py
 
 
 @contextmanager
-def undisturbed() -> Iterator[None]:
-    """No garbage collection and short turns of other threads: both delay messages."""
+def undisturbed(priority: int = 0) -> Iterator[None]:
+    """No garbage collection and short turns of other threads: both delay messages.
+
+    Parameters
+    ----------
+    priority : int
+        Of this thread among the machine's real-time ones meanwhile, where the system grants it; 0: none.
+    """
+    take_priority(priority)
     before = sys.getswitchinterval()
     sys.setswitchinterval(_SWITCH)
     gc.collect()
@@ -30,6 +38,8 @@ def undisturbed() -> Iterator[None]:
         gc.enable()
         gc.unfreeze()
         sys.setswitchinterval(before)
+        if priority:
+            drop_priority()
 
 
 @contextmanager

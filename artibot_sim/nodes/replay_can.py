@@ -24,6 +24,8 @@ from artibot_sim.nodes.replay_progress import Progress
 from artibot_sim.nodes.replay_source import Source, Stretch, lateness_summary, write_statistics
 from artibot_sim.nodes.stamps import SECOND
 
+PRIORITY = 40
+"""Of playing frames, below the driver's."""
 _NAP = 0.02
 _READING = 0.002
 _QUIET = 0.003
@@ -166,7 +168,7 @@ def play_frames(info: BagInfo, given: dict[str, Any], say: Say) -> int:
         say(
             f"playing the CAN frames of {info.path}, {(stretch.end_ns - stretch.begin_ns) / SECOND:.1f} s at {rate:g} x"
         )
-        with undisturbed():
+        with undisturbed(PRIORITY):
             late = np.array(_play(source, outlet, rate, asked))
         found = {"messages": len(late), "not_sent": outlet.failed, "rate": rate, **lateness_summary(late)}
         timing = f", {found['late_p50_ms']:.2f} ms late (median; p99 {found['late_p99_ms']:.2f})" if len(late) else ""

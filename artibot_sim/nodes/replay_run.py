@@ -12,7 +12,7 @@ from rclpy.node import Node
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.storage import BagInfo
 from artibot_sim.nodes.process import undisturbed
-from artibot_sim.nodes.replay_can import FrameOutlet, frame_outlet
+from artibot_sim.nodes.replay_can import PRIORITY, FrameOutlet, frame_outlet
 from artibot_sim.nodes.replay_drive import Driver, Script, request_outlet
 from artibot_sim.nodes.replay_player import Pace, Player
 from artibot_sim.nodes.replay_publishers import Outlet, make_outlets
@@ -57,7 +57,7 @@ def _play(
     player.wait_for_subscribers(given["wait"] or 0, given["wait_timeout"])
     length = (stretch.end_ns - stretch.begin_ns) / 1e9
     node.get_logger().info(f"playing {info.path}: {len(outlets)} topics, {length:.1f} s at {pace.rate:g} x")
-    with undisturbed():
+    with undisturbed(PRIORITY if frames else 0):
         player.run()
     found = player.statistics() | ({"not_sent": frames.failed} if frames else {})
     late = f", {found['late_p50_ms']:.2f} ms late (median; p99 {found['late_p99_ms']:.2f})" if player.late else ""
