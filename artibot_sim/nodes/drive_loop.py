@@ -8,7 +8,6 @@ came in the meantime: a heartbeat that was there in time counts.
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -93,20 +92,20 @@ class DriveLoop:
 
     def _serve(self, until: int) -> None:
         """Answer frames until then, and what has come by then, but not for ever."""
-        late = 0
+        late, now = 0, time.monotonic_ns()
         while late < MOST_AT_ONCE:
-            left = until - time.monotonic_ns()
-            message = self.bus.receive(max(0, left) * 1e-9)
+            message = self.bus.receive_any(max(0, until - now) * 1e-9)
+            now = time.monotonic_ns()
             if message is None:
-                left = until - time.monotonic_ns()
-                if left <= 0:
+                if now >= until:
                     return
-                time.sleep(min(left, 1_000_000) * 1e-9)  # a bus that is down or lost says at once that nothing came
+                time.sleep(min(until - now, 1_000_000) * 1e-9)  # a bus that is down says at once that nothing came
+                now = time.monotonic_ns()
                 continue
-            late += left <= 0
-            if message.is_extended_id or message.is_remote_frame:
+            late += now >= until
+            if message.is_error_frame or message.is_extended_id or message.is_remote_frame:
                 continue
-            can_id, data, now = message.arbitration_id, bytes(message.data), time.monotonic_ns()
+            can_id, data = message.arbitration_id, bytes(message.data)
             for drive in self.drives.values():
                 drive.receive(can_id, data, now)
 
@@ -128,27 +127,6 @@ class DriveLoop:
         self.bus.close()
         self.bus, self._lost = found, False
         return f"bus {config.channel} is there again"
-
-
-def prefer(priority: int) -> str:
-    """Have this thread preferred to other processes' (SCHED_FIFO), for no drive is ever held up by a busy machine.
-
-    Parameters
-    ----------
-    priority : int
-        1 to 99; 0 leaves all as it is.
-
-    Returns
-    -------
-    str
-        Why the system does not allow it, or empty.
-    """
-    try:
-        if priority:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-    except (OSError, AttributeError) as error:
-        return f"no real-time priority ({error}): a busy machine may delay the drives"
-    return ""
 
 
 def drive_states(drives: Mapping[str, SimulatedDrive]) -> str:

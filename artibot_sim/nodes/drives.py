@@ -9,11 +9,12 @@ from collections.abc import Sequence
 
 import click
 
+from artibot_driver.priority import take_priority
 from artibot_driver.rig import load_rig
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS, load_robot
 from artibot_sim.nodes.crew import noted_signals
-from artibot_sim.nodes.drive_loop import DriveLoop, drive_config, drive_states, open_drive_loop, prefer
+from artibot_sim.nodes.drive_loop import DriveLoop, drive_config, drive_states, open_drive_loop
 from artibot_sim.nodes.drive_shafts import Flywheels, RoverShafts
 from artibot_sim.nodes.options import Number
 from artibot_sim.nodes.pacer import Pacer
@@ -21,8 +22,6 @@ from artibot_sim.nodes.ros_args import split_ros_args
 from artibot_sim.nodes.sim_engine import Diverged, Start, Timing
 
 TIMING = Timing.of(100.0, 1e-3)
-PRIORITY = 50
-"""Among the machine's real-time threads."""
 
 
 @click.command("drives", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -32,8 +31,11 @@ PRIORITY = 50
 @click.option("--interface", default="", help="python-can's name of the CAN interface.  [by the channel]")
 @click.option("--channel", default="", help="CAN channel: vcan0, can0, ws://….  [that in the parameters]")
 @click.option("--duration", type=Number(0), default=0.0, help="End after so many seconds.  [default: at Ctrl-C]")
+@click.option("--priority", type=click.IntRange(0, 99), default=50, show_default=True, help="Real-time; 0: as others.")
 @click.option("--every", type=Number(0, min_open=True), default=5.0, show_default=True, help="Print so often, s.")
-def command(robot: str, bench: bool, params: str, interface: str, channel: str, duration: float, every: float) -> int:
+def command(
+    robot: str, bench: bool, params: str, interface: str, channel: str, duration: float, priority: int, every: float
+) -> int:
     """Put four simulated CiA 402 drives on a CAN bus, to be commanded by a driver or by any CANopen master.
 
     Their shafts are the motors of the simulated rover. There is no ROS in this: `artibot sim --with-driver` puts the
@@ -51,6 +53,8 @@ def command(robot: str, bench: bool, params: str, interface: str, channel: str, 
     with noted_signals() as asked:
         loop = open_drive_loop(load_rig(drive_config(robot, params, interface, channel)), turned)
         try:
+            if reason := take_priority(priority):
+                print(f"no real-time priority ({reason}): a busy machine may delay the drives", flush=True)
             return _run(loop, asked, duration, every)
         except Diverged as error:
             raise ArtibotError(f"the model {error}") from error
@@ -62,8 +66,6 @@ def _run(loop: DriveLoop, asked: list[int], duration: float, every: float) -> in
     """Run until asked to end, in real time."""
     config, slices = loop.rig.config, TIMING.period_ns // loop.turned.slice_ns
     print(f"drives {_nodes(loop)} on {config.interface} {config.channel}; Ctrl-C ends them", flush=True)
-    if reason := prefer(PRIORITY):
-        print(reason, flush=True)
     loop.switch_on()
     gc.collect()
     gc.freeze()

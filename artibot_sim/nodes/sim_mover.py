@@ -8,10 +8,11 @@ from typing import Any, Protocol
 
 from rclpy.node import Node
 
+from artibot_driver.priority import take_priority
 from artibot_driver.rig import load_rig
 from artibot_sim.model import Robot
 from artibot_sim.nodes import sim_settings
-from artibot_sim.nodes.drive_loop import drive_config, drive_states, open_drive_loop, prefer
+from artibot_sim.nodes.drive_loop import drive_config, drive_states, open_drive_loop
 from artibot_sim.nodes.drive_shafts import RoverShafts
 from artibot_sim.nodes.inputs import Inputs
 from artibot_sim.nodes.sim_engine import Engine, Sample, Timing
@@ -139,8 +140,8 @@ class DrivenMover:
         """Switch the drives on: once, for their time never stands."""
         if stopped:
             return
-        if reason := prefer(self._priority):
-            self._log.info(reason)
+        if reason := take_priority(self._priority):
+            self._log.info(f"no real-time priority ({reason}): a busy machine may delay the drives")
         self._loop.switch_on()
 
     def wait(self, seconds: float) -> None:
