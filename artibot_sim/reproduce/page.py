@@ -165,6 +165,7 @@ table.plain td:first-child { text-align: left; }
 @media (min-width: 980px) {
   .row.n2 { grid-template-columns: repeat(2, minmax(0, 1fr)); }
   .row.n3 { grid-template-columns: repeat(3, minmax(0, 1fr)); }
+  .row.n3 .plot, .row.n3 .plot.square { height: 350px; }
 }
 """
 
