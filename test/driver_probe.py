@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,10 +31,12 @@ class DriverProbe(Probe):
     Parameters
     ----------
     context : rclpy Context
+    topics : sequence of str
+        What it listens to beside /diagnostics.
     """
 
-    def __init__(self, context: Context) -> None:
-        super().__init__(context, MEASURED)
+    def __init__(self, context: Context, topics: Sequence[str] = MEASURED) -> None:
+        super().__init__(context, topics)
         self.diagnostics: list[DiagnosticArray] = []
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self.diagnostics.append, 10)
 
@@ -42,7 +44,7 @@ class DriverProbe(Probe):
         """Wait until the driver hears commands and tells how the drives are."""
         mine = (self.planned, self.request, self.twist)
         self.until(lambda: all(p.get_subscription_count() for p in mine), "the driver to listen", timeout)
-        self.until(lambda: all(self.got[topic] for topic in MEASURED), "its topics", timeout)
+        self.until(lambda: all(self.got[topic] for topic in self.got), "its topics", timeout)
 
     def call_driver(self, name: str) -> Trigger.Response:
         return self.call(Trigger, f"driver/{name}", Trigger.Request())
@@ -83,10 +85,13 @@ class Drives:
     Parameters
     ----------
     interface, channel : str
+    step_ms : int
+        At most so long between two steps of a drive, ms.
     """
 
-    def __init__(self, interface: str, channel: str) -> None:
-        command = [sys.executable, str(Path(__file__).with_name("drive_bench_process.py")), interface, channel]
+    def __init__(self, interface: str, channel: str, step_ms: int = 2) -> None:
+        script = str(Path(__file__).with_name("drive_bench_process.py"))
+        command = [sys.executable, script, interface, channel, str(step_ms)]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         assert self._ask("state")
 
@@ -136,9 +141,9 @@ def prompt() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def drives_on(interface: str, channel: str) -> Iterator[Drives]:
+def drives_on(interface: str, channel: str, step_ms: int = 2) -> Iterator[Drives]:
     """Drives for the length of a block."""
-    drives = Drives(interface, channel)
+    drives = Drives(interface, channel, step_ms)
     try:
         yield drives
     finally:
@@ -148,14 +153,22 @@ def drives_on(interface: str, channel: str) -> Iterator[Drives]:
 class Sniffer:
     """Keeps every frame on a bus with the steady time it was read at.
 
+    Parameters
+    ----------
+    interface, channel : str
+    identifiers : sequence of int
+        Only frames with these; none: all.
+
     Attributes
     ----------
     frames : list of (float, int, bytes)
         Steady time (s), identifier, data.
     """
 
-    def __init__(self, interface: str, channel: str) -> None:
+    def __init__(self, interface: str, channel: str, identifiers: Sequence[int] = ()) -> None:
         self._bus = open_bus(interface, channel)
+        if identifiers:
+            self._bus.raw.set_filters([{"can_id": each, "can_mask": 0x7FF, "extended": False} for each in identifiers])
         self.frames: list[tuple[float, int, bytes]] = []
         self._finished = threading.Event()
         self._thread = threading.Thread(target=self._run, name="sniffer")

@@ -44,6 +44,9 @@ DECELERATION = 2.0
 PERIOD = 0.01
 ENABLED_WORD = 0x0F
 RIG = load_rig(config_from_parameters({}))
+LOOKED_AT = [base + node for base in (0x80, 0x200) for node in RIG.codec.nodes.values()]
+"""Emergencies and set-points."""
+
 FRONT_NODES = (RIG.codec.nodes["front_right"], RIG.codec.nodes["front_left"])
 
 Place = tuple[str, str]
@@ -133,24 +136,34 @@ class Rover:
         )
 
 
-def start_driver(start_node: NodeStarter, place: Place) -> NodeProcess:
+def start_driver(start_node: NodeStarter, place: Place, rate: int) -> NodeProcess:
     """A driver that listens to cmd_vel as impatiently as to live requests."""
-    parameters = ["--ros-args", "-p", "cmd_vel_timeout:=0.1"]
+    parameters = ["--ros-args", "-p", "cmd_vel_timeout:=0.1", "-p", f"sync_rate:={rate}"]
     return start_node("driver", "--interface", place[0], "--channel", place[1], *parameters)
 
 
 class NodeFaults:
-    """The suite: derive, and give a fixture `place`."""
+    """The suite: derive, and give a fixture `place`.
+
+    Attributes
+    ----------
+    SYNC_RATE : int
+        Hz.
+    STEP_MS : int
+        At most so long between two steps of a drive, ms.
+    """
+
+    SYNC_RATE, STEP_MS = 100, 2
 
     @pytest.fixture
     def rover(self, place: Place, start_node: NodeStarter, ros_context: Any) -> Iterator[Rover]:
         """A rover whose drives are set up."""
-        driver = start_driver(start_node, place)
+        driver = start_driver(start_node, place, self.SYNC_RATE)
         with contextlib.ExitStack() as stack:
-            drives = stack.enter_context(drives_on(*place))
-            sniffer = stack.enter_context(Sniffer(*place))
+            drives = stack.enter_context(drives_on(*place, self.STEP_MS))
+            sniffer = stack.enter_context(Sniffer(*place, LOOKED_AT))
             stack.enter_context(prompt())
-            probe = DriverProbe(ros_context)
+            probe = DriverProbe(ros_context, ["motor_torques"])
             probe.listened(120.0)
             yield Rover(place, start_node, probe, drives, sniffer, driver, random.Random(SEED))
 
@@ -217,7 +230,7 @@ class NodeFaults:
             rover.probe.spin(max(0.0, rest - time.monotonic()))
             rover.check_rest()
             rover.probe.diagnostics.clear()
-            rover.driver = start_driver(rover.start_node, rover.place)
+            rover.driver = start_driver(rover.start_node, rover.place, self.SYNC_RATE)
             rover.probe.until(lambda: rover.probe.part("driver") != {}, "the next driver", 60.0)
             rover.probe.repeat(send, 0.3)
             rover.check_rest()
