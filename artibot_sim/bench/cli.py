@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING
 
 import click
 
+from artibot_sim.report.output import OutputFile
+
 if TYPE_CHECKING:
     from artibot_sim.bench.results import Result, Skipped
 
 
 @click.command("bench", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
-@click.option("--json", "path", type=click.Path(dir_okay=False, path_type=Path), help="Write the numbers to this file.")
+@click.option("--json", "path", type=OutputFile(), help="Write the numbers to this file.")
 @click.option("--only", multiple=True, metavar="NAME", help="Only this benchmark or result; may be repeated.")
 @click.option("--quick", is_flag=True, help="Seconds instead of minutes: few runs of the first 8 s, no processes.")
 @click.option("--list", "show_list", is_flag=True, help="List the names and end.")
@@ -35,8 +37,6 @@ def command(path: Path | None, only: tuple[str, ...], quick: bool, show_list: bo
             click.echo(f"{key:10}{', '.join(benchmark.names)}")
         return 0
     keys = chosen(only, quick)
-    if path is not None and not path.absolute().parent.is_dir():
-        raise click.BadParameter(f"{path.parent} is no folder; make it first", param_hint="--json")
     return _measure(keys, quick, path)
 
 

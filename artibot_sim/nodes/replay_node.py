@@ -12,6 +12,7 @@ import click
 from artibot_sim.errors import ArtibotError
 from artibot_sim.nodes.options import Number
 from artibot_sim.nodes.process import split_ros_args
+from artibot_sim.report.output import OutputFile
 
 _POSITIVE = Number(min=0, min_open=True)
 _NOT_NEGATIVE = Number(min=0)
@@ -45,9 +46,7 @@ _FRAMES_HELP = "With --can: what the drives sent, or commands, which MOVE MOTORS
 @click.option("--pause", is_flag=True, help="Begin paused; the services ~/pause and ~/step go on.")
 @click.option("--wait", type=click.IntRange(min=0), help="Wait until every topic has so many subscribers.")
 @click.option("--wait-timeout", type=_POSITIVE, default=30.0, show_default=True, help="But at most so long, s.")
-@click.option(
-    "--stats", type=click.Path(dir_okay=False, path_type=Path), help="Write counts and lateness to this JSON file."
-)
+@click.option("--stats", type=OutputFile(), help="Write counts and lateness to this JSON file.")
 @click.option(
     "--can", metavar="CHANNEL", help="Play the recorded CAN frames on this bus (vcan0, ws://127.0.0.1:PORT/)."
 )

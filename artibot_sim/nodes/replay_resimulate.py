@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import parse_renames, read_bag
 from artibot_sim.experiment.resimulate import Resimulation, resimulate, robot_of
 from artibot_sim.progress import Bar, Report
@@ -37,6 +38,9 @@ def run_resimulation(
     ArtibotError
         If the recording or the robot cannot be used, or results exist.
     """
+    for made in (out / "metrics.json", out / "simulated"):
+        if made.exists():
+            raise ArtibotError(f"{made}: exists already; results are never overwritten, give another folder with --out")
     with Bar(sum(_SIZES.values())) as bar:
         experiment = read_bag(bag, parse_renames(tuple(renames)), progress=_stage(bar, "reading"))
         found = robot_of(experiment, robot)

@@ -6,8 +6,34 @@ import os
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
+
+import click
 
 from artibot_sim.errors import ArtibotError
+
+
+class OutputFile(click.Path):
+    """Option for a file to write: refused at once, not after the work, where its folder is missing or closed."""
+
+    def __init__(self) -> None:
+        super().__init__(dir_okay=False, path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Return the path; a click error otherwise."""
+        path = Path(str(super().convert(value, param, ctx)))
+        why = fault(path)
+        if why:
+            self.fail(f"{path}: {why}", param, ctx)
+        return path
+
+
+def fault(path: Path) -> str | None:
+    """Say what keeps a file or folder from being made in the folder where it is to be, None if nothing does."""
+    folder = path.absolute().parent
+    if not folder.is_dir():
+        return f"there is no folder {path.parent}; make it first"
+    return None if os.access(folder, os.W_OK | os.X_OK) else f"the folder {path.parent} may not be written to"
 
 
 def write_files(contents: Mapping[Path, bytes]) -> None:

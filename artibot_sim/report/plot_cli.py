@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import click
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.report.output import OutputFile, fault
 
 if TYPE_CHECKING:
     from artibot_sim.experiment import Experiment
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 _DRAWING = 0.15
 """Drawing takes about this share of the time that reading takes."""
-_FILE = click.Path(path_type=Path, dir_okay=False)
+_FILE = OutputFile()
 
 
 @click.command("plot", context_settings={"help_option_names": ["-h", "--help"]})
@@ -50,17 +51,20 @@ def command(
       artibot plot husky_a --start 0 --end 30 --png start.png
       artibot plot run7 --json run7.json                 # figures of merit only
     """
+    from artibot_sim.experiment.storage import recording_name
     from artibot_sim.progress import Bar
 
     sizes = [_bytes_of(path) for path in recordings]
     with Bar((1.0 + _DRAWING) * sum(sizes)) as bar:
+        if png is None and html is None and as_json is None:
+            png = Path(f"{recording_name(recordings[0])}.png")
+            if why := fault(png):
+                raise ArtibotError(f"{png}: {why}; name another file with --png")
         experiments = [
             _read(path, topics, start, end, bar.stage(f"reading {path.name}", size))
             for path, size in zip(recordings, sizes, strict=True)
         ]
         robots = [_robot(robot, experiment) for experiment in experiments]
-        if png is None and html is None and as_json is None:
-            png = Path(f"{experiments[0].name}.png")
         told = bar.stage("drawing", _DRAWING * sum(sizes))
         drawn = draw(experiments, robots, png=png, html=html, json=as_json, progress=told)
     _print(drawn, experiments)
