@@ -27,6 +27,6 @@ COMMANDS: Final[dict[str, Word]] = {
     "plot": Word("artibot_sim.report.plot_cli:command", "Draw a recording, to PNG or an HTML page."),
     "reproduce": Word("artibot_sim.reproduce.cli:command", "Reproduce the paper's figures and tables, as a page."),
     "bench": Word("artibot_sim.bench:command", "Measure the speed of the model and the commands."),
-    "demo": Word("artibot_sim.nodes.demo:main", "Plan, simulate, record, replay and plot the paper's trajectory."),
+    "demo": Word("artibot_sim.nodes.demo:main", "Plan, drive, record, replay and plot the paper's trajectory."),
 }
 """Word → :class:`Word`. A target is a click command, or a ``main(argv) -> int`` for what also takes ``--ros-args``."""
