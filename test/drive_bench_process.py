@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 
@@ -31,7 +32,7 @@ class Cable:
 
 
 def main(interface: str, channel: str, step_ms: str) -> None:
-    take_priority(55)
+    take_priority(0 if "IN_UML" in os.environ else 55)
     rig = load_rig(config_from_parameters({}))
     with open_bus(interface, channel) as bus, running_drives(bus, rig, int(step_ms) * 1_000_000) as drives:
         cables = {motor: Cable(drive) for motor, drive in drives.items()}

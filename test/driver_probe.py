@@ -25,6 +25,11 @@ from artibot_driver.priority import take_priority
 MEASURED = ("odom", "joint_states", "motor_torques", "motor_command")
 
 
+PRIORITY = 0 if "IN_UML" in os.environ else 45
+"""Real-time priority of what looks at the bus. An emulated machine has one processor, on which the kernel's own thread
+that hands frames over would starve behind it."""
+
+
 class DriverProbe(Probe):
     """Commands a driver, and keeps what it publishes; ``diagnostics`` are all that came.
 
@@ -132,7 +137,8 @@ def prompt() -> Iterator[None]:
     """Have this thread preferred where the system allows it: a test that is late is itself the silence it looks for."""
     before = os.sched_getscheduler(0)
     with contextlib.suppress(OSError):
-        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(40))
+        if PRIORITY:
+            os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(40))
     try:
         yield
     finally:
@@ -175,7 +181,7 @@ class Sniffer:
         self._thread.start()
 
     def _run(self) -> None:
-        take_priority(45)  # a frame's time is when it was read
+        take_priority(PRIORITY)  # a frame's time is when it was read
         while not self._finished.is_set():
             message = self._bus.receive(0.05)
             if message is not None:

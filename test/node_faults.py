@@ -21,7 +21,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="rclpy is not installed; run `make setup`, or source a ROS 2 Jazzy")
 
-from driver_probe import DriverProbe, Drives, Sniffer, drives_on, prompt
+from driver_probe import PRIORITY, DriverProbe, Drives, Sniffer, drives_on, prompt
 from sim_probe import METRES
 
 from artibot_driver.config import config_from_parameters
@@ -139,6 +139,7 @@ class Rover:
 def start_driver(start_node: NodeStarter, place: Place, rate: int) -> NodeProcess:
     """A driver that listens to cmd_vel as impatiently as to live requests."""
     parameters = ["--ros-args", "-p", "cmd_vel_timeout:=0.1", "-p", f"sync_rate:={rate}"]
+    parameters += [] if PRIORITY else ["-p", "realtime_priority:=0"]
     return start_node("driver", "--interface", place[0], "--channel", place[1], *parameters)
 
 
@@ -164,7 +165,9 @@ class NodeFaults:
             sniffer = stack.enter_context(Sniffer(*place, LOOKED_AT))
             stack.enter_context(prompt())
             probe = DriverProbe(ros_context, ["motor_torques"])
-            probe.listened(120.0)
+            probe.until(lambda: probe.got["motor_torques"] != [] or not driver.running, "the driver's topics", 120.0)
+            assert driver.running, driver.output
+            probe.listened()
             yield Rover(place, start_node, probe, drives, sniffer, driver, random.Random(SEED))
 
     @pytest.mark.parametrize("source", ["live", "cmd_vel"])
