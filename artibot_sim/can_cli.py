@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.progress import Bar
 
 if TYPE_CHECKING:
     from artibot_driver.explain import Explained, Explainer
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from artibot_sim.experiment.frame_source import Frames
 
 _SECOND: Final = 1_000_000_000
-_PICTURE_PERIOD: Final = 0.25
 _KINDS: Final = ("rpdo", "tpdo", "sync", "nmt", "heartbeat", "emcy", "sdo", "error", "malformed", "other")
 _SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
@@ -148,19 +147,12 @@ def quiet_pipe() -> Iterator[None]:
 
 def with_progress(frames: Frames) -> Iterator[CanFrame]:
     """The frames; where standard output goes elsewhere than to a terminal and takes its time, with a bar."""
-    if frames.start_ns is None or frames.end_ns is None or sys.stdout.isatty() or not sys.stderr.isatty():
+    if frames.start_ns is None or frames.end_ns is None or sys.stdout.isatty():
         yield from frames.stream
         return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    begin, following = frames.start_ns, time.monotonic()
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(frames.name, total=max(1, frames.end_ns - begin))
+    with Bar(max(1, frames.end_ns - frames.start_ns)) as bar:
         for frame in frames.stream:
-            if time.monotonic() >= following:
-                following = time.monotonic() + _PICTURE_PERIOD
-                bar.update(task, completed=frame.stamp_ns - begin)
+            bar.show(frame.stamp_ns - frames.start_ns, frames.name)
             yield frame
 
 

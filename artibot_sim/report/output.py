@@ -13,23 +13,23 @@ import click
 from artibot_sim.errors import ArtibotError
 
 
-class OutputFile(click.Path):
+class OutputFile(click.ParamType):
     """Option for a file to write: refused at once, not after the work, where its folder is missing or closed."""
 
-    def __init__(self) -> None:
-        super().__init__(dir_okay=False, path_type=Path)
+    name = "file"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Return the path; a click error otherwise."""
-        path = Path(str(super().convert(value, param, ctx)))
-        why = fault(path)
-        if why:
-            self.fail(f"{path}: {why}", param, ctx)
+        """Return the path; an ArtibotError otherwise."""
+        path = Path(str(value))
+        if why := fault(path):
+            raise ArtibotError(f"{param.opts[-1]} {path}: cannot be written: {why}" if param else f"{path}: {why}")
         return path
 
 
 def fault(path: Path) -> str | None:
-    """Say what keeps a file or folder from being made in the folder where it is to be, None if nothing does."""
+    """Say what keeps a file from being written, None if nothing does."""
+    if path.is_dir():
+        return "it is a folder"
     folder = path.absolute().parent
     if not folder.is_dir():
         return f"there is no folder {path.parent}; make it first"

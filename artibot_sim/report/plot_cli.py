@@ -59,7 +59,7 @@ def command(
         if png is None and html is None and as_json is None:
             png = Path(f"{recording_name(recordings[0])}.png")
             if why := fault(png):
-                raise ArtibotError(f"{png}: {why}; name another file with --png")
+                raise ArtibotError(f"{png}: cannot be written: {why}; name another file with --png")
         experiments = [
             _read(path, topics, start, end, bar.stage(f"reading {path.name}", size))
             for path, size in zip(recordings, sizes, strict=True)

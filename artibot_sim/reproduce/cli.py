@@ -30,7 +30,8 @@ _WEIGHTS = {"calibrate": 60.0, "5": 1.0, "6": 5.0, "7": 6.0, "draw": 3.0}
 def command(sections: tuple[str, ...], out: Path, calibrate: bool, quick: bool) -> int:
     """Reproduce the paper: every figure and table of sections 5 to 7 beside its numbers.
 
-    Writes OUT/reproduction.html, a PNG for each figure and OUT/reproduction.json. With --calibrate it also writes
+    Writes OUT/reproduction.html, the same as PNG (a picture for each figure, one for each section's statements and
+    tables) and OUT/reproduction.json. With --calibrate it also writes
     the robot files agriq_best_fit.yaml and epiq_best_fit.yaml, which `artibot sim --robot` loads.
 
     \b
@@ -51,19 +52,13 @@ def command(sections: tuple[str, ...], out: Path, calibrate: bool, quick: bool) 
 
 def _reproduce(wanted: Sequence[str], out: Path, calibrate: bool, quick: bool) -> tuple[list[Section], list[Path]]:
     """Compute and write, with a bar on standard error that is gone afterwards."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from artibot_sim.progress import Bar
 
-    columns = (TextColumn("{task.description:12}"), BarColumn(), TimeElapsedColumn())
     parts = [*(["calibrate"] if calibrate else []), *wanted, "draw"]
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=sum(_WEIGHTS[part] for part in parts))
+    with Bar(sum(_WEIGHTS[part] for part in parts)) as bar:
 
         def begin(part: str) -> Callable[[float], None]:
-            before = sum(_WEIGHTS[p] for p in parts[: parts.index(part)])
-            name = f"section {part}" if part in SECTIONS else part
-            bar.update(task, description=name, completed=before)
-            return lambda share: bar.update(task, completed=before + share * _WEIGHTS[part])
+            return bar.stage(f"section {part}" if part in SECTIONS else part, _WEIGHTS[part])
 
         calibrations = _calibrations(begin("calibrate"), quick) if calibrate else None
         sections = [_section(name, quick, begin(name), calibrations) for name in wanted]
@@ -111,6 +106,7 @@ def _write(
     from artibot_sim.report.output import write_files
     from artibot_sim.reproduce.page import render
     from artibot_sim.reproduce.picture import render_sheet
+    from artibot_sim.reproduce.summary import render_summary
     from artibot_sim.version import __version__
 
     files = {out / "reproduction.html": render(sections, __version__)}
@@ -118,6 +114,8 @@ def _write(
     for i, sheet in enumerate(sheets):
         files[out / f"{sheet.key}.png"] = render_sheet(sheet)
         progress((i + 1) / len(sheets))
+    for section in sections:
+        files[out / f"section{section.number}.png"] = render_summary(section)
     numbers = json.dumps(as_json(sections, calibrations), indent=1, ensure_ascii=False, allow_nan=False)
     files[out / "reproduction.json"] = numbers.encode() + b"\n"
     write_files(files)
