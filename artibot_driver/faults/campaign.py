@@ -18,6 +18,7 @@ from functools import partial
 
 from artibot_driver.config import config_from_parameters
 from artibot_driver.faults.catalogue import BY_NAME, CATALOGUE, Fault
+from artibot_driver.faults.combined import CAN_PASS, briefly, two
 from artibot_driver.faults.live import LiveWorld
 from artibot_driver.faults.place import LoopbackPlace, Place, SocketCanPlace
 from artibot_driver.faults.trial import NotReady, Outcome, Trial
@@ -31,9 +32,18 @@ LIVE_TRIES = 5
 
 
 def draw(number: int, seed: int, faults: Sequence[Fault]) -> tuple[random.Random, Fault, str]:
-    """What trial `number` is about, and where its other numbers come from."""
+    """What trial `number` is about, and where its other numbers come from.
+
+    The faults take turns; where there are several, every eighth is one of them that soon passes by, or two at once.
+    """
     rng = random.Random(f"{seed}/{number}")
-    return rng, faults[number % len(faults)], rng.choice(MOTORS)
+    fault, kind = faults[number % len(faults)], rng.random()
+    passing = [each for each in CAN_PASS if each in faults]
+    if len(faults) > 1 and kind < 0.125:
+        fault = two(fault, rng.choice(faults), rng.uniform(0.0, 0.3))
+    elif passing and len(faults) > 1 and kind < 0.25:
+        fault = briefly(rng.choice(passing), rng.uniform(0.01, 0.15))
+    return rng, fault, rng.choice(MOTORS)
 
 
 def virtual_trial(number: int, seed: int, names: Sequence[str]) -> Outcome:
@@ -89,7 +99,7 @@ def table(outcomes: Sequence[Outcome]) -> Iterator[str]:
     """The summary, line by line: largest times in s."""
     groups: dict[str, list[Outcome]] = defaultdict(list)
     for outcome in outcomes:
-        groups[outcome.fault].append(outcome)
+        groups[outcome.group].append(outcome)
     yield f"{'fault':<28}{'trials':>7}{'stopped':>9}{'went on':>9}{'reaction':>10}{'at rest':>9}{'back':>7}{'wrong':>7}"
     for name, group in groups.items():
         stopped = [each for each in group if each.stopped]

@@ -39,8 +39,10 @@ class Fault:
         What the driver may give as the first reason; empty where it cannot know one.
     own : float
         The same as `within` for the drive concerned, where it is left to itself, s.
-    instant : bool
-        Whether it happens at once, rather than lasting until it is mended.
+    held : float
+        By so much later the rover may be at rest, s.
+    group : str
+        Under which name it is summed up, where not under its own.
     """
 
     name: str
@@ -50,7 +52,8 @@ class Fault:
     within: float
     reasons: tuple[Reason, ...]
     own: float = 0.0
-    instant: bool = False
+    held: float = 0.0
+    group: str = ""
 
 
 def _nothing(world: World, motor: str) -> None:
@@ -204,17 +207,17 @@ _ANY = tuple(Reason)
 CATALOGUE: Final = (
     Fault("drive unplugged", _unplug, _plug, True, ON_THE_BUS, (_R.DRIVE_SILENT,), own=BY_THE_DRIVES),
     Fault("drive without supply", _cut_power, _power, True, ON_THE_BUS, (_R.DRIVE_SILENT,)),
-    Fault("drive restarts", _restart, _nothing, True, ON_THE_BUS, _DRIVE, instant=True),
-    Fault("drive fault", _fail, _nothing, True, ON_THE_BUS, (_R.DRIVE_FAULT,), instant=True),
-    Fault("lasting drive fault", _fail_for_long, _mend_drive, True, ON_THE_BUS, (_R.DRIVE_FAULT,), instant=True),
-    Fault("emergency message", _emergency, _nothing, True, ON_THE_BUS, (_R.DRIVE_FAULT,), instant=True),
+    Fault("drive restarts", _restart, _nothing, True, ON_THE_BUS, _DRIVE),
+    Fault("drive fault", _fail, _nothing, True, ON_THE_BUS, (_R.DRIVE_FAULT,)),
+    Fault("lasting drive fault", _fail_for_long, _mend_drive, True, ON_THE_BUS, (_R.DRIVE_FAULT,)),
+    Fault("emergency message", _emergency, _nothing, True, ON_THE_BUS, (_R.DRIVE_FAULT,)),
     Fault("driver hangs", _hang, _wake, True, BY_THE_DRIVES, (_R.OVERRUN,)),
     Fault("driver killed", _hang, _replace_driver, True, BY_THE_DRIVES, ()),
     Fault("bus down", _down, _up, True, BY_THE_DRIVES, (_R.BUS_LOST, _R.CANNOT_SEND)),
     Fault("bus flooded", _flood, _end_flood, True, ON_THE_BUS, (_R.BUS_OVERLOADED, *_DRIVE)),
-    Fault("somebody stops all nodes", _stop_nodes, _nothing, True, ON_THE_BUS, _DRIVE, instant=True),
-    Fault("somebody resets a node", _reset_node, _nothing, True, ON_THE_BUS, _DRIVE, instant=True),
-    Fault("second driver", _second_driver, _nothing, True, ON_THE_BUS, (_R.SECOND_DRIVER,), instant=True),
+    Fault("somebody stops all nodes", _stop_nodes, _nothing, True, ON_THE_BUS, _DRIVE),
+    Fault("somebody resets a node", _reset_node, _nothing, True, ON_THE_BUS, _DRIVE),
+    Fault("second driver", _second_driver, _nothing, True, ON_THE_BUS, (_R.SECOND_DRIVER,)),
     Fault("command silence", _commanding(lambda *_: None), _nothing, True, ON_THE_BUS, (_R.COMMAND_SILENCE,)),
     Fault("old commands", _commanding(_old), _nothing, True, ON_THE_BUS, (_R.COMMAND_SILENCE,)),
     Fault("NaN commanded", _commanding(_nan), _nothing, True, ON_THE_BUS, (_R.INVALID_COMMAND,)),
@@ -235,7 +238,7 @@ CATALOGUE: Final = (
         _ANY,
     ),
     Fault("unknown nodes", _noise, _quiet, False, ON_THE_BUS, _ANY),
-    Fault("strange frames", _strange_frames, _nothing, False, ON_THE_BUS, _ANY, instant=True),
+    Fault("strange frames", _strange_frames, _nothing, False, ON_THE_BUS, _ANY),
 )
 """Every fault."""
 

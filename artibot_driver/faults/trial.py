@@ -43,6 +43,7 @@ class Outcome:
     """
 
     fault: str
+    group: str
     motor: str
     stopped: bool = False
     reaction: float = math.nan
@@ -70,7 +71,7 @@ class Trial:
 
     def __init__(self, world: World, fault: Fault, motor: str) -> None:
         self.world, self.fault = world, fault
-        self.outcome = Outcome(fault.name, motor)
+        self.outcome = Outcome(fault.name, fault.group or fault.name, motor)
         rng = world.rng
         self.speed = rng.uniform(0.2, 1.2)  # of the faster front wheel over ground, m/s
         sides = [self.speed * rng.choice((-1, 1)), 0.0]
@@ -92,7 +93,7 @@ class Trial:
         world.run(world.rng.uniform(0.0, 0.1))
         begin, first = world.now, len(world.trace)
         fault.inject(world, motor)
-        world.run(BEFORE_END + self.speed / world.rig.config.stop_deceleration + self.duration)
+        world.run(BEFORE_END + fault.held + self.speed / world.rig.config.stop_deceleration + self.duration)
         self.judge(begin, world.trace[first:])
         if self.outcome.stopped:
             self.come_back(first)
@@ -159,7 +160,8 @@ class Trial:
             ended = _first_after(begin, samples, lambda s, k=k: self._ended(k, s))
             within = max(fault.within, fault.own if name == outcome.motor else 0.0) + self.world.slack
             self.expect(k > 1 or slowed <= within + TICK, f"{name} was not slowed down within {within} s: {slowed:.3f}")
-            self.expect(ended <= within + ramp + LAG, f"{name} was not at rest in {within + ramp:.2f} s: {ended:.3f}")
+            rest = within + ramp + fault.held
+            self.expect(ended <= rest + LAG, f"{name} was not at rest in {rest:.2f} s: {ended:.3f}")
             reactions.append(slowed if k < 2 and not (fault.own and name == outcome.motor) else 0.0)
             ends.append(ended)
         outcome.reaction, outcome.standing = max(reactions), max(ends)

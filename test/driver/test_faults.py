@@ -10,12 +10,14 @@ import pytest
 from artibot_driver.config import config_from_parameters
 from artibot_driver.faults import campaign
 from artibot_driver.faults.catalogue import BY_NAME, CATALOGUE, Fault
+from artibot_driver.faults.combined import BRIEFLY, CAN_PASS, TWO, briefly, two
 from artibot_driver.faults.trial import Trial
 from artibot_driver.faults.wire import Interference, UnreliableBus, wire
 from artibot_driver.faults.world import VirtualWorld
 from artibot_driver.frames import Frame
 from artibot_driver.master import Master, Phase, Reason
 from artibot_driver.rig import load_rig
+from artibot_sim.model import MOTORS
 
 TRIALS, SEED = int(os.environ.get("ARTIBOT_TRIALS", "2")), int(os.environ.get("ARTIBOT_SEED", "1"))
 
@@ -25,6 +27,21 @@ def test_what_must_follow_a_fault_does(name: str) -> None:
     for number in range(TRIALS):
         outcome = campaign.virtual_trial(number, SEED, [name])
         assert not outcome.complaints, (f"seed {SEED}, trial {number}", outcome)
+
+
+@pytest.mark.parametrize("number", range(TRIALS))
+def test_two_faults_at_once_and_those_that_pass_by_end_well_too(number: int) -> None:
+    rng = random.Random(f"{SEED}/{number}")
+    pair = two(*rng.sample(CATALOGUE, 2), rng.uniform(0.0, 0.3))
+    for fault in (pair, briefly(rng.choice(CAN_PASS), rng.uniform(0.01, 0.15))):
+        outcome = Trial(VirtualWorld(load_rig(config_from_parameters({})), rng), fault, rng.choice(MOTORS)).run()
+        assert not outcome.complaints, (f"seed {SEED}, trial {number}", outcome)
+
+
+def test_a_campaign_has_all_faults_and_both_kinds_made_of_others() -> None:
+    drawn = [campaign.draw(number, SEED, CATALOGUE)[1] for number in range(300)]
+    assert {fault.name for fault in CATALOGUE} <= {fault.name for fault in drawn}
+    assert {fault.group for fault in drawn} == {"", TWO, BRIEFLY}
 
 
 def test_the_names_are_unique() -> None:
