@@ -88,7 +88,7 @@ class Problem:
         for kappa in KAPPAS:
             e_gamma, e_x = TABLE_7[self.robot][kappa]
             run = drive(robot, manoeuvre, kappa)
-            found += [100 * run.e_gamma + e_gamma, 100 * run.e_x - e_x]  # understeer: eq. 31 is negative
+            found += [100 * run.e_gamma + e_gamma, 100 * run.e_x - e_x]  # Table 7 prints magnitudes of what is negative
         for test in self.tests:
             found.append(100 * (rotation_driven(robot, test).radius / TESTS[test].radius[SIMULATED] - 1))
         if self.length:
@@ -118,7 +118,7 @@ PROBLEMS = {
         ),
         ("test1", "test2"),
         True,
-        "Table 7 (e_gamma as understeer, e_x, three kappa), the model's radii of Tests 1 and 2, and 2 m overall",
+        "Table 7 (e_gamma negative, e_x, three kappa), the model's radii of Tests 1 and 2, and 2 m overall",
     ),
     "epiq": Problem(
         "epiq",
@@ -129,7 +129,7 @@ PROBLEMS = {
         ),
         (),
         False,
-        "Table 7 (e_gamma as understeer, e_x, three kappa)",
+        "Table 7 (e_gamma negative, e_x, three kappa)",
     ),
 }
 

@@ -55,7 +55,7 @@ class Study:
         Epi.q over l_f = l_b, m, with that geometry's wheel spacings.
     branches : Sweep
         Agri.q over i_x / i_y, i_y kept.
-    suspects : dict of str to (3, 2) array
+    suspects : dict of str to (3, 3) array
         See `suspects.tried`.
     """
 

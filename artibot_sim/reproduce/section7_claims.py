@@ -28,7 +28,7 @@ def statements(study: Study) -> tuple[Statement, ...]:
     out: list[Statement] = []
     for (name, geometry), runs in study.runs.items():
         who = f"{ROBOTS[name]} ({geometry})"
-        out += [_understeer(who, runs), _trend(who, runs), _size(who, name, runs)]
+        out += [_negative(who, runs), _trend(who, runs), _size(who, name, runs)]
         if name == "epiq":
             out.append(_position_trend(who, runs))
     out += [_smaller(study), *(_lighter(study, name) for name in ROBOTS), _irrelevant(study), _followed(study)]
@@ -40,11 +40,13 @@ def _listed(runs: Runs, pick: str) -> str:
     return ", ".join(f"{percent(getattr(run, pick))} at κ = {kappa:g}" for kappa, run in runs.items())
 
 
-def _understeer(who: str, runs: Runs) -> Statement:
+def _negative(who: str, runs: Runs) -> Statement:
     return Statement(
-        f"{who} understeers over the run: e_γ is negative, as in Table 5.",
+        f"{who}: e_γ is negative, as in Table 5.",
         all(run.e_gamma < 0 for run in runs.values()),
-        _listed(runs, "e_gamma") + ".",
+        f"{_listed(runs, 'e_gamma')}; of which steady turning gives "
+        + ", ".join(percent(yaw_parts(run).steady) for run in runs.values())
+        + ".",
     )
 
 
@@ -150,7 +152,7 @@ def _sign(study: Study) -> Statement:
     }
     printed = all((np.diff([table[k][0] for k in KAPPAS]) > 0).all() for table in TABLE_7.values())
     return Statement(
-        "Table 7's magnitudes stand for understeer: the signed e_γ falls with κ, so magnitudes that grow are negative.",
+        "Table 7's magnitudes are of negative e_γ: the signed one falls with κ, so magnitudes that grow are negative.",
         all(falls.values()) and printed,
         f"It falls in {sum(falls.values())} of {len(falls)} combinations of robot and geometry.",
     )
@@ -176,7 +178,7 @@ def _short(study: Study) -> Statement:
         found[geometry] = float(shown.x[under].max()) if under.any() else 0.0
     said = {g: f"up to {100 * x:.1f} cm" if x else "nowhere" for g, x in found.items()}
     return Statement(
-        "Epi.q understeers for every κ only if its wheel spacings and joint differ from the shipped geometry.",
+        "Epi.q's e_γ is negative for every κ only if its wheel spacings and joint differ from the shipped geometry.",
         0 < found["best fit"] < shipped and found["shipped"] < shipped,
         f"Over l_f = l_b from {100 * shown.x[0]:.0f} to {100 * shown.x[-1]:.0f} cm: with the shipped i_x and i_y "
         f"{said['shipped']}, with the best-fit ones {said['best fit']}; the shipped joint is at "

@@ -42,7 +42,7 @@ def written(study: Study) -> Section:
         _CALIBRATED,
         "Data of the calibration: "
         + "; ".join(f"{ROBOTS[name]}: {problem.data}" for name, problem in PROBLEMS.items())
-        + ". e_γ is fitted as understeer, the sign that Table 5 has.",
+        + ". e_γ is fitted as negative, the sign that Table 5 has.",
     )
     sheets = (*(_fig10(study, geometry) for geometry in ("shipped", "best fit")), _yaw_sheet(study),
               _length_sheet(study), _branch_sheet(study))  # fmt: skip
@@ -75,7 +75,7 @@ def _parts_table(study: Study) -> Table:
             )  # fmt: skip
     note = (
         "e_γ of eq. 31 sums two effects: what the turns' steady yaw rate adds, and what the joint's swing adds at each "
-        "jump of the curvature. Negative is understeer."
+        "jump of the curvature. Negative is less yaw than planned."
     )
     return Table("Where e_γ comes from", columns, tuple(rows), note)
 
@@ -162,7 +162,7 @@ def _length_sheet(study: Study) -> Sheet:
         row.append(charts.panel(f"length_{geometry}", title, ("l_f = l_b", "cm"), ("e_γ", "%"), lines, levels))
     caption = (
         "Over the joint's distance from both modules, with the wheel spacings of each geometry. Table 7's magnitudes "
-        f"are drawn as understeer. Runs beyond ±{100 * claims.OTHER_BRANCH:.0f} % are left out."
+        f"are drawn as negative. Runs beyond ±{100 * claims.OTHER_BRANCH:.0f} % are left out."
     )
     return Sheet("epiq_length", "Why Epi.q's e_γ has the other sign with the shipped geometry", caption, (tuple(row),))
 

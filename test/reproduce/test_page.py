@@ -15,6 +15,7 @@ from artibot_sim.reproduce import section5, section6, section6_text, section7, s
 from artibot_sim.reproduce.page import _chart, render
 from artibot_sim.reproduce.picture import render_sheet
 from artibot_sim.reproduce.result import Section
+from artibot_sim.reproduce.summary import lines, render_summary
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
@@ -58,6 +59,18 @@ def test_each_sheet_is_a_picture(sections: list[Section]) -> None:
     assert render_sheet(sheet) == data  # the same numbers, the same bytes
 
 
+def test_the_summary_has_every_statement_and_every_cell(sections: list[Section]) -> None:
+    for section in sections:
+        text = " ".join(" ".join(line.split()) for line, _, _ in lines(section))
+        for statement in section.statements:
+            assert f"{'holds' if statement.holds else 'does not hold'}: {statement.claim}" in text
+            assert statement.evidence in text
+        for cell in (cell for table in section.tables for row in table.rows for cell in row):
+            assert " ".join(cell.split()) in text
+        assert max(len(line) for line, _, _ in lines(section)) < 180  # what fits in the picture
+    assert render_summary(sections[1])[:4] == b"\x89PNG"
+
+
 def test_a_browser_draws_the_page(page: str, tmp_path: Path) -> None:
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is None:
@@ -76,7 +89,12 @@ def test_a_browser_draws_the_page(page: str, tmp_path: Path) -> None:
 def test_the_command_writes_page_pictures_and_numbers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "new" / "folder"
     assert main(["reproduce", "--section", "5", "--quick", "--out", str(out)]) == 0
-    assert {path.name for path in out.iterdir()} == {"reproduction.html", "reproduction.json", "fig6.png"}
+    assert {path.name for path in out.iterdir()} == {
+        "reproduction.html",
+        "reproduction.json",
+        "fig6.png",
+        "section5.png",
+    }
     numbers = json.loads((out / "reproduction.json").read_text())
     assert list(numbers) == ["5"] and len(numbers["5"]["statements"]) == 4
     assert numbers["5"]["verdict"] in capsys.readouterr().out
