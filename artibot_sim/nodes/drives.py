@@ -25,7 +25,7 @@ TIMING = Timing.of(100.0, 1e-3)
 
 
 @click.command("drives", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
-@click.option("--robot", default="agriq", show_default=True, help="Robot: agriq, epiq, or the path of a robot file.")
+@click.option("--robot", default="agriq", show_default=True, help="Robot: agriq, or the path of a robot file.")
 @click.option("--bench", is_flag=True, help="Four flywheels instead of the rover.")
 @click.option("--params", default="driver", show_default=True, help="The driver's parameters: a name, or a path.")
 @click.option("--interface", default="", help="python-can's name of the CAN interface.  [by the channel]")
@@ -90,12 +90,17 @@ def _nodes(loop: DriveLoop) -> str:
 def _motion(loop: DriveLoop) -> str:
     """What the motors do, and where the rover is."""
     states = [shaft.state() for shaft in loop.turned.shafts.values()]
-    text = "motors at " + " ".join(f"{state.velocity:.1f}" for state in states) + " rad/s with "
-    text += " ".join(f"{state.torque:.3f}" for state in states) + " N m"
+    text = "motors at " + " ".join(_plain(state.velocity, 1) for state in states) + " rad/s with "
+    text += " ".join(_plain(state.torque, 3) for state in states) + " N m"
     if isinstance(loop.turned, RoverShafts):
-        x, y, yaw = loop.turned.pose
-        text += f"; rover at {x:.3f} m, {y:.3f} m, {yaw:.3f} rad"
+        x, y, yaw = (_plain(value, 3) for value in loop.turned.pose)
+        text += f"; rover at {x} m, {y} m, {yaw} rad"
     return text
+
+
+def _plain(value: float, digits: int) -> str:
+    """A rounded number; zero has no sign."""
+    return f"{round(value, digits) + 0.0:.{digits}f}"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
