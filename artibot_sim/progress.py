@@ -23,6 +23,39 @@ _LEAST = 0.02
 """Before this share is done nothing is said of the time left."""
 
 
+compiling: list[Callable[[bool], None]] = []
+"""Hear True when compilation of a loop of the model begins and False when it is over; empty in a library."""
+
+
+class CompilationNotice:
+    """A bar without an end while the model is compiled, which happens once on a machine and takes seconds.
+
+    It stays away where another bar is drawn.
+    """
+
+    def __init__(self) -> None:
+        self._rich: Any = None
+
+    def __call__(self, begins: bool) -> None:
+        """Draw it, or take it away."""
+        if self._rich is not None:
+            self._rich.stop()
+            self._rich = None
+        if begins and not Bar.drawn and sys.stderr.isatty():
+            self._rich = _progress(auto_refresh=True)
+            self._rich.add_task("compiling the model for this machine, once", total=None, note="a few seconds")
+            self._rich.start()
+
+
+def _progress(auto_refresh: bool) -> Any:
+    """Rich's columns: what, how far, and a note."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.fields[note]}"))
+    return Progress(*columns, console=Console(stderr=True), transient=True, auto_refresh=auto_refresh)
+
+
 class Bar:
     """A bar with what is done at present, and how much time is left.
 
@@ -39,6 +72,9 @@ class Bar:
     ...     experiment = read_bag(path, progress=bar.stage("reading", 2.0))
     ...     draw(experiment, progress=bar.stage("drawing", 1.0))
     """
+
+    drawn = 0
+    """Bars on the terminal now."""
 
     def __init__(self, total: float | None = 1.0, *, delay: float = DELAY, period: float = PERIOD) -> None:
         self.total = total
@@ -89,15 +125,13 @@ class Bar:
         if self._rich is not None:
             self._rich.stop()
             self._rich = None
+            Bar.drawn -= 1
 
     def _start(self) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn
-
-        columns = (TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.fields[note]}"))
-        self._rich = Progress(*columns, console=Console(stderr=True), transient=True, auto_refresh=False)
+        self._rich = _progress(auto_refresh=False)
         self._rich.add_task(self._what, total=self.total, note="")
         self._rich.start()
+        Bar.drawn += 1
 
     def _time_left(self, done: float, now: float) -> str:
         if not self.total:
