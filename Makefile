@@ -7,7 +7,7 @@ export VENV
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-run demo test lint types bench bags pictures colcon clean
+.PHONY: help setup setup-run demo test lint types bench faults bags pictures colcon clean
 
 help: ## this list
 	@echo "make TARGET, of which:"
@@ -35,6 +35,9 @@ types: setup ## mypy on the library, which is free of ROS
 bench: setup-run ## speed of the model, beside MuJoCo's (ARGS="--json FILE")
 	@scripts/setup.sh bench
 	@$(PY) -m artibot_sim.cli bench $(ARGS)
+
+faults: setup-run ## random faults in a closed loop of driver and drives (N=1000 SEED=1; ARGS="--channel vcan0")
+	@$(PY) -m artibot_driver.faults $(or $(N),100) $(or $(SEED),1) $(ARGS)
 
 bags: setup-run ## make the reference recordings in bags/ again
 	@$(PY) -m artibot_sim.experiment.reference_bags bags $(ARGS)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import can
+from can.interfaces.socketcan.socketcan import build_can_frame, capture_message
 from can_remote.websocket import WebsocketClosed
 
 from artibot_driver.bus_health import SYS, BusState, link_state, read_error_frame, worse
@@ -79,6 +80,10 @@ class Bus:
         self._controller = BusState.ACTIVE
         self._errors: tuple[int | None, int | None] = (None, None)
         self._reason = ""
+        self._socket: socket.socket | None = None
+        if interface == "socketcan":
+            self._socket = raw.socket  # type: ignore[attr-defined]
+            self._socket.setblocking(False)
 
     def __enter__(self) -> Bus:
         return self
@@ -97,7 +102,10 @@ class Bus:
             self.counters.not_sent += 1
             return False
         try:
-            self.raw.send(message)
+            if self._socket is not None:  # python-can's own asks first whether there is room
+                self._socket.send(build_can_frame(message))
+            else:
+                self.raw.send(message)
         except _TROUBLE as error:
             self.counters.not_sent += 1
             self._failed(error)
@@ -118,7 +126,7 @@ class Bus:
         if self._controller is BusState.LOST:
             return None
         try:
-            message = self.raw.recv(timeout)
+            message = self._next(timeout)
         except _TROUBLE as error:
             self._failed(error)
             return None
@@ -127,6 +135,17 @@ class Bus:
         else:
             self.counters.received += message is not None
         return message
+
+    def _next(self, timeout: float) -> can.Message | None:
+        """As python-can's ``recv``, which asks first whether there is a frame: one system call where it makes two."""
+        if timeout > 0.0 or self._socket is None:
+            return self.raw.recv(timeout)
+        try:
+            return capture_message(self._socket)
+        except can.CanOperationError as error:
+            if error.error_code != errno.EAGAIN:
+                raise
+            return None
 
     def health(self) -> Health:
         """What is known now; for SocketCAN the interface is asked."""

@@ -41,7 +41,8 @@ _TABLE = (
     Spec("node_ids.driver", 127, "Node id of the driver itself, under which its heartbeat is sent.", low=1, high=127),
     Spec("sync_rate", 100.0, "SYNC frames a second, Hz: set-points go out and feedback comes in with each.", low=1.0,
          high=1000.0),
-    Spec("heartbeat.driver_period", 0.05, "Between two heartbeats of the driver, s; whole ms.", low=1e-3, high=10.0),
+    Spec("heartbeat.driver_period", 0.02, "Between two heartbeats of the driver, s; whole ms. Several fit into the "
+         "timeout: on a bad bus single ones get lost.", low=1e-3, high=10.0),
     Spec("heartbeat.driver_timeout", 0.15, "Without the driver's heartbeat for this long the drives stop, s; whole ms.",
          low=2e-3, high=60.0),
     Spec("heartbeat.drive_period", 0.04, "Between two heartbeats of a drive, s; whole ms.", low=1e-3, high=10.0),
@@ -83,6 +84,8 @@ _COMMANDING = (
     Spec("cmd_vel_stamped", True, "cmd_vel is a TwistStamped; false: a Twist."),
     Spec("odom_frame", "odom", "Frame of odom."),
     Spec("base_frame", "base_link", "Frame of the front module, child of odom_frame."),
+    Spec("realtime_priority", 50, "Priority of the loop among the machine's real-time threads (SCHED_FIFO); 0, and "
+         "where the system does not allow it: that of any other process.", low=0, high=99),
     Spec("stats", "", "File for a statistic of lateness and CPU share (JSON), written at the end; empty: none."),
 )  # fmt: skip
 

@@ -138,6 +138,12 @@ class Explainer:
             return Explained("emcy", name, found.node, "EMCY", (code, register), note)
         return self._sdo(found, data)
 
+    def value(self, motor: str, index: int, subindex: int, raw: int) -> Value:
+        """An object of a motor's drive that holds `raw`."""
+        variable = self._object(index, subindex)
+        label = _label(variable) if variable is not None else "object"
+        return self._value(motor, index, label, f"{index:04X}h:{subindex}", raw)
+
     def _pdo(self, found: Pdo) -> Explained:
         motor = self._motors[found.node]
         fields = zip(found.map.fields, found.values, strict=True)

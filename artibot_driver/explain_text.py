@@ -87,3 +87,9 @@ def _value_text(value: Value, raw: bool) -> str:
     if value.text:
         return f"{name} {value.text}" + (f" [{value.raw:#x}]" if raw else "")
     return f"{name} {value.raw}"
+
+
+def setting_text(value: Value) -> str:
+    """``6072h:0         1000       0x3e8  max_torque  0.6 N m``."""
+    meaning = value.text if value.si is None else f"{value.si:.6g} {value.unit}"
+    return f"{value.key:<8}  {value.raw:>11}  {value.raw & 0xFFFFFFFF:>#10x}  {value.name}  {meaning}".rstrip()

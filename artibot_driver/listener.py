@@ -26,6 +26,8 @@ _BUFFER: Final = 4 << 20
 """Bytes asked for between kernel and reader; its default holds some 0.1 s of a full bus."""
 _WATCH_PERIOD: Final = 0.5
 _OPEN_PERIOD: Final = 1.0
+_BATCH: Final = 50
+"""Frames that are read at most before there is a look at the clock and at the bus."""
 _BREATH: Final = 0.02
 """After a read that failed at once, s."""
 _FOREIGN_CLOCK: Final = 60.0
@@ -37,10 +39,8 @@ def interface_of(channel: str, interface: str | None = None) -> str:
     return interface or ("remote" if channel.startswith(REMOTE_SCHEMES) else "socketcan")
 
 
-def arrival_ns(message: can.Message, now_ns: int) -> int:
-    """When a frame arrived, system time in ns: the interface's stamp, or `now_ns` where that is of another clock."""
-    if abs(message.timestamp - 1e-9 * now_ns) > _FOREIGN_CLOCK:
-        return now_ns
+def stamp_ns(message: can.Message) -> int:
+    """The interface's own stamp of a frame, ns."""
     whole = int(message.timestamp)
     return whole * 1_000_000_000 + round((message.timestamp - whole) * 1e9)
 
@@ -59,6 +59,8 @@ class Listener:
     ----------
     dropped : int
         Frames that the kernel has thrown away since nobody read them in time; only SocketCAN tells.
+    own_clock : bool
+        Whether the interface's stamps are system time, as the last frame looked at says.
 
     Raises
     ------
@@ -69,7 +71,9 @@ class Listener:
     def __init__(self, interface: str, channel: str, say: Say) -> None:
         self.interface, self.channel = interface, channel
         self.dropped = 0
+        self.own_clock = True
         self._say = say
+        self._unwatched = _BATCH  # the first frame is looked at
         self._bus: Bus | None = None
         self._state = BusState.ACTIVE
         self._dropped_before = 0  # by sockets that are closed
@@ -78,15 +82,25 @@ class Listener:
 
     def hear(self, timeout: float) -> can.Message | None:
         """The next frame of any kind within about `timeout` (s), or None."""
+        self._unwatched += 1
+        if self._unwatched < _BATCH and self._bus is not None and (message := self._bus.receive_any(0.0)) is not None:
+            return message  # the quick way, for a busy bus
+        self._unwatched = 0
         begin = time.monotonic()
         message = self._bus.receive_any(timeout) if self._bus is not None else None
         now = time.monotonic()
         if message is None and now - begin < min(timeout, _BREATH):
             time.sleep(min(timeout, _BREATH))  # the bus cannot be read at the moment: no busy waiting for it
+        elif message is not None:
+            self.own_clock = abs(message.timestamp - time.time()) < _FOREIGN_CLOCK
         if now >= self._next_watch:
             self._next_watch = now + _WATCH_PERIOD
             self._watch()
         return message
+
+    def arrival_ns(self, message: can.Message) -> int:
+        """When a frame arrived, system time in ns: its own stamp, or now where those are of another clock."""
+        return stamp_ns(message) if self.own_clock else time.time_ns()
 
     def close(self) -> None:
         """Close the bus."""

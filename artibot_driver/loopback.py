@@ -18,10 +18,14 @@ import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from artibot_driver.priority import take_priority
 from artibot_sim.errors import ArtibotError
 
 HOST = "127.0.0.1"
 """No other machine can reach the bus."""
+
+PRIORITY = 60
+"""Above the driver's: a bus does not wait for its nodes."""
 
 _START_TIMEOUT, _END_TIMEOUT = 20.0, 5.0
 
@@ -42,19 +46,30 @@ def loopback_bus(port: int = 0) -> Iterator[str]:
     ArtibotError
         When it does not start, with what it said.
     """
-    command = [sys.executable, "-m", "artibot_driver.loopback", "--port", str(port), "--while-stdin"]
-    here = str(Path(__file__).resolve().parents[1])  # this very copy of artibot, however it was found
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, [here, os.environ.get("PYTHONPATH")]))}
-    pipe = subprocess.PIPE
-    server = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=environment)
+    server = start_server(port)
     try:
-        yield _channel_of(server)
+        yield channel_of(server)
     finally:
         _end(server)
 
 
-def _channel_of(server: subprocess.Popen[str]) -> str:
-    """The line that a server prints once it listens."""
+def start_server(port: int = 0) -> subprocess.Popen[str]:
+    """A server in a process of its own, which ends with its standard input; it has not begun to listen yet."""
+    command = [sys.executable, "-m", "artibot_driver.loopback", "--port", str(port), "--while-stdin"]
+    here = str(Path(__file__).resolve().parents[1])  # this very copy of artibot, however it was found
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, [here, os.environ.get("PYTHONPATH")]))}
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=environment)
+
+
+def channel_of(server: subprocess.Popen[str]) -> str:
+    """The channel that a server prints once it listens.
+
+    Raises
+    ------
+    ArtibotError
+        When it does not start, with what it said.
+    """
     assert server.stdout is not None
     ready, _, _ = select.select([server.stdout], [], [], _START_TIMEOUT)
     line = server.stdout.readline().strip() if ready else ""
@@ -95,6 +110,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Ctrl-C reaches every process of a terminal; whoever holds the pipe still has to say goodbye on the bus
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         threading.Thread(target=_end_with_input, name="stdin", daemon=True).start()
+    take_priority(PRIORITY)
     threading.Thread(target=server.serve_forever, name="loopback", daemon=True).start()
     print(f"ws://{HOST}:{server.server_port}/", flush=True)
     signal.sigwait(ends)

@@ -4,25 +4,24 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.progress import Bar
 
 if TYPE_CHECKING:
-    from artibot_driver.explain import Explainer
+    from artibot_driver.explain import Explained, Explainer
     from artibot_driver.rig import Rig
+    from artibot_driver.traffic import Traffic
     from artibot_sim.experiment.can_frames import CanFrame
+    from artibot_sim.experiment.frame_source import Frames
 
 _SECOND: Final = 1_000_000_000
-_STDIN: Final = "-"
-_PICTURE_PERIOD: Final = 0.25
 _KINDS: Final = ("rpdo", "tpdo", "sync", "nmt", "heartbeat", "emcy", "sdo", "error", "malformed", "other")
 _SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
@@ -43,77 +42,6 @@ def command() -> None:
       artibot can load run7
       artibot can dbc > artibot.dbc
     """
-
-
-@dataclass(frozen=True)
-class Frames:
-    """Frames to go through.
-
-    Attributes
-    ----------
-    name : of the recording.
-    stream : the frames.
-    start_ns, end_ns : first and last stamp of the recording; None where only reading tells.
-    robot : as the recording says, or None.
-    """
-
-    name: str
-    stream: Iterator[CanFrame]
-    start_ns: int | None
-    end_ns: int | None
-    robot: str | None
-
-
-def open_frames(source: str, topics: tuple[str, ...], start: float | None, end: float | None) -> Frames:
-    """Open a recording, a log of candump or standard input (`-`).
-
-    Parameters
-    ----------
-    source : folder, file or `-`.
-    topics : of a recording, which to read; all that carry frames if empty.
-    start, end : s from the beginning, or None.
-
-    Raises
-    ------
-    ArtibotError
-        If there are no frames in it. While iterating, where it is damaged.
-    """
-    from artibot_sim.experiment import bag_info
-    from artibot_sim.experiment.can_frames import can_topics, iter_frames
-    from artibot_sim.experiment.candump import is_candump, iter_candump
-
-    if start is not None and end is not None and not start <= end:
-        raise ArtibotError(f"--start {start:g} --end {end:g}: nothing lies between them")
-    path = Path(source)
-    if source == _STDIN:
-        return Frames("standard input", _cut(iter_candump(sys.stdin, "standard input"), start, end), None, None, None)
-    if path.is_file() and is_candump(path):
-        return Frames(source, _cut(_log(path), start, end), None, None, None)
-    info = bag_info(path)
-    found = can_topics(info, topics)
-    begin = info.start_ns + round((start or 0.0) * _SECOND)
-    last = info.end_ns if end is None else min(info.end_ns, info.start_ns + round(end * _SECOND))
-    stream = iter_frames(path, found, begin, last + 1)
-    return Frames(source, stream, info.start_ns, last, info.metadata.get("robot"))
-
-
-def _log(path: Path) -> Iterator[CanFrame]:
-    from artibot_sim.experiment.candump import iter_candump
-
-    with open(path, encoding="ascii", errors="replace") as stream:
-        yield from iter_candump(stream, str(path))
-
-
-def _cut(frames: Iterator[CanFrame], start: float | None, end: float | None) -> Iterator[CanFrame]:
-    """The frames between two times from the first one on."""
-    first: int | None = None
-    for frame in frames:
-        first = frame.stamp_ns if first is None else first
-        t = (frame.stamp_ns - first) / _SECOND
-        if end is not None and t > end:
-            return
-        if start is None or t >= start:
-            yield frame
 
 
 def load_rig_for(params: str | None, robot: str | None, recorded: str | None) -> Rig:
@@ -162,6 +90,7 @@ def decode(bag: str, params: str | None, robot: str | None, form: str | None, ra
       candump -L can0 | artibot can decode -
     """
     from artibot_driver.explain import Explainer
+    from artibot_sim.experiment.frame_source import open_frames
 
     frames = open_frames(bag, given["topics"], given["start"], given["end"])
     explainer = Explainer(load_rig_for(params, robot, frames.robot))
@@ -191,15 +120,14 @@ def _print(
     from artibot_driver.explain_text import COLUMNS, as_csv, as_json, for_reading
 
     line = {"json": as_json, "csv": as_csv}.get(form or "", for_reading(raw))
-    out, live, shown, first = sys.stdout, frames.end_ns is None, 0, frames.start_ns
+    out, live, shown = sys.stdout, frames.end_ns is None, 0
     if form == "csv":
         out.write(",".join(COLUMNS) + "\n")
     for frame in with_progress(frames):
-        first = frame.stamp_ns if first is None else first
         found = explainer.explain(frame)
         if not matches(found, nodes, kinds):
             continue
-        after = frame.stamp_ns - first
+        after = frame.stamp_ns - (frames.start_ns or 0)
         out.write(line(after / _SECOND, frame.stamp_ns, frame, found) + "\n")
         shown += 1
         if live:
@@ -219,20 +147,79 @@ def quiet_pipe() -> Iterator[None]:
 
 def with_progress(frames: Frames) -> Iterator[CanFrame]:
     """The frames; where standard output goes elsewhere than to a terminal and takes its time, with a bar."""
-    if frames.start_ns is None or frames.end_ns is None or sys.stdout.isatty() or not sys.stderr.isatty():
+    if frames.start_ns is None or frames.end_ns is None or sys.stdout.isatty():
         yield from frames.stream
         return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    begin, following = frames.start_ns, time.monotonic()
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(frames.name, total=max(1, frames.end_ns - begin))
+    with Bar(max(1, frames.end_ns - frames.start_ns)) as bar:
         for frame in frames.stream:
-            if time.monotonic() >= following:
-                following = time.monotonic() + _PICTURE_PERIOD
-                bar.update(task, completed=frame.stamp_ns - begin)
+            bar.show(frame.stamp_ns - frames.start_ns, frames.name)
             yield frame
+
+
+@command.command("load", short_help="Show how full the bus was.", context_settings=_SETTINGS)
+@click.argument("bag", metavar="BAG|LOG|-")
+@_params
+@_robot
+@_start
+@_end
+@_topic
+@click.option("--bitrate", type=click.IntRange(min=1), help="Bit rate of the bus, bit/s.  [default: the parameters']")
+def load(bag: str, params: str | None, robot: str | None, bitrate: int | None, **given: Any) -> int:
+    """Show how full the bus was, and with what: frames, rate and longest gap of each identifier.
+
+    The load is an upper bound: every frame counts with as many stuff bits as it could have.
+
+    \b
+    Example:
+      artibot can load run7 --start 10 --end 20
+    """
+    from artibot_driver.explain import Explainer
+    from artibot_driver.traffic import Traffic
+    from artibot_sim.experiment.frame_source import open_frames
+
+    frames = open_frames(bag, given["topics"], given["start"], given["end"])
+    explainer = Explainer(load_rig_for(params, robot, frames.robot))
+    traffic = Traffic()
+    what: dict[tuple[int, bool, bool], tuple[str, str]] = {}
+    for frame in with_progress(frames):
+        traffic.add(frame, frame.stamp_ns)
+        if len(what) < len(traffic.series):
+            found = explainer.explain(frame)
+            what[frame.can_id, frame.is_extended, frame.is_error] = (found.node, _service(found))
+    if not traffic.count:
+        raise ArtibotError(f"{bag}: no CAN frame in that time")
+    with quiet_pipe():
+        _show_load(traffic, what, bitrate or explainer.rig.config.bitrate)
+    return 0
+
+
+def _service(found: Explained) -> str:
+    """What an identifier is used for: `TPDO1`, `SDO answer`."""
+    words = (found.what or found.kind).split()
+    return f"{words[0]} {words[-1]}" if found.kind == "sdo" else " ".join(words)
+
+
+def _show_load(traffic: Traffic, what: dict[tuple[int, bool, bool], tuple[str, str]], bitrate: int) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("id", "node", "what", "frames", "Hz", "longest gap, ms", "load, %", box=None, header_style="bold")
+    for column in table.columns[3:]:
+        column.justify = "right"
+    seconds = max(traffic.seconds, 1.0)
+    for key, series in traffic.in_order():
+        share = 100 * series.bits / (bitrate * seconds)
+        name = f"{key.can_id:08X}" if key.is_extended else f"{key.can_id:03X}"
+        numbers = (f"{series.count}", f"{series.rate:.1f}", f"{series.longest_ns / 1e6:.1f}", f"{share:.2f}")
+        table.add_row(name, *what[key], *numbers)
+    console = Console(highlight=False)
+    console.print(table)
+    mean, busiest = traffic.load(bitrate)
+    console.print(
+        f"{traffic.count} frames in {traffic.seconds:.1f} s; at {bitrate} bit/s the bus was at most {100 * mean:.1f} % "
+        f"full, {100 * busiest:.1f} % in the busiest second",
+        soft_wrap=True,
+    )
 
 
 @command.command("dbc", short_help="Print a DBC of the bus.", context_settings=_SETTINGS)
@@ -243,13 +230,43 @@ def dbc(params: str | None, robot: str | None) -> int:
 
     \b
     Example:
-      artibot can dbc --robot epiq > epiq.dbc
+      artibot can dbc --params my_driver.yaml > my_rover.dbc
     """
     from artibot_driver.dbc import dbc_text
 
     text = dbc_text(load_rig_for(params, robot, None))
     with quiet_pipe():
         click.echo(text, nl=False)
+    return 0
+
+
+@command.command("settings", short_help="Show what the drives must be set to.", context_settings=_SETTINGS)
+@_params
+@click.option("--robot", help="Robot: a name or a robot file.  [default: the parameters']")
+@click.option("--node", "motor", metavar="NAME", help="Only this motor.")
+def settings(params: str | None, robot: str | None, motor: str | None) -> int:
+    """Show every object that a drive must have, and whether the driver writes it or the drive must have it already.
+
+    What is `compared` belongs to commissioning: set it with the drive's own tool. The driver reads it and refuses the
+    drive where it differs.
+
+    \b
+    Example:
+      artibot can settings --params my_rover.yaml --node front_right
+    """
+    from artibot_driver.explain import Explainer
+    from artibot_driver.explain_text import setting_text
+
+    explainer = Explainer(load_rig_for(params, robot, None))
+    motors = list(explainer.rig.codec.nodes)
+    if motor is not None and motor not in motors:
+        raise ArtibotError(f"--node {motor}: expected {', '.join(motors)}")
+    with quiet_pipe():
+        for name in [motor] if motor else motors:
+            click.echo(f"{name} (node {explainer.rig.codec.nodes[name]})")
+            for each in explainer.rig.settings(name):
+                value = explainer.value(name, each.index, each.subindex, each.value)
+                click.echo(f"  {'written' if each.written else 'compared':8}  {setting_text(value)}")
     return 0
 
 

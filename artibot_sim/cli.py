@@ -13,6 +13,7 @@ from typing import Any
 
 import click
 
+from artibot_sim import progress
 from artibot_sim.commands import COMMANDS
 from artibot_sim.errors import ArtibotError
 from artibot_sim.version import __version__
@@ -107,6 +108,7 @@ def executable() -> int:
 
 
 def _guard(run: Callable[[], Any]) -> int:
+    progress.compiling[:] = [progress.CompilationNotice()]
     try:
         status = run()
     except ArtibotError as error:

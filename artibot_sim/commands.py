@@ -18,12 +18,15 @@ class Word(NamedTuple):
 COMMANDS: Final[dict[str, Word]] = {
     "sim": Word("artibot_sim.nodes.sim_node:main", "Simulate a rover as a ROS 2 node."),
     "planner": Word("artibot_sim.nodes.planner_node:main", "Plan a manoeuvre and publish its path and wheel speeds."),
+    "driver": Word("artibot_sim.nodes.driver_node:main", "Drive a rover, real or simulated, over CAN."),
+    "drives": Word("artibot_sim.nodes.drives:main", "Simulate four CiA 402 drives on a CAN bus, without ROS."),
     "record": Word("artibot_sim.nodes.record_node:main", "Record topics to a bag that survives a crash."),
     "replay": Word("artibot_sim.nodes.replay_node:main", "Publish a recording again, or feed it to the model."),
     "recover": Word("artibot_sim.experiment.recover_cli:command", "Mend a recording that was cut off."),
     "can": Word("artibot_sim.can_cli:command", "Decode recorded CAN frames; a DBC, a loopback bus."),
     "plot": Word("artibot_sim.report.plot_cli:command", "Draw a recording, to PNG or an HTML page."),
+    "reproduce": Word("artibot_sim.reproduce.cli:command", "Reproduce the paper's figures and tables, as a page."),
     "bench": Word("artibot_sim.bench:command", "Measure the speed of the model and the commands."),
-    "demo": Word("artibot_sim.nodes.demo:main", "Plan, simulate, record, replay and plot the paper's trajectory."),
+    "demo": Word("artibot_sim.nodes.demo:main", "Plan, drive, record, replay and plot the paper's trajectory."),
 }
 """Word → :class:`Word`. A target is a click command, or a ``main(argv) -> int`` for what also takes ``--ros-args``."""

@@ -1,11 +1,16 @@
-"""A field test: a rover drives a manoeuvre and all is recorded; everything ends with the planner.
+"""A field test: a rover drives a manoeuvre over CAN and all is recorded; everything ends with the planner.
 
 ros2 launch artibot_sim field_test.launch.py manoeuvre:=slalom out:=run7
+ros2 launch artibot_sim field_test.launch.py simulated:=false enable:=false channel:=can0 driver_params:=rover.yaml
+
+The second is a real rover: look that all is well, then `ros2 service call /driver/enable std_srvs/srv/Trigger`; the
+planner waits for that and begins.
 """
 
 from datetime import datetime
 
 from launch.actions import DeclareLaunchArgument, Shutdown
+from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
@@ -13,26 +18,44 @@ from launch import LaunchDescription
 
 
 def generate_launch_description():
-    robot = LaunchConfiguration("robot")
-    manoeuvre = LaunchConfiguration("manoeuvre")
+    robot, manoeuvre = LaunchConfiguration("robot"), LaunchConfiguration("manoeuvre")
+    channel, driver_params = LaunchConfiguration("channel"), LaunchConfiguration("driver_params")
     folder = datetime.now().strftime("run_%Y%m%d_%H%M%S")
     return LaunchDescription(
         [
-            DeclareLaunchArgument("robot", default_value="agriq", description="agriq, epiq, husky, or a robot file"),
+            DeclareLaunchArgument("robot", default_value="agriq", description="agriq, epiq, or a robot file"),
             DeclareLaunchArgument("manoeuvre", default_value="table6_agriq", description="a shipped one, or a file"),
             DeclareLaunchArgument("out", default_value=folder, description="folder of the recording"),
+            DeclareLaunchArgument("channel", default_value="vcan0", description="CAN channel: vcan0, can0, ws://…"),
+            DeclareLaunchArgument("driver_params", default_value="driver", description="the driver's parameter file"),
+            DeclareLaunchArgument("simulated", default_value="true", description="false: the rover is a real one"),
+            DeclareLaunchArgument("enable", default_value="true", description="false: wait for ~/enable"),
             Node(
                 package="artibot_sim",
                 executable="record",
                 output="screen",
                 arguments=["--out", LaunchConfiguration("out"), "--robot", robot, "--description", manoeuvre],
             ),
-            Node(package="artibot_sim", executable="sim", output="screen", parameters=[{"robot": robot}]),
+            Node(
+                package="artibot_sim",
+                executable="sim",
+                output="screen",
+                condition=IfCondition(LaunchConfiguration("simulated")),
+                arguments=["--driver-params", driver_params, "--channel", channel],
+                parameters=[{"robot": robot, "with_driver": True}],
+            ),
+            Node(
+                package="artibot_sim",
+                executable="driver",
+                output="screen",
+                arguments=["--params", driver_params, "--channel", channel],
+                parameters=[{"robot": robot, "enable_on_start": LaunchConfiguration("enable")}],
+            ),
             Node(
                 package="artibot_sim",
                 executable="planner",
                 output="screen",
-                parameters=[{"robot": robot, "manoeuvre": manoeuvre}],
+                parameters=[{"robot": robot, "manoeuvre": manoeuvre, "subscriber_timeout": 600.0}],
                 on_exit=Shutdown(reason="the manoeuvre is over"),
             ),
         ]

@@ -2,18 +2,21 @@
 # Run a command on a machine whose kernel has no CAN: boots Linux as an ordinary process (user-mode Linux, about 3 s)
 # on this machine's own files, brings up vcan0 inside, and runs the command there.
 #
-#   scripts/in_uml.sh [-m MEMORY] COMMAND [ARGUMENT …]
+#   scripts/in_uml.sh [-m MEMORY] [-r PRIORITY] COMMAND [ARGUMENT …]
 #
+# -r 10 has the kernel preferred to all ordinary processes, where that is allowed, for what must keep up with real time.
 # The command sees the same files, working directory and environment; its output goes to standard output, and its
 # status is this script's. Status 125: the kernel did not come so far; what it said is on standard error.
 # Needs Debian's packages user-mode-linux, kmod and iproute2. One CPU; no network but the loopback.
 set -euo pipefail
 
 memory=256M
-while getopts m: option; do
+preferred=()
+while getopts m:r: option; do
   case $option in
     m) memory=$OPTARG ;;
-    *) sed -n '2,10s/^# \{0,1\}//p' "$0" >&2; exit 125 ;;
+    r) chrt -f "$OPTARG" true 2>/dev/null && preferred=(chrt -f "$OPTARG") ;;
+    *) sed -n '2,11s/^# \{0,1\}//p' "$0" >&2; exit 125 ;;
   esac
 done
 shift $((OPTIND - 1))
@@ -59,7 +62,7 @@ chmod +x "$work/init"
 : >"$work/out"
 
 # The command writes to a file, shown as it grows: the kernel's console would mix in lines of its own.
-"$kernel" "mem=$memory" root=/dev/root rootfstype=hostfs rootflags=/ rw init="$work/init" \
+"${preferred[@]}" "$kernel" "mem=$memory" root=/dev/root rootfstype=hostfs rootflags=/ rw init="$work/init" \
   con=null con0=fd:0,fd:1 quiet </dev/null >"$work/console" 2>&1 &
 machine=$!
 tail -f -c +1 -s 0.1 --pid="$machine" "$work/out" &

@@ -95,7 +95,7 @@ make_venv() {
 
 # A ROS 2 that is sourced was compiled against one numpy: keep to it.
 install_packages() {
-  local extras=$1 pins=()
+  local extras=$1 pins=() pip_options=()
   if ros_sourced; then
     say "using the rclpy of ROS 2 $ROS_DISTRO"
     if "$venv/bin/python" -c 'import numpy' 2>/dev/null; then
@@ -106,7 +106,8 @@ install_packages() {
     extras="ros${extras:+,$extras}"
   fi
   say "installing artibot_sim${extras:+[$extras]} (a few minutes the first time)"
-  "$venv/bin/python" -m pip install --quiet --disable-pip-version-check "${pins[@]}" --editable ".${extras:+[$extras]}" ||
+  [ -t 2 ] || pip_options+=(--quiet)  # on a terminal its progress is seen
+  "$venv/bin/python" -m pip install "${pip_options[@]}" --disable-pip-version-check "${pins[@]}" --editable ".${extras:+[$extras]}" >&2 ||
     die "pip could not install what setup.py lists. The ROS wheels exist for x86-64 Linux only: elsewhere, source a ROS 2 Jazzy first"
   "$venv/bin/python" -c 'import rclpy' || die "rclpy does not import in $venv; remove $venv and try again"
 }

@@ -129,8 +129,14 @@ class Bench:
 
 
 @contextlib.contextmanager
-def running_drives(bus: Bus, rig: Rig) -> Iterator[dict[str, SimulatedDrive]]:
-    """All drives of a rig, each with a flywheel, on a bus that they share, in a thread of their own."""
+def running_drives(bus: Bus, rig: Rig, step: int = STEP) -> Iterator[dict[str, SimulatedDrive]]:
+    """All drives of a rig, each with a flywheel, on a bus that they share, in a thread of their own.
+
+    Parameters
+    ----------
+    step : int
+        At most so long between two steps of a drive, ns.
+    """
     shafts = {motor: InertialShaft() for motor in rig.codec.nodes}
     drives = {motor: SimulatedDrive(rig, motor, shaft, bus.send) for motor, shaft in shafts.items()}
     finished = threading.Event()
@@ -140,7 +146,7 @@ def running_drives(bus: Bus, rig: Rig) -> Iterator[dict[str, SimulatedDrive]]:
         for drive in drives.values():
             drive.power_on(last)
         while not finished.is_set():
-            message = bus.receive(1e-9 * STEP)
+            message = bus.receive(1e-9 * step)
             while message is not None:
                 if not (message.is_extended_id or message.is_remote_frame):
                     for drive in drives.values():

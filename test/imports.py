@@ -7,10 +7,22 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-LAYERS = ("model", "planning", "experiment", "identify", "diagnose", "report", "bench", "nodes", "can_cli", "cli")
+LAYERS = (
+    "model",
+    "planning",
+    "experiment",
+    "identify",
+    "diagnose",
+    "report",
+    "reproduce",
+    "bench",
+    "nodes",
+    "can_cli",
+    "cli",
+)
 """Parts of artibot_sim, lowest first: each may import itself and what stands before it."""
 
-BELOW_ALL = ("documents", "errors", "parameters", "resources", "version", "commands")
+BELOW_ALL = ("documents", "errors", "parameters", "progress", "resources", "version", "commands")
 """Modules that any part may import, and that import only each other."""
 
 DRIVER = "artibot_driver"

@@ -59,8 +59,8 @@ def processes_with(mark: str) -> dict[int, str]:
 def test_the_short_demo_leaves_results_and_no_process(start_demo: StartDemo, mark: str, tmp_path: Path) -> None:
     out = tmp_path / "results"
     demo = start_demo(out)
-    demo.wait_for("[2/5]")
-    assert len(processes_with(mark)) >= 2  # so that an empty one at the end means something
+    demo.wait_for("] Driver", timeout=120)
+    assert len(processes_with(mark)) >= 3  # so that an empty one at the end means something
     assert demo.wait(timeout=300) == 0, demo.output
     assert not processes_with(mark)
     assert (out / "drive.png").read_bytes().startswith(b"\x89PNG")
@@ -68,24 +68,25 @@ def test_the_short_demo_leaves_results_and_no_process(start_demo: StartDemo, mar
     recorded = read_bag(out / "short")
     assert recorded.metadata["robot"] == "agriq"
     assert set(recorded.channels) >= {"planned_path", "planned_front_velocity", "planned_odom", "motor_torques"}
+    assert "/diagnostics" in recorded.topics  # the driver's: it was in the loop
     moving = ("/clock", "/planned/front_velocity")  # a replay has its own clock, and moves no rover
     counts = [c.message_count for c in bag_info(out / "short").channels if c.topic not in moving]
     assert f"{sum(counts)} messages came again on {len(counts)} topics, each the same to the byte" in demo.output
     assert "yaw error e_γ (eq. 31)" in demo.output
-    for word in ("sim", "record", "planner", "replay", "plot"):
+    for word in ("sim", "driver", "record", "planner", "replay", "plot"):
         assert f"$ artibot {word} " in demo.output
 
 
 @pytest.mark.install
 @pytest.mark.parametrize(
-    ("number", "when"), [(signal.SIGTERM, "[1/5]"), (signal.SIGINT, "[3/5]"), (signal.SIGHUP, "[4/5]")]
+    ("number", "when"), [(signal.SIGTERM, "Simulator"), (signal.SIGINT, "Planner"), (signal.SIGHUP, "Replay")]
 )
 def test_a_signal_ends_everything_and_keeps_nothing(
     start_demo: StartDemo, mark: str, tmp_path: Path, number: signal.Signals, when: str
 ) -> None:
     out = tmp_path / "results"
     demo = start_demo(out)
-    demo.wait_for(when, timeout=120)
+    demo.wait_for(f"] {when}", timeout=180)
     demo.send(number)
     assert demo.wait(timeout=30) == 128 + number, demo.output
     assert not processes_with(mark)
@@ -96,7 +97,7 @@ def test_a_signal_ends_everything_and_keeps_nothing(
 @pytest.mark.install
 def test_even_killed_it_leaves_no_process(start_demo: StartDemo, mark: str, tmp_path: Path) -> None:
     demo = start_demo(tmp_path / "results")
-    demo.wait_for("[3/5]", timeout=120)
+    demo.wait_for("] Planner", timeout=180)
     demo.send(signal.SIGKILL)
     demo.wait()
     deadline = time.monotonic() + 20
@@ -109,14 +110,41 @@ def test_even_killed_it_leaves_no_process(start_demo: StartDemo, mark: str, tmp_
 def test_when_a_node_dies_its_last_words_are_shown(start_demo: StartDemo, mark: str, tmp_path: Path) -> None:
     out = tmp_path / "results"
     demo = start_demo(out)
-    demo.wait_for("[3/5]", timeout=120)
+    demo.wait_for("] Planner", timeout=180)
     (sim,) = [pid for pid, command in processes_with(mark).items() if "artibot_sim.cli sim" in command]
     os.kill(sim, signal.SIGKILL)
     assert demo.wait(timeout=30) == 1, demo.output
     assert not processes_with(mark)
     assert "ended by SIGKILL" in demo.output
-    assert "is ready at kappa" in demo.output
+    assert "is ready for a driver" in demo.output
     assert list((out / "logs").glob("*.log"))
+
+
+@pytest.mark.install
+def test_a_robot_without_drives_data_is_moved_by_topics(start_node: NodeStarter, mark: str, tmp_path: Path) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "artibot_sim.cli",
+        "demo",
+        "--short",
+        "--robot",
+        "epiq",
+        "--out",
+        str(tmp_path / "e"),
+    ]
+    demo = start_node.run(command, name="demo", env={MARK: mark})
+    assert demo.wait(timeout=300) == 0, demo.output
+    assert "[5/5]" in demo.output
+    assert "artibot driver" not in demo.output
+    assert read_bag(tmp_path / "e" / "short").metadata["robot"] == "epiq"
+
+
+def test_a_kappa_that_the_motors_do_not_allow_is_refused(start_node: NodeStarter, tmp_path: Path) -> None:
+    demo = start_node("demo", "--kappa", 0.6, "--out", tmp_path / "results")
+    assert demo.wait() == 2
+    assert "kappa: found 0.6, expected 0.622 to 1" in demo.output
+    assert not (tmp_path / "results").exists()
 
 
 def test_results_are_never_overwritten(start_demo: StartDemo, tmp_path: Path) -> None:

@@ -9,12 +9,14 @@ import runpy
 import subprocess
 import sys
 import types
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from artibot_driver.loopback import loopback_bus
 from artibot_sim.commands import COMMANDS
 from ros_helpers import ROOT, NodeStarter, spin_until
 
@@ -35,6 +37,11 @@ class DeclareLaunchArgument:
 
 
 @dataclass(frozen=True)
+class IfCondition:
+    predicate_expression: Any
+
+
+@dataclass(frozen=True)
 class Shutdown:
     reason: str = ""
 
@@ -50,6 +57,7 @@ class Node:
     remappings: list[tuple[str, str]] = field(default_factory=list)
     arguments: list[Any] = field(default_factory=list)
     on_exit: Any = None
+    condition: Any = None
 
 
 def described(path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
@@ -57,6 +65,7 @@ def described(path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     modules: dict[str, dict[str, Any]] = {
         "launch": {"LaunchDescription": list},
         "launch.actions": {"DeclareLaunchArgument": DeclareLaunchArgument, "Shutdown": Shutdown},
+        "launch.conditions": {"IfCondition": IfCondition},
         "launch.substitutions": {"LaunchConfiguration": LaunchConfiguration},
         "launch_ros": {},
         "launch_ros.actions": {"Node": Node},
@@ -68,9 +77,9 @@ def described(path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     return list(runpy.run_path(str(path))["generate_launch_description"]())
 
 
-def nodes_of(entities: list[Any]) -> list[Node]:
-    """The nodes, with each launch argument replaced by its default, or by BAG where it has none."""
-    values = {e.name: e.default_value or BAG for e in entities if isinstance(e, DeclareLaunchArgument)}
+def nodes_of(entities: list[Any], **given: str) -> list[Node]:
+    """The nodes, with each launch argument replaced by what is given, its default, or by BAG where it has none."""
+    values = {e.name: e.default_value or BAG for e in entities if isinstance(e, DeclareLaunchArgument)} | given
 
     def resolve(value: Any) -> Any:
         return values[value.variable_name] if isinstance(value, LaunchConfiguration) else value
@@ -93,6 +102,7 @@ def test_arguments_are_declared_described_and_used(path: Path, monkeypatch: pyte
     used = set()
     for node in (e for e in entities if isinstance(e, Node)):
         values = [*node.arguments, *(value for group in node.parameters for value in group.values())]
+        values += [node.condition.predicate_expression] if node.condition else []
         used |= {value.variable_name for value in values if isinstance(value, LaunchConfiguration)}
     assert used == declared
 
@@ -110,15 +120,22 @@ def test_executables_and_their_options_exist(path: Path, monkeypatch: pytest.Mon
         assert done.returncode == 0, done.stderr
 
 
+@pytest.fixture
+def bus_channel() -> Iterator[str]:
+    with loopback_bus() as channel:
+        yield channel
+
+
 @pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda path: path.name)
 def test_parameters_exist(
-    path: Path, monkeypatch: pytest.MonkeyPatch, start_node: NodeStarter, ros_context: object
+    path: Path, monkeypatch: pytest.MonkeyPatch, start_node: NodeStarter, ros_context: object, bus_channel: str
 ) -> None:
     import rclpy.node
     from rcl_interfaces.srv import ListParameters
 
     with monkeypatch.context() as patch:
-        nodes = [node for node in nodes_of(described(path, patch)) if node.parameters]
+        entities = described(path, patch)
+    nodes = [node for node in nodes_of(entities, channel=bus_channel) if node.parameters]
     probe = rclpy.node.Node("probe", context=ros_context)
     for node in nodes:
         given = {key: value for group in node.parameters for key, value in group.items()}

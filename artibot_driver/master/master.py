@@ -1,50 +1,290 @@
-"""The master: one cycle in every SYNC period."""
+"""The master: one cycle in every SYNC period, from one thread, without waiting for anything.
+
+A cycle reads what has come, decides in which phase the drives are, and sends set-points, SYNC and the driver's own
+heartbeat, so that a loop that hangs is noticed by the drives. Requests may come from any thread; they only set a wish.
+"""
 
 from __future__ import annotations
 
-from artibot_driver.bus import Bus
-from artibot_driver.master.values import Cycle, Reason, Setpoints
+import time
+from collections import Counter
+from collections.abc import Callable
+from types import MappingProxyType
+from typing import Final
+
+from artibot_driver.bus_health import BusState
+from artibot_driver.cia402 import State
+from artibot_driver.frames import NmtCommand, NmtState, heartbeat, nmt
+from artibot_driver.master import report, watch
+from artibot_driver.master.hearing import KINDS, Hearing
+from artibot_driver.master.link import POWERED, TORQUE, VELOCITY, Link
+from artibot_driver.master.phases import Facts, Phase, next_phase
+from artibot_driver.master.requests import Request, Requests, Wishes
+from artibot_driver.master.targets import STANDING, Integers, Targets
+from artibot_driver.master.traffic import AnyBus, Traffic
+from artibot_driver.master.values import Commanded, Cycle, Reason, Setpoints, Stage, Status, Stop
 from artibot_driver.rig import Rig
+from artibot_sim.model import MOTORS
+
+ENABLE_TIMEOUT: Final = 1_000_000_000
+"""Drives that are not enabled after this long are given up, ns."""
+
+HOLD_TIME: Final = 50_000_000
+"""At a ramp's end the front motors are held at standstill for so long, should they lag behind, ns."""
+
+RELEASE_TIMEOUT: Final = 200_000_000
+"""Drives are waited for to be without current for so long after a ramp, ns."""
+
+RESET_TIME: Final = 1_000_000_000
+"""A fault reset is tried for so long, ns."""
+
+HEALTH_PERIOD: Final = 50_000_000
+"""Between two questions after the bus's state, ns; where sending fails it is asked for at once."""
 
 
 class Master:
-    """Leads the four drives of a rig."""
+    """Leads the four drives of a rig.
 
-    def __init__(self, bus: Bus, rig: Rig) -> None:
-        self._bus, self._rig = bus, rig
+    Parameters
+    ----------
+    bus : AnyBus
+        Open; the caller closes it, after :meth:`close`.
+    rig : Rig
+    clock : callable
+        Steady time in ns, to bound the time that reading takes.
+    """
 
-    def cycle(self, now_ns: int, setpoints: Setpoints | None) -> Cycle:
-        """One SYNC period."""
-        raise NotImplementedError
+    def __init__(self, bus: AnyBus, rig: Rig, clock: Callable[[], int] = time.monotonic_ns) -> None:
+        config = rig.config
+        self._rig, self._config, self._clock = rig, config, clock
+        self._period = 1000 * config.sync_period_us
+        self._tally: Counter[str] = Counter(dict.fromkeys(KINDS, 0))
+        self._links = tuple(Link(rig, motor, self._tally) for motor in MOTORS)
+        self._hearing = Hearing(rig, self._links, self._tally)
+        self._targets = Targets(rig, self._tally)
+        self._requests, self._answered, self._notice = Requests(), 0, ""
+        self._phase = Phase.OFFLINE
+        self._stop: Stop | None = None
+        self._armed: int | None = None
+        self._following = False
+        self._since = self._reset_until = self._beat_due = self._sync = 0
+        self._rested: int | None = None
+        self._released: int | None = None
+        self._last: int | None = None
+        self._bus_state = BusState.ACTIVE
+        self.use_bus(bus)
 
-    def poll(self, now_ns: int) -> None:
-        """Read the bus between two cycles."""
-        raise NotImplementedError
+    # Requests, from any thread.
 
     def enable(self) -> None:
-        """Ask for the drives to be enabled."""
-        raise NotImplementedError
+        """Ask for the drives to be enabled; refused, with :attr:`Status.notice`, unless they are READY."""
+        self._requests.ask(Request.ENABLE)
 
     def disable(self) -> None:
-        """Ask for standstill and no current."""
-        raise NotImplementedError
+        """Ask for a ramp to standstill, then no current."""
+        self.stop(Reason.DISABLE)
 
     def quick_stop(self) -> None:
-        """Ask for standstill."""
-        raise NotImplementedError
+        """Ask for the same as :meth:`disable`, under another name: the ramp is at ``stop_deceleration`` either way."""
+        self.stop(Reason.QUICK_STOP)
 
-    def stop(self, reason: Reason, text: str) -> None:
-        """Ask for standstill for a reason of the caller's."""
-        raise NotImplementedError
+    def stop(self, reason: Reason, text: str = "") -> None:
+        """Ask for a ramp to standstill for a reason of the caller's."""
+        self._requests.ask(Request.STOP, reason, text or reason.value)
 
     def reset_fault(self) -> None:
-        """Ask for faults to be reset."""
-        raise NotImplementedError
+        """Ask for faults to be reset, and for refused drives to be tried again; nothing is enabled by it."""
+        self._requests.ask(Request.RESET)
 
-    def use_bus(self, bus: Bus) -> None:
-        """Go on with another bus."""
-        raise NotImplementedError
+    # The loop's thread.
+
+    def use_bus(self, bus: AnyBus) -> None:
+        """Go on with another bus where the old one is lost: all drives are set up again."""
+        self._traffic = Traffic(bus, self._config.bitrate, self._period, self._tally, self._clock)
+        for link in self._links:
+            link.forget()
+
+    def poll(self, now_ns: int) -> None:
+        """Read what has come and go on with setting up, without set-points and SYNC."""
+        for message in self._traffic.read():
+            self._hearing.take(message, now_ns, self._sync)
+        self._traffic.send([frame for link in self._links for frame in link.setup.step(now_ns)])
+
+    def cycle(self, now_ns: int, setpoints: Setpoints | None) -> Cycle:
+        """One SYNC period.
+
+        Parameters
+        ----------
+        now_ns : int
+            Steady time.
+        setpoints : Setpoints or None
+            What the rover is to do; None where nobody rules.
+        """
+        last = now_ns if self._last is None else self._last
+        self._last = now_ns
+        self.poll(now_ns)
+        self._bus_state = self._traffic.look(now_ns, HEALTH_PERIOD)
+        wishes = self._requests.take(now_ns)
+        if self._phase in (Phase.ENABLING, Phase.ENABLED):
+            self._stop = self._trouble(now_ns, last, wishes.stop) or self._take_setpoints(now_ns, setpoints)
+        elif not self._phase.moves:
+            self._rest(now_ns)
+        self._change_phase(now_ns, self._answer(now_ns, wishes))
+        sent = self._move(now_ns, 1e-9 * min(now_ns - last, 2 * self._period))  # no leap down after a hold-up
+        self._send(now_ns, sent)
+        commanded = self._targets.commanded(sent, now_ns) if self._phase.moves else Commanded(stamp_ns=now_ns)
+        return Cycle(report.feedback(self._links, now_ns, self._config), commanded, self._status(now_ns))
 
     def close(self, now_ns: int) -> None:
-        """Torque off, and leave the drives."""
-        raise NotImplementedError
+        """Take the drives' current away; they are left pre-operational, without a watch on the driver's heartbeat."""
+        frames = [frame for link in self._links for frame in link.frames(State.SWITCH_ON_DISABLED, 0, 0, False)]
+        frames.append(self._rig.codec.sync())
+        frames += [nmt(NmtCommand.RESET_COMMUNICATION, link.node) for link in self._links]
+        self._traffic.send(frames)
+        self._phase, self._armed, self._following = Phase.CONFIGURING, None, False
+        for link in self._links:
+            link.forget()
+
+    # Parts of a cycle.
+
+    def _trouble(self, now: int, last: int, asked: Stop | None) -> Stop | None:
+        """The first reason to stop."""
+        expected = State.OPERATION_ENABLED if self._phase is Phase.ENABLED else None
+        stop = asked or watch.first(
+            watch.loop_trouble(now, last, self._config),
+            watch.bus_trouble(now, self._bus_state, self._traffic),
+            self._hearing.trouble(now),
+            *(watch.drive_trouble(now, link, self._config, expected) for link in self._links),
+        )
+        if stop is None and self._phase is Phase.ENABLING and now - self._since > ENABLE_TIMEOUT:
+            slow = [link for link in self._links if link.state is not State.OPERATION_ENABLED]
+            names = ", ".join(f"{link.motor} is in state '{link.state}'" for link in slow)
+            stop = Stop(Reason.ENABLE_TIMEOUT, f"the drives are not enabled after 1 s: {names}", now)
+        return stop
+
+    def _take_setpoints(self, now: int, given: Setpoints | None) -> Stop | None:
+        """Follow set-points that are fresh and sound; else say why the rover has to stop, if it has to."""
+        if self._phase is not Phase.ENABLED:
+            return None
+        text = "" if given is None else self._targets.fault_of(given)
+        if given is not None and not text and (self._armed is None or given.stamp_ns <= self._armed):
+            self._tally["setpoints_stale"] += 1
+            given = None
+        if given is None or text:
+            self._tally["setpoints_invalid" if text else "setpoints_missing"] += 1
+            under_way, self._following = self._following and not self._targets.at_rest, False
+            if text:
+                return Stop(Reason.INVALID_COMMAND, text, now)
+            return Stop(Reason.COMMAND_SILENCE, Reason.COMMAND_SILENCE.value, now) if under_way else None
+        self._following = True
+        self._targets.follow(given)
+        return None
+
+    def _rest(self, now: int) -> None:
+        """Where nothing turns: drives that have fallen silent are set up again when they are back."""
+        for link in self._links:
+            link.restarted, link.alarm = "", None
+            if link.setup.stage is Stage.RUNNING and not watch.is_heard(link, now, self._config):
+                link.forget()
+
+    def _answer(self, now: int, wishes: Wishes) -> bool:
+        """Say what becomes of the requests; whether the drives are to be enabled."""
+        refused = ""
+        self._answered += wishes.number
+        if wishes.reset:
+            self._reset_until = now + RESET_TIME
+            for link in self._links:
+                if link.setup.stage is Stage.REFUSED:
+                    link.forget()
+            self._notice = "faults are being reset"
+        if wishes.enable:
+            refused = "a stop was asked for as well" if wishes.stop else self._enable_refused(now)
+            self._notice = f"enable refused: {refused}" if refused else "the drives are being enabled"
+        if wishes.stop:
+            self._notice = f"stop: {wishes.stop.text}"
+        return wishes.enable and not refused
+
+    def _enable_refused(self, now: int) -> str:
+        """Why the drives cannot be enabled now; empty where they can."""
+        if self._phase.moves:
+            return f"they are {self._phase.name.lower()}"
+        trouble = watch.first(watch.bus_trouble(now, self._bus_state, self._traffic), self._hearing.trouble(now))
+        if trouble is not None:
+            return trouble.text
+        ready = self._phase is Phase.READY and next_phase(Phase.READY, self._facts(now, True)) is Phase.ENABLING
+        return "" if ready else watch.enable_refused(self._links, now, self._config)
+
+    def _facts(self, now: int, enable: bool) -> Facts:
+        running = [link for link in self._links if link.setup.stage is Stage.RUNNING]
+        heard = [link for link in running if watch.is_heard(link, now, self._config)]
+        off = not any(link.state in POWERED for link in heard)
+        since = None if self._released is None else now - self._released
+        return Facts(
+            carries=self._bus_state.carries_frames,
+            complete=len(heard) == len(self._links),
+            faulted=any(link.in_fault for link in running),
+            enable=enable,
+            incident=self._stop is not None,
+            all_enabled=all(link.state is State.OPERATION_ENABLED for link in self._links),
+            stopped=since is not None and since > 0 and (off or since > RELEASE_TIMEOUT),
+        )
+
+    def _change_phase(self, now: int, enable: bool) -> None:
+        was, self._phase = self._phase, next_phase(self._phase, self._facts(now, enable))
+        if self._phase is was:
+            return
+        self._since, self._rested, self._released = now, None, None
+        if self._phase is Phase.ENABLING:
+            self._stop, self._armed = None, now
+            self._targets.begin((self._links[0].quantity(VELOCITY), self._links[1].quantity(VELOCITY)))
+        elif self._phase is not Phase.ENABLED:
+            self._tally["stops"] += self._phase is Phase.STOPPING
+            self._armed, self._following = None, False
+
+    def _move(self, now: int, dt: float) -> Integers:
+        """Set-points of this cycle; where none are followed, the ramp to standstill."""
+        if not self._phase.moves:
+            return STANDING
+        if not self._following:
+            self._targets.ramp_down(dt)
+        if self._phase is Phase.STOPPING and self._released is None and self._targets.at_rest:
+            self._rested = now if self._rested is None else self._rested
+            slow = all(self._targets.is_slow(link.quantity(VELOCITY)) for link in self._links[:2])
+            self._released = now if slow or now - self._rested >= HOLD_TIME else None
+        if self._phase is Phase.ENABLING or self._released is not None:
+            return Integers(self._targets.integers((0, 0)).velocity, (0, 0))
+        right, left = (
+            link.heard.objects.get(TORQUE, 0) if link.feedback_age(now) <= self._config.drive_timeout else 0
+            for link in self._links[:2]
+        )
+        return self._targets.integers((right, left))
+
+    def _send(self, now: int, sent: Integers) -> None:
+        powered = self._phase.moves and self._released is None
+        target = State.OPERATION_ENABLED if powered else State.SWITCH_ON_DISABLED
+        reset = not self._phase.moves and now < self._reset_until
+        targets = ((sent.velocity[0], 0), (sent.velocity[1], 0), (0, sent.torque[0]), (0, sent.torque[1]))
+        frames = []
+        for link, (velocity, torque) in zip(self._links, targets, strict=True):
+            frames += link.frames(target, velocity, torque, reset)
+            link.end_period(target if self._phase is Phase.ENABLED else None)
+        frames.append(self._rig.codec.sync())
+        if now >= self._beat_due:
+            frames.append(heartbeat(self._config.driver_id, NmtState.OPERATIONAL))
+            self._beat_due = now + round(1e9 * self._config.driver_period) - self._period // 2
+        self._traffic.send(frames)
+        self._sync = now
+
+    def _status(self, now: int) -> Status:
+        return Status(
+            phase=self._phase,
+            stop=self._stop,
+            armed_ns=self._armed,
+            following=self._following,
+            refusal=report.refusal(self._links),
+            notice=self._notice,
+            requests=self._answered,
+            drives=report.drives(self._links, now, self._config),
+            bus=self._traffic.status(),
+            counters=MappingProxyType(dict(self._tally)),
+        )

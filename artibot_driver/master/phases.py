@@ -52,26 +52,29 @@ class Row(NamedTuple):
     needs: tuple[str, ...] = ()
     bars: tuple[str, ...] = ()
 
+    def fits(self, facts: Facts) -> bool:
+        """Whether all that it needs is so, and nothing that bars it."""
+        return all(getattr(facts, name) for name in self.needs) and not any(getattr(facts, name) for name in self.bars)
+
 
 _P = Phase
 _RESTING = (_P.OFFLINE, _P.CONFIGURING, _P.LOCKED, _P.READY)
 
 TABLE: Final = (
-    Row(_P.READY, _P.ENABLING, ("enable", "carries", "complete"), ("faulted", "incident")),
+    Row(_P.READY, _P.ENABLING, ("enable", "carries", "complete"), ("faulted",)),
     *(
         row
-        for start in _RESTING
+        for start, over in (*((start, ()) for start in _RESTING), (_P.STOPPING, ("stopped",)))
         for row in (
-            Row(start, _P.OFFLINE, bars=("carries",)),
-            Row(start, _P.CONFIGURING, ("carries",), ("complete",)),
-            Row(start, _P.LOCKED, ("carries", "complete", "faulted")),
-            Row(start, _P.READY, ("carries", "complete"), ("faulted",)),
+            Row(start, _P.OFFLINE, over, ("carries",)),
+            Row(start, _P.CONFIGURING, (*over, "carries"), ("complete",)),
+            Row(start, _P.LOCKED, (*over, "carries", "complete", "faulted")),
+            Row(start, _P.READY, (*over, "carries", "complete"), ("faulted",)),
         )
     ),
     Row(_P.ENABLING, _P.STOPPING, ("incident",)),
     Row(_P.ENABLING, _P.ENABLED, ("all_enabled",)),
     Row(_P.ENABLED, _P.STOPPING, ("incident",)),
-    Row(_P.STOPPING, _P.CONFIGURING, ("stopped",)),
 )
 """Every arrow; of those that fit, the first is taken. Where none fits, the phase stays."""
 
@@ -79,7 +82,6 @@ TABLE: Final = (
 def next_phase(phase: Phase, facts: Facts) -> Phase:
     """The phase after `phase`, given what was found."""
     for row in TABLE:
-        if row.start is phase and all(getattr(facts, name) for name in row.needs):
-            if not any(getattr(facts, name) for name in row.bars):
-                return row.end
+        if row.start is phase and row.fits(facts):
+            return row.end
     return phase

@@ -17,11 +17,12 @@ def kappa_bounds(robot: Robot) -> tuple[float, float]:
 
     With both front motors at their limit M_f, eq. 30 asks each back motor for M_f (tau_b/tau_f) (1/kappa − 1); that
     this is at most M_b gives ``kappa >= 1/(1 + M_b tau_f/(M_f tau_b))``: 0.622 for Agri.q's four equal motors (section
-    6). It is rounded down to thousandths, as the paper states it: a permille of torque is one count.
+    6). It is rounded down to thousandths, as the paper states it: a permille of torque is one count. Where the robot
+    file limits neither or only one pair of motors the smallest is 0, which kappa has to exceed.
     """
     front, back = robot.drive.front, robot.drive.back
-    if back is None:
-        return 1.0, 1.0
+    if back is None or math.isinf(_limit(front)) or math.isinf(_limit(back)):
+        return 0.0, 1.0
     share = _limit(back) * front.tau / (_limit(front) * back.tau)
     return math.floor(1e3 / (1.0 + share) + 1e-9) / 1e3, 1.0
 
@@ -40,7 +41,7 @@ def check_kappa(robot: Robot, kappa: float) -> float:
         With the bounds and where they come from.
     """
     low, high = kappa_bounds(robot)
-    if not low <= kappa <= high:  # NaN is not either
+    if not (low <= kappa <= high and kappa > 0.0):  # NaN is not either
         raise ArtibotError(
             f"kappa: found {kappa:g}, expected {low:g} to {high:g} for robot '{robot.name}': with less the back motors "
             "would need more than their torque_max when the front motors are at theirs"

@@ -1,4 +1,4 @@
-"""What goes into a cycle of the master and what comes out: frozen values, SI, motor-side, in the order of ``MOTORS``."""
+"""What goes into a cycle of the master and what comes out: frozen values, SI, motor-side, motors as in ``MOTORS``."""
 
 from __future__ import annotations
 
@@ -56,6 +56,7 @@ class Reason(enum.Enum):
     DRIVE_RESTARTED = "a drive has left operational by itself"
     DRIVE_FAULT = "a drive has a fault"
     DRIVE_STATE = "a drive is not in the state it was led to"
+    SECOND_DRIVER = "somebody else commands the drives"
     BUS_LOST = "the bus carries no frames"
     CANNOT_SEND = "frames could not be sent"
     BUS_OVERLOADED = "the bus is flooded"
@@ -173,7 +174,7 @@ class BusStatus:
     Attributes
     ----------
     load : float
-        Share of the configured bit rate that frames took in the last tenth of a second, without stuff bits.
+        Share of the configured bit rate that frames took in the last 50 ms, stuff bits at their most.
     reason : str
         The last thing that went wrong, empty where nothing did.
     """

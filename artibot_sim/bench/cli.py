@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING
 
 import click
 
+from artibot_sim.report.output import OutputFile
+
 if TYPE_CHECKING:
     from artibot_sim.bench.results import Result, Skipped
 
 
 @click.command("bench", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
-@click.option("--json", "path", type=click.Path(dir_okay=False, path_type=Path), help="Write the numbers to this file.")
+@click.option("--json", "path", type=OutputFile(), help="Write the numbers to this file.")
 @click.option("--only", multiple=True, metavar="NAME", help="Only this benchmark or result; may be repeated.")
 @click.option("--quick", is_flag=True, help="Seconds instead of minutes: few runs of the first 8 s, no processes.")
 @click.option("--list", "show_list", is_flag=True, help="List the names and end.")
@@ -35,8 +37,6 @@ def command(path: Path | None, only: tuple[str, ...], quick: bool, show_list: bo
             click.echo(f"{key:10}{', '.join(benchmark.names)}")
         return 0
     keys = chosen(only, quick)
-    if path is not None and not path.absolute().parent.is_dir():
-        raise click.BadParameter(f"{path.parent} is no folder; make it first", param_hint="--json")
     return _measure(keys, quick, path)
 
 
@@ -67,25 +67,21 @@ def _with_progress(keys: list[str], quick: bool) -> tuple[list[Result], list[Ski
     """Run all with a bar on standard error that is gone afterwards."""
     import time
 
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
     from artibot_sim.bench.scenario import Scenario
     from artibot_sim.bench.suite import SUITE, run
+    from artibot_sim.progress import Bar
 
-    columns = (TextColumn("{task.description:10}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("", total=sum(SUITE[key].seconds for key in keys))
-        ends = {key: sum(SUITE[k].seconds for k in keys[: i + 1]) for i, key in enumerate(keys)}
-        now: list[tuple[str, float]] = []
+    ends = {key: sum(SUITE[k].seconds for k in keys[: i + 1]) for i, key in enumerate(keys)}
+    now: list[tuple[str, float]] = []
+    with Bar(sum(SUITE[key].seconds for key in keys)) as bar:
 
         def begin(key: str) -> None:
             now[:] = [(key, time.monotonic())]
-            progress.update(task, completed=ends[key] - SUITE[key].seconds, description=key)
+            bar.show(ends[key] - SUITE[key].seconds, key)
 
         def tick() -> None:
             key, since = now[0]
             share = min((time.monotonic() - since) / SUITE[key].seconds, 0.98)
-            progress.update(task, completed=ends[key] - (1 - share) * SUITE[key].seconds)
+            bar.show(ends[key] - (1 - share) * SUITE[key].seconds)
 
         return run(keys, Scenario(quick, tick), begin)

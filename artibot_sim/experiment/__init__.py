@@ -1,6 +1,7 @@
 """Experiments: recordings in and out, as named, timed columns with units."""
 
 from artibot_sim.experiment import metrics
+from artibot_sim.experiment.can_frames import CanFrame, can_topics, iter_frames
 from artibot_sim.experiment.columns import Channel, Experiment
 from artibot_sim.experiment.contract import parse_renames
 from artibot_sim.experiment.messages import serialize
@@ -14,6 +15,7 @@ from artibot_sim.experiment.writer import BagWriter
 __all__ = [
     "BagInfo",
     "BagWriter",
+    "CanFrame",
     "Channel",
     "ChannelInfo",
     "Experiment",
@@ -21,6 +23,8 @@ __all__ = [
     "RawMessage",
     "RecoverReport",
     "bag_info",
+    "can_topics",
+    "iter_frames",
     "iter_messages",
     "metrics",
     "parse_renames",

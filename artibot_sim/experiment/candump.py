@@ -38,12 +38,12 @@ def frame_of(line: str) -> CanFrame | None:
     """
     found = _LINE.fullmatch(line)
     text = found["data"] if found else ""
+    if found is not None and found["kind"] == "##":
+        return None
     if found is None or (not text.startswith("R") and len(text) % 2):
         raise ArtibotError(
             f"found '{line.strip()[:60]}', expected a line such as (1700000000.123456) can0 181#3702E803"
         )
-    if found["kind"] == "##":
-        return None
     remote = text.startswith("R")
     data = b"" if remote else bytes.fromhex(text)
     if len(data) > LONGEST:

@@ -27,11 +27,16 @@ from artibot_sim.experiment.storage import (
     sqlite_channels,
     storage_files,
 )
+from artibot_sim.progress import Report
 
 METADATA_RECORD = "artibot"
+_TELL_EVERY = 500
+"""Messages between two words on the progress."""
 
 
-def read_bag(path: Path | str, topics: Mapping[str, str] | None = None) -> Experiment:
+def read_bag(
+    path: Path | str, topics: Mapping[str, str] | None = None, *, progress: Report | None = None
+) -> Experiment:
     """Read a recording of the contract's topics.
 
     Parameters
@@ -39,6 +44,7 @@ def read_bag(path: Path | str, topics: Mapping[str, str] | None = None) -> Exper
     path : rosbag2 folder, or a bare .mcap (or .db3) file.
     topics : contract topic (or channel key) → topic in the recording that carries it, for recordings
         that use other names.
+    progress : hears now and then the share of the messages that is read.
 
     Returns
     -------
@@ -58,7 +64,7 @@ def read_bag(path: Path | str, topics: Mapping[str, str] | None = None) -> Exper
         encodings = ", ".join(sorted({channel.encoding or "none" for channel in info.channels}))
         raise ArtibotError(f"{path}: no topic is encoded as cdr (found: {encodings}); expected a ROS 2 recording")
     wanted, remarks = _choose(info, found, topics or {})
-    rows = _read_rows(info, wanted)
+    rows = _read_rows(info, wanted, progress or (lambda _: None))
     channels = {key: table.channel(remarks) for key, table in rows.items() if table.rows}
     if not channels:
         present = ", ".join(sorted(found)) or "no topic at all"
@@ -103,12 +109,15 @@ def _choose(info: BagInfo, found: Mapping[str, str], renames: Mapping[str, str])
     return wanted, remarks
 
 
-def _read_rows(info: BagInfo, wanted: Mapping[str, str]) -> dict[str, Rows]:
+def _read_rows(info: BagInfo, wanted: Mapping[str, str], progress: Report) -> dict[str, Rows]:
     """Decode the messages of the wanted topics into rows, by channel key."""
     rows = {key: Rows(name) for name, key in wanted.items()}
     decoders: dict[ChannelInfo, Decoder] = {}
     latest: dict[str, bytes] = {}
-    for message in iter_messages(info.path, set(wanted)):
+    total = sum(channel.message_count for channel in info.channels if channel.topic in wanted)
+    for number, message in enumerate(iter_messages(info.path, set(wanted))):
+        if number % _TELL_EVERY == 0:
+            progress(number / max(total, 1))
         channel = message.channel
         if channel.encoding != "cdr" or channel.ros_type not in READABLE:
             continue

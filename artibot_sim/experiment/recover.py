@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -13,11 +13,16 @@ from typing import Any
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import scan
 from artibot_sim.experiment.checks import MAGIC
+from artibot_sim.experiment.chunks import LEAST_MESSAGE, MESSAGE, Message, Record, parse_message
 from artibot_sim.experiment.folders import whole_folder
 from artibot_sim.experiment.messages import definition, is_known
 from artibot_sim.experiment.qos import load_profiles
 from artibot_sim.experiment.storage import recording_name, storage_files
 from artibot_sim.experiment.writer import BagWriter
+from artibot_sim.progress import Report
+
+_TELL_EVERY = 500
+"""Messages between two words on the progress."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +37,9 @@ class RecoverReport:
     topics : name → number of messages.
     lost_bytes : at the ends of the files, of no complete record.
     garbage_bytes : after a file's own end, left out.
+    gaps, gap_bytes : places in the middle where bytes belonged to no complete record, and how many did.
     bad_chunks : chunks of which a part or all had to be left out.
+    unknown : messages left out because nothing says any more on which topic they were.
     complete : True if the recording was closed properly and nothing was left out.
     """
 
@@ -43,20 +50,21 @@ class RecoverReport:
     topics: dict[str, int] = field(default_factory=dict)
     lost_bytes: int = 0
     garbage_bytes: int = 0
+    gaps: int = 0
+    gap_bytes: int = 0
     bad_chunks: int = 0
+    unknown: int = 0
     complete: bool = False
 
 
-def recover(
-    path: Path | str, out: Path | str | None = None, *, progress: Callable[[int], None] | None = None
-) -> RecoverReport:
-    """Save everything that can be read of a truncated or killed MCAP recording.
+def recover(path: Path | str, out: Path | str | None = None, *, progress: Report | None = None) -> RecoverReport:
+    """Save everything that can be read of a truncated, killed or damaged MCAP recording.
 
     Parameters
     ----------
     path : folder (with or without metadata.yaml) or bare .mcap file; it is never changed.
     out : folder to write; `<name>_recovered` beside the recording by default.
-    progress : called now and then with the number of messages saved so far.
+    progress : called now and then with the share of the recording that is behind, up to 1.
 
     Returns
     -------
@@ -78,16 +86,16 @@ def recover(
     salvage = _Salvage(files, progress)
     with whole_folder(target) as folder:
         seconds = salvage.write(folder, target.resolve().name)
+    counted = ("lost_bytes", "garbage_bytes", "gaps", "gap_bytes", "bad_chunks")
     return RecoverReport(
         source=source,
         out=target,
         messages=sum(salvage.counts.values()),
         seconds=seconds,
         topics=dict(salvage.counts),
-        lost_bytes=sum(damage.lost_bytes for damage in salvage.damages),
-        garbage_bytes=sum(damage.garbage_bytes for damage in salvage.damages),
-        bad_chunks=sum(damage.bad_chunks for damage in salvage.damages),
-        complete=all(damage.ended and not damage.bad_chunks for damage in salvage.damages),
+        unknown=salvage.unknown,
+        complete=all(damage.none for damage in salvage.damages) and not salvage.unknown,
+        **{name: sum(getattr(damage, name) for damage in salvage.damages) for name in counted},
     )
 
 
@@ -99,18 +107,21 @@ def _check_kind(file: Path) -> None:
         raise ArtibotError(f"{file}: a SQLite recording; `sqlite3 {file} .recover` mends those")
     if not head:
         raise ArtibotError(f"{file}: the file is empty; there is nothing to recover")
-    if not head.startswith(MAGIC):
+    if not head.startswith(MAGIC) and not scan.is_mcap(file):
         raise ArtibotError(f"{file}: begins with {head[:8]!r}, expected MCAP's {MAGIC!r}; there is nothing to recover")
 
 
 class _Salvage:
     """Copies records from damaged files into a new recording."""
 
-    def __init__(self, files: tuple[Path, ...], progress: Callable[[int], None] | None = None) -> None:
+    def __init__(self, files: tuple[Path, ...], progress: Report | None = None) -> None:
         self.files = files
         self._progress = progress
+        self._until_told = 0
+        self._size = sum(file.stat().st_size for file in files)
         self.damages: list[scan.Damage] = []
         self.counts: Counter[str] = Counter()
+        self.unknown = 0
         self._schemas: dict[int, Any] = {}
         self._channels: dict[int, Any] = {}
 
@@ -124,9 +135,15 @@ class _Salvage:
             for file in self.files:
                 for stamp in self._messages(file, bag):
                     first, last = min(first, stamp), max(last, stamp)
-                    if self._progress and (saved := sum(self.counts.values())) % 1000 == 0:
-                        self._progress(saved)
+                    self._tell()
         return (last - first) / 1e9 if self.counts else 0.0
+
+    def _tell(self) -> None:
+        """Say how far the work is, now and then."""
+        self._until_told -= 1
+        if self._progress and self._until_told < 0:
+            self._until_told = _TELL_EVERY
+            self._progress(min(1.0, sum(damage.at for damage in self.damages) / self._size))
 
     def _metadata(self) -> tuple[dict[str, str], list[tuple[str, dict[str, str]]]]:
         """Return the `artibot` record of all files together, and the other metadata records."""
@@ -135,7 +152,7 @@ class _Salvage:
         artibot: dict[str, str] = {}
         others = []
         for file in self.files:
-            for opcode, content, _ in scan.scan(file, scan.Damage(), chunks=False):
+            for opcode, content in scan.scan(file, scan.Damage(), chunks=False):
                 record = _parsed(Metadata, content) if opcode == scan.METADATA else None
                 if record is not None and record.name == "artibot":
                     artibot |= record.metadata
@@ -145,25 +162,37 @@ class _Salvage:
 
     def _messages(self, file: Path, bag: BagWriter) -> Iterator[int]:
         """Copy a file's messages into `bag`, yielding the log time of each."""
-        from mcap.records import Attachment, Channel, Schema
+        from mcap.records import Attachment
 
         damage = scan.Damage()
         self.damages.append(damage)
         self._schemas, self._channels = {}, {}  # ids count anew in each file
-        for opcode, content, _ in scan.scan(file, damage):
-            if opcode == scan.MESSAGE and len(content) >= scan.LEAST_MESSAGE:
-                message = scan.parse_message(content)
+        for record in scan.summary(file):  # what the chunks say may be damaged
+            self._learn(record, bag)
+        for opcode, content in scan.scan(file, damage, self._channels):
+            if opcode == MESSAGE and len(content) >= LEAST_MESSAGE:
+                message = parse_message(content)
                 if message.channel_id in self._channels:
                     yield self._copy(bag, message)
-            elif opcode == scan.SCHEMA and (schema := _parsed(Schema, content)):
-                self._schemas[schema.id] = schema
-            elif opcode == scan.CHANNEL and (channel := _parsed(Channel, content)):
-                self._channels[channel.id] = channel
-                self._register(bag, channel)
+                else:
+                    self.unknown += 1
             elif opcode == scan.ATTACHMENT and (kept := _parsed(Attachment, content)):
                 bag.add_attachment(kept.name, kept.media_type, kept.data, kept.log_time, kept.create_time)
+            else:
+                self._learn(Record(opcode, content), bag)
 
-    def _copy(self, bag: BagWriter, message: scan.Message) -> int:
+    def _learn(self, record: Record, bag: BagWriter) -> None:
+        """Take in what a record says of a schema or channel."""
+        from mcap.records import Channel, Schema
+
+        if record.opcode == scan.SCHEMA and (schema := _parsed(Schema, record.content)):
+            self._schemas.setdefault(schema.id, schema)
+        channel = _parsed(Channel, record.content) if record.opcode == scan.CHANNEL else None
+        if channel and channel.id not in self._channels:
+            self._channels[channel.id] = channel
+            self._register(bag, channel)
+
+    def _copy(self, bag: BagWriter, message: Message) -> int:
         channel = self._channels[message.channel_id]
         bag.write(channel.topic, message.data, message.publish_ns, message.log_ns, message.sequence)
         self.counts[channel.topic] += 1

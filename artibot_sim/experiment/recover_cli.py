@@ -24,12 +24,11 @@ def command(recording: Path, out: Path | None) -> None:
       artibot recover run7            # writes run7_recovered
       artibot recover run7/run7_0.mcap --out saved
     """
-    from rich.console import Console
-
     from artibot_sim.experiment.recover import recover
+    from artibot_sim.progress import Bar
 
-    with Console(stderr=True).status(f"reading {recording}") as status:
-        report = recover(recording, out, progress=lambda saved: status.update(f"saved {saved} messages"))
+    with Bar() as bar:
+        report = recover(recording, out, progress=bar.stage("recovering", 1.0))
     _show(report)
 
 
@@ -50,9 +49,11 @@ def _show(report: RecoverReport) -> None:
     if report.complete and not report.garbage_bytes:
         console.print("the recording was complete: nothing was lost")
     for amount, what in (
-        (report.lost_bytes, "bytes at the end belonged to no complete record"),
-        (report.garbage_bytes, "bytes after the recording's end were left out"),
-        (report.bad_chunks, "chunks were damaged; what was whole in them is saved"),
+        (report.lost_bytes, "B at the end belonged to no complete record"),
+        (report.gap_bytes, f"B in {report.gaps} damaged place(s) were passed over; what comes after is saved"),
+        (report.garbage_bytes, "B after the recording's end were left out"),
+        (report.bad_chunks, "chunk(s) cut off or damaged; what was whole in them is saved"),
+        (report.unknown, "message(s) left out: the record that says what they are is lost"),
     ):
         if amount:
             console.print(f"{amount} {what}")

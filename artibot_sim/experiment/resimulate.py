@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from artibot_sim.model import MOTORS, Mode, Robot, State, Status, load_robot, ro
 from artibot_sim.model.params import params
 from artibot_sim.model.rollout import unlimited_beside_prescribed
 from artibot_sim.model.stability import largest_step
+from artibot_sim.progress import Report
 
 DRIVES = ("rotations", "commands")
 STEP = 1e-3
@@ -58,8 +59,8 @@ class Resimulation:
     windows: int
     remarks: tuple[str, ...] = ()
 
-    def write(self, out: Path | str) -> Path:
-        """Write the bag `out/simulated` and `out/metrics.json`; return `out`.
+    def write(self, out: Path | str, *, progress: Report | None = None) -> Path:
+        """Write `out/simulated` and `out/metrics.json`; `progress` hears the share that is done. Returns `out`.
 
         Raises
         ------
@@ -67,8 +68,7 @@ class Resimulation:
             If one of them exists, or cannot be written.
         """
         out = Path(out)
-        target = out / "metrics.json"
-        if target.exists():
+        if (target := out / "metrics.json").exists():
             raise ArtibotError(f"{target}: exists already; results are never overwritten, give another folder")
         try:
             out.mkdir(parents=True, exist_ok=True)
@@ -77,7 +77,7 @@ class Resimulation:
         about = {"robot": self.robot.name, "description": f"{self.experiment.name} simulated from its {self.drive}"}
         about |= {"horizon": repr(self.horizon)} if self.horizon is not None else {}
         about |= {"kappa": self.experiment.metadata["kappa"]} if "kappa" in self.experiment.metadata else {}
-        write_channels(out / "simulated", self.tables, about)
+        write_channels(out / "simulated", self.tables, about, progress=progress)
         numbers = {channel: metric.as_dict() for channel, metric in self.metrics.items()}
         partial = out / ".metrics.json.partial"
         partial.write_text(json.dumps(numbers, indent=1, ensure_ascii=False) + "\n")
@@ -109,7 +109,7 @@ def resimulate(
     *,
     horizon: float | None = None,
     back: str = "auto",
-    progress: Callable[[float], None] | None = None,
+    progress: Report | None = None,
 ) -> Resimulation:
     """Simulate a recording again and compare.
 
@@ -121,7 +121,7 @@ def resimulate(
         `commands`: the front motors do what `/motor_command` says, the back ones share by eq. 30.
     horizon : s; each segment is cut into windows of this length, each started anew. None: free runs.
     back : with `commands`, `kappa`, `effort` or `auto` (see `motor_inputs.commands`).
-    progress : called with the seconds simulated so far.
+    progress : hears now and then the share that is simulated.
 
     Returns
     -------
@@ -150,7 +150,7 @@ class _Run:
 
     def __init__(
         self, experiment: Experiment, robot: Robot, drive: str, horizon: float | None, back: str,
-        progress: Callable[[float], None],
+        progress: Report,
     ) -> None:  # fmt: skip
         self.experiment = experiment
         self.robot = robot
@@ -158,6 +158,7 @@ class _Run:
         self.horizon = horizon
         self.back = back
         self.progress = progress
+        self.simulated = 0.0
         self.pieces: list[Pieces] = []
         self.windows = 0
         self.remarks: dict[str, int] = {}
@@ -195,7 +196,8 @@ class _Run:
                 modes=inputs.modes, kappa=self.kappa, state=state,
             )  # fmt: skip
             pieces.add(result, first=a == first)
-            self.progress(float(inputs.t[b] - inputs.t[a]))
+            self.simulated += float(inputs.t[b] - inputs.t[a])
+            self.progress(self.simulated / self.experiment.duration)
             if result.status is not Status.OK or result.final_state is None:
                 self._remark(f"a window {result.message.partition(' between')[0]}; the rest of it is left out")
                 return

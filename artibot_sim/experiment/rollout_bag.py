@@ -16,6 +16,7 @@ from artibot_sim.experiment.folders import whole_folder
 from artibot_sim.experiment.odometry import dead_reckon
 from artibot_sim.experiment.qos import LATCHED, STATE
 from artibot_sim.experiment.writer import BagWriter
+from artibot_sim.progress import Report
 
 if TYPE_CHECKING:
     from artibot_sim.model import Commands, Robot
@@ -26,6 +27,10 @@ MOTORS = ("front_right", "front_left", "back_right", "back_left")
 START_NS = 1_000_000_000
 """Stamp of t = 0 by default: not 0, which in a header means "no stamp"."""
 _PLANNED_PERIOD = 0.04
+_ENCODING = 0.7
+"""About this share of the work of writing is encoding."""
+_TELL_EVERY = 1000
+"""Messages between two words on the progress."""
 Table = tuple[Stamps, Mapping[str, Floats]]
 
 
@@ -45,6 +50,7 @@ def write_channels(
     *,
     latched: Mapping[str, list[tuple[int, bytes]]] | None = None,
     compression: str = "zstd",
+    progress: Report | None = None,
 ) -> Path:
     """Write columns as a contract bag; `read_bag` gives them back.
 
@@ -56,6 +62,7 @@ def write_channels(
     metadata : strings for the `artibot` record.
     latched : channel key → (stamp in ns, CDR bytes) of messages made elsewhere.
     compression : of the chunks: `zstd`, `lz4` or `none`.
+    progress : hears now and then the share that is done.
 
     Returns
     -------
@@ -69,6 +76,7 @@ def write_channels(
     """
     folder = Path(folder)
     outgoing = []
+    tell = progress or (lambda _: None)
     for order, (key, (stamps, columns)) in enumerate(tables.items()):
         topic = BY_KEY[key]
         for name, values in columns.items():
@@ -76,6 +84,7 @@ def write_channels(
                 raise ArtibotError(f"{topic.name}: column '{name}' has {len(values)} rows, its stamps {len(stamps)}")
         encode = encoder(topic, columns)
         outgoing += [_Outgoing(stamp, order, key, encode(row, stamp)) for row, stamp in enumerate(stamps.tolist())]
+        tell(_ENCODING * (order + 1) / len(tables))
     for key, messages in (latched or {}).items():
         outgoing += [_Outgoing(stamp, -1, key, data) for stamp, data in messages]
     outgoing.sort(key=lambda message: message[:2])
@@ -86,7 +95,9 @@ def write_channels(
     ):
         for key in (*(latched or {}), *tables):
             bag.register(BY_KEY[key].name, BY_KEY[key].ros_type, LATCHED if BY_KEY[key].latched else STATE)
-        for message in outgoing:
+        for number, message in enumerate(outgoing):
+            if number % _TELL_EVERY == 0:
+                tell(_ENCODING + (1.0 - _ENCODING) * number / len(outgoing))
             bag.write(BY_KEY[message.key].name, message.data, message.log_ns, message.log_ns)
     return folder
 

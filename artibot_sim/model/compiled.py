@@ -12,7 +12,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
-from numba.core import config
+from numba.core import config, event
+
+from artibot_sim import progress
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -63,6 +65,32 @@ def _spare_scipy() -> None:
 
 
 _spare_scipy()
+
+
+class _Compiling(event.Listener):
+    """Tells those who want to know when numba compiles something that the model's folder does not have."""
+
+    def __init__(self) -> None:
+        self._depth = 0
+
+    def on_start(self, event: event.Event) -> None:
+        """Called for a loop, and for every piece that is compiled into it."""
+        self._depth += 1
+        if self._depth == 1:
+            self._tell(True)
+
+    def on_end(self, event: event.Event) -> None:
+        """Called in the reverse order."""
+        self._depth -= 1
+        if self._depth == 0:
+            self._tell(False)
+
+    def _tell(self, begins: bool) -> None:
+        for hear in progress.compiling:
+            hear(begins)
+
+
+event.register("numba:compile", _Compiling())
 
 
 def _jit(function: Function, **options: Any) -> Function:

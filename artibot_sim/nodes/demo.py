@@ -4,65 +4,42 @@ from __future__ import annotations
 
 import contextlib
 import os
-import re
 import shlex
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 import click
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.nodes.crew import Child, ChildFailed, Crew, Interrupted, noted_signals
+from artibot_sim.nodes.crew import ChildFailed, Crew, Interrupted, noted_signals
+from artibot_sim.nodes.demo_drive import (
+    START,
+    VCAN,
+    Settings,
+    begin,
+    drive_by_topics,
+    drive_over_can,
+    has_drives,
+    is_free,
+)
 from artibot_sim.nodes.domain import reserved_domain
 from artibot_sim.nodes.options import Number
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from artibot_sim.model import Robot
     from artibot_sim.nodes.demo_display import Steps
-    from artibot_sim.planning import Plan
 
-START: Final = 60.0
-"""How long a node may take until it is ready, s: compiling the model the first time is most of it."""
-DRIVE: Final = 180.0
-"""How long the drive may take, s of real time."""
 OTHERS: Final = 90.0
 """How long replay, and the picture, may take, s."""
 STRAGGLERS: Final = 3.0
 """How long after a replay's end its last messages may still come, s."""
 REPLAY_RATE: Final = 3
-"""Of the recorder's time, in which the drive went three times as fast as in reality."""
-SIM_OPTIONS: Final = ("--rate", "3", "--wait-for-profile", "--params", "sim_patient")
-"""Three times real time, for at full speed the planner's pose (50 Hz of simulated time) could not keep up."""
-READY: Final = "is ready at kappa"
-SIMULATED: Final = ("/ground_truth/odom", "/odom", "/joint_states", "/motor_torques", "/motor_command")
-
-
-class Settings(NamedTuple):
-    """What is to be shown."""
-
-    robot: Robot
-    robot_name: str
-    kappa: float
-    manoeuvre: str
-    plan: Plan
-    out: Path
-    domain: int
-
-    @property
-    def recording(self) -> Path:
-        """The drive's recording."""
-        return self.out / self.manoeuvre
-
-    @property
-    def environment(self) -> dict[str, str]:
-        """What keeps the demo's nodes among themselves."""
-        return {"ROS_DOMAIN_ID": str(self.domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+"""Of the recorder's time."""
 
 
 @click.command("demo", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -72,9 +49,10 @@ class Settings(NamedTuple):
 @click.option("--short", is_flag=True, help="Drive ten seconds instead of the paper's trajectory.")
 @click.option("--domain", type=click.IntRange(0, 232), help="ROS_DOMAIN_ID.  [default: one that nobody uses]")
 def command(out: Path | None, robot: str, kappa: float | None, short: bool, domain: int | None) -> int:
-    """Plan the paper's trajectory, simulate, record and replay it with real ROS 2 nodes, and show what happened.
+    """Plan the paper's trajectory, drive, record and replay it with real ROS 2 nodes, and show what happened.
 
-    Takes less than a minute and ends every process it starts.
+    Planner, driver, CAN bus, drives and model form the loop that a real rover has; a robot whose file has no data of
+    its drives is moved by topics. Takes about a minute and ends every process it starts.
 
     \b
     Examples:
@@ -84,12 +62,15 @@ def command(out: Path | None, robot: str, kappa: float | None, short: bool, doma
     """
     from rich.console import Console
 
+    from artibot_driver.master import check_kappa
     from artibot_sim.model import load_robot
     from artibot_sim.planning import load_manoeuvre, plan
 
     console = Console(highlight=False)
     rover = load_robot(robot)
     share = rover.control.kappa if kappa is None else kappa
+    if has_drives(rover):
+        check_kappa(rover, share)
     manoeuvre = "short" if short else "table6_epiq" if rover.name == "epiq" else "table6_agriq"
     planned = plan(load_manoeuvre(manoeuvre), rover)
     try:
@@ -136,10 +117,16 @@ def _run(settings: Settings, asked: list[int], console: Console) -> int:
         "RCUTILS_CONSOLE_OUTPUT_FORMAT": "[{severity}] [{name}]: {message}",
         "PYTHONUNBUFFERED": "1",
     }
-    crew, steps = Crew(logs, {**os.environ, **quiet}, asked), Steps(console, 5)
+    over_can = has_drives(settings.robot)
+    channel = VCAN if over_can and is_free(VCAN) else ""
+    crew = Crew(logs, {**os.environ, **quiet}, asked)
+    steps = Steps(console, (6 if channel else 7) if over_can else 5)
     try:
         _introduce(settings, console)
-        _drive(settings, crew, steps)
+        if over_can:
+            drive_over_can(settings, crew, steps, channel)
+        else:
+            drive_by_topics(settings, crew, steps)
         _replay(settings, crew, steps)
         _draw(settings, crew, steps)
         return _conclude(settings, console, began)
@@ -165,37 +152,13 @@ def _introduce(settings: Settings, console: Console) -> None:
     console.print(f"        export {variables}\n", style="cyan", markup=False, soft_wrap=True)
 
 
-def _drive(settings: Settings, crew: Crew, steps: Steps) -> None:
-    """Simulate and record the planned drive: three processes, as in three terminals."""
-    about = ["--robot", settings.robot_name, "--kappa", f"{settings.kappa:g}"]
-    sim = _begin(crew, steps, "Simulator", ["sim", *about, *SIM_OPTIONS], stays=True)
-    crew.wait(sim, lambda: READY in sim.output, START, "ready", steps.tick)
-    steps.done("waits for a profile; time will run at three times its pace")
-
-    about[1] = settings.robot.name
-    out = ["--out", str(settings.recording)]
-    record = _begin(crew, steps, "Recorder, in a second terminal", ["record", *about, *out], stays=True)
-    crew.wait(record, lambda: _records(record), START, f"recording {', '.join(SIMULATED)}", steps.tick)
-    steps.done("has found the simulator's topics")
-
-    words = ["planner", settings.manoeuvre, "--robot", settings.robot_name, "--use-sim-time", "--start-delay", "3"]
-    planner = _begin(crew, steps, "Planner, in a third terminal", words, note=lambda: _how_far(planner))
-    crew.wait_for_end(planner, START + DRIVE, steps.tick)
-    crew.stop(sim)
-    crew.stop(record)
-    messages = re.findall(r"(\d+) messages of (\d+) topics", record.output)
-    if not messages:
-        raise ChildFailed(record, "did not say what it recorded")
-    steps.done(f"the rover has driven; {messages[-1][0]} messages of {messages[-1][1]} topics are recorded")
-
-
 def _replay(settings: Settings, crew: Crew, steps: Steps) -> None:
     """Publish the recording again and compare what comes with it."""
     from artibot_sim.nodes.demo_echo import listening
 
     with listening(settings.recording, settings.domain) as echo:
         words = ["replay", str(settings.recording), "--rate", str(REPLAY_RATE), "--wait", "1"]
-        replay = _begin(crew, steps, "Replay", words, note=lambda: f"{echo.count} of {echo.expected} messages")
+        replay = begin(crew, steps, "Replay", words, note=lambda: f"{echo.count} of {echo.expected} messages")
 
         def listen() -> None:
             echo.take()
@@ -213,32 +176,13 @@ def _draw(settings: Settings, crew: Crew, steps: Steps) -> None:
     """Draw the recording."""
     files = ["--png", str(settings.out / "drive.png"), "--html", str(settings.out / "drive.html")]
     words = ["plot", str(settings.recording), "--robot", settings.robot_name, *files]
-    crew.wait_for_end(_begin(crew, steps, "Picture", words), OTHERS, steps.tick)
+    crew.wait_for_end(begin(crew, steps, "Picture", words), OTHERS, steps.tick)
     steps.done("drawn")
-
-
-def _begin(
-    crew: Crew, steps: Steps, name: str, words: Sequence[str], *, stays: bool = False, note: Callable[[], str] = str
-) -> Child:
-    steps.begin(name, shlex.join(["artibot", *words]), note)
-    return crew.start(*words, stays=stays)
-
-
-def _records(record: Child) -> bool:
-    """Whether the recorder has found all that the simulator publishes."""
-    output = record.output
-    return all(f"recording {topic} [" in output for topic in SIMULATED)
-
-
-def _how_far(planner: Child) -> str:
-    """Return how far the drive is, from the planner's log."""
-    said = re.findall(r"\d+ of \d+ s$", planner.output, re.MULTILINE)
-    return str(said[-1]) if said else ""
 
 
 def _conclude(settings: Settings, console: Console, began: float) -> int:
     """Show the figures, where the files are, and what to type next; return the exit status."""
-    from artibot_sim.nodes.demo_result import NOTE, lacks, read_result, result_table
+    from artibot_sim.nodes.demo_result import lacks, note, read_result, result_table
 
     result, plan = read_result(settings.recording), settings.plan
     missing = lacks(result, plan.duration)
@@ -249,7 +193,7 @@ def _conclude(settings: Settings, console: Console, began: float) -> int:
     console.print()
     console.print(result_table(result, settings.robot.name, settings.kappa, plan.duration, plan.path_length, paper))
     if paper:
-        console.print(NOTE, style="dim", markup=False)
+        console.print(note(has_drives(settings.robot)), style="dim", markup=False)
     out, bag = shlex.quote(str(settings.out)), shlex.quote(str(settings.recording))
     results = {
         f"{out}/drive.png": "the picture",

@@ -1,13 +1,16 @@
-"""How the demo shows its steps: a line each, and on a terminal a spinner while one runs."""
+"""How the demo shows its steps: a line each, and on a terminal a spinner while one runs, with a bar if it can."""
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable
 
 from rich.console import Console
 from rich.live import Live
+from rich.progress_bar import ProgressBar
 from rich.spinner import Spinner
+from rich.table import Table
 from rich.text import Text
 
 
@@ -47,9 +50,13 @@ class Steps:
     def tick(self) -> None:
         """Keep the spinner turning; to be called often."""
         if self._live is not None:
-            text = f" {time.monotonic() - self._began:4.1f} s  {self._note()}"
-            self._spinner.update(text=Text(text, style="dim"))
-            self._live.refresh()
+            note = self._note()
+            self._spinner.update(text=Text(f" {time.monotonic() - self._began:4.1f} s  {note}", style="dim"))
+            row = Table.grid(padding=(0, 2))
+            far = re.search(r"(\d+) of (\d+)", note)
+            bar = [ProgressBar(total=float(far[2]), completed=float(far[1]), width=24)] if far else []
+            row.add_row(self._spinner, *bar)
+            self._live.update(row, refresh=True)
 
     def done(self, what: str) -> None:
         """End the step and say what came of it."""

@@ -18,11 +18,20 @@ PAPER: Final[Mapping[str, Mapping[float, tuple[float, float]]]] = {
     "epiq": {0.6: (1.98, 1.79), 0.8: (2.13, 2.20), 1.0: (2.52, 2.75)},
 }
 """Table 7: robot → kappa → magnitude of e_gamma and e_x in %, on the trajectory of Table 6."""
-NOTE: Final = (
-    "Torques peak where the planned curvature jumps: prescribed motors follow, whatever it takes. Table 7 prints "
-    "magnitudes; geometry that the paper lost was inferred by fitting this very table, so it is context here, not a "
-    "validation."
+TORQUES: Final = (
+    "Torques peak where the planned curvature jumps: prescribed motors follow, whatever it takes. ",
+    "Torques peak where the planned curvature jumps, up to the motors' limits; the wheels catch up after. ",
 )
+"""Of motors that follow their command exactly, and of those that drives turn."""
+TABLE_7: Final = (
+    "Table 7 prints magnitudes; geometry that the paper lost was inferred by fitting this very table, so it is context "
+    "here, not a validation."
+)
+
+
+def note(drives: bool) -> str:
+    """What to say below the figures."""
+    return TORQUES[drives] + TABLE_7
 
 
 class Result(NamedTuple):

@@ -9,6 +9,7 @@ came in the meantime: a heartbeat that was there in time counts.
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -16,6 +17,7 @@ from artibot_driver.bus import Bus, open_bus
 from artibot_driver.bus_health import BusState
 from artibot_driver.config import DriverConfig, load_config
 from artibot_driver.frames import Frame
+from artibot_driver.listener import interface_of
 from artibot_driver.rig import Rig
 from artibot_driver.simulated.drive import SimulatedDrive
 from artibot_sim.errors import ArtibotError
@@ -90,20 +92,20 @@ class DriveLoop:
 
     def _serve(self, until: int) -> None:
         """Answer frames until then, and what has come by then, but not for ever."""
-        late = 0
+        late, now = 0, time.monotonic_ns()
         while late < MOST_AT_ONCE:
-            left = until - time.monotonic_ns()
-            message = self.bus.receive(max(0, left) * 1e-9)
+            message = self.bus.receive_any(max(0, until - now) * 1e-9)
+            now = time.monotonic_ns()
             if message is None:
-                left = until - time.monotonic_ns()
-                if left <= 0:
+                if now >= until:
                     return
-                time.sleep(min(left, 1_000_000) * 1e-9)  # a bus that is down or lost says at once that nothing came
+                time.sleep(min(until - now, 1_000_000) * 1e-9)  # a bus that is down says at once that nothing came
+                now = time.monotonic_ns()
                 continue
-            late += left <= 0
-            if message.is_extended_id or message.is_remote_frame:
+            late += now >= until
+            if message.is_error_frame or message.is_extended_id or message.is_remote_frame:
                 continue
-            can_id, data, now = message.arbitration_id, bytes(message.data), time.monotonic_ns()
+            can_id, data = message.arbitration_id, bytes(message.data)
             for drive in self.drives.values():
                 drive.receive(can_id, data, now)
 
@@ -127,6 +129,16 @@ class DriveLoop:
         return f"bus {config.channel} is there again"
 
 
+def drive_states(drives: Mapping[str, SimulatedDrive]) -> str:
+    """Their states in words, those that agree together: ``all operation enabled``."""
+    motors: dict[str, list[str]] = {}
+    for motor, drive in drives.items():
+        motors.setdefault(drive.state.name.lower().replace("_", " "), []).append(motor)
+    if len(motors) == 1:
+        return f"all {next(iter(motors))}"
+    return "; ".join(f"{', '.join(names)} {state}" for state, names in motors.items())
+
+
 def drive_config(robot: str, params: str = "driver", interface: str = "", channel: str = "") -> DriverConfig:
     """The driver's parameters as the simulated drives take them.
 
@@ -137,9 +149,11 @@ def drive_config(robot: str, params: str = "driver", interface: str = "", channe
     params : str
         A shipped parameter file's name, or a path.
     interface, channel : str
-        Instead of those in the file, where not empty.
+        Instead of those in the file, where not empty; a channel alone says by its looks which interface it is of.
     """
     config = load_config(params)
+    if channel:
+        interface = interface_of(channel, interface)
     return replace(config, robot=robot, interface=interface or config.interface, channel=channel or config.channel)
 
 

@@ -141,9 +141,10 @@ class RoverShafts:
         self._put(self._counted + self._stepper.q[_MOTORS])
 
     @property
-    def front_position(self) -> tuple[float, float]:
-        """Angles of the front motors since the start, rad."""
-        return float(self._stepper.q[6]), float(self._stepper.q[7])
+    def pose(self) -> tuple[float, float, float]:
+        """Where the front module is, in `map`: x, y (m) and yaw (rad)."""
+        q = self._stepper.q
+        return float(q[0]), float(q[1]), float(q[5])
 
     def _put(self, counted: Array) -> None:
         self._counted = counted

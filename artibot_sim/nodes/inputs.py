@@ -14,7 +14,8 @@ from trajectory_msgs.msg import JointTrajectory
 
 from artibot_sim.nodes import arbiter
 from artibot_sim.nodes.command_messages import TOPICS, Rules, Source, parse_request, parse_twist
-from artibot_sim.nodes.profile import Refused, parse_profile
+from artibot_sim.nodes.profile import Profile, Refused
+from artibot_sim.nodes.profile_reader import ProfileReader
 from artibot_sim.nodes.stamps import SECOND, stamp_of
 
 IN_FLIGHT = 1.0
@@ -33,6 +34,8 @@ class Inputs:
         May be exchanged while running.
     stamped : bool
         Whether `cmd_vel` is a TwistStamped.
+    beside : bool
+        Whether profiles are read in a thread of their own, so that nothing else waits for them.
 
     Attributes
     ----------
@@ -42,9 +45,11 @@ class Inputs:
         What was heard so far.
     deaf : str
         Why no command is taken at the moment, or empty; a command that comes then is lost.
+    refusals : dict of Source to str
+        Why the last message of a source was refused; nothing where it was not.
     """
 
-    def __init__(self, node: Node, rules: Rules, stamped: bool) -> None:
+    def __init__(self, node: Node, rules: Rules, stamped: bool, beside: bool = False) -> None:
         self.rules = rules
         self.t_ns = 0
         self.state = arbiter.Commanding()
@@ -54,9 +59,9 @@ class Inputs:
         self._reset_wall_ns = 0
         self._reset_at = -IN_FLIGHT
         self.deaf = ""
+        self.refusals: dict[Source, str] = {}
         sensor = qos_profile_sensor_data
         self._subscriptions = [
-            node.create_subscription(JointTrajectory, TOPICS[Source.PROFILE], self._on_profile, PROFILE_QOS),
             node.create_subscription(JointState, TOPICS[Source.LIVE], self._on_request, sensor),
             node.create_subscription(
                 TwistStamped if stamped else Twist, TOPICS[Source.CMD_VEL], self._on_twist, sensor
@@ -64,6 +69,20 @@ class Inputs:
             node.create_subscription(Odometry, "planned/odom", self._on_planner, sensor, raw=True),
         ]
         self._stamped = stamped
+        self._reader = ProfileReader(beside)
+        self._node, self._profiles = node, None
+        self.hear_profiles(True)
+
+    def hear_profiles(self, wanted: bool) -> None:
+        """Subscribe to profiles or not: a planner waits for somebody who does before it publishes its one."""
+        if wanted and self._profiles is None:
+            topic = TOPICS[Source.PROFILE]
+            self._profiles = self._node.create_subscription(
+                JointTrajectory, topic, self._on_profile, PROFILE_QOS, raw=True
+            )
+        elif not wanted and self._profiles is not None:
+            self._node.destroy_subscription(self._profiles)
+            self._profiles = None
 
     @property
     def now(self) -> float:
@@ -86,15 +105,18 @@ class Inputs:
     def drop(self, position: tuple[float, float]) -> None:
         """Forget every command, also those on their way; the front motors stand at `position` (rad)."""
         self.state = arbiter.Commanding(position=position)
+        self.refusals.clear()
+        self._reader.drop()
         self._reset_wall_ns, self._reset_at = time.time_ns(), time.monotonic()
 
     def take(self) -> None:
         """Hear the messages that have come, without an executor."""
-        for subscription in self._subscriptions:
+        for subscription in (*self._subscriptions, *([self._profiles] if self._profiles else [])):
             handle = subscription.handle
             with handle:
                 while (taken := handle.take_message(subscription.msg_type, subscription.raw)) is not None:
                     subscription.callback(*taken)
+        self._take_profiles()
 
     def decide(self, knot_ns: int, knots: int = 1) -> arbiter.Decision:
         """Commands for the period of `knots` intervals of `knot_ns` nanoseconds that begins now, ``t_ns``."""
@@ -109,32 +131,49 @@ class Inputs:
             return False
         return bool(info["source_timestamp"] < self._reset_wall_ns)
 
-    def _unheard(self, source: Source, info: dict[str, Any]) -> bool:
-        """Whether a command is none, because of when it was sent or comes."""
+    def _is_deaf(self, source: Source) -> bool:
         if self.deaf:
             self._log.warning(f"{TOPICS[source]} refused: {self.deaf}", throttle_duration_sec=5.0)
-        return bool(self.deaf) or self._outdated(info)
+        return bool(self.deaf)
+
+    def _unheard(self, source: Source, info: dict[str, Any]) -> bool:
+        """Whether a command is none, because of when it was sent or comes."""
+        return self._is_deaf(source) or self._outdated(info)
 
     def _refuse(self, source: Source, reason: Refused) -> None:
         self._log.warning(f"{TOPICS[source]} refused: {reason}", throttle_duration_sec=1.0)
+        self.refusals[source] = str(reason)
         self.state = arbiter.hear_refused(self.state, source)
 
-    def _on_profile(self, message: JointTrajectory, info: dict[str, Any]) -> None:
-        if self._unheard(Source.PROFILE, info):
+    def _on_profile(self, message: bytes, info: dict[str, Any]) -> None:
+        if self._is_deaf(Source.PROFILE):
             return
+        # one that waits for latecomers may come long after a stop
+        if info["source_timestamp"] < self._reset_wall_ns:
+            self._refuse_profile(Refused("it was published before the last stop or enable; publish it anew"))
+            return
+        self._reader.submit(message, self.now)
+        self._take_profiles()
+
+    def _take_profiles(self) -> None:
+        for profile, received in self._reader.results():
+            self._take_profile(profile, received)
+
+    def _take_profile(self, profile: Profile | Refused, received: float) -> None:
         try:
-            # one that waits for latecomers may come long after a stop
-            if info["source_timestamp"] < self._reset_wall_ns:
-                raise Refused("it was published before the last stop or enable; publish it anew")
-            profile = parse_profile(message)
+            if isinstance(profile, Refused):
+                raise profile
             known = self.state.last_key == profile.key
-            self.state = arbiter.hear_profile(self.state, profile, self.rules, self.t_ns, self.now)
+            self.state = arbiter.hear_profile(self.state, profile, self.rules, self.t_ns, received)
         except Refused as reason:
-            self._log.warning(f"{TOPICS[Source.PROFILE]} refused: {reason}")
+            self._refuse_profile(reason)
             return
         if not known:
             ahead, lasts = (profile.start_ns - self.t_ns) * 1e-9, profile.times_ns[-1] * 1e-9
             self._log.info(f"profile accepted: it starts in {ahead:.3f} s and lasts {lasts:.3f} s")
+
+    def _refuse_profile(self, reason: Refused) -> None:
+        self._log.warning(f"{TOPICS[Source.PROFILE]} refused: {reason}")
 
     def _on_request(self, message: JointState, info: dict[str, Any]) -> None:
         if self._unheard(Source.LIVE, info):
@@ -146,6 +185,7 @@ class Inputs:
             return
         if remark:
             self._log.warning(f"{TOPICS[Source.LIVE]}: {remark}", throttle_duration_sec=1.0)
+        self.refusals.pop(Source.LIVE, None)
         self.state = arbiter.hear_live(self.state, velocity, effort, self.now)
 
     def _on_twist(self, message: TwistStamped | Twist, info: dict[str, Any]) -> None:
@@ -156,6 +196,7 @@ class Inputs:
         except Refused as reason:
             self._refuse(Source.CMD_VEL, reason)
             return
+        self.refusals.pop(Source.CMD_VEL, None)
         self.state = arbiter.hear_twist(self.state, velocity, self.now)
 
     def _on_planner(self, message: bytes, info: dict[str, Any]) -> None:

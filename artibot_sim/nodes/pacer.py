@@ -50,6 +50,11 @@ class Pacer:
         """Seconds to the deadline, negative when it is over."""
         return (self._deadline - time.monotonic_ns()) * 1e-9 if self.rate else 0.0
 
+    @property
+    def deadline_ns(self) -> int:
+        """Steady time of the deadline, ns."""
+        return self._deadline
+
     def due_ns(self) -> int:
         """System time of the deadline, ns since 1970, as the system clock stands now."""
         return time.time_ns() + round(self.remaining() * 1e9)
@@ -80,6 +85,25 @@ class Pacer:
             return late
         return 0
 
+    def skip(self) -> int:
+        """Note that the step of this deadline is done, and go on to the first deadline that is not over.
+
+        Returns
+        -------
+        int
+            Deadlines from this one to the next: 1, and more where some were missed. They are not made up for.
+        """
+        self.done()
+        missed = max(0, -round(self.remaining() * 1e9) // self._wall_ns)
+        self._deadline += missed * self._wall_ns
+        return 1 + missed
+
+    def recent(self, steps: int, percentile: float) -> float:
+        """A percentile of how late the last steps were, s."""
+        count = min(self._steps, steps, KEPT)
+        last = self._late[np.arange(self._steps - count, self._steps) % KEPT]
+        return float(np.percentile(last, percentile)) * 1e-9 if count else 0.0
+
     def statistics(self) -> dict[str, Any]:
         """Lateness of publication (ms after the deadline), overruns, share of one core, since the first step."""
         wall = max(time.monotonic_ns() - self._began, 1) * 1e-9
@@ -98,6 +122,19 @@ class Pacer:
             "overruns": self._overruns,
             "slips": self._slips,
         }
+
+
+def check_stats(name: str) -> None:
+    """Refuse a file of statistics whose folder is missing: a run of hours must not find out at its end.
+
+    Raises
+    ------
+    ArtibotError
+        Naming the file.
+    """
+    path = Path(name)
+    if name and not path.parent.is_dir():
+        raise ArtibotError(f"parameter stats: {path}: there is no folder {path.parent}; make it first")
 
 
 def write_statistics(path: Path, statistics: dict[str, Any]) -> None:

@@ -1,8 +1,8 @@
 """The planner node: publishes a plan, and while it is followed where the rover ought to be.
 
-It waits until somebody listens to the profile, chooses a start a little ahead (`start_delay`), publishes path and
-profile once (transient local) and the planned odometry all the time, until a little after the end. All stamps are the
-node's time: the system's, or /clock's with `use_sim_time`.
+It waits until somebody who follows listens to the profile (see `followers`), chooses a start a little ahead
+(`start_delay`), publishes path and profile once (transient local) and the planned odometry all the time, until a little
+after the end. All stamps are the node's time: the system's, or /clock's with `use_sim_time`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 
 from nav_msgs.msg import Odometry, Path
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
+from rclpy.node import Node, NodeNameNonExistentError
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from trajectory_msgs.msg import JointTrajectory
@@ -36,9 +36,16 @@ SPECS = (
     Spec(
         "subscriber_timeout",
         30.0,
-        "How long to wait for somebody to listen to planned/front_velocity, s; 0: do not wait.",
+        "How long to wait for them to listen to planned/front_velocity, s; 0: do not wait.",
         low=0.0,
         high=1e6,
+    ),
+    Spec(
+        "wait_for",
+        "follower",
+        "For whom to wait: follower, who listens and publishes a JointState, as simulator and driver do and a recorder "
+        "does not; anyone, who listens.",
+        choices=("follower", "anyone"),
     ),
     Spec("clock_timeout", 30.0, "How long to wait for the first /clock with use_sim_time, s.", low=0.1, high=1e6),
     Spec("tail", 0.5, "How long planned/odom goes on after the end, s.", low=0.0, high=1e6),
@@ -149,10 +156,17 @@ class PlannerNode(Node):
         timeout, topic = self.settings["subscriber_timeout"], self._profile.topic_name
         if timeout == 0:
             return
-        if not self._spin(executor, lambda: self._profile.get_subscription_count() > 0, timeout) and not self._asked:
+        anyone = self.settings["wait_for"] == "anyone"
+
+        def heard() -> bool:
+            return self._profile.get_subscription_count() > 0 and (anyone or followers(self, topic) > 0)
+
+        if not self._spin(executor, heard, timeout) and not self._asked:
+            others = sorted({info.node_name for info in self.get_subscriptions_info_by_topic(topic)})
+            who = f"nobody but {', '.join(others)}" if others else "nobody"
             raise ArtibotError(
-                f"{topic}: nobody listened within {timeout:g} s, expected a simulator or driver; start one in the same "
-                "namespace and ROS_DOMAIN_ID, or set subscriber_timeout to 0 to publish all the same"
+                f"{topic}: {who} listened within {timeout:g} s, expected a simulator or driver; start one in the same "
+                "namespace and ROS_DOMAIN_ID, set wait_for to anyone, or subscriber_timeout to 0 to publish anyway"
             )
         if not self._on_clock and self.count_publishers("/clock"):
             self.get_logger().warning("somebody publishes /clock, but use_sim_time is false: stamps may not agree")
@@ -195,3 +209,20 @@ class PlannerNode(Node):
             return 1
         self.get_logger().info(f"{self.plan.manoeuvre.name} is over")
         return 0
+
+
+def followers(node: Node, topic: str) -> int:
+    """Return how many nodes listen to a profile and publish a JointState.
+
+    Whoever turns motors says what they do; a recorder or a viewer listens and says nothing.
+    """
+    count = 0
+    for info in node.get_subscriptions_info_by_topic(topic):
+        if not info.node_namespace.startswith("/"):  # rclpy's "unknown": not discovered in full yet
+            continue
+        try:
+            published = node.get_publisher_names_and_types_by_node(info.node_name, info.node_namespace)
+        except NodeNameNonExistentError:
+            continue
+        count += any("sensor_msgs/msg/JointState" in types for _, types in published)
+    return count

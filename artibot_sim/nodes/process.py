@@ -2,14 +2,57 @@
 
 from __future__ import annotations
 
+import gc
 import signal
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
+from artibot_driver.priority import drop_priority, take_priority
 from artibot_sim.errors import ArtibotError
 from artibot_sim.nodes.ros_args import split_ros_args
 
-__all__ = ["ros_process", "split_ros_args"]
+__all__ = ["asked_to_end", "ros_process", "split_ros_args", "undisturbed"]
+
+_SWITCH = 5e-4  # s: a thread hands over to the one that waits after so long; Python's own 5 ms are too many
+
+
+@contextmanager
+def undisturbed(priority: int = 0) -> Iterator[None]:
+    """No garbage collection and short turns of other threads: both delay messages.
+
+    Parameters
+    ----------
+    priority : int
+        Of this thread among the machine's real-time ones meanwhile, where the system grants it; 0: none.
+    """
+    take_priority(priority)
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(_SWITCH)
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+        gc.unfreeze()
+        sys.setswitchinterval(before)
+        if priority:
+            drop_priority()
+
+
+@contextmanager
+def asked_to_end() -> Iterator[list[int]]:
+    """Take SIGINT and SIGTERM as a wish: yields a list that grows by the number of each, for a loop to look at."""
+    asked: list[int] = []
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = {number: signal.signal(number, lambda n, _frame: asked.append(n)) for number in numbers}
+    try:
+        yield asked
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager
@@ -38,20 +81,16 @@ def ros_process(name: str, ros_args: Sequence[str]) -> Iterator[list[int]]:
     from rclpy.exceptions import NameValidationException
     from rclpy.signals import SignalHandlerOptions
 
-    asked: list[int] = []
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = {number: signal.signal(number, lambda n, _frame: asked.append(n)) for number in numbers}
-    try:
-        with _clear_refusals():
-            rclpy.init(args=[name, *ros_args], signal_handler_options=SignalHandlerOptions.NO)
-        yield asked
-    except NameValidationException as error:
-        reason = " ".join(str(error).split())
-        raise ArtibotError(f"--ros-args: {reason}; expected a name such as /rover1/odom") from error
-    finally:
-        rclpy.try_shutdown()
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    with asked_to_end() as asked:
+        try:
+            with _clear_refusals():
+                rclpy.init(args=[name, *ros_args], signal_handler_options=SignalHandlerOptions.NO)
+            yield asked
+        except NameValidationException as error:
+            reason = " ".join(str(error).split())
+            raise ArtibotError(f"--ros-args: {reason}; expected a name such as /rover1/odom") from error
+        finally:
+            rclpy.try_shutdown()
 
 
 @contextmanager

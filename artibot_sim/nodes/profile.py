@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from array import array
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -112,8 +113,14 @@ def parse_profile(message: Any) -> Profile:
     else:
         position = _integrated(times, velocity)
     start = _nanoseconds(message.header.stamp)
-    digest = hashlib.blake2b(repr((start, times, velocity, position)).encode(), digest_size=16).digest()
-    return Profile(start, times, velocity, position, digest)
+    return Profile(start, times, velocity, position, _digest(start, times, velocity, position))
+
+
+def _digest(start: int, times: tuple[int, ...], velocity: tuple[Pair, ...], position: tuple[Pair, ...]) -> bytes:
+    digest = hashlib.blake2b(array("q", (start, *times)).tobytes(), digest_size=16)
+    for pairs in (velocity, position):
+        digest.update(array("d", (number for pair in pairs for number in pair)).tobytes())
+    return digest.digest()
 
 
 def _nanoseconds(stamp: Any) -> int:

@@ -6,7 +6,7 @@ import threading
 import time
 from typing import Any
 
-from artibot_driver.listener import Listener, arrival_ns, interface_of
+from artibot_driver.listener import Listener, interface_of
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.can_frames import CAN_QOS, CAN_TOPIC, LONGEST, CanFrame, encode_frame
 from artibot_sim.experiment.messages import CAN_FRAME
@@ -17,8 +17,10 @@ from artibot_sim.parameters import Spec
 MOST_WAITING = 200_000
 """Messages that may wait for a slow disk before frames are left out: memory is not for ever."""
 _PATIENCE = 0.1
-_LAST_FRAMES = 0.5
-"""At the end, what has arrived before is still taken, but no longer than this, s: a busy bus never falls silent."""
+_LAST_FRAMES = 10.0
+"""At the end what has arrived before is still taken, however much that is, but no longer than this, s."""
+_BRIEF = 0.5
+"""The same where stamps do not tell what came before, s."""
 _STEP_BACK = 1_000_000_000
 """ns; a smaller step back of the clock does not change the order of frames."""
 
@@ -50,7 +52,10 @@ def open_listener(node: Any, channel: str | None, interface: str | None) -> List
     log = node.get_logger()
 
     def say(bad: bool, text: str) -> None:
-        (log.warning if bad else log.info)(f"{text}; the recording goes on" if bad else text)
+        if bad:  # two lines: rclpy lets one line of code log with one severity only
+            log.warning(f"{text}; the recording goes on")
+        else:
+            log.info(text)
 
     return Listener(interface_of(asked[0], asked[1]), asked[0], say)
 
@@ -98,16 +103,17 @@ class CanTap:
 
     def _run(self) -> None:
         """Pass frames on until the end, and then those that are there already: the thread's body."""
-        next_look = 0.0
         while not self._ending.is_set():
             message = self._listener.hear(_PATIENCE)
             if message is not None:
                 self._take(message)
-            if time.monotonic() >= next_look:
-                next_look = time.monotonic() + 1.0
+            if self.missed >= max(1, 10 * self._said_missed):
                 self._say_missed()
-        deadline = time.monotonic() + _LAST_FRAMES
-        while time.monotonic() < deadline and (message := self._listener.hear(0.0)) is not None:
+        end_ns, deadline = time.time_ns(), time.monotonic() + (_LAST_FRAMES if self._listener.own_clock else _BRIEF)
+        while (self._last_ns < end_ns or not self._listener.own_clock) and time.monotonic() < deadline:
+            message = self._listener.hear(0.0)
+            if message is None:
+                return
             self._take(message)
 
     def _take(self, message: Any) -> None:
@@ -117,7 +123,7 @@ class CanTap:
         if self._recorder.waiting >= MOST_WAITING:
             self._crowded += 1
             return
-        stamp = arrival_ns(message, time.time_ns())
+        stamp = self._listener.arrival_ns(message)
         if self._last_ns - _STEP_BACK < stamp < self._last_ns:
             stamp = self._last_ns  # readers sort by time: frames stay in the order in which they came
         self._last_ns = stamp
@@ -135,9 +141,8 @@ class CanTap:
 
     def _say_missed(self) -> None:
         """Warn of the first frame missed, and again each time ten times as many are."""
-        if self.missed >= max(1, 10 * self._said_missed):
-            self._said_missed = self.missed
-            self._log.warning(f"{self.topic}: {self.missed} frames missed so far ({self._reasons()})")
+        self._said_missed = self.missed
+        self._log.warning(f"{self.topic}: {self.missed} frames missed so far ({self._reasons()})")
 
     def _reasons(self) -> str:
         counts = (

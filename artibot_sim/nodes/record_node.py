@@ -128,7 +128,7 @@ def _loop(recorder: Any, asked: list[int], duration: float | None) -> None:
     """Take messages until a signal, the end of the duration or a failed write."""
     from artibot_sim.nodes.recorder import DISCOVERY_PERIOD, POLL_PERIOD
 
-    progress = Progress(recorder)
+    progress = Progress(recorder, duration)
     start = time.monotonic()
     next_discovery = start
     while not asked and recorder.failure is None and recorder.node.context.ok():
@@ -147,8 +147,9 @@ def _loop(recorder: Any, asked: list[int], duration: float | None) -> None:
 class Progress:
     """How the recording goes: a line that is rewritten on a terminal, otherwise a log line now and then."""
 
-    def __init__(self, recorder: Any) -> None:
+    def __init__(self, recorder: Any, duration: float | None = None) -> None:
         self.recorder = recorder
+        self._of = "" if duration is None else f" of {duration:g}"
         self.terminal = sys.stderr.isatty()
         self._next = 0.0 if self.terminal else _LOG_PERIOD
         self._last = (0.0, 0)
@@ -162,7 +163,7 @@ class Progress:
         rate = (recorder.taken - before) / (elapsed - then) if elapsed > then else 0.0
         self._last = (elapsed, recorder.taken)
         text = (
-            f"{elapsed:.0f} s, {recorder.taken} messages of {len(recorder.topics)} topics, "
+            f"{elapsed:.0f}{self._of} s, {recorder.taken} messages of {len(recorder.topics)} topics, "
             f"{recorder.bag.bytes_written / 1e6:.1f} MB, {rate:.0f} messages/s"
         )
         if self.terminal:

@@ -153,7 +153,7 @@ class Recorder:
         )
         former = self._subscriptions.get(topic)
         if former is not None:
-            self._empty(topic, former)
+            self._polled += self._empty(topic, former)
             self.node.destroy_subscription(former)
         self._subscriptions[topic] = self.node.create_subscription(message, topic, _unused, profile, raw=True)
         self._demands[topic] = demand
@@ -217,12 +217,14 @@ def _unused(_message: bytes) -> None:
 
 
 def _demand(publishers: list[Any]) -> tuple[bool, bool]:
-    """Return whether to demand reliability, and latched messages: only what every publisher offers."""
+    """Return whether to demand reliability, and latched messages: only what every publisher offers.
+
+    Never latched without reliability: who comes late gets nothing sent again then, and a subscription that takes the
+    place of a latched one must not.
+    """
     profiles = [publisher.qos_profile for publisher in publishers]
-    return (
-        all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in profiles),
-        all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in profiles),
-    )
+    reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in profiles)
+    return reliable, reliable and all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in profiles)
 
 
 def _sequence(info: dict[str, Any]) -> int | None:

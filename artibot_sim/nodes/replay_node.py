@@ -12,6 +12,7 @@ import click
 from artibot_sim.errors import ArtibotError
 from artibot_sim.nodes.options import Number
 from artibot_sim.nodes.process import split_ros_args
+from artibot_sim.report.output import OutputFile
 
 _POSITIVE = Number(min=0, min_open=True)
 _NOT_NEGATIVE = Number(min=0)
@@ -21,9 +22,12 @@ _DRIVE_HELP = "Move a rover: publish the recorded inputs with new stamps, and th
 _ONLY = {
     "resimulate": ("robot", "horizon", "out", "back", "renames"),
     "drive": ("delay", "use_sim_time", "request_from"),
-    "play": ("rate", "start", "end", "loop", "clock", "restamp", "pause"),
+    "play": ("rate", "start", "end", "loop", "clock", "restamp", "pause", "can"),
 }
 """Options that belong to one of the three ways to replay."""
+_WITH_CAN = ("can_interface", "can_frames", "can_topic", "can_params", "can_only")
+_NOT_WITH_CAN_ONLY = ("topics", "exclude", "remap", "clock", "restamp", "pause", "wait")
+_FRAMES_HELP = "With --can: what the drives sent, or commands, which MOVE MOTORS, or all.  [default: drives]"
 
 
 @click.command("replay", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -42,9 +46,15 @@ _ONLY = {
 @click.option("--pause", is_flag=True, help="Begin paused; the services ~/pause and ~/step go on.")
 @click.option("--wait", type=click.IntRange(min=0), help="Wait until every topic has so many subscribers.")
 @click.option("--wait-timeout", type=_POSITIVE, default=30.0, show_default=True, help="But at most so long, s.")
+@click.option("--stats", type=OutputFile(), help="Write counts and lateness to this JSON file.")
 @click.option(
-    "--stats", type=click.Path(dir_okay=False, path_type=Path), help="Write counts and lateness to this JSON file."
+    "--can", metavar="CHANNEL", help="Play the recorded CAN frames on this bus (vcan0, ws://127.0.0.1:PORT/)."
 )
+@click.option("--can-interface", metavar="NAME", help="python-can's interface.  [default: socketcan; remote for ws://]")
+@click.option("--can-frames", type=click.Choice(["drives", "commands", "all"]), help=_FRAMES_HELP)
+@click.option("--can-topic", multiple=True, metavar="NAME", help="With --can: only this topic's frames; repeatable.")
+@click.option("--can-params", metavar="FILE", help="With --can: driver parameters, for node ids.  [default: driver]")
+@click.option("--can-only", is_flag=True, help="With --can: the frames alone: no topic, no /clock, no ROS.")
 @click.option("--drive", is_flag=True, help=_DRIVE_HELP)
 @click.option("--delay", type=_NOT_NEGATIVE, help="With --drive: start so long from now, s.  [default: 1]")
 @click.option("--use-sim-time", is_flag=True, help="With --drive: take the time from a simulator's /clock.")
@@ -73,12 +83,14 @@ def command(ros_args: list[str] | None, bag: Path, resimulate: str | None, drive
 
     Messages go out as they were recorded, byte for byte, with the recorded timing and quality of service, and /clock
     with the recording's time. What moves a rover (planned/front_velocity, motor_command_request, cmd_vel, …) stays out
-    unless --drive is given; then nothing but that is published, with stamps from now on.
+    unless --drive is given; then nothing but that is published, with stamps from now on. CAN frames are played with
+    --can alone, and of them only what the drives sent unless --can-frames says otherwise.
 
     \b
     Examples:
       artibot replay run7 --rate 2 --start 10 --end 30
       artibot replay run7 -t "/odom" -t "/planned/*" --remap /odom:=/recorded/odom --loop
+      artibot replay run7 --can vcan0 --can-only
       artibot replay run7 --drive
       artibot replay run7 --resimulate rotations --horizon 5 --out again
     """
@@ -90,6 +102,11 @@ def command(ros_args: list[str] | None, bag: Path, resimulate: str | None, drive
             bag, resimulate, given["out"], robot=given["robot"], horizon=given["horizon"],
             back=given["back"] or "auto", renames=given["renames"],
         )  # fmt: skip
+    if given["can_only"]:
+        from artibot_sim.experiment.reader import bag_info
+        from artibot_sim.nodes.replay_can import play_frames
+
+        return play_frames(bag_info(bag), given, lambda text: click.echo(text, err=True))
     return run(bag, given, drive=drive, ros_args=ros_args or [])
 
 
@@ -104,6 +121,11 @@ def _check_options(resimulate: str | None, drive: bool, given: dict[str, Any]) -
             option = "--" + {"renames": "topic"}.get(used[0], used[0]).replace("_", "-")
             wanted = f"works only with --{other}" if other != "play" else f"does not work with --{way}"
             raise click.UsageError(f"{option} {wanted}")
+    for needs, names in ((given["can"] is None, _WITH_CAN), (given["can_only"], _NOT_WITH_CAN_ONLY)):
+        used = [name for name in names if given[name] not in (None, False, ())] if needs else []
+        if used:
+            wanted = "needs --can CHANNEL" if given["can"] is None else "does not work with --can-only"
+            raise click.UsageError(f"--{used[0].replace('_', '-')} {wanted}")
     if resimulate and given["out"] is None:
         raise click.UsageError("--resimulate needs a folder for its results: --out DIR")
 

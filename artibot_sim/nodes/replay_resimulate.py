@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
+from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import parse_renames, read_bag
 from artibot_sim.experiment.resimulate import Resimulation, resimulate, robot_of
+from artibot_sim.progress import Bar, Report
+
+_SIZES = {"reading": 18.0, "simulating": 9.0, "writing": 6.0, "reading back": 8.0, "drawing": 3.0}
+"""Stages, and about how long they take to each other, for the progress bar."""
 
 
 def run_resimulation(
@@ -35,41 +38,38 @@ def run_resimulation(
     ArtibotError
         If the recording or the robot cannot be used, or results exist.
     """
-    experiment = read_bag(bag, topics=parse_renames(tuple(renames)))
-    found = robot_of(experiment, robot)
-    with _progress(experiment.duration) as progress:
-        result = resimulate(experiment, found, drive, horizon=horizon, back=back, progress=progress)
-    result.write(out)
+    for made in (out / "metrics.json", out / "simulated"):
+        if made.exists():
+            raise ArtibotError(f"{made}: exists already; results are never overwritten, give another folder with --out")
+    with Bar(sum(_SIZES.values())) as bar:
+        experiment = read_bag(bag, parse_renames(tuple(renames)), progress=_stage(bar, "reading"))
+        found = robot_of(experiment, robot)
+        told = _stage(bar, "simulating")
+        result = resimulate(experiment, found, drive, horizon=horizon, back=back, progress=told)
+        result.write(out, progress=_stage(bar, "writing"))
+        picture = _draw(result, out, bar)
     _print(result)
     for remark in (*experiment.remarks, *result.remarks):
         click.echo(f"note: {remark}", err=True)
-    click.echo(f"wrote {out}/simulated, {out}/metrics.json, {_draw(result, out)}")
+    click.echo(f"wrote {out}/simulated, {out}/metrics.json, {picture}")
     return 0
 
 
-def _draw(result: Resimulation, out: Path) -> Path:
+def _stage(bar: Bar, name: str) -> Report:
+    return bar.stage(name, _SIZES[name])
+
+
+def _draw(result: Resimulation, out: Path, bar: Bar) -> Path:
     """Draw the recording and its simulation on top of each other."""
     from artibot_sim.report.figures import experiment_figure
     from artibot_sim.report.output import write_files
     from artibot_sim.report.png import render_png
 
-    figure = experiment_figure([result.experiment, read_bag(out / "simulated")], [result.robot, result.robot])
+    simulated = read_bag(out / "simulated", progress=_stage(bar, "reading back"))
+    bar.stage("drawing", _SIZES["drawing"])
+    figure = experiment_figure([result.experiment, simulated], [result.robot, result.robot])
     write_files({out / "compared.png": render_png(figure)})
     return out / "compared.png"
-
-
-@contextmanager
-def _progress(total: float) -> Iterator[Callable[[float], None]]:
-    """Show a bar on a terminal while it lasts; gives the function to call with simulated seconds."""
-    if not sys.stderr.isatty():
-        yield lambda _: None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("simulating", total=total)
-        yield lambda seconds: bar.advance(task, seconds)
 
 
 def _print(result: Resimulation) -> None:

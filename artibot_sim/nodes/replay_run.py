@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import gc
-import json
-import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
+from contextlib import nullcontext
 from typing import Any
 
 import rclpy
@@ -16,30 +11,15 @@ from rclpy.node import Node
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.storage import BagInfo
+from artibot_sim.nodes.process import undisturbed
+from artibot_sim.nodes.replay_can import PRIORITY, FrameOutlet, frame_outlet
 from artibot_sim.nodes.replay_drive import Driver, Script, request_outlet
 from artibot_sim.nodes.replay_player import Pace, Player
-from artibot_sim.nodes.replay_publishers import make_outlets
-from artibot_sim.nodes.replay_selection import REQUEST, Selection, Wish, called, select
-from artibot_sim.nodes.replay_source import RecordedTime, Source, Stretch
+from artibot_sim.nodes.replay_publishers import Outlet, make_outlets
+from artibot_sim.nodes.replay_selection import REQUEST, Selection, Wish, called, select, without_frames
+from artibot_sim.nodes.replay_source import RecordedTime, Source, Stretch, write_statistics
 
-_SWITCH = 5e-4  # s: the reader's thread hands over to the publisher after so long; Python's own 5 ms are too many
 _DISCOVERY = 0.3
-
-
-@contextmanager
-def undisturbed() -> Iterator[None]:
-    """No garbage collection and short turns of other threads: both delay messages."""
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(_SWITCH)
-    gc.collect()
-    gc.freeze()
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.enable()
-        gc.unfreeze()
-        sys.setswitchinterval(before)
 
 
 def play(info: BagInfo, wish: Wish, given: dict[str, Any], asked: list[int]) -> int:
@@ -52,38 +32,52 @@ def play(info: BagInfo, wish: Wish, given: dict[str, Any], asked: list[int]) -> 
     given : options of the command line.
     asked : grows by each SIGINT and SIGTERM.
     """
-    stretch = Stretch.of(info, given["start"], given["end"])
     node = rclpy.create_node("replay", start_parameter_services=False)
-    selection = _selected(node, info, wish)
+    warn = node.get_logger().warning
+    with frame_outlet(info, given, warn) if given["can"] else nullcontext(None) as frames:
+        return _play(node, info, wish, given, asked, frames)
+
+
+def _play(
+    node: Node, info: BagInfo, wish: Wish, given: dict[str, Any], asked: list[int], frames: FrameOutlet | None
+) -> int:
+    stretch = Stretch.of(info, given["start"], given["end"])
+    selection = _selected(node, info, wish, frames)
     outlets = make_outlets(node, info, selection.names)
+    if frames:
+        outlets |= {topic: Outlet(publisher, False, False) for topic, publisher in frames.publishers.items()}
+        frames.drain_by(node)
     has_clock = any(channel.topic == "/clock" for channel in info.channels)
     hertz = _clock_rate(node, given["clock"])
     pace = Pace(given["rate"] or 1.0, hertz, given["restamp"], given["pause"])
     recorded = RecordedTime(info.path, stretch, has_clock and hertz > 0)
     latched = [topic for topic, outlet in outlets.items() if outlet.latched]
-    source = Source(info.path, outlets, latched, stretch, given["loop"])
+    source = Source(info.path, outlets, latched, stretch, given["loop"], frames.admits if frames else None)
     player = Player(node, source, outlets, recorded, pace, asked)
     player.wait_for_subscribers(given["wait"] or 0, given["wait_timeout"])
     length = (stretch.end_ns - stretch.begin_ns) / 1e9
     node.get_logger().info(f"playing {info.path}: {len(outlets)} topics, {length:.1f} s at {pace.rate:g} x")
-    with undisturbed():
+    with undisturbed(PRIORITY if frames else 0):
         player.run()
-    found = player.statistics()
+    found = player.statistics() | ({"not_sent": frames.failed} if frames else {})
     late = f", {found['late_p50_ms']:.2f} ms late (median; p99 {found['late_p99_ms']:.2f})" if player.late else ""
     node.get_logger().info(f"{'ended' if asked else 'done'}: {found['messages']} messages{late}")
-    _write(given["stats"], found)
-    return 0
+    write_statistics(given["stats"], found)
+    return 1 if frames and frames.failed else 0
 
 
-def _selected(node: Node, info: BagInfo, wish: Wish) -> Selection:
+def _selected(node: Node, info: BagInfo, wish: Wish, frames: FrameOutlet | None = None) -> Selection:
     """Choose the topics and say what is left out."""
-    selection = select(info, wish, node.resolve_topic_name)
     log = node.get_logger()
+    plain, can = without_frames(info, wish, frames.publishers if frames else ())
+    if can and not wish.drive:
+        log.info(f"CAN frames stay out: {', '.join(can)} (--can CHANNEL plays them on a bus)")
+    selection = select(plain, wish, node.resolve_topic_name)
     if selection.left_out:
         log.info(f"left out, for they move a rover: {', '.join(selection.left_out)} (--drive publishes them)")
     for topic, encoding in selection.unread.items():
         log.warning(f"{topic} is left out: its messages are encoded as {encoding}, not cdr")
-    if not selection.names and wish.request_from is None:
+    if not selection.names and wish.request_from is None and not frames:
         raise ArtibotError(
             f"{info.path}: no topic to publish is left of {', '.join(sorted({c.topic for c in info.channels}))}"
             + (f"; {', '.join(selection.left_out)} would move a rover and need --drive" if selection.left_out else "")
@@ -130,7 +124,7 @@ def drive_again(info: BagInfo, wish: Wish, given: dict[str, Any], asked: list[in
         driver.close()
     if asked:
         node.get_logger().warning("ended by a signal: a rover that follows comes to a standstill")
-    _write(given["stats"], {"messages": sum(driver.counts.values()), "topics": dict(driver.counts)})
+    write_statistics(given["stats"], {"messages": sum(driver.counts.values()), "topics": dict(driver.counts)})
     return 0 if over or asked else 1
 
 
@@ -138,11 +132,3 @@ def _check_request(info: BagInfo, topic: str) -> None:
     types = {channel.topic: channel.ros_type for channel in info.channels}
     if types.get(topic) != "sensor_msgs/msg/JointState":
         raise ArtibotError(f"--request-from {topic}: it is a {types.get(topic)}; expected a sensor_msgs/msg/JointState")
-
-
-def _write(path: Path | None, found: dict[str, Any]) -> None:
-    if path is not None:
-        try:
-            path.write_text(json.dumps(found, indent=1) + "\n")
-        except OSError as error:
-            raise ArtibotError(f"--stats {path}: cannot be written: {error.strerror}") from error

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.experiment.messages import CAN_FRAME
 from artibot_sim.experiment.storage import BagInfo, ChannelInfo
 
 REQUEST = "motor_command_request"
@@ -14,7 +15,7 @@ PROFILE = "planned/front_velocity"
 SIGN_OF_LIFE = "planned/odom"
 INPUTS = (PROFILE, REQUEST, "cmd_vel")
 """What moves a rover, under any namespace (contract)."""
-_MOVING_TYPES = ("trajectory_msgs/msg/JointTrajectory", "can_msgs/msg/Frame", "ackermann_msgs/")
+_MOVING_TYPES = ("trajectory_msgs/msg/JointTrajectory", CAN_FRAME, "ackermann_msgs/")
 _SPEED_TYPES = ("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped", "std_msgs/msg/Float64")
 _OWN = ("/clock", "/rosout", "/parameter_events")
 """Published by the replay itself, or by every node."""
@@ -68,6 +69,26 @@ class Wish:
     remap: Sequence[str] = ()
     drive: bool = False
     request_from: str | None = None
+
+
+def without_frames(info: BagInfo, wish: Wish, played: Collection[str]) -> tuple[BagInfo, tuple[str, ...]]:
+    """Take the topics with CAN frames out of a recording's: they are played on a bus, or not at all.
+
+    Parameters
+    ----------
+    info : of the recording.
+    wish : what was asked for; a topic that it names stays, to be published if `drive` allows it.
+    played : topics that are played on a bus.
+
+    Returns
+    -------
+    BagInfo, tuple of str
+        The rest, and the topics that nobody plays.
+    """
+    frames = {c.topic for c in info.channels if c.ros_type == CAN_FRAME and not _matches(c.topic, wish.topics)}
+    out = frames | set(played)
+    rest = tuple(channel for channel in info.channels if channel.topic not in out)
+    return replace(info, channels=rest), tuple(sorted(frames - set(played)))
 
 
 def select(info: BagInfo, wish: Wish, resolve: Callable[[str], str]) -> Selection:

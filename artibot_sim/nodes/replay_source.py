@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import threading
 import time
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -74,15 +75,18 @@ class Source:
     latched : those of them whose last message before the stretch is given out at its beginning.
     stretch : what to play.
     loop : whether to begin again at the end.
+    admits : says which messages to give out; all if None.
     """
 
     def __init__(
-        self, path: Path, topics: Collection[str], latched: Collection[str], stretch: Stretch, loop: bool
-    ) -> None:
+        self, path: Path, topics: Collection[str], latched: Collection[str], stretch: Stretch, loop: bool,
+        admits: Callable[[RawMessage], bool] | None = None,
+    ) -> None:  # fmt: skip
         self.path = path
         self.topics = set(topics)
         self.stretch = stretch
         self.loop = loop
+        self._admits = admits
         self._latched = set(latched)
         self._queue: deque[Due] = deque()
         self._bytes = 0
@@ -147,8 +151,9 @@ class Source:
             yield from (Due(offset, number, message) for message in before)
             count = len(before)
             for message in iter_messages(self.path, self.topics, begin, end + 1):
-                yield Due(offset + max(0, message.log_ns - begin), number, message)
-                count += 1
+                if self._admits is None or self._admits(message):
+                    yield Due(offset + max(0, message.log_ns - begin), number, message)
+                    count += 1
             if not self.loop or not count:
                 return
             number += 1
@@ -210,3 +215,18 @@ def lateness_summary(late_s: np.ndarray) -> dict[str, float]:
     return {
         "late_p50_ms": float(np.median(ms)), "late_p99_ms": float(np.quantile(ms, 0.99)), "late_max_ms": float(ms.max())
     }  # fmt: skip
+
+
+def write_statistics(path: Path | None, found: dict[str, Any]) -> None:
+    """Write what `--stats` asks for.
+
+    Raises
+    ------
+    ArtibotError
+        If the file cannot be written.
+    """
+    if path is not None:
+        try:
+            path.write_text(json.dumps(found, indent=1) + "\n")
+        except OSError as error:
+            raise ArtibotError(f"--stats {path}: cannot be written: {error.strerror}") from error

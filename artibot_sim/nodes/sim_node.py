@@ -9,9 +9,8 @@ from typing import Any
 
 import click
 
-from artibot_sim.errors import ArtibotError
 from artibot_sim.nodes.process import ros_process, split_ros_args
-from artibot_sim.resources import config_names, config_path
+from artibot_sim.nodes.ros_args import parameter_files
 
 OPTIONS = {
     "robot": "robot",
@@ -26,21 +25,12 @@ OPTIONS = {
     "command_source": "command_source",
     "wait_for_profile": "wait_for_profile",
     "with_driver": "with_driver",
+    "driver_params": "driver_params",
+    "interface": "bus.interface",
+    "channel": "bus.channel",
     "stats": "stats",
 }
 """Option of the command line → parameter of the node."""
-
-
-def parameter_files(names: Sequence[str]) -> list[str]:
-    """``--ros-args`` that load parameter files, each a path or the name of a shipped one (``sim``)."""
-    args: list[str] = []
-    for name in names:
-        shipped = config_names("nodes")
-        path = config_path("nodes", name) if name in shipped else Path(name)
-        if not path.is_file():
-            raise ArtibotError(f"--params {name}: no such file; give an existing one or one of {', '.join(shipped)}")
-        args += ["--params-file", str(path)]
-    return ["--ros-args", *args, "--"] if args else []
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -56,7 +46,10 @@ def parameter_files(names: Sequence[str]) -> list[str]:
 @click.option("--front-mode", help="prescribed or driven.  [default: prescribed]")
 @click.option("--command-source", help="auto, none, or some of live,profile,cmd_vel, the ruling one first.")
 @click.option("--wait-for-profile/--no-wait-for-profile", default=None, help="Hold the time until a command comes.")
-@click.option("--with-driver/--without-driver", default=None, help="Leave to a driver what a driver publishes.")
+@click.option("--with-driver/--without-driver", default=None, help="Let drives on a CAN bus turn the rover.")
+@click.option("--driver-params", metavar="FILE", help="The driver's parameters: a path, or a name.  [default: driver]")
+@click.option("--interface", help="python-can's name of the CAN interface.  [default: by the channel]")
+@click.option("--channel", help="CAN channel: vcan0, can0, ws://….  [default: that in the driver's parameters]")
 @click.option(
     "--params", multiple=True, metavar="FILE", help="Parameter file: a path, or a shipped one by name (sim_noisy)."
 )
@@ -68,14 +61,16 @@ def command(
     """Simulate a rover as a ROS 2 node.
 
     It listens to planned/front_velocity (with planned/odom as sign of life), motor_command_request and cmd_vel,
-    and publishes odom, ground_truth/odom, joint_states, motor_torques, motor_command and more. Every option is also
-    a ROS parameter, and there are more of those: ros2 param describe, or config/sim.yaml.
+    and publishes odom, ground_truth/odom, joint_states, motor_torques, motor_command and more. With --with-driver
+    four simulated CiA 402 drives on a CAN bus turn it, and a driver node commands them. Every option is also a ROS
+    parameter, and there are more of those: ros2 param describe, or config/sim.yaml.
 
     \b
     Examples:
       artibot sim --robot agriq
       artibot sim --rate 0 --wait-for-profile --duration 60
       artibot sim --robot epiq --params sim_noisy --ros-args -r __ns:=/rover1
+      artibot sim --with-driver --channel vcan0
     """
     overrides = {OPTIONS[name]: value for name, value in given.items() if value is not None}
     if start is not None:
@@ -106,6 +101,8 @@ def run(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
             status = node.run(executor)
         except ExternalShutdownException:
             status = 0
+        finally:
+            node.mover.close()
         statistics = node.pacer.statistics()
         if node.settings["stats"]:
             write_statistics(Path(node.settings["stats"]), statistics)

@@ -49,8 +49,16 @@ OTHERS = (
     Spec("max_speed", 20.0, "Commands for a faster wheel over ground are refused, m/s.", high=1000.0, above=0.0,
          live=True),
     Spec("cmd_vel_stamped", True, "cmd_vel is a TwistStamped; false: a Twist."),
-    Spec("with_driver", False, "A driver publishes odom, motor_torques, motor_command and the wheel joints: leave "
-         "them."),
+    Spec("with_driver", False, "Four simulated CiA 402 drives on a CAN bus turn the rover, and a driver commands them: "
+         "it hears all commands and publishes odom, motor_torques, motor_command and the wheel joints, not this node."),
+    Spec("driver_params", "driver", "With with_driver: the driver's parameter file, for bus, node ids, EDS and encoder "
+         "counts: a shipped one by name (driver), or a path. The robot is this node's."),
+    Spec("bus.interface", "", "With with_driver: python-can's name of the CAN interface; empty: by the channel, "
+         "or as in driver_params."),
+    Spec("bus.channel", "", "With with_driver: channel of the interface; empty: as in driver_params."),
+    Spec("realtime_priority", 50, "With with_driver: priority of the loop among the machine's real-time threads "
+         "(SCHED_FIFO), so that drives answer in time; 0, and where the system does not allow it: that of any other "
+         "process.", low=0, high=99),
     Spec("publish_tf", True, "Publish /tf, where tf2_msgs can be imported."),
     Spec("reliable", "auto", "Offer everything reliably with a long queue, for recording without loss; auto: when "
          "rate is 0. Otherwise sensors have sensor QoS.", choices=("auto", "true", "false")),

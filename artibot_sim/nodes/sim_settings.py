@@ -74,6 +74,22 @@ def check_stats(settings: Settings) -> None:
         raise ArtibotError(f"parameter stats: {path}: there is no folder {path.parent}; make it first")
 
 
+def check_drives(settings: Settings) -> None:
+    """Refuse what does not go together with drives: they and their driver count real time.
+
+    Raises
+    ------
+    ArtibotError
+        Naming the parameter.
+    """
+    for name, needed in (("rate", 1.0), ("wait_for_profile", False), ("start_paused", False)):
+        if settings[name] != needed:
+            raise ArtibotError(
+                f"parameter {name}: found {settings[name]}, expected {needed} with with_driver: drives on a bus and "
+                "their driver live in real time, which cannot be stretched or stopped"
+            )
+
+
 def switched(settings: Settings, name: str, automatic: bool) -> bool:
     """A parameter that is ``true``, ``false`` or ``auto``."""
     return automatic if settings[name] == "auto" else bool(settings[name] == "true")

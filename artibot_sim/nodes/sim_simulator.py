@@ -33,11 +33,11 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot
 from artibot_sim.nodes import sim_parameters as parameters
 from artibot_sim.nodes import sim_settings as settings
-from artibot_sim.nodes.inputs import Inputs
 from artibot_sim.nodes.odometry import Odometry, metres_per_radian
 from artibot_sim.nodes.pacer import Pacer
 from artibot_sim.nodes.parameters import warn_of_unknown
-from artibot_sim.nodes.sim_engine import Diverged, Engine, Timing
+from artibot_sim.nodes.sim_engine import Diverged, Timing
+from artibot_sim.nodes.sim_mover import CommandedMover, DrivenMover, Mover
 from artibot_sim.nodes.sim_publishers import Published, Publishers, has_tf
 from artibot_sim.nodes.sim_sensors import Sensors
 
@@ -73,19 +73,18 @@ class SimNode(Node):
     def __init__(self, overrides: dict[str, Any] | None = None, asked: list[int] | None = None) -> None:
         given = {**(overrides or {}), "use_sim_time": False}  # it would listen to its own clock
         super().__init__("sim", parameter_overrides=[Parameter(name, value=value) for name, value in given.items()])
-        self.robot = load_robot(str(parameters.declare(self, parameters.ROBOT)))
-        own = {parameters.KAPPA.name: parameters.declare(self, parameters.KAPPA, self.robot.control.kappa)}
-        self.settings: dict[str, Any] = own | {spec.name: parameters.declare(self, spec) for spec in parameters.OTHERS}
+        name = str(parameters.declare(self, parameters.ROBOT))
+        self.robot = load_robot(name)
+        kappa = parameters.declare(self, parameters.KAPPA, self.robot.control.kappa)
+        self.settings: dict[str, Any] = {"robot": name, "kappa": kappa}
+        self.settings |= {spec.name: parameters.declare(self, spec) for spec in parameters.OTHERS}
         get = self.settings.__getitem__
         settings.check_stats(self.settings)
         self.timing = Timing.of(get("publish_rate"), get("dt"))
-        start, driven = settings.start(self.settings), get("front_mode") == "driven"
-        self.engine = Engine(self.robot, self.timing, start, get("integrator"), driven)
-        self.engine.warm_up()  # before anybody can see a subscription and send what would then be late
-        self.inputs = Inputs(self, settings.rules(self.settings, self.robot), get("cmd_vel_stamped"))
         self.sensors = Sensors(settings.sensor_model(self.settings), get("seed"))
+        self.mover = self._mover()
         self.odometry = Odometry(metres_per_radian(self.robot), self.robot.front.i_y)
-        self.odometry.reset(start.x, start.y, start.yaw)
+        self._believe_start()
         self.out = Publishers(self, self.robot, self._published())
         self.pacer = Pacer(self.timing.period_ns, get("rate"))
         self.steps = 0
@@ -103,6 +102,11 @@ class SimNode(Node):
         warn_of_unknown(self)
 
     # -- settings -----------------------------------------------------------------------------------------------
+
+    def _mover(self) -> Mover:
+        if self.settings["with_driver"]:
+            return DrivenMover(self, self.robot, self.timing, self.settings, self.sensors)
+        return CommandedMover(self, self.robot, self.timing, self.settings)
 
     def _published(self) -> Published:
         get = self.settings.__getitem__
@@ -123,8 +127,10 @@ class SimNode(Node):
             checked = {p.name: parameters.check(p.name, p.value) for p in changes if p.name in parameters.SPECS}
         except ArtibotError as error:
             return SetParametersResult(successful=False, reason=str(error))
+        if checked and self.mover.runs_on:
+            return SetParametersResult(successful=False, reason="the driver commands this rover: set it there")
         self.settings |= checked
-        self.inputs.rules = settings.rules(self.settings, self.robot)
+        self.mover.adopt(self.settings)
         return SetParametersResult(successful=True)
 
     # -- services -----------------------------------------------------------------------------------------------
@@ -135,6 +141,9 @@ class SimNode(Node):
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        if self.mover.runs_on:
+            response.success, response.message = False, f"cannot be paused: {self.mover.runs_on}"
+            return response
         if request.data != self.paused:
             self.paused = request.data
             self._time_stands(self.standing)
@@ -155,7 +164,7 @@ class SimNode(Node):
         return self.paused or self._holding
 
     def _time_stands(self, standing: bool) -> None:
-        self.inputs.stop_time(standing)
+        self.mover.stop_time(standing)
         if not standing:
             self.pacer.start()
             self._catch_up_with_system_time()
@@ -163,18 +172,20 @@ class SimNode(Node):
     def _catch_up_with_system_time(self) -> None:
         """Where stamps are system time they jump ahead over the time that was not simulated."""
         if not self.out.what.clock:
-            self.inputs.t_ns = max(self.inputs.t_ns, self.pacer.due_ns())
+            self.mover.t_ns = max(self.mover.t_ns, self.pacer.due_ns())
 
     def reset(self) -> None:
         """Put the rover back to its start, at rest, and forget all commands; time goes on."""
-        start = self.engine.start
-        self.engine.reset()
-        self.odometry.reset(start.x, start.y, start.yaw)
-        self.inputs.drop(self.engine.front_position)
+        self.mover.reset()
+        self._believe_start()
         self._waits = self.settings["wait_for_profile"]
         if self._holding:  # one more step shows the rover at its start
             self._holding = False
             self._time_stands(self.standing)
+
+    def _believe_start(self) -> None:
+        start = settings.start(self.settings)
+        self.odometry.reset(start.x, start.y, start.yaw)
 
     # -- the loop -----------------------------------------------------------------------------------------------
 
@@ -182,19 +193,19 @@ class SimNode(Node):
         """Simulate until asked to end, the duration is over, or the model diverges; return the exit status."""
         gc.collect()
         gc.freeze()  # what lives now lives to the end: collections stay short
-        self.inputs.t_ns = self.timing.period_ns if self.out.what.clock else 0
+        self.mover.t_ns = self.timing.period_ns if self.out.what.clock else 0
         self.paused = self.settings["start_paused"]
         self._time_stands(self.paused)
-        self.get_logger().info(f"{self.robot.name} is ready at kappa {self.settings['kappa']:g}")
+        self.get_logger().info(f"{self.robot.name} is ready {self.mover.describe()}")
         last = round(self.settings["duration"] * 1e9 / self.timing.period_ns)
         while not self._asked and not (last and self.steps >= last):
             if self.standing and not self._steps_due:
                 self._stand(executor)
                 continue
-            self._wait(executor)
-            if (self.standing and not self._steps_due) or self._asked:
-                continue
             try:
+                self._wait(executor)
+                if (self.standing and not self._steps_due) or self._asked:
+                    continue
                 self._step()
             except Diverged as error:
                 self.get_logger().fatal(f"the model {error}; the simulation ends here")
@@ -202,13 +213,11 @@ class SimNode(Node):
         return 0
 
     def _wait(self, executor: SingleThreadedExecutor) -> None:
-        """Serve, wait for the deadline, and hear what has come."""
+        """Serve, wait for the deadline, and let come in what has come."""
         if time.monotonic() >= self._serve_at:
             self._serve_at = time.monotonic() + SERVE_EVERY
             executor.spin_once(timeout_sec=0.0)
-        if not self.standing:
-            time.sleep(max(0.0, self.pacer.remaining()))
-        self.inputs.take()
+        self.mover.wait(0.0 if self.standing else self.pacer.remaining())
 
     def _stand(self, executor: SingleThreadedExecutor) -> None:
         """Hear what comes while time stands, and show late subscribers where it stands."""
@@ -216,28 +225,27 @@ class SimNode(Node):
         if listeners != self._listeners:
             self._listeners, self._ticks = listeners, TICKS
         if self._ticks and self.steps and time.monotonic() >= self._tick_at:
-            self.out.clock(self.inputs.t_ns - self.timing.period_ns)
+            self.out.clock(self.mover.t_ns - self.timing.period_ns)
             self._ticks, self._tick_at = self._ticks - 1, time.monotonic() + TICK_EVERY
         executor.spin_once(timeout_sec=IDLE)
-        if self._holding and self.inputs.heard:
+        if self._holding and self.mover.heard:
             self._holding = self._waits = False
             self._time_stands(self.standing)
 
     def _step(self) -> None:
         """Publish this instant and compute the next."""
-        t_ns, period = self.inputs.t_ns, self.timing.period_ns
-        decision = self.inputs.decide(self.timing.knot_ns, self.timing.knots)
-        sample = self.engine.step(decision, self.settings["kappa"])
+        t_ns, period = self.mover.t_ns, self.timing.period_ns
+        sample = self.mover.step()
         every = round(1e9 / self.settings["total_station.rate"])
         due = t_ns // every != (t_ns - period) // every
         self.out.publish(t_ns, sample, self.sensors, self.odometry, due)
         self.steps += 1
-        self.inputs.t_ns = t_ns + period
+        self.mover.t_ns = t_ns + period
         self._steps_due = max(0, self._steps_due - 1)
         if self.standing:
             return
         self._note_the_time()
-        if self._waits and not self.inputs.heard:
+        if self._waits and not self.mover.heard:
             self._holding = True
             self._time_stands(True)
 
@@ -261,11 +269,11 @@ class SimNode(Node):
 
     def _follow_system_clock(self) -> None:
         """Set the stamps forward after the system clock was (NTP, by hand); say so when it was set back."""
-        behind = self.pacer.due_ns() - self.inputs.t_ns
+        behind = self.pacer.due_ns() - self.mover.t_ns
         if -behind > STEPPED_NS:  # or was this process held up between reading the two clocks? that would look like it
-            behind = self.pacer.due_ns() - self.inputs.t_ns
+            behind = self.pacer.due_ns() - self.mover.t_ns
         if behind > STEPPED_NS:
-            self.inputs.t_ns += behind
+            self.mover.t_ns += behind
             self.get_logger().warning(f"the system clock was set forward by {behind * 1e-9:.2f} s: stamps jump with it")
         elif -behind > STEPPED_NS and not self._ahead:
             self.get_logger().warning(

@@ -6,8 +6,34 @@ import os
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
+
+import click
 
 from artibot_sim.errors import ArtibotError
+
+
+class OutputFile(click.ParamType):
+    """Option for a file to write: refused at once, not after the work, where its folder is missing or closed."""
+
+    name = "file"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Return the path; an ArtibotError otherwise."""
+        path = Path(str(value))
+        if why := fault(path):
+            raise ArtibotError(f"{param.opts[-1]} {path}: cannot be written: {why}" if param else f"{path}: {why}")
+        return path
+
+
+def fault(path: Path) -> str | None:
+    """Say what keeps a file from being written, None if nothing does."""
+    if path.is_dir():
+        return "it is a folder"
+    folder = path.absolute().parent
+    if not folder.is_dir():
+        return f"there is no folder {path.parent}; make it first"
+    return None if os.access(folder, os.W_OK | os.X_OK) else f"the folder {path.parent} may not be written to"
 
 
 def write_files(contents: Mapping[Path, bytes]) -> None:

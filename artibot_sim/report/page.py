@@ -10,12 +10,16 @@ from typing import Any
 
 from artibot_sim.report import style
 from artibot_sim.report.panels import Figure
-from artibot_sim.report.web import chart
+from artibot_sim.report.web import MOST_POINTS, chart, is_thinned
 
 HINT = (
     "Drag over a chart to zoom in (all time axes follow), drag with shift to move, double-click for all; "
     "click on a legend to hide a line."
 )
+THINNED = (
+    f"Lines of more than {MOST_POINTS:,} samples are drawn with about that many, peaks included (on a map evenly); "
+    "artibot plot with --start and --end draws a part with every sample."
+).replace(",", " ", 1)
 Section = tuple[str, Sequence[tuple[str, str, Sequence[str]]]]
 """Heading and lines (quantity, unit, texts) of a part of a table."""
 
@@ -37,27 +41,28 @@ def render_page(
     """
     from plotly.offline import get_plotlyjs
 
+    hints = (THINNED, HINT) if any(map(is_thinned, figure.panels)) else (HINT,)
     charts = [chart(panel, figure.time_span) | {"time": not panel.equal} for panel in figure.panels]
     parts = {
         "TITLE": html.escape(figure.title),
-        "STYLE": _style(),
+        "STYLE": page_style(),
         "HEAD": _head(figure),
         "PANELS": _panels(figure),
         "TABLE": _table(table, columns),
-        "NOTES": "".join(f"<p>{html.escape(note)}</p>" for note in (*notes, HINT)),
-        "CHARTS": _script_json(charts),
+        "NOTES": "".join(f"<p>{html.escape(note)}</p>" for note in (*notes, *hints)),
+        "CHARTS": script_json(charts),
         "SCRIPT": _SCRIPT,
         "PLOTLY": get_plotlyjs(),
     }
-    return _filled(_PAGE, parts).encode()
+    return filled(_PAGE, parts).encode()
 
 
-def _filled(text: str, parts: Mapping[str, str]) -> str:
+def filled(text: str, parts: Mapping[str, str]) -> str:
     """Return a text with @NAME@ replaced; what is put in is not looked at again."""
     return re.sub("@([A-Z]+)@", lambda match: parts[match[1]], text)
 
 
-def _script_json(content: Any) -> str:
+def script_json(content: Any) -> str:
     """Return JSON that cannot end the script element it stands in."""
     return json.dumps(content, separators=(",", ":"), allow_nan=False, ensure_ascii=False).replace("</", "<\\/")
 
@@ -103,10 +108,10 @@ def _table(table: Sequence[Section], columns: Sequence[str]) -> str:
     return f'<div class="scroll"><table>{head}<tbody>{"".join(rows)}</tbody></table></div>'
 
 
-def _style() -> str:
+def page_style() -> str:
     """Return the page's style sheet, in the colours of `style`."""
     colours = {name: getattr(style, name) for name in ("INK", "MUTED", "GRID", "PAPER")}
-    return _filled(_CSS, colours | {"FONTS": style.WEB_FONTS})
+    return filled(_CSS, colours | {"FONTS": style.WEB_FONTS})
 
 
 _CSS = """

@@ -5,19 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.report.output import OutputFile, fault
 
 if TYPE_CHECKING:
     from artibot_sim.experiment import Experiment
     from artibot_sim.model import Robot
+    from artibot_sim.progress import Report
     from artibot_sim.report.measures import Measures
     from artibot_sim.report.panels import Figure
 
-_FILE = click.Path(path_type=Path, dir_okay=False)
+_DRAWING = 0.15
+"""Drawing takes about this share of the time that reading takes."""
+_FILE = OutputFile()
 
 
 @click.command("plot", context_settings={"help_option_names": ["-h", "--help"]})
@@ -47,14 +51,32 @@ def command(
       artibot plot husky_a --start 0 --end 30 --png start.png
       artibot plot run7 --json run7.json                 # figures of merit only
     """
-    from rich.console import Console
+    from artibot_sim.experiment.storage import recording_name
+    from artibot_sim.progress import Bar
 
-    with Console(stderr=True).status("reading"):
-        experiments = [_read(path, topics, start, end) for path in recordings]
-        robots = [_robot(robot, experiment) for experiment in experiments]
+    sizes = [_bytes_of(path) for path in recordings]
+    with Bar((1.0 + _DRAWING) * sum(sizes)) as bar:
         if png is None and html is None and as_json is None:
-            png = Path(f"{experiments[0].name}.png")
-    draw(experiments, robots, png=png, html=html, json=as_json)
+            png = Path(f"{recording_name(recordings[0])}.png")
+            if why := fault(png):
+                raise ArtibotError(f"{png}: cannot be written: {why}; name another file with --png")
+        experiments = [
+            _read(path, topics, start, end, bar.stage(f"reading {path.name}", size))
+            for path, size in zip(recordings, sizes, strict=True)
+        ]
+        robots = [_robot(robot, experiment) for experiment in experiments]
+        told = bar.stage("drawing", _DRAWING * sum(sizes))
+        drawn = draw(experiments, robots, png=png, html=html, json=as_json, progress=told)
+    _print(drawn, experiments)
+
+
+class Drawn(NamedTuple):
+    """What came of drawing: the figure, what the recordings are called in it, their measures, the files written."""
+
+    figure: Figure
+    names: Sequence[str]
+    measured: Sequence[Measures]
+    files: Sequence[Path]
 
 
 def draw(
@@ -64,16 +86,15 @@ def draw(
     png: Path | None = None,
     html: Path | None = None,
     json: Path | None = None,
-) -> None:
-    """Write the files asked for, and print the table.
+    progress: Report | None = None,
+) -> Drawn:
+    """Write the files asked for; `progress` hears the share that is done.
 
     Raises
     ------
     ArtibotError
         If there is nothing to draw, or a file cannot be written; then none is.
     """
-    from rich.console import Console
-
     from artibot_sim.report.figures import experiment_figure, labels
     from artibot_sim.report.measures import measure
     from artibot_sim.report.output import write_files
@@ -82,21 +103,30 @@ def draw(
     measured = [measure(experiment) for experiment in experiments]
     names = labels(experiments)
     files: dict[Path, bytes] = {}
-    with Console(stderr=True).status("drawing"):
-        for path, render in ((png, _png), (html, _page), (json, _json)):
-            if path is not None:
-                if path in files:
-                    raise ArtibotError(f"{path}: asked for twice; give each output its own name")
-                files[path] = render(figure, experiments, names, measured)
-        write_files(files)
-    _print(figure, names, experiments, measured, list(files))
+    tell = progress or (lambda _: None)
+    for path, render in ((png, _png), (html, _page), (json, _json)):
+        tell(len(files) / 3)
+        if path is not None:
+            if path in files:
+                raise ArtibotError(f"{path}: asked for twice; give each output its own name")
+            files[path] = render(figure, experiments, names, measured)
+    write_files(files)
+    tell(1.0)
+    return Drawn(figure, names, measured, list(files))
 
 
-def _read(path: Path, topics: Sequence[str], start: float | None, end: float | None) -> Experiment:
+def _bytes_of(path: Path) -> int:
+    """Return the size of a recording."""
+    from artibot_sim.experiment.storage import storage_files
+
+    return sum(file.stat().st_size for file in storage_files(path))
+
+
+def _read(path: Path, topics: Sequence[str], start: float | None, end: float | None, progress: Report) -> Experiment:
     """Return a recording, or the part of it that was asked for."""
     from artibot_sim.experiment import parse_renames, read_bag
 
-    experiment = read_bag(path, parse_renames(tuple(topics)))
+    experiment = read_bag(path, parse_renames(tuple(topics)), progress=progress)
     if start is None and end is None:
         return experiment
     first, last = -math.inf if start is None else start, math.inf if end is None else end
@@ -161,24 +191,18 @@ def _remarks(names: Sequence[str], experiments: Sequence[Experiment], measured: 
     return [f"{', '.join(who)}: {remark}" for remark, who in about.items()]
 
 
-def _print(
-    figure: Figure,
-    names: Sequence[str],
-    experiments: Sequence[Experiment],
-    measured: Sequence[Measures],
-    files: Sequence[Path],
-) -> None:
+def _print(drawn: Drawn, experiments: Sequence[Experiment]) -> None:
     """Print the table, what is missing and what was written."""
     from rich.console import Console
 
     from artibot_sim.report.table import rows, terminal_table
 
     console = Console(highlight=False, markup=False)
-    if any(rows(measures) for measures in measured):
-        console.print(terminal_table(names, measured))
-    for remark in _remarks(names, experiments, measured):
+    if any(rows(measures) for measures in drawn.measured):
+        console.print(terminal_table(drawn.names, drawn.measured))
+    for remark in _remarks(drawn.names, experiments, drawn.measured):
         console.print(remark, style="dim")
-    for what, why in figure.missing.items():
+    for what, why in drawn.figure.missing.items():
         console.print(f"not drawn: {what} ({why})", style="dim")
-    for path in files:
+    for path in drawn.files:
         console.print(f"wrote {path}", soft_wrap=True)

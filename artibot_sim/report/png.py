@@ -174,7 +174,7 @@ def draw_arrows(axes: Axes, arrows: Arrows, size: float = 8.0) -> None:
 
 def _legends(canvas: Canvas, figure: Figure, places: Sequence[Axes]) -> None:
     """Put each legend between title and axes, in as few rows as fit; titles side by side stay level."""
-    rows = [_legend(canvas, axes, panel) for axes, panel in zip(places, figure.panels, strict=True)]
+    rows = [legend(canvas, axes, panel, _room(axes)) for axes, panel in zip(places, figure.panels, strict=True)]
     tops = [_cell(axes).rowspan.start for axes in places]
     for axes, top in zip(places, tops, strict=True):
         level = max(n for n, other in zip(rows, tops, strict=True) if other == top)
@@ -185,18 +185,22 @@ def _cell(axes: Axes) -> Any:
     return axes.get_subplotspec()
 
 
-def _legend(canvas: Canvas, axes: Axes, panel: Panel) -> int:
-    """Draw a panel's legend and return its number of rows."""
+def _room(axes: Axes) -> float:
+    """Width that a legend may have, in points."""
+    return (WIDTH / 2 * len(_cell(axes).colspan) - 0.8) * 72.0
+
+
+def legend(canvas: Canvas, axes: Axes, panel: Panel, width: float) -> int:
+    """Draw a panel's legend above its axes, at most `width` points wide, and return its number of rows."""
     from matplotlib.lines import Line2D
 
     handles = [Line2D([], [], **line_style(entry.stroke), label=entry.name) for entry in panel.legend]
     handles += [line for line in axes.get_lines() if not str(line.get_label()).startswith("_")]
-    width = (WIDTH / 2 * len(_cell(axes).colspan) - 0.8) * 72.0
     for columns in range(len(handles), 0, -1):
-        legend = axes.legend(
+        drawn = axes.legend(
             handles=handles, ncols=columns, loc="lower left", bbox_to_anchor=(0.0, 1.0),
             columnspacing=1.4, handletextpad=0.6, labelspacing=0.25,
         )  # fmt: skip
-        if legend.get_window_extent().width * 72.0 / canvas.dpi <= width:
+        if drawn.get_window_extent().width * 72.0 / canvas.dpi <= width:
             return -(-len(handles) // columns)
     return len(handles)

@@ -74,25 +74,36 @@ def find_track(experiment: Experiment, kind: str, *, drawn: bool = False) -> Tra
         One of `KINDS`.
     drawn : bool
         For a drawing a planned path says more than the planned pose over time, which may be cut; for times it is
-        the other way round.
+        the other way round, unless the pose has gaps that the path with its stamps has not.
     """
     keys = SOURCES[kind][::-1] if drawn else SOURCES[kind]
-    for key in keys:
-        channel = experiment.channels.get(key)
-        if channel is None or "x" not in channel or "y" not in channel:
-            continue
-        x, y = channel["x"], channel["y"]
-        rows = np.isfinite(x) & np.isfinite(y)
-        if not rows.any():
-            continue
-        yaw = channel["yaw"][rows] if "yaw" in channel else np.array([np.nan])
-        piece = channel["message"][rows].astype(np.int64) if "message" in channel else None
-        t = channel.t[rows]
-        return Track(
-            kind, channel, t, x[rows], y[rows], yaw if np.isfinite(yaw).all() else None,
-            pieces(t, experiment.segments) if piece is None else piece,
-        )  # fmt: skip
-    return None
+    found = [track for key in keys if (track := _track(experiment, kind, key)) is not None]
+    if len(found) > 1 and not drawn and found[1].timed and _gaps(found[0], experiment) > _gaps(found[1], experiment):
+        return found[1]
+    return found[0] if found else None
+
+
+def _track(experiment: Experiment, kind: str, key: str) -> Track | None:
+    """Return a channel as a track, None where it is not there or empty."""
+    channel = experiment.channels.get(key)
+    if channel is None or "x" not in channel or "y" not in channel:
+        return None
+    x, y = channel["x"], channel["y"]
+    rows = np.isfinite(x) & np.isfinite(y)
+    if not rows.any():
+        return None
+    yaw = channel["yaw"][rows] if "yaw" in channel else np.array([np.nan])
+    piece = channel["message"][rows].astype(np.int64) if "message" in channel else None
+    t = channel.t[rows]
+    return Track(
+        kind, channel, t, x[rows], y[rows], yaw if np.isfinite(yaw).all() else None,
+        pieces(t, experiment.segments) if piece is None else piece,
+    )  # fmt: skip
+
+
+def _gaps(track: Track, experiment: Experiment) -> int:
+    """Return in how many places a track has no rows for a while, but the recording has others."""
+    return len(np.unique(pieces(track.t, experiment.segments))) - len(np.unique(_segment(track.t, experiment.segments)))
 
 
 def find_truth(experiment: Experiment) -> Track | None:
@@ -110,8 +121,13 @@ def pieces(t: Floats, segments: Sequence[tuple[float, float]]) -> NDArray[np.int
         return np.empty(0, np.int64)
     step = np.diff(t)
     longest = max(SEGMENT_GAP, 5.0 * float(np.median(step))) if len(step) else SEGMENT_GAP
-    part = np.searchsorted([first for first, _ in segments], t, side="right")
+    part = _segment(t, segments)
     return np.concatenate([[0], np.cumsum((step > longest) | (np.diff(part) != 0))]).astype(np.int64)
+
+
+def _segment(t: Floats, segments: Sequence[tuple[float, float]]) -> NDArray[np.int64]:
+    """Return the number of the segment of times t (n,)."""
+    return np.searchsorted([first for first, _ in segments], t, side="right")
 
 
 def broken(piece: NDArray[np.int64], *columns: Floats) -> list[Floats]:

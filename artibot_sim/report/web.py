@@ -43,6 +43,11 @@ def numbers(values: Floats, digits: int = 7) -> list[float | None]:
     return [None if math.isnan(value) else float(f"{value:.{digits}g}") for value in values.tolist()]
 
 
+def is_thinned(panel: Panel) -> bool:
+    """Whether a page draws some line of a panel with fewer points than it has."""
+    return any(len(line.x) > MOST_POINTS for line in panel.lines)
+
+
 def thinned(x: Floats, y: Floats, most: int = MOST_POINTS) -> tuple[Floats, Floats]:
     """Return a curve (n,) with at most about `most` points that looks the same.
 
@@ -63,12 +68,20 @@ def thinned(x: Floats, y: Floats, most: int = MOST_POINTS) -> tuple[Floats, Floa
     return x[keep], y[keep]
 
 
+def _spaced(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Return every few points of a curve on a map (n,), its gaps (NaN) and its end, `MOST_POINTS` or so."""
+    if len(x) <= MOST_POINTS:
+        return x, y
+    keep = np.isnan(x)
+    keep[:: -(-len(x) // MOST_POINTS)] = keep[-1] = True
+    return x[keep], y[keep]
+
+
 def _line(panel: Panel, line: Line) -> dict[str, Any]:
     stroke = _stroke(line.stroke)
     if "line" in stroke and len(line.x) < _EXACT:
         stroke["line"]["simplify"] = False  # plotly's simplification bends lines visibly
-    step = max(1, len(line.x) // MOST_POINTS)
-    x, y = (line.x[::step], line.y[::step]) if panel.equal else thinned(line.x, line.y)
+    x, y = (_spaced if panel.equal else thinned)(line.x, line.y)
     return {
         "type": "scatter", "name": line.name, "x": numbers(x), "y": numbers(y), "connectgaps": False,
         **stroke, "opacity": line.stroke.opacity, "legendgroup": _group(line.kind, line.side),

@@ -118,7 +118,7 @@ def test_the_interpolation_period_is_the_sync_period(rate: float) -> None:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"bus__bitrate": 125_000}, r"parameter bus.bitrate: 125000 bit/s would be 140 % full with SYNC at 100 Hz"),
+        ({"bus__bitrate": 125_000}, r"parameter bus.bitrate: 125000 bit/s would be 142 % full with SYNC at 100 Hz"),
         ({"robot": "husky"}, r"robot 'husky'"),
         ({"eds": "nowhere.eds"}, r"nowhere.eds: cannot be read"),
     ],
@@ -148,7 +148,7 @@ def test_bus_load_counts_every_cyclic_frame() -> None:
     assert frame_bits(8) == 135  # the figure of textbooks for 11-bit identifiers, 3 bits of space included
     assert frame_bits(0) == 55
     mine = rig()
-    bits = 100 * (55 + 4 * 3 * 135) + 65 * (4 / 0.04 + 1 / 0.05)
+    bits = 100 * (55 + 4 * 3 * 135) + 65 * (4 / 0.04 + 1 / 0.02)
     assert mine.bus_load == pytest.approx(bits / 500_000)
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -23,3 +25,21 @@ def test_other_libraries_are_whole_after_a_rollout(code: str) -> None:
     )
     done = subprocess.run([sys.executable, "-c", before + code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_compilation_is_announced_once_and_a_cached_loop_never(tmp_path: Path) -> None:
+    code = (
+        "from artibot_sim import progress; heard = []; progress.compiling.append(heard.append); "
+        "import numpy as np; from artibot_sim.model import *; "
+        "v = np.full((3, 4), np.nan); v[:, :2] = 1.0; rollout(load_robot('agriq'), Commands(0.01, v)); print(heard)"
+    )
+    runs = [
+        subprocess.run(
+            [sys.executable, "-c", code],
+            capture_output=True,
+            text=True,
+            env=os.environ | {"ARTIBOT_CACHE_DIR": str(tmp_path)},
+        )
+        for _ in range(2)
+    ]
+    assert [run.stdout.split() for run in runs] == [["[True,", "False]"], ["[]"]], [run.stderr for run in runs]

@@ -38,16 +38,21 @@ def short(tmp_path: Path) -> Path:
 
 
 class Listener:
-    """What a simulator hears of a planner, and optionally a /clock for it."""
+    """What a simulator hears of a planner, and optionally a /clock for it; one that follows says what motors do."""
 
-    def __init__(self, context: Context, namespace: str = "", profile: bool = True, clock: bool = False) -> None:
+    def __init__(
+        self, context: Context, namespace: str = "", profile: bool = True, clock: bool = False, follows: bool = True
+    ) -> None:
         from nav_msgs.msg import Odometry, Path
         from rclpy.node import Node
         from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
         from rosgraph_msgs.msg import Clock
+        from sensor_msgs.msg import JointState
         from trajectory_msgs.msg import JointTrajectory
 
         self.node = Node("listener", context=context, namespace=namespace)
+        if follows:
+            self.node.create_publisher(JointState, "motors_under_any_name", 10)
         self.profiles: list[Any] = []
         self.paths: list[Any] = []
         self.odoms: list[Any] = []
@@ -212,6 +217,18 @@ def test_what_it_cannot_use_gets_one_line_and_status_2(start_node: NodeStarter, 
     assert node.wait(30) == 2
     assert message in node.output
     assert "Traceback" not in node.output
+
+
+def test_a_recorder_alone_does_not_start_it(start_node: NodeStarter, ros_context: Context, short: Path) -> None:
+    listener = Listener(ros_context, follows=False)
+    node = start_node("planner", short, "--subscriber-timeout", 2.0)
+    spin_until(listener.node, lambda: not node.running, what="the planner's end")
+    assert node.wait() == 2
+    assert "planned/front_velocity: nobody but listener listened within 2 s" in node.output
+    assert not listener.profiles
+    node = start_node("planner", short, "--wait-for", "anyone")
+    spin_until(listener.node, lambda: bool(listener.profiles), what="the profile")
+    assert node.stop() == 130
 
 
 def test_a_misspelt_parameter_is_said(start_node: NodeStarter) -> None:

@@ -216,6 +216,27 @@ def test_a_publisher_that_offers_less_joins(publishers: Publishers, start_node: 
     assert bag_info(tmp_path / "run").message_count == 50
 
 
+def test_latched_messages_are_recorded_once_whoever_joins(
+    publishers: Publishers, start_node: NodeStarter, tmp_path: Path
+) -> None:
+    from nav_msgs.msg import Path as PlannedPath
+
+    publishers.add("/planned/path", PlannedPath, latched=True)
+    for _ in range(3):
+        publishers.publish("/planned/path")
+    node = start_node("record", "-o", tmp_path / "run")
+    node.wait_for("recording /planned/path [nav_msgs/msg/Path], reliable, latched")
+    time.sleep(0.5)
+    publishers.add("/planned/path", PlannedPath, reliable=False, latched=True)
+    node.wait_for("recording /planned/path [nav_msgs/msg/Path], best effort\n")
+    time.sleep(0.5)
+    publishers.round(2)
+    time.sleep(0.3)
+    assert node.stop() == 0
+    assert bag_info(tmp_path / "run").message_count == 5
+    assert "5 messages of 1 topics" in node.output
+
+
 def test_nothing_is_overwritten(start_node: NodeStarter, tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "mine").write_text("keep")

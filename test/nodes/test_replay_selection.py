@@ -100,3 +100,21 @@ def test_the_time_of_the_recording_never_goes_back(length: int, instants: list[i
     assert times == sorted(times)
     assert time.at(0) == 5
     assert time.at(stretch.period_ns) == 5 + length + GAP_NS
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (["--stats", "nowhere/stats.json"], "--stats nowhere/stats.json: cannot be written: there is no"),
+        (["--resimulate", "rotations", "--out", "."], "metrics.json: exists already"),
+    ],
+)
+def test_what_cannot_be_written_is_refused_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], args: list[str], said: str
+) -> None:
+    from artibot_sim.cli import main
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "metrics.json").touch()
+    assert main(["replay", "there is no recording", *args]) == 2
+    assert said in capfd.readouterr().err

@@ -84,15 +84,6 @@ def test_a_rigid_robot_has_two_motors_and_no_articulation(start_node, ros_contex
     assert len(joints.position) == len(joints.velocity) == 4
 
 
-def test_with_a_driver_the_simulator_leaves_its_topics(start_node, ros_context) -> None:
-    start_node("sim", "--with-driver")
-    probe = Probe(ros_context, ["ground_truth/odom", "joint_states"])
-    probe.ready()
-    assert probe.last("joint_states").name == ["articulation_yaw", "articulation_roll"]
-    for topic in ("/odom", "/motor_torques", "/motor_command", "/diagnostics"):
-        assert not probe.node.get_publishers_info_by_topic(topic)
-
-
 def test_profile_silence_and_stale_profiles(start_node, ros_context) -> None:
     node = start_node("sim", "--kappa", 0.8, "--ros-args", *PATIENT)
     probe = Probe(ros_context, MEASURED)

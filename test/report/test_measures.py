@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bag_helpers import foreign
-from report_helpers import Columns, circle, recording
+from report_helpers import EPOCH, Columns, circle, recording
 
-from artibot_sim.experiment import Experiment, metrics, read_bag
+from artibot_sim.experiment import Experiment, metrics, read_bag, write_channels
+from artibot_sim.experiment.encode import path_message
 from artibot_sim.report.measures import measure
+from artibot_sim.report.tracks import find_track
 
 RATE = 0.4
 T = np.arange(0.0, 10.0, 0.02)
@@ -81,6 +83,29 @@ def test_a_recording_that_ends_early_says_so(tmp_path: Path) -> None:
     assert found.window == pytest.approx((0.0, 6.0), abs=0.05)
     assert found.e_gamma["true"] == pytest.approx(2.0 / 3.0 - 1)
     assert any("ends 4.0 s before the plan" in remark for remark in found.remarks)
+
+
+def test_a_plan_whose_poses_were_cut_is_read_from_its_path(tmp_path: Path) -> None:
+    planned, driven = circle(T, 2.0, RATE), circle(T, 3.0, 0.8 / 3.0)
+    there = (T < 3.0) | (T > 7.0)
+    cut = {name: values[there] for name, values in planned.items()}
+    stamps = EPOCH + np.rint(T * 1e9).astype(np.int64)
+    poses = np.column_stack([planned[name] for name in ("x", "y", "yaw")])
+    tables = {
+        "planned_odom": (stamps[there], cut),
+        "ground_truth_odom": (stamps, driven),
+    }
+    path = {"planned_path": [(EPOCH, path_message(EPOCH, stamps.tolist(), poses))]}
+    found = {}
+    for name, latched in (("pose", {}), ("path", path)):
+        run = read_bag(write_channels(tmp_path / name, tables, latched=latched))
+        found[name] = measure(run)
+        track = find_track(run, "planned")
+        assert track is not None and len(track.t) == (len(T) if latched else there.sum())
+    whole = measure(recording(tmp_path / "whole", {"planned_odom": (T, planned), "ground_truth_odom": (T, driven)}))
+    assert found["path"].e_gamma == pytest.approx(whole.e_gamma) and found["path"].radius == pytest.approx(whole.radius)
+    assert found["path"].path_length == pytest.approx(whole.path_length)
+    assert found["pose"].path_length["planned"] < 0.99 * whole.path_length["planned"]
 
 
 def test_points_stand_in_for_a_true_pose(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from artibot_sim.model import Robot
 from artibot_sim.report.figures import experiment_figure
 from artibot_sim.report.page import render_page
 from artibot_sim.report.panels import Figure
-from artibot_sim.report.web import chart, numbers, thinned
+from artibot_sim.report.web import MOST_POINTS, chart, numbers, thinned
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
@@ -95,6 +95,16 @@ def test_the_page_needs_nothing_from_outside(run: Experiment, agriq: Robot) -> N
     text = page_of(experiment_figure([run], [agriq]))
     assert "default-src 'none'" in text  # so a browser would refuse what there were
     assert not re.search(r"<(script|link|img|iframe)[^>]+(src|href)\s*=", text)
+
+
+def test_a_page_says_that_it_thinned_long_lines(tmp_path: Path) -> None:
+    for count, said in ((1_000, False), (MOST_POINTS + 2, True)):
+        t = 0.01 * np.arange(count)
+        figure = experiment_figure([recording(tmp_path / f"run{count}", {"odom": (t, circle(t, 2.0, 0.3))})])
+        assert ("Lines of more than 20 000 samples are drawn" in page_of(figure)) == said
+        assert all(
+            len(trace["x"]) <= MOST_POINTS + 2 for panel in figure.panels for trace in chart(panel, (0, 1))["data"]
+        )
 
 
 def test_names_cannot_break_the_page(tmp_path: Path) -> None:

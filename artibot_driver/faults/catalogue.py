@@ -1,0 +1,245 @@
+"""The faults that driver and drives have to cope with: how each comes about, how it ends, and what must follow."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Final
+
+from artibot_driver.faults.wire import Interference
+from artibot_driver.faults.world import World
+from artibot_driver.frames import Frame, NmtCommand, NmtState, heartbeat, nmt
+from artibot_driver.master import Reason, Setpoints
+
+ON_THE_BUS: Final = 0.15
+"""A reaction has to begin within this time where the driver can notice, s."""
+
+BY_THE_DRIVES: Final = 0.3
+"""The same where only the drives can, s."""
+
+_OVER_CURRENT: Final = 0x2310
+
+Act = Callable[[World, str], None]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault.
+
+    Attributes
+    ----------
+    inject, mend : callable
+        Take the world and the motor that is concerned, where one is.
+    stops : bool
+        Whether the rover has to stop; else it may also go on as commanded.
+    within : float
+        The reaction has to begin so soon, s.
+    reasons : tuple of Reason
+        What the driver may give as the first reason; empty where it cannot know one.
+    own : float
+        The same as `within` for the drive concerned, where it is left to itself, s.
+    held : float
+        By so much later the rover may be at rest, s.
+    group : str
+        Under which name it is summed up, where not under its own.
+    """
+
+    name: str
+    inject: Act
+    mend: Act
+    stops: bool
+    within: float
+    reasons: tuple[Reason, ...]
+    own: float = 0.0
+    held: float = 0.0
+    group: str = ""
+
+
+def _nothing(world: World, motor: str) -> None:
+    """There is nothing to mend."""
+
+
+def _unplug(world: World, motor: str) -> None:
+    world.with_crew(lambda crew: crew.unplug(motor))
+
+
+def _plug(world: World, motor: str) -> None:
+    world.with_crew(lambda crew: crew.plug(motor))
+
+
+def _cut_power(world: World, motor: str) -> None:
+    world.with_crew(lambda crew: crew.cut_power(motor))
+
+
+def _power(world: World, motor: str) -> None:
+    world.with_crew(lambda crew: crew.power(motor, world.now))
+
+
+def _restart(world: World, motor: str) -> None:
+    world.with_crew(lambda crew: crew.drives[motor].power_on(world.now))
+
+
+def _fail(world: World, motor: str) -> None:
+    world.with_crew(lambda crew: crew.drives[motor].fail(_OVER_CURRENT))
+
+
+def _fail_for_long(world: World, motor: str) -> None:
+    world.with_crew(lambda crew: crew.drives[motor].fail(_OVER_CURRENT, lasting=True))
+
+
+def _mend_drive(world: World, motor: str) -> None:
+    world.with_crew(lambda crew: crew.drives[motor].mend())
+
+
+def _emergency(world: World, motor: str) -> None:
+    codec = world.rig.codec
+    world.inject([codec.emcy(codec.nodes[motor], _OVER_CURRENT, 1)])
+
+
+def _hang(world: World, motor: str) -> None:
+    world.hung = True
+
+
+def _wake(world: World, motor: str) -> None:
+    world.hung = False
+
+
+def _replace_driver(world: World, motor: str) -> None:
+    world.new_master()
+    world.hung = False
+
+
+def _down(world: World, motor: str) -> None:
+    world.bus_down()
+
+
+def _up(world: World, motor: str) -> None:
+    world.bus_up()
+
+
+def _flood(world: World, motor: str) -> None:
+    world.flood = 1.0
+
+
+def _end_flood(world: World, motor: str) -> None:
+    world.flood = 0.0
+
+
+def _interfering(interference: Interference) -> Act:
+    def inject(world: World, motor: str) -> None:
+        world.unreliable.interference = interference
+
+    return inject
+
+
+def _noise(world: World, motor: str) -> None:
+    world.noise = 10
+
+
+def _quiet(world: World, motor: str) -> None:
+    world.noise = 0
+    world.unreliable.interference = Interference()
+
+
+def _commanding(change: Callable[[Setpoints, World], Setpoints | None]) -> Act:
+    """From now on the commands are changed so."""
+
+    def inject(world: World, motor: str) -> None:
+        before = world.command
+
+        def command(now: int) -> Setpoints | None:
+            given = before(now)
+            return None if given is None else change(given, world)
+
+        world.command = command
+
+    return inject
+
+
+def _nan(given: Setpoints, world: World) -> Setpoints:
+    return replace(given, front_velocity=(given.front_velocity[0], math.nan))
+
+
+def _infinite(given: Setpoints, world: World) -> Setpoints:
+    return replace(given, front_velocity=(math.inf, given.front_velocity[1]))
+
+
+def _too_fast(given: Setpoints, world: World) -> Setpoints:
+    return replace(given, front_velocity=(1.5 * world.rig.config.max_speed * world.turn, given.front_velocity[1]))
+
+
+def _too_strong(given: Setpoints, world: World) -> Setpoints:
+    return replace(given, back_effort=(1.1, math.nan))
+
+
+def _no_kappa(given: Setpoints, world: World) -> Setpoints:
+    return replace(given, kappa=0.5)
+
+
+def _old(given: Setpoints, world: World) -> Setpoints:
+    return replace(given, stamp_ns=0)
+
+
+def _stop_nodes(world: World, motor: str) -> None:
+    world.inject([nmt(NmtCommand.STOP)])
+
+
+def _reset_node(world: World, motor: str) -> None:
+    world.inject([nmt(NmtCommand.RESET_NODE, world.rig.codec.nodes[motor])])
+
+
+def _second_driver(world: World, motor: str) -> None:
+    codec = world.rig.codec
+    command = codec.pdo("RPDO1", codec.nodes[motor], (0x0F, 0, 0))
+    world.inject([command, heartbeat(world.rig.config.driver_id, NmtState.OPERATIONAL)])
+
+
+def _strange_frames(world: World, motor: str) -> None:
+    node = world.rig.codec.nodes[motor]
+    world.inject([Frame(0x180 + node, b""), Frame(0x180 + node, bytes(3)), Frame(0x700 + node, b"\x99")])
+
+
+_R = Reason
+_DRIVE = (_R.DRIVE_FAULT, _R.DRIVE_RESTARTED, _R.DRIVE_STATE, _R.DRIVE_SILENT)
+_ANY = tuple(Reason)
+
+CATALOGUE: Final = (
+    Fault("drive unplugged", _unplug, _plug, True, ON_THE_BUS, (_R.DRIVE_SILENT,), own=BY_THE_DRIVES),
+    Fault("drive without supply", _cut_power, _power, True, ON_THE_BUS, (_R.DRIVE_SILENT,)),
+    Fault("drive restarts", _restart, _nothing, True, ON_THE_BUS, _DRIVE),
+    Fault("drive fault", _fail, _nothing, True, ON_THE_BUS, (_R.DRIVE_FAULT,)),
+    Fault("lasting drive fault", _fail_for_long, _mend_drive, True, ON_THE_BUS, (_R.DRIVE_FAULT,)),
+    Fault("emergency message", _emergency, _nothing, True, ON_THE_BUS, (_R.DRIVE_FAULT,)),
+    Fault("driver hangs", _hang, _wake, True, BY_THE_DRIVES, (_R.OVERRUN,)),
+    Fault("driver killed", _hang, _replace_driver, True, BY_THE_DRIVES, ()),
+    Fault("bus down", _down, _up, True, BY_THE_DRIVES, (_R.BUS_LOST, _R.CANNOT_SEND)),
+    Fault("bus flooded", _flood, _end_flood, True, ON_THE_BUS, (_R.BUS_OVERLOADED, *_DRIVE)),
+    Fault("somebody stops all nodes", _stop_nodes, _nothing, True, ON_THE_BUS, _DRIVE),
+    Fault("somebody resets a node", _reset_node, _nothing, True, ON_THE_BUS, _DRIVE),
+    Fault("second driver", _second_driver, _nothing, True, ON_THE_BUS, (_R.SECOND_DRIVER,)),
+    Fault("command silence", _commanding(lambda *_: None), _nothing, True, ON_THE_BUS, (_R.COMMAND_SILENCE,)),
+    Fault("old commands", _commanding(_old), _nothing, True, ON_THE_BUS, (_R.COMMAND_SILENCE,)),
+    Fault("NaN commanded", _commanding(_nan), _nothing, True, ON_THE_BUS, (_R.INVALID_COMMAND,)),
+    Fault("infinity commanded", _commanding(_infinite), _nothing, True, ON_THE_BUS, (_R.INVALID_COMMAND,)),
+    Fault("speed out of range", _commanding(_too_fast), _nothing, True, ON_THE_BUS, (_R.INVALID_COMMAND,)),
+    Fault("effort out of range", _commanding(_too_strong), _nothing, True, ON_THE_BUS, (_R.INVALID_COMMAND,)),
+    Fault("kappa out of range", _commanding(_no_kappa), _nothing, True, ON_THE_BUS, (_R.INVALID_COMMAND,)),
+    Fault("10 % of frames lost", _interfering(Interference(lost=0.1)), _quiet, False, ON_THE_BUS, _ANY),
+    Fault("10 % of frames duplicated", _interfering(Interference(duplicated=0.1)), _quiet, False, ON_THE_BUS, _ANY),
+    Fault("10 % of frames reordered", _interfering(Interference(reordered=0.1)), _quiet, False, ON_THE_BUS, _ANY),
+    Fault("10 % of frames truncated", _interfering(Interference(truncated=0.1)), _quiet, False, ON_THE_BUS, _ANY),
+    Fault(
+        "all of these together",
+        _interfering(Interference(0.1, 0.1, 0.1, 0.1)),
+        _quiet,
+        False,
+        ON_THE_BUS,
+        _ANY,
+    ),
+    Fault("unknown nodes", _noise, _quiet, False, ON_THE_BUS, _ANY),
+    Fault("strange frames", _strange_frames, _nothing, False, ON_THE_BUS, _ANY),
+)
+"""Every fault."""
+
+BY_NAME: Final = {fault.name: fault for fault in CATALOGUE}

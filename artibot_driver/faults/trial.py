@@ -1,0 +1,275 @@
+"""One trial: bring the loop up, drive, let a fault happen, and hold what follows against what must."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+from artibot_driver.faults.catalogue import Fault
+from artibot_driver.faults.world import Sample, World
+from artibot_driver.master import Phase, Reason, Setpoints
+from artibot_sim.model import MOTORS
+
+REJOIN: Final = 2.0
+"""After the fault all drives are to be set up again within this time, s."""
+
+STANDSTILL: Final = 0.03
+"""A wheel slower than this over ground stands, m/s."""
+
+LAG: Final = 0.1
+"""A motor may be so far behind its set-point when the ramp ends, s."""
+
+LEAP: Final = 0.06
+"""A drive that begins a ramp of its own begins it at what its motor does, which lags behind, m/s."""
+
+
+@dataclass
+class Outcome:
+    """What a trial gave.
+
+    Attributes
+    ----------
+    stopped : bool
+        Whether the rover stopped; else it went on as commanded.
+    reaction, standing, rejoined : float
+        After the fault (or, where it had not to stop, after the reason was noticed): the last front motor was slowed
+        down; all were at standstill or without torque. After its end: all drives were set up. s; NaN where not so.
+    complaints : list of str
+        What was not as it must be.
+    disturbed : int
+        How often the trial was made again, because the machine held it up.
+    """
+
+    fault: str
+    group: str
+    motor: str
+    stopped: bool = False
+    reaction: float = math.nan
+    standing: float = math.nan
+    rejoined: float = math.nan
+    reason: Reason | None = None
+    complaints: list[str] = field(default_factory=list)
+    disturbed: int = 0
+
+
+class NotReady(RuntimeError):
+    """The loop did not come up, or stopped before anything was done to it."""
+
+
+class Trial:
+    """One fault in a world.
+
+    Parameters
+    ----------
+    world : World
+    fault : Fault
+    motor : str
+        Which drive is concerned, where one is.
+    """
+
+    def __init__(self, world: World, fault: Fault, motor: str) -> None:
+        self.world, self.fault = world, fault
+        self.outcome = Outcome(fault.name, fault.group or fault.name, motor)
+        rng = world.rng
+        self.speed = rng.uniform(0.2, 1.2)  # of the faster front wheel over ground, m/s
+        sides = [self.speed * rng.choice((-1, 1)), 0.0]
+        sides[1] = sides[0] * rng.uniform(0.3, 1.0)
+        rng.shuffle(sides)
+        self.velocity = (sides[0] * world.turn, sides[1] * world.turn)
+        self.duration = rng.uniform(0.4, 1.2)
+
+    def run(self) -> Outcome:
+        """Do it all.
+
+        Raises
+        ------
+        NotReady
+            When the machine did not let the loop come up.
+        """
+        world, fault, motor = self.world, self.fault, self.outcome.motor
+        self.get_moving()
+        world.run(world.rng.uniform(0.0, 0.1))
+        begin, first = world.now, len(world.trace)
+        fault.inject(world, motor)
+        world.run(BEFORE_END + fault.held + self.speed / world.rig.config.stop_deceleration + self.duration)
+        self.judge(begin, world.trace[first:])
+        if self.outcome.stopped:
+            self.come_back(first)
+        else:
+            fault.mend(world, motor)
+            self.expect(world.last.status.phase is Phase.ENABLED, "is not enabled any more, though it did not stop")
+        return self.outcome
+
+    def expect(self, is_so: bool, complaint: str) -> None:
+        """Note what is not as it must be."""
+        if not is_so:
+            self.outcome.complaints.append(complaint)
+
+    def get_moving(self) -> None:
+        """Up, enabled, and at the commanded speed."""
+        world = self.world
+        if not world.run_until(Phase.READY, 5.0) and world.last.status.phase is Phase.LOCKED:
+            world.master.reset_fault()  # a slow machine: the drives have missed heartbeats
+        if world.last.status.phase is not Phase.READY and not world.run_until(Phase.READY, 5.0):
+            raise NotReady(f"not ready after 5 s: {world.last.status}")
+        world.master.enable()
+        if not world.run_until(Phase.ENABLED, 2.0):
+            raise NotReady(f"not enabled: {world.last.status.notice}; {world.last.status.stop}")
+        self.command_freshly()
+        world.run(0.3)
+        if world.last.status.phase is not Phase.ENABLED or not self.as_commanded(world.trace[-1]):
+            raise NotReady(f"not driving: {world.last.status.stop}")
+
+    def command_freshly(self) -> None:
+        """Somebody commands, and goes on doing so."""
+        velocity = self.velocity
+        self.world.command = lambda now: Setpoints(velocity, now)
+
+    def as_commanded(self, sample: Sample) -> bool:
+        """Whether the front drives have the commanded set-points."""
+        step = abs(self.world.rig.scaling[MOTORS[0]].velocity.step)
+        asked = [each.velocity for each in sample.seen.asked[:2]]
+        return all(a is not None and abs(a - v) <= step for a, v in zip(asked, self.velocity, strict=True))
+
+    def judge(self, begin: int, samples: Sequence[Sample]) -> None:
+        """Whether it stopped as it must, or went on as it may."""
+        outcome, fault = self.outcome, self.fault
+        stop = next((s.cycle.status.stop for s in samples if s.cycle and s.cycle.status.stop), None)
+        changed = [s for s in samples if not self.as_commanded(s)]
+        outcome.stopped = stop is not None or bool(changed)
+        if not outcome.stopped:
+            self.expect(not fault.stops, "went on, and had to stop")
+            return
+        if stop is not None:
+            outcome.reason = stop.reason
+            begin = begin if fault.stops else stop.at_ns
+            allowed = tuple(Reason) if self.world.slack else fault.reasons or tuple(Reason)
+            self.expect(stop.reason in allowed, f"gave the reason '{stop.reason.name}': {stop.text}")
+        self.judge_times(begin, samples)
+
+    def judge_times(self, begin: int, samples: Sequence[Sample]) -> None:
+        """When the motors were slowed down, and when they stood or were free."""
+        outcome, fault, config = self.outcome, self.fault, self.world.rig.config
+        ramp = self.speed / config.stop_deceleration
+        reactions, ends = [], []
+        for k in range(len(MOTORS)):
+            name = MOTORS[k]
+            slowed = _first_after(begin, samples, lambda s, k=k: self._slowed(k, s))
+            ended = _first_after(begin, samples, lambda s, k=k: self._ended(k, s))
+            within = max(fault.within, fault.own if name == outcome.motor else 0.0) + self.world.slack
+            self.expect(k > 1 or slowed <= within + TICK, f"{name} was not slowed down within {within} s: {slowed:.3f}")
+            rest = within + ramp + fault.held
+            self.expect(ended <= rest + LAG, f"{name} was not at rest in {rest:.2f} s: {ended:.3f}")
+            reactions.append(slowed if k < 2 and not (fault.own and name == outcome.motor) else 0.0)
+            ends.append(ended)
+        outcome.reaction, outcome.standing = max(reactions), max(ends)
+        self.expect_calm(begin, samples)
+
+    def _slowed(self, k: int, sample: Sample) -> bool:
+        asked = sample.seen.asked[k]
+        if k > 1:
+            return asked.is_free
+        return asked.velocity is None or abs(asked.velocity) < 0.999 * abs(self.velocity[k])
+
+    def _ended(self, k: int, sample: Sample) -> bool:
+        asked = sample.seen.asked[k]
+        if asked.is_free or asked.torque == 0.0:
+            return True
+        return k < 2 and abs(sample.seen.velocity[k]) < STANDSTILL * self.world.turn
+
+    def expect_calm(self, begin: int, samples: Sequence[Sample]) -> None:
+        """From the reaction on nothing is asked for that is faster than before."""
+        for k in range(2):
+            least = math.inf
+            for sample in samples:
+                if sample.now < begin or (math.isinf(least) and not self._slowed(k, sample)):
+                    continue
+                asked = abs(sample.seen.asked[k].velocity or 0.0)
+                self.expect(asked <= least + LEAP * self.world.turn, f"{MOTORS[k]} was made to go faster again")
+                least = min(least, asked)
+
+    def come_back(self, first: int) -> None:
+        """End the fault; nothing may move but after an enable and a fresh command."""
+        world, fault = self.world, self.fault
+        fault.mend(world, self.outcome.motor)
+        self.command_freshly()
+        begin, mark = world.now, len(world.trace)
+        resting = (Phase.READY, Phase.LOCKED)
+        while world.now < begin + 1_000_000_000 * (REJOIN + 1.0 + 20.0 * world.slack):
+            world.run(1e-9 * world.period)
+            if world.last.status.phase in resting and world.trace[-1].cycle is not None:
+                break
+        self.outcome.rejoined = 1e-9 * (world.now - begin)
+        self.expect(world.last.status.phase in resting, f"is still {world.last.status.phase.name}")
+        self.expect(
+            self.outcome.rejoined <= REJOIN + 20.0 * world.slack, f"took {self.outcome.rejoined:.2f} s to be back"
+        )
+        world.run(0.2)
+        if fault.reasons and fault.stops:
+            kept, known = world.last.status.stop, self.outcome.reason
+            is_kept = kept is not None and kept.reason in ((known,) if known else fault.reasons)
+            self.expect(is_kept, f"the first reason was not kept: {kept}")
+        self.reset()
+        self.expect_rest(world.trace[mark:], "before it was enabled")
+        self.enable_again()
+
+    def reset(self) -> None:
+        """Reset faults where there are some; an enable is refused before that."""
+        world = self.world
+        if world.last.status.phase is not Phase.LOCKED:
+            return
+        world.master.enable()
+        world.run(0.05)
+        self.expect(world.last.status.phase is Phase.LOCKED, "could be enabled with a drive in fault")
+        world.master.reset_fault()
+        self.expect(world.run_until(Phase.READY, 1.0), f"is not ready after a reset: {_troubles(world)}")
+        world.run(0.1)
+
+    def enable_again(self) -> None:
+        """An enable alone moves nothing, and neither do commands from before; a fresh one does."""
+        world, mark = self.world, len(self.world.trace)
+        old = Setpoints(self.velocity, world.now)
+        world.command = lambda now: old
+        world.run(0.02)
+        world.master.enable()
+        self.expect(world.run_until(Phase.ENABLED, 2.0), f"cannot be enabled again: {world.last.status.notice}")
+        world.run(0.2)
+        self.expect_rest(world.trace[mark:], "on a command from before the enable")
+        self.command_freshly()
+        world.run(0.1)
+        self.expect(self.as_commanded(world.trace[-1]), f"does not move again: {world.last.status.stop}")
+        world.command = lambda now: replace(old, front_velocity=(0.0, 0.0), stamp_ns=now)
+
+    def expect_rest(self, samples: Sequence[Sample], when: str) -> None:
+        """Nothing is asked of a front motor but to become slower than it is already."""
+        for k in range(2):
+            most = abs(samples[0].seen.velocity[k])
+            for asked in (abs(sample.seen.asked[k].velocity or 0.0) for sample in samples):
+                self.expect(asked <= most, f"{MOTORS[k]} moved {when}")
+                most = min(most, asked) if asked else most
+
+
+BEFORE_END: Final = 0.5
+"""What follows a fault is watched for so long at least, beside the ramp, s."""
+
+TICK: Final = 0.002
+"""Samples are taken a drive's step after what they show, s."""
+
+
+def _first_after(begin: int, samples: Sequence[Sample], holds: object) -> float:
+    """From when on it held, s after `begin`; infinite where it did not."""
+    assert callable(holds)
+    return next((max(0.0, 1e-9 * (s.now - begin)) for s in samples if s.now >= begin and holds(s)), math.inf)
+
+
+def _troubles(world: World) -> str:
+    return "; ".join(each.trouble for each in world.last.status.drives if each.trouble)
+
+
+def problems(outcomes: Sequence[Outcome]) -> Iterator[str]:
+    """All complaints, each with its trial."""
+    for outcome in outcomes:
+        for complaint in outcome.complaints:
+            yield f"{outcome.fault} ({outcome.motor}): {complaint}"

@@ -1,0 +1,178 @@
+"""A closed loop to try faults in: a master, a bus, four simulated drives with flywheels, and somebody who commands.
+
+:class:`VirtualWorld` runs in time of its own, as fast as it goes, on a bus in memory; ``LiveWorld`` in real time on a
+real bus.
+"""
+
+from __future__ import annotations
+
+import random
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+from artibot_driver.faults.crew import Crew, Seen
+from artibot_driver.faults.wire import UnreliableBus, wire
+from artibot_driver.frames import Frame
+from artibot_driver.master import Cycle, Master, Phase, Setpoints
+from artibot_driver.rig import Rig, motor_per_metre
+
+DRIVE_STEP: Final = 2_000_000
+"""Between two steps of the drives, ns."""
+
+HICCUP: Final = 30_000_000
+"""A machine that holds the loop or the drives up for longer (ns) has a share in what follows."""
+
+_FLOOD_FRAME = Frame(0x7F0, bytes(8))
+
+
+class Sample(NamedTuple):
+    """One period: time (ns), the master's cycle (None while its loop hangs), what the drives do."""
+
+    now: int
+    cycle: Cycle | None
+    seen: Seen
+
+
+class World(ABC):
+    """What faults and trials are written against.
+
+    Attributes
+    ----------
+    command : callable
+        Takes the time, gives the set-points of a period, or None.
+    hung : bool
+        Whether the master's loop stands still.
+    flood : float
+        Foreign frames, as a share of what the bus can carry.
+    noise : int
+        Random frames in every period, from nodes that are none of ours.
+    late : int
+        The longest time that the machine has held the loop or the drives up, ns; 0 in time of its own.
+    trace : list of Sample
+        All periods so far.
+    """
+
+    def __init__(self, rig: Rig, rng: random.Random) -> None:
+        self.rig, self.rng = rig, rng
+        self.command: Callable[[int], Setpoints | None] = lambda now: None
+        self.hung = False
+        self.flood = 0.0
+        self.noise = 0
+        self.late = 0
+        self.trace: list[Sample] = []
+        self.period = 1000 * rig.config.sync_period_us
+        self.turn = motor_per_metre(rig.robot, "front_right")
+        self.unreliable: UnreliableBus
+        self.master: Master
+
+    @property
+    @abstractmethod
+    def now(self) -> int:
+        """Steady time, ns."""
+
+    @abstractmethod
+    def run(self, seconds: float) -> None:
+        """Let so much time pass."""
+
+    @abstractmethod
+    def with_crew(self, what: Callable[[Crew], object]) -> None:
+        """Do something to the drives."""
+
+    @abstractmethod
+    def inject(self, frames: list[Frame]) -> None:
+        """Have somebody else send frames, heard by master and drives."""
+
+    @abstractmethod
+    def bus_down(self) -> None:
+        """Have the bus carry nothing any more."""
+
+    @abstractmethod
+    def bus_up(self) -> None:
+        """Have it carry frames again."""
+
+    @property
+    def slack(self) -> float:
+        """What the machine has a share in is judged with so much more time, s."""
+        return 1e-9 * self.late if self.late > HICCUP else 0.0
+
+    @property
+    def last(self) -> Cycle:
+        """The master's last cycle."""
+        return next(sample.cycle for sample in reversed(self.trace) if sample.cycle is not None)
+
+    def run_until(self, phase: Phase, seconds: float) -> bool:
+        """Let time pass until the master is in a phase, at most so long."""
+        end = self.now + round(1e9 * seconds)
+        while self.now < end:
+            self.run(1e-9 * self.period)
+            if self.last.status.phase is phase:
+                return True
+        return False
+
+    @abstractmethod
+    def new_master(self) -> None:
+        """Have another master take the place of this one, which is gone without a word."""
+
+    def foreign_frames(self) -> list[Frame]:
+        """What others put on the bus in one period."""
+        most = self.rig.config.bitrate * 1e-9 * self.period / 111  # eight bytes, without stuff bits
+        return [_FLOOD_FRAME] * round(self.flood * most) + [self._strange_frame() for _ in range(self.noise)]
+
+    def _strange_frame(self) -> Frame:
+        """A service of a node that is none of ours, or an identifier that is nobody's."""
+        ours = (*self.rig.codec.nodes.values(), self.rig.config.driver_id, 0)
+        node = self.rng.choice([each for each in range(128) if each not in ours])
+        base = self.rng.choice((0x80, 0x180, 0x200, 0x280, 0x300, 0x400, 0x580, 0x600, 0x700))
+        return Frame(base + node, self.rng.randbytes(self.rng.randrange(9)))
+
+
+class VirtualWorld(World):
+    """In time of its own, on a bus in memory: the same seed gives the same trial."""
+
+    def __init__(self, rig: Rig, rng: random.Random) -> None:
+        super().__init__(rig, rng)
+        self._now = 1_000_000_000
+        self._near, self._far = wire()
+        self.unreliable = UnreliableBus(self._near, rng)
+        self.crew = Crew(rig, self._far)
+        self.master = Master(self.unreliable, rig, clock=lambda: self._now)
+
+    @property
+    def now(self) -> int:
+        """Steady time, ns."""
+        return self._now
+
+    def run(self, seconds: float) -> None:
+        """Let so much time pass, in whole periods."""
+        for _ in range(max(1, round(seconds * 1e9 / self.period))):
+            self.inject(self.foreign_frames())
+            cycle = None if self.hung else self.master.cycle(self._now, self.command(self._now))
+            for _ in range(self.period // DRIVE_STEP):
+                self.crew.step(self._now)
+                self._now += DRIVE_STEP
+            self.trace.append(Sample(self._now, cycle, self.crew.seen()))
+
+    def new_master(self) -> None:
+        """Have another master take the place of this one."""
+        self.master = Master(self.unreliable, self.rig, clock=lambda: self._now)
+
+    def with_crew(self, what: Callable[[Crew], object]) -> None:
+        """Do something to the drives."""
+        what(self.crew)
+
+    def inject(self, frames: list[Frame]) -> None:
+        """Have somebody else send frames."""
+        if self._near.up:
+            self._near.inbox.extend(frames)
+            self._far.inbox.extend(frames)
+
+    def bus_down(self) -> None:
+        """Have the bus carry nothing any more."""
+        self._near.up = self._far.up = False
+        self._near.inbox.clear()
+        self._far.inbox.clear()
+
+    def bus_up(self) -> None:
+        """Have it carry frames again."""
+        self._near.up = self._far.up = True

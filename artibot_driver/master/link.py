@@ -1,0 +1,225 @@
+"""One drive as the master knows it: what it has said last, how long ago, and the frames that command it."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Final
+
+from artibot_driver.cia402 import State, controlword_for, state_of
+from artibot_driver.dictionary import PdoMap
+from artibot_driver.emcy import error_text
+from artibot_driver.frames import Emcy, Frame, Heartbeat, NmtState, Sdo
+from artibot_driver.master.setup import Setup
+from artibot_driver.master.values import DriveStatus, Stage
+from artibot_driver.pdo import Pdo
+from artibot_driver.rig import Rig
+from artibot_driver.scaling import unwrap
+
+CONTROLWORD, TARGET_VELOCITY, TARGET_TORQUE = 0x6040, 0x60FF, 0x6071
+STATUSWORD, VELOCITY, TORQUE, POSITION, MODE, ERROR_CODE = 0x6041, 0x606C, 0x6077, 0x6064, 0x6061, 0x603F
+
+IN_FAULT: Final = (State.FAULT, State.FAULT_REACTION_ACTIVE)
+POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
+
+
+def is_warning(code: int) -> bool:
+    """Whether an emergency code reports something that the drive goes on after.
+
+    Those are protocol errors (82xxh: a frame was cut or refused), an overrun, error passive, a recovery from bus-off
+    and the I²t warning.
+    """
+    return code >> 8 == 0x82 or code in (0x8110, 0x8120, 0x8140, 0x2351)
+
+
+@dataclass
+class Heard:
+    """What a drive has said last; times are steady ns, None where it has never said it since it was sought."""
+
+    heartbeat_ns: int | None = None
+    nmt: NmtState | None = None
+    feedback_ns: int | None = None
+    sampled_ns: int | None = None
+    objects: dict[int, int] = field(default_factory=dict)
+    emergency: Emcy | None = None
+    odd: int = 0
+
+
+class Link:
+    """One drive.
+
+    Attributes
+    ----------
+    heard : Heard
+    setup : Setup
+    restarted : str
+        How it was noticed that the drive left operational by itself, until the master has dealt with it.
+    alarm : Emcy or None
+        A severe emergency that the master has not dealt with yet.
+    """
+
+    def __init__(self, rig: Rig, motor: str, tally: Counter[str]) -> None:
+        self.motor, self.node, self._tally = motor, rig.codec.nodes[motor], tally
+        self.scaling = rig.scaling[motor]
+        self.setup = Setup(rig, motor, tally)
+        self.heard = Heard()
+        self.restarted = ""
+        self.alarm: Emcy | None = None
+        self._mode = int(rig.config.mode(motor))
+        self._codec = rig.codec
+        self._rpdos = tuple(each for each in rig.codec.maps.values() if each.to_drive)
+        self._controlword = 0
+        self._total: int | None = None
+        self._origin = 0
+        self._anew = True
+        self._in_period: list[str] = []
+
+    # What it says.
+
+    def take_pdo(self, pdo: Pdo, now: int, sampled: int) -> None:
+        """A TPDO that was sampled with the SYNC at `sampled`."""
+        name = pdo.map.name
+        if self.setup.stage not in (Stage.STARTING, Stage.RUNNING):
+            self._tally["feedback_too_early"] += 1  # of a drive that is not set up: its mapping may be another
+            return
+        if name in self._in_period:
+            self._tally["duplicate"] += 1
+        elif self._in_period and self._in_period[-1] > name:
+            self._tally["out_of_order"] += 1
+        self._in_period.append(name)
+        for each, value in zip(pdo.map.fields, pdo.values, strict=True):
+            if each.subindex == 0:
+                self.heard.objects[each.index] = value
+        indices = [each.index for each in pdo.map.fields]
+        if STATUSWORD in indices:
+            self.heard.feedback_ns, self.heard.sampled_ns = now, sampled
+            self.setup.started()
+        if POSITION in indices:
+            self._count_on(self.heard.objects[POSITION])
+
+    def _count_on(self, raw: int) -> None:
+        if self._total is None or self._anew:
+            self._origin += raw - (self._total if self._total is not None else 0)
+            self._total, self._anew = raw, False
+        self._total = unwrap(raw, self._total)
+
+    def take_heartbeat(self, beat: Heartbeat, now: int) -> None:
+        """A heartbeat; one that says that the drive is not operational any more has it set up again."""
+        self.heard.heartbeat_ns, self.heard.nmt = now, beat.state
+        if beat.state is NmtState.BOOT_UP:
+            self._left("has restarted")
+        elif beat.state is not NmtState.OPERATIONAL and self.setup.stage is Stage.RUNNING:
+            self._left(f"is {beat.state.name.lower().replace('_', '-')}, no longer operational")
+
+    def _left(self, how: str) -> None:
+        if self.setup.stage is Stage.RUNNING:
+            self.restarted = how
+            self._tally["drive_restarts"] += 1
+        self.forget()
+
+    def take_emcy(self, emcy: Emcy) -> None:
+        """An emergency message."""
+        self._tally["emergencies"] += 1
+        self.heard.emergency = emcy if emcy.code else None
+        if emcy.code and not is_warning(emcy.code):
+            self.alarm = emcy
+
+    def take_sdo(self, answer: Sdo) -> None:
+        """An answer to a request."""
+        self.setup.take(answer)
+
+    def forget(self) -> None:
+        """The drive is gone, or has lost its settings: seek it and set it up from the beginning."""
+        self.setup.restart()
+        emergency = self.heard.emergency
+        self.heard = Heard(emergency=emergency)
+        self._anew = True
+
+    def end_period(self, expected: State | None) -> None:
+        """Before the next SYNC: count what did not come, and feedback that is not what was asked for."""
+        if self.setup.stage is Stage.RUNNING and self.heard.feedback_ns is not None and not self._in_period:
+            self._tally["missed_feedback"] += 1
+        if self._in_period:
+            wrong = expected is not None and (self.state is not expected or not self.mode_fits)
+            self.heard.odd = self.heard.odd + 1 if wrong else 0
+        self._in_period.clear()
+
+    # What is known of it.
+
+    @property
+    def state(self) -> State | None:
+        """State of CiA 402 that it reported last."""
+        word = self.heard.objects.get(STATUSWORD)
+        return None if word is None else state_of(word)
+
+    @property
+    def mode_fits(self) -> bool:
+        """Whether its mode of operation is the one that was set, as far as it tells."""
+        return self.heard.objects.get(MODE, self._mode) == self._mode
+
+    @property
+    def in_fault(self) -> bool:
+        """Whether it reports a fault."""
+        return self.state in IN_FAULT
+
+    def feedback_age(self, now: int) -> float:
+        """Since its last statusword, s."""
+        return _age(self.heard.feedback_ns, now)
+
+    def heartbeat_age(self, now: int) -> float:
+        """Since its last heartbeat, s."""
+        return _age(self.heard.heartbeat_ns, now)
+
+    def fault_text(self) -> str:
+        """What its fault is, as far as it has told."""
+        emergency, code = self.heard.emergency, self.heard.objects.get(ERROR_CODE, 0)
+        if emergency is not None and (not code or emergency.code == code):
+            return emergency.text
+        return error_text(code) if code else "no error code"
+
+    def position(self) -> float:
+        """Turn since it was first heard, rad; NaN before."""
+        return math.nan if self._total is None else self.scaling.position.si(self._total - self._origin)
+
+    def quantity(self, index: int) -> float:
+        """Velocity (606Ch) or torque (6077h) actual value, SI; NaN before it was heard."""
+        raw = self.heard.objects.get(index)
+        scale = self.scaling.velocity if index == VELOCITY else self.scaling.torque
+        return math.nan if raw is None else scale.si(raw)
+
+    # What it is told.
+
+    def frames(self, target: State, velocity: int, torque: int, reset_faults: bool) -> list[Frame]:
+        """Its RPDOs for this cycle; what they map beside controlword and set-points is zero."""
+        state = self.state
+        if state is None or self.setup.stage is not Stage.RUNNING:
+            state, target = State.SWITCH_ON_DISABLED, State.SWITCH_ON_DISABLED
+        self._controlword = controlword_for(state, target, self._controlword, reset_faults=reset_faults)
+        given = {CONTROLWORD: self._controlword, TARGET_VELOCITY: velocity, TARGET_TORQUE: torque}
+        return [self._codec.pdo(each.name, self.node, _values(each, given)) for each in self._rpdos]
+
+    def status(self, now: int, trouble: str) -> DriveStatus:
+        """All about it, for a person."""
+        emergency = self.heard.emergency
+        return DriveStatus(
+            motor=self.motor,
+            node=self.node,
+            stage=self.setup.stage,
+            state=self.state,
+            trouble=trouble,
+            emergency="" if emergency is None else emergency.text,
+            error_code=self.heard.objects.get(ERROR_CODE, 0),
+            statusword=self.heard.objects.get(STATUSWORD, 0),
+            heartbeat_age=self.heartbeat_age(now),
+            feedback_age=self.feedback_age(now),
+            progress=self.setup.progress,
+        )
+
+
+def _age(then: int | None, now: int) -> float:
+    return math.inf if then is None else max(0.0, 1e-9 * (now - then))
+
+
+def _values(each: PdoMap, given: dict[int, int]) -> list[int]:
+    return [given.get(part.index, 0) if part.subindex == 0 else 0 for part in each.fields]

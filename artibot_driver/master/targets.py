@@ -1,0 +1,135 @@
+"""Set-points of a cycle: what is followed, how it ramps down, and the integers that go into the frames."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from typing import Final, NamedTuple
+
+from artibot_driver.master.sharing import back_torque, check_kappa
+from artibot_driver.master.values import NAN_PAIR, Commanded, Pair, Setpoints
+from artibot_driver.rig import Rig, motor_per_metre
+from artibot_sim.errors import ArtibotError
+
+FRONT: Final = ("front_right", "front_left")
+BACK: Final = ("back_right", "back_left")
+
+TOLERANCE: Final = 1.01
+"""What is asked for beyond a limit times this is a mistake and is not followed; up to it, it is cut off."""
+
+STANDSTILL: Final = 0.02
+"""Wheels slower than this over ground count as standing, m/s."""
+
+
+class Integers(NamedTuple):
+    """Target velocities (60FFh) of the front drives and target torques (6071h) of the back ones, right and left."""
+
+    velocity: tuple[int, int]
+    torque: tuple[int, int]
+
+    @property
+    def moves(self) -> bool:
+        """Whether the front wheels are to turn."""
+        return any(self.velocity)
+
+
+STANDING: Final = Integers((0, 0), (0, 0))
+
+
+class Targets:
+    """What the rover is commanded now; begins at rest.
+
+    Attributes
+    ----------
+    velocity : (float, float)
+        Front motors, rad/s.
+    """
+
+    def __init__(self, rig: Rig, tally: Counter[str]) -> None:
+        self._rig, self._tally = rig, tally
+        turn = motor_per_metre(rig.robot, FRONT[0])
+        self._limit = rig.config.max_speed * turn
+        self._deceleration = rig.config.stop_deceleration * turn
+        self.velocity: Pair = (0.0, 0.0)
+        self._effort = NAN_PAIR
+        self._kappa = rig.robot.control.kappa
+
+    def fault_of(self, given: Setpoints) -> str:
+        """What is wrong with set-points, one clause; empty where they can be followed."""
+        try:
+            if not isinstance(given.stamp_ns, int):
+                return f"a stamp that is no time in ns: {given.stamp_ns!r}"
+            (right, left), (back_right, back_left) = given.front_velocity, given.back_effort
+            speed = max(abs(right), abs(left))
+            if not math.isfinite(right + left) or speed > TOLERANCE * self._limit:
+                return f"front velocities {right:g} and {left:g} rad/s, expected at most {self._limit:g} (max_speed)"
+            for motor, effort in zip(BACK, (back_right, back_left), strict=True):
+                most = abs(self._rig.scaling[motor].torque.si(self._rig.scaling[motor].torque.high))
+                if abs(effort) > TOLERANCE * most:  # NaN leaves it to eq. 30
+                    return f"{motor} effort {effort:g} N m, expected at most {most:g}"
+            if given.kappa is not None:
+                check_kappa(self._rig.robot, given.kappa)
+        except ArtibotError as error:
+            return str(error)
+        except (TypeError, ValueError) as error:
+            return f"no numbers: {error}"
+        return ""
+
+    def follow(self, given: Setpoints) -> None:
+        """Take set-points that :meth:`fault_of` has passed; too fast ones are scaled down alike."""
+        right, left = given.front_velocity
+        speed = max(abs(right), abs(left))
+        scale = 1.0
+        if speed > self._limit:
+            scale = self._limit / speed
+            self._tally["saturated_velocity"] += 1
+        self.velocity = (right * scale, left * scale)
+        self._effort = given.back_effort
+        self._kappa = self._rig.robot.control.kappa if given.kappa is None else given.kappa
+
+    def begin(self, velocity: Pair) -> None:
+        """Start from what the front motors do, rad/s; what is next to nothing is rest."""
+        slow = not math.isfinite(sum(velocity)) or all(map(self.is_slow, velocity))
+        self.velocity, self._effort = (0.0, 0.0) if slow else velocity, NAN_PAIR
+
+    def is_slow(self, velocity: float) -> bool:
+        """Whether a front motor with this velocity (rad/s) counts as standing; not for NaN."""
+        return abs(velocity) <= STANDSTILL / self._rig.config.max_speed * self._limit
+
+    def ramp_down(self, dt: float) -> None:
+        """`dt` seconds nearer to standstill, both wheels scaled alike: the path keeps its curvature."""
+        self._effort = NAN_PAIR
+        speed = max(map(abs, self.velocity))
+        left = max(0.0, speed - self._deceleration * dt)
+        scale = left / speed if speed > 0.0 else 0.0
+        self.velocity = (self.velocity[0] * scale, self.velocity[1] * scale)
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing is commanded but standstill, in the drives' counts."""
+        return not any(self._velocities()) and not any(effort for effort in self._effort if not math.isnan(effort))
+
+    def _velocities(self) -> tuple[int, int]:
+        right, left = (
+            self._rig.scaling[motor].velocity.raw(value).raw for motor, value in zip(FRONT, self.velocity, strict=True)
+        )
+        return right, left
+
+    def integers(self, front_torque: tuple[int, int]) -> Integers:
+        """What goes into the frames, given the front drives' torque actual values (6077h)."""
+        torques = []
+        for motor, effort in zip(BACK, self._effort, strict=True):
+            if math.isnan(effort):
+                scaled = back_torque(self._rig, motor, self._kappa, front_torque)
+            else:
+                scaled = self._rig.scaling[motor].torque.raw(effort)
+            self._tally["saturated_torque"] += scaled.saturated
+            torques.append(scaled.raw)
+        return Integers(self._velocities(), (torques[0], torques[1]))
+
+    def commanded(self, sent: Integers, now: int) -> Commanded:
+        """What frames with these integers say, SI."""
+        scaling = self._rig.scaling
+        velocity = [scaling[motor].velocity.si(raw) for motor, raw in zip(FRONT, sent.velocity, strict=True)]
+        torque = [scaling[motor].torque.si(raw) for motor, raw in zip(BACK, sent.torque, strict=True)]
+        return Commanded((velocity[0], velocity[1]), (torque[0], torque[1]), now)

@@ -1,0 +1,99 @@
+"""Reasons to stop, each looked for in every cycle in which drives may have current; the first found is the stop's."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from artibot_driver.bus_health import BusState
+from artibot_driver.cia402 import State
+from artibot_driver.config import DriverConfig
+from artibot_driver.master.link import Link
+from artibot_driver.master.traffic import Traffic
+from artibot_driver.master.values import Reason, Stop
+
+ODD_MOST: Final = 3
+"""Statuswords in a row that report another state than the one a drive was led to: fewer may be frames out of order."""
+
+FAILED_MOST: Final = 3
+"""Cycles in a row in which something could not be sent."""
+
+HEARTBEATS: Final = 3.0
+"""While feedback comes, heartbeats may be away for this many ``heartbeat.drive_timeout``: single ones get lost."""
+
+
+def loop_trouble(now: int, last: int, config: DriverConfig) -> Iterator[Stop]:
+    """The driver's own loop: held up for most of the time after which the drives stop by themselves."""
+    late = 1e-9 * (now - last)
+    if late > 2.0 / 3.0 * config.driver_timeout:
+        yield Stop(Reason.OVERRUN, f"the driver's loop was held up for {late:.3f} s", now)
+
+
+def bus_trouble(now: int, state: BusState, traffic: Traffic) -> Iterator[Stop]:
+    """What is wrong with the bus."""
+    if not state.carries_frames:
+        why = traffic.status().reason
+        yield Stop(Reason.BUS_LOST, f"{state.value}" + (f": {why}" if why else ""), now)
+    if traffic.failed >= FAILED_MOST:
+        text = f"frames could not be sent in {traffic.failed} cycles: {traffic.status().reason or 'no reason known'}"
+        yield Stop(Reason.CANNOT_SEND, text, now)
+    if traffic.flooded:
+        load = f"the bus is {100 * traffic.load:.0f} % full"
+        yield Stop(Reason.BUS_OVERLOADED, f"{load}, or says more than can be read in time", now)
+
+
+def drive_trouble(now: int, link: Link, config: DriverConfig, expected: State | None) -> Iterator[Stop]:
+    """What is wrong with a drive; `expected` is the state that it was led to, None while it is on its way."""
+
+    def found(reason: Reason, text: str) -> Stop:
+        return Stop(reason, f"drive {link.motor} (node {link.node}) {text}", now, link.motor)
+
+    if link.restarted:
+        yield found(Reason.DRIVE_RESTARTED, link.restarted)
+    if link.in_fault:
+        yield found(Reason.DRIVE_FAULT, f"is in fault: {link.fault_text()}")
+    if link.alarm is not None:
+        yield found(Reason.DRIVE_FAULT, f"reports {link.alarm.text}")
+    silence = link.feedback_age(now)
+    if silence > config.drive_timeout:
+        yield found(Reason.DRIVE_SILENT, f"has sent no feedback for {silence:.3f} s")
+    silence = link.heartbeat_age(now)
+    if silence > HEARTBEATS * config.drive_timeout:
+        yield found(Reason.DRIVE_SILENT, f"has sent no heartbeat for {silence:.3f} s")
+    if expected is not None and link.heard.odd >= ODD_MOST:
+        mode = "" if link.mode_fits else ", in another mode of operation than was set"
+        yield found(Reason.DRIVE_STATE, f"is in state '{link.state}', expected '{expected}'{mode}")
+
+
+def first(*groups: Iterator[Stop]) -> Stop | None:
+    """The first of all."""
+    for group in groups:
+        for each in group:
+            return each
+    return None
+
+
+def text_of(link: Link, now: int, config: DriverConfig) -> str:
+    """What is wrong with a drive, one clause, where it is not asked to move; empty where nothing is."""
+    if link.setup.refusal:
+        return link.setup.refusal
+    if link.in_fault:
+        return f"in fault: {link.fault_text()}"
+    if not is_heard(link, now, config):
+        return link.setup.stage.value if link.heard.feedback_ns is None else "silent"
+    return ""
+
+
+def is_heard(link: Link, now: int, config: DriverConfig) -> bool:
+    """Whether feedback and heartbeats come as they should."""
+    beating = link.heartbeat_age(now) <= HEARTBEATS * config.drive_timeout
+    return beating and link.feedback_age(now) <= config.drive_timeout
+
+
+def enable_refused(links: Sequence[Link], now: int, config: DriverConfig) -> str:
+    """Why drives cannot be enabled, naming the first that keeps from it."""
+    for link in links:
+        text = text_of(link, now, config)
+        if text:
+            return text if link.setup.refusal else f"drive {link.motor} (node {link.node}): {text}"
+    return "it is not the time"

@@ -1,0 +1,101 @@
+"""From what is heard to what the drives are told: set-points for the master, or the reason to stop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from artibot_driver.master import Phase, Reason, Setpoints, Status
+from artibot_sim.nodes.arbiter import Commanding, Decision
+from artibot_sim.nodes.command_messages import TOPICS, Source
+from artibot_sim.nodes.inputs import Inputs
+
+NOT_ENABLED = "the drives are not enabled; call ~/enable first, then command anew"
+STOPPED = "the rover was stopped; call ~/enable, then command anew"
+
+
+@dataclass(frozen=True)
+class Silence:
+    """A source that asked for motion says nothing more: why the rover is to be stopped."""
+
+    reason: Reason
+    text: str
+
+
+class CommandDesk:
+    """Takes commands while the drives are enabled, and only those that came after the enable.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    """
+
+    def __init__(self, inputs: Inputs) -> None:
+        self.inputs = inputs
+        self._armed_ns: int | None = None
+        self._received = 0.0
+        self.source = Source.NONE
+        self._close(NOT_ENABLED)
+
+    def _close(self, why: str) -> None:
+        self.inputs.deaf = why
+        self.inputs.drop((0.0, 0.0))
+        self.inputs.hear_profiles(False)
+        self.source = Source.NONE
+
+    def follow(self, status: Status) -> None:
+        """Open with an enable, close with a stop; every enable drops what was heard before it."""
+        armed = status.armed_ns if status.phase in (Phase.ENABLING, Phase.ENABLED) else None
+        if armed == self._armed_ns:
+            return
+        self._armed_ns = armed
+        if armed is None:
+            self._close(STOPPED if status.stop else NOT_ENABLED)
+            return
+        self.inputs.drop((0.0, 0.0))
+        self.inputs.deaf = ""
+        self.inputs.hear_profiles(True)
+
+    def decide(
+        self, status: Status, t_ns: int, period_ns: int, periods: int, kappa: float
+    ) -> Setpoints | Silence | None:
+        """What to tell the master for the SYNC now; None where nobody commands.
+
+        Parameters
+        ----------
+        t_ns : int
+            Time of the SYNC, that of the stamps; whole periods after that of the last call.
+        period_ns, periods : int
+            Since the last call so many SYNC periods have passed, mostly one.
+        """
+        self.inputs.t_ns = t_ns - (periods - 1) * period_ns
+        if status.phase is not Phase.ENABLED or self.inputs.deaf:
+            return None
+        before = self.inputs.state
+        decision = self.inputs.decide(period_ns, periods)
+        self.source = decision.source
+        if decision.silenced:
+            silence = self._silence(before, decision)
+            self._close(STOPPED)
+            return silence
+        if decision.source is not Source.NONE:
+            self._received = _received(before, decision.source)
+        velocity = decision.velocity[-1]
+        if decision.source is Source.NONE and velocity == (0.0, 0.0):
+            return None
+        return Setpoints(velocity, round(self._received * 1e9), decision.effort, kappa)
+
+    def _silence(self, before: Commanding, decision: Decision) -> Silence:
+        topic = TOPICS[before.source]
+        refused = self.inputs.refusals.get(before.source)
+        if refused:
+            return Silence(Reason.INVALID_COMMAND, f"{topic} refused: {refused}")
+        return Silence(Reason.COMMAND_SILENCE, decision.notice or f"{topic} is silent: ramp to standstill")
+
+
+def _received(state: Commanding, source: Source) -> float:
+    """When the message came that a source's command rests on (steady s)."""
+    if source is Source.LIVE and state.live:
+        return state.live.at
+    if source is Source.CMD_VEL and state.twist:
+        return state.twist.at
+    return state.pending.accepted if state.pending else 0.0

@@ -1,0 +1,130 @@
+"""The driver's /diagnostics (REP-107): one status for each drive, one for the bus, one for the driver itself."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from artibot_driver.bus_health import BusState
+from artibot_driver.cia402 import State
+from artibot_driver.config import DriverConfig
+from artibot_driver.master import DriveStatus, Phase, Stage, Status
+from artibot_sim.nodes.driver_answers import obstacles, stop_text
+from artibot_sim.nodes.motor_publishers import stamp_of_ns
+
+OK, WARN, ERROR, STALE = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE)
+
+_FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
+_BUS_LEVELS = {BusState.ACTIVE: OK, BusState.WARNING: WARN, BusState.PASSIVE: WARN}
+
+
+def diagnostics(
+    t_ns: int, config: DriverConfig, robot: str, status: Status | None, own: Mapping[str, object], fault: str = ""
+) -> DiagnosticArray:
+    """All statuses of one instant.
+
+    Parameters
+    ----------
+    t_ns : int
+        Stamp.
+    status : Status or None
+        The master's; None while the driver is not configured.
+    own : mapping
+        What the node adds of itself: lifecycle state, who commands, kappa, jitter.
+    fault : str
+        Why the driver could not be configured, or empty.
+    """
+    message = DiagnosticArray()
+    stamp_of_ns(message, t_ns)
+    if status is None:
+        level, text = (ERROR, fault) if fault else (STALE, "not configured")
+        message.status = [_status(level, "driver", robot, text, own)]
+        return message
+    message.status = [_driver(robot, status, own), _bus(config, status), *(_drive(robot, d) for d in status.drives)]
+    return message
+
+
+def essence(message: DiagnosticArray) -> tuple[tuple[bytes, str, str], ...]:
+    """What of it is news when it changes."""
+    return tuple((each.level, each.name, each.message) for each in message.status)
+
+
+def _status(level: bytes, name: str, hardware: str, text: str, values: Mapping[str, object]) -> DiagnosticStatus:
+    pairs = [KeyValue(key=key, value=_word(value)) for key, value in values.items()]
+    return DiagnosticStatus(
+        level=level, name=f"artibot driver: {name}", hardware_id=hardware, message=text, values=pairs
+    )
+
+
+def _word(value: object) -> str:
+    if isinstance(value, float):
+        return "never" if math.isinf(value) else f"{value:.4g}"
+    return "" if value is None else str(value)
+
+
+def _driver(robot: str, status: Status, own: Mapping[str, object]) -> DiagnosticStatus:
+    level, text = OK, status.phase.value
+    if status.stop is not None:
+        level = WARN if status.stop.reason.asked_for else ERROR
+        text = f"stopped: {stop_text(status.stop)}"
+        if status.stop.reason.asked_for and not status.phase.moves:
+            level = OK
+    elif status.phase in (Phase.OFFLINE, Phase.LOCKED) or status.refusal:
+        level, text = ERROR, _joined((text, obstacles(status)))
+    elif status.phase is Phase.CONFIGURING:
+        level, text = WARN, _joined((text, obstacles(status)))
+    values = {
+        "phase": status.phase.name,
+        "stop reason": status.stop.reason.name if status.stop else "",
+        "stop motor": status.stop.motor if status.stop else "",
+        "follows commands": status.following,
+        "last request": status.notice,
+        **own,
+        **status.counters,
+    }
+    return _status(level, "driver", robot, text, values)
+
+
+def _bus(config: DriverConfig, status: Status) -> DiagnosticStatus:
+    bus = status.bus
+    level = _BUS_LEVELS.get(bus.state, ERROR)
+    values = {
+        "interface": config.interface,
+        "channel": config.channel,
+        "state": bus.state.name,
+        "load": bus.load,
+        "transmit errors": bus.tx_errors,
+        "receive errors": bus.rx_errors,
+        "last trouble": bus.reason,
+    }
+    text = bus.state.value if level == OK else _joined((bus.state.value, bus.reason))
+    return _status(level, "bus", f"{config.interface} {config.channel}", text, values)
+
+
+def _drive(robot: str, drive: DriveStatus) -> DiagnosticStatus:
+    state = drive.state.name.lower().replace("_", " ") if drive.state else "unknown"
+    level, text = OK, state
+    if drive.stage is Stage.SEEKING:
+        level, text = STALE, drive.trouble or drive.stage.value
+    elif drive.stage is Stage.REFUSED or drive.state in _FAULTS:
+        level, text = ERROR, _joined((state, drive.emergency, drive.trouble))
+    elif drive.trouble or drive.emergency or drive.stage is not Stage.RUNNING:
+        level, text = WARN, _joined((drive.trouble or drive.stage.value, drive.emergency))
+    values = {
+        "node id": drive.node,
+        "stage": drive.stage.name,
+        "state": state,
+        "statusword": f"{drive.statusword:#06x}",
+        "emergency": drive.emergency,
+        "error code": f"{drive.error_code:#06x}",
+        "since heartbeat (s)": drive.heartbeat_age,
+        "since feedback (s)": drive.feedback_age,
+        "set up": f"{100 * drive.progress:.0f} %",
+    }
+    return _status(level, drive.motor, f"{robot} {drive.motor} (node {drive.node})", text, values)
+
+
+def _joined(parts: Iterable[str]) -> str:
+    return "; ".join(filter(None, parts))

@@ -1,0 +1,166 @@
+"""One SYNC period of the driver after the other: what was heard, to the drives; what they report, to the topics.
+
+Deadlines are absolute, on a steady clock; those that were missed are not made up for. **Time** is steady: stamps and
+profiles follow the system clock as it stood when the rover last stood.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from rclpy.node import Node
+
+from artibot_driver.bus_health import BusState
+from artibot_driver.config import DriverConfig
+from artibot_driver.master import Cycle, Master, Phase, Status, Stop
+from artibot_driver.rig import Rig
+from artibot_sim.nodes import driver_parameters as parameters
+from artibot_sim.nodes.driver_answers import obstacles, stop_text
+from artibot_sim.nodes.driver_bus import BusKeeper
+from artibot_sim.nodes.driver_commands import CommandDesk, Silence
+from artibot_sim.nodes.driver_diagnostics import diagnostics
+from artibot_sim.nodes.driver_publishers import DriverPublishers
+from artibot_sim.nodes.inputs import Inputs
+from artibot_sim.nodes.pacer import Pacer
+
+STEPPED_NS = 50_000_000
+"""A system clock that is off by more was set; the stamps follow when the rover stands."""
+
+
+class DriverLoop:
+    """Everything between the topics and the bus.
+
+    Parameters
+    ----------
+    node : rclpy Node
+        Has the subscriptions and publishers.
+    rig : Rig
+    settings : dict
+        The node's parameters by name; what is in it counts at once.
+
+    Attributes
+    ----------
+    master : Master or None
+        None while there is no bus.
+    status : Status or None
+        As of the last period.
+    """
+
+    def __init__(self, node: Node, rig: Rig, settings: dict[str, Any]) -> None:
+        self._rig, self._settings, self._log = rig, settings, node.get_logger()
+        rules = parameters.rules(settings, rig.robot, rig.config)
+        self.desk = CommandDesk(Inputs(node, rules, settings["cmd_vel_stamped"], beside=True))
+        self._out = DriverPublishers(node, rig.robot, settings["odom_frame"], settings["base_frame"])
+        self._keeper = BusKeeper(rig.config)
+        self._period_ns = 1_000 * rig.config.sync_period_us
+        self.pacer = Pacer(self._period_ns, 1.0)
+        self._periods = 1
+        self.master: Master | None = None
+        self.status: Status | None = None
+        self._epoch_ns = time.time_ns() - time.monotonic_ns()
+        self._stop: Stop | None = None
+        self._logged: Phase | None = None
+
+    @property
+    def config(self) -> DriverConfig:
+        """What bus and drives are set up with."""
+        return self._rig.config
+
+    @property
+    def phase(self) -> Phase:
+        """What the master is at."""
+        return self.status.phase if self.status is not None else Phase.OFFLINE
+
+    def open(self) -> None:
+        """Open the bus; the drives are set up by the periods that follow.
+
+        Raises
+        ------
+        ArtibotError
+            When it cannot be opened, with the mend.
+        """
+        self.master = Master(self._keeper.open(), self._rig)
+        self._periods = 1
+        self.pacer.start()
+
+    def close(self) -> None:
+        """Leave drives and bus."""
+        if self.master is not None:
+            self.master.close(time.monotonic_ns())
+        self._keeper.close()
+        self.master = self.status = self._stop = self._logged = None
+
+    def refresh_rules(self) -> None:
+        """Have the arbitration go by the parameters as they are now."""
+        self.desk.inputs.rules = parameters.rules(self._settings, self._rig.robot, self.config)
+
+    def step(self, master: Master, listen: bool) -> Status:
+        """One SYNC period, at its deadline; with `listen` commands are followed."""
+        self.desk.inputs.take()
+        t_ns = self.pacer.deadline_ns + self._epoch_ns
+        setpoints = None
+        if self.status is not None and listen:
+            kappa = self._settings["kappa"]
+            found = self.desk.decide(self.status, t_ns, self._period_ns, self._periods, kappa)
+            if isinstance(found, Silence):
+                master.stop(found.reason, found.text)
+            else:
+                setpoints = found
+        cycle = master.cycle(time.monotonic_ns(), setpoints)
+        self._periods = self.pacer.skip()
+        self.status = cycle.status
+        self.desk.follow(cycle.status)
+        self._publish(cycle)
+        self._say_what_is_new(cycle.status)
+        if cycle.status.bus.state is BusState.LOST and (bus := self._keeper.again()) is not None:
+            master.use_bus(bus)
+        if not cycle.status.phase.moves:
+            self._follow_system_clock()
+        return cycle.status
+
+    def _publish(self, cycle: Cycle) -> None:
+        self._out.feedback(cycle.feedback, self._epoch_ns)
+        self._out.commanded(cycle.commanded, self._epoch_ns)
+
+    def _say_what_is_new(self, status: Status) -> None:
+        if status.phase is not self._logged:
+            self._logged = status.phase
+            self._log.info("; ".join(filter(None, (status.phase.value, obstacles(status)))))
+        stop = status.stop
+        if stop is not None and stop != self._stop:
+            if stop.reason.asked_for:
+                self._log.info(f"stopped: {stop_text(stop)}")
+            else:
+                self._log.error(f"stopped: {stop_text(stop)}")
+        self._stop = stop
+
+    def _follow_system_clock(self) -> None:
+        epoch = time.time_ns() - time.monotonic_ns()
+        if abs(epoch - self._epoch_ns) > STEPPED_NS:
+            self._log.warning(f"the system clock was set by {1e-9 * (epoch - self._epoch_ns):+.2f} s")
+            self._epoch_ns = epoch
+
+    def diagnose(self, lifecycle: str, fault: str) -> None:
+        """Publish /diagnostics when it is time for that.
+
+        Parameters
+        ----------
+        lifecycle : str
+            The node's state.
+        fault : str
+            Why the driver could not be configured, or empty.
+        """
+        self._out.diagnostics(time.monotonic_ns(), lambda: self._diagnostics(lifecycle, fault))
+
+    def _diagnostics(self, lifecycle: str, fault: str) -> Any:
+        own = {
+            "lifecycle": lifecycle,
+            "commanded by": self.desk.source.value,
+            "kappa": self._settings["kappa"],
+            "loop late p99 (ms)": 1e3 * self.pacer.recent(1000, 99),
+            "loop late most (ms)": 1e3 * self.pacer.recent(1000, 100),
+            "periods missed": self.pacer.overruns,
+        }
+        t_ns = time.monotonic_ns() + self._epoch_ns
+        return diagnostics(t_ns, self.config, self._rig.robot.name, self.status, own, fault)

@@ -1,0 +1,77 @@
+"""The driver node's parameters: the table of :mod:`artibot_driver.config`, declared with ROS and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from artibot_driver.config import ALL_SPECS, COMMANDING_SPECS, KAPPA, SPECS, DriverConfig
+from artibot_driver.master import check_kappa
+from artibot_sim.errors import ArtibotError
+from artibot_sim.model import Robot, load_robot
+from artibot_sim.nodes.command_messages import Rules, parse_sources
+from artibot_sim.nodes.odometry import metres_per_radian
+from artibot_sim.nodes.parameters import declare
+from artibot_sim.nodes.profile import Refused
+from artibot_sim.parameters import Value
+
+Settings = Mapping[str, Any]
+"""Checked parameters by name."""
+
+
+def declare_all(node: Any) -> tuple[Robot, dict[str, Any]]:
+    """Declare every parameter on an rclpy node; return the robot and the checked values.
+
+    Raises
+    ------
+    ArtibotError
+        When a value given at the start, or the robot, is refused.
+    """
+    robot = load_robot(str(declare(node, SPECS["robot"])))
+    settings: dict[str, Any] = {"robot": robot.name}
+    for name, spec in ALL_SPECS.items():
+        if name == "robot":
+            settings[name] = node.get_parameter(name).value
+            continue
+        default = robot.control.kappa if spec is KAPPA else None
+        settings[name] = check(name, declare(node, spec, default), robot)
+    return robot, settings
+
+
+def check(name: str, value: Any, robot: Robot) -> Value:
+    """A parameter's value in its type.
+
+    Raises
+    ------
+    ArtibotError
+        With the reason when it is refused.
+    """
+    checked = ALL_SPECS[name].check(value)
+    if name == KAPPA.name:
+        check_kappa(robot, float(checked))
+    if name == "command_source":
+        try:
+            parse_sources(str(checked))
+        except Refused as reason:
+            raise ArtibotError(f"parameter command_source: {reason}") from reason
+    return checked
+
+
+def of_drives(settings: Settings) -> dict[str, Any]:
+    """Those that the bus and the drives are set up with."""
+    return {name: value for name, value in settings.items() if name not in COMMANDING_SPECS}
+
+
+def rules(settings: Settings, robot: Robot, config: DriverConfig) -> Rules:
+    """What the arbitration between commands goes by."""
+    return Rules(
+        metres_per_radian=metres_per_radian(robot),
+        track=robot.front.i_y,
+        torque_max=(robot.drive.back or robot.drive.front).torque_max,
+        sources=parse_sources(settings["command_source"]),
+        command_timeout=settings["command_timeout"],
+        cmd_vel_timeout=settings["cmd_vel_timeout"],
+        stop_deceleration=config.stop_deceleration,
+        acceleration_limit=settings["acceleration_limit"],
+        max_speed=config.max_speed,
+    )

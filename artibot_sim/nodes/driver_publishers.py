@@ -1,0 +1,92 @@
+"""What the driver publishes: the drives' feedback, what was sent to them, and how they are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import JointState
+
+from artibot_driver.master import Commanded, Feedback
+from artibot_sim.model import Robot
+from artibot_sim.nodes.driver_diagnostics import essence
+from artibot_sim.nodes.motor_publishers import QUIET, STATE_QOS, MotorPublishers, WheelJoints, stamp_of_ns
+from artibot_sim.nodes.odometry import Odometry, metres_per_radian
+
+EVERY_NS = 1_000_000_000
+"""Between two /diagnostics where nothing changes."""
+
+NEWS_NS = 100_000_000
+"""Between two /diagnostics at the least."""
+
+
+class DriverPublishers:
+    """The node's publishers.
+
+    Parameters
+    ----------
+    node : rclpy Node
+    robot : Robot
+    odom_frame, base_frame : str
+    """
+
+    def __init__(self, node: Node, robot: Robot, odom_frame: str, base_frame: str) -> None:
+        self._motors = MotorPublishers(node, robot, STATE_QOS, qos_profile_sensor_data, odom_frame, base_frame)
+        self._wheels = WheelJoints(robot)
+        self._joints = node.create_publisher(JointState, "joint_states", qos_profile_sensor_data, event_callbacks=QUIET)
+        self._joints_message = JointState(name=list(self._wheels.names))
+        self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", STATE_QOS, event_callbacks=QUIET)
+        self._odometry = Odometry(metres_per_radian(robot), robot.front.i_y)
+        self._odometry.reset(0.0, 0.0, 0.0)
+        self._sampled = 0
+        self._told: tuple[tuple[bytes, str, str], ...] = ()
+        self._told_ns = 0
+
+    def feedback(self, feedback: Feedback, epoch_ns: int) -> None:
+        """Publish what the drives reported with the newest SYNC, if that is new.
+
+        Parameters
+        ----------
+        epoch_ns : int
+            System time less steady time.
+        """
+        sampled = max((stamp for stamp in feedback.stamp_ns if stamp is not None), default=0)
+        if sampled <= self._sampled:
+            return
+        self._sampled, t_ns = sampled, sampled + epoch_ns
+        self._motors.torques(t_ns, feedback.position, feedback.velocity, feedback.torque)
+        message = self._joints_message
+        stamp_of_ns(message, t_ns)
+        message.position, message.velocity = self._wheels.of(feedback.position), self._wheels.of(feedback.velocity)
+        self._joints.publish(message)
+        front, rates = feedback.position[:2], feedback.velocity[:2]
+        if all(map(math.isfinite, (*front, *rates))):
+            self._odometry.update(front, rates)
+            self._motors.odom(t_ns, self._odometry)
+
+    def commanded(self, commanded: Commanded, epoch_ns: int) -> None:
+        """Publish what was sent with a SYNC."""
+        t_ns = commanded.stamp_ns + epoch_ns
+        self._motors.command(t_ns, commanded.front_velocity, commanded.back_effort)
+
+    def diagnostics(self, now_ns: int, made: Callable[[], DiagnosticArray]) -> None:
+        """Publish /diagnostics once a second, and at once (ten times a second at most) when it says something new.
+
+        Parameters
+        ----------
+        now_ns : int
+            Steady time.
+        made : callable
+            Makes the message.
+        """
+        if now_ns - self._told_ns < NEWS_NS:
+            return
+        message = made()
+        news = essence(message)
+        if news == self._told and now_ns - self._told_ns < EVERY_NS:
+            return
+        self._told, self._told_ns = news, now_ns
+        self._diagnostics.publish(message)

@@ -1,0 +1,200 @@
+"""All sections as one page: charts that can be zoomed, tables, statements; one file that needs no network."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from artibot_sim.report import style
+from artibot_sim.report.page import filled, page_style, script_json
+from artibot_sim.report.panels import Panel, extent
+from artibot_sim.report.web import chart, numbers
+from artibot_sim.reproduce.picture import NEGATIVE, POSITIVE
+from artibot_sim.reproduce.result import HeatMap, Section, Sheet, Statement, Table
+
+TITLE = "The paper's sections 5 to 7, reproduced"
+INTRO = (
+    "Data Driven Analysis of Locomotion for a Class of Articulated Mobile Robots: its figures and tables from "
+    "artibot's model, beside the printed numbers. Whether something agrees or holds is computed from the numbers shown."
+)
+
+
+def render(sections: Sequence[Section], version: str) -> bytes:
+    """Return the page (UTF-8)."""
+    from plotly.offline import get_plotlyjs
+
+    charts = [_chart(item) for section in sections for sheet in section.sheets for row in sheet.rows for item in row]
+    counter = iter(range(len(charts)))
+    parts = {
+        "TITLE": TITLE,
+        "STYLE": page_style() + filled(_CSS, {"GRID": style.GRID, "MUTED": style.MUTED, "GOOD": style.TRUE,
+                                              "BAD": style.ODOMETRIC}),
+        "INTRO": html.escape(INTRO),
+        "SUMMARY": "".join(
+            f'<li><a href="#s{section.number}">Section {section.number}, {html.escape(section.title)}</a>: '
+            f"{html.escape(section.verdict)}</li>"
+            for section in sections
+        ),
+        "BODY": "".join(_section(section, counter) for section in sections),
+        "VERSION": html.escape(f"artibot {version}, `artibot reproduce`"),
+        "CHARTS": script_json(charts),
+        "SCRIPT": _SCRIPT,
+        "PLOTLY": get_plotlyjs(),
+    }  # fmt: skip
+    return filled(_PAGE, parts).encode()
+
+
+def _section(section: Section, counter: Any) -> str:
+    head = f'<h2 class="section" id="s{section.number}">Section {section.number}: {html.escape(section.title)}</h2>'
+    parts = [head, f'<p class="verdict">{html.escape(section.verdict)}</p>']
+    parts += [f"<p>{html.escape(note)}</p>" for note in section.notes]
+    if section.statements:
+        parts.append("<h3>What holds and what does not</h3>")
+        parts.append(f'<ul class="claims">{"".join(map(_statement, section.statements))}</ul>')
+    parts += [_sheet(sheet, counter) for sheet in section.sheets]
+    parts += [_table(table) for table in section.tables]
+    return "".join(parts)
+
+
+def _statement(statement: Statement) -> str:
+    state, word = ("good", "holds") if statement.holds else ("bad", "does not hold")
+    return (
+        f'<li class="{state}"><b>{word}</b> {html.escape(statement.claim)} '
+        f"<small>{html.escape(statement.evidence)}</small></li>"
+    )
+
+
+def _sheet(sheet: Sheet, counter: Any) -> str:
+    rows = []
+    for row in sheet.rows:
+        cells = []
+        for item in row:
+            kind = "plot square" if isinstance(item, HeatMap) or item.equal else "plot"
+            title = html.escape(item.title)
+            cells.append(f'<div class="cell"><h4>{title}</h4><div id="plot{next(counter)}" class="{kind}"></div></div>')
+        rows.append(f'<div class="row n{len(row)}">{"".join(cells)}</div>')
+    return (
+        f"<figure><h3>{html.escape(sheet.title)}</h3><figcaption>{html.escape(sheet.caption)}</figcaption>"
+        f"{''.join(rows)}</figure>"
+    )
+
+
+def _table(table: Table) -> str:
+    head = "".join(f"<th>{html.escape(column)}</th>" for column in table.columns)
+    body = "".join(
+        "<tr>" + "".join(f'<td class="{_mark(text)}">{html.escape(text)}</td>' for text in row) + "</tr>"
+        for row in table.rows
+    )
+    note = f"<p>{html.escape(table.note)}</p>" if table.note else ""
+    return (
+        f'<h3>{html.escape(table.title)}</h3><div class="scroll"><table class="plain"><thead><tr>{head}</tr></thead>'
+        f"<tbody>{body}</tbody></table></div>{note}"
+    )
+
+
+def _mark(text: str) -> str:
+    return {"yes": "good", "no": "bad"}.get(text, "")
+
+
+def _chart(item: Panel | HeatMap) -> dict[str, Any]:
+    if isinstance(item, HeatMap):
+        return _map(item)
+    drawn = chart(item, extent([line.x for line in item.lines]))
+    drawn["layout"]["hovermode"] = "closest"
+    return drawn
+
+
+def _map(item: HeatMap) -> dict[str, Any]:
+    """Return a map as a plotly figure."""
+    data: list[dict[str, Any]] = [
+        {
+            "type": "heatmap", "x": numbers(item.x), "y": numbers(item.y), "z": [numbers(row, 4) for row in item.z],
+            "zmin": -item.scale, "zmax": item.scale, "zsmooth": "best",
+            "colorscale": [[0, NEGATIVE], [0.5, style.PAPER], [1, POSITIVE]],
+            "colorbar": {"thickness": 10, "title": {"text": item.unit, "side": "right"}},
+            "hovertemplate": "%{x:.2f}, %{y:.0f}°: %{z:.4f} " + item.unit + "<extra></extra>",
+        }
+    ]  # fmt: skip
+    for x, y in item.zero:
+        data.append(
+            {"type": "scatter", "mode": "lines", "x": numbers(x), "y": numbers(y), "hoverinfo": "skip",
+             "line": {"color": style.INK, "width": 2.5}, "showlegend": False}
+        )  # fmt: skip
+    shapes = [
+        {"type": "line", "x0": x, "x1": x, "yref": "paper", "y0": 0, "y1": 1,
+         "line": {"color": style.MUTED, "width": 1.2, "dash": "dot"}}
+        for x, _ in item.marks
+    ]  # fmt: skip
+    notes = [
+        {"x": x, "y": 1, "yref": "paper", "text": text, "showarrow": False, "xanchor": "left", "yanchor": "top",
+         "bgcolor": "rgba(255,255,255,0.75)", "font": {"size": 12}}
+        for x, text in item.marks
+    ]  # fmt: skip
+    axis = {"zeroline": False, "showgrid": False, "automargin": True, "tickfont": {"color": style.MUTED}}
+    layout = {
+        "font": {"family": style.WEB_FONTS, "size": 13, "color": style.INK}, "paper_bgcolor": style.PAPER,
+        "plot_bgcolor": style.PAPER, "margin": {"l": 56, "r": 8, "t": 8, "b": 44}, "autosize": True,
+        "xaxis": axis | {"title": {"text": item.x_label}, "range": [float(np.min(item.x)), float(np.max(item.x))]},
+        "yaxis": axis | {"title": {"text": item.y_label}, "range": [float(np.min(item.y)), float(np.max(item.y))]},
+        "shapes": shapes, "annotations": notes, "showlegend": False,
+    }  # fmt: skip
+    return {"data": data, "layout": layout}
+
+
+_CSS = """
+h2.section { font-size: 1.3rem; margin-top: 44px; border-top: 2px solid @GRID@; padding-top: 18px; }
+h3 { font-size: 1.05rem; margin: 26px 0 2px; }
+h4 { font-size: .95rem; margin: 12px 0 0; }
+main p, figcaption { color: @MUTED@; margin: 4px 0; max-width: 90ch; }
+p.verdict { color: inherit; font-weight: 600; }
+figure { margin: 0; }
+.row { display: grid; grid-template-columns: minmax(0, 1fr); gap: 0 20px; }
+.row .plot { height: 300px; }
+.row .plot.square { height: min(92vw, 380px); }
+ul.claims { list-style: none; padding: 0; max-width: 110ch; }
+ul.claims li { margin: 7px 0; padding-left: 12px; border-left: 4px solid @GRID@; }
+ul.claims li.good { border-color: @GOOD@; } ul.claims li.bad { border-color: @BAD@; }
+li.good b, td.good { color: @GOOD@; } li.bad b, td.bad { color: @BAD@; }
+ul.claims small { color: @MUTED@; font-size: .9em; }
+table.plain th { white-space: normal; vertical-align: bottom; max-width: 12em; }
+table.plain td:nth-child(2) { color: inherit; text-align: right; }
+table.plain td:first-child { text-align: left; }
+@media (min-width: 980px) {
+  .row.n2 { grid-template-columns: repeat(2, minmax(0, 1fr)); }
+  .row.n3 { grid-template-columns: repeat(3, minmax(0, 1fr)); }
+  .row.n3 .plot, .row.n3 .plot.square { height: 350px; }
+}
+"""
+
+_SCRIPT = """
+"use strict";
+const coarse = window.matchMedia("(pointer: coarse)").matches;  // a finger on a chart scrolls the page
+Promise.all(charts.map((chart, i) => {
+  chart.layout.dragmode = coarse ? false : "zoom";
+  return Plotly.newPlot("plot" + i, chart.data, chart.layout, {responsive: true, displayModeBar: false});
+})).then(all => { document.documentElement.dataset.drawn = String(all.length); });
+"""
+
+_PAGE = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy"
+ content="default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:">
+<title>@TITLE@</title>
+<style>@STYLE@</style>
+</head>
+<body>
+<header><h1>@TITLE@</h1><p>@INTRO@</p><ul>@SUMMARY@</ul></header>
+<main>@BODY@</main>
+<footer><p>@VERSION@</p></footer>
+<script>const charts = @CHARTS@;</script>
+<script>@PLOTLY@</script>
+<script>@SCRIPT@</script>
+</body>
+</html>
+"""

@@ -1,0 +1,176 @@
+"""What a section's reproduction gives: comparisons, statements and figure data, free of any way to show them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.report.panels import Panel
+
+CALIBRATED = "calibration"
+"""The number was fitted to the very one it is compared with."""
+PREDICTED = "prediction"
+"""It was not."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One number of the paper and ours.
+
+    Attributes
+    ----------
+    what : str
+    unit : str
+        ``%`` and ``m``; the numbers are in it.
+    place : str
+        Where the paper prints it.
+    paper, ours : float
+    within : float
+        Largest difference that counts as agreement: of percentages in points, of radii relative to the paper's.
+    basis : str
+        ``calibration`` or ``prediction``.
+    """
+
+    what: str
+    unit: str
+    place: str
+    paper: float
+    ours: float
+    within: float
+    basis: str
+
+    @property
+    def difference(self) -> float:
+        """Ours less the paper's: points for percentages, else a fraction of the paper's."""
+        return self.ours - self.paper if self.unit == "%" else self.ours / self.paper - 1.0
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the difference is within what is allowed."""
+        return bool(abs(self.difference) <= self.within)
+
+    @property
+    def difference_text(self) -> str:
+        """The difference as written."""
+        if self.unit == "%":
+            return f"{self.difference:+.2f} points".replace("-", "−")
+        return f"{100 * self.difference:+.1f} %".replace("-", "−")
+
+    @property
+    def within_text(self) -> str:
+        """The allowed difference as written."""
+        return f"{self.within:g} points" if self.unit == "%" else f"{100 * self.within:g} %"
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A sentence of the paper, or about it, and whether our numbers bear it out.
+
+    Attributes
+    ----------
+    claim : str
+    holds : bool
+        Computed, as is every number in `evidence`.
+    evidence : str
+    """
+
+    claim: str
+    holds: bool
+    evidence: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "holds", bool(self.holds))  # NumPy's are no JSON
+
+
+@dataclass(frozen=True)
+class Table:
+    """Lines of texts under headings."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class HeatMap:
+    """A quantity over two others, with the curve where it vanishes.
+
+    Attributes
+    ----------
+    x, y : (m,), (n,) arrays
+    z : (n, m) array
+    zero : tuple of (x, y) arrays
+    marks : tuple of (x, text)
+        Vertical lines.
+    scale : float
+        The colours reach from −scale to scale.
+    """
+
+    title: str
+    x_label: str
+    y_label: str
+    unit: str
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    z: NDArray[np.float64]
+    zero: tuple[tuple[NDArray[np.float64], NDArray[np.float64]], ...]
+    marks: tuple[tuple[float, str], ...]
+    scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """Rows of charts that belong together: one picture."""
+
+    key: str
+    title: str
+    caption: str
+    rows: tuple[tuple[Panel | HeatMap, ...], ...]
+    heights: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """A section of the paper, reproduced."""
+
+    number: int
+    title: str
+    sheets: tuple[Sheet, ...]
+    tables: tuple[Table, ...]
+    comparisons: tuple[Comparison, ...]
+    statements: tuple[Statement, ...]
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def verdict(self) -> str:
+        """How much of it agrees, in a sentence."""
+        parts = []
+        for basis, name in ((CALIBRATED, "calibrated"), (PREDICTED, "predicted")):
+            of_it = [c for c in self.comparisons if c.basis == basis]
+            if of_it:
+                parts.append(f"{sum(c.agrees for c in of_it)} of {len(of_it)} {name} numbers agree")
+        if self.statements:
+            parts.append(f"{sum(s.holds for s in self.statements)} of {len(self.statements)} statements hold")
+        return "; ".join(parts) + "."
+
+
+def percent(value: float, digits: int = 2) -> str:
+    """A fraction as percent, with a true minus sign."""
+    return f"{100 * value:.{digits}f} %".replace("-", "−")
+
+
+def comparison_table(title: str, comparisons: Sequence[Comparison], note: str = "") -> Table:
+    """The comparisons as a table."""
+    columns = ("quantity", "paper", "artibot", "difference", "allowed", "agrees", "basis", "place in the paper")
+    rows = tuple(
+        (
+            c.what, f"{c.paper:.2f} {c.unit}".replace("-", "−"), f"{c.ours:.2f} {c.unit}".replace("-", "−"),
+            c.difference_text, c.within_text, "yes" if c.agrees else "no", c.basis, c.place,
+        )
+        for c in comparisons
+    )  # fmt: skip
+    return Table(title, columns, rows, note)

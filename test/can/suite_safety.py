@@ -1,0 +1,22 @@
+"""Runs inside a kernel with CAN (test_bus_vcan.py starts it there): what must follow a fault does so on vcan0."""
+
+from __future__ import annotations
+
+import pytest
+from safety_contract import SafetyContract
+
+from artibot_driver.faults.place import SocketCanPlace
+
+
+@pytest.fixture
+def site() -> SocketCanPlace:
+    return SocketCanPlace("vcan0")
+
+
+@pytest.fixture
+def words() -> tuple[str, str]:
+    return "socketcan", "vcan0"
+
+
+class TestVcan(SafetyContract):
+    """All of :class:`SafetyContract`."""

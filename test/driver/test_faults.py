@@ -1,0 +1,130 @@
+"""Every fault of the catalogue, in time of its own on a bus in memory; ARTIBOT_TRIALS and ARTIBOT_SEED give more."""
+
+from __future__ import annotations
+
+import os
+import random
+
+import pytest
+
+from artibot_driver.config import config_from_parameters
+from artibot_driver.faults import campaign
+from artibot_driver.faults.catalogue import BY_NAME, CATALOGUE, Fault
+from artibot_driver.faults.combined import BRIEFLY, CAN_PASS, TWO, briefly, two
+from artibot_driver.faults.trial import Trial
+from artibot_driver.faults.wire import Interference, UnreliableBus, wire
+from artibot_driver.faults.world import VirtualWorld
+from artibot_driver.frames import Frame
+from artibot_driver.master import Master, Phase, Reason
+from artibot_driver.rig import load_rig
+from artibot_sim.model import MOTORS
+
+TRIALS, SEED = int(os.environ.get("ARTIBOT_TRIALS", "2")), int(os.environ.get("ARTIBOT_SEED", "1"))
+
+
+@pytest.mark.parametrize("name", BY_NAME)
+def test_what_must_follow_a_fault_does(name: str) -> None:
+    for number in range(TRIALS):
+        outcome = campaign.virtual_trial(number, SEED, [name])
+        assert not outcome.complaints, (f"seed {SEED}, trial {number}", outcome)
+
+
+@pytest.mark.parametrize("number", range(TRIALS))
+def test_two_faults_at_once_and_those_that_pass_by_end_well_too(number: int) -> None:
+    rng = random.Random(f"{SEED}/{number}")
+    pair = two(*rng.sample(CATALOGUE, 2), rng.uniform(0.0, 0.3))
+    for fault in (pair, briefly(rng.choice(CAN_PASS), rng.uniform(0.01, 0.15))):
+        outcome = Trial(VirtualWorld(load_rig(config_from_parameters({})), rng), fault, rng.choice(MOTORS)).run()
+        assert not outcome.complaints, (f"seed {SEED}, trial {number}", outcome)
+
+
+def test_a_campaign_has_all_faults_and_both_kinds_made_of_others() -> None:
+    drawn = [campaign.draw(number, SEED, CATALOGUE)[1] for number in range(300)]
+    assert {fault.name for fault in CATALOGUE} <= {fault.name for fault in drawn}
+    assert {fault.group for fault in drawn} == {"", TWO, BRIEFLY}
+
+
+def test_the_names_are_unique() -> None:
+    assert len(BY_NAME) == len(CATALOGUE)
+
+
+def test_the_same_seed_gives_the_same_trial() -> None:
+    one, other = (campaign.virtual_trial(7, 3, ["drive fault", "10 % of frames lost"]) for _ in range(2))
+    assert one == other
+
+
+def test_mishaps_that_are_counted_do_happen() -> None:
+    w = VirtualWorld(load_rig(config_from_parameters({})), random.Random(1))
+    assert w.run_until(Phase.READY, 3.0)
+    w.unreliable.interference = Interference(0.1, 0.1, 0.1, 0.1)
+    w.run(3.0)
+    assert all(w.unreliable.done[kind] > 100 for kind in ("lost", "duplicated", "reordered", "truncated"))
+    counters = w.last.status.counters
+    assert all(counters[kind] > 20 for kind in ("malformed", "duplicate", "out_of_order", "missed_feedback"))
+
+
+def test_an_unreliable_bus_invents_nothing_and_keeps_nothing() -> None:
+    near, far = wire()
+    bus = UnreliableBus(near, random.Random(2))
+    bus.interference = Interference(reordered=0.3, duplicated=0.2)
+    for k in range(200):
+        bus.send(Frame(k, b""))
+    bus.interference = Interference()
+    bus.send(Frame(200, b""))
+    sent = [frame.can_id for frame in far.inbox]
+    assert sorted(set(sent)) == list(range(201))
+    assert sent != sorted(sent)
+    assert len(sent) == 201 + bus.done["duplicated"]
+
+
+class Deaf(Master):
+    """A master that does not notice when a drive falls silent."""
+
+    def _trouble(self, now, last, asked):  # type: ignore[no-untyped-def]
+        stop = super()._trouble(now, last, asked)
+        return None if stop is not None and stop.reason is Reason.DRIVE_SILENT else stop
+
+
+class Eager(Master):
+    """A master that follows commands from before the enable."""
+
+    def _take_setpoints(self, now, given):  # type: ignore[no-untyped-def]
+        self._armed = 0
+        return super()._take_setpoints(now, given)
+
+
+class Abrupt(Master):
+    """A master whose ramp is half as steep as it should be."""
+
+    def _move(self, now, dt):  # type: ignore[no-untyped-def]
+        return super()._move(now, 0.5 * dt)
+
+
+@pytest.mark.parametrize(
+    ("master", "fault", "complaint"),
+    [
+        (Deaf, BY_NAME["drive unplugged"], "had to stop|not slowed down|not at rest"),
+        (Eager, BY_NAME["drive fault"], "moved on a command from before the enable"),
+        (Abrupt, BY_NAME["emergency message"], "was not at rest"),
+    ],
+)
+def test_a_trial_notices_a_driver_that_is_at_fault(master: type[Master], fault: Fault, complaint: str) -> None:
+    w = VirtualWorld(load_rig(config_from_parameters({})), random.Random(5))
+    w.master = master(w.unreliable, w.rig, clock=lambda: w.now)
+    outcome = Trial(w, fault, "back_left").run()
+    assert any(part in each for each in outcome.complaints for part in complaint.split("|")), outcome
+
+
+def test_a_campaign_says_what_it_has_done(capsys: pytest.CaptureFixture[str]) -> None:
+    assert campaign.main(["2", "5", "--fault", "drive fault", "--fault", "unknown nodes", "--jobs", "1"]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].split() == ["fault", "trials", "stopped", "went", "on", "reaction", "at", "rest", "back", "wrong"]
+    assert said[1].startswith("drive fault")
+    assert said[1].split()[2:5] == ["1", "1", "0"]
+    assert said[2].split()[2:5] == ["1", "0", "1"]
+    assert said[3] == "2 trials on a bus in memory, seed 5: 0 not as they must be"
+
+
+def test_a_campaign_on_a_bus_that_is_not_there_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    assert campaign.main(["1", "--channel", "nosuchcan0"]) == 2
+    assert "nosuchcan0" in capsys.readouterr().err

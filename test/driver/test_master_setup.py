@@ -1,0 +1,176 @@
+"""Setting drives up through the master, in time of its own: what is written, refused and tried again, and how fast."""
+
+from __future__ import annotations
+
+import math
+import random
+
+import pytest
+
+from artibot_driver.config import config_from_parameters
+from artibot_driver.faults.wire import Interference
+from artibot_driver.faults.world import VirtualWorld
+from artibot_driver.frames import Frame, NmtState
+from artibot_driver.master import Phase, Setpoints, Stage
+from artibot_driver.rig import load_rig
+from artibot_sim.model import MOTORS
+
+
+def world(seed: int = 1, **given: object) -> VirtualWorld:
+    rig = load_rig(config_from_parameters({name.replace("__", "."): value for name, value in given.items()}))
+    return VirtualWorld(rig, random.Random(seed))
+
+
+def driving() -> VirtualWorld:
+    made = world()
+    assert made.run_until(Phase.READY, 3.0)
+    made.master.enable()
+    assert made.run_until(Phase.ENABLED, 1.0)
+    made.command = lambda now: Setpoints((60.0, 50.0), now)
+    made.run(0.3)
+    return made
+
+
+def test_every_setting_arrives_and_nothing_moves() -> None:
+    w = world()
+    assert w.run_until(Phase.READY, 2.0)
+    for motor, drive in w.crew.drives.items():
+        assert drive.nmt is NmtState.OPERATIONAL
+        for each in w.rig.settings(motor):
+            if (each.index, each.subindex) not in (
+                (0x1400, 1),
+                (0x1800, 1),
+                (0x1801, 1),
+                (0x1600, 0),
+                (0x1A00, 0),
+                (0x1A01, 0),
+            ):
+                assert drive.objects.values[each.index, each.subindex] == each.value, (motor, each)
+    assert all(asked.is_free for sample in w.trace for asked in sample.seen.asked)
+    assert [drive.stage for drive in w.last.status.drives] == [Stage.RUNNING] * 4
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        (
+            (0x608F, 1),
+            2048,
+            r"^motor back_left \(node 4\): object 608Fh:1 \(.*\): found 2048, expected 4096; .*counts_per_turn.back",
+        ),
+        ((0x6076, 0), 900, r"object 6076h .*found 900, expected 600; .*drive.back.rated_torque"),
+        ((0x607E, 0), 0x40, r"object 607Eh .*found 64, expected 0; .*set it to 0 in the drive"),
+        ((0x60A9, 0), 0, r"object 60A9h .*velocity_exponent"),
+    ],
+)
+def test_another_motor_than_was_configured_is_refused_and_never_moved(
+    key: tuple[int, int], value: int, message: str
+) -> None:
+    w = world()
+    w.run(0.01)
+    drive = w.crew.drives["back_left"]
+    drive.objects.values[key] = value
+    w.run(2.0)
+    status = w.last.status
+    assert status.phase is Phase.CONFIGURING
+    assert status.drives[3].stage is Stage.REFUSED
+    with pytest.raises(ValueError, match=message):
+        raise ValueError(status.refusal)
+    w.master.enable()
+    w.command = lambda now: Setpoints((50.0, 50.0), now)
+    w.run(0.5)
+    assert status.refusal in w.last.status.notice
+    assert w.last.status.phase is Phase.CONFIGURING
+    assert all(asked.is_free for sample in w.trace for asked in sample.seen.asked)
+    drive.objects.values[key] = next(
+        each.value for each in w.rig.settings("back_left") if (each.index, each.subindex) == key
+    )
+    w.run(1.5)
+    assert w.last.status.drives[3].stage is Stage.REFUSED  # until somebody has looked at it
+    w.master.reset_fault()
+    assert w.run_until(Phase.READY, 2.0)
+    assert w.last.status.refusal == ""
+
+
+def test_a_drive_that_refuses_a_value_is_refused_with_its_reason() -> None:
+    w = world()
+    w.run(0.01)
+    w.crew.drives["front_left"].objects.values[0x6502, 0] = 0  # no mode of operation is supported
+    w.run(2.0)
+    assert "motor front_left (node 2): object 6060h" in w.last.status.refusal
+    assert "writing 9 was refused (0x06090030:" in w.last.status.refusal
+
+
+def test_a_missing_drive_is_named_and_found_within_two_seconds() -> None:
+    w = world()
+    w.crew.cut_power("back_right")
+    w.run(2.0)
+    assert w.last.status.phase is Phase.CONFIGURING
+    assert [each.stage for each in w.last.status.drives] == [Stage.RUNNING, Stage.RUNNING, Stage.SEEKING, Stage.RUNNING]
+    w.master.enable()
+    w.run(0.02)
+    assert "drive back_right (node 3): not heard" in w.last.status.notice
+    w.crew.power("back_right", w.now)
+    assert w.run_until(Phase.READY, 2.0)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_frames_that_get_lost_only_make_it_slower(seed: int) -> None:
+    w = world(seed)
+    w.unreliable.interference = Interference(0.1, 0.1, 0.1, 0.1)
+    assert w.run_until(Phase.READY, 10.0)
+    counters = w.last.status.counters
+    assert counters["sdo_repeats"] > 0
+    assert counters["malformed"] > 0
+
+
+def test_setting_up_holds_up_nobody_else() -> None:
+    """One drive rejoins again and again while the rest go on hearing SYNC in every period."""
+    w = world()
+    assert w.run_until(Phase.READY, 2.0)
+    w.crew.drives["front_right"].power_on(w.now)
+    before = w.last.status.counters["missed_feedback"]
+    assert w.run_until(Phase.READY, 2.0)
+    assert w.last.status.counters["missed_feedback"] == before
+
+
+def test_positions_go_on_after_a_drive_has_restarted() -> None:
+    w = driving()
+    before = w.last.feedback.position
+    assert before[0] > 1.0
+    w.crew.drives["front_right"].power_on(w.now)
+    assert w.run_until(Phase.READY, 3.0)
+    w.run(0.1)
+    after = w.last.feedback.position
+    moved = w.crew.shafts["front_right"].state().position
+    assert 0.0 <= after[0] - before[0] <= moved - before[0] + 1e-2  # what it turned while it was away is not known
+    w.master.enable()
+    assert w.run_until(Phase.ENABLED, 1.0)
+    w.run(0.2)
+    begin, at = w.last.feedback.position[0], w.crew.shafts["front_right"].state().position
+    w.command = lambda now: Setpoints((30.0, 30.0), now)
+    w.run(0.5)
+    turned = w.crew.shafts["front_right"].state().position - at
+    assert turned > 5.0
+    assert w.last.feedback.position[0] - begin == pytest.approx(turned, abs=0.02 * turned + 0.5)
+
+
+def test_a_silent_drive_s_feedback_is_not_known() -> None:
+    w = driving()
+    w.crew.unplug("back_left")
+    w.run(0.5)
+    feedback = w.last.feedback
+    assert math.isnan(feedback.velocity[3])
+    assert feedback.stamp_ns[3] is None
+    assert not any(math.isnan(feedback.velocity[k]) for k in range(3))
+
+
+def test_answers_that_nobody_asked_for_change_nothing() -> None:
+    w = world()
+    rng = random.Random(3)
+    for _ in range(150):
+        node = w.rig.codec.nodes[rng.choice(MOTORS)]
+        w.inject([Frame(0x580 + node, bytes((0x60, 0x00, 0x18, 1)) + bytes(4)), Frame(0x580 + node, rng.randbytes(8))])
+        w.run(0.01)
+    assert w.run_until(Phase.READY, 3.0) or w.last.status.phase is Phase.READY
+    assert w.last.status.counters["sdo_unexpected"] > 100

@@ -1,0 +1,26 @@
+"""What must follow a fault does so on the loopback bus."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from safety_contract import SafetyContract
+
+from artibot_driver.faults.place import LoopbackPlace
+
+
+@pytest.fixture
+def site() -> Iterator[LoopbackPlace]:
+    place = LoopbackPlace()
+    yield place
+    place.close()
+
+
+@pytest.fixture
+def words(site: LoopbackPlace) -> tuple[str, str]:
+    return "remote", site.channel
+
+
+class TestLoopback(SafetyContract):
+    """All of :class:`SafetyContract`."""

@@ -1,0 +1,278 @@
+"""What the driver node must do when commands end, go wrong, or it is killed: one suite for any bus.
+
+Each kind of fault is tried ``ARTIBOT_TRIALS`` times (2 if not given) at random speeds and moments, from the seed
+``ARTIBOT_SEED`` (printed). When the reaction begins is read from the frames on the bus.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import secrets
+import signal
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="rclpy is not installed; run `make setup`, or source a ROS 2 Jazzy")
+
+from driver_probe import PRIORITY, DriverProbe, Drives, Sniffer, drives_on, prompt
+from sim_probe import METRES
+
+from artibot_driver.config import config_from_parameters
+from artibot_driver.frames import Emcy
+from artibot_driver.pdo import Pdo
+from artibot_driver.rig import load_rig
+from artibot_driver.simulated.node import HEARTBEAT_LOST
+from ros_helpers import NodeProcess, NodeStarter
+
+TRIALS = int(os.environ.get("ARTIBOT_TRIALS", "2"))
+SEED = int(os.environ.get("ARTIBOT_SEED", secrets.randbits(31)))
+
+STANDS = 12.0
+"""Motor speed at which a flywheel counts as standing, rad/s (0.05 m/s over ground): it lags behind its ramp by as much
+and coasts when it is let go."""
+
+DECELERATION = 2.0
+PERIOD = 0.01
+REACTION = 0.15
+ENABLED_WORD = 0x0F
+RIG = load_rig(config_from_parameters({}))
+LOOKED_AT = [base + node for base in (0x80, 0x200) for node in RIG.codec.nodes.values()]
+"""Emergencies and set-points."""
+
+FRONT_NODES = (RIG.codec.nodes["front_right"], RIG.codec.nodes["front_left"])
+
+Place = tuple[str, str]
+
+
+@dataclass
+class Rover:
+    """A driver on a bus with four drives, and who commands it and listens."""
+
+    place: Place
+    start_node: NodeStarter
+    probe: DriverProbe
+    drives: Drives
+    sniffer: Sniffer
+    driver: NodeProcess
+    rng: random.Random
+    reactions: list[float] = field(default_factory=list)
+
+    def enable(self) -> None:
+        """Whatever the last trial has left: disabled drives without a fault, then enabled."""
+        probe = self.probe
+        probe.until(lambda: probe.part("driver").get("phase") in ("READY", "LOCKED"), "drives that are set up", 60.0)
+        if probe.part("driver")["phase"] == "LOCKED":
+            answer = probe.call_driver("reset_fault")
+            assert answer.success, answer.message
+        probe.enabled()
+
+    def moves(self) -> None:
+        """That the wheels turn as they were told to."""
+        assert self.probe.turning() > 2 * STANDS
+
+    def commands(self, since: float) -> Iterator[tuple[float, int, float, int]]:
+        """Time, node, target velocity (rad/s) and controlword of every RPDO1 since then."""
+        for at, each in self.sniffer.decoded(RIG.codec, since):
+            if isinstance(each, Pdo) and each.map.to_drive:
+                motor = next(motor for motor, node in RIG.codec.nodes.items() if node == each.node)
+                velocity = RIG.scaling[motor].velocity.si(each.value("target_velocity"))
+                yield at, each.node, velocity, each.value("controlword")
+
+    def reaction(self, since: float, told: dict[int, float]) -> float:
+        """Seconds from `since` until a front drive was told to go slower than `told` (rad/s by node), or let go."""
+        for at, node, velocity, word in self.commands(since):
+            if node in told and (abs(velocity) < 0.995 * abs(told[node]) or word != ENABLED_WORD):
+                return at - since
+        raise AssertionError("no reaction on the bus")
+
+    def check_stop(self, since: float, reasons: set[str], fresh: Callable[[], None], speed: float) -> None:
+        """That all comes to rest in time, says why, and does not move again by fresh commands alone.
+
+        Parameters
+        ----------
+        reasons : set of str
+            Those that may be given.
+        fresh : callable
+            Sends one good command.
+        speed : float
+            Of the faster front motor before, rad/s.
+        """
+        probe = self.probe
+        rest = since + REACTION + speed * METRES / DECELERATION + 0.25
+        probe.spin(max(0.0, rest - time.monotonic()))
+        self.check_rest()
+        probe.until(lambda: any(map(probe.is_stopped_by, reasons)), f"{reasons} in /diagnostics", 5.0)
+        assert probe.part("driver")["message"].removeprefix("stopped: ") in self.driver.output
+        later = time.monotonic()
+        probe.repeat(fresh, 0.3)
+        assert all(word != ENABLED_WORD for *_, word in self.commands(later)), "enabled without being asked to"
+        self.check_rest()
+        assert self.driver.running and "Traceback" not in self.driver.output
+
+    def check_rest(self) -> None:
+        """All four at standstill or without torque."""
+        for motor, state in self.drives.states().items():
+            assert state["free"] or abs(state["velocity"]) < STANDS, (motor, state)
+            if motor.startswith("front"):
+                assert abs(state["velocity"]) < STANDS, (motor, state)
+
+    def note(self, seconds: float, limit: float) -> None:
+        """Keep how long a reaction took; it must be within the limit."""
+        self.reactions.append(seconds)
+        assert seconds <= limit, f"reaction after {seconds:.3f} s, seed {SEED}"
+
+    def report(self, what: str) -> None:
+        """Print the trials' summary."""
+        ms = 1e3 * np.array(self.reactions)
+        print(
+            f"{what}: {len(ms)} trials, seed {SEED}: reaction after {np.median(ms):.0f} ms (median), "
+            f"{ms.max():.0f} ms at most"
+        )
+
+
+def start_driver(start_node: NodeStarter, place: Place, rate: int) -> NodeProcess:
+    """A driver that listens to cmd_vel as impatiently as to live requests."""
+    parameters = ["--ros-args", "-p", "cmd_vel_timeout:=0.1", "-p", f"sync_rate:={rate}"]
+    parameters += [] if PRIORITY else ["-p", "realtime_priority:=0"]
+    return start_node("driver", "--interface", place[0], "--channel", place[1], *parameters)
+
+
+class NodeFaults:
+    """The suite: derive, and give a fixture `place`.
+
+    Attributes
+    ----------
+    SYNC_RATE : int
+        Hz.
+    BY_DRIVER, BY_DRIVES : float
+        Longest time until a reaction begins, s: the driver's, and where only the drives can notice.
+    STEP_MS : int
+        At most so long between two steps of a drive, ms.
+    """
+
+    SYNC_RATE, STEP_MS = 100, 2
+    BY_DRIVER, BY_DRIVES = 0.15, 0.3
+
+    @pytest.fixture
+    def rover(self, place: Place, start_node: NodeStarter, ros_context: Any) -> Iterator[Rover]:
+        """A rover whose drives are set up."""
+        driver = start_driver(start_node, place, self.SYNC_RATE)
+        with contextlib.ExitStack() as stack:
+            drives = stack.enter_context(drives_on(*place, self.STEP_MS))
+            sniffer = stack.enter_context(Sniffer(*place, LOOKED_AT))
+            stack.enter_context(prompt())
+            probe = DriverProbe(ros_context, ["motor_torques"])
+            probe.until(lambda: probe.got["motor_torques"] != [] or not driver.running, "the driver's topics", 120.0)
+            assert driver.running, driver.output
+            probe.listened()
+            yield Rover(place, start_node, probe, drives, sniffer, driver, random.Random(SEED))
+
+    @pytest.mark.parametrize("source", ["live", "cmd_vel"])
+    def test_command_silence(self, rover: Rover, source: str) -> None:
+        for _ in range(TRIALS):
+            send, told = good_command(rover, source)
+            rover.enable()
+            rover.probe.repeat(send, rover.rng.uniform(0.6, 1.2))
+            rover.moves()
+            send()
+            last = time.monotonic()
+            rover.probe.spin(0.3)
+            rover.note(rover.reaction(last + 0.02, told) + 0.02, self.BY_DRIVER)
+            rover.check_stop(last, {"COMMAND_SILENCE"}, send, max(map(abs, told.values())))
+        rover.report(f"{source} silent")
+
+    @pytest.mark.parametrize("source", ["live", "cmd_vel"])
+    def test_bad_commands(self, rover: Rover, source: str) -> None:
+        for _ in range(TRIALS):
+            send, told = good_command(rover, source)
+            rover.enable()
+            rover.probe.repeat(send, rover.rng.uniform(0.6, 1.2))
+            rover.moves()
+            bad = bad_command(rover, source)
+            began = time.monotonic()
+            rover.probe.repeat(bad, 0.3)
+            rover.note(rover.reaction(began, told), self.BY_DRIVER)
+            assert "refused: " in rover.driver.output
+            rover.check_stop(began, {"INVALID_COMMAND", "COMMAND_SILENCE"}, send, max(map(abs, told.values())))
+        rover.report(f"{source} not a number or out of range")
+
+    def test_planner_killed(self, rover: Rover) -> None:
+        probe = rover.probe
+        for _ in range(TRIALS):
+            rover.enable()
+            planner = rover.start_node("planner", "table6_agriq", "--start-delay", 0.3)
+            probe.until(lambda: probe.turning() > 4 * STANDS, "the profile to be followed", 60.0)
+            probe.spin(rover.rng.uniform(0.1, 1.0))
+            rover.moves()
+            planner.send(signal.SIGKILL)
+            killed = time.monotonic()
+            probe.spin(0.3)
+            rover.note(braking_after(rover, killed), self.BY_DRIVER)
+            rover.check_stop(killed, {"COMMAND_SILENCE"}, lambda: probe.send_twist(0.3, 0.0), 500.0)
+        rover.report("planner killed")
+
+    def test_driver_killed(self, rover: Rover) -> None:
+        for _ in range(TRIALS):
+            send, told = good_command(rover, "live")
+            rover.enable()
+            rover.probe.repeat(send, rover.rng.uniform(0.6, 1.2))
+            rover.moves()
+            rover.driver.send(signal.SIGKILL)
+            killed = time.monotonic()
+            rover.probe.spin(self.BY_DRIVES + 0.1)
+            noticed = {
+                each.node: at - killed
+                for at, each in rover.sniffer.decoded(RIG.codec, killed)
+                if isinstance(each, Emcy) and each.code == HEARTBEAT_LOST
+            }
+            assert set(noticed) == set(RIG.codec.nodes.values()), "all four together"
+            rover.note(max(noticed.values()), self.BY_DRIVES)
+            rest = killed + self.BY_DRIVES + max(map(abs, told.values())) * METRES / DECELERATION + 0.25
+            rover.probe.spin(max(0.0, rest - time.monotonic()))
+            rover.check_rest()
+            rover.probe.diagnostics.clear()
+            rover.driver = start_driver(rover.start_node, rover.place, self.SYNC_RATE)
+            rover.probe.until(lambda: rover.probe.part("driver") != {}, "the next driver", 60.0)
+            rover.probe.repeat(send, 0.3)
+            rover.check_rest()
+        rover.report("driver killed")
+
+
+def good_command(rover: Rover, source: str) -> tuple[Callable[[], None], dict[int, float]]:
+    """Something to send again and again, and the front motors' speeds (rad/s) by node that it leads to."""
+    rng, probe = rover.rng, rover.probe
+    fast = rng.choice((-1.0, 1.0)) * rng.uniform(0.25, 0.8)
+    if source == "live":
+        pair = (fast / METRES, rng.uniform(0.4, 1.0) * fast / METRES)
+        return (lambda: probe.send_request(pair)), dict(zip(FRONT_NODES, pair, strict=True))
+    fast *= 0.6  # so that it is reached at the acceleration limit
+    return (lambda: probe.send_twist(fast, 0.0)), dict.fromkeys(FRONT_NODES, fast / METRES)
+
+
+def bad_command(rover: Rover, source: str) -> Callable[[], None]:
+    """Something that must be refused."""
+    number = rover.rng.choice((float("nan"), float("inf"), -float("inf"), 1e6, -1e300))
+    if source == "live":
+        pair = [number, 30.0] if rover.rng.random() < 0.5 else [30.0, number]
+        return lambda: rover.probe.send_request(pair)
+    return lambda: rover.probe.send_twist(number, 0.1)
+
+
+def braking_after(rover: Rover, since: float) -> float:
+    """Seconds from `since` until a front drive is slowed down as on a ramp, which no profile does, or let go."""
+    last: dict[int, float] = {}
+    for at, node, velocity, word in rover.commands(since - 0.05):
+        if node not in FRONT_NODES:
+            continue
+        slower = (abs(last.get(node, 0.0)) - abs(velocity)) * METRES
+        if at > since and (word != ENABLED_WORD or slower >= 0.5 * DECELERATION * PERIOD):
+            return at - since
+        last[node] = velocity
+    raise AssertionError("no ramp on the bus")

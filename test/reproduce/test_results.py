@@ -1,0 +1,73 @@
+"""The paper's numbers, and verdicts that follow from numbers alone."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from artibot_sim.model import load_robot
+from artibot_sim.model.transmission import back_torque_factor
+from artibot_sim.planning import load_manoeuvre, plan
+from artibot_sim.reproduce import paper
+from artibot_sim.reproduce.result import CALIBRATED, PREDICTED, Comparison, Section, Statement, comparison_table
+
+
+@pytest.mark.parametrize("name", paper.ROBOTS)
+def test_the_manoeuvres_are_table_6(name: str) -> None:
+    ramp, straight, left, right, last, _ = load_manoeuvre(f"table6_{name}").segments
+    wanted = paper.TABLE_6[name]
+    assert (ramp.speed, straight.length, last.length) == (wanted.v_c, wanted.s, wanted.s)
+    assert (left.radius, right.radius) == (wanted.R, wanted.R)
+    assert (left.angle, right.angle) == pytest.approx((1.5 * math.pi, -1.5 * math.pi))
+    assert load_manoeuvre(f"table6_{name}").a_max == wanted.a_max
+
+
+@pytest.mark.parametrize("test", paper.TESTS)
+def test_the_manoeuvres_are_section_6s(test: str) -> None:
+    printed, planned = paper.TESTS[test], plan(load_manoeuvre(test), load_robot("agriq"))
+    during = planned.at(planned.marks[2].start + 1.0).twist[0]
+    assert during[0] == pytest.approx(printed.speed)
+    assert during[0] / during[1] == pytest.approx(printed.radius["planned"])
+    assert load_manoeuvre(test).a_max == paper.TEST_A_MAX
+
+
+def test_every_printed_number_is_within_sight_of_its_neighbours() -> None:
+    """A slip of the pen would break the order that the paper's text describes."""
+    for printed in paper.TESTS.values():
+        r = printed.radius
+        assert r["planned"] < r["odometric"] < r["simulated"] <= r["measured"]
+        assert printed.e_gamma["measured"] < printed.e_gamma["simulated"] < printed.e_gamma["odometric"] < 0
+    second = paper.TESTS["test2"].radius
+    assert 1 - second["simulated"] / second["measured"] == pytest.approx(0.074, abs=5e-4)  # "about 7.4 %"
+    for table in paper.TABLE_7.values():
+        assert list(table) == list(paper.KAPPAS)
+        assert table[0.6][0] < table[0.8][0] < table[1.0][0]
+
+
+def test_the_stated_least_kappa_is_that_of_equal_motors() -> None:
+    assert back_torque_factor(load_robot("agriq"), paper.KAPPA_MIN) == pytest.approx(0.5, rel=2e-3)  # each of two
+
+
+def compared(ours: float, unit: str = "%", within: float = 2.5, basis: str = CALIBRATED) -> Comparison:
+    return Comparison("x", unit, "Table 0", 5.0, ours, within, basis)
+
+
+def test_agreement_is_the_difference_and_nothing_else() -> None:
+    assert compared(7.4).agrees and compared(2.6).agrees
+    assert not compared(7.6).agrees and not compared(2.4).agrees
+    assert compared(5.14, "m", 0.03).agrees and not compared(5.16, "m", 0.03).agrees
+    assert not compared(math.nan).agrees
+    assert compared(4.0).difference_text == "−1.00 points"
+    assert compared(4.0, "m").difference_text == "−20.0 %"
+
+
+def test_a_verdict_counts() -> None:
+    numbers = (compared(5.0), compared(9.0), compared(9.0, basis=PREDICTED))
+    said = (Statement("a", True, ""), Statement("b", False, ""), Statement("c", True, ""))
+    section = Section(1, "t", (), (), numbers, said)
+    assert section.verdict == (
+        "1 of 2 calibrated numbers agree; 0 of 1 predicted numbers agree; 2 of 3 statements hold."
+    )
+    column = comparison_table("t", numbers).columns.index("agrees")
+    assert [row[column] for row in comparison_table("t", numbers).rows] == ["yes", "no", "no"]

@@ -1,0 +1,116 @@
+"""What must follow a fault on any bus: one abstract suite, run on the loopback bus and on a real vcan, in real time.
+
+Each trial is drawn from ``ARTIBOT_SEED``; ``ARTIBOT_TRIALS`` gives more of each, ``python -m artibot_driver.faults``
+whole campaigns.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from artibot_driver.cia402 import State
+from artibot_driver.config import config_from_parameters
+from artibot_driver.faults import campaign
+from artibot_driver.faults.catalogue import BY_NAME
+from artibot_driver.faults.live import LiveWorld
+from artibot_driver.faults.place import Place
+from artibot_driver.frames import Frame
+from artibot_driver.master import Phase
+from artibot_driver.rig import Rig, load_rig
+
+TRIALS, SEED = int(os.environ.get("ARTIBOT_TRIALS", "1")), int(os.environ.get("ARTIBOT_SEED", "1"))
+
+FAULTS = (
+    "drive unplugged",
+    "drive without supply",
+    "drive fault",
+    "driver hangs",
+    "driver killed",
+    "bus down",
+    "bus flooded",
+    "command silence",
+    "NaN commanded",
+    "10 % of frames lost",
+    "10 % of frames duplicated",
+    "10 % of frames reordered",
+    "10 % of frames truncated",
+    "unknown nodes",
+)
+"""Those in which the bus has a part, and of the others one of each kind: all are tried in time of their own."""
+
+
+class SafetyContract:
+    """Inherit, and give a fixture ``site`` with a :class:`Place`, and ``words`` that name it to another process."""
+
+    @pytest.fixture
+    def rig(self) -> Rig:
+        return load_rig(config_from_parameters({}))
+
+    @pytest.mark.parametrize("name", FAULTS)
+    def test_what_must_follow_a_fault_does(self, site: Place, rig: Rig, name: str) -> None:
+        for number in range(TRIALS):
+            outcome = campaign.live_trial(number, SEED, [BY_NAME[name]], rig, site)
+            print(f"seed {SEED}, trial {number}: {outcome}")
+            assert not outcome.complaints, (f"seed {SEED}, trial {number}", outcome)
+
+    def test_a_driver_that_is_killed_is_missed_by_the_drives(
+        self, site: Place, words: tuple[str, str], rig: Rig
+    ) -> None:
+        """Another process drives and is SIGKILLed: all four are at standstill or free after 0.3 s and the ramp."""
+        script = Path(__file__).with_name("driving_process.py")
+        for _ in range(TRIALS):
+            with LiveWorld(rig, random.Random(SEED), site) as world:
+                world.hung = True
+                driver = subprocess.Popen([sys.executable, str(script), *words], stdout=subprocess.PIPE, text=True)
+                try:
+                    assert driver.stdout is not None
+                    assert driver.stdout.readline() == "driving\n"
+                    world.run(0.1)
+                    assert {*world.trace[-1].seen.state} == {State.OPERATION_ENABLED}, world.late
+                    assert world.trace[-1].seen.asked[0].velocity == pytest.approx(0.5 * world.turn, rel=1e-3)
+                    driver.send_signal(signal.SIGKILL)
+                    begin = time.monotonic()
+                    self.wait_for_rest(world)
+                    took = time.monotonic() - begin
+                finally:
+                    driver.kill()
+                    driver.communicate()
+                assert took < 0.3 + 0.5 / rig.config.stop_deceleration + 0.1 + world.slack
+                assert {*world.trace[-1].seen.state} <= {State.FAULT, State.FAULT_REACTION_ACTIVE}
+                world.hung = False
+                assert world.run_until(Phase.LOCKED, 2.0), world.last.status
+                world.master.reset_fault()
+                assert world.run_until(Phase.READY, 1.0), world.last.status
+
+    def wait_for_rest(self, world: LiveWorld) -> None:
+        """Let time pass until every motor is free, or slow and without torque."""
+        until = time.monotonic() + 5.0
+        while time.monotonic() < until:
+            world.run(0.01)
+            seen = world.trace[-1].seen
+            slow = [abs(velocity) < 0.03 * world.turn for velocity in seen.velocity[:2]]
+            if all(asked.is_free or asked.torque == 0 for asked in seen.asked[2:]) and all(
+                asked.is_free or is_slow for asked, is_slow in zip(seen.asked[:2], slow, strict=True)
+            ):
+                return
+        raise AssertionError(f"still turning: {seen}")
+
+    def test_a_flood_of_our_own_identifiers_does_not_move_the_rover(self, site: Place, rig: Rig) -> None:
+        """Random data under the drives' and the driver's identifiers, at rest: nothing is ever asked of a motor."""
+        rng = random.Random(SEED)
+        ours = [can_id for can_id in range(0x80, 0x800) if rig.codec.knows(can_id) and can_id & 0x7F in (1, 2, 3, 4)]
+        with LiveWorld(rig, rng, site) as world:
+            assert world.run_until(Phase.READY, 5.0), world.last.status
+            for _ in range(100):
+                world.inject([Frame(rng.choice(ours), rng.randbytes(rng.randrange(9))) for _ in range(20)])
+                world.run(0.01)
+                assert not world.last.status.phase.moves
+            assert sum(world.last.status.counters.values()) > 500
