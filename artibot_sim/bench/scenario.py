@@ -25,10 +25,13 @@ class Scenario:
         Fewer runs and a shorter trajectory: to see that everything works.
     tick : callable
         To be called now and then, so that the progress shows.
+    rover : Robot, optional
+        In place of Agri.q as shipped.
     """
 
     quick: bool = False
     tick: Callable[[], None] = lambda: None
+    rover: Robot | None = None
 
     def runs(self, full: int) -> int:
         """How often to measure: `full`, or twice when in a hurry."""
@@ -36,8 +39,8 @@ class Scenario:
 
     @cached_property
     def robot(self) -> Robot:
-        """Agri.q as shipped."""
-        return load_robot("agriq")
+        """Agri.q as shipped, unless there is another."""
+        return self.rover or load_robot("agriq")
 
     @cached_property
     def plan(self) -> Plan:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 import threading
 import time
+from typing import Any
 
 import numpy as np
 
 from artibot_sim.bench.results import Result
 from artibot_sim.bench.scenario import Scenario
 from artibot_sim.bench.timing import repeat, thread_waited
+from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Robot
 from artibot_sim.model.batch import available_cores, rollout_batch
+from artibot_sim.model.effects import EFFECTS
 
 SOIL = {
     "contact.k_l": (2000.0, 3300.0),
@@ -38,6 +42,39 @@ def rollouts(scenario: Scenario) -> list[Result]:
         single(scenario, "rollout_semi_implicit", "semi_implicit", 1e-3),
         single(scenario, "rollout_semi_implicit_2ms", "semi_implicit", 2e-3),
     ]
+
+
+ALL_EFFECTS: dict[str, dict[str, Any]] = {
+    "back_friction": {"scale": 0.9},
+    "bulldozing": {"coefficient": 300.0},
+    "com_offset": {"x": 0.02, "y": -0.02},
+    "external_force": {"force": 10.0, "heading": 1.0},
+    "friction_patch": {"scale": 0.9, "x": 3.0, "y": 1.0, "radius": 1.5},
+    "gear_efficiency": {"scale": 0.95},
+    "joint_damping": {"coefficient": 5.0},
+    "joint_friction": {"torque": 1.0},
+    "joint_stiffness": {"stiffness": 5.0},
+    "joint_stop": {"angle": 0.9},
+    "motor_drag": {"torque": 0.02, "motor": "front_left"},
+    "payload": {"mass": 5.0, "module": "back"},
+    "rolling_resistance_speed": {"coefficient": 0.5},
+    "slope": {"grade": 0.01, "heading": 0.5},
+    "soil_softening": {"rate": 0.001},
+    "stribeck": {"velocity": 0.03},
+    "torque_limit": {"front_max": 5.0},
+    "tyre_relaxation": {"length": 0.1},
+    "wheel_radius_mismatch": {"relative": 0.003},
+}
+"""Every effect at work at once, each a little."""
+
+
+def all_effects(scenario: Scenario) -> list[Result]:
+    """RK4 at 1 ms with every effect that acts in the model."""
+    working = {name for name, effect in EFFECTS.items() if effect.hooks or effect.adapt}
+    if working != set(ALL_EFFECTS):
+        raise ArtibotError(f"bench: effects {sorted(working ^ set(ALL_EFFECTS))} are not in the table of ALL_EFFECTS")
+    robot = dataclasses.replace(scenario.robot, effects=ALL_EFFECTS)
+    return [single(dataclasses.replace(scenario, rover=robot), "rollout_rk4_1ms_all_effects", "rk4", 1e-3)]
 
 
 def soils(robot: Robot, count: int, seed: int = 0) -> list[Robot]:

@@ -38,6 +38,7 @@ class Benchmark:
 
 SUITE: dict[str, Benchmark] = {
     "rollout": Benchmark(("rollout_rk4_1ms", "rollout_semi_implicit", "rollout_semi_implicit_2ms"), speed.rollouts, 2),
+    "effects": Benchmark(("rollout_rk4_1ms_all_effects",), speed.all_effects, 8),
     "batch": Benchmark(("batch_rk4_all_cores", "batch_rk4_ratio_to_one_core"), speed.batch, 15),
     "mujoco": Benchmark(
         ("mujoco_law_rk4_1ms", "mujoco_law_euler_1ms", "mujoco_native_rk4_1ms", "mujoco_native_implicitfast_1ms"),

@@ -114,13 +114,18 @@ def soil_under(body, p, fx, pair, x, y, s_g, c_g, c_a, side):
 
 
 @inlined
-def saturated(fx, F_l, F_t, F_n, mu_s, mu_d, slip_l, slip_t):
-    """Eq. 16: F_l, F_t within what friction holds, and the share of them that is left: 1 where nothing is cut."""
+def saturated(body, fx, F_l, F_t, F_n, mu_s, mu_d, slip_l, slip_t):
+    """Eq. 16: F_l, F_t within what friction holds, and the share of them that is left: 1 where nothing is cut.
+
+    Without effects mu_d is read only where it is needed: else the compiler would always take the root, and divide.
+    """
     F_h2 = F_l * F_l + F_t * F_t
     limit = mu_s * F_n
     if F_h2 > limit * limit:
         if fx is not None:
             mu_d = hooks.friction(fx, mu_s, mu_d, math.sqrt(slip_l * slip_l + slip_t * slip_t))
+        else:
+            mu_d = body.mu_d
         held = mu_d * F_n / math.sqrt(F_h2)
         return F_l * held, F_t * held, held
     return F_l, F_t, 1.0
@@ -142,7 +147,7 @@ def lateral_force(fx, k_t, p_x, p_y, lag, i, dt):
 
 
 @inlined
-def motor_wheels(fx, unit, pair, soil, omega, motor, lag, dt, w):
+def motor_wheels(body, fx, unit, pair, soil, omega, motor, lag, dt, w):
     """Eqs 15 and 16 for the front and the back wheel of a motor, which turn at `omega` (rad/s), into the row.
 
     Returns
@@ -155,8 +160,8 @@ def motor_wheels(fx, unit, pair, soil, omega, motor, lag, dt, w):
     F_l = soil.k_l * slip
     F_tf = lateral_force(fx, soil.k_t, pair.p_x, pair.p_yf, lag, i, dt)
     F_tb = lateral_force(fx, soil.k_t, pair.p_x, pair.p_yb, lag, i + 1, dt)
-    F_lf, F_tf, held_f = saturated(fx, F_l, F_tf, pair.F_nf, soil.mu_sf, soil.mu_df, slip, pair.p_yf)
-    F_lb, F_tb, held_b = saturated(fx, F_l, F_tb, pair.F_nb, soil.mu_sb, soil.mu_db, slip, pair.p_yb)
+    F_lf, F_tf, held_f = saturated(body, fx, F_l, F_tf, pair.F_nf, soil.mu_sf, soil.mu_df, slip, pair.p_yf)
+    F_lb, F_tb, held_b = saturated(body, fx, F_l, F_tb, pair.F_nb, soil.mu_sb, soil.mu_db, slip, pair.p_yb)
     if fx is not None:
         F_tf += hooks.lateral(fx, pair.p_yf)
         F_tb += hooks.lateral(fx, pair.p_yb)

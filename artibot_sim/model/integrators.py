@@ -88,10 +88,10 @@ def drag_on(fx, motor, theta_dot, w):
 
 
 @inlined
-def turn_motor(p, fx, unit, mode, theta, theta_dot, pair, soil, motor, drive, hold, lag, dt, w):
+def turn_motor(body, p, fx, unit, mode, theta, theta_dot, pair, soil, motor, drive, hold, lag, dt, w):
     """A motor and its two wheels at an instant (eqs 15, 16, 21, 22): into the row, and the forces returned."""
     omega = unit.tau * theta_dot
-    forces = motor_wheels(fx, unit, pair, soil, omega, motor, lag, dt, w)
+    forces = motor_wheels(body, fx, unit, pair, soil, omega, motor, lag, dt, w)
     M_r = load_torque(p, fx, unit, pair, soil, omega, forces[0])
     load = hold[GEAR + motor] * M_r + drag_on(fx, motor, theta_dot, w)
     M_m, theta_ddot = motor_equation(
@@ -104,20 +104,20 @@ def turn_motor(p, fx, unit, mode, theta, theta_dot, pair, soil, motor, drive, ho
 
 
 @inlined
-def spin_slope(fx, unit, pair, soil, omega, motor, lag):
+def spin_slope(body, fx, unit, pair, soil, omega, motor, lag):
     """Sum of F_l of a motor's wheels, and its secant slope by the wheel speed (N, N s/rad); no force is stored."""
     slip = unit.r_w * omega - pair.p_x
     free = soil.k_l * slip
     F_tf, F_tb = -soil.k_t * pair.p_yf, -soil.k_t * pair.p_yb
     if fx is not None and hooks.follow_rate(fx, pair.p_x) > 0.0:
         F_tf, F_tb = lag[2 * motor], lag[2 * motor + 1]
-    F_lf, _, held_f = saturated(fx, free, F_tf, pair.F_nf, soil.mu_sf, soil.mu_df, slip, pair.p_yf)
-    F_lb, _, held_b = saturated(fx, free, F_tb, pair.F_nb, soil.mu_sb, soil.mu_db, slip, pair.p_yb)
+    F_lf, _, held_f = saturated(body, fx, free, F_tf, pair.F_nf, soil.mu_sf, soil.mu_df, slip, pair.p_yf)
+    F_lb, _, held_b = saturated(body, fx, free, F_tb, pair.F_nb, soil.mu_sb, soil.mu_db, slip, pair.p_yb)
     return F_lf + F_lb, soil.k_l * unit.r_w * (held_f + held_b)
 
 
 @inlined
-def next_speed(p, fx, unit, mode, gear, J, theta, theta_dot, d, d_dot, d_ddot, M_d, pair, soil, motor, lag, dt):
+def next_speed(body, p, fx, unit, mode, gear, J, theta, theta_dot, d, d_dot, d_ddot, M_d, pair, soil, motor, lag, dt):
     """Motor speed after a step, the wheels' slip taken implicitly (linearised at the old speed), and its torque.
 
     A prescribed motor's torque follows from the new forces; zero stands in its place here.
@@ -125,7 +125,7 @@ def next_speed(p, fx, unit, mode, gear, J, theta, theta_dot, d, d_dot, d_ddot, M
     if mode == PRESCRIBED:
         return theta_dot + dt * follow(p.A_motor, theta, theta_dot, d, d_dot, d_ddot), 0.0
     omega = unit.tau * theta_dot
-    F_l, slope = spin_slope(fx, unit, pair, soil, omega, motor, lag)
+    F_l, slope = spin_slope(body, fx, unit, pair, soil, omega, motor, lag)
     load = gear * load_torque(p, fx, unit, pair, soil, omega, F_l)
     inertia = J + dt * gear * unit.r_w * slope * unit.tau
     if fx is not None:
@@ -140,15 +140,15 @@ def next_speed(p, fx, unit, mode, gear, J, theta, theta_dot, d, d_dot, d_ddot, M
 
 
 @inlined
-def step_motor(p, fx, unit, mode, theta, theta_dot, pair, soil, motor, drive, hold, lag, dt, w):
+def step_motor(body, p, fx, unit, mode, theta, theta_dot, pair, soil, motor, drive, hold, lag, dt, w):
     """As `turn_motor`, over a step: the forces are those at the new speed."""
     gear, J = hold[GEAR + motor], hold[INERTIA + motor]
     speed, M_m = next_speed(
-        p, fx, unit, mode, gear, J, theta, theta_dot, drive[D + motor], drive[D_DOT + motor], drive[D_DDOT + motor],
-        hold[TORQUE_D + motor], pair, soil, motor, lag, dt,
+        body, p, fx, unit, mode, gear, J, theta, theta_dot, drive[D + motor], drive[D_DOT + motor],
+        drive[D_DDOT + motor], hold[TORQUE_D + motor], pair, soil, motor, lag, dt,
     )  # fmt: skip
     omega = unit.tau * speed
-    forces = motor_wheels(fx, unit, pair, soil, omega, motor, lag, dt, w)
+    forces = motor_wheels(body, fx, unit, pair, soil, omega, motor, lag, dt, w)
     M_r = load_torque(p, fx, unit, pair, soil, omega, forces[0])
     theta_ddot = (speed - theta_dot) / dt
     drag = drag_on(fx, motor, speed, w)
@@ -180,13 +180,13 @@ def module_forces(move, body, right, left, q, v, p, fx, s_a, c_a, s_g, c_g, modu
     )
     soil_r = soil_under(body, p, fx, pair_r, q[b + X], q[b + Y], s_g, c_g, c_a, -1.0)
     soil_l = soil_under(body, p, fx, pair_l, q[b + X], q[b + Y], s_g, c_g, c_a, 1.0)
+    theta_r, theta_l = b + THETA_R, b + THETA_L
     on_right = move(
-        p, fx, right, modes[motor], q[b + THETA_R], v[b + THETA_R], pair_r, soil_r, motor, drive, hold, lag, dt, w,
-    )  # fmt: skip
+        body, p, fx, right, modes[motor], q[theta_r], v[theta_r], pair_r, soil_r, motor, drive, hold, lag, dt, w
+    )
     on_left = move(
-        p, fx, left, modes[motor + 1], q[b + THETA_L], v[b + THETA_L], pair_l, soil_l, motor + 1, drive, hold, lag,
-        dt, w,
-    )  # fmt: skip
+        body, p, fx, left, modes[motor + 1], q[theta_l], v[theta_l], pair_l, soil_l, motor + 1, drive, hold, lag, dt, w
+    )
     forces = generalised_forces(
         body, p, fx, s_a, c_a, s_g, c_g, on_right, on_left, pair_r, pair_l, soil_r, soil_l, module, w
     )
