@@ -67,7 +67,7 @@ def test_what_is_planned_is_driven_through_can_as_by_topics(start_node, ros_cont
     pose = [message.pose.pose.position for message in probe.got["ground_truth/odom"]]
     driven = np.array([(each.x, each.y) for each in pose])
     far, lag = deviation(t, driven, by_topics(planned, float(kappa)))
-    # where the curvature jumps the yaw rate changes by 1 rad/s within a SYNC period of 10 ms: 0.01 rad, for 10 m to come
+    # where the curvature jumps the yaw rate changes by 1 rad/s within a SYNC period of 10 ms: 0.01 rad for 10 m
     assert far < 0.1, (far, lag)
     assert -0.05 < lag < 0.1, (far, lag)
     assert math.hypot(*(driven[-1] - planned.pose[-1, :2])) > 2 * far  # slip is more than that
