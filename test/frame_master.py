@@ -134,10 +134,10 @@ class FrameMaster:
         raise AssertionError(f"{states} on the way to {target}")
 
     def run(self, seconds: float, given: Callable[[float], SetPoints]) -> None:
-        """Cycles for so long, with set-points as a function of the time since the beginning (s)."""
-        period = 1.0 / self.rig.config.sync_rate
-        for k in range(round(seconds / period)):
-            self.cycle(given(k * period))
+        """Cycles for so long, with set-points as a function of the time since the beginning (s), whatever the delay."""
+        begin = time.monotonic()
+        while (now := time.monotonic() - begin) < seconds:
+            self.cycle(given(now))
 
 
 def _size(rig: Rig, setting: Setting) -> int:

@@ -113,14 +113,16 @@ class Trial:
         if not world.run_until(Phase.READY, 5.0) and world.last.status.phase is Phase.LOCKED:
             world.master.reset_fault()  # a slow machine: the drives have missed heartbeats
         if world.last.status.phase is not Phase.READY and not world.run_until(Phase.READY, 5.0):
-            raise NotReady(f"not ready after 5 s: {world.last.status}")
+            raise NotReady(
+                f"not ready after 5 s: {_troubles(world)}; the machine held things up for {world.slack:.3f} s"
+            )
         world.master.enable()
         if not world.run_until(Phase.ENABLED, 2.0):
-            raise NotReady(f"not enabled: {world.last.status.notice}; {world.last.status.stop}")
+            raise NotReady(f"not enabled: {world.last.status.stop}; the machine held things up for {world.slack:.3f} s")
         self.command_freshly()
         world.run(0.3)
         if world.last.status.phase is not Phase.ENABLED or not self.as_commanded(world.trace[-1]):
-            raise NotReady(f"not driving: {world.last.status.stop}")
+            raise NotReady(f"not driving: {world.last.status.stop}; the machine held things up for {world.slack:.3f} s")
 
     def command_freshly(self) -> None:
         """Somebody commands, and goes on doing so."""

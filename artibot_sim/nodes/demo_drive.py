@@ -23,6 +23,8 @@ DRIVE: Final = 180.0
 """How long the drive may take, s of real time."""
 SIM_OPTIONS: Final = ("--rate", "3", "--wait-for-profile", "--params", "sim_patient")
 """Three times real time, for at full speed the planner's pose (50 Hz of simulated time) could not keep up."""
+DRIVER_OPTIONS: Final = ("--ros-args", "-p", "command_timeout:=1.0")
+"""A busy machine may hold the planner up; ordinarily a driver waits 0.1 s for its sign of life."""
 READY: Final = "is ready "
 ENABLED: Final = "[driver]: enabled"
 VCAN: Final = "vcan0"
@@ -103,7 +105,7 @@ def drive_over_can(settings: Settings, crew: Crew, steps: Steps, channel: str) -
     crew.wait(sim, lambda: READY in sim.output, START, "ready", steps.tick)
     steps.done("the drives are on the bus; their shafts are the model's motors")
 
-    words = ["driver", *settings.about, "--channel", channel, "--enable"]
+    words = ["driver", *settings.about, "--channel", channel, "--enable", *DRIVER_OPTIONS]
     driver = begin(crew, steps, "Driver", words, stays=True)
     crew.wait(driver, lambda: ENABLED in driver.output, START, "driving", steps.tick)
     steps.done("has set the drives up and enabled them")

@@ -97,8 +97,8 @@ class DriverLoop:
 
     def step(self, master: Master, listen: bool) -> Status:
         """One SYNC period, at its deadline; with `listen` commands are followed."""
+        self.desk.inputs.t_ns = t_ns = self.pacer.deadline_ns + self._epoch_ns
         self.desk.inputs.take()
-        t_ns = self.pacer.deadline_ns + self._epoch_ns
         setpoints = None
         if self.status is not None and listen:
             kappa = self._settings["kappa"]

@@ -18,6 +18,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from trajectory_msgs.msg import JointTrajectory
 
+from artibot_driver.priority import take_priority
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot
 from artibot_sim.nodes import planner_messages as messages
@@ -49,12 +50,15 @@ SPECS = (
     ),
     Spec("clock_timeout", 30.0, "How long to wait for the first /clock with use_sim_time, s.", low=0.1, high=1e6),
     Spec("tail", 0.5, "How long planned/odom goes on after the end, s.", low=0.0, high=1e6),
+    Spec("realtime_priority", 45, "Priority among the machine's real-time threads (SCHED_FIFO) while the profile is "
+         "followed in system time: a sign of life that a busy machine delays stops the rover. 0, and where the system "
+         "does not allow it: that of any other process.", low=0, high=99),
     Spec("keep", False, "Stay after the end, so that latecomers still get path and profile."),
     Spec("path_interval", 0.1, "Time between poses of planned/path, s.", low=1e-3, high=100.0),
     Spec("frame_id", "map", "Frame of the planned poses."),
     Spec("child_frame_id", "base_link", "Frame of the front module."),
     Spec("wheel_speed_limit", 0.0, "Warn of wheels faster over ground, m/s; 0: never.", low=0.0, high=100.0),
-)
+)  # fmt: skip
 """Every parameter; none can be changed while the node runs, for the profile is published once."""
 
 IDLE = 0.02
@@ -122,6 +126,8 @@ class PlannerNode(Node):
         self._wait_for_listener(executor)
         if not self._asked:
             self._publish_profile()
+        if not self._on_clock:
+            take_priority(self.settings["realtime_priority"])
         status = self._follow(executor)
         timer.cancel()
         if self.settings["keep"] and status == 0:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from artibot_sim.errors import ArtibotError
@@ -59,19 +58,6 @@ def sensor_model(settings: Settings) -> SensorModel:
         station_loss=settings["total_station.loss"],
         prism=settings["total_station.prism"],
     )
-
-
-def check_stats(settings: Settings) -> None:
-    """Refuse a file of statistics whose folder is missing: a run of hours must not find out at its end.
-
-    Raises
-    ------
-    ArtibotError
-        Naming the file.
-    """
-    path = Path(settings["stats"])
-    if settings["stats"] and not path.parent.is_dir():
-        raise ArtibotError(f"parameter stats: {path}: there is no folder {path.parent}; make it first")
 
 
 def check_drives(settings: Settings) -> None:

@@ -34,7 +34,7 @@ from artibot_sim.model import load_robot
 from artibot_sim.nodes import sim_parameters as parameters
 from artibot_sim.nodes import sim_settings as settings
 from artibot_sim.nodes.odometry import Odometry, metres_per_radian
-from artibot_sim.nodes.pacer import Pacer
+from artibot_sim.nodes.pacer import Pacer, check_stats
 from artibot_sim.nodes.parameters import warn_of_unknown
 from artibot_sim.nodes.sim_engine import Diverged, Timing
 from artibot_sim.nodes.sim_mover import CommandedMover, DrivenMover, Mover
@@ -79,7 +79,7 @@ class SimNode(Node):
         self.settings: dict[str, Any] = {"robot": name, "kappa": kappa}
         self.settings |= {spec.name: parameters.declare(self, spec) for spec in parameters.OTHERS}
         get = self.settings.__getitem__
-        settings.check_stats(self.settings)
+        check_stats(self.settings["stats"])
         self.timing = Timing.of(get("publish_rate"), get("dt"))
         self.sensors = Sensors(settings.sensor_model(self.settings), get("seed"))
         self.mover = self._mover()

@@ -6,6 +6,7 @@ on a kernel's CAN with candump itself: test/can/test_eq30_vcan.py.
 
 from __future__ import annotations
 
+import math
 import re
 import sys
 import time
@@ -16,7 +17,7 @@ import pytest
 from eq30_log import check
 
 from artibot_driver.loopback import loopback_bus
-from artibot_sim.model import Rollout, load_robot, rollout
+from artibot_sim.model import Mode, Rollout, load_robot, rollout
 from artibot_sim.planning import Plan, load_manoeuvre, plan
 from ros_helpers import ROOT
 
@@ -25,7 +26,8 @@ pytest.importorskip("rclpy", reason="rclpy is not installed; run `make setup`, o
 from sim_probe import Probe, stamp_ns
 
 AGRIQ = load_robot("agriq")
-KAPPA = "0.65"
+PATIENT = ("-p", "command_timeout:=1.0")
+"""A busy machine may hold the planner up; what silence does is tested elsewhere."""
 
 
 def short_table6(folder: Path) -> Path:
@@ -37,7 +39,8 @@ def short_table6(folder: Path) -> Path:
     return path
 
 
-def test_what_is_planned_is_driven_through_can_as_by_topics(start_node, ros_context, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kappa", ["0.8", "0.65"])
+def test_what_is_planned_is_driven_through_can_as_by_topics(start_node, ros_context, tmp_path: Path, kappa) -> None:
     manoeuvre = short_table6(tmp_path)
     planned, log = plan(load_manoeuvre(str(manoeuvre)), AGRIQ), tmp_path / "frames.log"
     with loopback_bus() as channel:
@@ -47,7 +50,7 @@ def test_what_is_planned_is_driven_through_can_as_by_topics(start_node, ros_cont
             [sys.executable, "-m", "can.logger", "-i", "remote", "-c", channel, "-f", str(log)], name="logger"
         )
         logger.wait_for("Connected to", 30)
-        driver = start_node("driver", "--channel", channel, "--kappa", KAPPA, "--enable")
+        driver = start_node("driver", "--channel", channel, "--kappa", kappa, "--enable", "--ros-args", *PATIENT)
         driver.wait_for("[driver]: enabled", 60)
         probe = Probe(ros_context)
         probe.until(lambda: all(probe.got.values()), "the truth")
@@ -63,30 +66,33 @@ def test_what_is_planned_is_driven_through_can_as_by_topics(start_node, ros_cont
     t = np.array([stamp_ns(message) * 1e-9 - begun for message in probe.got["ground_truth/odom"]])
     pose = [message.pose.pose.position for message in probe.got["ground_truth/odom"]]
     driven = np.array([(each.x, each.y) for each in pose])
-    far, lag = deviation(t, driven, by_topics(planned))
-    assert far < 0.05, (far, lag)
-    assert 0.0 <= lag < 0.1, (far, lag)
+    far, lag = deviation(t, driven, by_topics(planned, float(kappa)))
+    # where the curvature jumps the yaw rate changes by 1 rad/s within a SYNC period of 10 ms: 0.01 rad for 10 m
+    assert far < 0.1, (far, lag)
+    assert -0.05 < lag < 0.1, (far, lag)
+    assert math.hypot(*(driven[-1] - planned.pose[-1, :2])) > 2 * far  # slip is more than that
     assert t[-1] > planned.duration
     assert np.ptp(driven[t > planned.duration + 0.2], axis=0).max() < 0.01  # and there it stands
 
-    verdict = check(log.read_text(encoding="utf-8").splitlines(), str(ROOT / "config" / "agriq.yaml"), KAPPA)
+    verdict = check(log.read_text(encoding="utf-8").splitlines(), str(ROOT / "config" / "agriq.yaml"), kappa)
     assert not verdict.wrong, verdict
     assert verdict.checked > 100 * planned.duration * 0.8, verdict
     assert verdict.late < 0.1 * verdict.checked, verdict
-    assert verdict.largest > 150, verdict
+    assert verdict.largest > 100, verdict
 
 
-def by_topics(planned: Plan) -> Rollout:
-    """The same commands without drives: prescribed front motors, eq. 30 one step old."""
-    return rollout(AGRIQ, planned.commands(), kappa=float(KAPPA), duration=planned.duration + 2.0)
+def by_topics(planned: Plan, kappa: float) -> Rollout:
+    """The same commands as `sim --front-mode driven` follows them: limited front torques, eq. 30 one step old."""
+    modes = (Mode.DRIVEN, Mode.DRIVEN, Mode.TORQUE, Mode.TORQUE)
+    return rollout(AGRIQ, planned.commands(), kappa=kappa, modes=modes, duration=planned.duration + 2.0)
 
 
 def deviation(t: np.ndarray, driven: np.ndarray, expected: Rollout) -> tuple[float, float]:
     """Largest distance between both drives at the lag at which it is smallest, and that lag (m, s)."""
-    during = (t > 0.2) & (t < expected.t[-1] - 0.2)
+    during = (t > 0.2) & (t < expected.t[-1] - 0.3)
     assert during.sum() > 600
     found = []
-    for lag in np.arange(-0.02, 0.12, 0.002):
+    for lag in np.arange(-0.06, 0.12, 0.002):
         x, y = (np.interp(t[during] - lag, expected.t, expected.pose[:, axis]) for axis in (0, 1))
         found.append((float(np.hypot(driven[during, 0] - x, driven[during, 1] - y).max()), float(lag)))
     return min(found)

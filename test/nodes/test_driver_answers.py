@@ -1,0 +1,118 @@
+"""What the driver's services answer, and what /diagnostics says, from the master's status alone."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+pytest.importorskip("rclpy", reason="rclpy is not installed; run `make setup`, or source a ROS 2 Jazzy")
+
+from artibot_driver.bus_health import BusState
+from artibot_driver.cia402 import State
+from artibot_driver.config import config_from_parameters
+from artibot_driver.master import BusStatus, DriveStatus, Phase, Reason, Stage, Status, Stop
+from artibot_sim.model import MOTORS
+from artibot_sim.nodes.driver_answers import PATIENCE, Pending, answer, obstacles
+from artibot_sim.nodes.driver_diagnostics import ERROR, OK, STALE, WARN, diagnostics, essence
+
+CONFIG = config_from_parameters({})
+DRIVES = tuple(
+    DriveStatus(motor, k, Stage.RUNNING, State.SWITCH_ON_DISABLED, "", "", 0, 0x40, 0.01, 0.01, 1.0)
+    for k, motor in enumerate(MOTORS, 1)
+)
+READY = Status(
+    phase=Phase.READY,
+    stop=None,
+    armed_ns=None,
+    following=False,
+    refusal="",
+    notice="",
+    requests=3,
+    drives=DRIVES,
+    bus=BusStatus(BusState.ACTIVE, 0.2, None, None, ""),
+    counters={"frames_unknown": 7},
+)
+STOP = Stop(Reason.DRIVE_SILENT, "drive back_left says nothing", 6_000_000_000, "back_left")
+
+
+def asked(what: str) -> Pending:
+    return Pending(what, requests=3, asked=5.0, reply=lambda _: None)
+
+
+def with_drive(index: int, **changes: object) -> Status:
+    drives = list(DRIVES)
+    drives[index] = replace(drives[index], **changes)
+    return replace(READY, drives=tuple(drives))
+
+
+@pytest.mark.parametrize("what", PATIENCE)
+def test_no_answer_before_the_master_has_looked_and_always_one_in_the_end(what: str) -> None:
+    assert answer(asked(what), READY, 5.1) is None
+    found = answer(asked(what), READY, 5.0 + PATIENCE[what] + 0.1)
+    assert found is not None and not found[0] and found[1]
+    for phase in Phase:
+        status = replace(READY, phase=phase, requests=4)
+        assert answer(asked(what), status, 5.0 + PATIENCE[what] + 0.1) is not None
+
+
+def test_enable_is_true_only_of_enabled_drives() -> None:
+    for phase in Phase:
+        found = answer(asked("enable"), replace(READY, phase=phase, requests=4, notice="refused: why"), 5.1)
+        if phase is Phase.ENABLING:
+            assert found is None
+        else:
+            assert found is not None and found[0] is (phase is Phase.ENABLED)
+            assert found[0] or "why" in found[1]
+    failed = replace(READY, requests=4, stop=STOP, notice="enabling")
+    assert answer(asked("enable"), failed, 5.1) == (False, "a drive is silent: drive back_left says nothing")
+    before = replace(failed, stop=replace(STOP, at_ns=1), notice="refused: not ready")
+    assert "refused: not ready" in answer(asked("enable"), before, 5.1)[1], "an old stop is no answer"  # type: ignore[index]
+
+
+def test_what_is_in_the_way_names_motor_node_and_trouble() -> None:
+    assert obstacles(READY) == ""
+    assert "back_right (node 3): overheated" in obstacles(with_drive(2, trouble="overheated"))
+    assert "front_left (node 2): not heard" in obstacles(with_drive(1, stage=Stage.SEEKING))
+    assert obstacles(replace(READY, refusal="608Fh differs")) == "608Fh differs"
+    down = replace(READY, bus=BusStatus(BusState.DOWN, 0.0, None, None, "vcan0 is down"))
+    assert "vcan0 is down" in obstacles(down)
+
+
+@pytest.mark.parametrize(
+    ("status", "levels"),
+    [
+        (READY, [OK] * 6),
+        (with_drive(0, stage=Stage.SEEKING, state=None, heartbeat_age=math.inf), [OK, OK, STALE, OK, OK, OK]),
+        (with_drive(3, state=State.FAULT, emergency="2310h over-current"), [OK, OK, OK, OK, OK, ERROR]),
+        (with_drive(1, trouble="late"), [OK, OK, OK, WARN, OK, OK]),
+        (replace(READY, stop=STOP), [ERROR, OK, OK, OK, OK, OK]),
+        (replace(READY, stop=replace(STOP, reason=Reason.DISABLE)), [OK, OK, OK, OK, OK, OK]),
+        (replace(READY, phase=Phase.CONFIGURING), [WARN, OK, OK, OK, OK, OK]),
+        (
+            replace(READY, phase=Phase.OFFLINE, bus=BusStatus(BusState.BUS_OFF, 0.0, 255, 0, "bus-off")),
+            [ERROR, ERROR, OK, OK, OK, OK],
+        ),
+    ],
+)
+def test_levels_of_diagnostics(status: Status, levels: list[bytes]) -> None:
+    message = diagnostics(1, CONFIG, "agriq", status, {"kappa": 0.8})
+    assert [each.name for each in message.status] == [f"artibot driver: {n}" for n in ("driver", "bus", *MOTORS)]
+    assert [each.level for each in message.status] == levels
+    assert all(each.hardware_id and each.message for each in message.status)
+    values = {pair.key: pair.value for pair in message.status[0].values}
+    assert values["frames_unknown"] == "7" and values["kappa"] == "0.8"
+    if status.stop:
+        assert status.stop.text in message.status[0].message
+        assert values["stop motor"] == "back_left"
+
+
+def test_news_is_what_a_person_would_want_to_know() -> None:
+    def told(status: Status | None, load: float = 0.0, fault: str = "") -> object:
+        return essence(diagnostics(1, CONFIG, "agriq", status, {"load": load}, fault))
+
+    assert told(READY) == told(READY, 1.0), "numbers that always change are none"
+    assert told(READY) != told(replace(READY, phase=Phase.ENABLED))
+    assert told(READY) != told(with_drive(0, state=State.FAULT))
+    assert told(None) != told(None, fault="no bus")
