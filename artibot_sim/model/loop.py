@@ -175,8 +175,8 @@ def keep(values, row, out):
 
 @kernel
 def integrate_rk4(
-    q, v, eta, previous, lateral, p, fx, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
-    work, out_q, out_v, out_w, out_e,
+    q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
+    work, out_q, out_v, out_w, out_e, fx=None, lateral=None,
 ):  # fmt: skip
     """Advance the state in place by `steps` steps and keep every `every`-th row, the first and the last included.
 
@@ -185,14 +185,15 @@ def integrate_rk4(
     q, v : array, shape (16,)
     eta, previous : array, shape (4,)
         Efficiencies for the next step, and motor torques of the step before.
-    lateral : array, shape (8,)
-        Lateral forces of tyres that need some way to build them up, N.
-    fx : record or None
-        Effects' parameters, with the time of the start in ``fx.t``; None is the paper's model, at compile time.
     position, velocity, torque_d : array, shape (n, 4)
         Commands at knots `knot_steps` steps apart; the first is at the start.
     out_e : array or None
         None leaves the energies out, at compile time.
+    fx : record, optional
+        Effects' parameters, with the time of the start in ``fx.t`` (see `effects.record`); without it, at compile time,
+        it is the paper's model.
+    lateral : array, shape (8,), where there is `fx`
+        Lateral forces of tyres that need some way to build them up, N; advanced in place, too.
 
     Returns
     -------
@@ -246,8 +247,8 @@ def integrate_rk4(
 
 @kernel
 def integrate_semi_implicit(
-    q, v, eta, previous, lateral, p, fx, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
-    work, out_q, out_v, out_w, out_e,
+    q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
+    work, out_q, out_v, out_w, out_e, fx=None, lateral=None,
 ):  # fmt: skip
     """As `integrate_rk4`; a row's contributions are those that act from its state to the next."""
     w, drive, cubic, hold, _, q_old, v_old, _, _, e, pw, lag, _ = work

@@ -247,11 +247,13 @@ def _run(
     out_q, out_v, out_w = np.empty((rows, 16)), np.empty((rows, 16)), np.empty((rows, ROW))
     out_e = np.empty((rows, ENERGIES)) if energy else None
     given = np.array(commands.commanded)
+    fx = record(robot.effects, start.t)
+    extra = () if fx is None else (fx, lateral)
     status, kept = integrate(
-        q, v, eta, torque, lateral, packed(p), record(robot.effects, start.t), np.array(modes, dtype=np.int64),
-        dt, steps, every,
+        q, v, eta, torque, packed(p), np.array(modes, dtype=np.int64), dt, steps, every,
         np.where(given, commands.position, 0.0), np.where(given, commands.velocity, 0.0), commands.torque,
         round(commands.dt / dt), back_torque_factor(robot, kappa), loop.workspace(), out_q, out_v, out_w, out_e,
+        *extra,
     )  # fmt: skip
     t = start.t + np.minimum(np.arange(rows) * every, steps)[:kept] * dt
     if status == Status.OK:

@@ -129,11 +129,12 @@ class Stepper:
             self._tell(motor, turn, steps * self.dt)
         q, v, eta, previous = self.q.copy(), self.v.copy(), self._eta.copy(), self._previous.copy()
         lateral = self._lateral.copy()
+        extra = () if self._effects is None else (self._effects, lateral)
         if self._effects is not None:
             self._effects["t"] = self.t
         status, _ = self._integrate(
-            q, v, eta, previous, lateral, self._table[0], self._effects, self._modes, self.dt, steps, steps,
-            self._position, self._velocity, self._torque_d, 2 * steps, self._shared, self._work, *self._out, None,
+            q, v, eta, previous, self._table[0], self._modes, self.dt, steps, steps, self._position, self._velocity,
+            self._torque_d, 2 * steps, self._shared, self._work, *self._out, None, *extra,
         )  # fmt: skip
         if status == Status.OK:
             self.q, self.v, self._eta, self._previous, self._lateral = q, v, eta, previous, lateral

@@ -42,6 +42,8 @@ def effects_from_dict(document: Mapping[str, Any]) -> dict[str, dict[str, float 
 
 def at_work(effects: Mapping[str, Values]) -> dict[str, tuple[Effect, Values]]:
     """Those of a robot's effects that make a difference, in the order of `EFFECTS`."""
+    if not effects:
+        return {}
     return {
         name: (effect, effects[name])
         for name, effect in EFFECTS.items()
