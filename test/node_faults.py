@@ -41,6 +41,10 @@ and coasts when it is let go."""
 DECELERATION = 2.0
 PERIOD = 0.01
 REACTION = 0.15
+TIMEOUT = 0.1
+HELD_UP = 5
+"""So many trials in a row may be void because the machine held up those who command."""
+
 ENABLED_WORD = 0x0F
 RIG = load_rig(config_from_parameters({}))
 LOOKED_AT = [base + node for base in (0x80, 0x200) for node in RIG.codec.nodes.values()]
@@ -67,15 +71,57 @@ class Rover:
     def enable(self) -> None:
         """Whatever the last trial has left: disabled drives without a fault, then enabled."""
         probe = self.probe
+        if probe.part("driver").get("phase") == "ENABLED":
+            assert probe.call_driver("disable").success
         probe.until(lambda: probe.part("driver").get("phase") in ("READY", "LOCKED"), "drives that are set up", 60.0)
         if probe.part("driver")["phase"] == "LOCKED":
             answer = probe.call_driver("reset_fault")
             assert answer.success, answer.message
         probe.enabled()
+        probe.until(lambda: probe.part("driver")["phase"] != "READY", "news of that", 5.0)
+
+    def drive(self, send: Callable[[], None]) -> None:
+        """Enable and command for a random while; anew where this process was held up, for that was silence."""
+        for _ in range(HELD_UP):
+            self.enable()
+            end, last, gap = time.monotonic() + self.rng.uniform(0.6, 1.2), time.monotonic(), 0.0
+            while last < end:
+                send()
+                self.probe.spin(0.02)
+                gap, last = max(gap, time.monotonic() - last), time.monotonic()
+            if gap < TIMEOUT - 0.02:
+                self.moves()
+                return
+            self.probe.spin(2.0)
+        pytest.fail(f"this machine is too busy: {HELD_UP} times the commands stopped by themselves")
+
+    def follow_planner(self) -> NodeProcess:
+        """Enable and start a planner whose profile is followed for a random while; anew where it was held up."""
+        probe = self.probe
+        for _ in range(HELD_UP):
+            self.enable()
+            planner = self.start_node("planner", "table6_agriq", "--start-delay", 0.3)
+            deadline = time.monotonic() + 40.0
+            probe.until(
+                lambda: (
+                    probe.turning() > 4 * STANDS
+                    or time.monotonic() > deadline  # noqa: B023
+                    or probe.part("driver")["phase"] != "ENABLED"
+                ),
+                "a profile or a stop",
+                60.0,
+            )
+            probe.spin(self.rng.uniform(0.1, 1.0))
+            if probe.turning() > 2 * STANDS and probe.part("driver")["phase"] == "ENABLED":
+                return planner
+            planner.stop()
+            probe.spin(1.0)
+        pytest.fail(f"this machine is too busy: {HELD_UP} planners were not followed")
 
     def moves(self) -> None:
         """That the wheels turn as they were told to."""
-        assert self.probe.turning() > 2 * STANDS
+        told = [(node, round(velocity)) for _, node, velocity, _ in self.commands(time.monotonic() - 0.1)]
+        assert self.probe.turning() > 2 * STANDS, f"seed {SEED}: {told}, {self.probe.part('driver')}"
 
     def commands(self, since: float) -> Iterator[tuple[float, int, float, int]]:
         """Time, node, target velocity (rad/s) and controlword of every RPDO1 since then."""
@@ -178,9 +224,7 @@ class NodeFaults:
     def test_command_silence(self, rover: Rover, source: str) -> None:
         for _ in range(TRIALS):
             send, told = good_command(rover, source)
-            rover.enable()
-            rover.probe.repeat(send, rover.rng.uniform(0.6, 1.2))
-            rover.moves()
+            rover.drive(send)
             send()
             last = time.monotonic()
             rover.probe.spin(0.3)
@@ -192,9 +236,7 @@ class NodeFaults:
     def test_bad_commands(self, rover: Rover, source: str) -> None:
         for _ in range(TRIALS):
             send, told = good_command(rover, source)
-            rover.enable()
-            rover.probe.repeat(send, rover.rng.uniform(0.6, 1.2))
-            rover.moves()
+            rover.drive(send)
             bad = bad_command(rover, source)
             began = time.monotonic()
             rover.probe.repeat(bad, 0.3)
@@ -206,11 +248,7 @@ class NodeFaults:
     def test_planner_killed(self, rover: Rover) -> None:
         probe = rover.probe
         for _ in range(TRIALS):
-            rover.enable()
-            planner = rover.start_node("planner", "table6_agriq", "--start-delay", 0.3)
-            probe.until(lambda: probe.turning() > 4 * STANDS, "the profile to be followed", 60.0)
-            probe.spin(rover.rng.uniform(0.1, 1.0))
-            rover.moves()
+            planner = rover.follow_planner()
             planner.send(signal.SIGKILL)
             killed = time.monotonic()
             probe.spin(0.3)
@@ -221,9 +259,7 @@ class NodeFaults:
     def test_driver_killed(self, rover: Rover) -> None:
         for _ in range(TRIALS):
             send, told = good_command(rover, "live")
-            rover.enable()
-            rover.probe.repeat(send, rover.rng.uniform(0.6, 1.2))
-            rover.moves()
+            rover.drive(send)
             rover.driver.send(signal.SIGKILL)
             killed = time.monotonic()
             rover.probe.spin(self.BY_DRIVES + 0.1)
