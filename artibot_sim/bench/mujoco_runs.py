@@ -86,8 +86,9 @@ def _numbers(robot: Robot, commands: Commands, dt: float, stages: int) -> NDArra
     p = params(robot)
     numbers = np.zeros(1, dtype=law.NUMBERS)
     n = numbers[0]
-    for name in ("k_n", "k_l", "k_t", "mu_s", "mu_d", "u_w", "r_w"):
-        n[name] = getattr(p, name)
+    for source, names in ((p, ("k_n", "u_w")), (p.front, ("k_l", "k_t", "mu_s", "mu_d")), (p.right_front, ("r_w",))):
+        for name in names:
+            n[name] = getattr(source, name)
     n["A"], n["share"], n["dt"] = p.A_motor, back_torque_factor(robot), dt
     for end, body, motor in (("f", p.front, p.right_front), ("b", p.back, p.right_back)):
         n[f"r_0_{end}"], n[f"x_{end}"], n[f"y_{end}"] = body.r_0, body.half_x, body.half_y
