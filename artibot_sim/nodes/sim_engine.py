@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, Robot, Rollout, State, Status, initial_state, rollout
+from artibot_sim.model.command_way import CommandWay, travelled
 from artibot_sim.model.kinematics import articulation
 from artibot_sim.model.layout import MOTOR_COORDINATES
 from artibot_sim.model.params import params
+from artibot_sim.model.rollout_checks import default_modes
 from artibot_sim.nodes.arbiter import Decision
 from artibot_sim.nodes.command_messages import Source
 
@@ -133,7 +135,8 @@ class Engine:
     integrator : str
         ``"rk4"`` or ``"semi_implicit"``.
     driven : bool
-        Front motors driven by a velocity loop with limited torque, instead of prescribed.
+        Front motors driven by a velocity loop with limited torque, instead of prescribed; so they are in any case
+        where an effect limits them.
     """
 
     def __init__(self, robot: Robot, timing: Timing, start: Start, integrator: str = "rk4", driven: bool = False):
@@ -141,11 +144,12 @@ class Engine:
         self.timing = timing
         self.start = start
         self.integrator = integrator
-        front = Mode.DRIVEN if driven else Mode.PRESCRIBED
+        front = Mode.DRIVEN if driven else default_modes(robot)[0]
         self.modes = (front, front, Mode.TORQUE, Mode.TORQUE)
         self._gravity = gravity_of(robot)
         self.state: State = initial_state(robot, start.x, start.y, start.yaw, start.articulation_yaw)
         self._v_last = self.state.v
+        self._way: CommandWay | None = None
 
     def warm_up(self) -> None:
         """Compile or load the kernel, so that the first period is like all others."""
@@ -158,6 +162,7 @@ class Engine:
         start = self.start
         self.state = initial_state(self.robot, start.x, start.y, start.yaw, start.articulation_yaw)
         self._v_last = self.state.v
+        self._way = None
 
     @property
     def front_position(self) -> tuple[float, float]:
@@ -192,10 +197,21 @@ class Engine:
     def _commands(self, decision: Decision) -> Commands:
         n = len(decision.velocity)
         velocity, position, torque = (np.full((n, 4), np.nan) for _ in range(3))
-        velocity[:, :2] = decision.velocity
-        position[:, :2] = decision.position
+        velocity[:, :2], position[:, :2] = self._executed(np.array(decision.velocity), np.array(decision.position))
         torque[:, 2:] = decision.effort
         return Commands(self.timing.knot_ns * 1e-9, velocity, position=position, torque=torque, t0=self.state.t)
+
+    def _executed(self, speeds: Array, angles: Array) -> tuple[Array, Array]:
+        """What the front motors follow through a period, shape (n, 2): speeds and angles after the way to them."""
+        h = self.timing.knot_ns * 1e-9
+        if self._way is None:
+            self._way, self._angles = CommandWay(self.robot, h, speeds[0]), angles[0]
+        if not self._way:
+            return speeds, angles
+        followed = np.vstack([self._way.now, self._way.follow(speeds[1:])])
+        turned = np.vstack([self._angles, self._angles + travelled(followed, h)])
+        self._angles = turned[-1]
+        return followed, turned
 
     def _sample(self, result: Rollout, decision: Decision) -> Sample:
         """Row 0 of the period: its torques are those that act from this instant on, as in one long rollout."""

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.rollout_bag import rollout_columns
 from artibot_sim.model import Commands, initial_state, load_robot, rollout
+from artibot_sim.model.command_way import as_executed
 from artibot_sim.nodes.arbiter import NAN_PAIR, Decision, Source
 from artibot_sim.nodes.odometry import Odometry
 from artibot_sim.nodes.sim_engine import Diverged, Engine, Sample, Start, Timing, quaternion, rotation
@@ -231,3 +232,25 @@ def test_odometry_starts_where_it_is_told_whatever_the_motors_show() -> None:
     assert odometry.twist == pytest.approx((0.04, 0.0))
     odometry.update((600.0, 70.0), (10.0, 10.0))
     assert odometry.pose == pytest.approx((1.0, 2.4, math.pi / 2))
+
+
+def test_a_rover_with_effects_is_one_long_rollout_too() -> None:
+    """On the way to the motors, in the contact with a memory, and in the drives: the node forgets none of them."""
+    effects = {
+        "command_delay": {"delay": 0.033},
+        "speed_loop_lag": {"time_constant": 0.1},
+        "tyre_relaxation": {"length": 0.3},
+        "soil_softening": {"rate": 0.02},
+        "torque_limit": {"front_max": 0.3},
+    }
+    robot = replace(AGRIQ, effects=effects)
+    velocity, position = driven(2.0)
+    samples = drive(Engine(robot, TIMING, Start()), velocity, position)
+    absent = np.full_like(velocity, np.nan)
+    commands = Commands(0.01, np.hstack([velocity, absent]), position=np.hstack([position, absent]))
+    whole = rollout(robot, as_executed(robot, commands), kappa=0.8)
+    for name in ("motor_position", "motor_velocity", "twist"):
+        together = np.array([getattr(sample, name) for sample in samples])
+        np.testing.assert_allclose(together, getattr(whole, name)[: len(samples)], rtol=0, atol=1e-8)
+    late = np.array([sample.motor_velocity[0] for sample in samples])
+    assert late[50] < 0.9 * velocity[50, 0]

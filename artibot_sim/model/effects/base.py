@@ -7,11 +7,19 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.quantity import Quantity
 
 if TYPE_CHECKING:
     from artibot_sim.model.params import Params
+
+Array = NDArray[np.float64]
+
+Step = Callable[[Array], Array]
+"""From a sample of the front motors' speeds (2,), rad/s, to what comes out at that instant; it remembers the last."""
 
 Values = Mapping[str, Any]
 """Parameters of an effect by name: numbers, and names where a parameter is a choice."""
@@ -65,6 +73,9 @@ class Effect:
         (Params, values) → Params: what the effect changes in the numbers of the paper's model.
     hooks : mapping of str to compiled function
         What the extended kernel calls, by the hook's name (see `effects.hooks`).
+    command : callable, optional
+        (values, h, first) → `Step`: what happens to commands on their way to the front motors, sampled each `h` s,
+        `first` (2,) having been commanded for long. See `command_way`.
     drives_front : bool
         Whether it acts on front motors only where they are driven.
     """
@@ -76,6 +87,7 @@ class Effect:
     sizes: int = 1
     adapt: Callable[[Params, Values], Params] | None = None
     hooks: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
+    command: Callable[[Values, float, Array], Step] | None = None
     drives_front: bool = False
 
     def read(self, entries: Any, path: str) -> dict[str, float | str]:

@@ -1,0 +1,25 @@
+"""A drive that does not move for small commands."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from artibot_sim.model.effects.base import Array, Effect, Step, Values, number
+
+
+def _way(values: Values, h: float, first: Array) -> Step:
+    def step(speed: Array) -> Array:
+        return np.where(np.abs(speed) < values["threshold"], 0.0, speed)
+
+    return step
+
+
+EFFECT = Effect(
+    id="deadband",
+    acts="command",
+    doc="Front velocity commands below the threshold give no motion.",
+    parameters={"threshold": number("rad/s", 0.0, math.inf, "motor speed below which nothing moves")},
+    command=_way,
+)
