@@ -67,6 +67,7 @@ class Rover:
     driver: NodeProcess
     rng: random.Random
     reactions: list[float] = field(default_factory=list)
+    void: int = 0
 
     def enable(self) -> None:
         """Whatever the last trial has left: disabled drives without a fault, then enabled."""
@@ -81,7 +82,7 @@ class Rover:
         probe.until(lambda: probe.part("driver")["phase"] != "READY", "news of that", 5.0)
 
     def drive(self, send: Callable[[], None]) -> None:
-        """Enable and command for a random while; anew where this process was held up, for that was silence."""
+        """Enable and command for a random while; anew where commands or drives were held up: that is silence."""
         for _ in range(HELD_UP):
             self.enable()
             end, last, gap = time.monotonic() + self.rng.uniform(0.6, 1.2), time.monotonic(), 0.0
@@ -89,9 +90,10 @@ class Rover:
                 send()
                 self.probe.spin(0.02)
                 gap, last = max(gap, time.monotonic() - last), time.monotonic()
-            if gap < TIMEOUT - 0.02:
+            if gap < TIMEOUT - 0.02 and self.probe.part("driver")["phase"] == "ENABLED":
                 self.moves()
                 return
+            self.void += 1
             self.probe.spin(2.0)
         pytest.fail(f"this machine is too busy: {HELD_UP} times the commands stopped by themselves")
 
@@ -115,6 +117,7 @@ class Rover:
             if probe.turning() > 2 * STANDS and probe.part("driver")["phase"] == "ENABLED":
                 return planner
             planner.stop()
+            self.void += 1
             probe.spin(1.0)
         pytest.fail(f"this machine is too busy: {HELD_UP} planners were not followed")
 
@@ -179,7 +182,7 @@ class Rover:
         ms = 1e3 * np.array(self.reactions)
         print(
             f"{what}: {len(ms)} trials, seed {SEED}: reaction after {np.median(ms):.0f} ms (median), "
-            f"{ms.max():.0f} ms at most"
+            f"{ms.max():.0f} ms at most; {self.void} void"
         )
 
 
