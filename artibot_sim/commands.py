@@ -25,6 +25,7 @@ COMMANDS: Final[dict[str, Word]] = {
     "recover": Word("artibot_sim.experiment.recover_cli:command", "Mend a recording that was cut off."),
     "can": Word("artibot_sim.can_cli:command", "Decode recorded CAN frames; a DBC, a loopback bus."),
     "plot": Word("artibot_sim.report.plot_cli:command", "Draw a recording, to PNG or an HTML page."),
+    "identify": Word("artibot_sim.report.identify_cli:command", "Identify soil and geometry from recordings."),
     "reproduce": Word("artibot_sim.reproduce.cli:command", "Reproduce the paper's figures and tables, as a page."),
     "bench": Word("artibot_sim.bench:command", "Measure the speed of the model and the commands."),
     "demo": Word("artibot_sim.nodes.demo:main", "Plan, drive, record, replay and plot the paper's trajectory."),

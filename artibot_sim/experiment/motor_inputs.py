@@ -50,10 +50,12 @@ class MotorInputs:
         )  # fmt: skip
 
 
-def rotations(experiment: Experiment, robot: Robot, t_start: float, t_end: float) -> MotorInputs:
+def rotations(
+    experiment: Experiment, robot: Robot, t_start: float, t_end: float, half_width: float = HALF_WIDTH
+) -> MotorInputs:
     """Return inputs that turn every motor as it was measured to turn.
 
-    Encoder positions give both angle and speed, by a cubic fitted locally (`HALF_WIDTH`); a motor without
+    Encoder positions give both angle and speed, by a cubic fitted locally (`half_width`, s); a motor without
     positions is turned by its recorded speed. Back motors without either are driven by their recorded torque, or
     share eq. 30's.
 
@@ -66,7 +68,7 @@ def rotations(experiment: Experiment, robot: Robot, t_start: float, t_end: float
     t = _knots(t_start, t_end, _KNOT)
     position, velocity = np.full((2, len(t), 4), np.nan)
     for i, motor in enumerate(MOTORS[: _count(robot)]):
-        found = _rotation(motors, motor, t, t_start, t_end)
+        found = _rotation(motors, motor, t, t_start, t_end, half_width)
         if found is not None:
             position[:, i], velocity[:, i] = found
         elif i < 2:
@@ -140,7 +142,9 @@ def _by_effort(experiment: Experiment, channel: Channel, back: str) -> bool:
     return recorded and (back == "effort" or (back == "auto" and "kappa" not in experiment.metadata))
 
 
-def _rotation(motors: Channel, motor: str, t: Floats, t_start: float, t_end: float) -> tuple[Floats, Floats] | None:
+def _rotation(
+    motors: Channel, motor: str, t: Floats, t_start: float, t_end: float, half_width: float = HALF_WIDTH
+) -> tuple[Floats, Floats] | None:
     """Return angle and speed (n,) of one motor at knots, or None if it is not recorded there."""
     margin = 0.5  # s of neighbours beyond the ends of a stretch; never those of another segment, which is further off
     for quantity in ("position", "velocity"):
@@ -153,12 +157,14 @@ def _rotation(motors: Channel, motor: str, t: Floats, t_start: float, t_end: flo
         new = fresh(values)
         times, values = times[new], values[new]
         if len(times) > 3:
-            return _from_positions(times, values, t) if quantity == "position" else _from_speeds(times, values, t)
+            if quantity == "position":
+                return _from_positions(times, values, t, half_width)
+            return _from_speeds(times, values, t)
     return None
 
 
-def _from_positions(times: Floats, values: Floats, t: Floats) -> tuple[Floats, Floats]:
-    value, rate = local_fit(times, values[:, None], t, HALF_WIDTH)
+def _from_positions(times: Floats, values: Floats, t: Floats, half_width: float) -> tuple[Floats, Floats]:
+    value, rate = local_fit(times, values[:, None], t, half_width)
     spacing = float(np.median(np.diff(times)))
     value, rate = bridge(times, t, value, rate, max(0.1, 4.0 * spacing))
     return value[:, 0], rate[:, 0]

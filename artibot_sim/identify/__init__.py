@@ -1,0 +1,29 @@
+"""Identification: parameters of the model from recordings, with intervals.
+
+>>> from artibot_sim.experiment import read_bag
+>>> from artibot_sim.identify import identify
+>>> from artibot_sim.model import load_robot, save_robot
+>>> work = identify([read_bag("run0"), read_bag("run1")], load_robot("agriq"), holdout=[read_bag("run2")])
+>>> print(work.result)
+>>> save_robot(work.result.robot, "field.yaml")
+"""
+
+from artibot_sim.identify.identification import ChannelFit, Estimate, Identification, Prediction, Status
+from artibot_sim.identify.parameters import SOIL, Prior, parse_priors
+from artibot_sim.identify.run import WINDOW, Work, identify
+from artibot_sim.identify.search import Effort
+
+__all__ = [
+    "SOIL",
+    "WINDOW",
+    "ChannelFit",
+    "Effort",
+    "Estimate",
+    "Identification",
+    "Prediction",
+    "Prior",
+    "Status",
+    "Work",
+    "identify",
+    "parse_priors",
+]

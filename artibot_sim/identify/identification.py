@@ -1,0 +1,210 @@
+"""What an identification finds: parameters with intervals, how well they explain what was measured, and a status."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.model import Robot
+
+Array = NDArray[np.float64]
+
+
+class Status(enum.Enum):
+    """How an identification, or one parameter of it, ended."""
+
+    CONVERGED = "converged"
+    AT_BOUND = "at bound"
+    NOT_IDENTIFIABLE = "not identifiable"
+    NOT_CONVERGED = "not converged"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One parameter.
+
+    Attributes
+    ----------
+    key, name, unit : str
+    value : float
+        SI.
+    ci95 : (float, float)
+        95 % interval: the wider of `curvature` and `bootstrap`, widened by what neither sees
+        (`judgement.SYSTEMATIC`).
+    curvature, bootstrap : (float, float)
+        Intervals by either way.
+    prior : (float, float)
+        Middle and standard deviation assumed beforehand.
+    status : Status
+    note : str
+        What a person should know about it; empty where nothing.
+    """
+
+    key: str
+    name: str
+    unit: str
+    value: float
+    ci95: tuple[float, float]
+    curvature: tuple[float, float]
+    bootstrap: tuple[float, float]
+    prior: tuple[float, float]
+    status: Status
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class ChannelFit:
+    """How one channel is explained over all windows.
+
+    Attributes
+    ----------
+    unit : str
+    noise : float
+        Standard deviation of one sample, as fast changes in the recording show it (`local_fit.noise_of`).
+    rmse, median, p90 : float
+        Of the absolute residuals; of positions those of the distance.
+    count : int
+        Samples.
+    excess : float
+        Typical window's root mean square residual over the noise: 1 is as good as the sensor.
+    """
+
+    unit: str
+    noise: float
+    rmse: float
+    median: float
+    p90: float
+    count: int
+    excess: float
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A recording that was not fitted, predicted.
+
+    Attributes
+    ----------
+    name : str
+    horizon : float, s
+    windows : int
+        How many predictions of that length.
+    channels : mapping of str to ChannelFit
+        Errors of the predictions, each started from what the measurements before it give.
+    final : mapping of str to ChannelFit
+        Errors at the ends of the windows alone (position and yaw).
+    free_run : mapping of str to ChannelFit
+        Errors of one simulation of the whole recording.
+    left : float or None
+        s, when the free run leaves the branch that was measured: other wheels slide from then on, and it goes astray.
+    note : str
+    rivals : mapping of str to mapping
+        For a rigid robot: the same as `final` of kinematic models fitted to the same recordings (see `skid`).
+    """
+
+    name: str
+    horizon: float
+    windows: int
+    channels: Mapping[str, ChannelFit]
+    final: Mapping[str, ChannelFit]
+    free_run: Mapping[str, ChannelFit]
+    left: float | None
+    note: str = ""
+    rivals: Mapping[str, Mapping[str, ChannelFit]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Parameters identified from recordings.
+
+    Attributes
+    ----------
+    robot : Robot
+        With the new values, their sources and intervals.
+    estimates : tuple of Estimate
+    correlation : array, shape (p, p)
+        Of the estimates' logarithms.
+    weakest : str
+        The combination of parameters that the data say least about, and how much.
+    status : Status
+        The worst of all.
+    message : str
+        One line for a person.
+    recordings : tuple of str
+    windows, samples : int
+    channels : mapping of str to ChannelFit
+    predictions : tuple of Prediction
+    remarks : tuple of str
+        What was left out or assumed.
+    seconds : float
+        It took.
+    """
+
+    robot: Robot
+    estimates: tuple[Estimate, ...]
+    correlation: Array
+    weakest: str
+    status: Status
+    message: str
+    recordings: tuple[str, ...]
+    windows: int
+    samples: int
+    channels: Mapping[str, ChannelFit]
+    predictions: tuple[Prediction, ...] = ()
+    remarks: tuple[str, ...] = ()
+    seconds: float = 0.0
+
+    def __getitem__(self, name: str) -> Estimate:
+        """An estimate by its short name or its key."""
+        for estimate in self.estimates:
+            if name in (estimate.name, estimate.key):
+                return estimate
+        raise KeyError(f"{name}: not identified; there are {', '.join(e.name for e in self.estimates)}")
+
+    def as_dict(self) -> dict[str, Any]:
+        """All but the robot, as plain data for JSON."""
+        return {
+            "schema": "artibot/identification/1",
+            "robot": self.robot.name,
+            "status": self.status.value,
+            "message": self.message,
+            "parameters": {e.key: _estimate(e) for e in self.estimates},
+            "correlation": self.correlation.tolist(),
+            "weakest": self.weakest,
+            "recordings": list(self.recordings),
+            "windows": self.windows,
+            "samples": self.samples,
+            "channels": {name: vars(fit) for name, fit in self.channels.items()},
+            "predictions": [_prediction(p) for p in self.predictions],
+            "remarks": list(self.remarks),
+            "seconds": self.seconds,
+        }
+
+    def __rich__(self) -> Any:
+        from artibot_sim.identify.printing import printed
+
+        return printed(self)
+
+    def __str__(self) -> str:
+        from artibot_sim.identify.printing import as_text
+
+        return as_text(self)
+
+
+def _estimate(e: Estimate) -> dict[str, Any]:
+    return {
+        "value": e.value, "unit": e.unit, "ci95": list(e.ci95), "curvature": list(e.curvature),
+        "bootstrap": list(e.bootstrap), "prior": {"value": e.prior[0], "sd": e.prior[1]}, "status": e.status.value,
+        "note": e.note,
+    }  # fmt: skip
+
+
+def _prediction(p: Prediction) -> dict[str, Any]:
+    groups = {name: {k: vars(v) for k, v in getattr(p, name).items()} for name in ("channels", "final", "free_run")}
+    rivals = {name: {k: vars(v) for k, v in fits.items()} for name, fits in p.rivals.items()}
+    about = {"name": p.name, "horizon": p.horizon, "windows": p.windows, "left": p.left, "note": p.note}
+    return {**about, **groups, "rivals": rivals}

@@ -1,0 +1,174 @@
+"""From a fit's numbers to what they mean: intervals, statuses, and which combination the data leave open, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.identify.identification import Estimate, Status
+from artibot_sim.identify.parameters import MU_D, MU_S, ParameterSet
+from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.uncertainty import Spread
+from artibot_sim.model.windows import KINDS, Plan
+
+Array = NDArray[np.float64]
+
+OPEN = 0.5
+"""A combination whose standard deviation the data do not bring below this share of the prior's is not identified."""
+SYSTEMATIC = 0.0075
+"""Standard deviation, of a logarithm, of what no residual shows: rotations are smoothed over 60 ms, instants at which
+wheels break away are known to a few, and all forces give way a little for it. Found with `coverage`."""
+_PART = 0.3
+"""Smallest share of a combination that is named."""
+_TURNING = 0.02
+"""rad/s of mean yaw rate, under which a rover hardly turns."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What a rover did in the recordings, as the fit has it.
+
+    Attributes
+    ----------
+    sliding : float
+        Share of the time in which some wheel slides.
+    grip : float
+        Largest share of its normal force that a wheel held.
+    turning : float
+        Root mean square yaw rate, rad/s.
+    torques : bool
+        Whether torques were recorded.
+    """
+
+    sliding: float
+    grip: float
+    turning: float
+    torques: bool
+
+
+def motion_of(problem: Problem, coordinates: Array, starts: Array, torques: bool) -> Motion:
+    """What the windows' simulations show."""
+    t = [np.arange(0.05, w.knots * problem.stretches[w.stretch].inputs.dt, 0.05) for w in problem.windows]
+    seen = {}
+    for name in ("sliding", "grip", "yaw_rate"):
+        plans = [Plan(times, np.full(len(times), KINDS.index(name))) for times in t]
+        seen[name] = np.concatenate(problem.look(coordinates, starts, plans))
+    known = np.isfinite(seen["sliding"])
+    return Motion(
+        float((seen["sliding"][known] > 0).mean()), float(seen["grip"][known].max()),
+        float(np.sqrt(np.mean(seen["yaw_rate"][known] ** 2))), torques,
+    )  # fmt: skip
+
+
+def weakest(parameters: ParameterSet, covariance: Array) -> tuple[str, float, Array]:
+    """The combination of logarithms that the data say least about.
+
+    Returns
+    -------
+    text : str
+    share : float
+        Its standard deviation over the prior's.
+    part : array, shape (p,)
+        How much of it each parameter is, in units of its prior.
+    """
+    spread = parameters.spread
+    values, vectors = np.linalg.eigh(covariance / np.outer(spread, spread))
+    vector = vectors[:, -1]
+    direction = vector * spread  # back to logarithms
+    direction = direction / direction[np.argmax(np.abs(direction))]
+    named = [i for i in np.argsort(-np.abs(direction)) if abs(direction[i]) >= _PART]
+    parts = [f"{parameters.names[i]}{_power(direction[i])}" for i in sorted(named)]
+    return " · ".join(parts), float(np.sqrt(max(values[-1], 0.0))), np.abs(vector)
+
+
+def _power(exponent: float) -> str:
+    return "" if abs(exponent - 1.0) < 0.05 else f"^{exponent:.1f}"
+
+
+def estimates(
+    parameters: ParameterSet, coordinates: Array, curvature: Spread, bootstrap: Spread, motion: Motion
+) -> tuple[Estimate, ...]:
+    """Values, intervals and statuses of all parameters.
+
+    The loss is jagged, so its lowest point is a matter of luck; values are the bootstrap's means, which is to say
+    the mean of what draws of windows would have given.
+    """
+    middles = np.array([p.prior.value for p in parameters.parameters])
+    bound = parameters.at_bound(coordinates)
+    values = np.where(bound, parameters.values(coordinates), middles * np.exp(bootstrap.mean))
+    values = parameters.robot_with(values).as_vector(parameters.keys)
+    shares = np.sqrt(np.diag(curvature.covariance)) / parameters.spread
+    found = []
+    for i, p in enumerate(parameters.parameters):
+        low, high = (middles[i] * np.exp(s) for s in (curvature.low[i], curvature.high[i]))
+        again = float(middles[i] * np.exp(bootstrap.low[i])), float(middles[i] * np.exp(bootstrap.high[i]))
+        reason = unseen(p.key, motion)
+        status = Status.CONVERGED
+        if reason or shares[i] > OPEN:
+            status = Status.NOT_IDENTIFIABLE
+            reason = reason or open_reason(motion)
+        elif bound[i]:
+            status, reason = (
+                Status.AT_BOUND,
+                f"stands at the bound of its prior, {values[i]:.4g}; widen it, or look for another cause",
+            )
+        widened = _with_systematic(float(values[i]), min(low, again[0]), max(high, again[1]))
+        if status is Status.NOT_IDENTIFIABLE:
+            widened = _with_prior(widened, p.prior.value, p.spread)
+        found.append(
+            Estimate(p.key, p.name, p.unit, float(values[i]), widened, (float(low), float(high)), again,
+                     (p.prior.value, p.prior.sd), status, reason)
+        )  # fmt: skip
+    return tuple(found)
+
+
+def _with_systematic(value: float, low: float, high: float) -> tuple[float, float]:
+    """An interval about `value` widened by SYSTEMATIC, in quadrature."""
+    floor = 1.96 * SYSTEMATIC
+    down, up = (np.hypot(max(np.log(ratio), 0.0), floor) for ratio in (value / low, high / value))
+    return float(value * np.exp(-down)), float(value * np.exp(up))
+
+
+def _with_prior(interval: tuple[float, float], middle: float, spread: float) -> tuple[float, float]:
+    """An interval at least as wide as the prior's."""
+    low, high = middle * np.exp(-1.96 * spread), middle * np.exp(1.96 * spread)
+    return float(min(interval[0], low)), float(max(interval[1], high))
+
+
+def unseen(key: str, motion: Motion) -> str:
+    """Why a parameter cannot have acted in the recordings; empty where it can."""
+    if key in (MU_S, MU_D) and motion.sliding == 0.0:
+        least = f"; all that is known is mu_s > {motion.grip:.2f}" if key == MU_S else ""
+        return f"no wheel ever slides: none takes more than {motion.grip:.2f} of its normal force{least}"
+    if key == "contact.k_t" and motion.turning < _TURNING:
+        return f"the rover hardly turns ({motion.turning:.2g} rad/s): nothing pushes its wheels sideways"
+    return ""
+
+
+def open_reason(motion: Motion) -> str:
+    """The likeliest reason why something stays open though it acts."""
+    if not motion.torques:
+        return "without torques only ratios of forces act on the path, their common scale hardly does"
+    return "the manoeuvres change it together with others only"
+
+
+def overall(found: Sequence[Estimate], converged: bool, text: str, share: float) -> tuple[Status, str]:
+    """Status of the whole, and one line for a person."""
+    loose = [e for e in found if e.status is Status.NOT_IDENTIFIABLE]
+    if loose:
+        names = ", ".join(e.name for e in loose)
+        return Status.NOT_IDENTIFIABLE, f"{names} cannot be told from these recordings: {loose[0].note}"
+    if share > OPEN:
+        return (
+            Status.NOT_IDENTIFIABLE,
+            f"the combination {text} stays open: the data leave {100 * share:.0f} % of the prior's width",
+        )
+    at = [e for e in found if e.status is Status.AT_BOUND]
+    if at:
+        return Status.AT_BOUND, f"{', '.join(e.name for e in at)}: {at[0].note}"
+    if not converged:
+        return Status.NOT_CONVERGED, "the loss still fell when the steps ended; fit again from the result"
+    return Status.CONVERGED, "all parameters are identified"

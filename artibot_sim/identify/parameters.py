@@ -1,0 +1,244 @@
+"""What can be identified: parameters of a robot with priors and bounds, as the numbers that a fit works on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.documents import did_you_mean
+from artibot_sim.errors import ArtibotError
+from artibot_sim.model import Robot
+
+Array = NDArray[np.float64]
+
+SOIL = ("k_l", "k_t", "mu_s", "mu_d", "u_w")
+"""What is identified unless `--fit` says otherwise."""
+
+MU_S = "contact.mu_s"
+MU_D = "contact.mu_d"
+
+_SPREAD = {"contact": 0.4, "wheel.r_w": 0.05, "front.m": 0.3, "back.m": 0.3}
+"""Standard deviation of the prior over its middle, by key or by section; a guess in a robot file is a wide prior."""
+_GEOMETRY_SPREAD = 0.15
+_WIDEST = 5.0
+"""Bounds lie this many prior deviations from the middle, in the logarithm."""
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known beforehand: middle and standard deviation, in the parameter's unit."""
+
+    value: float
+    sd: float
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a fit.
+
+    Attributes
+    ----------
+    key : str
+        As in a robot file (``contact.k_l``).
+    name : str
+        Short, for tables.
+    unit : str
+    prior : Prior
+    low, high : float
+        Bounds of the value.
+    """
+
+    key: str
+    name: str
+    unit: str
+    prior: Prior
+    low: float
+    high: float
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the prior in the logarithm."""
+        return self.prior.sd / self.prior.value
+
+
+@dataclass(frozen=True)
+class ParameterSet:
+    """The parameters of a fit in their order, and the robot that they change."""
+
+    robot: Robot
+    parameters: tuple[Parameter, ...]
+
+    def __len__(self) -> int:
+        return len(self.parameters)
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """As in a robot file."""
+        return tuple(parameter.key for parameter in self.parameters)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Short ones."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def spread(self) -> Array:
+        """Prior standard deviations in the logarithm, shape (p,)."""
+        return np.array([parameter.spread for parameter in self.parameters])
+
+    @cached_property
+    def mixing(self) -> Array:
+        """Logarithms of the values over the priors' middles = mixing · coordinates, shape (p, p).
+
+        A wheel breaks away at a slip of mu_s F_n over k_l and k_t. So mu_s goes along when they change, and its own
+        coordinate is that slip: what moves by its gradient leaves the instants of breaking away nearly as they are.
+        """
+        matrix = np.eye(len(self))
+        row = self.index(MU_S)
+        for key in ("contact.k_l", "contact.k_t"):
+            column = self.index(key)
+            if row is not None and column is not None:
+                matrix[row, column] = 0.5
+        return matrix
+
+    @cached_property
+    def prior_information(self) -> Array:
+        """Of the coordinates, shape (p, p)."""
+        scaled = self.mixing / self.spread[:, None]
+        return scaled.T @ scaled
+
+    def values(self, coordinates: Array) -> Array:
+        """Values in SI units at coordinates (p,)."""
+        middles = np.array([p.prior.value for p in self.parameters])
+        values: Array = middles * np.exp(self.mixing @ coordinates)
+        return values
+
+    def coordinates(self, values: Sequence[float] | Array) -> Array:
+        """Coordinates (p,) at values."""
+        middles = np.array([p.prior.value for p in self.parameters])
+        return np.asarray(np.linalg.solve(self.mixing, np.log(np.asarray(values, float) / middles)), float)
+
+    def inside(self, coordinates: Array) -> Array:
+        """The nearest coordinates whose values are within bounds, mu_d not above mu_s."""
+        low = np.array([parameter.low for parameter in self.parameters])
+        high = np.array([parameter.high for parameter in self.parameters])
+        values = self.values(coordinates)
+        clipped = values.clip(low, high)
+        i, j = self.index(MU_S), self.index(MU_D)
+        if i is not None and j is not None:
+            clipped[j] = min(clipped[j], clipped[i])
+        return coordinates if (clipped == values).all() else self.coordinates(clipped)
+
+    def at_bound(self, coordinates: Array) -> list[bool]:
+        """Which parameters stand at a bound."""
+        values = self.values(coordinates)
+        return [
+            bool(v <= p.low * (1 + 1e-6) or v >= p.high * (1 - 1e-6))
+            for v, p in zip(values, self.parameters, strict=True)
+        ]
+
+    def robot_at(self, coordinates: Array) -> Robot:
+        """The robot at coordinates (p,)."""
+        return self.robot_with(self.values(coordinates))
+
+    def robot_with(self, values: Array) -> Robot:
+        """The robot with values (p,); mu_d gives way to a smaller mu_s that is fitted, else mu_s to it."""
+        changes = dict(zip(self.keys, np.asarray(values, float).tolist(), strict=True))
+        mu_s = changes.get(MU_S, self.robot.contact.mu_s)
+        mu_d = changes.get(MU_D, self.robot.contact.mu_d)
+        if mu_d > mu_s:
+            changes |= {MU_D: mu_s} if MU_S in changes else {MU_S: mu_d}
+        return self.robot.replace(changes)
+
+    def index(self, key: str) -> int | None:
+        """Place of a key, None if it is not fitted."""
+        return self.keys.index(key) if key in self.keys else None
+
+
+def parameter_set(robot: Robot, fit: Sequence[str] = SOIL, priors: Mapping[str, Prior] | None = None) -> ParameterSet:
+    """The parameters named by `fit`.
+
+    Parameters
+    ----------
+    robot : Robot
+        Whose values are the priors' middles unless `priors` says otherwise.
+    fit : sequence of str
+        Names as in a robot file (``contact.k_l``, ``front.i_x``), or the soil's short ones (``k_l``).
+    priors : mapping of str to Prior, optional
+        By the same names.
+
+    Raises
+    ------
+    ArtibotError
+        For an unknown name, one that stands twice, or a prior of nothing that is fitted.
+    """
+    quantities = {key: (quantity, value) for key, quantity, value in robot.quantities()}
+    keys = [_key(name, quantities) for name in fit]
+    if not keys:
+        raise ArtibotError("fit: nothing named; expected at least one parameter, such as k_l")
+    for key in keys:
+        if keys.count(key) > 1:
+            raise ArtibotError(f"fit: {key} stands there twice; name each parameter once")
+    known = {_key(name, quantities): prior for name, prior in (priors or {}).items()}
+    for key in known:
+        if key not in keys:
+            raise ArtibotError(f"prior: {key} is not fitted; name it in --fit as well, or leave its prior out")
+    parameters = []
+    for key in keys:
+        quantity, value = quantities[key]
+        prior = known.get(key) or Prior(value, _spread(key) * abs(value))
+        if not (prior.value > 0 and np.isfinite(prior.value)):
+            raise ArtibotError(
+                f"prior: {key} has the middle {prior.value:g} {quantity.unit}; a fit needs one that is finite and "
+                f"greater than 0, such as --prior {_short(key)}=1±0.3"
+            )
+        width = _WIDEST * prior.sd / prior.value
+        low = max(prior.value * np.exp(-width), quantity.low)
+        high = min(prior.value * np.exp(width), quantity.high)
+        parameters.append(Parameter(key, _short(key), quantity.unit, prior, low, high))
+    return ParameterSet(robot, tuple(parameters))
+
+
+def parse_priors(texts: Sequence[str]) -> dict[str, Prior]:
+    """Priors from ``NAME=MIDDLE±SD`` (or ``+-`` for ±), in SI units.
+
+    Raises
+    ------
+    ArtibotError
+        For anything else.
+    """
+    found: dict[str, Prior] = {}
+    for text in texts:
+        name, _, rest = text.partition("=")
+        middle, _, sd = rest.replace("+-", "±").partition("±")
+        try:
+            prior = Prior(float(middle), float(sd))
+        except ValueError:
+            prior = Prior(np.nan, np.nan)
+        if not (name and prior.sd > 0 and np.isfinite([prior.value, prior.sd]).all()):
+            raise ArtibotError(f"prior: '{text}'; expected NAME=MIDDLE±SD in SI units, such as front.i_x=0.45±0.05")
+        found[name.strip()] = prior
+    return found
+
+
+def _key(name: str, quantities: Mapping[str, object]) -> str:
+    name = name.strip()
+    full = f"contact.{name}" if "." not in name else name
+    if full in quantities:
+        return full
+    short = [_short(key) for key in quantities]
+    raise ArtibotError(
+        f"fit: '{name}' is no parameter of the robot{did_you_mean(name, short)}; expected one of {', '.join(short)}"
+    )
+
+
+def _short(key: str) -> str:
+    return key.removeprefix("contact.")
+
+
+def _spread(key: str) -> float:
+    return _SPREAD.get(key, _SPREAD.get(key.partition(".")[0], _GEOMETRY_SPREAD))

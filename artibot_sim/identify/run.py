@@ -1,0 +1,229 @@
+"""`identify`: from recordings and a robot to an :class:`Identification`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.experiment import Experiment
+from artibot_sim.identify.gauss_newton import evaluate
+from artibot_sim.identify.holdout import Held, hold_out
+from artibot_sim.identify.identification import Estimate, Identification, Status
+from artibot_sim.identify.judgement import Motion, estimates, motion_of, overall, weakest
+from artibot_sim.identify.parameters import SOIL, ParameterSet, Prior, parameter_set
+from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.quality import channel_fits
+from artibot_sim.identify.robust import Loss, channel_levels, merged
+from artibot_sim.identify.search import Effort, Fit, Tick, awake, search, settle, thinned
+from artibot_sim.identify.sensing import Stretch, missing, noise_levels, stretches, with_pooled_noise
+from artibot_sim.identify.skid import fitted
+from artibot_sim.identify.uncertainty import Node, from_bootstrap, from_curvature, profile
+from artibot_sim.identify.windows import cut
+from artibot_sim.model import Robot
+from artibot_sim.progress import Report
+
+Array = NDArray[np.float64]
+
+WINDOW = 5.0
+"""s of a window: long enough for the path to say something, short enough that a start decides which branch it takes."""
+LEAD = 0.3
+"""s at a window's beginning that are not compared."""
+_FEW = 12
+"""Windows at most that the search from several starts takes, evenly."""
+_LOWEST_NOISE = 0.7
+_SETTLE = 8
+_BETTER = 10.0
+"""Fall of the loss that makes another place on the profile worth going on from."""
+
+
+@dataclass(frozen=True)
+class Work:
+    """An identification with what it was made of, for pictures and for going on.
+
+    Attributes
+    ----------
+    result : Identification
+    problem : Problem
+        Windows with the noise levels that the fit ended with.
+    fit : Fit
+    nodes : tuple of Node
+        The profile over mu_s.
+    held : tuple of Held
+    """
+
+    result: Identification
+    problem: Problem
+    fit: Fit
+    nodes: tuple[Node, ...]
+    held: tuple[Held, ...]
+
+
+def identify(
+    recordings: Sequence[Experiment],
+    robot: Robot,
+    *,
+    fit: Sequence[str] = SOIL,
+    priors: Mapping[str, Prior] | None = None,
+    holdout: Sequence[Experiment] = (),
+    window: float = WINDOW,
+    effort: Effort | None = None,
+    workers: int | None = None,
+    progress: Report | None = None,
+) -> Work:
+    """Identify parameters of a robot from recordings.
+
+    The model is driven by all measured motor rotations (section 6); torques are outputs. Recordings are cut into
+    windows, each with a start of its own (multiple shooting), because a free run with the right parameters may leave
+    the measured branch. See docs/identification.md.
+
+    Parameters
+    ----------
+    recordings : sequence of Experiment
+        What `read_bag` gives.
+    robot : Robot
+        Its values are the priors' middles.
+    fit : sequence of str
+        Parameters to identify.
+    priors : mapping of str to Prior, optional
+    holdout : sequence of Experiment
+        Recordings to predict with the result.
+    window : float
+        Length of a window, s.
+    effort : Effort, optional
+    workers : int, optional
+        Threads; as many as cores by default. The result does not depend on it.
+    progress : callable
+        Hears the share that is done.
+
+    Raises
+    ------
+    ArtibotError
+        For recordings that lack what is needed, or parameters that do not exist.
+    """
+    begun, ticks = time.perf_counter(), _Ticks(progress, (effort or Effort()), len(holdout))
+    parameters = parameter_set(robot, fit, priors)
+    problem = _problem(recordings, parameters, window, workers)
+    ticks()
+    problem, found = _search(problem, effort or Effort(), ticks)
+    found, nodes = _profiled(problem, found, ticks)
+    motion = motion_of(problem, found.point.coordinates, found.point.starts, _has_torques(problem))
+    result = _result(recordings, problem, found, nodes, motion)
+    held = []
+    rivals = fitted(problem) if holdout and not robot.articulated else ()
+    for experiment in holdout:
+        held.append(hold_out(experiment, result.robot, window, workers, rivals))
+        ticks()
+    seconds = time.perf_counter() - begun
+    result = replace(result, predictions=tuple(h.summary for h in held), seconds=seconds)
+    return Work(result, problem, found, nodes, tuple(held))
+
+
+class _Ticks:
+    """Counts parts of the work of about equal length; how many there will be is known well enough."""
+
+    def __init__(self, report: Report | None, effort: Effort, holdouts: int) -> None:
+        self._report = report or (lambda _: None)
+        self._expected = 2 + effort.starts + 4 * effort.finalists + 12 + holdouts
+        self._count = 0
+
+    def __call__(self) -> None:
+        self._count += 1
+        self._report(min(1.0, self._count / self._expected))
+
+
+def _problem(recordings: Sequence[Experiment], parameters: ParameterSet, window: float, workers: int | None) -> Problem:
+    if not recordings:
+        raise ArtibotError("identify: no recording; give at least one")
+    if not (np.isfinite(window) and window >= 0.5):
+        raise ArtibotError(f"window: {window} s; expected at least 0.5 s")
+    found: list[Stretch] = []
+    for experiment in recordings:
+        found += stretches(experiment, parameters.robot)
+    found = with_pooled_noise(found)
+    windows = cut(found, parameters.robot, window, LEAD)
+    if not windows:
+        raise ArtibotError(f"{recordings[0].path}: no stretch holds four positions; record longer, or check the stamps")
+    return Problem(parameters, found, windows, workers)
+
+
+def _search(problem: Problem, effort: Effort, tick: Tick) -> tuple[Problem, Fit]:
+    """The best fit, and the problem with noise levels as its residuals show them; first with some of the windows.
+
+    Noise estimated from neighbouring samples misses what is slow: a total station's errors, what is left of the
+    encoders'. Only at a good fit may channels be told apart by their residuals.
+    """
+    every = list(range(0, len(problem), -(-len(problem) // _FEW)))
+    part = problem.part(every)
+    some = search(part, effort, tick)
+    loss = Loss(1.0, some.loss.thinning)
+    for _ in range(2):
+        levels = np.maximum(merged(channel_levels(part.windows, some.point.residuals)), _LOWEST_NOISE)
+        part, problem = part.rescaled(levels), problem.rescaled(levels)
+        loss = thinned(part, some)
+        point = evaluate(part, loss, [some.point.coordinates], some.point.starts)[0]
+        some = replace(settle(part, point, loss, 3), others=some.others)
+    tick()
+    starts = problem.starts.copy()
+    starts[every] = some.point.starts
+    point = evaluate(problem, loss, [some.point.coordinates], starts)[0]
+    found = settle(problem, awake(problem, loss, point), loss, _SETTLE)
+    firm = replace(loss, firm=True)
+    found = settle(problem, found.point, firm, _SETTLE)
+    tick()
+    return problem, replace(found, others=some.others)
+
+
+def _profiled(problem: Problem, found: Fit, tick: Tick) -> tuple[Fit, tuple[Node, ...]]:
+    """The fit and its profile over mu_s; where the profile finds a better place, both are made anew from there."""
+    nodes = profile(problem, found, tick)
+    for _ in range(2):
+        best = min(nodes, key=lambda node: node.point.cost)
+        if best.point.cost > found.point.cost - _BETTER:
+            break
+        found = replace(settle(problem, best.point, found.loss, 3), others=found.others)
+        nodes = profile(problem, found, tick)
+    return found, nodes
+
+
+def _has_torques(problem: Problem) -> bool:
+    return any(s.channel.startswith("torque") for stretch in problem.stretches for s in stretch.series)
+
+
+def _result(
+    recordings: Sequence[Experiment], problem: Problem, found: Fit, nodes: Sequence[Node], motion: Motion
+) -> Identification:
+    parameters = problem.parameters
+    curvature = from_curvature(problem, nodes, found.free)
+    bootstrap = from_bootstrap(problem, nodes, found.free)
+    text, share, _ = weakest(parameters, curvature.covariance)
+    all_ = estimates(parameters, found.point.coordinates, curvature, bootstrap, motion)
+    status, message = overall(all_, found.converged, text, share)
+    sd = np.sqrt(np.diag(curvature.covariance))
+    noise = noise_levels(problem.stretches)
+    lacking = missing(problem.stretches, parameters.robot)
+    remarks = [f"not measured: {', '.join(lacking)}"] if lacking else []
+    remarks += [f"{e.name}: {remark}" for e in recordings for remark in e.remarks]
+    names = [e.name for e in recordings]
+    return Identification(
+        identified_robot(parameters, all_, names), all_, curvature.covariance / np.outer(sd, sd),
+        f"{text} (to {100 * share:.2g} % of its prior's width)", status, message, tuple(names), len(problem),
+        sum(len(w) for w in problem.windows), channel_fits(problem.windows, found.point.residuals, noise), (),
+        tuple(remarks),
+    )  # fmt: skip
+
+
+def identified_robot(parameters: ParameterSet, found: Sequence[Estimate], names: Sequence[str]) -> Robot:
+    """The robot with the estimates, their sources and intervals."""
+    changed = parameters.robot_with(np.array([e.value for e in found]))
+    sources = dict(changed.sources)
+    where = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+    for e in found:
+        said = "" if e.status is Status.CONVERGED else f"; {e.status.value}"
+        sources[e.key] = f"identified: from {where}{said}"
+    intervals = dict(changed.intervals) | {e.key: e.ci95 for e in found}
+    return replace(changed, sources=sources, intervals=intervals)

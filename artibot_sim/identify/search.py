@@ -1,0 +1,245 @@
+"""The way to the best fit: several starts, mu_s scanned at every step, one inflation that falls to 1."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.identify.gauss_newton import Point, Reduced, again, align, best_of, evaluate, polished, step
+from artibot_sim.identify.parameters import MU_S
+from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.robust import Loss, spread, thinning
+from artibot_sim.identify.starts import turned
+from artibot_sim.identify.windows import CHANNEL_NAMES
+
+Array = NDArray[np.float64]
+
+SCAN = np.log1p(np.array([-0.35, -0.27, -0.2, -0.14, -0.09, -0.05, -0.025, 0.025, 0.05, 0.09, 0.14, 0.2, 0.27, 0.35]))
+"""Changes of mu_s tried at every step, as logarithms: its gradient is zero almost everywhere (eq. 16 switches)."""
+FINE = np.array([-0.015, -0.008, -0.004, -0.002, 0.002, 0.004, 0.008, 0.015])
+"""The same near the end."""
+_DRAWS = 0.6
+"""Further starts are drawn with this share of the prior's width."""
+_SHAKEN = np.array([0.1, 0.1, 0.3, 0.7, 0.7, 0.7, 0.3, 1.0])
+"""Sizes of random changes of a start, in its prior deviations: what a window's own samples leave open."""
+_JOSTLES = 12
+_FARTHEST = 0.03
+"""Random changes of all parameters: how many at every step, and the largest of a logarithm."""
+_COARSE = 4
+"""Steps between two coarse scans of mu_s."""
+_TURNS = (-0.06, -0.03, -0.015, 0.015, 0.03, 0.06)
+"""rad, by which a start's heading is turned for another try."""
+_CLOSE = 1.15
+"""An end whose loss is larger than the best one's by this factor is not gone on from."""
+_SMALL = 0.25
+"""Fall of the loss, per free parameter, under which a fit has converged."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How long to search.
+
+    Attributes
+    ----------
+    starts : int
+        The robot file's values and so many less one drawn from the prior.
+    first, finalists, last : int
+        Steps from every start, how many of the best go on, and steps at most for those.
+    seed : int
+        Of the drawn starts.
+    """
+
+    starts: int = 4
+    first: int = 3
+    finalists: int = 2
+    last: int = 6
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A search's end.
+
+    Attributes
+    ----------
+    point : Point
+    loss : Loss
+    reduced : Reduced
+        Normal equations of the free parameters there.
+    free : tuple of int
+        Parameters that move by their gradient; mu_s, which is scanned, is none of them.
+    converged : bool
+    others : tuple of Point
+        Ends of the searches from other starts.
+    """
+
+    point: Point
+    loss: Loss
+    reduced: Reduced
+    free: tuple[int, ...]
+    converged: bool
+    others: tuple[Point, ...] = ()
+
+
+Tick = Callable[[], None]
+"""Hears that a part of the work is done."""
+
+
+def free_parameters(problem: Problem) -> tuple[int, ...]:
+    """All but mu_s."""
+    return tuple(i for i, key in enumerate(problem.parameters.keys) if key != MU_S)
+
+
+def search(problem: Problem, effort: Effort, tick: Tick = lambda: None) -> Fit:
+    """The best fit from several starts, noise levels as they stand."""
+    even = np.ones(len(CHANNEL_NAMES))
+    ends = []
+    for coordinates in first_guesses(problem, effort):
+        ends.append(_descend(problem, coordinates, even, effort.first))
+        tick()
+    ends.sort(key=lambda fit: fit.point.cost)
+    finals = []
+    for fit in ends[: effort.finalists]:
+        if fit.point.cost > _CLOSE * ends[0].point.cost:
+            continue
+        finals.append(settle(problem, fit.point, fit.loss, effort.last))
+        tick()
+    finals.sort(key=lambda fit: fit.point.cost)
+    best = finals[0]
+    others = tuple(fit.point for fit in [*finals[1:], *ends[effort.finalists :]])
+    return Fit(best.point, best.loss, best.reduced, best.free, best.converged, others)
+
+
+def first_guesses(problem: Problem, effort: Effort) -> list[Array]:
+    """Coordinates to start from."""
+    parameters = problem.parameters
+    middles = np.array([parameter.prior.value for parameter in parameters.parameters])
+    rng = np.random.default_rng(effort.seed)
+    drawn = rng.uniform(-_DRAWS, _DRAWS, (effort.starts - 1, len(parameters))) * parameters.spread
+    return [np.zeros(len(parameters)), *(parameters.coordinates(middles * np.exp(d)) for d in drawn)]
+
+
+def _descend(problem: Problem, coordinates: Array, even: Array, steps: int) -> Fit:
+    """A few steps with an inflation that starts where most windows fit, and falls by thirds."""
+    free = free_parameters(problem)
+    inflation = spread(problem.windows, problem.residuals([coordinates], problem.starts)[0])
+    loss = Loss(inflation, even)
+    point = evaluate(problem, loss, [coordinates], problem.starts)[0]
+    damping, reduced = 1e-3, None
+    for k in range(steps):
+        point = scan(problem, loss, point, SCAN)
+        point = awake(problem, loss, point) if k % 2 == 1 else point
+        point, reduced, damping = step(problem, loss, point, free, damping)
+        loss = Loss(max(1.0, loss.inflation / 1.5), even)
+        point = again(problem, loss, point)
+    assert reduced is not None
+    common = Loss(1.0, even)  # ends of different starts are compared by one measure
+    return Fit(again(problem, common, point), loss, reduced, free, False)
+
+
+def settle(problem: Problem, point: Point, loss: Loss, steps: int) -> Fit:
+    """Steps until nothing is gained any more, mu_s scanned coarsely and finely in turn."""
+    free = free_parameters(problem)
+    point = again(problem, loss, point)
+    damping, reduced, converged, quiet = 1e-3, None, False, 0
+    for k in range(steps):
+        before = point.cost
+        point = scan(problem, loss, point, SCAN if k % _COARSE == 0 else FINE)
+        point = awake(problem, loss, point) if k % _COARSE == 1 else point
+        point = jostled(problem, loss, point, reduced, free) if reduced is not None else point
+        point, reduced, damping = step(problem, loss, point, free, damping)
+        if loss.inflation > 1.0:
+            loss = replace(loss, inflation=max(1.0, loss.inflation / 1.5))
+            point = again(problem, loss, point)
+            continue
+        quiet = quiet + 1 if before - point.cost < _SMALL * max(len(free), 1) else 0
+        converged = quiet >= 2
+        if converged:
+            break
+    assert reduced is not None
+    return Fit(point, loss, reduced, free, converged)
+
+
+def jostled(problem: Problem, loss: Loss, point: Point, reduced: Reduced, free: Sequence[int]) -> Point:
+    """The best of random changes of all parameters, as far as the data leave them open and a few times further.
+
+    Steps end where the jagged loss holds them. The valley that they would have to follow is where the normal
+    equations are flattest: all forces by one factor, say, and rolling resistance by its inverse.
+    """
+    information = problem.parameters.prior_information[np.ix_(free, free)]
+    values, vectors = np.linalg.eigh(reduced.matrix + information) if len(free) else (np.empty(0), np.empty((0, 0)))
+    rng = np.random.default_rng(int(point.cost * 1e3) % 2**32)
+    i = problem.parameters.index(MU_S)
+    candidates = []
+    for k in range(_JOSTLES):
+        size = (1.5, 5.0, 15.0)[k % 3]
+        coordinates = point.coordinates.copy()
+        move = vectors @ (size * rng.standard_normal(len(values)) / np.sqrt(values))
+        coordinates[list(free)] += np.clip(move, -_FARTHEST, _FARTHEST)
+        if i is not None:
+            coordinates[i] += 1e-3 * size * rng.standard_normal()
+        candidates.append(problem.parameters.inside(coordinates))
+    best = min(evaluate(problem, loss, candidates, point.starts), key=lambda p: p.cost)
+    best = align(problem, loss, best)
+    return best if best.cost < point.cost else point
+
+
+def scan(problem: Problem, loss: Loss, point: Point, changes: Array) -> Point:
+    """The best of the same point with other mu_s; each window may go back to its measured start."""
+    i = problem.parameters.index(MU_S)
+    if i is None:
+        return point
+    candidates = []
+    for change in changes:
+        coordinates = point.coordinates.copy()
+        coordinates[i] += change
+        candidates.append(problem.parameters.inside(coordinates))
+    points = evaluate(problem, loss, candidates, point.starts)
+    best = min(points, key=lambda p: p.cost)
+    return best if best.cost < point.cost else point
+
+
+def awake(problem: Problem, loss: Loss, point: Point) -> Point:
+    """Every window tries other starts: as measured, as the window before predicts, and with other headings.
+
+    A start on the wrong branch of eq. 16 (a wheel holds that should slide) is a local optimum; mostly its heading is
+    to blame, for the side slip is what is left between heading and velocity. Windows that are explained worst try
+    random ones as well.
+    """
+    turns = [turned(point.starts, angle) for angle in _TURNS]
+    new = best_of(problem, loss, point.coordinates, [point.starts, problem.starts, *turns])
+    new = polished(problem, loss, new, problem.carried(point.coordinates, point.starts))
+    new = shaken(problem, loss, new)
+    return new if new.cost < point.cost else point
+
+
+def shaken(problem: Problem, loss: Loss, point: Point, tries: int = 12) -> Point:
+    """The windows that are explained worst try random starts around theirs, in three sizes, the best one polished."""
+    size = np.array([len(window) for window in problem.windows])
+    poor = point.losses / size
+    worst = np.flatnonzero(poor > 1.08 * np.median(poor))
+    worst = worst[np.argsort(-poor[worst])][: max(2, len(poor) // 6)]
+    if not len(worst):
+        return point
+    rng = np.random.default_rng(int(point.cost * 1e3) % 2**32)
+    some = problem.part(worst.tolist())
+    scale = np.tile([0.15, 0.4, 1.0], -(-tries // 3))[:tries, None, None]
+    moves = rng.normal(size=(tries, len(worst), problem.size)) * problem.start_sd[worst] * scale
+    starts = point.starts[worst] + moves * _SHAKEN[: problem.size]
+    tried = best_of(some, loss, point.coordinates, list(starts))
+    mine = Point(point.coordinates, point.starts[worst], [point.residuals[k] for k in worst], point.losses[worst], 0.0)
+    best = polished(some, loss, mine, tried.starts)
+    new_starts, losses, residuals = point.starts.copy(), point.losses.copy(), list(point.residuals)
+    new_starts[worst], losses[worst] = best.starts, best.losses
+    for i, k in enumerate(worst.tolist()):
+        residuals[k] = best.residuals[i]
+    cost = point.cost + float(losses.sum() - point.losses.sum())
+    return replace(point, starts=new_starts, losses=losses, residuals=residuals, cost=cost)
+
+
+def thinned(problem: Problem, fit: Fit) -> Loss:
+    """The loss in which samples that err alike count as fewer."""
+    return Loss(1.0, thinning(problem.windows, fit.point.residuals))

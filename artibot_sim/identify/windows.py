@@ -1,0 +1,167 @@
+"""A recording cut into windows, each with a start of its own and the samples that it has to explain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.experiment.measured import Motion
+from artibot_sim.identify.sensing import CHANNELS, Stretch
+from artibot_sim.identify.starts import Start, start_of
+from artibot_sim.model import Robot
+from artibot_sim.model.windows import Plan
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+CHANNEL_NAMES = tuple(CHANNELS)
+_STILL = 0.05
+"""rad/s: a motor whose smoothed speed is less stands."""
+_CALM = 0.5
+"""s around a start that should be calm."""
+_SURE = 2.0
+"""Standard deviation of a start's measured pose, in the noise of one sample."""
+_NEAR = 0.7
+"""s without a position around a start, after which its pose and velocity count as badly known."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """A stretch of time with what was measured in it.
+
+    Attributes
+    ----------
+    stretch : int
+        Which stretch of the recordings.
+    first, knots : int
+        First knot of the stretch's inputs, and intervals.
+    t : float
+        Start, s since the recording's beginning.
+    start : Start
+    plan : Plan
+        When and what was measured.
+    value, sigma : array, shape (n,)
+        Measured, and the noise's standard deviation.
+    channel : array of int, shape (n,)
+        Places in CHANNEL_NAMES.
+    """
+
+    stretch: int
+    first: int
+    knots: int
+    t: float
+    start: Start
+    plan: Plan
+    value: Array
+    sigma: Array
+    channel: Indices
+
+    def __len__(self) -> int:
+        return len(self.value)
+
+
+def cut(found: Sequence[Stretch], robot: Robot, length: float, lead: float = 0.0) -> list[Window]:
+    """All stretches cut into windows of about `length` s; a shorter stretch is one window.
+
+    With a `lead` (s) every window but a stretch's first begins so much earlier, in the one before, and that part is
+    not compared: slip forgets within tenths of a second with which velocities a window began.
+    """
+    windows: list[Window] = []
+    for i, stretch in enumerate(found):
+        knots = len(stretch.inputs.t) - 1
+        count = max(1, round(knots * stretch.inputs.dt / length))
+        edges = _calm(stretch, np.linspace(0, knots, count + 1).round().astype(int))
+        before = round(lead / stretch.inputs.dt)
+        for a, b in zip(edges.tolist(), edges[1:].tolist(), strict=False):
+            first = max(0, a - before)
+            windows.append(window_at(stretch, i, robot, first, b - first, a - first))
+    return [window for window in windows if (window.channel == 0).sum() >= 4]
+
+
+def _calm(stretch: Stretch, edges: Indices) -> Indices:
+    """Edges moved by up to an eighth of a window to where least happens.
+
+    A window that starts while a wheel breaks away is explained by its start or not at all.
+    """
+    inputs, new = stretch.inputs, edges.copy()
+    unrest = _unrest(stretch)
+    for k in range(1, len(edges) - 1):
+        reach = (edges[k + 1] - edges[k]) // 8
+        near = np.arange(edges[k] - reach, edges[k] + reach + 1)
+        # a tie, as at standstill, leaves the edge where it is
+        new[k] = near[np.argmin(unrest[near] + 1e-6 * np.abs(near - edges[k]) * inputs.dt)]
+    return new
+
+
+def _unrest(stretch: Stretch) -> Array:
+    """How much changes around each knot (n,): variances over _CALM of torques and rates over their noises'."""
+    t = stretch.inputs.t
+    total = np.zeros(len(t))
+    for series in stretch.series:
+        if series.channel in ("position", "yaw", "articulation_yaw") or len(series.t) < 10:
+            continue
+        value = np.interp(t, series.t, series.value)
+        size = max(3, round(_CALM / stretch.inputs.dt))
+        kernel = np.ones(size) / size
+        mean = np.convolve(np.pad(value, size, mode="edge"), kernel, "same")[size:-size]
+        square = np.convolve(np.pad(value**2, size, mode="edge"), kernel, "same")[size:-size]
+        total += np.maximum(square - mean**2, 0.0) / series.sigma**2
+    return total
+
+
+def window_at(stretch: Stretch, number: int, robot: Robot, first: int, knots: int, lead: int = 0) -> Window:
+    """The window from a knot on, its start estimated from the measurements around it; `lead` knots are not compared."""
+    t = float(stretch.inputs.t[first])
+    end = t + knots * stretch.inputs.dt
+    times, kinds, values, sigmas, channels = [], [], [], [], []
+    for series in stretch.series:
+        # a sample on the border of two windows counts for the earlier one: a start is not predicted
+        rows = slice(*np.searchsorted(series.t, (t + lead * stretch.inputs.dt + 1e-6, end + 1e-6)))
+        size = len(series.t[rows])
+        times.append(series.t[rows] - t)
+        values.append(series.value[rows])
+        kinds.append(np.full(size, series.kind))
+        sigmas.append(np.hypot(series.sigma, series.slack[rows]))
+        channels.append(np.full(size, CHANNEL_NAMES.index(series.channel)))
+    plan = Plan(np.concatenate(times), np.concatenate(kinds).astype(np.int64))
+    return Window(
+        number, first, knots, t, measured_start(stretch, robot, first), plan, np.concatenate(values),
+        np.concatenate(sigmas), np.concatenate(channels).astype(np.int64),
+    )  # fmt: skip
+
+
+def measured_start(stretch: Stretch, robot: Robot, knot: int) -> Start:
+    """The state at a knot as the measurements around it give it."""
+    inputs, measured, t = stretch.inputs, stretch.measured, float(stretch.inputs.t[knot])
+    motion = measured.at(t)
+    speeds = inputs.measured_velocity[knot]
+    if (np.abs(speeds[np.isfinite(speeds)]) < _STILL).all():
+        motion = motion._replace(vx=0.0, vy=0.0, yaw_rate=0.0, articulation_rate=0.0)
+    times, _ = measured.position()
+    away = float(np.abs(times - t).min()) if len(times) else np.inf
+    poor = frozenset({"forward", "left"} if away > _NEAR else set())
+    if not len(measured.yaw_rate()[0]):
+        poor |= {"yaw_rate"}
+    motion = _finite(motion, inputs.velocity[knot], robot)
+    return start_of(robot, motion, inputs.position[knot], speeds, poor, _known(stretch))
+
+
+def _known(stretch: Stretch) -> dict[str, float]:
+    """How well a measured pose is known: where headings are measured, too, a start need not guess its own."""
+    sigma = {series.channel: series.sigma for series in stretch.series}
+    if "yaw" not in sigma:
+        return {}
+    place = min(_SURE * sigma["position"], 0.03)
+    return {"x": place, "y": place, "yaw": min(_SURE * sigma["yaw"], 0.1)}
+
+
+def _finite(motion: Motion, speeds: Array, robot: Robot) -> Motion:
+    """The motion with velocities of rolling where none could be measured; the articulation stays unknown."""
+    wheels = np.nan_to_num(speeds[:2]) * robot.drive.front.tau * robot.wheel.r_w
+    forward, yaw = float(wheels.mean()), float(np.nan_to_num(motion.yaw))
+    if not np.isfinite([motion.vx, motion.vy]).all():
+        motion = motion._replace(vx=forward * np.cos(yaw), vy=forward * np.sin(yaw))
+    return motion._replace(yaw=yaw, yaw_rate=float(np.nan_to_num(motion.yaw_rate)))

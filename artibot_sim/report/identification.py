@@ -1,0 +1,140 @@
+"""An identification as a page: parameters, residuals against noise, predictions of what was held out, free runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from artibot_sim.identify.printing import number, prediction_lines
+from artibot_sim.identify.quality import deviations
+from artibot_sim.identify.windows import CHANNEL_NAMES
+from artibot_sim.report.page import Section, render_page
+from artibot_sim.report.panels import Figure, Floats, Level, Line, Panel
+from artibot_sim.report.style import LEFT, MUTED, POINTS, RIGHT, TRUE, Stroke
+
+if TYPE_CHECKING:
+    from artibot_sim.identify.holdout import Held
+    from artibot_sim.identify.identification import ChannelFit
+    from artibot_sim.identify.run import Work
+    from artibot_sim.identify.windows import Window
+
+_MEASURED = Stroke(POINTS, 3.0, "points")
+_PREDICTED = Stroke(TRUE, 1.6)
+_FREE = Stroke(RIGHT, 1.5, "dash")
+_FITTED = Stroke(LEFT, 1.2)
+_NOISE = Stroke(MUTED, 1.2, "dot")
+_BREAK = np.array([np.nan])
+COLUMNS = ("rmse", "median", "p90", "noise", "n")
+
+
+def page_of(work: Work) -> bytes:
+    """The page (UTF-8) of an identification."""
+    found = work.result
+    subtitle = f"{found.status.value}: {found.message} · least known: {found.weakest} · {found.seconds:.1f} s"
+    figure = Figure(f"{found.robot.name}: identified from {', '.join(found.recordings)}", subtitle, tuple(panels(work)))
+    notes = [f"{e.name}: {e.note}" for e in found.estimates if e.note]
+    notes += [line for prediction in found.predictions for line in prediction_lines(prediction)]
+    return render_page(figure, tables(work), COLUMNS, [*notes, *found.remarks])
+
+
+def tables(work: Work) -> list[Section]:
+    """Parameters, then errors by channel: fitted, predicted, and of free runs."""
+    found = work.result
+    heading = "Parameters: value, 95 % interval from … to, prior, its standard deviation"
+    values = [(e.name, e.unit, tuple(number(v) for v in (e.value, *e.ci95, *e.prior))) for e in found.estimates]
+    sections: list[Section] = [(heading, values), ("Residuals of the fit", _errors(found.channels))]
+    for prediction in found.predictions:
+        said = f"{prediction.name}, held out: {prediction.windows} predictions of {prediction.horizon:g} s"
+        sections.append((said, _errors(prediction.channels)))
+        sections.append((f"{prediction.name}: at the ends of the predictions", _errors(prediction.final)))
+        if prediction.free_run:
+            left = "" if prediction.left is None else f", which leaves the measured branch at {prediction.left:.1f} s"
+            sections.append((f"{prediction.name}: free run{left}", _errors(prediction.free_run)))
+    return sections
+
+
+def _errors(channels: dict[str, ChannelFit] | object) -> list[tuple[str, str, tuple[str, ...]]]:
+    assert isinstance(channels, dict)
+    return [
+        (
+            name.replace("_", " "),
+            fit.unit,
+            (*(number(v, 3) for v in (fit.rmse, fit.median, fit.p90, fit.noise)), str(fit.count)),
+        )
+        for name, fit in channels.items()
+    ]
+
+
+def panels(work: Work) -> Iterator[Panel]:
+    """What is drawn: of held-out recordings if there are any, else of the fitted windows."""
+    for held in work.held:
+        name = held.summary.name
+        if any(run.window.channel.tolist().count(0) for run in held.free):
+            yield _path(held)
+        for c, channel in enumerate(CHANNEL_NAMES):
+            drawn = (
+                ("predicted", _PREDICTED, _over_time(held.windows, held.residuals, c)),
+                ("free run", _FREE, _over_time([r.window for r in held.free], [r.residual for r in held.free], c)),
+            )
+            fit = held.summary.channels.get(channel)
+            if fit is not None:
+                yield _panel(f"{name}_{channel}", f"{name}, error of {channel.replace('_', ' ')}", fit, drawn)
+    windows, residuals = work.problem.windows, work.fit.point.residuals
+    for number_, recording in enumerate(work.result.recordings):
+        mine = [i for i, w in enumerate(windows) if work.problem.stretches[w.stretch].experiment.name == recording]
+        if work.held and number_ > 0:
+            break  # one fitted recording is enough beside the held-out ones
+        for c, channel in enumerate(CHANNEL_NAMES):
+            fit = work.result.channels.get(channel)
+            drawn_ = (("fitted", _FITTED, _over_time([windows[i] for i in mine], [residuals[i] for i in mine], c)),)
+            if fit is not None and len(drawn_[0][2][0]):
+                title = f"{recording}, residual of {channel.replace('_', ' ')}"
+                yield _panel(f"{recording}_{channel}_fitted", title, fit, drawn_)
+
+
+def _panel(
+    key: str, title: str, fit: ChannelFit, drawn: tuple[tuple[str, Stroke, tuple[Floats, Floats]], ...]
+) -> Panel:
+    lines = tuple(Line(name, name, None, x, y, stroke) for name, stroke, (x, y) in drawn if len(x))
+    noise = Level("noise", fit.noise, _NOISE)
+    return Panel(key, title, ("time", "s"), ("error", fit.unit), lines, (noise,))
+
+
+def _over_time(windows: list[Window], residuals: list[Floats], channel: int) -> tuple[Floats, Floats]:
+    """Absolute errors of a channel over time, smoothed to a tenth of a second; windows are not joined."""
+    times, errors = [], []
+    for window, residual in zip(windows, residuals, strict=True):
+        t, error = deviations(window, residual, channel)
+        if not len(t):
+            continue
+        order = np.argsort(t, kind="stable")
+        bins = np.floor(t[order] / 0.1).astype(int)
+        count = np.maximum(np.bincount(bins), 1)
+        filled = np.flatnonzero(np.bincount(bins))
+        mean = np.sqrt(np.bincount(bins, error[order] ** 2) / count)[filled]
+        times += [window.t + 0.1 * filled + 0.05, _BREAK]
+        errors += [mean, _BREAK]
+    if not times:
+        return np.empty(0), np.empty(0)
+    return np.concatenate(times), np.concatenate(errors)
+
+
+def _path(held: Held) -> Panel:
+    """Measured points, predictions and the free run from above."""
+    lines = []
+    for name, stroke, windows, residuals in (
+        ("total station", _MEASURED, held.windows, [np.zeros(len(w)) for w in held.windows]),
+        ("predicted", _PREDICTED, held.windows, held.residuals),
+        ("free run", _FREE, [run.window for run in held.free], [run.residual for run in held.free]),
+    ):
+        xs, ys = [], []
+        for window, residual in zip(windows, residuals, strict=True):
+            value = window.value + residual * window.sigma
+            xs += [value[window.plan.kind == 0], _BREAK]
+            ys += [value[window.plan.kind == 1], _BREAK]
+        label = "measured points" if stroke is _MEASURED else name
+        lines.append(Line(label, label, None, np.concatenate(xs), np.concatenate(ys), stroke))
+    title = f"{held.summary.name}: path, predicted {held.summary.horizon:g} s ahead, and run freely"
+    return Panel(f"{held.summary.name}_path", title, ("x", "m"), ("y", "m"), tuple(lines), equal=True)
