@@ -31,6 +31,7 @@ TRIALS, SEED = int(os.environ.get("ARTIBOT_TRIALS", "1")), int(os.environ.get("A
 FAULTS = (
     "drive unplugged",
     "drive without supply",
+    "drive lets go",
     "drive fault",
     "driver hangs",
     "driver killed",

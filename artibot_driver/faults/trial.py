@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import pairwise
 from typing import Final
 
+from artibot_driver.cia402 import State
 from artibot_driver.faults.catalogue import Fault
 from artibot_driver.faults.world import Sample, World
 from artibot_driver.master import Phase, Reason, Setpoints
@@ -158,8 +161,8 @@ class Trial:
         reactions, ends = [], []
         for k in range(len(MOTORS)):
             name = MOTORS[k]
-            slowed = _first_after(begin, samples, lambda s, k=k: self._slowed(k, s))
-            ended = _first_after(begin, samples, lambda s, k=k: self._ended(k, s))
+            slowed = _first_after(begin, samples, partial(self._slowed, k))
+            ended = _for_good_after(begin, samples, partial(self._ended, k))
             within = max(fault.within, fault.own if name == outcome.motor else 0.0) + self.world.slack
             self.expect(k > 1 or slowed <= within + TICK, f"{name} was not slowed down within {within} s: {slowed:.3f}")
             rest = within + ramp + fault.held
@@ -215,6 +218,7 @@ class Trial:
             self.expect(is_kept, f"the first reason was not kept: {kept}")
         self.reset()
         self.expect_rest(world.trace[mark:], "before it was enabled")
+        self.expect_left_alone(world.trace[first:])
         self.enable_again()
 
     def reset(self) -> None:
@@ -252,6 +256,13 @@ class Trial:
                 self.expect(asked <= most, f"{MOTORS[k]} moved {when}")
                 most = min(most, asked) if asked else most
 
+    def expect_left_alone(self, samples: Sequence[Sample]) -> None:
+        """No drive that has left operation enabled comes back to it by itself."""
+        on = State.OPERATION_ENABLED
+        for k, motor in enumerate(MOTORS):
+            again = any(a.seen.state[k] is not on and b.seen.state[k] is on for a, b in pairwise(samples))
+            self.expect(not again, f"{motor} was enabled again without being asked to")
+
 
 BEFORE_END: Final = 0.5
 """What follows a fault is watched for so long at least, beside the ramp, s."""
@@ -260,10 +271,19 @@ TICK: Final = 0.002
 """Samples are taken a drive's step after what they show, s."""
 
 
-def _first_after(begin: int, samples: Sequence[Sample], holds: object) -> float:
-    """From when on it held, s after `begin`; infinite where it did not."""
-    assert callable(holds)
+def _first_after(begin: int, samples: Sequence[Sample], holds: Callable[[Sample], bool]) -> float:
+    """When it held first, s after `begin`; infinite where it did not."""
     return next((max(0.0, 1e-9 * (s.now - begin)) for s in samples if s.now >= begin and holds(s)), math.inf)
+
+
+def _for_good_after(begin: int, samples: Sequence[Sample], holds: Callable[[Sample], bool]) -> float:
+    """From when on it held to the end, s after `begin`; infinite where it did not."""
+    ended = math.inf
+    for sample in reversed([each for each in samples if each.now >= begin]):
+        if not holds(sample):
+            break
+        ended = max(0.0, 1e-9 * (sample.now - begin))
+    return ended
 
 
 def _troubles(world: World) -> str:

@@ -190,11 +190,17 @@ class Link:
 
     # What it is told.
 
-    def frames(self, target: State, velocity: int, torque: int, reset_faults: bool) -> list[Frame]:
-        """Its RPDOs for this cycle; what they map beside controlword and set-points is zero."""
+    def frames(self, target: State, velocity: int, torque: int, reset_faults: bool, hold: bool = False) -> list[Frame]:
+        """Its RPDOs for this cycle; what they map beside controlword and set-points is zero.
+
+        With `hold` the drive is kept in the target, but not led there: one that has left it by itself stays off, and
+        one of which a statusword comes late is not taken out of it.
+        """
         state = self.state
         if state is None or self.setup.stage is not Stage.RUNNING:
             state, target = State.SWITCH_ON_DISABLED, State.SWITCH_ON_DISABLED
+        elif hold and not self.in_fault:
+            state = target
         self._controlword = controlword_for(state, target, self._controlword, reset_faults=reset_faults)
         given = {CONTROLWORD: self._controlword, TARGET_VELOCITY: velocity, TARGET_TORQUE: torque}
         return [self._codec.pdo(each.name, self.node, _values(each, given)) for each in self._rpdos]

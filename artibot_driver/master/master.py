@@ -235,7 +235,7 @@ class Master:
             return
         self._since, self._rested, self._released = now, None, None
         if self._phase is Phase.ENABLING:
-            self._stop, self._armed = None, now
+            self._stop, self._armed, self._reset_until = None, now, now
             self._targets.begin((self._links[0].quantity(VELOCITY), self._links[1].quantity(VELOCITY)))
         elif self._phase is not Phase.ENABLED:
             self._tally["stops"] += self._phase is Phase.STOPPING
@@ -259,15 +259,21 @@ class Master:
         )
         return self._targets.integers((right, left))
 
-    def _send(self, now: int, sent: Integers) -> None:
+    def _aim(self, link: Link) -> State:
+        """The state that a drive is to be in; a stop enables none that is not: the ramp is for those that are."""
         powered = self._phase.moves and self._released is None
-        target = State.OPERATION_ENABLED if powered else State.SWITCH_ON_DISABLED
+        if self._phase is Phase.STOPPING:
+            powered = powered and link.state is State.OPERATION_ENABLED
+        return State.OPERATION_ENABLED if powered else State.SWITCH_ON_DISABLED
+
+    def _send(self, now: int, sent: Integers) -> None:
         reset = not self._phase.moves and now < self._reset_until
         targets = ((sent.velocity[0], 0), (sent.velocity[1], 0), (0, sent.torque[0]), (0, sent.torque[1]))
         frames = []
         for link, (velocity, torque) in zip(self._links, targets, strict=True):
-            frames += link.frames(target, velocity, torque, reset)
-            link.end_period(target if self._phase is Phase.ENABLED else None)
+            target, enabled = self._aim(link), self._phase is Phase.ENABLED
+            frames += link.frames(target, velocity, torque, reset, hold=enabled)
+            link.end_period(target if enabled else None)
         frames.append(self._rig.codec.sync())
         if now >= self._beat_due:
             frames.append(heartbeat(self._config.driver_id, NmtState.OPERATIONAL))

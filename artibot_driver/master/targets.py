@@ -88,9 +88,12 @@ class Targets:
         self._kappa = self._rig.robot.control.kappa if given.kappa is None else given.kappa
 
     def begin(self, velocity: Pair) -> None:
-        """Start from what the front motors do, rad/s; what is next to nothing is rest."""
+        """Start from what the front motors do, rad/s, or the limit; what is next to nothing is rest."""
         slow = not math.isfinite(sum(velocity)) or all(map(self.is_slow, velocity))
-        self.velocity, self._effort = (0.0, 0.0) if slow else velocity, NAN_PAIR
+        self.velocity, self._effort = (0.0, 0.0), NAN_PAIR
+        if not slow:
+            scale = min(1.0, self._limit / max(map(abs, velocity)))
+            self.velocity = (velocity[0] * scale, velocity[1] * scale)
 
     def is_slow(self, velocity: float) -> bool:
         """Whether a front motor with this velocity (rad/s) counts as standing; not for NaN."""

@@ -101,6 +101,10 @@ class SimulatedDrive(CanopenNode):
         self._defect = code if lasting else self._defect
         self._fault(code, register)
 
+    def let_go(self) -> None:
+        """Take the motor's current away as by its STO input, open for a moment: switch on disabled, and no fault."""
+        self._take(Command.DISABLE_VOLTAGE)
+
     def mend(self) -> None:
         """Take away the cause of a lasting fault."""
         self._defect = 0

@@ -7,6 +7,7 @@ import random
 
 import pytest
 
+from artibot_driver.cia402 import State
 from artibot_driver.config import config_from_parameters
 from artibot_driver.faults import campaign
 from artibot_driver.faults.catalogue import BY_NAME, CATALOGUE, Fault
@@ -100,12 +101,21 @@ class Abrupt(Master):
         return super()._move(now, 0.5 * dt)
 
 
+class Stubborn(Master):
+    """A master whose stop enables drives that are not."""
+
+    def _aim(self, link):  # type: ignore[no-untyped-def]
+        powered = self._phase.moves and self._released is None
+        return State.OPERATION_ENABLED if powered else State.SWITCH_ON_DISABLED
+
+
 @pytest.mark.parametrize(
     ("master", "fault", "complaint"),
     [
         (Deaf, BY_NAME["drive unplugged"], "had to stop|not slowed down|not at rest"),
         (Eager, BY_NAME["drive fault"], "moved on a command from before the enable"),
         (Abrupt, BY_NAME["emergency message"], "was not at rest"),
+        (Stubborn, BY_NAME["drive lets go"], "was enabled again"),
     ],
 )
 def test_a_trial_notices_a_driver_that_is_at_fault(master: type[Master], fault: Fault, complaint: str) -> None:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import itertools
 import math
 import random
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import pytest
 
-from artibot_driver.cia402 import Command, State, command_of
+from artibot_driver.cia402 import Command, State, command_of, statusword
 from artibot_driver.config import config_from_parameters
 from artibot_driver.faults.wire import message_of
 from artibot_driver.faults.world import VirtualWorld
@@ -18,6 +18,7 @@ from artibot_driver.frames import Frame, Heartbeat, Sync
 from artibot_driver.master import Master, Phase, Reason, Setpoints, Stage
 from artibot_driver.pdo import Pdo
 from artibot_driver.rig import load_rig
+from artibot_sim.model import MOTORS
 
 RIG = load_rig(config_from_parameters({}))
 TURN = VirtualWorld(RIG, random.Random(0)).turn
@@ -250,6 +251,61 @@ def test_a_rolling_rover_is_caught_on_a_ramp_when_it_is_enabled() -> None:
     drops = [(a - b) / TURN / 0.01 for a, b in itertools.pairwise(speeds)]
     assert max(drops) < 1.5 * RIG.config.stop_deceleration
     assert speeds[-1] < 0.2 * TURN
+
+
+def test_a_speed_that_no_rover_has_is_not_what_an_enable_begins_with() -> None:
+    """An encoder that has gone wrong: the ramp begins at max_speed at most, and is over as soon as that allows."""
+    w = Logged()
+    assert w.run_until(Phase.READY, 3.0)
+    shaft = w.crew.shafts["front_right"]
+    shaft._state = shaft.state()._replace(velocity=50.0 * RIG.config.max_speed * TURN)
+    w.run(0.05)
+    w.master.enable()
+    assert w.run_until(Phase.ENABLED, 1.0)
+    w.run(RIG.config.max_speed / RIG.config.stop_deceleration)
+    assert w.last.commanded.front_velocity == (0.0, 0.0)
+
+
+def lets_go(w: Logged, motor: str) -> None:
+    """As a drive does whose STO is cut and given back: without current, and no fault."""
+    w.crew.drives[motor].let_go()
+
+
+def restarts(w: Logged, motor: str) -> None:
+    """As a drive does whose supply was away for a moment; it is set up again before the ramp is over."""
+    w.crew.drives[motor].power_on(w.now)
+
+
+@pytest.mark.parametrize("leave", [lets_go, restarts])
+@pytest.mark.parametrize("motor", MOTORS)
+def test_a_drive_that_has_left_is_not_enabled_again_by_the_stop(
+    leave: Callable[[Logged, str], None], motor: str
+) -> None:
+    w = Logged().enabled()
+    w.command = lambda now: Setpoints((1.9 * TURN, 1.9 * TURN), now)
+    w.run(0.5)
+    leave(w, motor)
+    begin = len(w.trace)
+    w.run(0.15)
+    assert w.last.status.stop is not None
+    assert w.last.status.stop.motor == motor
+    w.run(2.0)
+    assert w.last.status.phase is Phase.READY
+    states = [sample.seen.state[MOTORS.index(motor)] for sample in w.trace[begin:]]
+    assert State.OPERATION_ENABLED not in states
+
+
+def test_frames_out_of_order_after_an_enable_take_no_current_away() -> None:
+    """A statusword from before the enable that comes late does not lead a drive back through the states."""
+    w = Logged().enabled()
+    w.command = lambda now: Setpoints((60.0, 60.0), now)
+    w.run(0.1)
+    for state in (State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.SWITCH_ON_DISABLED):
+        late = RIG.codec.pdo("TPDO1", 1, (statusword(state), 0, 0))
+        w._near.inbox.append(late)
+        w.run(0.05)
+    assert w.last.status.phase is Phase.ENABLED
+    assert all(sample.seen.state == (State.OPERATION_ENABLED,) * 4 for sample in w.trace[-15:])
 
 
 def test_the_first_reason_is_kept_until_the_next_enable() -> None:
