@@ -46,23 +46,23 @@ class Soil(NamedTuple):
 
 @inlined
 def unloaded_radius(body, p, fx, module, end, side):
-    """r_0 of the wheel at `end` (1 in front, −1 behind) and `side` (1 left, −1 right), m.
+    """With effects: r_0 of the wheel at `end` (1 in front, −1 behind) and `side` (1 left, −1 right), m.
 
     A wheel that carries more than a quarter of its module's weight is as much larger as it sinks deeper: so the
     rover stands level, and each wheel has its static load m g/4 (1 ± 2x/i_x)(1 ± 2y/i_y).
     """
-    if fx is not None:
-        x, y = hooks.centre(fx, module)
-        share = (1.0 + end * x / body.half_x) * (1.0 + side * y / body.half_y)
-        return body.r_0 + body.m * STANDARD_GRAVITY / (4.0 * p.k_n) * (share - 1.0)
-    return body.r_0
+    x, y = hooks.centre(fx, module)
+    share = (1.0 + end * x / body.half_x) * (1.0 + side * y / body.half_y)
+    return body.r_0 + body.m * STANDARD_GRAVITY / (4.0 * p.k_n) * (share - 1.0)
 
 
 @inlined
 def normal_force(body, p, fx, module, end, side, v_z, alpha_dot, s_a, c_a, z):
     """F_n of a wheel (eq. 15), see `unloaded_radius`; the ground does not pull, so it is zero for one in the air."""
     y = side * body.half_y
-    r_0 = unloaded_radius(body, p, fx, module, end, side)
+    r_0 = body.r_0
+    if fx is not None:
+        r_0 = unloaded_radius(body, p, fx, module, end, side)
     return max(p.k_n * (r_0 - z - y * s_a) - p.c_n * (v_z + alpha_dot * y * c_a), 0.0)
 
 
@@ -132,17 +132,15 @@ def saturated(body, fx, F_l, F_t, F_n, mu_s, mu_d, slip_l, slip_t):
 
 
 @inlined
-def lateral_force(fx, k_t, p_x, p_y, lag, i, dt):
-    """F_t of wheel `i` by eq. 15, or on its way there: the force at the end of `dt` (0 for now), N.
+def relaxed(fx, F_t, p_x, lag, i, dt):
+    """With effects: what has built up of the lateral force `F_t` (N) of wheel `i` at the end of `dt` (0 for now), N.
 
     `lag` holds the forces of eight wheels that lag behind, then their rates, which are written (N/s).
     """
-    F_t = -k_t * p_y
-    if fx is not None:
-        rate = hooks.follow_rate(fx, p_x)
-        if rate > 0.0:
-            lag[8 + i] = rate * (F_t - lag[i]) / (1.0 + dt * rate)
-            return lag[i] + dt * lag[8 + i]
+    rate = hooks.follow_rate(fx, p_x)
+    if rate > 0.0:
+        lag[8 + i] = rate * (F_t - lag[i]) / (1.0 + dt * rate)
+        return lag[i] + dt * lag[8 + i]
     return F_t
 
 
@@ -158,8 +156,9 @@ def motor_wheels(body, fx, unit, pair, soil, omega, motor, lag, dt, w):
     i = 2 * motor
     slip = unit.r_w * omega - pair.p_x
     F_l = soil.k_l * slip
-    F_tf = lateral_force(fx, soil.k_t, pair.p_x, pair.p_yf, lag, i, dt)
-    F_tb = lateral_force(fx, soil.k_t, pair.p_x, pair.p_yb, lag, i + 1, dt)
+    F_tf, F_tb = -soil.k_t * pair.p_yf, -soil.k_t * pair.p_yb
+    if fx is not None:
+        F_tf, F_tb = relaxed(fx, F_tf, pair.p_x, lag, i, dt), relaxed(fx, F_tb, pair.p_x, lag, i + 1, dt)
     F_lf, F_tf, held_f = saturated(body, fx, F_l, F_tf, pair.F_nf, soil.mu_sf, soil.mu_df, slip, pair.p_yf)
     F_lb, F_tb, held_b = saturated(body, fx, F_l, F_tb, pair.F_nb, soil.mu_sb, soil.mu_db, slip, pair.p_yb)
     if fx is not None:

@@ -79,21 +79,15 @@ def hold_efficiencies(p, eta, hold):
 
 
 @inlined
-def drag_on(fx, motor, theta_dot, w):
-    """Torque of effects against a motor's rotation, N m, also into the row; none in the paper's model."""
-    if fx is not None:
-        w[M_D + motor] = hooks.drag(fx, motor, theta_dot)
-        return w[M_D + motor]
-    return 0.0
-
-
-@inlined
 def turn_motor(body, p, fx, unit, mode, theta, theta_dot, pair, soil, motor, drive, hold, lag, dt, w):
     """A motor and its two wheels at an instant (eqs 15, 16, 21, 22): into the row, and the forces returned."""
     omega = unit.tau * theta_dot
     forces = motor_wheels(body, fx, unit, pair, soil, omega, motor, lag, dt, w)
     M_r = load_torque(p, fx, unit, pair, soil, omega, forces[0])
-    load = hold[GEAR + motor] * M_r + drag_on(fx, motor, theta_dot, w)
+    load = hold[GEAR + motor] * M_r
+    if fx is not None:
+        w[M_D + motor] = hooks.drag(fx, motor, theta_dot)
+        load += w[M_D + motor]
     M_m, theta_ddot = motor_equation(
         unit, p, mode, hold[INERTIA + motor], load, theta, theta_dot,
         drive[D + motor], drive[D_DOT + motor], drive[D_DDOT + motor], hold[TORQUE_D + motor],
@@ -151,9 +145,12 @@ def step_motor(body, p, fx, unit, mode, theta, theta_dot, pair, soil, motor, dri
     forces = motor_wheels(body, fx, unit, pair, soil, omega, motor, lag, dt, w)
     M_r = load_torque(p, fx, unit, pair, soil, omega, forces[0])
     theta_ddot = (speed - theta_dot) / dt
-    drag = drag_on(fx, motor, speed, w)
+    load = gear * M_r
+    if fx is not None:
+        w[M_D + motor] = hooks.drag(fx, motor, speed)
+        load += w[M_D + motor]
     if mode == PRESCRIBED:
-        M_m = J * theta_ddot + gear * M_r + drag
+        M_m = J * theta_ddot + load
     w[M_R + motor], w[M_M + motor], w[ACC + coordinate_of(motor)] = M_r, M_m, theta_ddot
     w[ETA + motor] = hold[EFFICIENCY + motor]
     return forces
