@@ -154,6 +154,8 @@ class Bus:
             link = link_state(self.channel)
             if link is BusState.LOST:
                 self._lose(f"{self.channel} is no longer there")
+            if link is BusState.DOWN:
+                self._controller = BusState.ACTIVE  # it begins anew when it is put up, and no error frame says so
             state = worse(link, state)
         return Health(state, *self._errors, self._reason)
 

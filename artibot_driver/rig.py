@@ -16,7 +16,7 @@ from canopen.objectdictionary import ObjectDictionary, ODVariable
 from artibot_driver.config import DriverConfig
 from artibot_driver.dictionary import PdoMap, load_dictionary
 from artibot_driver.pdo import Codec
-from artibot_driver.scaling import MotorScaling, motor_scaling
+from artibot_driver.scaling import INT32, MotorScaling, motor_scaling
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS, Robot, load_robot
 
@@ -114,14 +114,16 @@ def load_rig(config: DriverConfig) -> Rig:
     Raises
     ------
     ArtibotError
-        When they do not fit: a motor that the robot does not have, a mode that the drives do not know, more frames
-        than the bus can carry.
+        When they do not fit: a motor that the robot does not have, a mode that the drives do not know, drives that
+        would not notice that the driver has died, more frames than the bus can carry.
     """
     robot, dictionary = load_robot(config.robot), load_dictionary(config.eds)
     scaling = {motor: _scaling(robot, motor, config) for motor in MOTORS}
     rig = Rig(config, robot, dictionary, Codec(dictionary, config.node_ids), MappingProxyType(scaling))
     _check_modes(rig)
     _check_cyclic_objects(rig)
+    _check_watch(rig)
+    _check_speed(rig)
     if rig.bus_load > LARGEST_LOAD:
         raise ArtibotError(
             f"parameter bus.bitrate: {config.bitrate} bit/s would be {100 * rig.bus_load:.0f} % full with SYNC at "
@@ -162,6 +164,28 @@ def _check_cyclic_objects(rig: Rig) -> None:
         if missing := sorted(needed - mapped):
             keys = ", ".join(f"{index:04X}h" for index in missing)
             raise ArtibotError(f"eds '{rig.config.eds}': its {what} do not map {keys}; map them, 8 bytes a PDO")
+
+
+def _check_watch(rig: Rig) -> None:
+    """That the drives can be told to stop when the driver is gone, and that it hears of them."""
+    needed = ((0x1016, 1), (0x1017, 0), (0x6007, 0))
+    if missing := [f"{i:04X}h" + (f":{k}" if k else "") for i, k in needed if not has_object(rig.dictionary, i, k)]:
+        raise ArtibotError(
+            f"eds '{rig.config.eds}': it has no {', '.join(missing)}; expected all of 1016h:1, 1017h and 6007h, "
+            "without which a drive goes on when the driver dies: take drives that have them"
+        )
+
+
+def _check_speed(rig: Rig) -> None:
+    """That target velocity (60FFh) can hold the largest speed: it would be cut off without a word."""
+    for motor, scale in rig.scaling.items():
+        asked = rig.config.max_speed * motor_per_metre(rig.robot, motor)
+        if asked > abs(scale.velocity.step) * INT32[1]:
+            raise ArtibotError(
+                f"parameter velocity_exponent: with {rig.config.velocity_exponent} object 60FFh cannot hold the "
+                f"{asked:.4g} rad/s of {motor} at max_speed {rig.config.max_speed:g} m/s; choose a larger one, or a "
+                "lower max_speed"
+            )
 
 
 def _pdo_settings(each: PdoMap, node: int) -> Iterator[Setting]:

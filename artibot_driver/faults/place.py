@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-import subprocess
+import fcntl
+import socket
+import struct
 import time
 from typing import Final, Protocol
 
@@ -12,6 +14,9 @@ from artibot_sim.errors import ArtibotError
 
 _REOPEN: Final = 10.0
 """A loopback bus is tried to be started again on its port for so long, s."""
+
+
+_SIOCGIFFLAGS, _SIOCSIFFLAGS, _IFF_UP = 0x8913, 0x8914, 1
 
 
 class Place(Protocol):
@@ -77,18 +82,25 @@ class SocketCanPlace:
 
     def down(self) -> None:
         """Put the interface down."""
-        self._ip("down")
+        self._set(False)
 
     def up(self) -> bool:
         """Put it up; open sockets go on."""
-        self._ip("up")
+        self._set(True)
         return False
 
     def close(self) -> None:
         """The interface stays."""
 
-    def _ip(self, state: str) -> None:
-        command = ["ip", "link", "set", self.channel, state]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise ArtibotError(f"bus {self.channel}: cannot be put {state}: {done.stderr.strip()}; run as root")
+    def _set(self, up: bool) -> None:
+        """By ioctl, as `ip link set` does, but in microseconds: whoever calls keeps a loop going."""
+        name = self.channel.encode()
+        try:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
+                answer = fcntl.ioctl(control, _SIOCGIFFLAGS, struct.pack("16sH14x", name, 0))
+                _, flags = struct.unpack("16sH14x", answer)
+                flags = flags | _IFF_UP if up else flags & ~_IFF_UP
+                fcntl.ioctl(control, _SIOCSIFFLAGS, struct.pack("16sH14x", name, flags))
+        except OSError as error:
+            state = "up" if up else "down"
+            raise ArtibotError(f"bus {self.channel}: cannot be put {state}: {error.strerror}; run as root") from None

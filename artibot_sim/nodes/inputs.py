@@ -21,6 +21,9 @@ from artibot_sim.nodes.stamps import SECOND, stamp_of
 IN_FLIGHT = 1.0
 """For so long after a reset (s) a command may still arrive that was sent before it."""
 
+SHORTEST = 12
+"""A serialised message with a stamp has so many bytes at least."""
+
 PROFILE_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -200,7 +203,7 @@ class Inputs:
         self.state = arbiter.hear_twist(self.state, velocity, self.now)
 
     def _on_planner(self, message: bytes, info: dict[str, Any]) -> None:
-        if self._outdated(info):
+        if self._outdated(info) or len(message) < SHORTEST:
             return
         stamp_ns = stamp_of(message)
         off = (stamp_ns - self.t_ns) / SECOND

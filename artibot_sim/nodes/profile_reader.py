@@ -66,8 +66,8 @@ def read_trajectory(data: bytes) -> Record:
     Refused
         When it is none.
     """
-    cdr = _Cdr(data)
     try:
+        cdr = _Cdr(data)
         stamp, _frame = cdr.time(), cdr.text()
         names = [cdr.text() for _ in range(cdr.count())]
         points = []

@@ -151,6 +151,16 @@ def test_error_frames_tell_the_controller_s_state(place: Place) -> None:
         assert not bus.health().state.carries_frames
 
 
+def test_bus_off_ends_where_the_interface_was_put_down_and_up(own_interface: str) -> None:
+    with open_bus("socketcan", own_interface) as bus:
+        subprocess.run(["cansend", own_interface, "20000040#0000000000000000"], check=True)
+        assert wait_for(lambda: bus.receive(0.01) is None and bus.health().state is BusState.BUS_OFF)
+        ip("set", own_interface, "down")
+        assert bus.health().state is BusState.DOWN
+        ip("set", own_interface, "up")
+        assert bus.health().state is BusState.ACTIVE
+
+
 @pytest.mark.parametrize(
     ("channel", "message"),
     [

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from artibot_driver.cia402 import OperationMode
 from artibot_driver.config import SPECS, config_from_parameters, load_config, shipped_file
 from artibot_driver.dictionary import load_dictionary, pdo_maps
-from artibot_driver.rig import Rig, Setting, frame_bits, has_object, load_rig
+from artibot_driver.rig import Rig, Setting, frame_bits, has_object, load_rig, motor_per_metre
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS, load_robot
 from artibot_sim.resources import config_path
@@ -142,6 +142,24 @@ def test_drives_without_the_mode_or_the_objects_are_refused(tmp_path: Path) -> N
         rig(eds=other_eds(tmp_path, "0x60FF0020", "0x60830020"))
     with pytest.raises(ArtibotError, match=r"its TPDOs do not map 606Ch"):
         rig(eds=other_eds(tmp_path, "0x606C0020", "0x606B0020"))
+
+
+@pytest.mark.parametrize(("index", "named"), [("1016", "1016h:1"), ("1017", "1017h"), ("6007", "6007h")])
+def test_drives_that_would_not_miss_the_driver_are_refused(tmp_path: Path, index: str, named: str) -> None:
+    other = f"2{index[1:]}"
+    path = other_eds(tmp_path, f"[{index}", f"[{other}")
+    text = Path(path).read_text(encoding="utf-8").replace(f"0x{index}", f"0x{other}")
+    Path(path).write_text(text, encoding="utf-8")
+    with pytest.raises(ArtibotError, match=f"it has no {named}; expected all of .*goes on when the driver dies"):
+        rig(eds=path)
+
+
+def test_a_speed_that_no_target_velocity_holds_is_refused() -> None:
+    with pytest.raises(ArtibotError, match=r"parameter velocity_exponent: with -6 .* at max_speed 2 m/s"):
+        rig(velocity_exponent=-6)
+    top = rig(velocity_exponent=-6, max_speed=0.5)
+    for motor in MOTORS:
+        assert not top.scaling[motor].velocity.raw(0.499 * motor_per_metre(top.robot, motor)).saturated
 
 
 def test_bus_load_counts_every_cyclic_frame() -> None:

@@ -64,6 +64,12 @@ def test_what_is_cut_or_garbled_is_refused_or_read_but_never_raises(
         assert str(reason)
 
 
+@pytest.mark.parametrize("length", range(5))
+def test_next_to_nothing_is_refused(length: int) -> None:
+    with pytest.raises(Refused, match="cannot be decoded"):
+        read_trajectory(bytes(length))
+
+
 def test_beside_a_loop_nothing_waits_for_it() -> None:
     message = JointTrajectory(joint_names=["front_right", "front_left"])
     for k in range(5000):
