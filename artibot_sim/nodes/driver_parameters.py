@@ -63,11 +63,10 @@ def of_drives(settings: Settings) -> dict[str, Any]:
 
 
 def rules(settings: Settings, robot: Robot, config: DriverConfig) -> Rules:
-    """What the arbitration between commands goes by."""
+    """What the arbitration between commands goes by; the master refuses back efforts that are too large."""
     return Rules(
         metres_per_radian=metres_per_radian(robot),
         track=robot.front.i_y,
-        torque_max=(robot.drive.back or robot.drive.front).torque_max,
         sources=parse_sources(settings["command_source"]),
         command_timeout=settings["command_timeout"],
         cmd_vel_timeout=settings["cmd_vel_timeout"],

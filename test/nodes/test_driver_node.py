@@ -18,9 +18,11 @@ pytest.importorskip("rclpy", reason="rclpy is not installed; run `make setup`, o
 from driver_probe import DriverProbe, Drives, Sniffer, drives_on, prompt
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from sim_probe import FRONT, METRES, stamp_ns
+from trajectory_msgs.msg import JointTrajectory
 
 from artibot_driver.config import ALL_SPECS, config_from_parameters
 from artibot_driver.loopback import loopback_bus
@@ -29,6 +31,7 @@ from artibot_driver.pdo import Pdo
 from artibot_driver.rig import load_rig
 from artibot_sim.model import MOTORS, load_robot
 from artibot_sim.model.transmission import back_torque_factor
+from artibot_sim.nodes.inputs import PROFILE_QOS
 from ros_helpers import NodeProcess
 
 NAN = math.nan
@@ -214,6 +217,27 @@ def test_bad_commands_stop_it_or_move_nothing(probe: DriverProbe, driver: NodePr
     probe.repeat(bad[4], 0.2)
     probe.until(lambda: probe.is_stopped_by("INVALID_COMMAND"), "the reason in /diagnostics")
     assert "nan" in probe.part("driver")["message"]
+
+
+def test_a_back_effort_beyond_the_motor_s_limit_stops_it(probe: DriverProbe) -> None:
+    limit = load_robot("agriq").drive.back.torque_max
+    probe.enabled()
+    probe.repeat(lambda: probe.send_request([40.0, 40.0, NAN, NAN], ALL, [NAN, NAN, 0.1 * limit, NAN]), 0.5)
+    assert probe.part("driver")["phase"] == "ENABLED" and probe.turning() > 30.0
+    probe.repeat(lambda: probe.send_request([40.0, 40.0, NAN, NAN], ALL, [NAN, NAN, 1.1 * limit, NAN]), 0.2)
+    probe.until(lambda: probe.is_stopped_by("INVALID_COMMAND"), "the reason in /diagnostics")
+    assert "back_right effort 0.66 N m, expected at most 0.6" in probe.part("driver")["message"]
+
+
+def test_messages_without_content_neither_move_nor_end_it(probe: DriverProbe, driver: NodeProcess) -> None:
+    topics = {"planned/odom": Odometry, "planned/front_velocity": JointTrajectory}
+    publishers = [probe.node.create_publisher(kind, topic, PROFILE_QOS) for topic, kind in topics.items()]
+    probe.enabled()
+    probe.until(lambda: all(each.get_subscription_count() for each in publishers), "the driver's subscriptions")
+    for length in (4, 8):
+        probe.repeat(lambda: [each.publish(bytes(length)) for each in publishers], 0.2)  # noqa: B023
+    assert driver.running and probe.part("driver")["phase"] == "ENABLED" and probe.turning() < STANDS
+    assert "planned/front_velocity refused: it cannot be decoded" in driver.output
 
 
 def test_services_say_what_happened_or_what_is_in_the_way(probe: DriverProbe, drives: Drives) -> None:
