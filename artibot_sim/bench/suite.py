@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from artibot_sim.bench import accuracy, nodes, peers, recording, speed, startup
+from artibot_sim.bench import accuracy, identification, nodes, peers, recording, speed, startup
 from artibot_sim.bench.results import Result, Skipped
 from artibot_sim.bench.scenario import Scenario
 from artibot_sim.errors import ArtibotError
@@ -52,6 +52,7 @@ SUITE: dict[str, Benchmark] = {
         ("pose_difference_rk4_1ms", *(f"pose_difference_semi_implicit_{ms}ms" for ms in (1, 2, 5))), accuracy.poses, 1,
     ),
     "start": Benchmark(("start_cold", "start_warm"), startup.starts, 40, in_quick=False),
+    "identify": Benchmark(("identify_3x45s",), identification.identify_3x45s, 25, in_quick=False),
     "recorder": Benchmark(("recorder_writer",), recording.writer, 3),
     "sim": Benchmark(("sim_node_cpu_share", "sim_node_late_p99"), nodes.sim, 26, nodes.missing, in_quick=False),
     "replay": Benchmark(("replay_late_p99",), nodes.replay, 35, nodes.replay_missing, in_quick=False),

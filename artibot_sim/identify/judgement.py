@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 OPEN = 0.5
 """A combination whose standard deviation the data do not bring below this share of the prior's is not identified."""
-SYSTEMATIC = 0.0075
+SYSTEMATIC = 0.01
 """Standard deviation, of a logarithm, of what no residual shows: rotations are smoothed over 60 ms, instants at which
 wheels break away are known to a few, and all forces give way a little for it. Found with `coverage`."""
 _PART = 0.3
@@ -161,14 +161,12 @@ def overall(found: Sequence[Estimate], converged: bool, text: str, share: float)
     if loose:
         names = ", ".join(e.name for e in loose)
         return Status.NOT_IDENTIFIABLE, f"{names} cannot be told from these recordings: {loose[0].note}"
-    if share > OPEN:
-        return (
-            Status.NOT_IDENTIFIABLE,
-            f"the combination {text} stays open: the data leave {100 * share:.0f} % of the prior's width",
-        )
     at = [e for e in found if e.status is Status.AT_BOUND]
     if at:
         return Status.AT_BOUND, f"{', '.join(e.name for e in at)}: {at[0].note}"
+    if share > OPEN:
+        said = f"the combination {text} stays open: the data leave {100 * share:.0f} % of the prior's width"
+        return Status.NOT_IDENTIFIABLE, said
     if not converged:
         return Status.NOT_CONVERGED, "the loss still fell when the steps ended; fit again from the result"
     return Status.CONVERGED, "all parameters are identified"

@@ -137,7 +137,7 @@ class ParameterSet:
         """Which parameters stand at a bound."""
         values = self.values(coordinates)
         return [
-            bool(v <= p.low * (1 + 1e-6) or v >= p.high * (1 - 1e-6))
+            bool(v <= p.low * (1 + 1e-4) or v >= p.high * (1 - 1e-4))
             for v, p in zip(values, self.parameters, strict=True)
         ]
 

@@ -129,7 +129,8 @@ class Problem:
         stretch, first, knots = (
             np.array([getattr(w, name) for w in self.windows])[window] for name in ("stretch", "first", "knots")
         )
-        return Items(robot, stretch, plan, first, knots, q, v)
+        t = np.array([w.t for w in self.windows])[window]
+        return Items(robot, stretch, plan, first, knots, q, v, t)
 
     def look(self, coordinates: Array, starts: Array, plans: Sequence[Plan]) -> list[Array]:
         """Whatever `plans` (one a window) ask for, (m,) each."""

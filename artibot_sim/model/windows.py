@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.batch import available_cores
+from artibot_sim.model.effects import record
 from artibot_sim.model.params import packed, params
 from artibot_sim.model.robot import Robot
 from artibot_sim.model.rollout import unlimited_beside_prescribed
@@ -90,6 +91,8 @@ class Items:
         First knot of the table, and how many intervals follow.
     q, v : array, shape (n, 16)
         Start states.
+    t : array, shape (n,)
+        When they are, s since the recording's start: some effects change with time.
     """
 
     robot: Indices
@@ -99,6 +102,7 @@ class Items:
     knots: Indices
     q: Array
     v: Array
+    t: Array
 
     def __len__(self) -> int:
         return len(self.robot)
@@ -106,7 +110,7 @@ class Items:
 
 @dataclass
 class WindowBatch:
-    """Runs items; keeps the buffers between calls.
+    """Runs items; keeps the buffers between calls. Lagging tyre forces start from zero.
 
     Parameters
     ----------
@@ -163,10 +167,12 @@ class WindowBatch:
         knot_steps = round(table.dt / self.dt)
         q, v, previous = items.q[i].copy(), items.v[i].copy(), np.zeros(4)
         eta = shared.eta.copy()
+        fx = record(shared.robot.effects, float(items.t[i])) if shared.robot.effects else None
+        extra = () if fx is None else (fx, np.zeros(8))
         status, kept = loop.integrate_rk4(
             q, v, eta, previous, shared.p, shared.modes[items.table[i]], self.dt, knots * knot_steps, knot_steps,
             table.position[part], table.velocity[part], table.torque[part], knot_steps,
-            shared.back_factor[items.table[i]], buffers.work, buffers.q, buffers.v, buffers.w, None,
+            shared.back_factor[items.table[i]], buffers.work, buffers.q, buffers.v, buffers.w, None, *extra,
         )  # fmt: skip
         out = np.full(len(plan.t), math.nan)
         if status == loop.OK or kept > 1:
@@ -192,6 +198,7 @@ class _Shared:
 
     def __init__(self, robot: Robot, tables: Sequence[MotorTable]) -> None:
         p = params(robot)
+        self.robot = robot
         self.two = robot.articulated
         self.eta = np.array([robot.drive.front.eta_d] * 2 + [(robot.drive.back or robot.drive.front).eta_d] * 2)
         modes = {table.modes for table in tables}

@@ -1,0 +1,179 @@
+"""Identification: known soils are found whatever pose, heading and clock a recording has; what cannot be is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.experiment import Channel, Experiment
+from artibot_sim.identify import Effort, Prior, Status, identify, parse_priors
+from artibot_sim.identify.run import Work
+from artibot_sim.identify.synthetic import Noise, synthetic
+from artibot_sim.model import Robot, load_robot, save_robot
+from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop, Straight
+
+QUICK = Effort(starts=1, finalists=1)
+TRUTH = {
+    "contact.k_l": 2650.0, "contact.k_t": 2200.0, "contact.mu_s": 0.58, "contact.mu_d": 0.33, "contact.u_w": 0.0075,
+}  # fmt: skip
+TURNS = Manoeuvre(
+    "turns",
+    (Dwell(0.5), Ramp(speed=0.6), Slalom(curvature=0.45, wavelength=5.0, periods=1.5),
+     Arc(radius=1.6, angle=-2.5), Stop()),
+    a_max=0.5,
+)  # fmt: skip
+STRAIGHT = Manoeuvre("straight", (Dwell(0.5), Ramp(speed=0.6), Straight(length=2.5), Stop()), a_max=0.5)
+
+
+@pytest.fixture(scope="module")
+def real() -> Robot:
+    """A rover on a soil that is not the robot file's."""
+    return load_robot("agriq").replace(TRUTH)
+
+
+@pytest.fixture(scope="module")
+def found(real: Robot) -> Work:
+    """The soil identified from one recording, another one predicted."""
+    recordings = [synthetic(real, TURNS, kappa=kappa, seed=k, name=f"run{k}") for k, kappa in enumerate((0.7, 1.0))]
+    return identify(recordings[:1], load_robot("agriq"), holdout=recordings[1:], effort=QUICK)
+
+
+def test_a_known_soil_is_found(found: Work) -> None:
+    result = found.result
+    assert result.status is Status.CONVERGED
+    inside = [e.ci95[0] <= TRUTH[e.key] <= e.ci95[1] for e in result.estimates]
+    assert sum(inside) >= 4
+    for e in result.estimates:
+        assert e.value == pytest.approx(TRUTH[e.key], rel=0.04)
+        assert e.ci95[0] < e.value < e.ci95[1]
+    assert result.channels["yaw_rate"].excess == pytest.approx(1.0, abs=0.15)
+
+
+def test_the_future_is_predicted(found: Work) -> None:
+    """Position five seconds ahead within twice what the total station errs."""
+    (prediction,) = found.result.predictions
+    assert prediction.windows >= 1
+    assert prediction.channels["position"].rmse < 2 * np.sqrt(2) * Noise().station
+    assert set(prediction.free_run) >= {"position", "torque_front"}
+
+
+def test_the_robot_file_is_one(found: Work, tmp_path: Path) -> None:
+    save_robot(found.result.robot, tmp_path / "field.yaml")
+    again = load_robot(tmp_path / "field.yaml")
+    for e in found.result.estimates:
+        assert again.as_vector([e.key]) == e.value
+        assert again.sources[e.key].startswith("identified: from run0")
+        assert again.intervals[e.key] == pytest.approx(e.ci95)
+    assert again.sources["front.m"] == load_robot("agriq").sources["front.m"]
+
+
+def test_it_prints_and_serialises(found: Work) -> None:
+    import json
+
+    text = str(found.result)
+    assert all(name in text for name in ("k_l", "mu_s", "converged", "position"))
+    document = json.loads(json.dumps(found.result.as_dict()))
+    assert document["parameters"]["contact.k_l"]["ci95"][0] < document["parameters"]["contact.k_l"]["value"]
+
+
+def test_pose_heading_and_clock_do_not_matter(real: Robot) -> None:
+    """The same drive elsewhere, in another direction, at another time of day: the same soil, within its interval."""
+    values = []
+    for start, ns in (((0.0, 0.0, 0.0), 10**9), ((250.0, -40.0, 2.6), 1_700_000_000 * 10**9)):
+        drive = synthetic(real, TURNS, kappa=0.7, seed=5, start=start, start_ns=ns)
+        values.append(identify([drive], load_robot("agriq"), fit=["k_t", "mu_d"], effort=QUICK).result)
+    for a, b in zip(values[0].estimates, values[1].estimates, strict=True):
+        assert a.value == pytest.approx(b.value, rel=0.02)
+
+
+def test_a_part_of_the_parameters(real: Robot) -> None:
+    """The rest keeps its value; geometry is fitted as well as soil, under its prior."""
+    nominal = real.replace({"contact.k_t": 1800.0, "back.l": 1.05})
+    drive = synthetic(real, TURNS, kappa=0.7, seed=2)
+    work = identify([drive], nominal, fit=["k_t", "back.l"], priors={"back.l": Prior(1.05, 0.15)}, effort=QUICK)
+    assert work.result["k_t"].value == pytest.approx(TRUTH["contact.k_t"], rel=0.04)
+    assert work.result["back.l"].value == pytest.approx(real.back.l, rel=0.03)
+    assert work.result.robot.contact.k_l == TRUTH["contact.k_l"]
+
+
+def test_a_straight_drive_says_nothing_about_sideways_slip(real: Robot) -> None:
+    drive = synthetic(real, STRAIGHT, kappa=0.8, seed=3)
+    result = identify([drive], load_robot("agriq"), effort=QUICK).result
+    assert result.status is Status.NOT_IDENTIFIABLE
+    for name in ("k_t", "mu_s", "mu_d"):
+        estimate = result[name]
+        assert estimate.status is Status.NOT_IDENTIFIABLE
+        assert estimate.note
+        assert estimate.ci95[0] <= TRUTH[estimate.key] <= estimate.ci95[1]
+    assert "slides" in result["mu_d"].note
+    assert "hardly turns" in result["k_t"].note
+
+
+def test_a_bound_is_said(real: Robot) -> None:
+    """A prior that excludes the truth: the estimate stands at its bound and says so."""
+    drive = synthetic(real, TURNS, kappa=0.7, seed=4)
+    priors = {"k_t": Prior(1950.0, 15.0)}
+    result = identify([drive], real, fit=["k_t"], priors=priors, effort=QUICK).result
+    assert result["k_t"].status is Status.AT_BOUND
+    assert result["k_t"].value == pytest.approx(1950.0 * np.exp(5 * 15.0 / 1950.0), rel=1e-3)
+
+
+def _with_gaps(drive: Experiment) -> Experiment:
+    """Motors silent for 0.3 s, articulation held for three samples each, jitter, few positions."""
+    channels = dict(drive.channels)
+    motors, joint, station = (channels[key] for key in ("motor_torques", "joint_states", "total_station"))
+    channels["motor_torques"] = _rows(motors, (motors.t < 6.0) | (motors.t > 6.3))
+    held = joint["articulation_yaw.position"][(np.arange(len(joint)) // 3) * 3]
+    channels["joint_states"] = replace(joint, columns={"articulation_yaw.position": held})
+    channels["total_station"] = _rows(station, np.arange(len(station)) % 2 == 0)
+    del channels["imu"]
+    return replace(drive, channels=channels)
+
+
+def _rows(channel: Channel, kept: np.ndarray) -> Channel:
+    columns = {name: values[kept] for name, values in channel.columns.items()}
+    return replace(
+        channel, t_ns=channel.t_ns[kept], t=channel.t[kept], received_ns=channel.received_ns[kept], columns=columns
+    )
+
+
+def test_gaps_held_samples_and_rates(real: Robot) -> None:
+    drive = _with_gaps(synthetic(real, TURNS, kappa=0.7, seed=6, noise=Noise(jitter=0.001, motor_rate=80.0)))
+    result = identify([drive], load_robot("agriq"), fit=["k_t", "mu_d"], effort=QUICK).result
+    assert result["k_t"].value == pytest.approx(TRUTH["contact.k_t"], rel=0.15)
+    assert any("yaw_rate" in remark for remark in result.remarks)
+
+
+@pytest.mark.parametrize(
+    ("fit", "priors", "said"),
+    [
+        (["k_x"], {}, "no parameter"),
+        (["k_l", "contact.k_l"], {}, "twice"),
+        ([], {}, "nothing named"),
+        (["k_l"], {"k_t": Prior(1.0, 0.1)}, "not fitted"),
+    ],
+)
+def test_wrong_parameters_are_refused(real: Robot, fit: list[str], priors: dict, said: str) -> None:
+    drive = synthetic(real, STRAIGHT, duration=3.0)
+    with pytest.raises(ArtibotError, match=said):
+        identify([drive], real, fit=fit, priors=priors)
+
+
+def test_a_recording_without_positions_is_refused(real: Robot) -> None:
+    drive = synthetic(real, STRAIGHT, duration=3.0)
+    blind = replace(drive, channels={k: c for k, c in drive.channels.items() if k != "total_station"})
+    with pytest.raises(ArtibotError, match="/total_station/point"):
+        identify([blind], real)
+
+
+def test_priors_are_read() -> None:
+    assert parse_priors(["front.i_y=0.72±0.03", "k_l=3000+-500"]) == {
+        "front.i_y": Prior(0.72, 0.03), "k_l": Prior(3000.0, 500.0),
+    }  # fmt: skip
+    for text in ("k_l", "k_l=1", "k_l=1±-2", "=1±2"):
+        with pytest.raises(ArtibotError, match="MIDDLE±SD"):
+            parse_priors([text])

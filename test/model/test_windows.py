@@ -1,0 +1,77 @@
+"""Windows are rollouts: what `WindowBatch` samples is what `rollout` gives at the same instants."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.model import Commands, Mode, Robot, load_robot, rollout
+from artibot_sim.model.windows import KINDS, Items, MotorTable, Plan, WindowBatch, window_step
+
+ALL = (Mode.PRESCRIBED,) * 4
+
+
+def _table(duration: float = 3.0) -> MotorTable:
+    t = np.arange(0.0, duration + 1e-9, 0.01)
+    speed = np.column_stack([60 + 40 * np.sin(t), 60 - 40 * np.sin(t), 35 + 24 * np.sin(t), 35 - 24 * np.sin(t)])
+    angle = np.vstack([np.zeros(4), np.cumsum(0.005 * (speed[1:] + speed[:-1]), axis=0)])
+    return MotorTable(0.01, angle, speed, np.full_like(speed, np.nan), ALL)
+
+
+def _items(states: list, first: int, knots: int) -> Items:
+    n = len(states)
+    zero = np.zeros(n, np.int64)
+    return Items(
+        np.arange(n), zero, zero, zero + first, zero + knots, np.array([s.q for s in states]),
+        np.array([s.v for s in states]), np.zeros(n),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("effects", [{}, {"back_friction": {"scale": 0.7}}])
+def test_samples_are_those_of_a_rollout(effects: dict) -> None:
+    """At rows of a rollout every kind has the rollout's own value, also in the middle of a table and with effects."""
+    table = _table()
+    plain = load_robot("agriq")
+    robots = [Robot(**{**vars(plain), "effects": effects}), plain.replace({"contact.mu_d": 0.25})]
+    commands = Commands(0.01, table.velocity, position=table.position)
+    begun = [rollout(r, commands, modes=ALL, dt=2.5e-3, duration=1.0).final_state for r in robots]
+    rest = Commands(0.01, table.velocity[100:301], position=table.position[100:301])
+    t = np.arange(0.0, 1.96, 0.05)
+    kinds = [k for k in range(len(KINDS)) if KINDS[k] not in ("grip", "a_x", "a_y", "v_x", "v_y")]
+    plan = Plan(np.tile(t, len(kinds)), np.repeat(kinds, len(t)))
+    seen = WindowBatch([table], [plan], 2.5e-3, workers=2).run(robots, _items(begun, 100, 200))
+    for robot, start, found in zip(robots, begun, seen, strict=True):
+        # windows begin with the drives' efficiencies, a rollout that goes on with those of the step before
+        fresh = type(start)(0.0, start.q, start.v, np.full(4, 0.6), np.zeros(4))
+        result = rollout(robot, rest, modes=ALL, dt=2.5e-3, every=4, state=fresh)
+        rows = np.round(t / 0.01).astype(int)
+        table_ = dict(zip(kinds, found.reshape(len(kinds), -1), strict=True))
+        np.testing.assert_allclose(table_[0], result.pose[rows, 0], atol=1e-12)
+        np.testing.assert_allclose(table_[2], result.pose[rows, 2], atol=1e-12)
+        np.testing.assert_allclose(table_[3], result.articulation_yaw[rows], atol=1e-12)
+        np.testing.assert_allclose(table_[4], result.twist[rows, 2], atol=1e-9)
+        for i in range(4):
+            np.testing.assert_allclose(table_[10 + i], result.motor_torque[rows, i], atol=1e-9)
+        bits = (result.row[rows, 40:48] * 2.0 ** np.arange(8)).sum(axis=1)
+        np.testing.assert_array_equal(table_[KINDS.index("sliding")], bits)
+
+
+def test_workers_do_not_change_results() -> None:
+    robots = [load_robot("agriq").replace({"contact.k_t": k}) for k in (1500.0, 1800.0, 2100.0)]
+    table = _table()
+    start = rollout(robots[0], Commands(0.01, table.velocity[:2]), modes=ALL, duration=0.0).final_state
+    plan = Plan(np.array([0.5, 1.0]), np.array([0, 10]))
+    runs = [WindowBatch([table], [plan], 5e-3, workers=n).run(robots, _items([start] * 3, 0, 150)) for n in (1, 3)]
+    np.testing.assert_array_equal(runs[0], runs[1])
+    assert len({tuple(r) for r in runs[0]}) == 3
+
+
+def test_step_is_stable_and_divides_the_knots() -> None:
+    table = _table(0.1)
+    dt = window_step(load_robot("agriq"), [table])
+    assert 2e-3 <= dt <= 5e-3
+    stiff = load_robot("agriq").replace({"contact.k_l": 20000.0, "contact.k_t": 20000.0})
+    assert window_step(stiff, [table]) < dt
+    with pytest.raises(ArtibotError, match="does not divide"):
+        WindowBatch([table], [], 3e-3)
