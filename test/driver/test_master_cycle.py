@@ -425,6 +425,24 @@ def test_close_takes_the_current_away_at_once_and_leaves_no_fault() -> None:
     assert {drive.state for drive in w.crew.drives.values()} == {State.SWITCH_ON_DISABLED}
 
 
+def test_a_driver_that_takes_over_enabled_drives_stops_them_and_keeps_them_locked() -> None:
+    """Its predecessor was killed a moment ago: no heartbeat was missed, and the drives still drive."""
+    w = Logged().enabled()
+    w.command = lambda now: Setpoints((0.8 * TURN, 0.8 * TURN), now)
+    w.run(0.5)
+    w.new_master()
+    begin = len(w.trace)
+    w.run(1.0)
+    assert w.last.status.phase is Phase.LOCKED
+    assert not any(State.OPERATION_ENABLED in sample.seen.state for sample in w.trace[begin + 2 :])
+    speeds = [abs(sample.seen.velocity[0]) for sample in w.trace[begin:]]
+    assert all(b <= a + 1e-6 for a, b in itertools.pairwise(speeds))
+    assert speeds[-1] < 0.02 * TURN
+    w.master.enable()
+    w.run(0.1)
+    assert w.last.status.phase is Phase.LOCKED
+
+
 def test_outside_of_motion_every_controlword_takes_the_voltage_away() -> None:
     w = Logged()
     assert w.run_until(Phase.READY, 3.0)
