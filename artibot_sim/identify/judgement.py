@@ -107,14 +107,12 @@ def estimates(
         again = float(middles[i] * np.exp(bootstrap.low[i])), float(middles[i] * np.exp(bootstrap.high[i]))
         reason = unseen(p.key, motion)
         status = Status.CONVERGED
-        if reason or shares[i] > OPEN:
+        if bound[i] and not reason:
+            status = Status.AT_BOUND
+            reason = f"stands at the bound of its prior, {values[i]:.4g}; widen it, or look for another cause"
+        elif reason or shares[i] > OPEN:
             status = Status.NOT_IDENTIFIABLE
             reason = reason or open_reason(motion)
-        elif bound[i]:
-            status, reason = (
-                Status.AT_BOUND,
-                f"stands at the bound of its prior, {values[i]:.4g}; widen it, or look for another cause",
-            )
         widened = _with_systematic(float(values[i]), min(low, again[0]), max(high, again[1]))
         if status is Status.NOT_IDENTIFIABLE:
             widened = _with_prior(widened, p.prior.value, p.spread)

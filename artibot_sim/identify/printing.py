@@ -84,7 +84,7 @@ def prediction_lines(prediction: Prediction) -> Iterator[str]:
     if position is not None:
         yield (
             f"{prediction.name}, held out: {prediction.windows} predictions of {prediction.horizon:g} s, "
-            f"position RMSE {1e3 * position.rmse:.1f} mm (the sensor's fast noise alone is {1e3 * position.noise:.1f} mm)"
+            f"position RMSE {1e3 * position.rmse:.1f} mm (fast noise alone: {1e3 * position.noise:.1f} mm)"
         )
     for name, fits in {"this model": prediction.final, **prediction.rivals}.items() if prediction.rivals else ():
         errors = "; ".join(

@@ -37,6 +37,9 @@ _FEW = 12
 """Windows at most that the search from several starts takes, evenly."""
 _LOWEST_NOISE = 0.7
 _SETTLE = 8
+_FOREIGN = 4.0
+"""Residuals over the sensor's noise from which not the noise but the model's own error is what residuals show; then no
+window is an exception."""
 _BETTER = 10.0
 """Fall of the loss that makes another place on the profile worth going on from."""
 
@@ -161,6 +164,7 @@ def _search(problem: Problem, effort: Effort, tick: Tick) -> tuple[Problem, Fit]
     part = problem.part(every)
     some = search(part, effort, tick)
     loss = Loss(1.0, some.loss.thinning)
+    foreign = max(channel_levels(part.windows, some.point.residuals).values()) > _FOREIGN
     for _ in range(2):
         levels = np.maximum(merged(channel_levels(part.windows, some.point.residuals)), _LOWEST_NOISE)
         part, problem = part.rescaled(levels), problem.rescaled(levels)
@@ -172,7 +176,7 @@ def _search(problem: Problem, effort: Effort, tick: Tick) -> tuple[Problem, Fit]
     starts[every] = some.point.starts
     point = evaluate(problem, loss, [some.point.coordinates], starts)[0]
     found = settle(problem, awake(problem, loss, point), loss, _SETTLE)
-    firm = replace(loss, firm=True)
+    firm = replace(loss, firm=not foreign)
     found = settle(problem, found.point, firm, _SETTLE)
     tick()
     return problem, replace(found, others=some.others)

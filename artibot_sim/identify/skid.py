@@ -25,22 +25,21 @@ MODELS = {
 
 @dataclass(frozen=True)
 class Kinematic:
-    """One model with its numbers: effective track (m), speed scale, leftward velocity per yaw rate (m)."""
+    """One model: m rolled per rad of a motor, effective track (m), speed scale, leftward velocity per yaw rate (m)."""
 
     name: str
+    rolled: float
     track: float
     speed_scale: float = 1.0
     lateral: float = 0.0
 
     def predict(self, problem: Problem, starts: Array) -> list[Array]:
         """Residuals of position and yaw of every window, in units of noise, (n,) each; others are left out (0)."""
-        robot = problem.parameters.robot
-        wheel = robot.wheel.r_w * robot.drive.front.tau
         found = []
         for number, window in enumerate(problem.windows):
             stretch = problem.stretches[window.stretch]
             part = slice(window.first, window.first + window.knots + 1)
-            speed, dt = stretch.inputs.velocity[part, :2] * wheel, stretch.inputs.dt
+            speed, dt = stretch.inputs.velocity[part, :2] * self.rolled, stretch.inputs.dt
             pose = self._integrate(speed, dt, starts[number])
             t = np.arange(len(pose)) * dt
             predicted = window.value.copy()
@@ -67,12 +66,13 @@ def _cumulated(rate: Array, dt: float) -> Array:
 
 def ideal(robot: Robot) -> Kinematic:
     """Wheels that roll without slip."""
-    return Kinematic("ideal", robot.front.i_y)
+    return Kinematic("ideal", robot.wheel.r_w * robot.drive.front.tau, robot.front.i_y)
 
 
 def fitted(problem: Problem, names: Sequence[str] = tuple(MODELS)) -> list[Kinematic]:
     """The models fitted to a problem's windows from their measured starts, with the same loss of a sample."""
     robot = problem.parameters.robot
+    rolled = robot.wheel.r_w * robot.drive.front.tau
     models = []
     for name in names:
         free = MODELS[name]
@@ -82,9 +82,9 @@ def fitted(problem: Problem, names: Sequence[str] = tuple(MODELS)) -> list[Kinem
             continue
 
         def residual(values: Array, name: str = name, free: Sequence[str] = free) -> Array:
-            model = Kinematic(name, **dict(zip(free, values.tolist(), strict=True)))
+            model = Kinematic(name, rolled, **dict(zip(free, values.tolist(), strict=True)))
             return np.concatenate(model.predict(problem, problem.starts))
 
         found = least_squares(residual, [first[key] for key in free], loss="huber", f_scale=SAMPLE_BEND, x_scale=0.1)
-        models.append(Kinematic(name, **dict(zip(free, found.x.tolist(), strict=True))))
+        models.append(Kinematic(name, rolled, **dict(zip(free, found.x.tolist(), strict=True))))
     return models
