@@ -15,7 +15,7 @@ from can_kernel import has_vcan, in_uml
 
 from ros_helpers import ROOT
 
-SUITE = Path(__file__).with_name("suite_of_node.py")
+SUITE = Path(__file__).with_name("node_on_vcan.py")
 TRIALS = os.environ.get("ARTIBOT_TRIALS", "1")
 
 
