@@ -34,7 +34,7 @@ _TURNS = (-0.06, -0.03, -0.015, 0.015, 0.03, 0.06)
 """rad, by which a start's heading is turned for another try."""
 _CLOSE = 1.15
 """An end whose loss is larger than the best one's by this factor is not gone on from."""
-_SMALL = 0.25
+_SMALL = 1.0
 """Fall of the loss, per free parameter, under which a fit has converged."""
 
 

@@ -26,7 +26,9 @@ _FREE = Stroke(RIGHT, 1.5, "dash")
 _FITTED = Stroke(LEFT, 1.2)
 _NOISE = Stroke(MUTED, 1.2, "dot")
 _BREAK = np.array([np.nan])
-COLUMNS = ("rmse", "median", "p90", "noise", "n")
+COLUMNS = ("",) * 5
+"""Sections differ in what their columns are, so their headings say it."""
+_ERRORS = "RMSE, median, 90 %, noise, samples"
 
 
 def page_of(work: Work) -> bytes:
@@ -42,11 +44,11 @@ def page_of(work: Work) -> bytes:
 def tables(work: Work) -> list[Section]:
     """Parameters, then errors by channel: fitted, predicted, and of free runs."""
     found = work.result
-    heading = "Parameters: value, 95 % interval from … to, prior, its standard deviation"
+    heading = "Parameters: value, ends of the 95 % interval, prior, its standard deviation"
     values = [(e.name, e.unit, tuple(number(v) for v in (e.value, *e.ci95, *e.prior))) for e in found.estimates]
-    sections: list[Section] = [(heading, values), ("Residuals of the fit", _errors(found.channels))]
+    sections: list[Section] = [(heading, values), (f"Residuals of the fit: {_ERRORS}", _errors(found.channels))]
     for prediction in found.predictions:
-        said = f"{prediction.name}, held out: {prediction.windows} predictions of {prediction.horizon:g} s"
+        said = f"{prediction.name}, held out: {prediction.windows} predictions of {prediction.horizon:g} s: {_ERRORS}"
         sections.append((said, _errors(prediction.channels)))
         sections.append((f"{prediction.name}: at the ends of the predictions", _errors(prediction.final)))
         if prediction.free_run:

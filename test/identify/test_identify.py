@@ -7,14 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.experiment import Channel, Experiment
+from artibot_sim.experiment import Channel, Experiment, write_channels
 from artibot_sim.identify import Effort, Prior, Status, identify, parse_priors
 from artibot_sim.identify.run import Work
 from artibot_sim.identify.synthetic import Noise, synthetic
 from artibot_sim.model import Robot, load_robot, save_robot
 from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop, Straight
+from artibot_sim.report.identify_cli import command
 
 QUICK = Effort(starts=1, finalists=1)
 TRUTH = {
@@ -78,6 +80,36 @@ def test_it_prints_and_serialises(found: Work) -> None:
     assert all(name in text for name in ("k_l", "mu_s", "converged", "position"))
     document = json.loads(json.dumps(found.result.as_dict()))
     assert document["parameters"]["contact.k_l"]["ci95"][0] < document["parameters"]["contact.k_l"]["value"]
+
+
+def test_the_page_shows_what_was_found(found: Work) -> None:
+    from artibot_sim.report.identification import page_of, panels
+
+    page = page_of(found).decode()
+    assert all(said in page for said in ("k_l", "run1, held out", "free run", "error of torque front"))
+    drawn = {panel.key for panel in panels(found)}
+    assert {"run1_path", "run1_position", "run0_torque_back_fitted"} <= drawn
+    for panel in panels(found):
+        assert any(np.isfinite(line.y).any() for line in panel.lines)
+
+
+def test_the_command_writes_its_files(real: Robot, tmp_path: Path) -> None:
+    drive = synthetic(real, TURNS, kappa=0.7, seed=8, duration=8.0)
+    tables = {key: (channel.t_ns, dict(channel.columns)) for key, channel in drive.channels.items()}
+    write_channels(tmp_path / "run", tables, dict(drive.metadata))
+    wanted = ["--out", str(tmp_path / "soil.yaml"), "--json", str(tmp_path / "soil.json")]
+    given = [str(tmp_path / "run"), "--robot", "agriq", "--fit", "k_t", *wanted]
+    done = CliRunner().invoke(command, given, catch_exceptions=False)
+    assert done.exit_code == 0
+    assert load_robot(tmp_path / "soil.yaml").contact.k_t != load_robot("agriq").contact.k_t
+    assert "k_t" in done.output
+    assert (tmp_path / "soil.json").stat().st_size > 100
+
+
+def test_the_command_refuses_before_the_work(tmp_path: Path) -> None:
+    given = [str(tmp_path / "absent"), "--robot", "agriq", "--out", str(tmp_path / "no" / "soil.yaml")]
+    with pytest.raises(ArtibotError, match="cannot be written"):
+        CliRunner().invoke(command, given, catch_exceptions=False)
 
 
 def test_pose_heading_and_clock_do_not_matter(real: Robot) -> None:
