@@ -30,6 +30,7 @@ START_TIMEOUT: Final = 1_000_000_000
 
 _HEAD_BYTES = 4
 _SEEKING = Setting(0x1000, 0, 0)  # device type: every node has it
+_CIA402 = 402  # its low half names the profile
 
 
 class Setup:
@@ -99,7 +100,10 @@ class Setup:
     def take(self, answer: Sdo) -> None:
         """An answer of the drive; what was not asked for is only counted."""
         if self.stage is Stage.SEEKING and (answer.index, answer.subindex) == (_SEEKING.index, _SEEKING.subindex):
-            self.stage = Stage.SETTING
+            if answer.service == "upload" and int.from_bytes(answer.data[:2], "little") == _CIA402:
+                self.stage = Stage.SETTING
+            else:
+                self._tally["sdo_unexpected"] += 1
             return
         setting, write = self._steps[self._next] if self._next < len(self._steps) else (_SEEKING, False)
         expected = "download" if write else "upload"

@@ -114,6 +114,18 @@ def test_a_missing_drive_is_named_and_found_within_two_seconds() -> None:
     assert w.run_until(Phase.READY, 2.0)
 
 
+def test_a_node_of_another_profile_is_not_set_up() -> None:
+    w = world()
+    w.crew.cut_power("front_left")
+    w.run(0.2)
+    w.crew.power("front_left", w.now)
+    w.crew.drives["front_left"].objects.values[0x1000, 0] = 0x0003_0191  # an input and output module, CiA 401
+    w.run(2.0)
+    assert [each.stage for each in w.last.status.drives].count(Stage.SEEKING) == 1
+    assert w.last.status.phase is Phase.CONFIGURING
+    assert w.last.status.counters["sdo_unexpected"] > 5
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_frames_that_get_lost_only_make_it_slower(seed: int) -> None:
     w = world(seed)
