@@ -40,6 +40,8 @@ _SETTLE = 8
 _FOREIGN = 4.0
 """Residuals over the sensor's noise from which not the noise but the model's own error is what residuals show; then no
 window is an exception."""
+_PATIENCE = 3
+"""Further rounds for a fit that still falls, and moves along its profile."""
 _BETTER = 10.0
 """Fall of the loss that makes another place on the profile worth going on from."""
 
@@ -113,7 +115,7 @@ def identify(
     problem = _problem(recordings, parameters, window, workers)
     ticks()
     problem, found = _search(problem, effort or Effort(), ticks)
-    found, nodes = _profiled(problem, found, ticks)
+    found, nodes = _profiled(problem, found, 2, ticks)
     motion = motion_of(problem, found.point.coordinates, found.point.starts, _has_torques(problem))
     result = _result(recordings, problem, found, nodes, motion)
     held = []
@@ -171,21 +173,26 @@ def _search(problem: Problem, effort: Effort, tick: Tick) -> tuple[Problem, Fit]
         loss = thinned(part, some)
         point = evaluate(part, loss, [some.point.coordinates], some.point.starts)[0]
         some = replace(settle(part, point, loss, 3), others=some.others)
+    some, _ = _profiled(part, some, _PATIENCE)
     tick()
     starts = problem.starts.copy()
     starts[every] = some.point.starts
     point = evaluate(problem, loss, [some.point.coordinates], starts)[0]
     found = settle(problem, awake(problem, loss, point), loss, _SETTLE)
+    for _ in range(_PATIENCE):
+        if found.converged:
+            break
+        found = settle(problem, found.point, loss, _SETTLE)  # far from its end: not yet the time to dismiss windows
     firm = replace(loss, firm=not foreign)
     found = settle(problem, found.point, firm, _SETTLE)
     tick()
     return problem, replace(found, others=some.others)
 
 
-def _profiled(problem: Problem, found: Fit, tick: Tick) -> tuple[Fit, tuple[Node, ...]]:
-    """The fit and its profile over mu_s; where the profile finds a better place, both are made anew from there."""
+def _profiled(problem: Problem, found: Fit, moves: int, tick: Tick = lambda: None) -> tuple[Fit, tuple[Node, ...]]:
+    """The fit and its profile over mu_s; where that finds a better place, both are made anew, at most `moves` times."""
     nodes = profile(problem, found, tick)
-    for _ in range(2):
+    for _ in range(moves):
         best = min(nodes, key=lambda node: node.point.cost)
         if best.point.cost > found.point.cost - _BETTER:
             break

@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 START_NS = 1_000_000_000
 _EVERY = 1e-3
+_BLEND = 0.3
+"""m over which curvature changes: no real motor's speed jumps."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ def random_manoeuvre(rng: np.random.Generator, duration: float) -> Manoeuvre:
                 Ramp(speed=speed), Straight(length=1.0), Arc(radius=float(rng.uniform(1.6, 3.0)), angle=turn), Stop(),
                 Dwell(0.7),
             ]  # fmt: skip
-    return Manoeuvre("random", tuple(segments), a_max=0.5)
+    return Manoeuvre("random", tuple(segments), a_max=0.5, blend=_BLEND)
 
 
 def synthetic(
