@@ -17,9 +17,10 @@ class TestVcan(NodeFaults):
     """All of :class:`NodeFaults`; at half the rate where one slow emulated processor is all there is.
 
     There the driver's loop alone is tens of milliseconds late, and a planner takes the processor from it for seconds.
+    What a bad command does has nothing to do with the bus.
     """
 
     if "IN_UML" in os.environ:
         SYNC_RATE, STEP_MS = 50, 5
         BY_DRIVER, BY_DRIVES = 0.3, 0.4
-        test_planner_killed = None
+        test_planner_killed = test_bad_commands = None
