@@ -188,21 +188,18 @@ class Problem:
             return start, residual
         known = self.start_weight[number].T @ self.start_weight[number]
         predicted = residual * window.sigma + window.value
-        new = start
-        for _ in range(2):
-            J = self._rigid(number, predicted, new)
-            now = self.compare(number, predicted)
-            calm = 1.0 / np.maximum(1.0, np.abs(now) / 10.0)
-            pull = (J.T * calm) @ now + (known @ (new - self.starts[number]))[:3]
-            move = -np.linalg.solve((J.T * calm) @ J + known[:3, :3], pull)
-            moved = new.copy()
-            moved[:3] += move
-            c, s = np.cos(move[2]), np.sin(move[2])
-            away_x, away_y = predicted[x] - new[0], predicted[y] - new[1]
-            predicted = predicted.copy()
-            predicted[x], predicted[y] = moved[0] + c * away_x - s * away_y, moved[1] + s * away_x + c * away_y
-            predicted[yaw] += move[2]
-            new = moved
+        J = self._rigid(number, predicted, start)
+        calm = 1.0 / np.maximum(1.0, np.abs(residual) / 10.0)
+        rows = x | y | yaw
+        J, now, calm = J[rows], residual[rows], calm[rows]
+        pull = (J.T * calm) @ now + (known @ (start - self.starts[number]))[:3]
+        move = -np.linalg.solve((J.T * calm) @ J + known[:3, :3], pull)
+        new = start.copy()
+        new[:3] += move
+        c, s = np.cos(move[2]), np.sin(move[2])
+        away_x, away_y = predicted[x] - start[0], predicted[y] - start[1]
+        predicted[x], predicted[y] = new[0] + c * away_x - s * away_y, new[1] + s * away_x + c * away_y
+        predicted[yaw] += move[2]
         return new, self.compare(number, predicted)
 
     def linearised(

@@ -37,6 +37,8 @@ _FEW = 12
 """Windows at most that the search from several starts takes, evenly."""
 _LOWEST_NOISE = 0.7
 _SETTLE = 8
+_POOR = 1.4
+"""The same from which a search has probably missed the best; a total station's slow errors alone make as much."""
 _FOREIGN = 4.0
 """Residuals over the sensor's noise from which not the noise but the model's own error is what residuals show; then no
 window is an exception."""
@@ -166,14 +168,17 @@ def _search(problem: Problem, effort: Effort, tick: Tick) -> tuple[Problem, Fit]
     part = problem.part(every)
     some = search(part, effort, tick)
     loss = Loss(1.0, some.loss.thinning)
-    foreign = max(channel_levels(part.windows, some.point.residuals).values()) > _FOREIGN
+    first = channel_levels(part.windows, some.point.residuals)
+    foreign = max(first.values()) > _FOREIGN
+    poor = max((level for name, level in first.items() if name != "position"), default=0.0) > _POOR
     for _ in range(2):
         levels = np.maximum(merged(channel_levels(part.windows, some.point.residuals)), _LOWEST_NOISE)
         part, problem = part.rescaled(levels), problem.rescaled(levels)
         loss = thinned(part, some)
         point = evaluate(part, loss, [some.point.coordinates], some.point.starts)[0]
         some = replace(settle(part, point, loss, 3), others=some.others)
-    some, _ = _profiled(part, some, _PATIENCE)
+    if poor:
+        some, _ = _profiled(part, some, _PATIENCE)
     tick()
     starts = problem.starts.copy()
     starts[every] = some.point.starts

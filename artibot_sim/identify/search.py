@@ -25,7 +25,7 @@ _DRAWS = 0.6
 """Further starts are drawn with this share of the prior's width."""
 _SHAKEN = np.array([0.1, 0.1, 0.3, 0.7, 0.7, 0.7, 0.3, 1.0])
 """Sizes of random changes of a start, in its prior deviations: what a window's own samples leave open."""
-_JOSTLES = 12
+_JOSTLES = 8
 _FARTHEST = 0.03
 """Random changes of all parameters: how many at every step, and the largest of a logarithm."""
 _COARSE = 4
@@ -52,7 +52,7 @@ class Effort:
         Of the drawn starts.
     """
 
-    starts: int = 4
+    starts: int = 3
     first: int = 3
     finalists: int = 2
     last: int = 6
