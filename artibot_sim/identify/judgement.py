@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 OPEN = 0.5
 """A combination whose standard deviation the data do not bring below this share of the prior's is not identified."""
-SYSTEMATIC = 0.01
+SYSTEMATIC = 0.0075
 """Standard deviation, of a logarithm, of what no residual shows: rotations are smoothed over 60 ms, instants at which
 wheels break away are known to a few, and all forces give way a little for it. Found with `coverage`."""
 _PART = 0.3
