@@ -48,7 +48,7 @@ FAULTS = (
 """Those in which the bus has a part, and of the others one of each kind: all are tried in time of their own."""
 
 if "IN_UML" in os.environ and "ARTIBOT_TRIALS" not in os.environ:  # a slow machine: what only its kernel can show
-    FAULTS = ("drive unplugged", "driver killed", "bus down", "bus flooded", "10 % of frames lost", "unknown nodes")
+    FAULTS = ("drive unplugged", "driver killed", "bus down", "bus flooded", "10 % of frames lost")
 
 
 class SafetyContract:

@@ -101,13 +101,13 @@ class Traffic:
         if self._asked is None or self.failed or now - self._asked >= every:
             self._asked, self._health = now, self.bus.health()
         self._loads.append((now, self._bits))
-        while self._loads[0][0] < now - WINDOW:
-            self._loads.popleft()
+        while len(self._loads) > 1 and self._loads[1][0] <= now - WINDOW:
+            self._loads.popleft()  # one stays from before: what a late look finds has come since the look before it
         return self._health.state
 
     @property
     def load(self) -> float:
-        """Share of the bit rate that was used in the last 50 ms; 0 while that is not over."""
+        """Share of the bit rate that was used in the last 50 ms, or since a look before that; 0 while that is not over."""
         (begin, before), (end, after) = self._loads[0], self._loads[-1]
         took = end - begin
         return 0.0 if took < 0.8 * WINDOW else 1e9 * (after - before) / (took * self._bitrate)

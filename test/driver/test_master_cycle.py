@@ -462,3 +462,15 @@ def test_feedback_is_stamped_with_the_sync_that_sampled_it() -> None:
     cycle = w.master.cycle(w.now, None)
     assert cycle.feedback.stamp_ns == (before,) * 4
     assert [drive.stage for drive in cycle.status.drives] == [Stage.RUNNING] * 4
+
+
+def test_the_load_is_told_also_after_the_loop_was_held_up() -> None:
+    w = VirtualWorld(RIG, random.Random(4))
+    assert w.run_until(Phase.READY, 3.0)
+    usual = w.last.status.bus.load
+    assert 0.1 < usual < RIG.bus_load
+    w.hung = True
+    w.run(0.06)
+    w.hung = False
+    w.run(0.01)
+    assert 0.1 * usual < w.last.status.bus.load < 1.5 * usual
