@@ -107,7 +107,7 @@ class Traffic:
 
     @property
     def load(self) -> float:
-        """Share of the bit rate that was used in the last 50 ms, or since a look before that; 0 while that is not over."""
+        """Share of the bit rate that was used in the last 50 ms or since the look before; 0 at first."""
         (begin, before), (end, after) = self._loads[0], self._loads[-1]
         took = end - begin
         return 0.0 if took < 0.8 * WINDOW else 1e9 * (after - before) / (took * self._bitrate)
