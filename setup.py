@@ -68,6 +68,7 @@ setup(
             "mcap-ros2-support>=0.5",
             "mujoco>=3.2",
             "pytest>=7.4",
+            "pytest-xdist>=3.5",
             "sympy>=1.12",
         ],
         # Another minor version of ruff formats otherwise, one of mypy finds more: neither may break a clone of today.
