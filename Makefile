@@ -22,9 +22,8 @@ setup-run:
 demo: setup-run ## plan, simulate, record, replay and plot the paper's trajectory (ARGS=... for options)
 	@$(PY) -m artibot_sim.cli demo $(ARGS)
 
-# Two files at a time: most tests of nodes only wait for time to pass.
 test: setup lint types ## everything: lint, types, and all tests (ARGS="-k planner" for some of them)
-	@$(PY) -m pytest -n 2 --dist loadfile $(ARGS)
+	@scripts/test.sh $(PY) $(ARGS)
 
 lint: setup ## ruff: rules and format
 	@$(PY) -m ruff check .

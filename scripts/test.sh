@@ -1,0 +1,17 @@
+#!/usr/bin/env bash
+# All tests, in two halves: first those that watch the clock, one by one; then the others, two files at a time.
+# With arguments they are pytest's, and it is one half.
+#
+#   scripts/test.sh PYTHON [PYTEST-ARGUMENT …]
+set -uo pipefail
+python=$1
+shift
+[ $# -eq 0 ] || exec "$python" -m pytest "$@"
+
+alone=(test/nodes test/test_demo.py test/test_launch.py)
+"$python" -m pytest "${alone[@]}"
+first=$?
+"$python" -m pytest -n 2 --dist loadfile "${alone[@]/#/--ignore=}"
+second=$?
+[ "$first" = 0 ] || echo "the tests that watch the clock failed: see the first summary" >&2
+exit $((first ? first : second))
