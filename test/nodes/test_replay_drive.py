@@ -154,7 +154,9 @@ def test_a_signal_ends_the_sign_of_life(start_node: NodeStarter, ros_context: Co
     with listener.listening():
         node = start_node("replay", rover, "--drive", "--wait", 0)
         node.wait_for("starts at")
-        time.sleep(0.3)
+        until = time.monotonic() + 10.0
+        while not len(listener.times_of("/planned/odom")) and time.monotonic() < until:
+            time.sleep(0.05)  # discovery takes a while
         node.send(signal.SIGTERM)
         asked = time.time()
         assert node.wait(10.0) == 0
