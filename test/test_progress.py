@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import pty
 import subprocess
@@ -72,7 +73,12 @@ def test_a_pipe_gets_nothing() -> None:
 
 
 @pytest.mark.parametrize("total", [None, 0.0, 5.0])
-def test_any_total_will_do(total: float | None) -> None:
-    with Bar(total) as bar:
+def test_any_total_will_do(total: float | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = io.StringIO()
+    monkeypatch.setattr(terminal, "isatty", lambda: True)
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setenv("TERM", "xterm")
+    with Bar(total, delay=0.0, period=0.0) as bar:
         bar.show(3.0, "work", "a note")
         bar.stage("more", 1.0)(2.0)
+    assert all(word in terminal.getvalue() for word in ("work", "a note", "more"))

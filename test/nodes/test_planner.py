@@ -234,6 +234,7 @@ def test_a_recorder_alone_does_not_start_it(start_node: NodeStarter, ros_context
 def test_a_misspelt_parameter_is_said(start_node: NodeStarter) -> None:
     node = start_node("planner", "--ros-args", "-p", "start_dely:=2.0")
     node.wait_for("parameter start_dely is unknown and ignored; did you mean start_delay?")
+    assert node.running
 
 
 def test_the_list_names_every_shipped_manoeuvre() -> None:
