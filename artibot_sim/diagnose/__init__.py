@@ -1,0 +1,1 @@
+"""What a simulation gets wrong, where, why, how sure that is, what mending it gains, and what to measure next."""
