@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from artibot_sim.model.effects.base import Effect, Values, number
+from artibot_sim.model.effects.base import Effect, Search, Values, number
 
 if TYPE_CHECKING:
     from artibot_sim.model.params import Params
@@ -23,4 +23,5 @@ EFFECT = Effect(
     doc="k_l, k_t, mu_s and mu_d of the back wheels are scaled.",
     parameters={"scale": number("-", 0.0, 10.0, "of the back wheels' soil", 1.0, low_open=True)},
     adapt=_adapt,
+    search=Search({"scale": 0.5}, ((-1.0,), (1.0,)), logarithmic=True),
 )

@@ -54,6 +54,46 @@ class EffectParameter:
 
 
 @dataclass(frozen=True)
+class Search:
+    """How a diagnosis looks for an effect: data, no code.
+
+    A fit holds an effect as coordinates that are 0 where it is absent and 1 where it is plainly visible.
+
+    Attributes
+    ----------
+    sizes : mapping of str to float
+        Parameter to how far from neutral it is plain. These are fitted.
+    probes : tuple of tuple of float
+        Coordinates at which the effect is tried, in the order of `sizes`; what is not smooth at neutral needs them.
+    logarithmic : bool
+        The coordinate is a logarithm's: value = (neutral or `reference`) · exp(coordinate · size).
+    direction : str
+        A parameter that says where to the only one of `sizes` points; both are fitted as two components.
+    reference : str
+        What a limit is measured by: ``"articulation"``, the largest angle seen.
+    disc : tuple of str
+        Parameters that say where on the ground the effect is: centre (x, y) and radius.
+    valley : mapping of str to float
+        Soil parameters that hide the effect best: key to the power of the value with which they change along.
+    least : float
+        Coordinate up to which the effect cannot be simulated or told from neutral.
+    views : tuple of str
+        Where it shows: ``"rotation"`` (measured rotations in, motion and torques out), ``"command"`` (commands in,
+        motor speeds out).
+    """
+
+    sizes: Mapping[str, float]
+    probes: tuple[tuple[float, ...], ...] = ()
+    logarithmic: bool = False
+    direction: str = ""
+    reference: str = ""
+    disc: tuple[str, ...] = ()
+    valley: Mapping[str, float] = field(default_factory=dict)
+    least: float = 0.0
+    views: tuple[str, ...] = ("rotation",)
+
+
+@dataclass(frozen=True)
 class Effect:
     """A physical effect that the paper's model leaves out.
 
@@ -78,6 +118,10 @@ class Effect:
         `first` (2,) having been commanded for long. See `command_way`.
     drives_front : bool
         Whether it acts on front motors only where they are driven.
+    uniform : bool
+        Whether a rover does the same wherever it is and whichever way it heads.
+    search : Search, optional
+        How a diagnosis looks for it.
     """
 
     id: str
@@ -89,6 +133,8 @@ class Effect:
     hooks: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
     command: Callable[[Values, float, Array], Step] | None = None
     drives_front: bool = False
+    uniform: bool = True
+    search: Search | None = None
 
     def read(self, entries: Any, path: str) -> dict[str, float | str]:
         """Parameter values from a robot file's entry, checked; absent ones are neutral."""

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from artibot_sim.model.compiled import inlined
-from artibot_sim.model.effects.base import Effect, Values, number
+from artibot_sim.model.effects.base import Effect, Search, Values, number
 
 if TYPE_CHECKING:
     from artibot_sim.model.params import Params
@@ -33,4 +33,5 @@ EFFECT = Effect(
     parameters={"coefficient": number("N s^2/m^2", 0.0, math.inf, "force per squared lateral speed")},
     adapt=_adapt,
     hooks={"lateral": lateral},
+    search=Search({"coefficient": 900.0}, ((0.3,), (1.0,), (2.5,))),
 )

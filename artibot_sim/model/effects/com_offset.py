@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from artibot_sim.model.compiled import inlined
-from artibot_sim.model.effects.base import Effect, number
+from artibot_sim.model.effects.base import Effect, Search, number
 
 
 @inlined
@@ -25,4 +25,5 @@ EFFECT = Effect(
     },
     sizes=2,
     hooks={"centre": centre},
+    search=Search({"x": 0.06, "y": 0.04}, ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0))),
 )

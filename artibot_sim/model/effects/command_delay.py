@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from artibot_sim.model.effects.base import Array, Effect, Step, Values, number
+from artibot_sim.model.effects.base import Array, Effect, Search, Step, Values, number
 
 
 def _way(values: Values, h: float, first: Array) -> Step:
@@ -25,4 +25,5 @@ EFFECT = Effect(
     doc="Front commands act this much later.",
     parameters={"delay": number("s", 0.0, 10.0, "time between command and motion")},
     command=_way,
+    search=Search({"delay": 0.15}, views=("command",)),
 )

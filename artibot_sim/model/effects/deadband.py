@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from artibot_sim.model.effects.base import Array, Effect, Step, Values, number
+from artibot_sim.model.effects.base import Array, Effect, Search, Step, Values, number
 
 
 def _way(values: Values, h: float, first: Array) -> Step:
@@ -22,4 +22,5 @@ EFFECT = Effect(
     doc="Front velocity commands below the threshold give no motion.",
     parameters={"threshold": number("rad/s", 0.0, math.inf, "motor speed below which nothing moves")},
     command=_way,
+    search=Search({"threshold": 45.0}, views=("command",)),
 )

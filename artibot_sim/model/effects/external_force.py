@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from artibot_sim.model.compiled import inlined
-from artibot_sim.model.effects.base import Effect, number
+from artibot_sim.model.effects.base import Effect, Search, number
 
 
 @inlined
@@ -24,4 +24,6 @@ EFFECT = Effect(
         "heading": number("rad", -math.inf, math.inf, "its direction in map"),
     },
     hooks={"push": push},
+    uniform=False,
+    search=Search({"force": 35.0}, direction="heading"),
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from artibot_sim.model.compiled import inlined
-from artibot_sim.model.effects.base import Effect, number
+from artibot_sim.model.effects.base import Effect, Search, number
 
 
 @inlined
@@ -27,4 +27,6 @@ EFFECT = Effect(
         "radius": number("m", 0.0, math.inf, "of the disc"),
     },
     hooks={"grip": grip},
+    uniform=False,
+    search=Search({"scale": 0.6}, ((-1.0,), (0.7,)), logarithmic=True, disc=("x", "y", "radius")),
 )

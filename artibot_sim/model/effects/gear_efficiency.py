@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from artibot_sim.model.effects.base import Effect, Values, number
+from artibot_sim.model.effects.base import Effect, Search, Values, number
 
 if TYPE_CHECKING:
     from artibot_sim.model.params import MotorParams, Params
@@ -28,4 +28,10 @@ EFFECT = Effect(
     doc="The direct efficiency of all transmissions is `scale` times the configured one (and at most 1).",
     parameters={"scale": number("-", 0.0, 10.0, "of eta_d", 1.0, low_open=True)},
     adapt=_adapt,
+    search=Search(
+        {"scale": 0.26},
+        ((-1.0,), (-0.4,), (0.6,)),
+        logarithmic=True,
+        valley={f"contact.{name}": 1.0 for name in ("k_l", "k_t", "mu_s", "mu_d", "u_w")},
+    ),
 )

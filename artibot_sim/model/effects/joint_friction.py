@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from artibot_sim.model.compiled import inlined
-from artibot_sim.model.effects.base import Effect, Values, number
+from artibot_sim.model.effects.base import Effect, Search, Values, number
 
 if TYPE_CHECKING:
     from artibot_sim.model.params import Params
@@ -32,4 +32,5 @@ EFFECT = Effect(
     parameters={"torque": number("N m", 0.0, math.inf, "Coulomb torque")},
     adapt=_adapt,
     hooks={"joint": joint},
+    search=Search({"torque": 10.0}, ((0.5,), (1.5,))),
 )

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from artibot_sim.model.compiled import inlined
-from artibot_sim.model.effects.base import Effect, Values, number
+from artibot_sim.model.effects.base import Effect, Search, Values, number
 
 if TYPE_CHECKING:
     from artibot_sim.model.params import Params
@@ -29,4 +29,5 @@ EFFECT = Effect(
     parameters={"stiffness": number("N m/rad", 0.0, math.inf, "torque per yaw")},
     adapt=_adapt,
     hooks={"joint": joint},
+    search=Search({"stiffness": 25.0}, ((0.5,), (1.5,))),
 )

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from artibot_sim.model.compiled import inlined
-from artibot_sim.model.effects.base import Effect, Values, number
+from artibot_sim.model.effects.base import Effect, Search, Values, number
 
 if TYPE_CHECKING:
     from artibot_sim.model.params import Params
@@ -37,4 +37,5 @@ EFFECT = Effect(
     parameters={"angle": number("rad", 0.0, math.inf, "where the stops are", math.inf, low_open=True)},
     adapt=_adapt,
     hooks={"joint": joint},
+    search=Search({"angle": 0.1}, ((0.0,), (-0.15,), (-0.5,)), logarithmic=True, reference="articulation"),
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from artibot_sim.model.compiled import inlined
-from artibot_sim.model.effects.base import Effect, choice, number
+from artibot_sim.model.effects.base import Effect, Search, choice, number
 
 WIDTH = 0.5
 """Motor speed over which the drag changes its sign (tanh), rad/s."""
@@ -28,4 +28,5 @@ EFFECT = Effect(
         "motor": choice(("front_right", "front_left", "back_right", "back_left"), "which motor"),
     },
     hooks={"drag": drag},
+    search=Search({"torque": 0.25}, ((0.5,), (1.5,))),
 )

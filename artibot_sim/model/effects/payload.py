@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from artibot_sim.model.effects.base import Effect, Values, choice, number
+from artibot_sim.model.effects.base import Effect, Search, Values, choice, number
 from artibot_sim.model.effects.slope import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -32,4 +32,5 @@ EFFECT = Effect(
         "module": choice(("front", "back"), "which module carries it"),
     },
     adapt=_adapt,
+    search=Search({"mass": 15.0}, ((0.5,), (1.5,))),
 )

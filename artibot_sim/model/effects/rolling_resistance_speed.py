@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from artibot_sim.model.compiled import inlined
-from artibot_sim.model.effects.base import Effect, number
+from artibot_sim.model.effects.base import Effect, Search, number
 
 
 @inlined
@@ -20,4 +20,5 @@ EFFECT = Effect(
     doc="u_w becomes u_w (1 + coefficient |v|), v being the velocity of the wheel's centre.",
     parameters={"coefficient": number("s/m", 0.0, math.inf, "growth of u_w with speed")},
     hooks={"lead": lead},
+    search=Search({"coefficient": 1.5}, ((0.5,), (1.5,))),
 )

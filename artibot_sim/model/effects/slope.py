@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from artibot_sim.model.effects.base import Effect, Values, number
+from artibot_sim.model.effects.base import Effect, Search, Values, number
 
 if TYPE_CHECKING:
     from artibot_sim.model.params import Params
@@ -36,4 +36,6 @@ EFFECT = Effect(
         "heading": number("rad", -math.inf, math.inf, "direction downhill in map"),
     },
     adapt=_adapt,
+    uniform=False,
+    search=Search({"grade": 0.05}, direction="heading"),
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from artibot_sim.model.compiled import inlined
-from artibot_sim.model.effects.base import Effect, number
+from artibot_sim.model.effects.base import Effect, Search, number
 
 LEAST = 0.05
 """What is left of the soil in the end."""
@@ -23,4 +23,5 @@ EFFECT = Effect(
     doc="k_l, k_t, mu_s and mu_d shrink as max(0.05, 1 − rate t), t being the state's time, s.",
     parameters={"rate": number("1/s", 0.0, math.inf, "share that is lost a second")},
     hooks={"soil": soil},
+    search=Search({"rate": 0.008}, ((0.4,), (1.2,))),
 )

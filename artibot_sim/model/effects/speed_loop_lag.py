@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from artibot_sim.model.effects.base import Array, Effect, Step, Values, number
+from artibot_sim.model.effects.base import Array, Effect, Search, Step, Values, number
 
 
 def _way(values: Values, h: float, first: Array) -> Step:
@@ -29,4 +29,5 @@ EFFECT = Effect(
     doc="Front motor velocities follow their commands through a first-order lag.",
     parameters={"time_constant": number("s", 0.0, 100.0, "of the lag")},
     command=_way,
+    search=Search({"time_constant": 0.25}, views=("command",)),
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from artibot_sim.model.compiled import inlined
-from artibot_sim.model.effects.base import Effect, number
+from artibot_sim.model.effects.base import Effect, Search, number
 
 
 @inlined
@@ -23,4 +23,5 @@ EFFECT = Effect(
     doc="Once F_h > mu_s F_n the coefficient is mu_d + (mu_s − mu_d) exp(−s/velocity), s being the whole slip speed.",
     parameters={"velocity": number("m/s", 0.0, math.inf, "slip speed over which friction falls")},
     hooks={"friction": friction},
+    search=Search({"velocity": 0.08}, ((0.3,), (1.0,), (2.5,)), least=0.05),
 )

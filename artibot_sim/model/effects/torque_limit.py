@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from artibot_sim.model.effects.base import Effect, Values, number
+from artibot_sim.model.effects.base import Effect, Search, Values, number
 
 if TYPE_CHECKING:
     from artibot_sim.model.params import MotorParams, Params
@@ -26,4 +26,5 @@ EFFECT = Effect(
     parameters={"front_max": number("N m", 0.0, math.inf, "largest torque", math.inf, low_open=True)},
     adapt=_adapt,
     drives_front=True,
+    search=Search({"front_max": 0.2}, logarithmic=True, views=("command",)),
 )

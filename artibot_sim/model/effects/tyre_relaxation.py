@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from artibot_sim.model.compiled import inlined
-from artibot_sim.model.effects.base import Effect, number
+from artibot_sim.model.effects.base import Effect, Search, number
 
 SLOWEST = 0.05
 """Least speed at which the force follows, m/s: at standstill it would not."""
@@ -24,4 +24,5 @@ EFFECT = Effect(
     doc="Before saturation the lateral force lags: dF_t/dt = (F_t,steady − F_t) max(|p_x|, 0.05)/length.",
     parameters={"length": number("m", 0.0, math.inf, "relaxation length")},
     hooks={"follow_rate": follow_rate},
+    search=Search({"length": 0.3}, ((0.3,), (0.7,), (1.5,)), least=0.05),
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from artibot_sim.model.effects.base import Effect, Values, number
+from artibot_sim.model.effects.base import Effect, Search, Values, number
 
 if TYPE_CHECKING:
     from artibot_sim.model.params import MotorParams, Params
@@ -31,4 +31,5 @@ EFFECT = Effect(
     doc="Right wheels have radius r_w (1 + relative/2), left ones r_w (1 − relative/2).",
     parameters={"relative": number("-", -0.5, 0.5, "right radius less left one, over their mean")},
     adapt=_adapt,
+    search=Search({"relative": 0.02}, ((-1.0,), (1.0,))),
 )
