@@ -71,6 +71,7 @@ def ros_environment(domain: int, log_dir: Path) -> dict[str, str]:
     return {
         "ROS_DOMAIN_ID": str(domain),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",  # what killed nodes leave in /dev/shm can keep later ones apart
         "ROS_LOG_DIR": str(log_dir),
         "PYTHONUNBUFFERED": "1",
     }

@@ -85,7 +85,7 @@ def _word(word: str) -> list[str]:
 
 def _environment(log: str) -> dict[str, str]:
     """On this machine only, and in a domain of its own, unless the caller chose one."""
-    own = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_LOG_DIR": log}
+    own = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", "ROS_LOG_DIR": log}
     path = os.pathsep.join(filter(None, sys.path))
     return {"ROS_DOMAIN_ID": str(1 + os.getpid() % 100), **os.environ, **own, "PYTHONPATH": path}
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.nodes.crew import Child, ChildFailed, Crew
+from artibot_sim.nodes.domain import LOCAL
 
 if TYPE_CHECKING:
     from artibot_sim.model import Robot
@@ -52,7 +53,7 @@ class Settings(NamedTuple):
     @property
     def environment(self) -> dict[str, str]:
         """What keeps the demo's nodes among themselves."""
-        return {"ROS_DOMAIN_ID": str(self.domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        return {"ROS_DOMAIN_ID": str(self.domain), **LOCAL}
 
     @property
     def about(self) -> list[str]:
