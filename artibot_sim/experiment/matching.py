@@ -6,57 +6,76 @@ from collections.abc import Callable
 
 import numpy as np
 
-from artibot_sim.experiment.columns import Experiment, Floats, Stamps
+from artibot_sim.experiment.columns import Experiment, Floats
 from artibot_sim.experiment.comparison import Compared
 from artibot_sim.experiment.measured import Measured
 from artibot_sim.experiment.pieces import Pieces
 from artibot_sim.experiment.rollout_bag import Table, rollout_columns
 from artibot_sim.model import Robot, Rollout
+from artibot_sim.model.sensors import SensorErrors, sensor_errors, tracked_point
 
-_SIMULATED: dict[str, Callable[[Rollout], Floats]] = {
-    "position": lambda result: result.pose[:, :2],
-    "yaw": lambda result: result.pose[:, 2:],
-    "yaw_rate": lambda result: result.twist[:, 2:],
-    "articulation_yaw": lambda result: result.articulation_yaw[:, None],
-    "front_velocity": lambda result: result.motor_velocity[:, :2],
-    "torque_front": lambda result: result.motor_torque[:, :2],
-    "torque_back": lambda result: result.motor_torque[:, 2:],
+_SIMULATED: dict[str, Callable[[Rollout, SensorErrors], Floats]] = {
+    "position": lambda result, errors: tracked_point(errors, result.pose),
+    "yaw": lambda result, errors: result.pose[:, 2:],
+    "yaw_rate": lambda result, errors: result.twist[:, 2:] + errors.gyro_bias,
+    "articulation_yaw": lambda result, errors: result.articulation_yaw[:, None],
+    "front_velocity": lambda result, errors: errors.encoder_scale * result.motor_velocity[:, :2],
+    "torque_front": lambda result, errors: errors.torque_scale * result.motor_torque[:, :2],
+    "torque_back": lambda result, errors: errors.torque_scale * result.motor_torque[:, 2:],
 }
+"""What a robot's sensors would record of a rollout, at its rows."""
 
 
 def tables_of(experiment: Experiment, robot: Robot, pieces: list[Pieces]) -> dict[str, Table]:
-    """Return the simulation's channels at the recorded stamps.
+    """Return the simulation's channels at the recorded stamps, as the robot's sensors would record them.
 
     Where no ground truth or no joint states were recorded, theirs are the motors' stamps (and, for the pose, the
-    total station's).
+    total station's). A ground truth is the tracked point where it is what tells the recording's positions; beside a
+    total station, which then is that, it is the front module's origin.
     """
-    channels = experiment.channels
+    channels, errors = experiment.channels, sensor_errors(robot)
     motors = channels.get("motor_torques") or channels["motor_command"]
     truth = channels["ground_truth_odom"].t_ns if "ground_truth_odom" in channels else motors.t_ns
     if "ground_truth_odom" not in channels and "total_station" in channels:
         truth = np.union1d(truth, channels["total_station"].t_ns)
     joints = channels.get("joint_states") or motors
     wanted = {"ground_truth_odom": truth, "motor_torques": motors.t_ns, "joint_states": joints.t_ns}
+    if "total_station" in channels:
+        wanted["total_station"] = channels["total_station"].t_ns
+    tracked = "total_station" if "total_station" in channels else "ground_truth_odom"
     tables: dict[str, Table] = {}
     for key, stamps in wanted.items():
         t = (stamps - experiment.start_ns) / 1e9
-        found = [(part[0], part[1]) for part in (_inside(stamps, t, piece) for piece in pieces) if len(part[0])]
-        if not found:
+        parts = []
+        for piece in pieces:
+            delay = errors.delay if key == tracked else 0.0
+            rows = np.flatnonzero(piece.covers(t) & piece.covers(t - delay))
+            if len(rows):
+                parts.append((stamps[rows], _columns(key, piece, t[rows], robot, key == tracked)))
+        if not parts:
             continue
-        columns = [rollout_columns(result, robot)[key] for _, result in found]
-        kept = np.concatenate([stamps for stamps, _ in found])
-        tables[key] = (kept, {name: np.concatenate([c[name] for c in columns]) for name in columns[0]})
+        names = parts[0][1]
+        joined = {name: np.concatenate([columns[name] for _, columns in parts]) for name in names}
+        tables[key] = np.concatenate([kept for kept, _ in parts]), joined
     return tables
 
 
-def _inside(stamps: Stamps, t: Floats, pieces: Pieces) -> tuple[Stamps, Rollout]:
-    rows = np.flatnonzero(pieces.covers(t))
-    return stamps[rows], pieces.at(t[rows])
+def _columns(key: str, piece: Pieces, t: Floats, robot: Robot, tracked: bool) -> dict[str, Floats]:
+    """Return the columns of a channel at times (n,) that are simulated; `tracked` if it tells positions."""
+    errors = sensor_errors(robot)
+    columns = {} if key == "total_station" else rollout_columns(piece.at(t), robot)[key]
+    if tracked:
+        late = piece.at(t - errors.delay)
+        x, y = tracked_point(errors, late.pose).T
+        columns |= {"x": x, "y": y, "z": late["z_f"]}
+        columns |= {"yaw": late.pose[:, 2]} if key == "ground_truth_odom" else {}
+    return columns
 
 
 def compare(experiment: Experiment, robot: Robot, pieces: list[Pieces]) -> dict[str, list[Compared]]:
     """Return what was measured and simulated, channel by channel, one part per simulated segment."""
     parts: dict[str, list[Compared]] = {}
+    errors = sensor_errors(robot)
     for piece in pieces:
         measured = Measured(experiment, piece.t_start, piece.t_end)
         recorded = {"position": measured.position(), "yaw": measured.yaw(), "yaw_rate": measured.yaw_rate()}
@@ -64,8 +83,10 @@ def compare(experiment: Experiment, robot: Robot, pieces: list[Pieces]) -> dict[
             recorded["articulation_yaw"] = measured.articulation()
         recorded |= measured.motors(robot.articulated)
         for channel, (t, values) in recorded.items():
-            rows = piece.covers(t)
+            late = channel == "position" or (channel == "yaw" and measured.late_heading)
+            at = t - errors.delay if late else t
+            rows = piece.covers(t) & piece.covers(at)
             if rows.any():
-                result = piece.at(t[rows])
-                parts.setdefault(channel, []).append(Compared(t[rows], values[rows], _SIMULATED[channel](result)))
+                simulated = _SIMULATED[channel](piece.at(at[rows]), errors)
+                parts.setdefault(channel, []).append(Compared(t[rows], values[rows], simulated))
     return parts

@@ -58,6 +58,12 @@ class Measured:
         channel = self.position_source
         return _samples(channel, ("x", "y"), self.t_start, self.t_end) if channel else _nothing(2)
 
+    @property
+    def late_heading(self) -> bool:
+        """Whether headings come in the messages that positions come in, and so as late as they do."""
+        source = self.position_source
+        return source is not None and source is self.experiment.channels.get("ground_truth_odom") and "yaw" in source
+
     def yaw(self) -> tuple[Floats, Floats]:
         """Return times (n,) and measured headings (n, 1), rad; none where only points were measured."""
         channel = self.experiment.channels.get("ground_truth_odom")

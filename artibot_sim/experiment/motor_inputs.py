@@ -10,6 +10,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.columns import Channel, Experiment, Floats
 from artibot_sim.experiment.local_fit import bridge, fresh, local_fit
 from artibot_sim.model import MOTORS, Commands, Mode, Robot
+from artibot_sim.model.rollout_checks import default_modes
 
 HALF_WIDTH = 0.04
 """s around each instant whose encoder positions give angle and speed there."""
@@ -26,7 +27,7 @@ class MotorInputs:
     ----------
     t : (n,) knots, s, `dt` apart.
     dt : s.
-    position, velocity : (n, 4) rad, rad/s, motor-side; NaN columns for motors that are not prescribed.
+    position, velocity : (n, 4) rad, rad/s, motor-side; NaN columns for motors without.
     torque : (n, 4) N·m, held from its knot on; NaN for eq. 30.
     modes : of the four motors.
     measured_position, measured_velocity : (n, 4) what the encoders say, for start states; NaN where nothing is known.
@@ -118,7 +119,7 @@ def commands(experiment: Experiment, robot: Robot, t_start: float, t_end: float,
     position = np.full_like(velocity, np.nan)
     mean = 0.5 * (velocity[1:, :2] + velocity[:-1, :2])
     position[:, :2] = np.vstack([np.zeros((1, 2)), np.cumsum(dt * mean, axis=0)])
-    modes = (Mode.PRESCRIBED, Mode.PRESCRIBED, Mode.TORQUE, Mode.TORQUE)
+    modes = default_modes(robot)  # front motors that an effect limits are driven
     return MotorInputs(t, dt, position, velocity, torque, modes, measured[0], measured[1])
 
 

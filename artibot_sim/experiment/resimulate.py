@@ -16,11 +16,13 @@ from artibot_sim.experiment.matching import compare, tables_of
 from artibot_sim.experiment.measured import Measured
 from artibot_sim.experiment.motor_inputs import MotorInputs, commands, rotations
 from artibot_sim.experiment.pieces import Pieces
+from artibot_sim.experiment.recorded_as import executed_inputs, recorded_efforts, true_inputs, true_motion
 from artibot_sim.experiment.rollout_bag import Table, write_channels
 from artibot_sim.experiment.start_state import start_state
 from artibot_sim.model import MOTORS, Mode, Robot, State, Status, load_robot, rollout
 from artibot_sim.model.params import params
 from artibot_sim.model.rollout import unlimited_beside_prescribed
+from artibot_sim.model.sensors import sensor_errors
 from artibot_sim.model.stability import largest_step
 from artibot_sim.progress import Report
 
@@ -163,6 +165,7 @@ class _Run:
         self.windows = 0
         self.remarks: dict[str, int] = {}
         self.kappa = _kappa(experiment)
+        self.errors = sensor_errors(robot)
 
     def segment(self, t_start: float, t_end: float) -> None:
         """Simulate one segment of the recording, in windows or freely."""
@@ -175,7 +178,8 @@ class _Run:
         if self.drive == "rotations":
             inputs = rotations(self.experiment, self.robot, *span)
         else:
-            inputs = commands(self.experiment, self.robot, *span, back=self.back)
+            inputs = executed_inputs(commands(self.experiment, self.robot, *span, back=self.back), self.robot)
+        inputs = true_inputs(inputs, self.errors, recorded=self.drive == "rotations")
         pieces = Pieces(span[0], span[1])
         knots = len(inputs.t) - 1
         window = knots if self.horizon is None else max(1, round(self.horizon / inputs.dt))
@@ -206,11 +210,11 @@ class _Run:
     def _start(self, inputs: MotorInputs, measured: Measured, first: int) -> tuple[State, Floats]:
         """Return the measured state at a knot, and what to add to the commanded angles to begin at its angles."""
         t = float(inputs.t[first])
-        motion = measured.at(t)
+        motion = true_motion(self.errors, measured.at(t), measured.late_heading)
         if self.robot.articulated and not np.isfinite(motion.articulation):
             self._remark("the articulation is not recorded; windows start straight")
         position, velocity = inputs.measured_position[first].copy(), inputs.measured_velocity[first].copy()
-        efforts: Floats | None = _efforts(self.experiment, t)
+        efforts: Floats | None = recorded_efforts(self.experiment, t) / self.errors.torque_scale
         if _at_rest(self.experiment, t):
             motion = motion._replace(vx=0.0, vy=0.0, yaw_rate=0.0, articulation_rate=0.0)
             velocity[:] = 0.0
@@ -286,15 +290,3 @@ def _at_rest(experiment: Experiment, t: float) -> bool:
     row = int(np.argmin(np.abs(motors.t - t)))
     speeds = [motors[f"{m}.velocity"][row] for m in MOTORS if f"{m}.velocity" in motors]
     return bool(speeds) and all(speed == 0.0 for speed in speeds)
-
-
-def _efforts(experiment: Experiment, t: float) -> Floats:
-    """Return the recorded torques (4,) nearest to `t`, N·m; NaN where none is recorded."""
-    motors = experiment.channels.get("motor_torques")
-    efforts = np.full(4, np.nan)
-    if motors is not None:
-        row = int(np.argmin(np.abs(motors.t - t)))
-        for i, motor in enumerate(MOTORS):
-            if f"{motor}.effort" in motors:
-                efforts[i] = motors[f"{motor}.effort"][row]
-    return efforts

@@ -15,7 +15,9 @@ from artibot_sim.experiment.encode import encoder, path_message, trajectory_mess
 from artibot_sim.experiment.folders import whole_folder
 from artibot_sim.experiment.odometry import dead_reckon
 from artibot_sim.experiment.qos import LATCHED, STATE
+from artibot_sim.experiment.recorded_as import recorded_motors, recorded_point, sees_itself
 from artibot_sim.experiment.writer import BagWriter
+from artibot_sim.model.sensors import sensor_errors
 from artibot_sim.progress import Report
 
 if TYPE_CHECKING:
@@ -116,6 +118,10 @@ def write_experiment(
 ) -> Path:
     """Write a rollout as a contract bag.
 
+    The motors are as the robot's encoders and torque sensors record them. `/ground_truth/odom` is where the front
+    module really is; where effects let its position or yaw rate be seen otherwise, `/total_station/point` or
+    `/imu/data` shows them so.
+
     Parameters
     ----------
     folder : made anew; whole, or not there at all.
@@ -141,6 +147,11 @@ def write_experiment(
         "motor_torques": (stamps, _motor_torques(result, robot)),
         "motor_command": (stamps, _motor_command(result, robot, commands or (plan.commands() if plan else None))),
     }
+    errors = sensor_errors(robot)
+    if not sees_itself(errors):
+        tables["total_station"] = stamps, recorded_point(result, robot)
+    if errors.gyro_bias:
+        tables["imu"] = stamps, {"yaw_rate": result.twist[:, 2] + errors.gyro_bias}
     latched = {}
     if plan is not None:
         tables["planned_odom"] = _planned_odom(plan, start_ns)
@@ -185,8 +196,9 @@ def _odometry(result: Rollout, robot: Robot) -> dict[str, Floats]:
     from artibot_sim.planning.kinematics import FrontKinematics
 
     kinematics = FrontKinematics.of(robot)
-    travelled, turned = kinematics.forward(result.motor_position[:, :2])
-    speed, yaw_rate = kinematics.forward(result.motor_velocity[:, :2])
+    position, velocity, _ = recorded_motors(result, robot)
+    travelled, turned = kinematics.forward(position[:, :2])
+    speed, yaw_rate = kinematics.forward(velocity[:, :2])
     x, y, yaw = result.pose[0].tolist()
     pose = dead_reckon(travelled, turned, (x, y, yaw))
     return {"x": pose[:, 0], "y": pose[:, 1], "yaw": pose[:, 2], "vx": speed, "yaw_rate": yaw_rate}
@@ -196,10 +208,10 @@ def _joint_states(result: Rollout, robot: Robot) -> dict[str, Floats]:
     from artibot_sim.model import WHEEL_JOINTS
     from artibot_sim.model.kinematics import articulation
 
-    columns = {}
+    columns, scale = {}, sensor_errors(robot).encoder_scale
     for i, wheel in enumerate(WHEEL_JOINTS[: 2 * _motors(robot)]):
-        columns[f"{wheel}.position"] = result.wheel_position[:, i]
-        columns[f"{wheel}.velocity"] = result.wheel_velocity[:, i]
+        columns[f"{wheel}.position"] = scale * result.wheel_position[:, i]
+        columns[f"{wheel}.velocity"] = scale * result.wheel_velocity[:, i]
     if robot.articulated:
         angle, rate = articulation(result.q), articulation(result.v)
         for i, joint in enumerate(("articulation_yaw", "articulation_roll")):
@@ -209,10 +221,11 @@ def _joint_states(result: Rollout, robot: Robot) -> dict[str, Floats]:
 
 def _motor_torques(result: Rollout, robot: Robot) -> dict[str, Floats]:
     columns = {}
+    position, velocity, torque = recorded_motors(result, robot)
     for i, motor in enumerate(MOTORS[: _motors(robot)]):
-        columns[f"{motor}.position"] = result.motor_position[:, i]
-        columns[f"{motor}.velocity"] = result.motor_velocity[:, i]
-        columns[f"{motor}.effort"] = result.motor_torque[:, i]
+        columns[f"{motor}.position"] = position[:, i]
+        columns[f"{motor}.velocity"] = velocity[:, i]
+        columns[f"{motor}.effort"] = torque[:, i]
     return columns
 
 

@@ -14,6 +14,7 @@ from artibot_sim.identify.sensing import Stretch
 from artibot_sim.identify.starts import postures, states
 from artibot_sim.identify.windows import CHANNEL_NAMES, Window
 from artibot_sim.model import Robot
+from artibot_sim.model.sensors import measured_starts, sensor_errors
 from artibot_sim.model.windows import KINDS, Items, Plan, WindowBatch, window_step
 
 Array = NDArray[np.float64]
@@ -113,6 +114,10 @@ class Problem:
         return np.array([window.start.weight for window in self.windows])
 
     @cached_property
+    def _late(self) -> NDArray[np.bool_]:
+        return np.array([window.start.late for window in self.windows])
+
+    @cached_property
     def _motors(self) -> tuple[Array, Array]:
         return np.array([w.start.q for w in self.windows]), np.array([w.start.v for w in self.windows])
 
@@ -125,7 +130,7 @@ class Problem:
 
     def _items(self, robots: Sequence[Robot], robot: Indices, window: Indices, guesses: Array, plan: Indices) -> Items:
         q, v = self._motors
-        q, v = states(postures(robots), robot, q[window], v[window], guesses)
+        q, v = states(postures(robots), robot, q[window], v[window], guesses, self._late[window])
         stretch, first, knots = (
             np.array([getattr(w, name) for w in self.windows])[window] for name in ("stretch", "first", "knots")
         )
@@ -146,11 +151,10 @@ class Problem:
         count = len(self.windows)
         robots = [self.parameters.robot_at(coordinates)]
         ends = self.simulate(robots, np.zeros(count, np.int64), np.arange(count), starts, ends=True)
-        new = starts.copy()
-        for i, before in enumerate(self._before):
-            if before is not None and np.isfinite(ends[before]).all():
-                new[i] = ends[before][: self.size]
-        return new
+        own = np.array([starts[i] if b is None else ends[b][: self.size] for i, b in enumerate(self._before)])
+        seen = measured_starts(np.array([sensor_errors(robots[0])]), own, self._late)
+        followed = [b is not None and bool(np.isfinite(ends[b]).all()) for b in self._before]
+        return np.where(np.array(followed)[:, None], seen, starts)
 
     def residuals(self, coordinates: Sequence[Array], starts: Array) -> list[list[Array]]:
         """Residuals in units of noise for several sets of coordinates (p,), window by window.
@@ -170,7 +174,7 @@ class Problem:
         """Residuals of a window in units of noise; yaw by its shortest way, what diverged as very wrong."""
         window = self.windows[number]
         difference = predicted - window.value
-        turned = window.plan.kind == _YAW
+        turned = np.isin(window.plan.kind, HEADINGS)
         difference[turned] = np.arctan2(np.sin(difference[turned]), np.cos(difference[turned]))
         residual: Array = difference / window.sigma
         residual[~np.isfinite(residual)] = _LOST
@@ -183,7 +187,7 @@ class Problem:
         """
         window = self.windows[number]
         kind = window.plan.kind
-        x, y, yaw = kind == 0, kind == 1, kind == _YAW
+        x, y, yaw = kind == 0, kind == 1, np.isin(kind, HEADINGS)
         if not self._uniform or not x.any():
             return start, residual
         known = self.start_weight[number].T @ self.start_weight[number]
@@ -250,14 +254,14 @@ class Problem:
         x, y = kind == 0, kind == 1
         columns[x, 0], columns[y, 1] = 1.0, 1.0
         columns[x, 2], columns[y, 2] = start[1] - predicted[y], predicted[x] - start[0]
-        columns[kind == _YAW, 2] = 1.0
+        columns[np.isin(kind, HEADINGS), 2] = 1.0
         return np.nan_to_num(columns / window.sigma[:, None])
 
 
-_YAW = KINDS.index("yaw")
-_STATE = np.array(
-    [KINDS.index(k) for k in ("x", "y", "yaw", "v_x", "v_y", "yaw_rate", "articulation_yaw", "articulation_rate")]
-)
+HEADINGS = (KINDS.index("yaw"), KINDS.index("heading"))
+_STATE = np.array([KINDS.index(k) for k in (
+    "origin_x", "origin_y", "heading", "v_x", "v_y", "turn_rate", "articulation_yaw", "articulation_rate"
+)])  # fmt: skip
 """What `starts.START` is called among KINDS."""
 
 

@@ -173,7 +173,8 @@ def _series(measured: Measured, robot: Robot) -> list[Series]:
     for channel, (t, values) in tables.items():
         for column, name in zip(values.T, CHANNELS[channel], strict=True):
             if len(t):
-                found.append(Series(channel, KINDS.index(name), t, np.ascontiguousarray(column), noise_of(t, column)))
+                kind = KINDS.index("heading" if name == "yaw" and not measured.late_heading else name)
+                found.append(Series(channel, kind, t, np.ascontiguousarray(column), noise_of(t, column)))
     return found
 
 

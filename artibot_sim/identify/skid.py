@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.problem import HEADINGS, Problem
 from artibot_sim.identify.robust import SAMPLE_BEND
 from artibot_sim.model import Robot
 
@@ -43,9 +43,9 @@ class Kinematic:
             pose = self._integrate(speed, dt, starts[number])
             t = np.arange(len(pose)) * dt
             predicted = window.value.copy()
-            for kind in range(3):
-                mine = window.plan.kind == kind
-                predicted[mine] = np.interp(window.plan.t[mine], t, pose[:, kind])
+            for column, kinds in enumerate(((0,), (1,), HEADINGS)):
+                mine = np.isin(window.plan.kind, kinds)
+                predicted[mine] = np.interp(window.plan.t[mine], t, pose[:, column])
             found.append(problem.compare(number, predicted))
         return found
 

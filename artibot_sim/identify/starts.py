@@ -13,6 +13,7 @@ from artibot_sim.experiment.measured import Motion
 from artibot_sim.experiment.start_state import start_state
 from artibot_sim.model import Robot, initial_state
 from artibot_sim.model.layout import MOTOR_COORDINATES
+from artibot_sim.model.sensors import sensor_errors, true_starts
 
 Array = NDArray[np.float64]
 _MOTORS = list(MOTOR_COORDINATES)
@@ -42,7 +43,9 @@ class Start:
         weight · (start − mean) has unit covariance. What was measured is the velocity in `map`, so a start that heads
         more to the left has its velocity more to the right.
     q, v : array, shape (16,)
-        The model's state at the mean.
+        The model's state at the mean, for sensors without errors.
+    late : bool
+        Whether the heading was measured with the positions, and is as late as they may be.
     """
 
     mean: Array
@@ -50,6 +53,7 @@ class Start:
     weight: Array
     q: Array
     v: Array
+    late: bool = False
 
 
 def start_of(
@@ -59,6 +63,7 @@ def start_of(
     speeds: Array,
     poor: frozenset[str] = frozenset(),
     known: Mapping[str, float] | None = None,
+    late: bool = False,
 ) -> Start:
     """A start from measurements.
 
@@ -73,6 +78,8 @@ def start_of(
         Names of START that are measured badly though they have a value.
     known : mapping of str to float, optional
         Standard deviations of names of START that are measured better or worse than usual.
+    late : bool
+        See `Start`.
     """
     c, s = np.cos(np.nan_to_num(motion.yaw)), np.sin(np.nan_to_num(motion.yaw))
     forward, left = c * motion.vx + s * motion.vy, c * motion.vy - s * motion.vx
@@ -87,7 +94,7 @@ def start_of(
     turn[3, 2], turn[4, 2] = -np.nan_to_num(left), np.nan_to_num(forward)
     weight = (turn / sd[:, None])[:count, :count]
     state = start_state(robot, motion, angles, speeds)
-    return Start(np.nan_to_num(mean)[:count], sd[:count], weight, state.q, state.v)
+    return Start(np.nan_to_num(mean)[:count], sd[:count], weight, state.q, state.v, late)
 
 
 def turned(starts: Array, angle: float) -> Array:
@@ -108,11 +115,14 @@ class Postures(NamedTuple):
         At rest on their wheels: heights, roll and pitch.
     arms : array, shape (r, 2)
         l_f and l_b, m.
+    sensors : array, shape (r, 6)
+        `SensorErrors` of each.
     articulated : bool
     """
 
     level: Array
     arms: Array
+    sensors: Array
     articulated: bool
 
 
@@ -120,10 +130,13 @@ def postures(robots: Sequence[Robot]) -> Postures:
     """What `states` needs to know of robots, which are all articulated or all rigid."""
     level = np.array([initial_state(robot).q for robot in robots])
     arms = np.array([(robot.front.l, robot.back.l if robot.back else 0.0) for robot in robots])
-    return Postures(level, arms, robots[0].articulated)
+    sensors = np.array([sensor_errors(robot) for robot in robots])
+    return Postures(level, arms, sensors, robots[0].articulated)
 
 
-def states(of: Postures, robot: NDArray[np.int64], q: Array, v: Array, guesses: Array) -> tuple[Array, Array]:
+def states(
+    of: Postures, robot: NDArray[np.int64], q: Array, v: Array, guesses: Array, late: NDArray[np.bool_]
+) -> tuple[Array, Array]:
     """The model's states at guesses of starts: q and v, shape (n, 16) each.
 
     Parameters
@@ -131,16 +144,20 @@ def states(of: Postures, robot: NDArray[np.int64], q: Array, v: Array, guesses: 
     of : Postures
     robot : array of int, shape (n,)
     q, v : array, shape (n, 16)
-        States whose motors are taken over.
+        States whose motors are taken over, as their encoders show them.
     guesses : array, shape (n, 8 or 6)
-        In the order of START.
+        In the order of START, as sensors show it: a guess means another motion for a robot whose sensors have errors.
+    late : array of bool, shape (n,)
+        See `Start`.
 
     Notes
     -----
     The joint is closed as seen from above (eq. 13), its rates as well; pitch, where there is any, changes that by
     less than 1e-4 of l, which eq. 25's stabilisation draws in.
     """
-    motor_q, motor_v = q[:, _MOTORS], v[:, _MOTORS]
+    turned = of.sensors[robot, :1]
+    motor_q, motor_v = q[:, _MOTORS] / turned, v[:, _MOTORS] / turned
+    guesses = true_starts(of.sensors[robot], guesses, late)
     q, v = of.level[robot], np.zeros_like(v)
     q[:, _MOTORS], v[:, _MOTORS] = motor_q, motor_v
     x, y, yaw, forward, left, rate = guesses[:, :6].T

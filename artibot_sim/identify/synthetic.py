@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.experiment import Channel, Experiment
+from artibot_sim.experiment.recorded_as import recorded_motors
 from artibot_sim.identify.parameters import SOIL
 from artibot_sim.model import MOTORS, Robot, Rollout, rollout
+from artibot_sim.model.sensors import sensor_errors, tracked_point
 from artibot_sim.model.stability import largest_step
 from artibot_sim.planning import Arc, Dwell, Eight, Manoeuvre, Plan, Ramp, Segment, Slalom, Stop, Straight, plan
 
@@ -55,6 +57,7 @@ class Noise:
     articulation_rate: float = 50.0
     imu_rate: float = 100.0
     station_rate: float = 10.0
+    command_rate: float = 100.0
 
 
 def random_soil(robot: Robot, rng: np.random.Generator, spread: float = 0.12) -> Robot:
@@ -102,23 +105,28 @@ def synthetic(
 ) -> Experiment:
     """A recording of a robot that drives a manoeuvre: front motors follow the plan, back ones share (Fig. 7).
 
-    The same seed gives the same recording.
+    The robot's effects act on its commands and sensors as well. The same seed gives the same recording.
     """
     planned = plan(manoeuvre, robot, start=start)
     result = _drive(robot, planned, min(duration, planned.duration), kappa)
-    return observed(robot, result, noise or Noise(), seed, start_ns, name, {"robot": robot.name, "kappa": repr(kappa)})
+    recording = observed(
+        robot, result, noise or Noise(), seed, start_ns, name, {"robot": robot.name, "kappa": repr(kappa)}
+    )
+    commanded = _command(robot, result, planned, noise or Noise(), seed, start_ns)
+    return replace(recording, channels=dict(recording.channels) | {"motor_command": commanded})
 
 
 def _drive(robot: Robot, planned: Plan, duration: float, kappa: float) -> Rollout:
     from artibot_sim.model import initial_state
+    from artibot_sim.model.command_way import as_executed
     from artibot_sim.model.params import params
-    from artibot_sim.model.rollout import DEFAULT_MODES
+    from artibot_sim.model.rollout_checks import default_modes
 
     state = initial_state(robot, *planned.start)
-    integrator = "rk4" if largest_step(params(robot), "rk4", DEFAULT_MODES)[0] >= _EVERY else "semi_implicit"
+    integrator = "rk4" if largest_step(params(robot), "rk4", default_modes(robot))[0] >= _EVERY else "semi_implicit"
     return rollout(
         robot,
-        planned.commands(),
+        as_executed(robot, planned.commands()),
         dt=_EVERY,
         every=1,
         kappa=kappa,
@@ -136,8 +144,8 @@ def observed(
     end = float(result.t[-1])
     channels = {
         "motor_torques": _motors(robot, result, noise, rng, end, start_ns),
-        "imu": _imu(result, noise, rng, end, start_ns),
-        "total_station": _station(result, noise, rng, end, start_ns),
+        "imu": _imu(result, sensor_errors(robot).gyro_bias, noise, rng, end, start_ns),
+        "total_station": _station(robot, result, noise, rng, end, start_ns),
     }
     if robot.articulated:
         channels["joint_states"] = _joint(result, noise, rng, end, start_ns)
@@ -164,9 +172,7 @@ def _channel(topic: str, t: Array, start_ns: int, columns: dict[str, Array]) -> 
 def _motors(robot: Robot, result: Rollout, noise: Noise, rng: np.random.Generator, end: float, ns: int) -> Channel:
     t, stamps = _times(rng, noise.motor_rate, end, noise.jitter)
     count = 4 if robot.articulated else 2
-    angle, speed, torque = (
-        _at(result, v, t)[:, :count] for v in (result.motor_position, result.motor_velocity, result.motor_torque)
-    )
+    angle, speed, torque = (_at(result, v, t)[:, :count] for v in recorded_motors(result, robot))
     step = 2 * np.pi / noise.counts
     columns: dict[str, Array] = {}
     for i, motor in enumerate(MOTORS[:count]):
@@ -177,13 +183,23 @@ def _motors(robot: Robot, result: Rollout, noise: Noise, rng: np.random.Generato
     return _channel("/motor_torques", stamps, ns, columns)
 
 
+def _command(robot: Robot, result: Rollout, planned: Plan, noise: Noise, seed: int, ns: int) -> Channel:
+    """What was commanded, from a stream of its own: front velocities as planned, and the back motors' share."""
+    t, stamps = _times(np.random.default_rng([seed, 1]), noise.command_rate, float(result.t[-1]), noise.jitter)
+    columns = {f"{motor}.velocity": planned.at(t).velocity[:, i] for i, motor in enumerate(MOTORS[:2])}
+    if robot.articulated:
+        torque = _at(result, result.motor_torque, t)
+        columns |= {f"{motor}.effort": torque[:, i] for i, motor in enumerate(MOTORS) if i >= 2}
+    return _channel("/motor_command", stamps, ns, columns)
+
+
 def _joint(result: Rollout, noise: Noise, rng: np.random.Generator, end: float, ns: int) -> Channel:
     t, stamps = _times(rng, noise.articulation_rate, end, noise.jitter)
     angle = _at(result, result.articulation_yaw, t)[:, 0] + noise.articulation * rng.standard_normal(len(t))
     return _channel("/joint_states", stamps, ns, {"articulation_yaw.position": angle})
 
 
-def _imu(result: Rollout, noise: Noise, rng: np.random.Generator, end: float, ns: int) -> Channel:
+def _imu(result: Rollout, bias: float, noise: Noise, rng: np.random.Generator, end: float, ns: int) -> Channel:
     t, stamps = _times(rng, noise.imu_rate, end, noise.jitter)
     h = 0.01
     velocity = [_at(result, result.v[:, :2], np.clip(t + s, 0.0, end)) for s in (-h, h)]
@@ -193,19 +209,20 @@ def _imu(result: Rollout, noise: Noise, rng: np.random.Generator, end: float, ns
     rate = _at(result, result.twist[:, 2], t)[:, 0]
     draw = rng.standard_normal((3, len(t)))
     return _channel("/imu/data", stamps, ns, {
-        "yaw_rate": rate + noise.gyro * draw[0],
+        "yaw_rate": rate + bias + noise.gyro * draw[0],
         "ax": np.cos(yaw) * a_x + np.sin(yaw) * a_y + noise.acceleration * draw[1],
         "ay": np.cos(yaw) * a_y - np.sin(yaw) * a_x + noise.acceleration * draw[2],
     })  # fmt: skip
 
 
-def _station(result: Rollout, noise: Noise, rng: np.random.Generator, end: float, ns: int) -> Channel:
+def _station(robot: Robot, result: Rollout, noise: Noise, rng: np.random.Generator, end: float, ns: int) -> Channel:
     t, stamps = _times(rng, noise.station_rate, end, noise.jitter)
     white = noise.station * rng.standard_normal((len(t), 2))
     error = white.copy()
     for k in range(1, len(t)):
         error[k] = noise.colour * error[k - 1] + np.sqrt(1.0 - noise.colour**2) * white[k]
-    point = _at(result, result.pose[:, :2], t) + error
+    errors = sensor_errors(robot)
+    point = tracked_point(errors, _at(result, result.pose, np.maximum(t - errors.delay, 0.0))) + error
     kept = rng.random(len(t)) >= noise.lost
     columns = {"x": point[kept, 0], "y": point[kept, 1], "z": np.zeros(int(kept.sum()))}
     return _channel("/total_station/point", stamps[kept], ns, columns)

@@ -146,7 +146,7 @@ def measured_start(stretch: Stretch, robot: Robot, knot: int) -> Start:
     if not len(measured.yaw_rate()[0]):
         poor |= {"yaw_rate"}
     motion = _finite(motion, inputs.velocity[knot], robot)
-    return start_of(robot, motion, inputs.position[knot], speeds, poor, _known(stretch))
+    return start_of(robot, motion, inputs.position[knot], speeds, poor, _known(stretch), measured.late_heading)
 
 
 def _known(stretch: Stretch) -> dict[str, float]:
@@ -155,7 +155,8 @@ def _known(stretch: Stretch) -> dict[str, float]:
     if "yaw" not in sigma:
         return {}
     place = min(_SURE * sigma["position"], 0.03)
-    return {"x": place, "y": place, "yaw": min(_SURE * sigma["yaw"], 0.1)}
+    heading = {"yaw": min(_SURE * sigma["yaw"], 0.1)} if stretch.measured.late_heading else {}
+    return {"x": place, "y": place} | heading
 
 
 def _finite(motion: Motion, speeds: Array, robot: Robot) -> Motion:

@@ -18,6 +18,8 @@ import yaml
 
 from artibot_sim.documents import did_you_mean, load_document
 from artibot_sim.errors import ArtibotError
+from artibot_sim.model.effects import EFFECTS
+from artibot_sim.model.effects.base import Choice
 from artibot_sim.model.quantity import Quantity
 from artibot_sim.model.robot import (
     Contact,
@@ -90,7 +92,7 @@ def robot_from_dict(document: Any, name: str = "robot") -> Robot:
         back=back,
         drive=drives,
         readings=Readings(**readings),
-        effects=_mapping(top.get("effects") or {}, "effects"),
+        effects=reader.effects(_mapping(top.get("effects") or {}, "effects")),
         sources=reader.sources,
         intervals=reader.intervals,
         **parts,
@@ -133,18 +135,32 @@ class _Reader:
         for part in ("value", "unit", "source"):
             if part not in node:
                 raise ArtibotError(f"{key}.{part}: missing; every number stands as {example}")
-        unit, source = str(node["unit"]), str(node["source"])
+        unit = str(node["unit"])
         if unit != quantity.unit:
             raise ArtibotError(f"{key}.unit: found '{unit}', expected '{quantity.unit}' ({quantity.doc})")
+        self._note(node, key)
+        value = _float(node["value"], f"{key}.value")
+        quantity.check(key, value)
+        return value
+
+    def effects(self, node: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The section as it is: its numbers may stand bare, the others' sources and intervals are noted."""
+        for name, entries in node.items():
+            for parameter, entry in entries.items() if isinstance(entries, Mapping) else ():
+                key = f"effects.{name}.{parameter}"
+                if isinstance(entry, Mapping):
+                    _refuse_unknown(entry, set(_ENTRY), f"{key}.")
+                    self._note({"source": "assumed: not said"} | dict(entry), key)
+        return node
+
+    def _note(self, node: Mapping[str, Any], key: str) -> None:
+        source = str(node["source"])
         if not source.startswith(SOURCES):
             raise ArtibotError(f"{key}.source: found '{source}', expected it to begin with one of {', '.join(SOURCES)}")
         self.sources[key] = source
-        value = _float(node["value"], f"{key}.value")
-        quantity.check(key, value)
         if "ci95" in node:
             low, high = (_float(bound, f"{key}.ci95") for bound in _pair(node["ci95"], f"{key}.ci95"))
             self.intervals[key] = (low, high)
-        return value
 
 
 def robot_to_dict(robot: Robot) -> dict[str, Any]:
@@ -161,8 +177,19 @@ def robot_to_dict(robot: Robot) -> dict[str, Any]:
         node[name] = entry | ({"ci95": list(robot.intervals[key])} if key in robot.intervals else {})
     document["readings"] = dataclasses.asdict(robot.readings)
     if robot.effects:
-        document["effects"] = {name: dict(entries) for name, entries in robot.effects.items()}
+        document["effects"] = {name: _effect_entries(robot, name) for name in robot.effects}
     return document
+
+
+def _effect_entries(robot: Robot, name: str) -> dict[str, Any]:
+    entries: dict[str, Any] = {}
+    for parameter, value in robot.effects[name].items():
+        key, quantity = f"effects.{name}.{parameter}", EFFECTS[name].parameters[parameter].quantity
+        unit = {} if isinstance(quantity, Choice) else {"unit": quantity.unit}
+        interval = {"ci95": [float(bound) for bound in robot.intervals[key]]} if key in robot.intervals else {}
+        source = robot.sources.get(key, "assumed: set by hand")
+        entries[parameter] = {"value": value} | unit | {"source": source} | interval
+    return entries
 
 
 def save_robot(robot: Robot, path: str | os.PathLike[str]) -> None:

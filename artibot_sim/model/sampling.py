@@ -7,6 +7,11 @@ import math
 from artibot_sim.model.compiled import inlined, kernel
 from artibot_sim.model.layout import ACC, BACK, F_L, F_N, F_T, GAMMA, M_M, SAT
 
+TORQUE_SCALE, ARM_X, ARM_Y, DELAY, GYRO_BIAS = 1, 2, 3, 4, 5
+"""Places in `sensors.SensorErrors`."""
+LAST_LATE = 2
+"""The first three kinds are stamped when positions are."""
+
 _ROUNDING = 1e-7
 """Sensor stamps are whole nanoseconds, knots are not."""
 
@@ -55,18 +60,39 @@ def grip(w, i):
 
 
 @inlined
-def seen(q, v, w, h, two, i, share, kind):
+def pose_at(q, v, i, c, share, h):
+    """x, y or yaw of the front module; before the first row by its velocity there, which turns with it."""
+    if share >= 0.0 or i > 0:
+        return hermite_at(q, v, i, c, share, h)
+    since = share * h
+    if c == GAMMA:
+        return q[0, GAMMA] + since * v[0, GAMMA]
+    sideways = v[0, 0] if c == 1 else -v[0, 1]
+    return q[0, c] + since * (v[0, c] + 0.5 * since * v[0, GAMMA] * sideways)
+
+
+@inlined
+def point_at(q, v, i, share, h, sensors, c):
+    """x or y of the tracked point."""
+    yaw = pose_at(q, v, i, GAMMA, share, h)
+    x, y = sensors[ARM_X], sensors[ARM_Y]
+    arm = math.sin(yaw) * x + math.cos(yaw) * y if c == 1 else math.cos(yaw) * x - math.sin(yaw) * y
+    return pose_at(q, v, i, c, share, h) + arm
+
+
+@inlined
+def seen(q, v, w, h, two, i, share, kind, sensors):
     """One sample of one kind."""
     if kind == 0 or kind == 1:
-        return hermite_at(q, v, i, kind, share, h)
+        return point_at(q, v, i, share, h, sensors, kind)
     if kind == 2:
-        return hermite_at(q, v, i, GAMMA, share, h)
+        return pose_at(q, v, i, GAMMA, share, h)
     if kind == 3:
         if not two:
             return 0.0
         return hermite_at(q, v, i, BACK + GAMMA, share, h) - hermite_at(q, v, i, GAMMA, share, h)
     if kind == 4:
-        return between(v, i, GAMMA, share)
+        return between(v, i, GAMMA, share) + sensors[GYRO_BIAS]
     if kind == 5 or kind == 6:
         return in_frame(q, v, i, share, h, between(v, i, 0, share), between(v, i, 1, share), kind == 6)
     if kind == 7 or kind == 8:
@@ -77,11 +103,17 @@ def seen(q, v, w, h, two, i, share, kind):
         return sliding(w, i)
     if kind == 15:
         return grip(w, i)
-    return between(w, i, M_M + kind - 10, share)
+    if kind == 16 or kind == 17:
+        return hermite_at(q, v, i, kind - 16, share, h)
+    if kind == 18:
+        return hermite_at(q, v, i, GAMMA, share, h)
+    if kind == 19:
+        return between(v, i, GAMMA, share)
+    return between(w, i, M_M + kind - 10, share) * sensors[TORQUE_SCALE]
 
 
 @kernel
-def sample(q, v, w, h, rows, two, t, kind, out):
+def sample(q, v, w, h, rows, two, t, kind, sensors, out):
     """Samples into `out` (m,) from the first `rows` rows, `h` apart; instants past them are left as they are.
 
     Parameters
@@ -92,11 +124,15 @@ def sample(q, v, w, h, rows, two, t, kind, out):
         s after the first row.
     kind : array of int, shape (m,)
         Positions in `windows.KINDS`.
+    sensors : array, shape (6,)
+        `SensorErrors` in their order: a lever arm and a delay of kinds 0 to 2, a bias of kind 4, a scale of kinds 10
+        to 13. (The scale of encoders has acted before, on what turned the motors.)
     """
     for k in range(t.shape[0]):
-        place = (t[k] + _ROUNDING) / h
+        since = t[k] - sensors[DELAY] if kind[k] <= LAST_LATE else t[k]
+        place = (since + _ROUNDING) / h
         i = min(max(int(place), 0), rows - 2)
-        share = t[k] / h - i
+        share = since / h - i
         if share > 1.0 + 1e-3:
             continue
-        out[k] = seen(q, v, w, h, two, i, share, kind[k])
+        out[k] = seen(q, v, w, h, two, i, share, kind[k], sensors)

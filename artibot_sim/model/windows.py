@@ -21,6 +21,7 @@ from artibot_sim.model.effects import record
 from artibot_sim.model.params import packed, params
 from artibot_sim.model.robot import Robot
 from artibot_sim.model.rollout import unlimited_beside_prescribed
+from artibot_sim.model.sensors import sensor_errors
 from artibot_sim.model.stability import largest_step
 from artibot_sim.model.transmission import Mode, back_torque_factor
 
@@ -30,10 +31,15 @@ Indices = NDArray[np.int64]
 KINDS = (
     "x", "y", "yaw", "articulation_yaw", "yaw_rate", "v_x", "v_y", "a_x", "a_y", "articulation_rate",
     "torque_front_right", "torque_front_left", "torque_back_right", "torque_back_left", "sliding", "grip",
+    "origin_x", "origin_y", "heading", "turn_rate",
 )  # fmt: skip
-"""What can be sampled: pose of the front module in `map`, then in its own frame yaw rate, velocity and acceleration
-(of its origin: m/s, m/s²), motor torques (N·m), which wheels slide (bit i for wheel i of WHEELS, as eq. 16 had it at
-the row before), and the largest share of its normal force that a wheel holds without sliding."""
+"""What can be sampled, by its name.
+
+As sensors see it, their errors included (`sensors.SensorErrors`): position of the tracked point in `map` and the yaw
+that comes with it, yaw rate, motor torques (N·m). Without such errors: articulation, and in the front module's frame
+velocity and acceleration of its origin (m/s, m/s²); its origin, heading and turn rate; which wheels slide (bit i for
+wheel i of WHEELS, as eq. 16 had it at the row before), and the largest share of its normal force that a wheel holds
+without sliding."""
 
 _STEPS = (5e-3, 2.5e-3, 2e-3, 1e-3, 5e-4)
 _MARGIN = 0.8  # of the longest stable step: at the limit itself errors do not decay
@@ -47,9 +53,10 @@ class MotorTable:
     ----------
     dt : float, s
     position, velocity : array, shape (n, 4)
-        Motor-side, rad and rad/s; zeros for motors that do not exist.
+        Motor-side as recorded, rad and rad/s; zeros for motors that do not exist. A robot whose encoders have a scale
+        turned by as much less.
     torque : array, shape (n, 4)
-        N m, for motors under torque; NaN is eq. 30.
+        N m, for motors under torque, recorded likewise; NaN is eq. 30.
     modes : tuple of 4 Mode
     kappa : float or None
         Front share of eq. 29, where a motor is under eq. 30's torque; None is the robot's own.
@@ -90,7 +97,7 @@ class Items:
     first, knots : array of int, shape (n,)
         First knot of the table, and how many intervals follow.
     q, v : array, shape (n, 16)
-        Start states.
+        Start states: the rover's own, motors included, not as its sensors show them.
     t : array, shape (n,)
         When they are, s since the recording's start: some effects change with time.
     """
@@ -171,14 +178,14 @@ class WindowBatch:
         extra = () if fx is None else (fx, np.zeros(8))
         status, kept = loop.integrate_rk4(
             q, v, eta, previous, shared.p, shared.modes[items.table[i]], self.dt, knots * knot_steps, knot_steps,
-            table.position[part], table.velocity[part], table.torque[part], knot_steps,
+            *shared.driven(table, part), knot_steps,
             shared.back_factor[items.table[i]], buffers.work, buffers.q, buffers.v, buffers.w, None, *extra,
         )  # fmt: skip
         out = np.full(len(plan.t), math.nan)
         if status == loop.OK or kept > 1:
             from artibot_sim.model.sampling import sample
 
-            sample(buffers.q, buffers.v, buffers.w, table.dt, kept, shared.two, plan.t, plan.kind, out)
+            sample(buffers.q, buffers.v, buffers.w, table.dt, kept, shared.two, plan.t, plan.kind, shared.sensors, out)
         return out
 
 
@@ -205,7 +212,17 @@ class _Shared:
         limited = unlimited_beside_prescribed(p, next(iter(modes))) if len(modes) == 1 else p
         self.p: Any = packed(limited)
         self.modes = [np.array(table.modes, dtype=np.int64) for table in tables]
+        self.errors = sensor_errors(robot)
+        self.sensors = np.array(self.errors)
         self.back_factor = [back_torque_factor(robot, table.kappa) for table in tables]
+
+    def driven(self, table: MotorTable, part: slice) -> tuple[Array, Array, Array]:
+        """How the motors really turned and pulled where sensors showed what the table says."""
+        turned, pulled = self.errors.encoder_scale, self.errors.torque_scale
+        position, velocity, torque = table.position[part], table.velocity[part], table.torque[part]
+        if turned != 1.0:
+            position, velocity = position / turned, velocity / turned
+        return position, velocity, torque if pulled == 1.0 else torque / pulled
 
 
 def window_step(robot: Robot, tables: Sequence[MotorTable]) -> float:

@@ -17,9 +17,10 @@ from artibot_driver.simulated.shaft import FREE, InertialShaft, Shaft, ShaftComm
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS, Robot, Status, initial_state
 from artibot_sim.model.layout import MOTOR_COORDINATES
+from artibot_sim.model.sensors import sensor_errors
 from artibot_sim.model.stepper import Stepper, Turn
 from artibot_sim.nodes.sim_engine import Array, Diverged, Sample, Start, Timing, gravity_of, sample_of
-from artibot_sim.nodes.sim_sensors import Sensors
+from artibot_sim.nodes.sim_sensors import SensorModel, Sensors
 
 LONGEST_SLICE_NS = 2_000_000
 """Between two exchanges of drives and motors: 500 a second at least."""
@@ -89,7 +90,8 @@ class RoverShafts:
     start : Start
     integrator : str
     sensors : Sensors, optional
-        Noise of the speeds and torques that the drives measure; none by default. Positions are counted by the drives.
+        What is wrong with the speeds and torques that the drives measure; what the robot's effects say by default.
+        Positions are counted by the drives.
     """
 
     def __init__(
@@ -102,7 +104,7 @@ class RoverShafts:
         self.slice_ns = self._steps * timing.dt_ns
         self._initial = initial_state(robot, start.x, start.y, start.yaw, start.articulation_yaw)
         self._stepper = Stepper(robot, dt=timing.dt_ns * 1e-9, integrator=integrator, state=self._initial)
-        self._sensors = sensors
+        self._sensors = sensors or Sensors(SensorModel(), 0, sensor_errors(robot))
         self._motors = tuple(ModelShaft() for _ in MOTORS)
         self.shafts: Mapping[str, Shaft] = dict(zip(MOTORS, self._motors, strict=True))
         self._counted = np.zeros(4)
@@ -154,9 +156,8 @@ class RoverShafts:
 
     def _measure(self) -> None:
         velocity, torque = self._stepper.v[_MOTORS], self._stepper.torque
-        position = self._counted + self._stepper.q[_MOTORS]
-        if self._sensors:
-            velocity, torque = self._sensors.velocities(velocity), self._sensors.torques(torque)
+        position = self._sensors.turned(self._counted + self._stepper.q[_MOTORS])
+        velocity, torque = self._sensors.velocities(velocity), self._sensors.torques(torque)
         values = zip(position.tolist(), velocity.tolist(), torque.tolist(), strict=True)
         for motor, (angle, speed, effort) in zip(self._motors, values, strict=True):
             motor.measure(angle, speed, effort)

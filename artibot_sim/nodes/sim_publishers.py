@@ -106,8 +106,10 @@ class Publishers:
             self._publish_joints(stamp, sample, sensors, position, velocity)
         if self._imu:
             self._publish_imu(stamp, sample, sensors)
-        if self._station and station_due:
-            self._publish_station(stamp, sample, sensors)
+        if self._station:
+            tracked = sensors.follow(t_ns, sample.position, sample.attitude)
+            if station_due:
+                self._publish_station(stamp, sensors.station(tracked))
         if self._tf:
             self._tf.publish(stamp, sample, believed.pose)
 
@@ -143,8 +145,7 @@ class Publishers:
         acceleration.x, acceleration.y, acceleration.z = felt.tolist()
         self._imu.publish(message)  # type: ignore[union-attr]
 
-    def _publish_station(self, stamp: tuple[int, int], sample: Sample, sensors: Sensors) -> None:
-        point = sensors.station(sample.position, sample.attitude)
+    def _publish_station(self, stamp: tuple[int, int], point: Any) -> None:
         if point is None:
             return
         message = self._station_message

@@ -1,16 +1,20 @@
 """What the simulated sensors make of the truth: encoders, torques, articulation, IMU, total station.
 
 Each kind draws from its own stream of one seed, so that switching one on leaves the others' numbers as they were.
-With every sigma at zero the numbers pass through untouched, to the bit.
+With every sigma at zero the numbers pass through untouched, to the bit. What a robot's effects do to its sensors
+(`artibot_sim.model.sensors`) is done first.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from artibot_sim.model.sensors import NONE, SensorErrors
 
 Array = NDArray[np.float64]
 
@@ -54,15 +58,24 @@ class Sensors:
     model : SensorModel
     seed : int
         Not negative. Same seed and same truth: same readings, to the bit.
+    errors : SensorErrors, optional
+        Of the robot.
     """
 
-    def __init__(self, model: SensorModel, seed: int) -> None:
-        self.model = model
+    def __init__(self, model: SensorModel, seed: int, errors: SensorErrors = NONE) -> None:
+        self.model, self.errors = model, errors
+        self._arm = np.array(model.prism) + np.array([errors.arm_x, errors.arm_y, 0.0])
+        self._past: deque[tuple[int, Array]] = deque()
         streams = np.random.SeedSequence(seed).spawn(4)
         self._motors, self._joint, self._imu, self._station = (np.random.default_rng(stream) for stream in streams)
 
+    def turned(self, position: Array) -> Array:
+        """Motor positions (rad) as encoders turn, not yet counted."""
+        return self.errors.encoder_scale * position
+
     def encoders(self, position: Array) -> Array:
         """Motor positions (rad) as counted."""
+        position = self.turned(position)
         if not self.model.encoder_counts:
             return position
         count = 2.0 * math.pi / self.model.encoder_counts
@@ -70,11 +83,11 @@ class Sensors:
 
     def velocities(self, velocity: Array) -> Array:
         """Motor velocities (rad/s) as measured."""
-        return _noisy(self._motors, velocity, self.model.velocity)
+        return _noisy(self._motors, self.errors.encoder_scale * velocity, self.model.velocity)
 
     def torques(self, torque: Array) -> Array:
         """Motor torques (N·m) as measured."""
-        relative = self.model.torque_relative
+        torque, relative = self.errors.torque_scale * torque, self.model.torque_relative
         if relative:
             torque = torque * (1.0 + relative * self._motors.standard_normal(torque.shape))
         return _noisy(self._motors, torque, self.model.torque)
@@ -87,25 +100,40 @@ class Sensors:
         """Yaw rate (rad/s) and specific force (m/s², shape (3,)) as measured."""
         noise = self._imu.standard_normal(4)
         return (
-            yaw_rate + self.model.gyro_bias + self.model.gyro * float(noise[0]),
+            yaw_rate + self.errors.gyro_bias + self.model.gyro_bias + self.model.gyro * float(noise[0]),
             acceleration + self.model.acceleration * noise[1:],
         )
 
-    def station(self, position: Array, attitude: Array) -> Array | None:
-        """The prism in `map` (m, shape (3,)) as measured, or None when the point is lost.
+    def follow(self, t_ns: int, position: Array, attitude: Array) -> Array:
+        """Where the prism was when that was measured which is stamped `t_ns`, in `map` (m, shape (3,)).
 
         Parameters
         ----------
+        t_ns : int
+            Now; call it at every publication, for the delay needs what was before.
         position : array, shape (3,)
             Front module's origin, m.
         attitude : array, shape (3, 3)
             Its rotation.
         """
+        point = position + attitude @ self._arm
+        if not self.errors.delay:
+            return point
+        then, past = t_ns - round(self.errors.delay * 1e9), self._past
+        past.append((t_ns, point))
+        while len(past) > 1 and past[1][0] <= then:
+            past.popleft()
+        begun, before = past[0]
+        if then <= begun:  # before the first publication it stood there, or is not to be known
+            return before
+        end, after = past[1]
+        return before + (then - begun) / (end - begun) * (after - before)
+
+    def station(self, point: Array) -> Array | None:
+        """The prism at `point` in `map` (m, shape (3,)) as measured, or None when the point is lost."""
         lost = self._station.random() < self.model.station_loss
         noise = self._station.standard_normal(3)
-        if lost:
-            return None
-        return position + attitude @ np.array(self.model.prism) + self.model.station * noise
+        return None if lost else point + self.model.station * noise
 
 
 def _noisy(stream: np.random.Generator, values: Array, sigma: float) -> Array:

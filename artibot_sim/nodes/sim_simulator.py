@@ -31,6 +31,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot
+from artibot_sim.model.sensors import sensor_errors
 from artibot_sim.nodes import sim_parameters as parameters
 from artibot_sim.nodes import sim_settings as settings
 from artibot_sim.nodes.odometry import Odometry, metres_per_radian
@@ -81,7 +82,7 @@ class SimNode(Node):
         get = self.settings.__getitem__
         check_stats(self.settings["stats"])
         self.timing = Timing.of(get("publish_rate"), get("dt"))
-        self.sensors = Sensors(settings.sensor_model(self.settings), get("seed"))
+        self.sensors = Sensors(settings.sensor_model(self.settings), get("seed"), sensor_errors(self.robot))
         self.mover = self._mover()
         self.odometry = Odometry(metres_per_radian(self.robot), self.robot.front.i_y)
         self._believe_start()

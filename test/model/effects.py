@@ -19,7 +19,6 @@ SEVERITY_1 = {
     "tyre_relaxation": {"length": 0.3},
     "rolling_resistance_speed": {"coefficient": 1.5},
     "com_offset": {"x": 0.06, "y": -0.04},
-    "residual_force": {"size": 30.0, "force": "back yaw moment", "centre": 3.0, "width": 1.5, "every": 5.0},
     "payload": {"mass": 15.0, "module": "back"},
     "joint_friction": {"torque": 10.0},
     "joint_damping": {"coefficient": 30.0},
@@ -28,8 +27,17 @@ SEVERITY_1 = {
 }
 """Effect → parameters at the contract's severity 1."""
 
+SENSORS_1 = {
+    "encoder_scale": {"scale": 1.02},
+    "torque_scale": {"scale": 0.85},
+    "pose_lever_arm": {"x": 0.12, "y": -0.08},
+    "pose_delay": {"delay": 0.12},
+    "gyro_bias": {"bias": -0.01},
+}
+"""The same of those that act on measurements."""
+
 
 def with_effects(robot, *names, **changes):
     """The robot with some effects at severity 1, or with the parameters given by name."""
-    chosen = {name: SEVERITY_1[name] for name in names} | changes
+    chosen = {name: (SEVERITY_1 | SENSORS_1)[name] for name in names} | changes
     return dataclasses.replace(robot, effects=dict(robot.effects) | chosen)

@@ -6,6 +6,7 @@ import copy
 import dataclasses
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -167,3 +168,37 @@ def test_effects_given_in_python_are_checked_as_those_of_a_file(effects: dict, s
     with pytest.raises(ArtibotError, match=f"^{re.escape(says)}"):
         dataclasses.replace(load_robot("agriq"), effects=effects)
     assert dataclasses.replace(load_robot("agriq"), effects={"slope": {}}).effects["slope"]["grade"] == 0.0
+
+
+def test_effects_are_saved_with_unit_source_and_interval(tmp_path: Path) -> None:
+    robot = dataclasses.replace(
+        load_robot("agriq"),
+        effects={"payload": {"mass": 15.0, "module": "back"}, "slope": {"grade": 0.05, "heading": 1.0}},
+        sources={"effects.slope.grade": "diagnosed: from run0"},
+        intervals={"effects.slope.grade": (0.04, 0.06)},
+    )
+    save_robot(robot, tmp_path / "extended.yaml")
+    tree = yaml.safe_load((tmp_path / "extended.yaml").read_text())["effects"]
+    assert tree["slope"]["grade"] == {
+        "value": 0.05, "unit": "rad", "source": "diagnosed: from run0", "ci95": [0.04, 0.06],
+    }  # fmt: skip
+    assert tree["payload"]["module"]["value"] == "back"
+    again = load_robot(tmp_path / "extended.yaml")
+    assert again == robot
+    assert again.sources["effects.slope.grade"] == "diagnosed: from run0"
+    assert again.intervals["effects.slope.grade"] == (0.04, 0.06)
+
+
+@pytest.mark.parametrize(
+    ("entry", "says"),
+    [
+        ({"value": 0.05, "unit": "deg"}, "effects.slope.grade.unit: found 'deg', expected 'rad'"),
+        ({"value": 0.05, "source": "guess"}, "effects.slope.grade.source: found 'guess'"),
+        ({"value": 0.05, "sourc": "stated"}, "effects.slope.grade.sourc: unknown key"),
+        ({"value": 0.05, "ci95": [1]}, "effects.slope.grade.ci95: found"),
+    ],
+)
+def test_a_bad_entry_of_an_effect_is_refused(entry: dict, says: str) -> None:
+    tree = robot_to_dict(load_robot("agriq")) | {"effects": {"slope": {"grade": entry}}}
+    with pytest.raises(ArtibotError, match=f"^{re.escape(says)}"):
+        robot_from_dict(tree)

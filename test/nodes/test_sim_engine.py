@@ -173,7 +173,7 @@ NOISY = SensorModel(2048, 0.25, 0.02, 0.01, 0.002, 0.004, 0.001, 0.05, 0.0035, 0
 def readings(seed: int, model: SensorModel = NOISY, n: int = 4000) -> dict[str, np.ndarray]:
     sensors = Sensors(model, seed)
     truth = np.array([10.0, -20.0, 0.5, 0.0])
-    station = [sensors.station(np.zeros(3), np.eye(3)) for _ in range(n)]
+    station = [sensors.station(sensors.follow(0, np.zeros(3), np.eye(3))) for _ in range(n)]
     return {
         "velocity": np.array([sensors.velocities(truth) for _ in range(n)]) - truth,
         "torque": np.array([sensors.torques(truth) for _ in range(n)]) - truth,

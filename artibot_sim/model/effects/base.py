@@ -15,6 +15,7 @@ from artibot_sim.model.quantity import Quantity
 
 if TYPE_CHECKING:
     from artibot_sim.model.params import Params
+    from artibot_sim.model.sensors import SensorErrors
 
 Array = NDArray[np.float64]
 
@@ -116,6 +117,8 @@ class Effect:
     command : callable, optional
         (values, h, first) → `Step`: what happens to commands on their way to the front motors, sampled each `h` s,
         `first` (2,) having been commanded for long. See `command_way`.
+    sensor : callable, optional
+        (SensorErrors, values) → SensorErrors: what the effect changes in what sensors make of the truth.
     drives_front : bool
         Whether it acts on front motors only where they are driven.
     uniform : bool
@@ -132,6 +135,7 @@ class Effect:
     adapt: Callable[[Params, Values], Params] | None = None
     hooks: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
     command: Callable[[Values, float, Array], Step] | None = None
+    sensor: Callable[[SensorErrors, Values], SensorErrors] | None = None
     drives_front: bool = False
     uniform: bool = True
     search: Search | None = None
