@@ -38,6 +38,7 @@ from artibot_sim.model.layout import (
     F_N,
     F_T,
     GAMMA,
+    LOAD,
     M_D,
     M_J,
     M_M,
@@ -104,15 +105,24 @@ def wheel_powers(body, p, fx, q, v, module, base, w, out):
 
 
 @inlined
+def load_power(v, module, base, w):
+    """Power of the effects' forces on one module, W."""
+    o = LOAD + base
+    return w[o] * v[module + X] + w[o + 1] * v[module + Y] + w[o + 2] * v[module + GAMMA]
+
+
+@inlined
 def powers(q, v, p, fx, w, out):
     """Power of every contribution (W) at a state whose row is `w`, into `out` (ENERGIES,)."""
     motor_powers(v, p, fx, w, out)
     wheel_powers(p.front, p, fx, q, v, 0, 0, w, out)
     if fx is not None:
         out[E_ARTICULATION] = w[M_J] * (v[BACK + GAMMA] - v[GAMMA])
-        out[E_PUSH] = w[PUSH] * v[X] + w[PUSH + 1] * v[Y]
+        out[E_PUSH] = w[PUSH] * v[X] + w[PUSH + 1] * v[Y] + load_power(v, 0, 0, w)
     if p.two:
         wheel_powers(p.back, p, fx, q, v, BACK, 4, w, out)
+        if fx is not None:
+            out[E_PUSH] += load_power(v, BACK, 3, w)
         total = 0.0
         for i in range(6):
             total += w[Q_J + i] * v[i] + w[Q_J + 6 + i] * v[BACK + i]

@@ -49,7 +49,8 @@ ACC = 100  # accelerations of the 16 coordinates
 M_D = 116  # of effects: drag on the motors, N m (4); torque in the joint's yaw, N m; force on the front module, N (2)
 M_J = 120
 PUSH = 121
-ROW = 123
+LOAD = 123  # of effects: forces along x and y of `map` and yaw moment of each module, N and N m (3 each)
+ROW = 129
 
 COLUMNS: tuple[str, ...] = (
     *(f"p_x_{wheel}" for wheel in WHEELS),
@@ -70,6 +71,7 @@ COLUMNS: tuple[str, ...] = (
     "M_joint",
     "push_x",
     "push_y",
+    *(f"load_{name}_{module}" for module in "fb" for name in ("x", "y", "gamma")),
 )
 """Names of the row's entries."""
 

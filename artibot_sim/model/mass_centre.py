@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from artibot_sim.model.compiled import inlined
 from artibot_sim.model.effects import hooks
-from artibot_sim.model.layout import ACC, BACK, GAMMA, LAMBDA, PUSH, Q_J, X, Y
+from artibot_sim.model.layout import ACC, BACK, GAMMA, LAMBDA, LOAD, PUSH, Q_J, X, Y
 
 
 @inlined
@@ -24,7 +24,11 @@ def about_mass_centre(body, p, fx, forces, s_g, c_g, module, w):
     push_x, push_y = hooks.push(fx, module)
     if module == 0:
         w[PUSH], w[PUSH + 1] = push_x, push_y
-    x, y = x + push_x, y + push_y
+    surge, sway, turn = hooks.load(fx, module)
+    load_x, load_y = c_g * surge - s_g * sway, s_g * surge + c_g * sway
+    o = LOAD + 3 * module
+    w[o], w[o + 1], w[o + 2] = load_x, load_y, turn
+    x, y, gamma = x + (push_x + load_x), y + (push_y + load_y), gamma + turn
     r_x, r_y = mass_centre(fx, module, s_g, c_g)
     _, left = hooks.centre(fx, module)
     return x, y, z, alpha + body.m * p.g_z * left, gamma - (r_x * y - r_y * x)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from artibot_sim.model.effects.base import Values
+from artibot_sim.model.effects.residual_force import FORCES
 from artibot_sim.model.params import ModuleParams
 
 
@@ -84,6 +85,15 @@ class PlainEffects:
         """Force on the front module's origin, N."""
         force, heading = self._of("external_force", "force"), self._of("external_force", "heading")
         return force * math.cos(heading), force * math.sin(heading)
+
+    def load(self, module: int) -> tuple[float, float, float]:
+        """Force along and across a module's own frame, N, and yaw moment, N m."""
+        force = str(self.values.get("residual_force", {}).get("force", FORCES[0]))
+        every, width = self._of("residual_force", "every", 1e6), self._of("residual_force", "width", 0.1)
+        away = abs(math.remainder(self.t - self._of("residual_force", "centre"), every))
+        size = self._of("residual_force", "size") * max(0.0, 1 - away / width)
+        surge, sway, turn = (size if force == name else 0.0 for name in FORCES[3 * module : 3 * module + 3])
+        return surge, sway, turn
 
 
 NEUTRAL = PlainEffects()

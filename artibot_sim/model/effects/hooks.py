@@ -46,6 +46,16 @@ def _vector_sum(first: Hook, second: Hook) -> Hook:
     return both
 
 
+def _load_sum(first: Hook, second: Hook) -> Hook:
+    @inlined
+    def both(*about):
+        x1, y1, m1 = first(*about)
+        x2, y2, m2 = second(*about)
+        return x1 + x2, y1 + y2, m1 + m2
+
+    return both
+
+
 def _chain(first: Hook, second: Hook) -> Hook:
     @inlined
     def both(fx, bound, value, about):
@@ -80,6 +90,9 @@ joint = reduce(_sum, _all("joint"))
 
 push = reduce(_vector_sum, _all("push"))
 """(fx, module) → force on a module's origin along x and y of `map`, N."""
+
+load = reduce(_load_sum, _all("load"))
+"""(fx, module) → force at a module's origin along and across its own frame, N, and yaw moment, N m."""
 
 centre = reduce(_vector_sum, _all("centre"))
 """(fx, module) → centre of mass of a module in its own frame, x and y, m."""
