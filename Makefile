@@ -7,7 +7,7 @@ export VENV
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-run demo test lint types bench faults bags pictures colcon clean
+.PHONY: help setup setup-run demo test lint types bench faults diagnose-campaign bags pictures colcon clean
 
 help: ## this list
 	@echo "make TARGET, of which:"
@@ -38,6 +38,11 @@ bench: setup-run ## speed of the model, beside MuJoCo's (ARGS="--json FILE")
 
 faults: setup-run ## random faults in a closed loop of driver and drives (N=1000 SEED=1; ARGS="--channel vcan0")
 	@$(PY) -m artibot_driver.faults $(or $(N),100) $(or $(SEED),1) $(ARGS)
+
+diagnose-campaign: setup-run ## diagnoses scored on hidden effects (SEED SEVERITY=1,0.3 CASES NOISE KINDS=none:12,single WORKERS OUT)
+	@PYTHONPATH=.:test $(PY) -m diagnose.hidden --seed $(or $(SEED),1) --severity $(or $(SEVERITY),1) \
+		--cases $(or $(CASES),27) --noise $(or $(NOISE),1) $(if $(KINDS),--kinds $(KINDS)) \
+		$(if $(WORKERS),--workers $(WORKERS)) --out $(or $(OUT),campaign) $(ARGS)
 
 bags: setup-run ## make the reference recordings in bags/ again
 	@$(PY) -m artibot_sim.experiment.reference_bags bags $(ARGS)

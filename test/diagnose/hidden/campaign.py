@@ -1,0 +1,103 @@
+"""Many cases with something hidden: ``python -m diagnose.hidden --kinds none:12,single:27 --out FOLDER``.
+
+Every case is diagnosed from its recordings alone, and scored against a truth that only the scorer reads. Results go into
+``FOLDER/cases.jsonl`` one by one: a campaign that is stopped, even killed, goes on where it was with the same command.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from pathlib import Path
+from typing import Any
+
+from diagnose.hidden.jobs import KINDS, Job, jobs
+from diagnose.hidden.journal import Journal
+from diagnose.hidden.table import failures, picture, table
+from diagnose.hidden.work import WAYS, do, live_no_longer_than
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.progress import Bar
+
+
+def results_of(todo: Sequence[Job], workers: int, way: str) -> Iterator[dict[str, Any]]:
+    """Results as they come, each from a process of its own where there are several workers."""
+    if workers == 1:
+        yield from (do(job, way) for job in todo)
+        return
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, context, live_no_longer_than, (os.getpid(),)) as pool:
+        waiting, running = list(reversed(todo)), set[Future]()
+        while waiting or running:
+            while waiting and len(running) < 2 * workers:
+                running.add(pool.submit(do, waiting.pop(), way))
+            finished, running = wait(running, return_when=FIRST_COMPLETED)
+            yield from (future.result() for future in finished)
+
+
+def counts_of(text: str, cases: int) -> dict[str, int]:
+    """From ``none:12,single`` to numbers of cases; `cases` where none is given."""
+    counts = {}
+    for part in text.split(","):
+        kind, _, number = part.partition(":")
+        if kind not in KINDS or not (number or str(cases)).isdigit():
+            raise ArtibotError(f"--kinds: found '{part}', expected some of {', '.join(KINDS)}, each with :NUMBER or not")
+        counts[kind] = int(number or cases)
+    return counts
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a campaign and print its table; status 1 where a case could not be diagnosed."""
+    options = _parser().parse_args(argv)
+    folder = Path(options.out)
+    try:
+        severities = tuple(float(part) for part in options.severity.split(","))
+        todo = jobs(options.seed, counts_of(options.kinds, options.cases), severities, options.noise)
+        with Journal(folder / "cases.jsonl") as journal:
+            _carry_out(todo, journal, options)
+            wanted = {job.key for job in todo}
+            results = [result for result in journal.results if result["key"] in wanted]
+    except (ArtibotError, ValueError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("stopped; the same command goes on", file=sys.stderr)
+        return 130
+    print("\n".join([*failures(results), "", *table(results)]))
+    (folder / "confusion.png").write_bytes(picture(results))
+    print(f"{len(results)} cases, seed {options.seed}; {folder / 'confusion.png'}")
+    return 1 if any("error" in result for result in results) else 0
+
+
+def _carry_out(todo: Sequence[Job], journal: Journal, options: argparse.Namespace) -> None:
+    """Do what is not done yet."""
+    done = journal.done
+    left = [job for job in todo if job.key not in done]
+    with Bar(total=float(len(todo))) as bar:
+        ready = len(todo) - len(left)
+        bar.show(ready, f"case {ready} of {len(todo)}")
+        for result in results_of(left, options.workers, options.way):
+            journal.add(result)
+            ready += 1
+            bar.show(ready, f"case {ready} of {len(todo)}")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m diagnose.hidden",
+        description="Diagnoses of recordings in which something is hidden, scored.",
+        epilog="Example: make diagnose-campaign KINDS=none:12,single:27 SEVERITY=1,0.3 WORKERS=2",
+    )
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--severity", default="1", help="one or several, by comma [1]")
+    parser.add_argument("--cases", type=int, default=27, help="cases of each kind and severity [27]")
+    parser.add_argument("--noise", type=float, default=1.0, help="factor of the sensors' noise [1]")
+    parser.add_argument("--kinds", default=",".join(KINDS), help="which, each with its number or not: none:300,single")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes [all cores]")
+    parser.add_argument("--way", choices=sorted(WAYS), default="memory", help="recordings in memory, or real bags")
+    parser.add_argument("--out", default="campaign", help="folder of the results [campaign]")
+    return parser

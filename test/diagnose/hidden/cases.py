@@ -1,0 +1,237 @@
+"""Cases: recordings of a rover in which something is hidden, and the truth about them, apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from diagnose.hidden import driving, rover, sensors
+from diagnose.hidden.acting import nats_of
+from diagnose.hidden.effects import LISTED, Recipe
+from diagnose.hidden.machine import Machine, machine, random_soil
+from diagnose.hidden.sensors import Noise, Table
+from diagnose.hidden.unlisted import UNLISTED
+
+from artibot_sim.experiment import Channel, Experiment
+from artibot_sim.experiment.columns import find_segments, measured_stamps
+from artibot_sim.experiment.contract import BY_KEY
+from artibot_sim.experiment.rollout_bag import write_channels
+from artibot_sim.model import load_robot
+
+START_NS = 1_000_000_000
+EVERY = 4
+"""Steps between two rows of a drive that are kept: 1 ms."""
+LEAST_NATS = 10.0
+"""An effect that changes what the sensors say by less never acts: the truth is then that it is not there."""
+WIDEST = 1.3
+"""rad of articulation beyond which a drive is thrown away: a real rover would be damaged."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One drive before sensors see it.
+
+    Attributes
+    ----------
+    machine, plain : Machine
+        As it was driven, and the same with nothing hidden.
+    grid, rows : arrays, shape (n,) and (n, ROW)
+        1 ms apart.
+    t, command : arrays, shape (m,) and (m, 2)
+        What the front motors were told, rad/s.
+    """
+
+    machine: Machine
+    plain: Machine
+    kappa: float
+    manoeuvre: str
+    grid: np.ndarray
+    rows: np.ndarray
+    t: np.ndarray
+    command: np.ndarray
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What a scorer knows and a diagnosis must not.
+
+    Attributes
+    ----------
+    effects : mapping of id to parameters
+        Listed ones that act.
+    unlisted : mapping of name to parameters
+        Others that act.
+    idle : mapping of id to parameters
+        What was put in and never acts in these recordings.
+    nats : mapping of id to float
+        By how much each changes what the sensors say: half the squared change over noise, in windows of 5 s that
+        begin in the true state, soil known.
+    soil : mapping of str to float
+    severity : float
+    seed : int
+    manoeuvres : tuple of str
+    """
+
+    effects: Mapping[str, Mapping[str, Any]]
+    unlisted: Mapping[str, Mapping[str, Any]]
+    idle: Mapping[str, Mapping[str, Any]]
+    nats: Mapping[str, float]
+    soil: Mapping[str, float]
+    severity: float
+    seed: int
+    manoeuvres: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Case:
+    """Recordings to diagnose, others to hold out, and the truth."""
+
+    recordings: tuple[Experiment, ...]
+    holdout: tuple[Experiment, ...]
+    truth: Truth
+
+
+def case(
+    effects: Sequence[str] = (),
+    severity: float = 1.0,
+    seed: int = 0,
+    *,
+    noise: Noise | None = None,
+    runs: int = 3,
+    held_out: int = 1,
+    duration: float = 45.0,
+    manoeuvres: Sequence[str] = (),
+    soil: Mapping[str, float] | None = None,
+    robot: str = "agriq",
+) -> Case:
+    """Recordings of a rover with these effects (none, one, two; listed or not) on a random soil.
+
+    Each run is another manoeuvre from another start with another kappa; the same arguments give the same case.
+
+    Parameters
+    ----------
+    noise : Noise, optional
+    runs, held_out : int
+        Recordings to diagnose, and of another manoeuvre to hold out.
+    duration : float, s
+        Of each.
+    manoeuvres : names of `driving.MANOEUVRES`, optional
+        For the runs and then the held-out ones; drawn where there are too few.
+    soil : mapping, optional
+        Instead of a random one.
+    """
+    drives, put_in, soil = driven(effects, severity, seed, runs + held_out, duration, manoeuvres, soil, robot)
+    noise = noise or Noise()
+    rng = np.random.default_rng([seed, 2])
+    names = [f"run{i}" for i in range(len(drives))]
+    found = [experiment(d, noise, rng, name, robot) for d, name in zip(drives, names, strict=True)]
+    nats = {name: sum(nats_of(d, _without(d, put_in, name), noise) for d in drives[:runs]) for name in put_in}
+    acts = {name: values for name, values in put_in.items() if nats[name] >= LEAST_NATS}
+    truth = Truth(
+        effects={name: values for name, values in acts.items() if name in LISTED},
+        unlisted={name: values for name, values in acts.items() if name in UNLISTED},
+        idle={name: values for name, values in put_in.items() if name not in acts},
+        nats=nats, soil=soil, severity=severity, seed=seed, manoeuvres=tuple(d.manoeuvre for d in drives),
+    )  # fmt: skip
+    return Case(tuple(found[:runs]), tuple(found[runs:]), truth)
+
+
+def recipe(name: str) -> Recipe:
+    """Of an effect that is listed or not."""
+    return LISTED[name] if name in LISTED else UNLISTED[name]
+
+
+def driven(
+    effects: Sequence[str],
+    severity: float,
+    seed: int,
+    runs: int,
+    duration: float,
+    manoeuvres: Sequence[str] = (),
+    soil: Mapping[str, float] | None = None,
+    robot: str = "agriq",
+) -> tuple[list[Drive], dict[str, dict[str, Any]], dict[str, float]]:
+    """Drives, the effects' parameters and the soil of a case; the soil and the commands do not depend on the effects."""
+    rng, told = np.random.default_rng([seed, 0]), np.random.default_rng([seed, 1])
+    numbers = load_robot(robot)
+    soil = dict(soil) if soil else random_soil(numbers, told)
+    names = [*manoeuvres, *told.permutation([name for name in driving.MANOEUVRES if name not in manoeuvres])][:runs]
+    plain = [_drawn(numbers, soil, str(name), told, duration) for name in names]
+    track = np.vstack([d.rows[::100, :2] for d in plain])
+    put_in = {name: recipe(name).draw(rng, severity, track) for name in effects}
+    drives = []
+    for d in plain:
+        m = d.machine
+        for name, values in put_in.items():
+            m = recipe(name).apply(m, values)
+        drives.append(again(d, m) if put_in else d)
+    return drives, put_in, soil
+
+
+def _drawn(numbers: Any, soil: Mapping[str, float], name: str, rng: np.random.Generator, duration: float) -> Drive:
+    """A drive with nothing hidden; drawn again where the articulation bends too far."""
+    while True:
+        kappa = float(np.round(rng.uniform(0.62, 1.0), 3))
+        m = machine(numbers, dict(soil), kappa)
+        t, command = driving.commands(m, name, rng, duration)
+        start = rover.at_rest(m.rover, *rng.uniform(-1.5, 1.5, 2), rng.uniform(-np.pi, np.pi))
+        drive = run(m, m, kappa, name, t, command, start)
+        if np.abs(drive.rows[:, rover.YAW_B] - drive.rows[:, rover.YAW_F]).max() < WIDEST:
+            return drive
+
+
+def run(
+    m: Machine, plain: Machine, kappa: float, name: str, t: np.ndarray, command: np.ndarray, start: np.ndarray
+) -> Drive:
+    """Drive a machine from a row on."""
+    fine = rover.STEP * np.arange(round(t[-1] / rover.STEP) + 1)
+    rows = rover.drive(start, 0.0, rover.STEP, EVERY, driving.executed(t, command, m.way, fine), m.rover)
+    return Drive(m, plain, kappa, name, fine[::EVERY], rows, t, command)
+
+
+def again(drive: Drive, m: Machine) -> Drive:
+    """The same commands from the same start with another machine."""
+    start = rover.at_rest(m.rover, *drive.rows[0, : rover.YAW_F + 1])
+    return run(m, drive.plain, drive.kappa, drive.manoeuvre, drive.t, drive.command, start)
+
+
+def _without(drive: Drive, put_in: Mapping[str, Mapping[str, Any]], left_out: str) -> Machine:
+    """The drive's machine with one effect left out."""
+    m = drive.plain
+    for name, values in put_in.items():
+        if name != left_out:
+            m = recipe(name).apply(m, dict(values))
+    return m
+
+
+def tables(drive: Drive, noise: Noise, rng: np.random.Generator) -> dict[str, Table]:
+    """What is recorded of a drive, by channel key."""
+    return sensors.observe(drive.grid, drive.rows, drive.t, drive.command, drive.machine.sensing, noise, rng)
+
+
+def experiment(drive: Drive, noise: Noise, rng: np.random.Generator, name: str, robot: str = "agriq") -> Experiment:
+    """A drive as a recording in memory, as `read_bag` gives it."""
+    stamped = {key: (_ns(t), columns) for key, (t, columns) in tables(drive, noise, rng).items()}
+    start_ns = min(int(stamps[0]) for stamps, _ in stamped.values())
+    channels = {
+        key: Channel(BY_KEY[key].name, stamps, (stamps - start_ns) / 1e9, stamps, columns)
+        for key, (stamps, columns) in stamped.items()
+    }
+    topics = {BY_KEY[key].name: BY_KEY[key].ros_type for key in channels}
+    segments = find_segments(measured_stamps(channels), start_ns)
+    metadata = {"contract": "1", "robot": robot, "kappa": repr(drive.kappa)}
+    return Experiment(name, Path(name), metadata, start_ns, channels, segments, topics)
+
+
+def _ns(t: np.ndarray) -> np.ndarray:
+    return START_NS + np.round(t * 1e9).astype(np.int64)
+
+
+def write(recording: Experiment, folder: Path) -> Path:
+    """A recording in memory as a bag, folder and file named after it."""
+    found = {key: (channel.t_ns, dict(channel.columns)) for key, channel in recording.channels.items()}
+    metadata = {key: value for key, value in recording.metadata.items() if key != "contract"}
+    return write_channels(folder / recording.name, found, metadata)

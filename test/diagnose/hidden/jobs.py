@@ -1,0 +1,83 @@
+"""Which cases a campaign is made of: drawn from its seed alone, so that it may stop and go on anywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from diagnose.hidden.effects import LISTED
+from diagnose.hidden.unlisted import UNLISTED
+
+KINDS = ("none", "single", "pair", "unlisted")
+
+
+class Job(NamedTuple):
+    """One case to make, diagnose and score.
+
+    Attributes
+    ----------
+    kind : str
+    number : int
+        Within its kind.
+    effects : tuple of str
+    severity, noise : float
+        `noise` is a factor of the sensors' standard deviations.
+    seed : int
+        Of the case.
+    """
+
+    kind: str
+    number: int
+    effects: tuple[str, ...]
+    severity: float
+    noise: float
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """What tells it from every other job."""
+        return f"{self.kind} {self.number} {'+'.join(self.effects)} {self.severity:g} {self.noise:g} {self.seed}"
+
+    @classmethod
+    def from_dict(cls, found: Mapping[str, Any]) -> Job:
+        """From plain data, as `_asdict` gives them."""
+        return cls(**{**found, "effects": tuple(found["effects"])})
+
+
+def jobs(seed: int, counts: Mapping[str, int], severities: tuple[float, ...], noise: float) -> list[Job]:
+    """All jobs of a campaign, kinds taking turns, so that what is done early is a fair part of the whole.
+
+    Parameters
+    ----------
+    counts : kind → number of cases at each severity. Effects take turns in an order of the seed, anew in every round:
+        27 single cases are one of each. More cases begin with the same ones.
+    """
+    found: list[tuple[float, Job]] = []
+    for kind, count in counts.items():
+        at = (0.0,) if kind == "none" else severities
+        for severity in at:
+            for number, effects in zip(range(count), _effects(kind, seed), strict=False):
+                job = Job(kind, number, effects, severity, noise, _case_seed(seed, kind, number))
+                found.append(((number + 0.5) / count, job))
+    return [job for _, job in sorted(found, key=lambda each: each[0])]
+
+
+def _case_seed(seed: int, kind: str, number: int) -> int:
+    """The same at every severity: soil, manoeuvres and noise are too."""
+    return int(np.random.SeedSequence([seed, KINDS.index(kind), number]).generate_state(1)[0])
+
+
+def _effects(kind: str, seed: int) -> Iterator[tuple[str, ...]]:
+    rng = np.random.default_rng([seed, KINDS.index(kind), 7])
+    while True:
+        if kind == "none":
+            yield ()
+            continue
+        first = rng.permutation(sorted(UNLISTED if kind == "unlisted" else LISTED))
+        for name in first:
+            if kind == "pair":
+                other = rng.choice([other for other in sorted(LISTED) if other != name])
+                yield (str(name), str(other))
+            else:
+                yield (str(name),)

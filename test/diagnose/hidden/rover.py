@@ -1,0 +1,326 @@
+"""The articulated rover in the plane, with whatever may be hidden in it: recordings for tests are driven with this.
+
+It shares no code with `artibot_sim.model`, nor equations with `test/model/planar.py`: velocities are those of the front
+module in its own frame (quasi-velocities), the joint is eliminated in that frame, and the method is Heun's.
+
+Derivation
+----------
+With u, v the front origin's velocity in {f}, r and s the yaw rates of both modules, phi = gamma_b − gamma_f and
+c = (c_x, c_y) the front module's centre of mass in {f}, seen from {f}:
+
+    front centre   a_f = (u' − r v, v' + r u) + r' (−c_y, c_x) − r² (c_x, c_y)
+    back origin    a_b = (u' − r v, v' + r u) + r' (0, −l_f) + r² (l_f, 0) + s' l_b (sin phi, −cos phi)
+                         + s² l_b (cos phi, sin phi)
+
+Jourdain's principle for the virtual velocities u, v, r, s gives four rows; u' and v' have the same diagonal mass, so a
+2 x 2 system in r', s' is left. Wheels: eqs 15 to 19 of the paper; motors: eqs 21 to 23; torque sharing: eq. 30.
+"""
+
+from __future__ import annotations
+
+from math import cos, exp, inf, sin, sqrt, tanh
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+GRAVITY = 9.81
+STEP = 2.5e-4
+"""s; free wheels lose their slip at up to 1900 /s."""
+ROW = 34
+"""What is kept of an instant: 24 numbers of the state, 4 motor torques, 4 efficiencies, 2 torques of the step before."""
+X, Y, YAW_F, YAW_B, ANGLE, U, V, R, S, SPEED, LATERAL, TORQUE, ETA, BEFORE = 0, 1, 2, 3, 4, 8, 9, 10, 11, 12, 16, 24, 28, 32
+
+
+class Body(NamedTuple):
+    """A module with its wheels: m (kg), J_z about its centre of mass (kg m²), half wheel spacings and l (m), centre."""
+
+    m: float
+    J_z: float
+    half_x: float
+    half_y: float
+    l: float  # noqa: E741 - the paper's symbol
+    c_x: float = 0.0
+    c_y: float = 0.0
+
+
+class Ground(NamedTuple):
+    """Contact parameters of eqs 15 to 20."""
+
+    k_l: float
+    k_t: float
+    mu_s: float
+    mu_d: float
+    u_w: float
+
+
+class Gear(NamedTuple):
+    """A motor with its gear; J_w is that of both wheels."""
+
+    tau: float
+    eta_d: float
+    eta_r: float
+    J_m: float
+    J_w: float
+
+
+class Hidden(NamedTuple):
+    """What acts besides the paper's model; SI units, in the order of the contract, then what is on no list."""
+
+    front_max: float = inf
+    drag_motor: float = 0.0
+    drag: float = 0.0
+    drag_fades: float = inf  # s, time constant
+    pull_x: float = 0.0  # m/s², gravity along the ground
+    pull_y: float = 0.0
+    gravity: float = GRAVITY  # m/s², what is left of it normal to the ground
+    push_x: float = 0.0
+    push_y: float = 0.0
+    patch_scale: float = 1.0
+    patch_x: float = 0.0
+    patch_y: float = 0.0
+    patch_radius: float = 0.0
+    softening: float = 0.0
+    back_scale: float = 1.0
+    stribeck: float = 0.0
+    bulldozing: float = 0.0
+    relaxation: float = 0.0
+    rolling_speed: float = 0.0
+    joint_friction: float = 0.0
+    joint_damping: float = 0.0
+    joint_stiffness: float = 0.0
+    joint_stop: float = inf
+    yaw_drag: float = 0.0
+    wander: tuple[float, float, float, float, float, float] = (0.0,) * 6  # two waves: N m, rad/s, rad
+    ridge: float = 0.0
+    ridge_x: float = 0.0  # rad/m
+    ridge_y: float = 0.0
+    ridge_phase: float = 0.0
+    lame_wheel: float = 0.0
+    lame: float = 0.0
+    lame_phase: float = 0.0
+    tether: float = 0.0
+    tether_x: float = 0.0
+    tether_y: float = 0.0
+    preload: float = 0.0
+    air: float = 0.0
+
+
+class Rover(NamedTuple):
+    """All that is constant over a run; r_right and r_left are the wheels' radii, share is eq. 30's factor."""
+
+    front: Body
+    back: Body
+    soil: Ground
+    front_gear: Gear
+    back_gear: Gear
+    r_right: float
+    r_left: float
+    share: float
+    hidden: Hidden
+
+
+@njit(cache=True)
+def _grip(t, x, y, behind, h):
+    """Factors of k_l, k_t and of mu_s, mu_d for a wheel at (x, y)."""
+    k = max(0.05, 1.0 - h.softening * t)
+    if behind:
+        k *= h.back_scale
+    inside = (x - h.patch_x) ** 2 + (y - h.patch_y) ** 2 < h.patch_radius**2
+    return k, k * h.patch_scale if inside else k
+
+
+@njit(cache=True)
+def _wheel(k, k_l, k_t, mu_s, mu_d, load, slip, p_x, p_y, state, rates, h):
+    """Eqs 15, 16: longitudinal and lateral force of wheel k."""
+    F_l, F_t = k_l * slip, -k_t * p_y
+    if h.relaxation > 0.0:
+        rates[LATERAL + k] = (F_t - state[LATERAL + k]) * max(abs(p_x), 0.05) / h.relaxation
+        F_t = state[LATERAL + k]
+    F_h = sqrt(F_l * F_l + F_t * F_t)
+    if F_h > mu_s * load:
+        mu = mu_d
+        if h.stribeck > 0.0:
+            mu += (mu_s - mu_d) * exp(-sqrt(slip * slip + p_y * p_y) / h.stribeck)
+        F_l, F_t = F_l * mu * load / F_h, F_t * mu * load / F_h
+    return F_l, F_t - h.bulldozing * abs(p_y) * p_y
+
+
+@njit(cache=True)
+def _contact(t, state, rover, rates, out):
+    """Sums over each module's wheels in its own frame: out[0:3], out[3:6] = force x, y, moment; out[6:10] = M_r."""
+    h = rover.hidden
+    out[:] = 0.0
+    phi = state[YAW_B] - state[YAW_F]
+    v_j = state[V] - rover.front.l * state[R]
+    for k in range(8):
+        motor, behind = k // 2, k > 3
+        body, soil = rover.back if behind else rover.front, rover.soil
+        gear = rover.back_gear if behind else rover.front_gear
+        end, side = 1.0 - 2.0 * (k % 2), 2.0 * (motor % 2) - 1.0
+        yaw, w, u, v = state[YAW_F], state[R], state[U], state[V]
+        x, y = state[X], state[Y]
+        if behind:
+            x -= rover.front.l * cos(yaw) + body.l * cos(state[YAW_B])
+            y -= rover.front.l * sin(yaw) + body.l * sin(state[YAW_B])
+            yaw, w = state[YAW_B], state[S]
+            u = cos(phi) * state[U] + sin(phi) * v_j
+            v = -sin(phi) * state[U] + cos(phi) * v_j - body.l * w
+        x_w, y_w = end * body.half_x, side * body.half_y
+        x, y = x + cos(yaw) * x_w - sin(yaw) * y_w, y + sin(yaw) * x_w + cos(yaw) * y_w
+        p_x, p_y = u - w * y_w, v + w * x_w
+        load = 0.25 * body.m * h.gravity * (1.0 + end * body.c_x / body.half_x) * (1.0 + side * body.c_y / body.half_y)
+        r_w, omega = rover.r_right if side < 0.0 else rover.r_left, gear.tau * state[SPEED + motor]
+        stiff, rough = _grip(t, x, y, behind, h)
+        F_l, F_t = _wheel(
+            k, stiff * soil.k_l, stiff * soil.k_t, rough * soil.mu_s, rough * soil.mu_d, load, r_w * omega - p_x,
+            p_x, p_y, state, rates, h,
+        )  # fmt: skip
+        if h.ridge != 0.0:
+            F_t += h.ridge * sin(h.ridge_x * x + h.ridge_y * y + h.ridge_phase)
+        if h.lame != 0.0 and k == int(h.lame_wheel):
+            F_l += h.lame * sin(gear.tau * state[ANGLE + motor] + h.lame_phase)
+        ahead = soil.u_w * (1.0 + h.rolling_speed * sqrt(p_x * p_x + p_y * p_y))
+        o = 3 if behind else 0
+        out[o] += F_l
+        out[o + 1] += F_t
+        out[o + 2] += (x_w + ahead) * F_t - y_w * F_l
+        out[6 + motor] += r_w * F_l + ahead * load * tanh(omega / 0.02)
+
+
+@njit(cache=True)
+def _joint(angle, rate, h):
+    """Torque of the joint against its yaw, N m."""
+    torque = h.joint_friction * tanh(rate / 0.01) + h.joint_damping * rate + h.joint_stiffness * angle + h.preload
+    if angle > h.joint_stop:
+        torque += max(0.0, 4000.0 * (angle - h.joint_stop) + 40.0 * rate)
+    elif angle < -h.joint_stop:
+        torque += min(0.0, 4000.0 * (angle + h.joint_stop) + 40.0 * rate)
+    return torque
+
+
+@njit(cache=True)
+def _elsewhere(t, state, front, back, h, out):
+    """Add to the modules' sums what neither wheels nor the joint do, rotated from the map into their frames."""
+    air = h.air * sqrt(state[U] ** 2 + state[V] ** 2)
+    push_x = h.push_x - h.tether * (state[X] - h.tether_x)
+    push_y = h.push_y - h.tether * (state[Y] - h.tether_y)
+    for o, yaw, body in ((0, state[YAW_F], front), (3, state[YAW_B], back)):
+        fx = cos(yaw) * h.pull_x + sin(yaw) * h.pull_y
+        fy = -sin(yaw) * h.pull_x + cos(yaw) * h.pull_y
+        out[o] += body.m * fx
+        out[o + 1] += body.m * fy
+        out[o + 2] += body.m * (body.c_x * fy - body.c_y * fx)
+    out[0] += cos(state[YAW_F]) * push_x + sin(state[YAW_F]) * push_y - air * state[U]
+    out[1] += -sin(state[YAW_F]) * push_x + cos(state[YAW_F]) * push_y - air * state[V]
+    out[2] -= h.yaw_drag * state[R]
+    w = h.wander
+    out[5] += w[0] * sin(w[1] * t + w[2]) + w[3] * sin(w[4] * t + w[5])
+
+
+@njit(cache=True)
+def _bodies(state, rover, out, rates):
+    """u', v', r', s' from the sums of forces."""
+    f, b, h = rover.front, rover.back, rover.hidden
+    u, v, r, s = state[U], state[V], state[R], state[S]
+    phi = state[YAW_B] - state[YAW_F]
+    c, n = cos(phi), sin(phi)
+    joint = _joint(phi, s - r, h)
+    X_b, Y_b = c * out[3] - n * out[4], n * out[3] + c * out[4]
+    # accelerations that are there without u', v', r', s'
+    fx, fy = -r * v - r * r * f.c_x, r * u - r * r * f.c_y
+    bx, by = -r * v + r * r * f.l + s * s * b.l * c, r * u + s * s * b.l * n
+    Q_u, Q_v = out[0] + X_b - f.m * fx - b.m * bx, out[1] + Y_b - f.m * fy - b.m * by
+    Q_r = out[2] + joint - f.l * (Y_b - b.m * by) - f.m * (f.c_x * fy - f.c_y * fx)
+    Q_s = out[5] - joint + b.l * (n * (X_b - b.m * bx) - c * (Y_b - b.m * by))
+    # the mass matrix: rows u, v against columns r, s, and the corner of r, s
+    m = f.m + b.m
+    ur, vr, us, vs = -f.m * f.c_y, f.m * f.c_x - b.m * f.l, b.m * b.l * n, -b.m * b.l * c
+    rr = f.J_z + f.m * (f.c_x**2 + f.c_y**2) + b.m * f.l**2 - (ur * ur + vr * vr) / m
+    ss = b.J_z + b.m * b.l**2 - (us * us + vs * vs) / m
+    rs = b.m * f.l * b.l * c - (ur * us + vr * vs) / m
+    Q_r -= (ur * Q_u + vr * Q_v) / m
+    Q_s -= (us * Q_u + vs * Q_v) / m
+    det = rr * ss - rs * rs
+    dr, ds = (ss * Q_r - rs * Q_s) / det, (rr * Q_s - rs * Q_r) / det
+    rates[U], rates[V] = (Q_u - ur * dr - us * ds) / m, (Q_v - vr * dr - vs * ds) / m
+    rates[R], rates[S] = dr, ds
+
+
+@njit(cache=True)
+def _motors(t, state, rover, eta, held, wish, wish_rate, out, rates, torque):
+    """Eq. 21 for each motor: the front ones follow their wish as their torque allows, the back ones have `held`."""
+    h = rover.hidden
+    for i in range(4):
+        gear = rover.back_gear if i > 1 else rover.front_gear
+        J = gear.J_m + gear.J_w * gear.tau**2 / eta[i]
+        load = gear.tau / eta[i] * out[6 + i]
+        if i == int(h.drag_motor):
+            load += h.drag * exp(-t / h.drag_fades) * tanh(state[SPEED + i] / 0.5)
+        if i > 1:
+            torque[i] = held
+        else:
+            torque[i] = J * (wish_rate[i] + 40.0 * (wish[i] - state[SPEED + i])) + load
+            torque[i] = min(max(torque[i], -h.front_max), h.front_max)
+        rates[SPEED + i] = (torque[i] - load) / J
+
+
+@njit(cache=True)
+def _rates(t, state, rover, eta, held, wish, wish_rate, out, rates, torque):
+    """Derivative of the state, and the motors' torques."""
+    _contact(t, state, rover, rates, out)
+    _elsewhere(t, state, rover.front, rover.back, rover.hidden, out)
+    _bodies(state, rover, out, rates)
+    _motors(t, state, rover, eta, held, wish, wish_rate, out, rates, torque)
+    c, n = cos(state[YAW_F]), sin(state[YAW_F])
+    rates[X], rates[Y] = c * state[U] - n * state[V], n * state[U] + c * state[V]
+    rates[YAW_F], rates[YAW_B] = state[R], state[S]
+    for i in range(4):
+        rates[ANGLE + i] = state[SPEED + i]
+
+
+@njit(cache=True)
+def drive(row, t, h, every, wish, rover):
+    """Rows (n, ROW), `every` steps of `h` s apart, of a drive from `row` at time `t` on.
+
+    Parameters
+    ----------
+    wish : array, shape (steps + 1, 2)
+        Speeds that the front motors are to have, rad/s, step by step. Where their torque has no limit they have them.
+    """
+    steps = wish.shape[0] - 1
+    rows = np.zeros((steps // every + 1, ROW))
+    state, eta, before = row[:24].copy(), row[ETA : ETA + 4].copy(), row[BEFORE : BEFORE + 2].copy()
+    first, second, torque, unused, out = np.zeros(24), np.zeros(24), np.zeros(4), np.zeros(4), np.zeros(10)
+    free = rover.hidden.front_max < inf
+    for k in range(steps + 1):
+        j = min(k, steps - 1)
+        slope = (wish[j + 1] - wish[j]) / h
+        if not free:
+            state[SPEED : SPEED + 2] = wish[k]
+        held = rover.share * (before[0] + before[1])
+        _rates(t + k * h, state, rover, eta, held, wish[k], slope, out, first, torque)
+        if k % every == 0:
+            kept = rows[k // every]
+            kept[:24], kept[TORQUE : TORQUE + 4], kept[ETA : ETA + 4], kept[BEFORE : BEFORE + 2] = state, torque, eta, before
+        if k == steps:
+            break
+        ahead = state + h * first
+        if not free:
+            ahead[SPEED : SPEED + 2] = wish[k + 1]
+        _rates(t + (k + 1) * h, ahead, rover, eta, held, wish[k + 1], slope, out, second, unused)
+        # eqs 23 and 30 of the next step run on this one's torques
+        for i in range(4):
+            gear = rover.back_gear if i > 1 else rover.front_gear
+            eta[i] = gear.eta_d if torque[i] * state[SPEED + i] >= 0.0 else 1.0 / gear.eta_r
+        before[:] = torque[:2]
+        state += 0.5 * h * (first + second)
+    return rows
+
+
+def at_rest(rover: Rover, x: float = 0.0, y: float = 0.0, yaw: float = 0.0) -> np.ndarray:
+    """The row (ROW,) of a straight rover that stands at a pose (m, m, rad)."""
+    row = np.zeros(ROW)
+    row[X], row[Y], row[YAW_F], row[YAW_B] = x, y, yaw, yaw
+    row[ETA : ETA + 2], row[ETA + 2 : ETA + 4] = rover.front_gear.eta_d, rover.back_gear.eta_d
+    return row

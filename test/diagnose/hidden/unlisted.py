@@ -1,0 +1,92 @@
+"""Things that are on no list: a diagnosis must not force them into the nearest known name."""
+
+from __future__ import annotations
+
+from math import cos, pi, sin
+from typing import Any
+
+import numpy as np
+from diagnose.hidden.effects import MOTORS, Recipe, Rng, Values
+from diagnose.hidden.machine import Machine
+from diagnose.hidden.rover import Hidden
+
+
+def _hide(machine: Machine, values: Values) -> Machine:
+    """All numbers that `Hidden` knows; what else is there is for the reader."""
+    return machine.hiding(**{name: value for name, value in values.items() if name in Hidden._fields})
+
+
+def _yaw_drag(rng: Rng, s: float, track: np.ndarray) -> Values:
+    return {"yaw_drag": 60.0 * s}
+
+
+def _wandering_moment(rng: Rng, s: float, track: np.ndarray) -> Values:
+    """Two slow waves of time, the same in every run."""
+    slow, fast = 2 * pi / rng.uniform(20.0, 35.0), 2 * pi / rng.uniform(7.0, 14.0)
+    return {"wander": (14.0 * s, float(slow), _phase(rng), 9.0 * s, float(fast), _phase(rng))}
+
+
+def _phase(rng: Rng) -> float:
+    return float(rng.uniform(-pi, pi))
+
+
+def _ridges(rng: Rng, s: float, track: np.ndarray) -> Values:
+    """Ploughed ground: each wheel is pushed sideways, periodically in its own place."""
+    period, across = float(rng.uniform(0.6, 1.6)), _phase(rng)
+    wave = 2 * pi / period
+    return {
+        "ridge": 30.0 * s, "ridge_x": wave * cos(across), "ridge_y": wave * sin(across), "ridge_phase": _phase(rng),
+        "period": period,
+    }  # fmt: skip
+
+
+def _lame_wheel(rng: Rng, s: float, track: np.ndarray) -> Values:
+    """A wheel out of round: its longitudinal force goes up and down once a turn."""
+    return {"lame_wheel": float(rng.integers(8)), "lame": 40.0 * s, "lame_phase": _phase(rng)}
+
+
+def _tether(rng: Rng, s: float, track: np.ndarray) -> Values:
+    """A spring that pulls the front module towards a point of the map."""
+    x, y = track.mean(axis=0)
+    return {"tether": 10.0 * s, "tether_x": float(x), "tether_y": float(y)}
+
+
+def _joint_preload(rng: Rng, s: float, track: np.ndarray) -> Values:
+    """A hose that bends the articulation to one side, whatever its angle."""
+    return {"preload": float(rng.choice((-1.0, 1.0))) * 12.0 * s}
+
+
+def _cold_gear(rng: Rng, s: float, track: np.ndarray) -> Values:
+    """A motor that drags until it is warm."""
+    motor = int(rng.integers(4))
+    return {"drag_motor": float(motor), "drag": 0.3 * s, "drag_fades": 12.0, "motor": MOTORS[motor]}
+
+
+def _air_drag(rng: Rng, s: float, track: np.ndarray) -> Values:
+    """A force against the front module's motion that grows with the square of its speed."""
+    return {"air": 90.0 * s}
+
+
+UNLISTED: dict[str, Recipe] = {
+    "yaw_drag": Recipe(_yaw_drag, _hide),
+    "wandering_moment": Recipe(_wandering_moment, _hide),
+    "ridges": Recipe(_ridges, _hide),
+    "wheel_out_of_round": Recipe(_lame_wheel, _hide),
+    "tether": Recipe(_tether, _hide),
+    "joint_preload": Recipe(_joint_preload, _hide),
+    "cold_gear": Recipe(_cold_gear, _hide),
+    "air_drag": Recipe(_air_drag, _hide),
+}
+"""By names of the tests' own."""
+
+ACTS_ON: dict[str, dict[str, Any]] = {
+    "yaw_drag": {"force": "yaw moment", "variable": "yaw rate"},
+    "wandering_moment": {"force": "yaw moment", "variable": "time"},
+    "ridges": {"force": "lateral", "variable": "place"},
+    "wheel_out_of_round": {"force": "longitudinal", "variable": "wheel angle"},
+    "tether": {"force": "front", "variable": "place"},
+    "joint_preload": {"force": "yaw moment", "variable": ""},
+    "cold_gear": {"force": "torque", "variable": "time"},
+    "air_drag": {"force": "surge", "variable": "speed"},
+}
+"""Words that a good answer holds."""

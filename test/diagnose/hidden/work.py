@@ -1,0 +1,81 @@
+"""One job of a campaign: make the case, have it diagnosed, keep the answer beside the truth."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import threading
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from diagnose.hidden.cases import Case, case, write
+from diagnose.hidden.jobs import Job
+from diagnose.hidden.sensors import Noise
+
+KEPT = ("verdict", "causes", "unexplained", "gain", "baseline", "next_experiment", "ranking", "warnings", "threshold")
+"""What of an answer goes into the journal."""
+
+Diagnose = Callable[[Case], Mapping[str, Any]]
+"""From a case, of which it may look at the recordings alone, to `Diagnosis.as_dict()`."""
+
+
+def in_memory(found: Case) -> dict[str, Any]:
+    """The diagnosis as a library, in this process, on one core."""
+    from artibot_sim.diagnose import diagnose
+    from artibot_sim.model import load_robot
+
+    return diagnose(found.recordings, load_robot("agriq"), holdout=found.holdout, seed=0, workers=1).as_dict()
+
+
+def command_line(found: Case) -> dict[str, Any]:
+    """`artibot diagnose` on real bags."""
+    import json
+    import subprocess
+    import sys
+
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        bags = [str(write(recording, folder)) for recording in found.recordings]
+        held = [word for recording in found.holdout for word in ("--holdout", str(write(recording, folder)))]
+        out = folder / "diagnosis"
+        command = [sys.executable, "-m", "artibot_sim.cli", "diagnose", *bags, *held, "--robot", "agriq", "--out", str(out)]
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode:
+            raise RuntimeError(f"artibot diagnose: status {done.returncode}: {done.stderr.strip()[-2000:]}")
+        return json.loads((out / "diagnosis.json").read_text())
+
+
+def silent(found: Case) -> dict[str, Any]:
+    """Says that nothing is wrong, whatever it is shown: what every other way has to beat."""
+    return {"verdict": "none", "causes": [], "unexplained": None, "gain": {}, "baseline": {}, "ranking": [], "warnings": []}
+
+
+WAYS: dict[str, Diagnose] = {"memory": in_memory, "bags": command_line, "silent": silent}
+
+
+def do(job: Job, way: str = "memory") -> dict[str, Any]:
+    """A line for the journal. A diagnosis that fails is a result, too."""
+    found = case(job.effects, job.severity, job.seed, noise=Noise().scaled(job.noise))
+    result: dict[str, Any] = {"key": job.key, "job": job._asdict(), "truth": asdict(found.truth)}
+    began = time.monotonic()
+    try:
+        answer = WAYS[way](found)
+    except Exception as error:  # noqa: BLE001 - whatever it is, the campaign goes on
+        return result | {"error": f"{type(error).__name__}: {error}", "trace": traceback.format_exc()[-3000:]}
+    seconds = time.monotonic() - began
+    return result | {"answer": {name: answer.get(name) for name in KEPT} | {"seconds": round(seconds, 2)}}
+
+
+def live_no_longer_than(parent: int) -> None:
+    """End this process when its parent has gone: a campaign that is killed leaves nobody behind."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(0.5)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

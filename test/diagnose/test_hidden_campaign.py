@@ -1,0 +1,86 @@
+"""A campaign goes on after it was killed, without losing or repeating a case."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from diagnose.hidden.jobs import Job, jobs
+from diagnose.hidden.journal import Journal, read_results
+
+from artibot_sim.errors import ArtibotError
+
+ROOT = Path(__file__).resolve().parents[2]
+COUNTS = {"none": 3, "single": 4, "unlisted": 2}
+
+
+def start(folder: Path, *words: str) -> subprocess.Popen:
+    """A campaign whose diagnosis always says that nothing is wrong, which costs nothing."""
+    paths = [str(ROOT), str(ROOT / "test"), os.environ.get("PYTHONPATH", "")]
+    kinds = ",".join(f"{kind}:{count}" for kind, count in COUNTS.items())
+    command = [sys.executable, "-m", "diagnose.hidden", "--way", "silent", "--kinds", kinds, "--out", str(folder), *words]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+
+def test_killed_again_and_again_it_comes_to_the_same_end(tmp_path):
+    journal, deadline = tmp_path / "cases.jsonl", time.monotonic() + 240.0
+    for _ in range(3):
+        before = journal.read_bytes().count(b"\n") if journal.exists() else 0
+        process = start(tmp_path, "--workers", "2")
+        while process.poll() is None and time.monotonic() < deadline:
+            if journal.exists() and journal.read_bytes().count(b"\n") > before:
+                break
+            time.sleep(0.02)
+        process.send_signal(signal.SIGKILL)
+        process.communicate()
+    said, _ = (last := start(tmp_path, "--workers", "1")).communicate(timeout=240)
+    assert last.returncode == 0, said
+    expected = [job.key for job in jobs(1, COUNTS, (1.0,), 1.0)]
+    keys = [result["key"] for result in read_results(journal)]
+    assert sorted(keys) == sorted(expected)
+    assert "nothing" in said and (tmp_path / "confusion.png").stat().st_size > 1000
+
+
+def test_jobs_are_the_seed_s_alone_and_a_larger_campaign_begins_with_a_smaller_one():
+    few, many = (jobs(3, {"none": n, "single": n, "pair": n}, (1.0, 0.3), 1.0) for n in (5, 60))
+    assert few == jobs(3, {"none": 5, "single": 5, "pair": 5}, (1.0, 0.3), 1.0)
+    assert {job.key for job in few} < {job.key for job in many}
+    assert len({job.key for job in many}) == len(many) == 60 + 120 + 120
+    assert {job.key for job in jobs(4, {"single": 5}, (1.0,), 1.0)}.isdisjoint(job.key for job in many)
+    assert Job.from_dict(json.loads(json.dumps(few[0]._asdict()))) == few[0]
+
+
+def test_effects_take_turns():
+    singles = [job.effects[0] for job in jobs(1, {"single": 54}, (1.0,), 1.0)]
+    assert len(set(singles[:27])) == 27 and sorted(singles) == sorted(2 * sorted(set(singles)))
+
+
+def test_a_line_that_was_cut_off_is_done_again(tmp_path):
+    path = tmp_path / "cases.jsonl"
+    with Journal(path) as journal:
+        journal.add({"key": "a"})
+        journal.add({"key": "b"})
+    path.write_bytes(path.read_bytes()[:-4])
+    with Journal(path) as journal:
+        assert journal.done == {"a"}
+        journal.add({"key": "c"})
+    assert [result["key"] for result in read_results(path)] == ["a", "c"]
+
+
+def test_two_campaigns_do_not_share_a_journal(tmp_path):
+    with Journal(tmp_path / "cases.jsonl"), pytest.raises(ArtibotError, match="another campaign"):
+        Journal(tmp_path / "cases.jsonl")
+
+
+def test_a_line_that_is_no_result_is_named(tmp_path):
+    path = tmp_path / "cases.jsonl"
+    path.write_text('{"key": "a"}\nnonsense\n')
+    with pytest.raises(ArtibotError, match=r"cases.jsonl:2"):
+        Journal(path)
