@@ -24,7 +24,18 @@ def start(folder: Path, *words: str) -> subprocess.Popen:
     """A campaign whose diagnosis always says that nothing is wrong, which costs nothing."""
     paths = [str(ROOT), str(ROOT / "test"), os.environ.get("PYTHONPATH", "")]
     kinds = ",".join(f"{kind}:{count}" for kind, count in COUNTS.items())
-    command = [sys.executable, "-m", "diagnose.hidden", "--way", "silent", "--kinds", kinds, "--out", str(folder), *words]
+    command = [
+        sys.executable,
+        "-m",
+        "diagnose.hidden",
+        "--way",
+        "silent",
+        "--kinds",
+        kinds,
+        "--out",
+        str(folder),
+        *words,
+    ]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
     return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 

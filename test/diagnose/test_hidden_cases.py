@@ -30,7 +30,11 @@ def test_every_effect_of_the_vocabulary_can_be_hidden():
 
 @pytest.mark.parametrize(
     ("name", "parameter", "neutral", "at_one"),
-    [("speed_loop_lag", "time_constant", 0.0, 0.25), ("back_friction", "scale", 1.0, 0.6), ("slope", "grade", 0.0, 0.05)],
+    [
+        ("speed_loop_lag", "time_constant", 0.0, 0.25),
+        ("back_friction", "scale", 1.0, 0.6),
+        ("slope", "grade", 0.0, 0.05),
+    ],
 )
 def test_severity_scales_the_departure_from_neutral(name, parameter, neutral, at_one):
     for severity in (0.3, 1.0, 2.0):
@@ -39,7 +43,10 @@ def test_severity_scales_the_departure_from_neutral(name, parameter, neutral, at
 
 
 def test_limits_move_so_that_they_still_bite():
-    for name, parameter, at_one, power in (("torque_limit", "front_max", 0.36, -0.2), ("joint_stop", "angle", 0.35, -0.4)):
+    for name, parameter, at_one, power in (
+        ("torque_limit", "front_max", 0.36, -0.2),
+        ("joint_stop", "angle", 0.35, -0.4),
+    ):
         values = LISTED[name].draw(np.random.default_rng(1), 0.3, np.zeros((5, 2)))
         assert values[parameter] == pytest.approx(at_one * 0.3**power)
 

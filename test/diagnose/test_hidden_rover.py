@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+
 import numpy as np
 import pytest
 from bag_helpers import foreign
@@ -179,7 +180,9 @@ def test_way_of_commands():
     late = driving.executed(t, ramp, Way(delay=0.2, time_constant=0.3), fine)
     np.testing.assert_allclose(late[-1], [10.0 * 9.5, -10.0 * 9.5], rtol=1e-9)
     dead = driving.executed(t, ramp, Way(deadband=45.0), fine)
-    assert not dead[fine < 4.48].any() and np.allclose(dead[fine > 4.52], np.column_stack([10 * fine, -10 * fine])[fine > 4.52])
+    assert not dead[fine < 4.48].any() and np.allclose(
+        dead[fine > 4.52], np.column_stack([10 * fine, -10 * fine])[fine > 4.52]
+    )
 
 
 FIELD_SOIL = dict(zip(SOIL, (2920.7, 1795.4, 0.677, 0.320, 0.0084), strict=True))

@@ -84,7 +84,9 @@ def test_third_place():
 
 
 def test_two_hidden_need_both_among_three():
-    named = answer("named", [cause("slope", grade=found(0.05), heading=found(3.0)), cause("gyro_bias", bias=found(0.01))])
+    named = answer(
+        "named", [cause("slope", grade=found(0.05), heading=found(3.0)), cause("gyro_bias", bias=found(0.01))]
+    )
     both = truth(slope=SLOPE, gyro_bias={"bias": 0.01})
     assert score(named, both).top3 == 1.0 and score(named, both).excess == 0
     assert score(named, truth(slope=SLOPE, payload={"mass": 15.0, "module": "back"})).top3 == 0.0
@@ -102,9 +104,13 @@ def test_what_is_on_no_list_must_not_get_a_name():
 
 def test_errors_are_of_the_departure_from_neutral():
     c = cause("back_friction", scale=found(0.64, 0.5, 0.7))
-    assert score(answer("named", [c]), truth(back_friction={"scale": 0.6})).errors["back_friction.scale"] == pytest.approx(0.1)
+    assert score(answer("named", [c]), truth(back_friction={"scale": 0.6})).errors[
+        "back_friction.scale"
+    ] == pytest.approx(0.1)
     c = cause("joint_stop", angle=found(0.385))
-    assert score(answer("named", [c]), truth(joint_stop={"angle": 0.35})).errors["joint_stop.angle"] == pytest.approx(0.1)
+    assert score(answer("named", [c]), truth(joint_stop={"angle": 0.35})).errors["joint_stop.angle"] == pytest.approx(
+        0.1
+    )
     c = cause("motor_drag", torque=found(0.25), motor=found("back_left"))
     errors = score(answer("named", [c]), truth(motor_drag={"torque": 0.25, "motor": "back_right"})).errors
     assert errors == {"motor_drag.torque": 0.0, "motor_drag.motor": float("inf")}
@@ -135,7 +141,12 @@ def made_up():
         result("single", 1, answer(), truth(payload={"mass": 15.0, "module": "back"})),
         result("single", 2, answer(), {**truth(), "idle": {"torque_limit": {"front_max": 0.36}}}),
         result("unlisted", 0, slope, truth(["ridges"])),
-        {"key": "single 3", "job": result("single", 3, {}, {})["job"], "truth": truth(slope=SLOPE), "error": "ValueError: x"},
+        {
+            "key": "single 3",
+            "job": result("single", 3, {}, {})["job"],
+            "truth": truth(slope=SLOPE),
+            "error": "ValueError: x",
+        },
     ]
 
 

@@ -30,7 +30,9 @@ def nats_of(drive: Drive, without: Machine, noise: Noise) -> float:
         rows = rover.drive(drive.rows[first], fine[first * every], rover.STEP, every, part, without.rover)
         seen = _seen(drive.rows[first : last + 1], drive.machine.sensing, noise)
         expected = _seen(rows, without.sensing, noise)
-        total += sum(0.5 * rate * 1e-3 * float(np.sum((a - b) ** 2)) for (rate, a), (_, b) in zip(seen, expected, strict=True))
+        total += sum(
+            0.5 * rate * 1e-3 * float(np.sum((a - b) ** 2)) for (rate, a), (_, b) in zip(seen, expected, strict=True)
+        )
     return total
 
 

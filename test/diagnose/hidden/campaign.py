@@ -1,7 +1,7 @@
 """Many cases with something hidden: ``python -m diagnose.hidden --kinds none:12,single:27 --out FOLDER``.
 
-Every case is diagnosed from its recordings alone, and scored against a truth that only the scorer reads. Results go into
-``FOLDER/cases.jsonl`` one by one: a campaign that is stopped, even killed, goes on where it was with the same command.
+Every case is diagnosed from its recordings alone, and scored against a truth that only the scorer reads. Results go
+into ``FOLDER/cases.jsonl`` one by one: a campaign that is stopped, even killed, goes on with the same command.
 """
 
 from __future__ import annotations
@@ -45,7 +45,9 @@ def counts_of(text: str, cases: int) -> dict[str, int]:
     for part in text.split(","):
         kind, _, number = part.partition(":")
         if kind not in KINDS or not (number or str(cases)).isdigit():
-            raise ArtibotError(f"--kinds: found '{part}', expected some of {', '.join(KINDS)}, each with :NUMBER or not")
+            raise ArtibotError(
+                f"--kinds: found '{part}', expected some of {', '.join(KINDS)}, each with :NUMBER or not"
+            )
         counts[kind] = int(number or cases)
     return counts
 

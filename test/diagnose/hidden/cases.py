@@ -154,7 +154,7 @@ def driven(
     soil: Mapping[str, float] | None = None,
     robot: str = "agriq",
 ) -> tuple[list[Drive], dict[str, dict[str, Any]], dict[str, float]]:
-    """Drives, the effects' parameters and the soil of a case; the soil and the commands do not depend on the effects."""
+    """Drives, the effects' parameters and the soil of a case; soil and commands do not depend on the effects."""
     rng, told = np.random.default_rng([seed, 0]), np.random.default_rng([seed, 1])
     numbers = load_robot(robot)
     soil = dict(soil) if soil else random_soil(numbers, told)

@@ -50,7 +50,9 @@ def _sized(name: str, size: float) -> Callable[[Rng, float, np.ndarray], Values]
 
 
 def _signed(name: str, size: float, neutral: float = 0.0) -> Callable[[Rng, float, np.ndarray], Values]:
-    return lambda rng, s, track: {name: max(LEAST, neutral + _sign(rng) * size * s) if neutral else _sign(rng) * size * s}
+    return lambda rng, s, track: {
+        name: max(LEAST, neutral + _sign(rng) * size * s) if neutral else _sign(rng) * size * s
+    }
 
 
 def _factor(name: str, at_one: float) -> Callable[[Rng, float, np.ndarray], Values]:
@@ -91,7 +93,9 @@ def _radii(machine: Machine, values: Values) -> Machine:
 
 def _slope(machine: Machine, values: Values) -> Machine:
     along, heading = GRAVITY * sin(values["grade"]), values["heading"]
-    return machine.hiding(pull_x=along * cos(heading), pull_y=along * sin(heading), gravity=GRAVITY * cos(values["grade"]))
+    return machine.hiding(
+        pull_x=along * cos(heading), pull_y=along * sin(heading), gravity=GRAVITY * cos(values["grade"])
+    )
 
 
 def _push(machine: Machine, values: Values) -> Machine:
@@ -121,7 +125,9 @@ def _draw_two(x: float, y: float) -> Callable[[Rng, float, np.ndarray], Values]:
     return lambda rng, s, track: {"x": _sign(rng) * x * s, "y": _sign(rng) * y * s}
 
 
-def _chosen(size: str, at_one: float, name: str, choices: tuple[str, ...]) -> Callable[[Rng, float, np.ndarray], Values]:
+def _chosen(
+    size: str, at_one: float, name: str, choices: tuple[str, ...]
+) -> Callable[[Rng, float, np.ndarray], Values]:
     return lambda rng, s, track: {size: at_one * s, name: str(rng.choice(choices))}
 
 

@@ -31,7 +31,9 @@ class Journal:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             os.close(self._file)
-            raise ArtibotError(f"{self.path}: another campaign writes to it; wait for it or name another --out") from error
+            raise ArtibotError(
+                f"{self.path}: another campaign writes to it; wait for it or name another --out"
+            ) from error
         whole = self.path.read_bytes()
         end = whole.rfind(b"\n") + 1
         if end < len(whole):

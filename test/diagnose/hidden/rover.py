@@ -28,8 +28,9 @@ GRAVITY = 9.81
 STEP = 2.5e-4
 """s; free wheels lose their slip at up to 1900 /s."""
 ROW = 34
-"""What is kept of an instant: 24 numbers of the state, 4 motor torques, 4 efficiencies, 2 torques of the step before."""
-X, Y, YAW_F, YAW_B, ANGLE, U, V, R, S, SPEED, LATERAL, TORQUE, ETA, BEFORE = 0, 1, 2, 3, 4, 8, 9, 10, 11, 12, 16, 24, 28, 32
+"""Kept of an instant: 24 numbers of the state, 4 motor torques, 4 efficiencies, 2 torques of the step before."""
+X, Y, YAW_F, YAW_B, ANGLE, U, V, R, S, SPEED = 0, 1, 2, 3, 4, 8, 9, 10, 11, 12
+LATERAL, TORQUE, ETA, BEFORE = 16, 24, 28, 32
 
 
 class Body(NamedTuple):
@@ -149,43 +150,48 @@ def _wheel(k, k_l, k_t, mu_s, mu_d, load, slip, p_x, p_y, state, rates, h):
 @njit(cache=True)
 def _contact(t, state, rover, rates, out):
     """Sums over each module's wheels in its own frame: out[0:3], out[3:6] = force x, y, moment; out[6:10] = M_r."""
-    h = rover.hidden
+    f, b = rover.front, rover.back
     out[:] = 0.0
-    phi = state[YAW_B] - state[YAW_F]
-    v_j = state[V] - rover.front.l * state[R]
-    for k in range(8):
-        motor, behind = k // 2, k > 3
-        body, soil = rover.back if behind else rover.front, rover.soil
-        gear = rover.back_gear if behind else rover.front_gear
-        end, side = 1.0 - 2.0 * (k % 2), 2.0 * (motor % 2) - 1.0
-        yaw, w, u, v = state[YAW_F], state[R], state[U], state[V]
-        x, y = state[X], state[Y]
-        if behind:
-            x -= rover.front.l * cos(yaw) + body.l * cos(state[YAW_B])
-            y -= rover.front.l * sin(yaw) + body.l * sin(state[YAW_B])
-            yaw, w = state[YAW_B], state[S]
-            u = cos(phi) * state[U] + sin(phi) * v_j
-            v = -sin(phi) * state[U] + cos(phi) * v_j - body.l * w
-        x_w, y_w = end * body.half_x, side * body.half_y
-        x, y = x + cos(yaw) * x_w - sin(yaw) * y_w, y + sin(yaw) * x_w + cos(yaw) * y_w
-        p_x, p_y = u - w * y_w, v + w * x_w
-        load = 0.25 * body.m * h.gravity * (1.0 + end * body.c_x / body.half_x) * (1.0 + side * body.c_y / body.half_y)
-        r_w, omega = rover.r_right if side < 0.0 else rover.r_left, gear.tau * state[SPEED + motor]
-        stiff, rough = _grip(t, x, y, behind, h)
-        F_l, F_t = _wheel(
-            k, stiff * soil.k_l, stiff * soil.k_t, rough * soil.mu_s, rough * soil.mu_d, load, r_w * omega - p_x,
-            p_x, p_y, state, rates, h,
-        )  # fmt: skip
-        if h.ridge != 0.0:
-            F_t += h.ridge * sin(h.ridge_x * x + h.ridge_y * y + h.ridge_phase)
-        if h.lame != 0.0 and k == int(h.lame_wheel):
-            F_l += h.lame * sin(gear.tau * state[ANGLE + motor] + h.lame_phase)
-        ahead = soil.u_w * (1.0 + h.rolling_speed * sqrt(p_x * p_x + p_y * p_y))
-        o = 3 if behind else 0
-        out[o] += F_l
-        out[o + 1] += F_t
-        out[o + 2] += (x_w + ahead) * F_t - y_w * F_l
-        out[6 + motor] += r_w * F_l + ahead * load * tanh(omega / 0.02)
+    c, n, w, u, v = cos(state[YAW_F]), sin(state[YAW_F]), state[R], state[U], state[V]
+    _module(t, state, rover, 0, f, rover.front_gear, (state[X], state[Y], c, n, u, v, w), rates, out)
+    phi, v_j = state[YAW_B] - state[YAW_F], v - f.l * w
+    C, N = cos(state[YAW_B]), sin(state[YAW_B])
+    x, y = state[X] - f.l * c - b.l * C, state[Y] - f.l * n - b.l * N
+    w = state[S]
+    u, v = cos(phi) * u + sin(phi) * v_j, -sin(phi) * u + cos(phi) * v_j - b.l * w
+    _module(t, state, rover, 1, b, rover.back_gear, (x, y, C, N, u, v, w), rates, out)
+
+
+@njit(cache=True)
+def _module(t, state, rover, module, body, gear, motion, rates, out):
+    """The four wheels of a module whose origin has this `motion`: x, y, cos and sin of yaw, u, v, yaw rate."""
+    h, soil = rover.hidden, rover.soil
+    x_o, y_o, c, n, u, v, w = motion
+    o, weight = 3 * module, 0.25 * body.m * h.gravity
+    for motor in (2 * module, 2 * module + 1):
+        side = 2.0 * (motor % 2) - 1.0
+        y_w, omega = side * body.half_y, gear.tau * state[SPEED + motor]
+        r_w, sense, p_x = rover.r_right if side < 0.0 else rover.r_left, tanh(omega / 0.02), u - w * y_w
+        for k in (2 * motor, 2 * motor + 1):
+            end = 1.0 - 2.0 * (k % 2)
+            x_w = end * body.half_x
+            x, y = x_o + c * x_w - n * y_w, y_o + n * x_w + c * y_w
+            p_y = v + w * x_w
+            load = weight * (1.0 + end * body.c_x / body.half_x) * (1.0 + side * body.c_y / body.half_y)
+            stiff, rough = _grip(t, x, y, module == 1, h)
+            F_l, F_t = _wheel(
+                k, stiff * soil.k_l, stiff * soil.k_t, rough * soil.mu_s, rough * soil.mu_d, load, r_w * omega - p_x,
+                p_x, p_y, state, rates, h,
+            )  # fmt: skip
+            if h.ridge != 0.0:
+                F_t += h.ridge * sin(h.ridge_x * x + h.ridge_y * y + h.ridge_phase)
+            if h.lame != 0.0 and k == int(h.lame_wheel):
+                F_l += h.lame * sin(gear.tau * state[ANGLE + motor] + h.lame_phase)
+            ahead = soil.u_w * (1.0 + h.rolling_speed * sqrt(p_x * p_x + p_y * p_y))
+            out[o] += F_l
+            out[o + 1] += F_t
+            out[o + 2] += (x_w + ahead) * F_t - y_w * F_l
+            out[6 + motor] += r_w * F_l + ahead * load * sense
 
 
 @njit(cache=True)
@@ -302,7 +308,12 @@ def drive(row, t, h, every, wish, rover):
         _rates(t + k * h, state, rover, eta, held, wish[k], slope, out, first, torque)
         if k % every == 0:
             kept = rows[k // every]
-            kept[:24], kept[TORQUE : TORQUE + 4], kept[ETA : ETA + 4], kept[BEFORE : BEFORE + 2] = state, torque, eta, before
+            kept[:24], kept[TORQUE : TORQUE + 4], kept[ETA : ETA + 4], kept[BEFORE : BEFORE + 2] = (
+                state,
+                torque,
+                eta,
+                before,
+            )
         if k == steps:
             break
         ahead = state + h * first

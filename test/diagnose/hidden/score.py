@@ -97,7 +97,9 @@ def _first(answer: Mapping[str, Any]) -> str:
     return str(answer["causes"][0]["effect"])
 
 
-def _ranks(answer: Mapping[str, Any], effects: Mapping[str, Any], unlisted: Mapping[str, Any]) -> tuple[float, float, bool]:
+def _ranks(
+    answer: Mapping[str, Any], effects: Mapping[str, Any], unlisted: Mapping[str, Any]
+) -> tuple[float, float, bool]:
     """top1, top3, tie."""
     verdict, causes = answer["verdict"], answer["causes"]
     if unlisted:

@@ -91,7 +91,9 @@ def failures(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         worst = max(s.errors.items(), key=lambda item: item[1], default=("", 0.0))
         remarks = []
         if s.top1 < 1.0:
-            remarks.append(f"named {s.answer}" + (" in a tie" if s.tie else "") + ("" if s.top3 else ", not among three"))
+            remarks.append(
+                f"named {s.answer}" + (" in a tie" if s.tie else "") + ("" if s.top3 else ", not among three")
+            )
         elif s.excess:
             remarks.append(f"{s.excess} more than there is")
         if job["kind"] == "unlisted" and s.described is False and s.top1:

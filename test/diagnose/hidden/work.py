@@ -42,7 +42,18 @@ def command_line(found: Case) -> dict[str, Any]:
         bags = [str(write(recording, folder)) for recording in found.recordings]
         held = [word for recording in found.holdout for word in ("--holdout", str(write(recording, folder)))]
         out = folder / "diagnosis"
-        command = [sys.executable, "-m", "artibot_sim.cli", "diagnose", *bags, *held, "--robot", "agriq", "--out", str(out)]
+        command = [
+            sys.executable,
+            "-m",
+            "artibot_sim.cli",
+            "diagnose",
+            *bags,
+            *held,
+            "--robot",
+            "agriq",
+            "--out",
+            str(out),
+        ]
         done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode:
             raise RuntimeError(f"artibot diagnose: status {done.returncode}: {done.stderr.strip()[-2000:]}")
@@ -51,7 +62,15 @@ def command_line(found: Case) -> dict[str, Any]:
 
 def silent(found: Case) -> dict[str, Any]:
     """Says that nothing is wrong, whatever it is shown: what every other way has to beat."""
-    return {"verdict": "none", "causes": [], "unexplained": None, "gain": {}, "baseline": {}, "ranking": [], "warnings": []}
+    return {
+        "verdict": "none",
+        "causes": [],
+        "unexplained": None,
+        "gain": {},
+        "baseline": {},
+        "ranking": [],
+        "warnings": [],
+    }
 
 
 WAYS: dict[str, Diagnose] = {"memory": in_memory, "bags": command_line, "silent": silent}
