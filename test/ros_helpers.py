@@ -20,6 +20,8 @@ from typing import TYPE_CHECKING, NoReturn
 
 import pytest
 
+from artibot_sim.resources import local_environment
+
 if TYPE_CHECKING:
     from rclpy.context import Context
     from rclpy.node import Node
@@ -69,9 +71,8 @@ def reserved_domain(seed: str) -> Iterator[int]:
 def ros_environment(domain: int, log_dir: Path) -> dict[str, str]:
     """Variables that keep a ROS process to its own domain, this machine and `log_dir`."""
     return {
+        **local_environment(),
         "ROS_DOMAIN_ID": str(domain),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",  # what killed nodes leave in /dev/shm can keep later ones apart
         "ROS_LOG_DIR": str(log_dir),
         "PYTHONUNBUFFERED": "1",
     }

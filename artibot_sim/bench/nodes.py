@@ -18,6 +18,7 @@ from typing import Any
 from artibot_sim.bench.results import Result
 from artibot_sim.bench.scenario import Scenario
 from artibot_sim.errors import ArtibotError
+from artibot_sim.resources import local_environment
 
 NO_ROS = "rclpy is not installed; source a ROS 2 Jazzy, or pip install 'artibot_sim[ros]'"
 PLANNER_READY = 3.0
@@ -85,7 +86,7 @@ def _word(word: str) -> list[str]:
 
 def _environment(log: str) -> dict[str, str]:
     """On this machine only, and in a domain of its own, unless the caller chose one."""
-    own = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", "ROS_LOG_DIR": log}
+    own = {**local_environment(), "ROS_LOG_DIR": log}
     path = os.pathsep.join(filter(None, sys.path))
     return {"ROS_DOMAIN_ID": str(1 + os.getpid() % 100), **os.environ, **own, "PYTHONPATH": path}
 

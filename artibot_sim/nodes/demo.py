@@ -148,7 +148,7 @@ def _introduce(settings: Settings, console: Console) -> None:
         f"κ = {settings.kappa:g}. Each step shows what you would type yourself, after",
         markup=False,
     )
-    variables = " ".join(f"{name}={value}" for name, value in settings.environment.items())
+    variables = " ".join(f"{name}={value}" for name, value in settings.environment.items() if name.startswith("ROS_"))
     console.print(f"        export {variables}\n", style="cyan", markup=False, soft_wrap=True)
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.nodes.crew import Child, ChildFailed, Crew
-from artibot_sim.nodes.domain import LOCAL
+from artibot_sim.resources import local_environment
 
 if TYPE_CHECKING:
     from artibot_sim.model import Robot
@@ -53,7 +53,7 @@ class Settings(NamedTuple):
     @property
     def environment(self) -> dict[str, str]:
         """What keeps the demo's nodes among themselves."""
-        return {"ROS_DOMAIN_ID": str(self.domain), **LOCAL}
+        return {"ROS_DOMAIN_ID": str(self.domain), **local_environment()}
 
     @property
     def about(self) -> list[str]:

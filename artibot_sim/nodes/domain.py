@@ -12,10 +12,6 @@ from pathlib import Path
 
 from artibot_sim.errors import ArtibotError
 
-LOCAL = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
-"""Variables that keep nodes to this machine. Loopback instead of shared memory: what killed nodes leave in /dev/shm can
-keep later ones from finding each other."""
-
 DOMAINS = range(1, 102)
 """Domains whose ports lie below Linux's ephemeral range; 0 is everybody's."""
 
