@@ -67,8 +67,17 @@ KAPPA = Spec(
     "what the back motors' rated torque allows (Agri.q: 0.622).", high=1.0, above=0.0, live=True,
 )  # fmt: skip
 
+LAW = Spec(
+    "law",
+    "constant",
+    "How the back motors share the torque: a law of `artibot actuate --list`, with parameters as "
+    "NAME:PARAMETER=VALUE, or a Python file with a LAW. constant is eq. 30 with kappa.",
+    live=True,
+)
+
 _COMMANDING = (
     KAPPA,
+    LAW,
     Spec("autoconfigure", True, "Open the bus and set the drives up at the start; false: wait for the lifecycle's "
          "configure."),
     Spec("enable_on_start", False, "Enable the drives as soon as they are set up; false: wait for ~/enable or the "

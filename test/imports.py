@@ -9,12 +9,14 @@ from typing import NamedTuple
 
 LAYERS = (
     "model",
+    "sharing",
     "planning",
     "experiment",
     "identify",
     "diagnose",
     "report",
     "reproduce",
+    "actuate",
     "bench",
     "nodes",
     "can_cli",
@@ -26,7 +28,7 @@ BELOW_ALL = ("documents", "errors", "parameters", "progress", "resources", "vers
 """Modules that any part may import, and that import only each other."""
 
 DRIVER = "artibot_driver"
-DRIVER_MAY = ("model", "planning", *BELOW_ALL)
+DRIVER_MAY = ("model", "sharing", "planning", *BELOW_ALL)
 """What the driver may import of artibot_sim."""
 
 ABOVE_DRIVER = ("nodes", "can_cli")

@@ -10,6 +10,7 @@ from artibot_driver.master.sharing import back_torque, check_kappa
 from artibot_driver.master.values import NAN_PAIR, Commanded, Pair, Setpoints
 from artibot_driver.rig import Rig, motor_per_metre
 from artibot_sim.errors import ArtibotError
+from artibot_sim.sharing import Cycle, Law
 
 FRONT: Final = ("front_right", "front_left")
 BACK: Final = ("back_right", "back_left")
@@ -53,6 +54,9 @@ class Targets:
         self.velocity: Pair = (0.0, 0.0)
         self._effort = NAN_PAIR
         self._kappa = rig.robot.control.kappa
+        self._law: Law | None = None
+        self._law_fault = ""
+        self._shared: Pair = (0.0, 0.0)
 
     def fault_of(self, given: Setpoints) -> str:
         """What is wrong with set-points, one clause; empty where they can be followed."""
@@ -69,6 +73,8 @@ class Targets:
                     return f"{motor} effort {effort:g} N m, expected at most {most:g}"
             if given.kappa is not None:
                 check_kappa(self._rig.robot, given.kappa)
+            if self._law_fault and given.law is self._law:
+                return self._law_fault
         except ArtibotError as error:
             return str(error)
         except (TypeError, ValueError) as error:
@@ -86,11 +92,13 @@ class Targets:
         self.velocity = (right * scale, left * scale)
         self._effort = given.back_effort
         self._kappa = self._rig.robot.control.kappa if given.kappa is None else given.kappa
+        self._law = given.law
 
     def begin(self, velocity: Pair) -> None:
         """Start from what the front motors do, rad/s, or the limit; what is next to nothing is rest."""
         slow = not math.isfinite(sum(velocity)) or all(map(self.is_slow, velocity))
         self.velocity, self._effort = (0.0, 0.0), NAN_PAIR
+        self._law, self._law_fault, self._shared = None, "", (0.0, 0.0)
         if not slow:
             scale = min(1.0, self._limit / max(map(abs, velocity)))
             self.velocity = (velocity[0] * scale, velocity[1] * scale)
@@ -100,8 +108,11 @@ class Targets:
         return abs(velocity) <= STANDSTILL / self._rig.config.max_speed * self._limit
 
     def ramp_down(self, dt: float) -> None:
-        """`dt` seconds nearer to standstill, both wheels scaled alike: the path keeps its curvature."""
-        self._effort = NAN_PAIR
+        """`dt` seconds nearer to standstill, both wheels scaled alike: the path keeps its curvature.
+
+        It is eq. 30 that shares the torque then: a stop does not rest on a law that somebody wrote for driving.
+        """
+        self._effort, self._law = NAN_PAIR, None
         speed = max(map(abs, self.velocity))
         left = max(0.0, speed - self._deceleration * dt)
         scale = left / speed if speed > 0.0 else 0.0
@@ -120,15 +131,39 @@ class Targets:
 
     def integers(self, front_torque: tuple[int, int]) -> Integers:
         """What goes into the frames, given the front drives' torque actual values (6077h)."""
-        torques = []
-        for motor, effort in zip(BACK, self._effort, strict=True):
-            if math.isnan(effort):
+        torques, law = [], self._by_law(front_torque)
+        for i, (motor, effort) in enumerate(zip(BACK, self._effort, strict=True)):
+            if law is not None and math.isnan(effort):
+                scaled = self._rig.scaling[motor].torque.raw(law[i])
+            elif math.isnan(effort):
                 scaled = back_torque(self._rig, motor, self._kappa, front_torque)
             else:
                 scaled = self._rig.scaling[motor].torque.raw(effort)
             self._tally["saturated_torque"] += scaled.saturated
             torques.append(scaled.raw)
+        right, left = (self._rig.scaling[motor].torque.si(raw) for motor, raw in zip(BACK, torques, strict=True))
+        self._shared = right, left
         return Integers(self._velocities(), (torques[0], torques[1]))
+
+    def _by_law(self, front_torque: tuple[int, int]) -> Pair | None:
+        """Back torques (N m) by the law that set-points named; None for eq. 30.
+
+        A law is anybody's code: where it fails the back motors get no torque, and the next set-points that name it are
+        faulty, which stops the rover.
+        """
+        law = self._law
+        if law is None:
+            return None
+        if self._law_fault:
+            return 0.0, 0.0
+        right, left = (self._rig.scaling[m].torque.si(raw) for m, raw in zip(FRONT, front_torque, strict=True))
+        try:
+            torques = law.torques(self._rig.robot, Cycle(self.velocity, (right, left), self._shared, self._kappa))
+            sound = math.isfinite(sum(torques))
+            self._law_fault = "" if sound else f"law {law} gives torques {torques[0]:g} and {torques[1]:g} N m"
+        except Exception as error:  # noqa: BLE001 - whatever a user's law does, the loop goes on
+            self._law_fault = f"law {law}: {type(error).__name__}: {error}"
+        return (0.0, 0.0) if self._law_fault else torques
 
     def commanded(self, sent: Integers, now: int) -> Commanded:
         """What frames with these integers say, SI."""

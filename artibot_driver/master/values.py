@@ -11,6 +11,7 @@ from typing import Final
 from artibot_driver.bus_health import BusState
 from artibot_driver.cia402 import State
 from artibot_driver.master.phases import Phase
+from artibot_sim.sharing import Law
 
 Pair = tuple[float, float]
 """Right, left."""
@@ -37,12 +38,15 @@ class Setpoints:
         Back right and left motor, N m; NaN leaves a motor to eq. 30.
     kappa : float or None
         Share of the front module in the traction torque (eq. 29); None is the robot file's.
+    law : Law or None
+        How the back motors share the torque; None is eq. 30 in the drives' own counts.
     """
 
     front_velocity: Pair
     stamp_ns: int
     back_effort: Pair = NAN_PAIR
     kappa: float | None = None
+    law: Law | None = None
 
 
 class Reason(enum.Enum):

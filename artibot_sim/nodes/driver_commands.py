@@ -8,6 +8,7 @@ from artibot_driver.master import Phase, Reason, Setpoints, Status
 from artibot_sim.nodes.arbiter import Commanding, Decision
 from artibot_sim.nodes.command_messages import TOPICS, Source
 from artibot_sim.nodes.inputs import Inputs
+from artibot_sim.sharing import Law
 
 NOT_ENABLED = "the drives are not enabled; call ~/enable first, then command anew"
 STOPPED = "the rover was stopped; call ~/enable, then command anew"
@@ -56,7 +57,7 @@ class CommandDesk:
         self.inputs.hear_profiles(True)
 
     def decide(
-        self, status: Status, t_ns: int, period_ns: int, periods: int, kappa: float
+        self, status: Status, t_ns: int, period_ns: int, periods: int, kappa: float, law: Law | None = None
     ) -> Setpoints | Silence | None:
         """What to tell the master for the SYNC now; None where nobody commands.
 
@@ -82,7 +83,7 @@ class CommandDesk:
         velocity = decision.velocity[-1]
         if decision.source is Source.NONE and velocity == (0.0, 0.0):
             return None
-        return Setpoints(velocity, round(self._received * 1e9), decision.effort, kappa)
+        return Setpoints(velocity, round(self._received * 1e9), decision.effort, kappa, law)
 
     def _silence(self, before: Commanding, decision: Decision) -> Silence:
         topic = TOPICS[before.source]

@@ -61,6 +61,7 @@ class DriverLoop:
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
         self._stop: Stop | None = None
         self._logged: Phase | None = None
+        self._law = parameters.law_of(settings["law"])
 
     @property
     def config(self) -> DriverConfig:
@@ -92,8 +93,9 @@ class DriverLoop:
         self.master = self.status = self._stop = self._logged = None
 
     def refresh_rules(self) -> None:
-        """Have the arbitration go by the parameters as they are now."""
+        """Have arbitration and torque sharing go by the parameters as they are now."""
         self.desk.inputs.rules = parameters.rules(self._settings, self._rig.robot, self.config)
+        self._law = parameters.law_of(self._settings["law"])
 
     def step(self, master: Master, listen: bool) -> Status:
         """One SYNC period, at its deadline; with `listen` commands are followed."""
@@ -102,7 +104,7 @@ class DriverLoop:
         setpoints = None
         if self.status is not None and listen:
             kappa = self._settings["kappa"]
-            found = self.desk.decide(self.status, t_ns, self._period_ns, self._periods, kappa)
+            found = self.desk.decide(self.status, t_ns, self._period_ns, self._periods, kappa, self._law)
             if isinstance(found, Silence):
                 master.stop(found.reason, found.text)
             else:
@@ -158,6 +160,7 @@ class DriverLoop:
             "lifecycle": lifecycle,
             "commanded by": self.desk.source.value,
             "kappa": self._settings["kappa"],
+            "law": self._settings["law"],
             "loop late p99 (ms)": 1e3 * self.pacer.recent(1000, 99),
             "loop late most (ms)": 1e3 * self.pacer.recent(1000, 100),
             "periods missed": self.pacer.overruns,

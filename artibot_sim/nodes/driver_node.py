@@ -15,6 +15,7 @@ from artibot_sim.nodes.ros_args import parameter_files
 OPTIONS = {
     "robot": "robot",
     "kappa": "kappa",
+    "law": "law",
     "interface": "bus.interface",
     "channel": "bus.channel",
     "eds": "eds",
@@ -29,6 +30,7 @@ OPTIONS = {
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.option("--robot", help="Robot: agriq, epiq, or the path of a robot file.  [default: agriq]")
 @click.option("--kappa", type=float, help="Front share of the traction torque; Agri.q: 0.622 to 1.  [default: robot's]")
+@click.option("--law", help="Torque-sharing law, see `artibot actuate --list`.  [default: constant, eq. 30]")
 @click.option("--interface", help="python-can's interface: socketcan, remote, …  [default: by the channel]")
 @click.option("--channel", help="Its channel: can0, vcan0, ws://127.0.0.1:PORT/.  [default: vcan0]")
 @click.option("--eds", help="Object dictionary of the drives: drive, or the path of an EDS file.  [default: drive]")
@@ -52,6 +54,7 @@ def command(ros_args: list[str] | None, params: tuple[str, ...], **given: Any) -
     Examples:
       artibot driver --channel can0 --params my_rover.yaml
       artibot driver --kappa 0.8 --enable
+      artibot driver --law by_curvature:turn=0.7
       artibot driver --channel ws://127.0.0.1:54701/     (a bus of `artibot can loopback`)
       ros2 service call /driver/enable std_srvs/srv/Trigger
     """

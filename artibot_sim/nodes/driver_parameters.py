@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from artibot_driver.config import ALL_SPECS, COMMANDING_SPECS, KAPPA, SPECS, DriverConfig
+from artibot_driver.config import ALL_SPECS, COMMANDING_SPECS, KAPPA, LAW, SPECS, DriverConfig
 from artibot_driver.master import check_kappa
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Robot, load_robot
@@ -14,6 +14,7 @@ from artibot_sim.nodes.odometry import metres_per_radian
 from artibot_sim.nodes.parameters import declare
 from artibot_sim.nodes.profile import Refused
 from artibot_sim.parameters import Value
+from artibot_sim.sharing import Law, load_law
 
 Settings = Mapping[str, Any]
 """Checked parameters by name."""
@@ -49,12 +50,26 @@ def check(name: str, value: Any, robot: Robot) -> Value:
     checked = ALL_SPECS[name].check(value)
     if name == KAPPA.name:
         check_kappa(robot, float(checked))
+    if name == LAW.name:
+        law_of(str(checked))
     if name == "command_source":
         try:
             parse_sources(str(checked))
         except Refused as reason:
             raise ArtibotError(f"parameter command_source: {reason}") from reason
     return checked
+
+
+def law_of(text: str) -> Law | None:
+    """The law of a parameter's text; None for eq. 30 itself, which the driver computes in the drives' counts.
+
+    Raises
+    ------
+    ArtibotError
+        For an unknown law.
+    """
+    law = load_law(text)
+    return None if law.id == "constant" and not law.values else law
 
 
 def of_drives(settings: Settings) -> dict[str, Any]:

@@ -1,0 +1,1 @@
+"""Torque-sharing laws compared on a trajectory."""
