@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 CYCLE = 0.01
 """Period in which a law decides, s: the driver's."""
 STEP = 1e-3
+_PEAK = 0.1
+"""s."""
 _MOTORS = list(MOTOR_COORDINATES)
 
 
@@ -62,8 +64,8 @@ class Actuation:
 
     @property
     def peak_front(self) -> float:
-        """Largest torque of a front motor, N m."""
-        return float(np.abs(self.torque[:, :2]).max())
+        """Largest torque of a front motor, N m (see `_peak`)."""
+        return _peak(self.torque[:, :2])
 
     @property
     def rms_front(self) -> float:
@@ -72,14 +74,21 @@ class Actuation:
 
     @property
     def peak_back(self) -> float:
-        """Largest torque of a back motor, N m."""
-        return float(np.abs(self.torque[:, 2:]).max())
+        """Largest torque of a back motor, N m (see `_peak`)."""
+        return _peak(self.torque[:, 2:])
 
     @property
     def energy(self) -> float:
         """What the motors put in mechanically, J; what they get back while they brake is lost."""
         power = np.maximum(self.torque * self.velocity, 0.0).sum(axis=1)
         return float(np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(self.t)))
+
+
+def _peak(torque: Array) -> float:
+    """Largest mean of a motor's torque over `_PEAK`: where its curvature jumps a plan asks for any torque at once."""
+    size = min(round(_PEAK / CYCLE), len(torque))
+    means = [np.convolve(np.abs(column), np.ones(size) / size, "valid") for column in torque.T]
+    return float(np.max(means))
 
 
 def actuate(
@@ -112,7 +121,7 @@ def actuate(
     rover = robot if limited else _without_front_limit(robot)
     stepper = Stepper(rover, dt=STEP, integrator=_integrator(rover), state=initial_state(rover, *plan.start))
     count = max(1, math.ceil(plan.duration / CYCLE - 1e-9))
-    t = CYCLE * np.arange(count + 1)
+    t: Array = CYCLE * np.arange(count + 1, dtype=float)
     speed = plan.at(t).velocity
     rows, back = [_row(stepper)], (0.0, 0.0)
     for k in range(count):

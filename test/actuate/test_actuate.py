@@ -59,12 +59,14 @@ def test_relieve_keeps_the_front_motors_near_their_share(by_law):
     )
 
 
-def test_energy_put_in_is_not_less_than_what_sliding_takes(by_law):
-    """The loops' work closes with the model's own account of it."""
+def test_the_energy_is_the_models_account_of_what_the_motors_did(by_law):
     found = by_law["constant:kappa=1"]
+    power = (found.torque * found.velocity).sum(axis=1)
+    net = float(np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(found.t)))
     account = rollout(AGRIQ, found.plan.commands(), kappa=1.0, energy=True)
     put_in = sum(account[f"E_motor_{motor}"][-1] for motor in ("front_right", "front_left"))
-    assert found.energy == pytest.approx(put_in, rel=0.05)
+    assert net == pytest.approx(put_in, rel=0.03)
+    assert found.energy >= net  # what braking gives back is lost
 
 
 def test_a_law_that_gives_no_numbers_is_refused():

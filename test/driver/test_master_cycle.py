@@ -19,6 +19,7 @@ from artibot_driver.master import Master, Phase, Reason, Setpoints, Stage
 from artibot_driver.pdo import Pdo
 from artibot_driver.rig import load_rig
 from artibot_sim.model import MOTORS
+from artibot_sim.sharing import Law, load_law
 
 RIG = load_rig(config_from_parameters({}))
 TURN = VirtualWorld(RIG, random.Random(0)).turn
@@ -88,6 +89,38 @@ def test_kappa_changes_from_one_period_to_the_next() -> None:
         torques.append(max(abs(s.cycle.commanded.back_effort[0]) for s in w.trace[-40:] if s.cycle))
     assert torques[0] == 0.0
     assert torques[1] > 0.05
+
+
+def test_a_law_sets_the_back_torques_from_the_front_ones() -> None:
+    """From the frames: the outer motor's torque exceeds the inner one's by what vectoring adds to eq. 30."""
+    w = Logged().enabled()
+    w.log.clear()
+    law = load_law("vectoring:gain=1")
+    w.command = lambda now: Setpoints((60 * math.sin(now * 6e-9), 30 * math.sin(now * 6e-9)), now, kappa=1.0, law=law)
+    w.run(2.0)
+    seen = 0
+    for (_, before), (asked, _) in itertools.pairwise(periods(w.log)):
+        front = sum(abs(before[node].value("torque_actual_value")) for node in (1, 2))
+        right, left = -asked[3].value("target_torque"), asked[4].value("target_torque")
+        assert abs(right + left) <= 1  # kappa 1: nothing on average
+        moves = any(asked[node].value("target_velocity") for node in (1, 2))
+        assert abs(abs(right - left) - front * 30 / 90) <= 2 or not moves
+        seen += front > 50
+    assert seen > 50
+
+
+def test_a_law_that_fails_stops_the_rover_and_leaves_the_back_motors_without_torque() -> None:
+    def failing(robot: object, cycle: object) -> tuple[float, float]:
+        raise ZeroDivisionError("in a law")
+
+    w = Logged().enabled()
+    law = Law("failing", "Fails.", failing)
+    w.command = lambda now: Setpoints((60.0, 60.0), now, kappa=0.7, law=law)
+    w.run(0.2)
+    assert w.last.status.stop is not None and w.last.status.stop.reason is Reason.INVALID_COMMAND
+    assert "ZeroDivisionError: in a law" in w.last.status.stop.text
+    driven = [s.cycle.commanded for s in w.trace if s.cycle and not math.isnan(s.cycle.commanded.back_effort[0])]
+    assert driven[-1].back_effort == pytest.approx((0.0, 0.0), abs=0.3)
 
 
 def test_what_is_said_to_be_commanded_is_what_the_frames_say() -> None:
