@@ -128,7 +128,8 @@ def actuate(
         right, left = speed[k].tolist()
         measured = (float(stepper.torque[0]), float(stepper.torque[1]))
         back = _checked(law, law.torques(robot, Cycle((right, left), measured, back, robot.control.kappa)))
-        turns = (*(Turn((float(a), float(b))) for a, b in speed[k : k + 2].T), *(Turn(torque=each) for each in back))
+        front = [Turn((float(a), float(b))) for a, b in speed[k : k + 2].T]
+        turns = (front[0], front[1], Turn(torque=back[0]), Turn(torque=back[1]))
         if stepper.advance(round(CYCLE / STEP), turns) is not Status.OK:
             raise ArtibotError(f"law {law}: the simulation diverged at {t[k]:.2f} s; it may feed back too strongly")
         rows.append(_row(stepper))
