@@ -51,6 +51,7 @@ setup(
         "numba>=0.59",
         "numpy>=1.26",
         "plotly>=5.20",
+        "pyarrow>=15",
         "python-can>=4.3",
         "python-can-remote>=0.3",
         "pyyaml>=6.0",
@@ -62,8 +63,11 @@ setup(
         # ROS 2 Jazzy as wheels (x86-64, Python 3.10-3.13). Never on top of a ROS 2 that is sourced already.
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-rmw-fastrtps-cpp", "ros-jazzy-common-interfaces"],
         "bench": ["mujoco>=3.2"],
+        # Sweeps, identifications and campaigns on a Dask cluster
+        "cluster": ["distributed>=2024.1"],
         "test": [
             "cantools>=39.4",
+            "distributed>=2024.1",
             "hypothesis>=6.100",
             "mcap-ros2-support>=0.5",
             "mujoco>=3.2",

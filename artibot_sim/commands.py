@@ -26,6 +26,7 @@ COMMANDS: Final[dict[str, Word]] = {
     "can": Word("artibot_sim.can_cli:command", "Decode recorded CAN frames; a DBC, a loopback bus."),
     "plot": Word("artibot_sim.report.plot_cli:command", "Draw a recording, to PNG or an HTML page."),
     "identify": Word("artibot_sim.report.identify_cli:command", "Identify soil and geometry from recordings."),
+    "sweep": Word("artibot_sim.report.sweep_cli:command", "Simulate a grid or hypercube of parameters."),
     "reproduce": Word("artibot_sim.reproduce.cli:command", "Reproduce the paper's figures and tables, as a page."),
     "actuate": Word("artibot_sim.actuate.cli:command", "Compare laws that share the torque between the modules."),
     "bench": Word("artibot_sim.bench:command", "Measure the speed of the model and the commands."),

@@ -17,6 +17,7 @@ KINDS: Final = {
     "robots": ("", ".yaml"),
     "nodes": ("", ".yaml"),
     "manoeuvres": ("manoeuvres", ".yaml"),
+    "sweeps": ("sweeps", ".yaml"),
     "urdf": ("urdf", ".urdf"),
     "eds": ("", ".eds"),
 }
@@ -51,7 +52,7 @@ def config_names(kind: str) -> tuple[str, ...]:
 
     Parameters
     ----------
-    kind : {"robots", "nodes", "manoeuvres", "urdf", "eds"}
+    kind : {"robots", "nodes", "manoeuvres", "sweeps", "urdf", "eds"}
     """
     folder, suffix = _place(kind)
     return tuple(sorted(path.stem for path in folder.glob(f"*{suffix}") if _is_kind(kind, path)))

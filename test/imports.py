@@ -14,6 +14,7 @@ LAYERS = (
     "experiment",
     "identify",
     "diagnose",
+    "sweep",
     "report",
     "reproduce",
     "actuate",
@@ -24,7 +25,7 @@ LAYERS = (
 )
 """Parts of artibot_sim, lowest first: each may import itself and what stands before it."""
 
-BELOW_ALL = ("documents", "errors", "parameters", "progress", "resources", "version", "commands")
+BELOW_ALL = ("cluster", "cluster_dask", "documents", "errors", "parameters", "progress", "resources", "version", "commands")
 """Modules that any part may import, and that import only each other."""
 
 DRIVER = "artibot_driver"
@@ -42,6 +43,9 @@ OWNERS = {
     "can_remote": (DRIVER,),
     "canopen": (DRIVER,),
     "mujoco": ("bench",),
+    "pyarrow": ("sweep",),
+    "distributed": ("cluster_dask",),
+    "dask": ("cluster_dask",),
 }
 """Libraries that only these parts know."""
 

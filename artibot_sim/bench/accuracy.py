@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.bench.results import Result
 from artibot_sim.bench.scenario import Scenario
+from artibot_sim.bench.timing import repeat
 from artibot_sim.model import Rollout
 
 Array = NDArray[np.float64]
@@ -54,15 +55,33 @@ def ripples(scenario: Scenario) -> list[Result]:
     return results
 
 
+STEPS = (("rk4", 0.25), ("rk4", 0.5), ("rk4", 1.0), ("semi_implicit", 0.5), ("semi_implicit", 1.0),
+         ("semi_implicit", 2.0), ("semi_implicit", 5.0))  # fmt: skip
+"""Integrators with their steps, ms."""
+
+
+def pose_name(integrator: str, ms: float) -> str:
+    """Of the result for a step in ms."""
+    return f"pose_difference_{integrator}_{ms:g}ms"
+
+
 def poses(scenario: Scenario) -> list[Result]:
-    """Distance from the converged rollout at the end, and the largest on the way."""
+    """Error of the final pose against the converged rollout, and the largest on the way, beside what a step size costs.
+
+    The cost is the time that a second of motion takes on one core.
+    """
     reference = scenario.converged
     step = 1e3 * (1e-4 if scenario.quick else 5e-5)
     results = []
-    for integrator, dt in (("rk4", 1e-3), *(("semi_implicit", ms * 1e-3) for ms in (1, 2, 5))):
+    for integrator, ms in STEPS:
+        dt = 1e-3 * ms
         apart = distance(scenario.rollout(integrator, dt).pose, reference.pose)
-        note = f"at the end, from RK4 at {step:g} ms; {1e3 * apart.max():.2g} mm at most on the way"
-        name = f"pose_difference_{integrator}_{dt * 1e3:g}ms"
-        results.append(Result(name, float(apart[-1]), "m", note, {"largest": float(apart.max())}))
-        scenario.tick()
+        wall = repeat(lambda i=integrator, h=dt: scenario.rollout(i, h), scenario.runs(5), scenario.tick).best
+        cost = wall / scenario.commands.duration
+        note = (
+            f"at the end, from RK4 at {step:g} ms; {1e3 * apart.max():.2g} mm at most on the way; "
+            f"{1e3 * cost:.2g} ms for a second of motion"
+        )
+        detail = {"largest": float(apart.max()), "cost": cost}
+        results.append(Result(pose_name(integrator, ms), float(apart[-1]), "m", note, detail))
     return results

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from artibot_sim.report.output import OutputFile
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
+    from artibot_sim.bench.compare import Earlier
     from artibot_sim.bench.results import Result, Skipped
 
 
@@ -18,7 +21,11 @@ if TYPE_CHECKING:
 @click.option("--only", multiple=True, metavar="NAME", help="Only this benchmark or result; may be repeated.")
 @click.option("--quick", is_flag=True, help="Seconds instead of minutes: few runs of the first 8 s, no processes.")
 @click.option("--list", "show_list", is_flag=True, help="List the names and end.")
-def command(path: Path | None, only: tuple[str, ...], quick: bool, show_list: bool) -> int:
+@click.option(
+    "--compare", "old", type=click.Path(path_type=Path), metavar="OLD.json",
+    help="Ratios against an earlier file of --json; exit status 1 where something got worse by a fifth.",
+)  # fmt: skip
+def command(path: Path | None, only: tuple[str, ...], quick: bool, show_list: bool, old: Path | None) -> int:
     """Measure the speed of the model and the commands on this machine.
 
     Speeds are those of the best run, because whatever else the machine does can only slow a run down; the spread
@@ -29,6 +36,7 @@ def command(path: Path | None, only: tuple[str, ...], quick: bool, show_list: bo
       artibot bench
       artibot bench --json bench.json
       artibot bench --only rollout --only mujoco
+      artibot bench --only batch --compare bench.json
     """
     from artibot_sim.bench.suite import SUITE, chosen
 
@@ -36,12 +44,14 @@ def command(path: Path | None, only: tuple[str, ...], quick: bool, show_list: bo
         for key, benchmark in SUITE.items():
             click.echo(f"{key:10}{', '.join(benchmark.names)}")
         return 0
-    keys = chosen(only, quick)
-    return _measure(keys, quick, path)
+    from artibot_sim.bench.compare import read_earlier
+
+    earlier = read_earlier(old) if old is not None else None  # before the minutes of measuring
+    return _measure(chosen(only, quick), quick, path, earlier)
 
 
-def _measure(keys: list[str], quick: bool, path: Path | None) -> int:
-    """Measure, print and write; 1 when a benchmark failed."""
+def _measure(keys: list[str], quick: bool, path: Path | None, earlier: Earlier | None) -> int:
+    """Measure, print and write; 1 when a benchmark failed, or something got worse than it was."""
     from rich.console import Console
 
     from artibot_sim.bench.results import machine, write_json
@@ -60,7 +70,20 @@ def _measure(keys: list[str], quick: bool, path: Path | None) -> int:
         console.print(line, style="dim")
     if path is not None:
         console.print(f"written to {path}", soft_wrap=True)
-    return int(any(skip.failed for skip in skipped))
+    worse = earlier is not None and _compare(console, earlier, results, host)
+    return int(worse or any(skip.failed for skip in skipped))
+
+
+def _compare(console: Console, earlier: Earlier, results: list[Result], host: dict[str, Any]) -> bool:
+    """Print the ratios; whether something got worse."""
+    from artibot_sim.bench.compare import changes, comparison, is_worse, remarks
+
+    found = changes(earlier, results)
+    console.print()
+    console.print(comparison(earlier, found))
+    for line in remarks(earlier, results, host):
+        console.print(line, style="dim")
+    return is_worse(earlier, found, host)
 
 
 def _with_progress(keys: list[str], quick: bool) -> tuple[list[Result], list[Skipped]]:

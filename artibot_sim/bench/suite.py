@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from artibot_sim.bench import accuracy, identification, nodes, peers, recording, speed, startup
+from artibot_sim.bench import accuracy, identification, nodes, peak, peers, recording, speed, startup
 from artibot_sim.bench.results import Result, Skipped
 from artibot_sim.bench.scenario import Scenario
 from artibot_sim.errors import ArtibotError
@@ -40,6 +40,9 @@ SUITE: dict[str, Benchmark] = {
     "rollout": Benchmark(("rollout_rk4_1ms", "rollout_semi_implicit", "rollout_semi_implicit_2ms"), speed.rollouts, 2),
     "effects": Benchmark(("rollout_rk4_1ms_all_effects",), speed.all_effects, 8),
     "batch": Benchmark(("batch_rk4_all_cores", "batch_rk4_ratio_to_one_core"), speed.batch, 15),
+    "peak": Benchmark(
+        ("peak_one_core", "peak_all_cores", "peak_fraction_one_core", "peak_fraction_all_cores"), peak.peak, 12,
+    ),
     "mujoco": Benchmark(
         ("mujoco_law_rk4_1ms", "mujoco_law_euler_1ms", "mujoco_native_rk4_1ms", "mujoco_native_implicitfast_1ms"),
         peers.mujoco, 15, peers.missing,
@@ -49,7 +52,7 @@ SUITE: dict[str, Benchmark] = {
         accuracy.ripples, 1,
     ),
     "pose": Benchmark(
-        ("pose_difference_rk4_1ms", *(f"pose_difference_semi_implicit_{ms}ms" for ms in (1, 2, 5))), accuracy.poses, 1,
+        tuple(accuracy.pose_name(*step) for step in accuracy.STEPS), accuracy.poses, 3,
     ),
     "start": Benchmark(("start_cold", "start_warm"), startup.starts, 40, in_quick=False),
     "identify": Benchmark(("identify_3x45s",), identification.identify_3x45s, 25, in_quick=False),

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -124,7 +126,7 @@ READABLE = frozenset(ONE_ROW) | frozenset(MANY_ROWS)
 
 @dataclass
 class Rows:
-    """Rows of one topic while a recording is being read.
+    """Rows of one topic while a recording is being read: as columns, for two hours of it are gigabytes of mappings.
 
     Attributes
     ----------
@@ -134,9 +136,9 @@ class Rows:
 
     topic: str
     ordered: bool = True
-    stamps: list[int] = field(default_factory=list)
-    received: list[int] = field(default_factory=list)
-    rows: list[dict[str, float]] = field(default_factory=list)
+    stamps: array[int] = field(default_factory=lambda: array("q"))
+    received: array[int] = field(default_factory=lambda: array("q"))
+    values: dict[str, array[float]] = field(default_factory=dict)
     messages: int = 0
     unstamped: int = 0
     mismatched: int = 0
@@ -159,13 +161,24 @@ class Rows:
     def _append(self, stamp: int, log_ns: int, row: dict[str, float]) -> None:
         self.stamps.append(stamp)
         self.received.append(log_ns)
-        self.rows.append(row)
+        for name, value in row.items():
+            column = self.values.get(name)
+            if column is None:
+                column = self.values[name] = array("d")
+            if len(column) < len(self.stamps) - 1:
+                self._fill(column, len(self.stamps) - 1)
+            column.append(value)
+
+    @staticmethod
+    def _fill(column: array[float], length: int) -> None:
+        """NaN for the rows that lacked the quantity."""
+        column.extend(repeat(math.nan, length - len(column)))
 
     def channel(self, remarks: list[str]) -> Channel:
         """Return the rows as a channel whose `t` still counts from 1970; add what was repaired to `remarks`."""
         stamps = np.array(self.stamps, np.int64)
         received = np.array(self.received, np.int64)
-        columns = _columns(self.rows)
+        columns = self._columns()
         if self.unstamped:
             remarks.append(f"{self.topic}: {self.unstamped} messages without a header stamp; reception times are used")
         if self.mismatched:
@@ -175,21 +188,21 @@ class Rows:
         units = {name: unit_of(name) for name in columns}
         return Channel(self.topic, stamps, stamps / 1e9, received, columns, units)
 
+    def _columns(self) -> dict[str, Floats]:
+        """Return arrays, NaN where a row lacked the name; a joint's quantity never measured is left out."""
+        columns = {}
+        for name in list(self.values):
+            column = self.values.pop(name)
+            self._fill(column, len(self.stamps))
+            values = np.array(column)
+            if "." not in name or np.isfinite(values).any():
+                columns[name] = values
+        return columns
+
 
 def _mismatched(message: Any) -> bool:
     lengths = {len(message.position), len(message.velocity), len(message.effort)}
     return bool(lengths - {0, len(message.name)})
-
-
-def _columns(rows: list[dict[str, float]]) -> dict[str, Floats]:
-    """Turn rows into arrays, NaN where a row lacks the name; a joint's quantity never measured is left out."""
-    names: dict[str, None] = {}
-    for keys in dict.fromkeys(tuple(row) for row in rows):
-        names.update(dict.fromkeys(keys))
-    nan = math.nan
-    columns = {name: np.array([row.get(name, nan) for row in rows], float) for name in names}
-    return {name: values for name, values in columns.items() if "." not in name or np.isfinite(values).any()}
-
 
 def _in_order(
     topic: str, stamps: np.ndarray, received: np.ndarray, columns: dict[str, Floats], remarks: list[str]

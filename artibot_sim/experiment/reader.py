@@ -65,7 +65,7 @@ def read_bag(
         raise ArtibotError(f"{path}: no topic is encoded as cdr (found: {encodings}); expected a ROS 2 recording")
     wanted, remarks = _choose(info, found, topics or {})
     rows = _read_rows(info, wanted, progress or (lambda _: None))
-    channels = {key: table.channel(remarks) for key, table in rows.items() if table.rows}
+    channels = {key: table.channel(remarks) for key, table in rows.items() if table.stamps}
     if not channels:
         present = ", ".join(sorted(found)) or "no topic at all"
         raise ArtibotError(
