@@ -104,8 +104,8 @@ def _in_processes(
 ) -> Iterator[tuple[int, Result]]:
     """In processes that end when this one does, however it does."""
     context = multiprocessing.get_context("spawn")  # a fork would copy threads' locks
-    stop = context.Event()
-    pool = concurrent.futures.ProcessPoolExecutor(count, context, _follow_parent, (stop,))
+    theirs, ours = context.Pipe(duplex=False)
+    pool = concurrent.futures.ProcessPoolExecutor(count, context, _follow_parent, (theirs,))
     numbered = enumerate(tasks)
     pending: dict[concurrent.futures.Future[Result], int] = {}
     try:
@@ -124,19 +124,18 @@ def _in_processes(
             "and start again"
         ) from error
     finally:
-        stop.set()  # ends workers in the middle of a task
+        ours.close()  # ends workers in the middle of a task
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _follow_parent(stop: Any) -> None:
-    """In a worker: leave Ctrl-C to the parent, and end with it, however it ends."""
+def _follow_parent(parent: Any) -> None:
+    """In a worker: leave Ctrl-C to the parent, and end when it closes its end of the pipe, or is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
 
     def watch() -> None:
-        while not stop.wait(0.5):
-            if parent is not None and not parent.is_alive():
-                break
-        os._exit(1)
+        try:
+            parent.recv()
+        except (EOFError, OSError):
+            os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()

@@ -24,9 +24,7 @@ _LOOK = 2.0
 _GONE = (concurrent.futures.CancelledError, asyncio.CancelledError)
 
 
-def on_cluster(
-    function: Callable[[Task], Result], tasks: Iterable[Task], address: str
-) -> Iterator[tuple[int, Result]]:
+def on_cluster(function: Callable[[Task], Result], tasks: Iterable[Task], address: str) -> Iterator[tuple[int, Result]]:
     """Do tasks on a cluster and yield (number, result) as they are done.
 
     A task whose worker is lost is done again by another one. Workers that join later are used.
@@ -82,7 +80,9 @@ def _check_workers(client: Any, address: str) -> None:
     try:
         client.wait_for_workers(1, timeout=CONNECT)
     except (concurrent.futures.TimeoutError, asyncio.TimeoutError, TimeoutError) as error:
-        raise ArtibotError(f"--scheduler {address}: it has no workers; start some with 'dask worker {address}'") from error
+        raise ArtibotError(
+            f"--scheduler {address}: it has no workers; start some with 'dask worker {address}'"
+        ) from error
     found = client.run(identity, on_error="return")
     for worker, there in sorted(found.items()):
         if there != identity():
@@ -100,7 +100,9 @@ def _mismatch(worker: str, there: Any) -> ArtibotError:
 def _remote(function: Callable[[Task], Result], here: str, task: Task) -> Result:
     """In a worker: do a task, if it is by the same artibot as the client's; it may have joined after the check."""
     if identity() != here:
-        raise ArtibotError(f"a worker that joined has artibot {identity()}, the client {here}; install the same on both")
+        raise ArtibotError(
+            f"a worker that joined has artibot {identity()}, the client {here}; install the same on both"
+        )
     return function(task)
 
 
@@ -123,7 +125,8 @@ def _spread(
             if not pending:
                 return
             try:
-                done = wait(list(pending), timeout=_LOOK, return_when="FIRST_COMPLETED").done
+                with client.as_current():
+                    done = wait(list(pending), timeout=_LOOK, return_when="FIRST_COMPLETED").done
             except NotYet:
                 continue
             for future in done:

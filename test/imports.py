@@ -25,7 +25,17 @@ LAYERS = (
 )
 """Parts of artibot_sim, lowest first: each may import itself and what stands before it."""
 
-BELOW_ALL = ("cluster", "cluster_dask", "documents", "errors", "parameters", "progress", "resources", "version", "commands")
+BELOW_ALL = (
+    "cluster",
+    "cluster_dask",
+    "documents",
+    "errors",
+    "parameters",
+    "progress",
+    "resources",
+    "version",
+    "commands",
+)
 """Modules that any part may import, and that import only each other."""
 
 DRIVER = "artibot_driver"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -76,7 +78,7 @@ def poses(scenario: Scenario) -> list[Result]:
     for integrator, ms in STEPS:
         dt = 1e-3 * ms
         apart = distance(scenario.rollout(integrator, dt).pose, reference.pose)
-        wall = repeat(lambda i=integrator, h=dt: scenario.rollout(i, h), scenario.runs(5), scenario.tick).best
+        wall = repeat(partial(scenario.rollout, integrator, dt), scenario.runs(5), scenario.tick).best
         cost = wall / scenario.commands.duration
         note = (
             f"at the end, from RK4 at {step:g} ms; {1e3 * apart.max():.2g} mm at most on the way; "

@@ -73,7 +73,9 @@ def read_earlier(path: Path) -> Earlier:
     except OSError as error:
         raise ArtibotError(f"--compare {path}: cannot be read: {error.strerror}") from error
     except (ValueError, KeyError, TypeError) as error:
-        raise ArtibotError(f"--compare {path}: not a file of 'artibot bench --json'; expected machine and results") from error
+        raise ArtibotError(
+            f"--compare {path}: not a file of 'artibot bench --json'; expected machine and results"
+        ) from error
 
 
 def changes(earlier: Earlier, results: Sequence[Result]) -> list[Change]:
@@ -109,7 +111,9 @@ def comparison(earlier: Earlier, found: Sequence[Change]) -> Table:
     for change in found:
         style = {"worse": "red", "better": "green"}.get(change.verdict, "")
         gain = f"{change.gain:.2f} x" if change.gain < 1e3 else "> 1000 x"
-        table.add_row(change.name, number(change.old), number(change.new), change.unit, gain, change.verdict, style=style)
+        table.add_row(
+            change.name, number(change.old), number(change.new), change.unit, gain, change.verdict, style=style
+        )
     return table
 
 

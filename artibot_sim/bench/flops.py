@@ -39,8 +39,16 @@ def _counting(name: str, kind: str) -> Any:
 for _word, _kind in _NAMES.items():
     for _form in (f"__{_word}__", f"__r{_word}__"):
         setattr(Number, _form, _counting(_form, _kind))
-for _form in ("__neg__", "__abs__", "__pos__"):  # signs are free
-    setattr(Number, _form, lambda self, plain=getattr(float, _form): Number(plain(self)))
+
+
+def _free(name: str) -> Any:
+    """Signs cost nothing."""
+    plain = getattr(float, name)
+    return lambda self: Number(plain(self))
+
+
+for _form in ("__neg__", "__abs__", "__pos__"):
+    setattr(Number, _form, _free(_form))
 
 
 def _function(name: str) -> Any:
@@ -93,7 +101,8 @@ def operations(steps: int) -> int:
     q[[6, 7]] = commands[0][0, :2]
     _patch()
     COUNTED.clear()
-    loop.integrate_rk4(
+    integrate: Any = loop.integrate_rk4
+    integrate(
         q, v, eta, fed, params(robot), modes, 1e-3, steps, steps, *commands, _numbers(torque), 10,
         back_torque_factor(robot, 0.8), work, *rows, None,
     )  # fmt: skip

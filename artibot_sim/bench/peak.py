@@ -77,5 +77,7 @@ def peak(scenario: Scenario) -> list[Result]:
         Result("peak_one_core", one, "flop/s", f"{note}, one core"),
         Result("peak_all_cores", every, "flop/s", f"{note}, {cores} cores"),
         Result("peak_fraction_one_core", 100 * alone * operations / one, "%", f"rollouts one by one: {said}", detail),
-        Result("peak_fraction_all_cores", 100 * rate * operations / every, "%", f"batch, {cores} cores: {said}", detail),
+        Result(
+            "peak_fraction_all_cores", 100 * rate * operations / every, "%", f"batch, {cores} cores: {said}", detail
+        ),
     ]

@@ -204,6 +204,7 @@ def _mismatched(message: Any) -> bool:
     lengths = {len(message.position), len(message.velocity), len(message.effort)}
     return bool(lengths - {0, len(message.name)})
 
+
 def _in_order(
     topic: str, stamps: np.ndarray, received: np.ndarray, columns: dict[str, Floats], remarks: list[str]
 ) -> tuple[np.ndarray, np.ndarray, dict[str, Floats]]:

@@ -20,7 +20,9 @@ INTERRUPTED = 130
 
 @click.command("sweep", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.argument("file", required=False, metavar="[PLAN.yaml]")
-@click.option("--axis", "axes", multiple=True, metavar="KEY=FROM:TO:COUNT[:log] | KEY=A,B,C", help="What to vary; repeatable.")
+@click.option(
+    "--axis", "axes", multiple=True, metavar="KEY=FROM:TO:COUNT[:log] | KEY=A,B,C", help="What to vary; repeatable."
+)
 @click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="What to set in every run; repeatable.")
 @click.option("--robot", help="Robot name or file [agriq].")
 @click.option("--manoeuvre", help="Manoeuvre name or file [table6_agriq].")
@@ -104,7 +106,9 @@ def _sweep(plan: SweepPlan, out: Path, workers: int | None, scheduler: str | Non
             summary = summarise(done.folder)
             write_files({out / PAGE: sweep_page(summary, f"Sweep {out.resolve().name}")})
     except KeyboardInterrupt:
-        click.echo(f"interrupted: {clock.done} of {plan.count} runs are kept in {out}; the same command goes on", err=True)
+        click.echo(
+            f"interrupted: {clock.done} of {plan.count} runs are kept in {out}; the same command goes on", err=True
+        )
         return INTERRUPTED
     _print(summary, done, clock)
     return 0
@@ -127,7 +131,11 @@ class _Clock:
             self.done, self.before, self.seconds = done, before, time.monotonic() - self._began
             total = int(bar.total or 0)
             left = round((total - done) / self.rate) if self.rate else 0
-            hours = f"{left // 3600}:{left // 60 % 60:02d}:{left % 60:02d}" if left >= 3600 else f"{left // 60}:{left % 60:02d}"
+            hours = (
+                f"{left // 3600}:{left // 60 % 60:02d}:{left % 60:02d}"
+                if left >= 3600
+                else f"{left // 60}:{left % 60:02d}"
+            )
             note = f"{done}/{total}, {self.rate:.3g} runs/s, {hours} left" if self.rate else f"{done}/{total}"
             bar.show(float(done), "simulating", note=note)
 

@@ -44,11 +44,11 @@ def headlines(summary: Summary) -> list[str]:
     plan = summary.manifest["plan"]
     ended = ", ".join(f"{count} {name}" for name, count in sorted(summary.status.items()))
     how = "grid" if plan["method"] == "grid" else f"Latin hypercube, seed {plan['seed']}"
-    lines = [
+    first = (
         f"{plan['robot']} · {', '.join(plan['manoeuvre'])} · {how} · {plan['integrator']} at {1e3 * plan['dt']:g} ms "
         f"· {summary.manifest['runs']} runs: {ended}"
-    ]
-    return lines + [f"{count} runs: {text}" for text, count in summary.messages if text]
+    )
+    return [first] + [f"{count} runs: {text}" for text, count in summary.messages if text]
 
 
 def _option(summary: Summary, name: str, chosen: bool) -> str:
@@ -203,8 +203,8 @@ _PAGE = """<!DOCTYPE html>
 <section id="maps"><h2>Mean over two parameters</h2>
 <div class="choice"><label>parameters <select id="pair"></select></label></div>
 <div id="heat" class="plot tall"></div></section>
-<section><h2>Parallel coordinates: a line is a run, its colour the measure</h2><div id="parallel" class="plot tall"></div>
-</section>
+<section><h2>Parallel coordinates: a line is a run, its colour the measure</h2>
+<div id="parallel" class="plot tall"></div></section>
 <section><h2>Over each parameter</h2><div id="over" class="grid"></div></section>
 @TABLE@
 </main>

@@ -60,7 +60,9 @@ class Axis:
         if self.values:
             return self.values
         if self.count is None:
-            raise ArtibotError(f"axes.{self.key}: a range without count; add how many values the grid takes (count: 10)")
+            raise ArtibotError(
+                f"axes.{self.key}: a range without count; add how many values the grid takes (count: 10)"
+            )
         return tuple(self.at(np.linspace(0.0, 1.0, self.count) if self.count > 1 else np.zeros(1)))
 
     def at(self, share: NDArray[np.float64]) -> list[Value]:
@@ -91,7 +93,9 @@ def axis_from_node(key: str, node: Any) -> Axis:
         return _range(key, node)
     items = list(node) if isinstance(node, list) else [node]
     if not items:
-        raise ArtibotError(f"{path}: no value; give at least one, such as [0.4, 0.6], or {{from: 0.4, to: 0.9, count: 6}}")
+        raise ArtibotError(
+            f"{path}: no value; give at least one, such as [0.4, 0.6], or {{from: 0.4, to: 0.9, count: 6}}"
+        )
     values = tuple(_value(item, path) for item in items)
     if len({isinstance(value, str) for value in values}) > 1:
         raise ArtibotError(f"{path}: numbers and names in one list; expected one kind")
@@ -106,7 +110,9 @@ def axis_from_text(text: str) -> Axis:
     key, equals, rest = text.partition("=")
     key, rest = key.strip(), rest.strip()
     if not equals or not key or not rest:
-        raise ArtibotError(f"--axis {text}: expected KEY=FROM:TO:COUNT or KEY=VALUE,VALUE, such as contact.mu_s=0.4:0.9:6")
+        raise ArtibotError(
+            f"--axis {text}: expected KEY=FROM:TO:COUNT or KEY=VALUE,VALUE, such as contact.mu_s=0.4:0.9:6"
+        )
     if ":" not in rest:
         return axis_from_node(key, [_scalar(word) for word in rest.split(",")])
     parts = rest.split(":")
@@ -130,7 +136,9 @@ def _range(key: str, node: Mapping[str, Any]) -> Axis:
     path = f"axes.{key}"
     for word in node:
         if word not in _RANGE:
-            raise ArtibotError(f"{path}.{word}: unknown key{did_you_mean(word, _RANGE)}; expected from, to, count, scale")
+            raise ArtibotError(
+                f"{path}.{word}: unknown key{did_you_mean(word, _RANGE)}; expected from, to, count, scale"
+            )
     for word in ("from", "to"):
         if word not in node:
             raise ArtibotError(f"{path}.{word}: missing; a range is {{from: 0.4, to: 0.9, count: 6}}")

@@ -114,7 +114,7 @@ class _Chunk:
         return self._plans[key]
 
     def _simulate(self, runs: Sequence[_Run], threads: int) -> list[Rollout]:
-        """Roll out; runs that are refused get the reason as their message, and the others are simulated without them."""
+        """Roll out; a run that is refused gets the reason as its message, and the others go on without it."""
         options = {name: self._task[name] for name in ("dt", "integrator", "energy")}
         for last in (False, True):
             chosen = [run for run in runs if run.ready]

@@ -64,7 +64,9 @@ class Folder:
             for left in [*self.path.glob(".*.part"), *(self.path / PARTS).glob(".*.part")]:
                 left.unlink()
         except BlockingIOError as error:
-            raise ArtibotError(f"{self.path}: another sweep is at work there; wait for it, or give another --out") from error
+            raise ArtibotError(
+                f"{self.path}: another sweep is at work there; wait for it, or give another --out"
+            ) from error
         except OSError as error:
             raise ArtibotError(f"{self.path}: cannot be used: {error.strerror}; give another --out") from error
         if manifest is None:
@@ -176,7 +178,7 @@ def _refuse_another(path: Path, manifest: dict[str, Any], plan: SweepPlan) -> No
     """Another plan, or another artibot, would mix results that do not belong together."""
     if manifest["digest"] != plan.digest:
         old, new = manifest["plan"], _plain(plan.as_dict())
-        differ = [word for word in new if old.get(word) != new[word]]
+        differ = [word for word in new if json.dumps(old.get(word)) != json.dumps(new[word])]  # also in its order
         what = ", ".join(differ) or "the robot's or the manoeuvre's content"
         raise ArtibotError(f"{path}: holds a sweep that differs in {what}; give another --out, or remove that folder")
     if manifest["artibot"] != identity() and not (path / TABLE).exists():

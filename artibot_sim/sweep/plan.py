@@ -166,7 +166,7 @@ def plan_from_dict(document: Any) -> SweepPlan:
         for word, kind in (("runs", int), ("seed", int), ("dt", float), ("sample", float), ("energy", bool))
         if word in document
     }
-    texts = {word: str(document[word]) for word in ("method", "integrator") if word in document}
+    texts: dict[str, Any] = {word: str(document[word]) for word in ("method", "integrator") if word in document}
     settings = {str(key): axis_from_node(str(key), node).values for key, node in fixed.items()}
     for key, values in settings.items():
         if len(values) != 1:

@@ -1,4 +1,4 @@
-"""Tasks on a real Dask cluster of processes on loopback: the same results, whatever is killed; what fails is said once."""
+"""Tasks on a real Dask cluster of processes on loopback: the same results, whatever is killed."""
 
 from __future__ import annotations
 
@@ -104,7 +104,9 @@ def test_what_is_started_here_listens_on_loopback_alone(cluster: Cluster) -> Non
         assert listening(process.pid) and listening(process.pid) <= LOOPBACK
 
 
-def test_results_are_those_of_this_machine_to_the_bit(cluster: Cluster, grid: SweepPlan, swept: Path, tmp_path: Path) -> None:
+def test_results_are_those_of_this_machine_to_the_bit(
+    cluster: Cluster, grid: SweepPlan, swept: Path, tmp_path: Path
+) -> None:
     done = sweep(grid, tmp_path / "spread", scheduler=cluster.address, chunk=5)
     assert done.runs.read_bytes() == (swept / TABLE).read_bytes()
     assert dict(map_tasks(math.factorial, range(20), scheduler=cluster.address)) == dict(
@@ -117,7 +119,9 @@ def test_a_task_that_is_refused_says_why(cluster: Cluster) -> None:
         list(map_tasks(check_address, ["nowhere"], scheduler=cluster.address))
 
 
-def test_a_worker_killed_in_the_middle_loses_nothing(cluster: Cluster, grid: SweepPlan, swept: Path, tmp_path: Path) -> None:
+def test_a_worker_killed_in_the_middle_loses_nothing(
+    cluster: Cluster, grid: SweepPlan, swept: Path, tmp_path: Path
+) -> None:
     victim = cluster.worker()
     wait_for_workers(cluster, 3)
 
@@ -131,7 +135,9 @@ def test_a_worker_killed_in_the_middle_loses_nothing(cluster: Cluster, grid: Swe
     assert done.runs.read_bytes() == (swept / TABLE).read_bytes()
 
 
-def test_workers_of_another_artibot_are_refused(cluster: Cluster, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_workers_of_another_artibot_are_refused(
+    cluster: Cluster, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     shutil.copytree(ROOT / "artibot_sim", tmp_path / "artibot_sim", ignore=shutil.ignore_patterns("__pycache__"))
     version = tmp_path / "artibot_sim" / "version.py"
     version.write_text(version.read_text().replace("__version__ = ", "__version__ = '9.9' + "), encoding="utf-8")
@@ -151,7 +157,9 @@ def test_one_that_joins_later_is_refused_too() -> None:
     assert _remote(math.factorial, identity(), 3) == 6
 
 
-def test_a_scheduler_that_is_lost_is_said_in_a_line(cluster: Cluster, grid: SweepPlan, swept: Path, tmp_path: Path) -> None:
+def test_a_scheduler_that_is_lost_is_said_in_a_line(
+    cluster: Cluster, grid: SweepPlan, swept: Path, tmp_path: Path
+) -> None:
     def tell(done: int, _before: int) -> None:
         if done >= 8:
             cluster.scheduler.kill()
@@ -181,7 +189,9 @@ def test_what_is_no_address_is_refused(address: str) -> None:
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_here_every_task_is_done_once(workers: int) -> None:
-    assert dict(map_tasks(math.factorial, iter(range(30)), workers=workers)) == dict(enumerate(map(math.factorial, range(30))))
+    assert dict(map_tasks(math.factorial, iter(range(30)), workers=workers)) == dict(
+        enumerate(map(math.factorial, range(30)))
+    )
 
 
 def test_a_worker_process_that_is_killed_is_said_in_a_line() -> None:
@@ -190,7 +200,10 @@ def test_a_worker_process_that_is_killed_is_said_in_a_line() -> None:
 
 
 def test_worker_processes_end_with_a_killed_parent(tmp_path: Path) -> None:
-    code = "import time, artibot_sim.cluster as c\nif __name__ == '__main__': list(c.map_tasks(time.sleep, [60, 60], workers=2))"
+    code = (
+        "import time\nfrom artibot_sim.cluster import map_tasks\n"
+        "if __name__ == '__main__':\n    list(map_tasks(time.sleep, [60, 60], workers=2))\n"
+    )
     script = tmp_path / "parent.py"
     script.write_text(code, encoding="utf-8")
     with subprocess.Popen([sys.executable, str(script)], env={**os.environ, "PYTHONPATH": str(ROOT)}) as parent:
