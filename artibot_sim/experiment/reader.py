@@ -44,7 +44,7 @@ def read_bag(
     path : rosbag2 folder, or a bare .mcap (or .db3) file.
     topics : contract topic (or channel key) → topic in the recording that carries it, for recordings
         that use other names.
-    progress : hears now and then the share of the messages that is read.
+    progress : hears now and then the share of the work that is done; a file without an index is read twice.
 
     Returns
     -------
@@ -58,13 +58,20 @@ def read_bag(
         If the recording is damaged, empty, foreign, has none of the topics, or a renamed topic is not in it.
         The message names the file, what was found and the mend.
     """
-    info = bag_info(path)
+    tell, twice = progress or (lambda _: None), False
+
+    def first_half(share: float) -> None:
+        nonlocal twice
+        twice = True
+        tell(0.5 * share)
+
+    info = bag_info(path, progress=first_half)
     found = {channel.topic: channel.ros_type for channel in info.channels if channel.encoding == "cdr"}
     if info.message_count and not found:
         encodings = ", ".join(sorted({channel.encoding or "none" for channel in info.channels}))
         raise ArtibotError(f"{path}: no topic is encoded as cdr (found: {encodings}); expected a ROS 2 recording")
     wanted, remarks = _choose(info, found, topics or {})
-    rows = _read_rows(info, wanted, progress or (lambda _: None))
+    rows = _read_rows(info, wanted, (lambda share: tell(0.5 + 0.5 * share)) if twice else tell)
     channels = {key: table.channel(remarks) for key, table in rows.items() if table.stamps}
     if not channels:
         present = ", ".join(sorted(found)) or "no topic at all"
@@ -163,12 +170,13 @@ def _finish(channel: Channel, start_ns: int, segments: tuple[tuple[float, float]
     return replace(channel, t=t, columns=columns)
 
 
-def bag_info(path: Path | str) -> BagInfo:
+def bag_info(path: Path | str, *, progress: Report | None = None) -> BagInfo:
     """Return what a recording holds: files, topics with types, definitions and QoS, times, metadata.
 
     Parameters
     ----------
     path : rosbag2 folder or bare file.
+    progress : hears now and then how much of a file without an index has been counted; nothing where all have one.
 
     Raises
     ------
@@ -180,7 +188,7 @@ def bag_info(path: Path | str) -> BagInfo:
     for file in files:
         kind = check_file(file)
         with clear_errors(file):
-            parts.append(_mcap_info(file) if kind == "mcap" else _sqlite_info(file))
+            parts.append(_mcap_info(file, progress) if kind == "mcap" else _sqlite_info(file))
     counts: dict[ChannelInfo, int] = {}
     metadata: dict[str, str] = {}
     for part in parts:
@@ -200,7 +208,7 @@ def bag_info(path: Path | str) -> BagInfo:
     )
 
 
-def _mcap_info(file: Path) -> BagInfo:
+def _mcap_info(file: Path, progress: Report | None = None) -> BagInfo:
     from mcap.reader import make_reader
 
     with open(file, "rb") as stream:
@@ -209,7 +217,7 @@ def _mcap_info(file: Path) -> BagInfo:
         records = [record for record in reader.iter_metadata() if record.name == METADATA_RECORD]
     metadata = {key: value for record in records for key, value in record.metadata.items()}
     if summary is None or summary.statistics is None:
-        return _counted_info(file, metadata)
+        return _counted_info(file, metadata, progress or (lambda _: None))
     statistics = summary.statistics
     channels = tuple(
         channel_info(summary.schemas.get(channel.schema_id), channel, statistics.channel_message_counts.get(number, 0))
@@ -221,11 +229,15 @@ def _mcap_info(file: Path) -> BagInfo:
     )  # fmt: skip
 
 
-def _counted_info(file: Path, metadata: dict[str, str]) -> BagInfo:
+def _counted_info(file: Path, metadata: dict[str, str], progress: Report) -> BagInfo:
     """Make the index of an MCAP file that was written without one."""
     counts: dict[ChannelInfo, int] = {}
     first, last = 2**63, 0
-    for message in iter_messages(file):
+    size, done = file.stat().st_size, 0
+    for number, message in enumerate(iter_messages(file)):
+        done += len(message.data)
+        if number % _TELL_EVERY == 0:
+            progress(min(1.0, done / size))  # of a compressed file too much, which only a bar minds
         counts[message.channel] = counts.get(message.channel, 0) + 1
         first, last = min(first, message.log_ns), max(last, message.log_ns)
     channels = tuple(replace(channel, message_count=count) for channel, count in counts.items())

@@ -16,11 +16,13 @@ from bag_helpers import (
     joint_state,
     mcap_file,
     odometry,
+    small_bag,
     write_bag,
 )
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from mcap.writer import IndexType, Writer
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import BagWriter, bag_info, iter_messages, read_bag, serialize
@@ -289,3 +291,27 @@ def test_twists_with_and_without_header(tmp_path: Path) -> None:
         folder = tmp_path / ros_type.rpartition("/")[2]
         channel = read_bag(write_bag(folder, [("/cmd_vel", ros_type, data, EPOCH)])).channels["cmd_vel"]
         assert (channel["vx"][0], channel["yaw_rate"][0], channel.t_ns[0]) == (0.5, 0.2, EPOCH)
+
+
+def test_a_file_without_an_index_tells_of_both_passes(tmp_path: Path) -> None:
+    bag = small_bag(tmp_path / "indexed", 1500)
+    bare = tmp_path / "bare.mcap"
+    with open(mcap_file(bag), "rb") as source, open(bare, "wb") as sink:
+        writer = Writer(sink, index_types=IndexType.NONE, use_statistics=False, use_summary_offsets=False)
+        writer.start("ros2", "test")
+        schemas, channels = {}, {}
+        for schema, channel, message in make_reader(source).iter_messages():
+            if schema.id not in schemas:
+                schemas[schema.id] = writer.register_schema(schema.name, schema.encoding, schema.data)
+            if channel.id not in channels:
+                channels[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, schemas[schema.id], channel.metadata
+                )
+            writer.add_message(channels[channel.id], message.log_time, message.data, message.publish_time)
+        writer.finish()
+    told: list[float] = []
+    experiment = read_bag(bare, progress=told.append)
+    assert told == sorted(told) and len(told) > 4 and 0.5 in told and told[-1] <= 1.0
+    indexed = read_bag(bag)
+    for key, channel in indexed.channels.items():
+        assert np.array_equal(channel.t_ns, experiment.channels[key].t_ns)
