@@ -80,8 +80,8 @@ _COMMANDING = (
     LAW,
     Spec("autoconfigure", True, "Open the bus and set the drives up at the start; false: wait for the lifecycle's "
          "configure."),
-    Spec("enable_on_start", False, "Enable the drives as soon as they are set up; false: wait for ~/enable or the "
-         "lifecycle's activate."),
+    Spec("enable_on_start", False, "Enable the drives as soon as they are set up, within a minute and unless something "
+         "happens before; false: wait for ~/enable or the lifecycle's activate."),
     Spec("command_source", "auto", "Who may command, the ruling one first: auto (live,profile,cmd_vel), none, or some "
          "of these with commas.", live=True),
     Spec("command_timeout", 0.1, "A live request, or the planner's sign of life, older than this starts a ramp to "

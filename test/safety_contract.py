@@ -1,7 +1,7 @@
 """What must follow a fault on any bus: one abstract suite, run on the loopback bus and on a real vcan, in real time.
 
-Each trial is drawn from ``ARTIBOT_SEED``; ``ARTIBOT_TRIALS`` gives more of each, ``python -m artibot_driver.faults``
-whole campaigns.
+Each trial is drawn from ``ARTIBOT_SEED``; ``ARTIBOT_TRIALS`` gives more of each, ``make faults-live`` whole campaigns.
+A trial that the machine held up is void, and made again.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -19,36 +20,22 @@ import pytest
 from artibot_driver.cia402 import State
 from artibot_driver.config import config_from_parameters
 from artibot_driver.faults import campaign
-from artibot_driver.faults.catalogue import BY_NAME
+from artibot_driver.faults.catalogue import ON_A_BUS
 from artibot_driver.faults.live import LiveWorld
 from artibot_driver.faults.place import Place
+from artibot_driver.faults.watchdog import HELD_UP, Watchdog, attended
 from artibot_driver.frames import Frame
 from artibot_driver.master import Phase
 from artibot_driver.rig import Rig, load_rig
 
 TRIALS, SEED = int(os.environ.get("ARTIBOT_TRIALS", "1")), int(os.environ.get("ARTIBOT_SEED", "1"))
 
-FAULTS = (
-    "drive unplugged",
-    "drive without supply",
-    "drive lets go",
-    "drive fault",
-    "driver hangs",
-    "driver killed",
-    "bus down",
-    "bus flooded",
-    "command silence",
-    "NaN commanded",
-    "10 % of frames lost",
-    "10 % of frames duplicated",
-    "10 % of frames reordered",
-    "10 % of frames truncated",
-    "unknown nodes",
-)
-"""Those in which the bus has a part, and of the others one of each kind: all are tried in time of their own."""
+FAULTS = tuple(name for name in ON_A_BUS if name not in ("drive without supply", "drive lets go", "speed out of range"))
+"""Those that are like another one are left to campaigns, and to the tests in time of their own."""
 
 if "IN_UML" in os.environ and "ARTIBOT_TRIALS" not in os.environ:  # a slow machine: what only its kernel can show
-    FAULTS = ("drive unplugged", "driver killed", "bus down", "bus flooded", "10 % of frames lost")
+    FAULTS = ("drive unplugged", "driver killed", "bus down", "bus-off", "bus flooded", "10 % of frames lost")
+    FAULTS += ("unknown nodes",)
 
 
 class SafetyContract:
@@ -58,41 +45,58 @@ class SafetyContract:
     def rig(self) -> Rig:
         return load_rig(config_from_parameters({}))
 
+    @pytest.fixture
+    def watchdog(self) -> Iterator[Watchdog]:
+        with attended() as found:
+            yield found
+
     @pytest.mark.parametrize("name", FAULTS)
-    def test_what_must_follow_a_fault_does(self, site: Place, rig: Rig, name: str) -> None:
+    def test_what_must_follow_a_fault_does(self, site: Place, rig: Rig, watchdog: Watchdog, name: str) -> None:
         for number in range(TRIALS):
-            outcome = campaign.live_trial(number, SEED, [BY_NAME[name]], rig, site)
+            outcome = campaign.live_trial(number, SEED, [name], rig, site, watchdog)
             print(f"seed {SEED}, trial {number}: {outcome}")
+            assert outcome.judged, f"{outcome.void} trials were held up: this machine is too busy"
             assert not outcome.complaints, (f"seed {SEED}, trial {number}", outcome)
 
     def test_a_driver_that_is_killed_is_missed_by_the_drives(
-        self, site: Place, words: tuple[str, str], rig: Rig
+        self, site: Place, words: tuple[str, str], rig: Rig, watchdog: Watchdog
     ) -> None:
         """Another process drives and is SIGKILLed: all four are at standstill or free after 0.3 s and the ramp."""
-        script = Path(__file__).with_name("driving_process.py")
         for _ in range(TRIALS):
-            with LiveWorld(rig, random.Random(SEED), site) as world:
-                world.hung = True
-                driver = subprocess.Popen([sys.executable, str(script), *words], stdout=subprocess.PIPE, text=True)
-                try:
-                    assert driver.stdout is not None
-                    assert driver.stdout.readline() == "driving\n"
-                    world.run(0.1)
-                    assert {*world.trace[-1].seen.state} == {State.OPERATION_ENABLED}, world.late
-                    assert world.trace[-1].seen.asked[0].velocity == pytest.approx(0.5 * world.turn, rel=1e-3)
-                    driver.send_signal(signal.SIGKILL)
-                    begin = time.monotonic()
-                    self.wait_for_rest(world)
-                    took = time.monotonic() - begin
-                finally:
-                    driver.kill()
-                    driver.communicate()
-                assert took < 0.3 + 0.5 / rig.config.stop_deceleration + 0.1 + world.slack
-                assert {*world.trace[-1].seen.state} <= {State.FAULT, State.FAULT_REACTION_ACTIVE}
-                world.hung = False
-                assert world.run_until(Phase.LOCKED, 2.0), world.last.status
-                world.master.reset_fault()
-                assert world.run_until(Phase.READY, 1.0), world.last.status
+            for _ in range(campaign.LIVE_TRIES):
+                watchdog.longest()
+                took = self.kill_one(site, words, rig)
+                if watchdog.longest().seconds <= HELD_UP:
+                    break
+            else:
+                pytest.fail("every trial was held up: this machine is too busy")
+            assert took < 0.3 + 0.5 / rig.config.stop_deceleration + 0.1
+
+    def kill_one(self, site: Place, words: tuple[str, str], rig: Rig) -> float:
+        """Have another process drive and kill it; return the time until all is at rest, s."""
+        script = Path(__file__).with_name("driving_process.py")
+        with LiveWorld(rig, random.Random(SEED), site) as world:
+            world.hung = True
+            driver = subprocess.Popen([sys.executable, str(script), *words], stdout=subprocess.PIPE, text=True)
+            try:
+                assert driver.stdout is not None
+                assert driver.stdout.readline() == "driving\n"
+                world.run(0.1)
+                assert {*world.trace[-1].seen.state} == {State.OPERATION_ENABLED}
+                assert world.trace[-1].seen.asked[0].velocity == pytest.approx(0.5 * world.turn, rel=1e-3)
+                driver.send_signal(signal.SIGKILL)
+                begin = time.monotonic()
+                self.wait_for_rest(world)
+                took = time.monotonic() - begin
+            finally:
+                driver.kill()
+                driver.communicate()
+            assert {*world.trace[-1].seen.state} <= {State.FAULT, State.FAULT_REACTION_ACTIVE}
+            world.hung = False
+            assert world.run_until(Phase.LOCKED, 2.0), world.last.status
+            world.master.reset_fault()
+            assert world.run_until(Phase.READY, 1.0), world.last.status
+        return took
 
     def wait_for_rest(self, world: LiveWorld) -> None:
         """Let time pass until every motor is free, or slow and without torque."""

@@ -2,7 +2,8 @@
 
 In time of its own on a bus in memory, unless a channel is named: ``--channel loopback`` or, in a kernel with CAN,
 ``--channel vcan0`` try the same in real time on a real bus. The faults take turns; speed, direction, moment, drive and
-duration are drawn from the seed, so that ``--only K`` does trial K again.
+duration are drawn from the seed, so that ``--only K`` does trial K again. ``--each`` makes so many trials of each fault
+instead; ``--log FILE`` keeps them, and goes on from there where a campaign was broken off.
 """
 
 from __future__ import annotations
@@ -11,24 +12,42 @@ import argparse
 import os
 import random
 import sys
-from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from functools import partial
+from pathlib import Path
+from typing import Final, NamedTuple
 
 from artibot_driver.config import config_from_parameters
-from artibot_driver.faults.catalogue import BY_NAME, CATALOGUE, Fault
+from artibot_driver.faults.catalogue import BY_NAME, ON_A_BUS, Fault
 from artibot_driver.faults.combined import CAN_PASS, briefly, two
+from artibot_driver.faults.ledger import Key, Ledger
 from artibot_driver.faults.live import LiveWorld
+from artibot_driver.faults.outcome import NotReady, Outcome, table
 from artibot_driver.faults.place import LoopbackPlace, Place, SocketCanPlace
-from artibot_driver.faults.trial import NotReady, Outcome, Trial
+from artibot_driver.faults.trial import Trial
+from artibot_driver.faults.watchdog import HELD_UP, Watchdog, attended
 from artibot_driver.faults.world import VirtualWorld
 from artibot_driver.rig import Rig, load_rig
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS
+from artibot_sim.progress import Bar
 
-LIVE_TRIES = 5
-"""So often a trial in real time is made again where the machine held it up."""
+LIVE_TRIES: Final = 10
+"""So often a trial in real time is made where the machine holds it up."""
+
+IN_MEMORY: Final = "memory"
+
+
+class Task(NamedTuple):
+    """A trial to be made: its number, and the names of the faults that it is drawn from."""
+
+    number: int
+    names: tuple[str, ...]
+
+    @property
+    def key(self) -> Key:
+        """Under which its outcome is kept."""
+        return self.number, "all" if self.names == tuple(BY_NAME) else ", ".join(self.names)
 
 
 def draw(number: int, seed: int, faults: Sequence[Fault]) -> tuple[random.Random, Fault, str]:
@@ -52,111 +71,118 @@ def virtual_trial(number: int, seed: int, names: Sequence[str]) -> Outcome:
     return Trial(VirtualWorld(load_rig(config_from_parameters({})), rng), fault, motor).run()
 
 
-def live_trial(number: int, seed: int, faults: Sequence[Fault], rig: Rig, place: Place) -> Outcome:
-    """One trial on a real bus; made again where the machine held the loop or the drives up.
-
-    The last is judged with so much more time as it was held up for.
-    """
+def live_trial(number: int, seed: int, names: Sequence[str], rig: Rig, place: Place, watchdog: Watchdog) -> Outcome:
+    """One trial on a real bus; void, and made again, where the machine held something up meanwhile."""
     for k in range(LIVE_TRIES):
-        rng, fault, motor = draw(number, seed, faults)
+        rng, fault, motor = draw(number, seed, [BY_NAME[name] for name in names])
+        watchdog.longest()
         with LiveWorld(rig, rng, place) as world:
             try:
                 outcome = Trial(world, fault, motor).run()
             except NotReady as error:
                 complaint = f"could not be tried: {error}"
                 outcome = Outcome(fault.name, fault.group or fault.name, motor, complaints=[complaint])
-            outcome.disturbed = k
-            if not world.slack:
-                break
-    return outcome
+        outcome.void = k
+        if watchdog.longest().seconds <= HELD_UP:
+            return outcome
+    return Outcome(fault.name, fault.group or fault.name, motor, void=LIVE_TRIES, judged=False)
 
 
-def trials(numbers: Sequence[int], seed: int, faults: Sequence[Fault], channel: str, jobs: int) -> Iterator[Outcome]:
-    """Outcomes of all trials, in order."""
-    if not channel:
-        names = [fault.name for fault in faults]
-        if jobs == 1 or len(numbers) < 4:
-            yield from (virtual_trial(number, seed, names) for number in numbers)
-            return
-        with ProcessPoolExecutor(jobs) as pool:
-            yield from pool.map(partial(virtual_trial, seed=seed, names=names), numbers)
-        return
+def live(tasks: Sequence[Task], seed: int, channel: str) -> Iterator[Outcome]:
+    """Outcomes of trials on a real bus, in order."""
     rig = load_rig(config_from_parameters({}))
     place: Place = LoopbackPlace() if channel == "loopback" else SocketCanPlace(channel)
     try:
-        yield from (live_trial(number, seed, faults, rig, place) for number in numbers)
+        with attended() as watchdog:
+            for task in tasks:
+                yield live_trial(task.number, seed, task.names, rig, place, watchdog)
     finally:
         place.close()
 
 
-def table(outcomes: Sequence[Outcome]) -> Iterator[str]:
-    """The summary, line by line: largest times in s."""
-    groups: dict[str, list[Outcome]] = defaultdict(list)
-    for outcome in outcomes:
-        groups[outcome.group].append(outcome)
-    yield f"{'fault':<28}{'trials':>7}{'stopped':>9}{'went on':>9}{'reaction':>10}{'at rest':>9}{'back':>7}{'wrong':>7}"
-    for name, group in groups.items():
-        stopped = [each for each in group if each.stopped]
-        times = [_largest(getattr(each, what) for each in stopped) for what in ("reaction", "standing", "rejoined")]
-        wrong = sum(bool(each.complaints) for each in group)
-        counts = f"{len(group):>7}{len(stopped):>9}{len(group) - len(stopped):>9}"
-        yield f"{name:<28}{counts}{times[0]:>10}{times[1]:>9}{times[2]:>7}{wrong:>7}"
+def virtual(tasks: Sequence[Task], seed: int, jobs: int) -> Iterator[Outcome]:
+    """Outcomes of trials in time of their own, in order."""
+    if jobs == 1 or len(tasks) < 4:
+        yield from (virtual_trial(task.number, seed, task.names) for task in tasks)
+        return
+    with ProcessPoolExecutor(jobs) as pool:
+        yield from pool.map(virtual_trial, *zip(*((task.number, seed, task.names) for task in tasks), strict=True))
 
 
-def _largest(values: Iterable[float]) -> str:
-    known = [value for value in values if value == value]
-    return f"{max(known):.2f}" if known else "–"
+def tasks_of(trials: int, each: bool, names: Sequence[str]) -> list[Task]:
+    """`trials` of the faults in turns; or so many of each, in rounds, so that any beginning has all."""
+    if each:
+        return [Task(number, (name,)) for number in range(trials) for name in names]
+    return [Task(number, tuple(names)) for number in range(trials)]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a campaign; status 1 where something was not as it must be."""
+    """Run a campaign; status 1 where something was not as it must be, or could not be judged."""
     options = _parser().parse_args(argv)
-    faults = [BY_NAME[name] for name in options.fault] or list(CATALOGUE)
-    numbers = list(range(options.trials)) if options.only is None else [options.only]
-    outcomes: list[Outcome] = []
+    names = options.fault or (ON_A_BUS if options.each and options.channel else tuple(BY_NAME))
+    tasks = tasks_of(options.trials, options.each, names)
+    if options.only is not None:
+        tasks = [task for task in tasks_of(options.only + 1, options.each, names) if task.number == options.only]
     try:
-        running = trials(numbers, options.seed, faults, options.channel, options.jobs)
-        for number, outcome in zip(numbers, _shown(running, len(numbers)), strict=True):
-            outcomes.append(outcome)
-            for complaint in dict.fromkeys(outcome.complaints):
-                print(
-                    f"trial {number} (seed {options.seed}): {outcome.fault}, {outcome.motor}: {complaint}", flush=True
-                )
+        outcomes = _run(tasks, options)
     except ArtibotError as error:
         print(error, file=sys.stderr)
         return 2
+    return _sum_up(outcomes, options)
+
+
+def _run(tasks: Sequence[Task], options: argparse.Namespace) -> list[Outcome]:
+    """Make the trials that are not made yet; say what is wrong as soon as it is known."""
+    ledger = Ledger(options.log, options.seed, options.channel or IN_MEMORY)
+    left = [task for task in tasks if task.key not in ledger.done]
+    done = [ledger.done[task.key] for task in tasks if task.key in ledger.done]
+    if done:
+        print(f"{len(done)} trials are in {options.log} already; {len(left)} to go", flush=True)
+    if options.channel and left:
+        running = live(left, options.seed, options.channel)
+    else:
+        running = virtual(left, options.seed, options.jobs)
+    with Bar(total=len(left)) as bar:
+        for k, (task, outcome) in enumerate(zip(left, running, strict=True)):
+            ledger.write(task.key, outcome)
+            done.append(outcome)
+            for complaint in dict.fromkeys(outcome.complaints):
+                text = f"trial {task.number} (seed {options.seed}): {outcome.fault}, {outcome.motor}: {complaint}"
+                print(text, flush=True)
+            bar.show(k + 1, outcome.fault)
+    return done
+
+
+def _sum_up(outcomes: Sequence[Outcome], options: argparse.Namespace) -> int:
     print("\n".join(table(outcomes)))
-    wrong = sum(bool(each.complaints) for each in outcomes)
-    repeated = sum(each.disturbed for each in outcomes)
-    where = options.channel or "a bus in memory"
-    print(f"{len(outcomes)} trials on {where}, seed {options.seed}: {wrong} not as they must be", end="")
-    print(f"; {repeated} made again, for the machine held them up" if repeated else "")
-    return 1 if wrong else 0
+    judged = [each for each in outcomes if each.judged]
+    wrong, void = sum(bool(each.complaints) for each in judged), sum(each.void for each in outcomes)
+    where = f"on {options.channel}" if options.channel else "on a bus in memory"
+    print(f"{len(judged)} trials {where}, seed {options.seed}: {wrong} not as they must be", end="")
+    print(f"; {void} void, for the machine held them up" if void else "", end="")
+    unknown = len(outcomes) - len(judged)
+    print(
+        f"; {unknown} not judged, for it did so {LIVE_TRIES} times: try them again when it is quiet" if unknown else ""
+    )
+    return 1 if wrong or unknown else 0
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m artibot_driver.faults",
         description="Random faults in a closed loop of driver and simulated drives, with a summary.",
-        epilog="Example: python -m artibot_driver.faults 1000 1; on a real bus: … 100 1 --channel vcan0",
+        epilog="Example: python -m artibot_driver.faults 1000 1; of each fault 100 on a real bus: "
+        "… 100 1 --each --channel vcan0 --log faults.jsonl",
     )
     parser.add_argument("trials", type=int, nargs="?", default=100)
     parser.add_argument("seed", type=int, nargs="?", default=1)
     parser.add_argument("--channel", default="", help="loopback, or a SocketCAN interface; [a bus in memory]")
+    parser.add_argument("--each", action="store_true", help="so many trials of each fault; on a real bus of those "
+                        "that a bus has a part in, and one of each other kind")  # fmt: skip
     parser.add_argument(
         "--fault", action="append", default=[], choices=sorted(BY_NAME), help="only this one; repeatable"
     )
     parser.add_argument("--only", type=int, metavar="K", help="only trial K of the campaign")
+    parser.add_argument("--log", type=Path, metavar="FILE", help="keep the trials there, and go on where it ends")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes, in memory [all cores]")
     return parser
-
-
-def _shown(outcomes: Iterable[Outcome], total: int) -> Iterator[Outcome]:
-    """The same, with a bar where somebody looks."""
-    if not sys.stderr.isatty():
-        yield from outcomes
-        return
-    from rich.console import Console
-    from rich.progress import track
-
-    yield from track(outcomes, "faults", total=total, console=Console(stderr=True))

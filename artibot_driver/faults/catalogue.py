@@ -122,6 +122,14 @@ def _up(world: World, motor: str) -> None:
     world.bus_up()
 
 
+def _off(world: World, motor: str) -> None:
+    world.bus_off()
+
+
+def _on(world: World, motor: str) -> None:
+    world.bus_on()
+
+
 def _flood(world: World, motor: str) -> None:
     world.flood = 1.0
 
@@ -138,7 +146,7 @@ def _interfering(interference: Interference) -> Act:
 
 
 def _noise(world: World, motor: str) -> None:
-    world.noise = 10
+    world.noise = world.strangers
 
 
 def _quiet(world: World, motor: str) -> None:
@@ -219,6 +227,7 @@ CATALOGUE: Final = (
     Fault("driver hangs", _hang, _wake, True, BY_THE_DRIVES, (_R.OVERRUN,)),
     Fault("driver killed", _hang, _replace_driver, True, BY_THE_DRIVES, ()),
     Fault("bus down", _down, _up, True, BY_THE_DRIVES, (_R.BUS_LOST, _R.CANNOT_SEND)),
+    Fault("bus-off", _off, _on, True, BY_THE_DRIVES, (_R.BUS_LOST, _R.CANNOT_SEND)),
     Fault("bus flooded", _flood, _end_flood, True, ON_THE_BUS, (_R.BUS_OVERLOADED, *_DRIVE)),
     Fault("somebody stops all nodes", _stop_nodes, _nothing, True, ON_THE_BUS, _DRIVE),
     Fault("somebody resets a node", _reset_node, _nothing, True, ON_THE_BUS, _DRIVE),
@@ -246,5 +255,27 @@ CATALOGUE: Final = (
     Fault("strange frames", _strange_frames, _nothing, False, ON_THE_BUS, _ANY),
 )
 """Every fault."""
+
+ON_A_BUS: Final = (
+    "drive unplugged",
+    "drive without supply",
+    "drive lets go",
+    "drive fault",
+    "emergency message",
+    "driver hangs",
+    "driver killed",
+    "bus down",
+    "bus-off",
+    "bus flooded",
+    "command silence",
+    "NaN commanded",
+    "speed out of range",
+    "10 % of frames lost",
+    "10 % of frames duplicated",
+    "10 % of frames reordered",
+    "10 % of frames truncated",
+    "unknown nodes",
+)
+"""Those in which the bus has a part, and of the others one of each kind: all are tried in time of their own."""
 
 BY_NAME: Final = {fault.name: fault for fault in CATALOGUE}

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import random
 import threading
 import time
 from collections.abc import Callable
 from typing import Final
 
+import can
 from can.typechecking import CanFilters
 
 from artibot_driver.bus import Bus
@@ -18,6 +20,11 @@ from artibot_driver.faults.world import DRIVE_STEP, Sample, World
 from artibot_driver.frames import Frame
 from artibot_driver.master import Master
 from artibot_driver.rig import Rig
+
+STRANGERS_OF_ONE: Final = 2
+"""The same where a single processor carries bus, drives, driver and whoever makes the noise."""
+
+_BUS_OFF, _RESTARTED = 0x040, 0x100  # classes of error frames
 
 _NOTHING: Final[CanFilters] = [{"can_id": 0x1FFFFFFF, "can_mask": 0x1FFFFFFF, "extended": True}]
 """Filter for one who only talks."""
@@ -37,6 +44,8 @@ class LiveWorld(World):
         self._finished = threading.Event()
         self._thread = threading.Thread(target=self._drives, name="drives")
         self._next = self.now
+        if os.cpu_count() == 1:
+            self.strangers = STRANGERS_OF_ONE
 
     def _open(self) -> list[Bus]:
         """Ends of the bus for the master, the drives, and others who do not listen."""
@@ -55,11 +64,9 @@ class LiveWorld(World):
             bus.close()
 
     def _drives(self) -> None:
-        last = self.now
         while not self._finished.wait(1e-9 * DRIVE_STEP):
             with self._lock:
                 self._crew.step(self.now)
-            self.late, last = max(self.late, self.now - last), self.now
 
     @property
     def now(self) -> int:
@@ -76,7 +83,7 @@ class LiveWorld(World):
             if wait > 0:
                 time.sleep(1e-9 * wait)
             else:
-                self.late, self._next = max(self.late, -wait), self.now
+                self._next = self.now
             with self._lock:
                 seen = self._crew.seen()
             self.trace.append(Sample(self.now, cycle, seen))
@@ -111,3 +118,16 @@ class LiveWorld(World):
             self.unreliable.bus = self._buses[0]
             self.master.use_bus(self.unreliable)
         self._next = self.now
+
+    def bus_off(self) -> None:
+        """Have the master's controller leave the bus: its driver sends an error frame, and nothing else passes."""
+        self._report(_BUS_OFF)
+        self.unreliable.cut = True
+
+    def bus_on(self) -> None:
+        """Have it come back, as with `restart-ms`."""
+        self._report(_RESTARTED)
+        self.unreliable.cut = False
+
+    def _report(self, classes: int) -> None:
+        self._buses[2].send_message(can.Message(arbitration_id=classes, is_error_frame=True, data=bytes(8)))

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from typing import Final
 
 from artibot_driver.cia402 import State
 from artibot_driver.faults.catalogue import Fault
+from artibot_driver.faults.outcome import NotReady, Outcome
 from artibot_driver.faults.world import Sample, World
 from artibot_driver.master import Phase, Reason, Setpoints
 from artibot_sim.model import MOTORS
@@ -26,39 +27,6 @@ LAG: Final = 0.1
 
 LEAP: Final = 0.06
 """A drive that begins a ramp of its own begins it at what its motor does, which lags behind, m/s."""
-
-
-@dataclass
-class Outcome:
-    """What a trial gave.
-
-    Attributes
-    ----------
-    stopped : bool
-        Whether the rover stopped; else it went on as commanded.
-    reaction, standing, rejoined : float
-        After the fault (or, where it had not to stop, after the reason was noticed): the last front motor was slowed
-        down; all were at standstill or without torque. After its end: all drives were set up. s; NaN where not so.
-    complaints : list of str
-        What was not as it must be.
-    disturbed : int
-        How often the trial was made again, because the machine held it up.
-    """
-
-    fault: str
-    group: str
-    motor: str
-    stopped: bool = False
-    reaction: float = math.nan
-    standing: float = math.nan
-    rejoined: float = math.nan
-    reason: Reason | None = None
-    complaints: list[str] = field(default_factory=list)
-    disturbed: int = 0
-
-
-class NotReady(RuntimeError):
-    """The loop did not come up, or stopped before anything was done to it."""
 
 
 class Trial:
@@ -89,7 +57,7 @@ class Trial:
         Raises
         ------
         NotReady
-            When the machine did not let the loop come up.
+            When the loop does not come up.
         """
         world, fault, motor = self.world, self.fault, self.outcome.motor
         self.get_moving()
@@ -113,19 +81,15 @@ class Trial:
     def get_moving(self) -> None:
         """Up, enabled, and at the commanded speed."""
         world = self.world
-        if not world.run_until(Phase.READY, 5.0) and world.last.status.phase is Phase.LOCKED:
-            world.master.reset_fault()  # a slow machine: the drives have missed heartbeats
-        if world.last.status.phase is not Phase.READY and not world.run_until(Phase.READY, 5.0):
-            raise NotReady(
-                f"not ready after 5 s: {_troubles(world)}; the machine held things up for {world.slack:.3f} s"
-            )
+        if not world.run_until(Phase.READY, 5.0):
+            raise NotReady(f"not ready after 5 s: {_troubles(world)}")
         world.master.enable()
         if not world.run_until(Phase.ENABLED, 2.0):
-            raise NotReady(f"not enabled: {world.last.status.stop}; the machine held things up for {world.slack:.3f} s")
+            raise NotReady(f"not enabled: {world.last.status.stop}")
         self.command_freshly()
         world.run(0.3)
         if world.last.status.phase is not Phase.ENABLED or not self.as_commanded(world.trace[-1]):
-            raise NotReady(f"not driving: {world.last.status.stop}; the machine held things up for {world.slack:.3f} s")
+            raise NotReady(f"not driving: {world.last.status.stop}")
 
     def command_freshly(self) -> None:
         """Somebody commands, and goes on doing so."""
@@ -150,7 +114,7 @@ class Trial:
         if stop is not None:
             outcome.reason = stop.reason
             begin = begin if fault.stops else stop.at_ns
-            allowed = tuple(Reason) if self.world.slack else fault.reasons or tuple(Reason)
+            allowed = fault.reasons or tuple(Reason)
             self.expect(stop.reason in allowed, f"gave the reason '{stop.reason.name}': {stop.text}")
         self.judge_times(begin, samples)
 
@@ -163,7 +127,7 @@ class Trial:
             name = MOTORS[k]
             slowed = _first_after(begin, samples, partial(self._slowed, k))
             ended = _for_good_after(begin, samples, partial(self._ended, k))
-            within = max(fault.within, fault.own if name == outcome.motor else 0.0) + self.world.slack
+            within = max(fault.within, fault.own if name == outcome.motor else 0.0)
             self.expect(k > 1 or slowed <= within + TICK, f"{name} was not slowed down within {within} s: {slowed:.3f}")
             rest = within + ramp + fault.held
             self.expect(ended <= rest + LAG, f"{name} was not at rest in {rest:.2f} s: {ended:.3f}")
@@ -202,15 +166,13 @@ class Trial:
         self.command_freshly()
         begin, mark = world.now, len(world.trace)
         resting = (Phase.READY, Phase.LOCKED)
-        while world.now < begin + 1_000_000_000 * (REJOIN + 1.0 + 20.0 * world.slack):
+        while world.now < begin + 1_000_000_000 * (REJOIN + 1.0):
             world.run(1e-9 * world.period)
             if world.last.status.phase in resting and world.trace[-1].cycle is not None:
                 break
         self.outcome.rejoined = 1e-9 * (world.now - begin)
         self.expect(world.last.status.phase in resting, f"is still {world.last.status.phase.name}")
-        self.expect(
-            self.outcome.rejoined <= REJOIN + 20.0 * world.slack, f"took {self.outcome.rejoined:.2f} s to be back"
-        )
+        self.expect(self.outcome.rejoined <= REJOIN, f"took {self.outcome.rejoined:.2f} s to be back")
         world.run(0.2)
         if fault.reasons and fault.stops:
             kept, known = world.last.status.stop, self.outcome.reason
@@ -288,10 +250,3 @@ def _for_good_after(begin: int, samples: Sequence[Sample], holds: Callable[[Samp
 
 def _troubles(world: World) -> str:
     return "; ".join(each.trouble for each in world.last.status.drives if each.trouble)
-
-
-def problems(outcomes: Sequence[Outcome]) -> Iterator[str]:
-    """All complaints, each with its trial."""
-    for outcome in outcomes:
-        for complaint in outcome.complaints:
-            yield f"{outcome.fault} ({outcome.motor}): {complaint}"

@@ -21,29 +21,28 @@ class WireBus:
     ----------
     inbox : deque of Frame
         What it has not read yet.
-    up : bool
-        Whether the bus carries frames.
+    state : BusState
+        What its controller, or the interface, can do.
     """
 
     def __init__(self) -> None:
         self.inbox: deque[Frame] = deque()
         self.other: WireBus = self
-        self.up = True
+        self.state = BusState.ACTIVE
 
     def send(self, frame: Frame) -> bool:
         """Put a frame into the other end's inbox."""
-        if self.up:
+        if self.state.carries_frames:
             self.other.inbox.append(frame)
-        return self.up
+        return self.state.carries_frames
 
     def receive(self, timeout: float = 0.0) -> can.Message | None:
         """The next frame; nobody waits in time that does not pass by itself."""
-        return message_of(self.inbox.popleft()) if self.inbox and self.up else None
+        return message_of(self.inbox.popleft()) if self.inbox and self.state.carries_frames else None
 
     def health(self) -> Health:
-        """Active, or down."""
-        state = BusState.ACTIVE if self.up else BusState.DOWN
-        return Health(state, None, None, "" if self.up else "put down")
+        """Its state."""
+        return Health(self.state, None, None, "" if self.state is BusState.ACTIVE else self.state.value)
 
 
 def wire() -> tuple[WireBus, WireBus]:
@@ -76,10 +75,13 @@ class UnreliableBus:
     interference : Interference
     done : Counter
         What has happened, by kind.
+    cut : bool
+        Whether nothing passes at all, as with a controller that has left the bus.
     """
 
     def __init__(self, bus: AnyBus, rng: random.Random) -> None:
         self.bus = bus
+        self.cut = False
         self.interference = Interference()
         self.done: Counter[str] = Counter()
         self._rng = rng
@@ -95,6 +97,8 @@ class UnreliableBus:
 
     def send(self, frame: Frame) -> bool:
         """Send a frame, or what becomes of it."""
+        if self.cut:
+            return False
         if self._happens("lost"):
             return True
         if self._happens("truncated"):
@@ -112,6 +116,10 @@ class UnreliableBus:
 
     def receive(self, timeout: float = 0.0) -> can.Message | None:
         """The next frame, or what has become of it."""
+        if self.cut:
+            while self.bus.receive() is not None:  # what the controller reports of itself is taken in by that
+                pass
+            return None
         if self._coming:
             return self._coming.popleft()
         message = self.bus.receive(timeout)

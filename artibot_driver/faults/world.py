@@ -11,8 +11,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
+from artibot_driver.bus_health import BusState
 from artibot_driver.faults.crew import Crew, Seen
-from artibot_driver.faults.wire import UnreliableBus, wire
+from artibot_driver.faults.wire import UnreliableBus, WireBus, wire
 from artibot_driver.frames import Frame
 from artibot_driver.master import Cycle, Master, Phase, Setpoints
 from artibot_driver.rig import Rig, motor_per_metre
@@ -20,8 +21,8 @@ from artibot_driver.rig import Rig, motor_per_metre
 DRIVE_STEP: Final = 2_000_000
 """Between two steps of the drives, ns."""
 
-HICCUP: Final = 30_000_000
-"""A machine that holds the loop or the drives up for longer (ns) has a share in what follows."""
+STRANGERS: Final = 10
+"""Frames in a period from nodes that are none of ours, where there is a noise."""
 
 _FLOOD_FRAME = Frame(0x7F0, bytes(8))
 
@@ -47,8 +48,8 @@ class World(ABC):
         Foreign frames, as a share of what the bus can carry.
     noise : int
         Random frames in every period, from nodes that are none of ours.
-    late : int
-        The longest time that the machine has held the loop or the drives up, ns; 0 in time of its own.
+    strangers : int
+        Frames in a period that make a noise.
     trace : list of Sample
         All periods so far.
     """
@@ -59,7 +60,7 @@ class World(ABC):
         self.hung = False
         self.flood = 0.0
         self.noise = 0
-        self.late = 0
+        self.strangers = STRANGERS
         self.trace: list[Sample] = []
         self.period = 1000 * rig.config.sync_period_us
         self.turn = motor_per_metre(rig.robot, "front_right")
@@ -91,10 +92,13 @@ class World(ABC):
     def bus_up(self) -> None:
         """Have it carry frames again."""
 
-    @property
-    def slack(self) -> float:
-        """What the machine has a share in is judged with so much more time, s."""
-        return 1e-9 * self.late if self.late > HICCUP else 0.0
+    @abstractmethod
+    def bus_off(self) -> None:
+        """Have the master's controller leave the bus after too many errors, and say so."""
+
+    @abstractmethod
+    def bus_on(self) -> None:
+        """Have it come back, and say so."""
 
     @property
     def last(self) -> Cycle:
@@ -163,16 +167,27 @@ class VirtualWorld(World):
 
     def inject(self, frames: list[Frame]) -> None:
         """Have somebody else send frames."""
-        if self._near.up:
-            self._near.inbox.extend(frames)
-            self._far.inbox.extend(frames)
+        for end in (self._near, self._far):
+            if end.state.carries_frames:
+                end.inbox.extend(frames)
 
     def bus_down(self) -> None:
         """Have the bus carry nothing any more."""
-        self._near.up = self._far.up = False
-        self._near.inbox.clear()
-        self._far.inbox.clear()
+        self._set(BusState.DOWN, self._near, self._far)
 
     def bus_up(self) -> None:
         """Have it carry frames again."""
-        self._near.up = self._far.up = True
+        self._set(BusState.ACTIVE, self._near, self._far)
+
+    def bus_off(self) -> None:
+        """Have the master's controller leave the bus."""
+        self._set(BusState.BUS_OFF, self._near)
+
+    def bus_on(self) -> None:
+        """Have it come back."""
+        self._set(BusState.ACTIVE, self._near)
+
+    def _set(self, state: BusState, *ends: WireBus) -> None:
+        for end in ends:
+            end.state = state
+            end.inbox.clear()

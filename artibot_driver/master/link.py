@@ -23,6 +23,11 @@ STATUSWORD, VELOCITY, TORQUE, POSITION, MODE, ERROR_CODE = 0x6041, 0x606C, 0x607
 IN_FAULT: Final = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 
+ODD_MOST: Final = 3
+"""Statuswords in a row that report another state than the one a drive was led to: fewer may be frames out of order."""
+
+_STARTED: Final = (Stage.STARTING, Stage.CHECKING, Stage.RUNNING)
+
 
 def is_warning(code: int) -> bool:
     """Whether an emergency code reports something that the drive goes on after.
@@ -57,6 +62,8 @@ class Link:
         How it was noticed that the drive left operational by itself, until the master has dealt with it.
     alarm : Emcy or None
         A severe emergency that the master has not dealt with yet.
+    doubtful : bool
+        Whether it has left its state by itself: it may have restarted, and its settings are to be read again.
     """
 
     def __init__(self, rig: Rig, motor: str, tally: Counter[str]) -> None:
@@ -66,6 +73,7 @@ class Link:
         self.heard = Heard()
         self.restarted = ""
         self.alarm: Emcy | None = None
+        self.doubtful = False
         self._mode = int(rig.config.mode(motor))
         self._codec = rig.codec
         self._rpdos = tuple(each for each in rig.codec.maps.values() if each.to_drive)
@@ -80,7 +88,7 @@ class Link:
     def take_pdo(self, pdo: Pdo, now: int, sampled: int) -> None:
         """A TPDO that was sampled with the SYNC at `sampled`."""
         name = pdo.map.name
-        if self.setup.stage not in (Stage.STARTING, Stage.RUNNING):
+        if self.setup.stage not in _STARTED:
             self._tally["feedback_too_early"] += 1  # of a drive that is not set up: its mapping may be another
             return
         if name in self._in_period:
@@ -109,7 +117,7 @@ class Link:
         self.heard.heartbeat_ns, self.heard.nmt = now, beat.state
         if beat.state is NmtState.BOOT_UP:
             self._left("has restarted")
-        elif beat.state is not NmtState.OPERATIONAL and self.setup.stage is Stage.RUNNING:
+        elif beat.state is not NmtState.OPERATIONAL and self.setup.stage in (Stage.CHECKING, Stage.RUNNING):
             self._left(f"is {beat.state.name.lower().replace('_', '-')}, no longer operational")
 
     def _left(self, how: str) -> None:
@@ -126,15 +134,18 @@ class Link:
             self.alarm = emcy
 
     def take_sdo(self, answer: Sdo) -> None:
-        """An answer to a request."""
+        """An answer to a request; one that shows that settings are lost has the drive sought anew."""
+        was = self.setup.stage
         self.setup.take(answer)
+        if self.setup.stage is Stage.SEEKING and was is not Stage.SEEKING:
+            self.forget()
 
     def forget(self) -> None:
         """The drive is gone, or has lost its settings: seek it and set it up from the beginning."""
         self.setup.restart()
         emergency = self.heard.emergency
         self.heard = Heard(emergency=emergency)
-        self._anew = True
+        self._anew, self.doubtful = True, False
 
     def end_period(self, expected: State | None) -> None:
         """Before the next SYNC: count what did not come, and feedback that is not what was asked for."""
@@ -143,6 +154,7 @@ class Link:
         if self._in_period:
             wrong = expected is not None and (self.state is not expected or not self.mode_fits)
             self.heard.odd = self.heard.odd + 1 if wrong else 0
+            self.doubtful = self.doubtful or self.heard.odd >= ODD_MOST
         self._in_period.clear()
 
     # What is known of it.

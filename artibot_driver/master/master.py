@@ -99,8 +99,10 @@ class Master:
     # The loop's thread.
 
     def use_bus(self, bus: AnyBus) -> None:
-        """Go on with another bus where the old one is lost: all drives are set up again."""
+        """Go on with another bus where the old one is lost: listen first, then set all drives up again."""
         self._traffic = Traffic(bus, self._config.bitrate, self._period, self._tally, self._clock)
+        self._hearing.begin()
+        self._alone = False
         for link in self._links:
             link.forget()
 
@@ -108,7 +110,8 @@ class Master:
         """Read what has come and go on with setting up, without set-points and SYNC."""
         for message in self._traffic.read():
             self._hearing.take(message, now_ns, self._sync)
-        self._traffic.send([frame for link in self._links for frame in link.setup.step(now_ns)])
+        if self._alone:
+            self._traffic.send([frame for link in self._links for frame in link.setup.step(now_ns)])
 
     def cycle(self, now_ns: int, setpoints: Setpoints | None) -> Cycle:
         """One SYNC period.
@@ -124,11 +127,12 @@ class Master:
         self._last = now_ns
         self.poll(now_ns)
         self._bus_state = self._traffic.look(now_ns, HEALTH_PERIOD)
+        self._alone = self._alone or self._hearing.is_alone(now_ns, self._bus_state.carries_frames)
         wishes = self._requests.take(now_ns)
         if self._phase in (Phase.ENABLING, Phase.ENABLED):
             self._stop = self._trouble(now_ns, last, wishes.stop) or self._take_setpoints(now_ns, setpoints)
         elif not self._phase.moves:
-            self._rest(now_ns)
+            watch.rest(self._links, now_ns, self._config)
         self._change_phase(now_ns, self._answer(now_ns, wishes))
         sent = self._move(now_ns, 1e-9 * min(now_ns - last, 2 * self._period))  # no leap down after a hold-up
         self._send(now_ns, sent)
@@ -140,7 +144,8 @@ class Master:
         frames = [frame for link in self._links for frame in link.frames(State.SWITCH_ON_DISABLED, 0, 0, False)]
         frames.append(self._rig.codec.sync())
         frames += [nmt(NmtCommand.RESET_COMMUNICATION, link.node) for link in self._links]
-        self._traffic.send(frames)
+        if self._alone:  # one that only listened leaves the drives to whoever leads them
+            self._traffic.send(frames)
         self._phase, self._armed, self._following = Phase.CONFIGURING, None, False
         for link in self._links:
             link.forget()
@@ -157,9 +162,7 @@ class Master:
             *(watch.drive_trouble(now, link, self._config, expected) for link in self._links),
         )
         if stop is None and self._phase is Phase.ENABLING and now - self._since > ENABLE_TIMEOUT:
-            slow = [link for link in self._links if link.state is not State.OPERATION_ENABLED]
-            names = ", ".join(f"{link.motor} is in state '{link.state}'" for link in slow)
-            stop = Stop(Reason.ENABLE_TIMEOUT, f"the drives are not enabled after 1 s: {names}", now)
+            stop = watch.first(watch.enable_trouble(self._links, now))
         return stop
 
     def _take_setpoints(self, now: int, given: Setpoints | None) -> Stop | None:
@@ -179,13 +182,6 @@ class Master:
         self._following = True
         self._targets.follow(given)
         return None
-
-    def _rest(self, now: int) -> None:
-        """Where nothing turns: drives that have fallen silent are set up again when they are back."""
-        for link in self._links:
-            link.restarted, link.alarm = "", None
-            if link.setup.stage is Stage.RUNNING and not watch.is_heard(link, now, self._config):
-                link.forget()
 
     def _answer(self, now: int, wishes: Wishes) -> bool:
         """Say what becomes of the requests; whether the drives are to be enabled."""
@@ -208,6 +204,8 @@ class Master:
         """Why the drives cannot be enabled now; empty where they can."""
         if self._phase.moves:
             return f"they are {self._phase.name.lower()}"
+        if not self._alone:
+            return self._hearing.rival or Phase.LISTENING.value
         trouble = watch.first(watch.bus_trouble(now, self._bus_state, self._traffic), self._hearing.trouble(now))
         if trouble is not None:
             return trouble.text
@@ -221,6 +219,7 @@ class Master:
         since = None if self._released is None else now - self._released
         return Facts(
             carries=self._bus_state.carries_frames,
+            alone=self._alone,
             complete=len(heard) == len(self._links),
             faulted=any(link.in_fault for link in running),
             enable=enable,
@@ -267,6 +266,8 @@ class Master:
         return State.OPERATION_ENABLED if powered else State.SWITCH_ON_DISABLED
 
     def _send(self, now: int, sent: Integers) -> None:
+        if not self._alone:
+            return
         reset = not self._phase.moves and now < self._reset_until
         targets = ((sent.velocity[0], 0), (sent.velocity[1], 0), (0, sent.torque[0]), (0, sent.torque[1]))
         frames = []
@@ -293,4 +294,5 @@ class Master:
             drives=report.drives(self._links, now, self._config),
             bus=self._traffic.status(),
             counters=MappingProxyType(dict(self._tally)),
+            rival="" if self._alone else self._hearing.rival,
         )

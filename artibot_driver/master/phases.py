@@ -13,6 +13,7 @@ class Phase(enum.Enum):
     """What the master is at."""
 
     OFFLINE = "the bus carries no frames"
+    LISTENING = "listening whether somebody else leads the drives"
     CONFIGURING = "drives are missing or being set up"
     LOCKED = "a drive is in fault: reset it first"
     READY = "disabled, may be enabled"
@@ -29,13 +30,14 @@ class Phase(enum.Enum):
 class Facts(NamedTuple):
     """What decides, found anew in every cycle.
 
-    `carries`: the bus carries frames; `complete`: all drives are set up and heard; `faulted`: one reports a fault;
-    `enable`: enabling was asked for since the last cycle; `incident`: there is a reason to stop; `all_enabled`: all
-    drives report operation enabled; `stopped`: the ramp is over, and the drives are without current or had the time
-    for it.
+    `carries`: the bus carries frames; `alone`: before its first word nobody else was heard to lead the drives;
+    `complete`: all drives are set up and heard; `faulted`: one reports a fault; `enable`: enabling was asked for since
+    the last cycle; `incident`: there is a reason to stop; `all_enabled`: all drives report operation enabled;
+    `stopped`: the ramp is over, and the drives are without current or had the time for it.
     """
 
     carries: bool
+    alone: bool
     complete: bool
     faulted: bool
     enable: bool
@@ -58,15 +60,16 @@ class Row(NamedTuple):
 
 
 _P = Phase
-_RESTING = (_P.OFFLINE, _P.CONFIGURING, _P.LOCKED, _P.READY)
+_RESTING = (_P.OFFLINE, _P.LISTENING, _P.CONFIGURING, _P.LOCKED, _P.READY)
 
 TABLE: Final = (
-    Row(_P.READY, _P.ENABLING, ("enable", "carries", "complete"), ("faulted",)),
+    Row(_P.READY, _P.ENABLING, ("enable", "carries", "alone", "complete"), ("faulted",)),
     *(
         row
         for start, over in (*((start, ()) for start in _RESTING), (_P.STOPPING, ("stopped",)))
         for row in (
             Row(start, _P.OFFLINE, over, ("carries",)),
+            Row(start, _P.LISTENING, (*over, "carries"), ("alone",)),
             Row(start, _P.CONFIGURING, (*over, "carries"), ("complete",)),
             Row(start, _P.LOCKED, (*over, "carries", "complete", "faulted")),
             Row(start, _P.READY, (*over, "carries", "complete"), ("faulted",)),

@@ -1,6 +1,8 @@
 """Setting one drive up without waiting for it: frames to send now, answers as they come.
 
-One SDO request is under way at a time, as CiA 301 has it; the next goes out as soon as the answer is read.
+One SDO request is under way at a time, as CiA 301 has it; the next goes out as soon as the answer is read. All that was
+written is read back once the drive has been started, so that a drive that restarted on the way, unheard, is found out:
+it has lost what was written before.
 """
 
 from __future__ import annotations
@@ -31,6 +33,7 @@ START_TIMEOUT: Final = 1_000_000_000
 _HEAD_BYTES = 4
 _SEEKING = Setting(0x1000, 0, 0)  # device type: every node has it
 _CIA402 = 402  # its low half names the profile
+_ASKING = (Stage.SETTING, Stage.CHECKING)
 
 
 class Setup:
@@ -46,7 +49,9 @@ class Setup:
     def __init__(self, rig: Rig, motor: str, tally: Counter[str]) -> None:
         self._rig, self.motor, self.node = rig, motor, rig.codec.nodes[motor]
         self._tally = tally
-        self._steps = tuple(_steps(rig.settings(motor)))
+        first, checks = _first(rig.settings(motor)), _checks(rig.settings(motor))
+        self._steps, self._settled = (*first, *checks), len(first)
+        self._failed: Setting | None = None
         self.refusal = ""
         self.restart()
 
@@ -60,10 +65,16 @@ class Setup:
         self._asked = False
         self._started: int | None = None
 
+    def check(self) -> None:
+        """Have the settings of a drive that is set up read again."""
+        if self.stage is Stage.RUNNING:
+            self.stage, self._next = Stage.CHECKING, self._settled
+            self._tries, self._asked = 0, False
+
     @property
     def progress(self) -> float:
         """Share of the settings that are done."""
-        return 1.0 if self.stage in (Stage.STARTING, Stage.RUNNING) else self._next / len(self._steps)
+        return self._next / len(self._steps)
 
     def step(self, now: int) -> Iterator[Frame]:
         """Frames that are due now."""
@@ -71,7 +82,7 @@ class Setup:
             self._due = now + SEEK_PERIOD
             yield nmt(NmtCommand.ENTER_PRE_OPERATIONAL, self.node)
             yield self._request(_SEEKING, write=False)
-        elif self.stage is Stage.SETTING and (not self._asked or now >= self._due):
+        elif self.stage in _ASKING and (not self._asked or now >= self._due):
             yield from self._ask(now)
         elif self.stage is Stage.STARTING and now >= self._due:
             self._started = now if self._started is None else self._started
@@ -95,7 +106,7 @@ class Setup:
     def started(self) -> None:
         """The drive has been heard to be operational."""
         if self.stage is Stage.STARTING:
-            self.stage = Stage.RUNNING
+            self.stage = Stage.CHECKING
 
     def take(self, answer: Sdo) -> None:
         """An answer of the drive; what was not asked for is only counted."""
@@ -108,12 +119,12 @@ class Setup:
         setting, write = self._steps[self._next] if self._next < len(self._steps) else (_SEEKING, False)
         expected = "download" if write else "upload"
         fits = (answer.index, answer.subindex) == (setting.index, setting.subindex)
-        if self.stage is not Stage.SETTING or not self._asked or not fits or answer.service not in (expected, "abort"):
+        if self.stage not in _ASKING or not self._asked or not fits or answer.service not in (expected, "abort"):
             self._tally["sdo_unexpected"] += 1
         elif answer.service == "abort":
             self._take_abort(setting, write, int.from_bytes(answer.data, "little"))
         elif not write and (found := self._found(setting, answer)) is not None:
-            self._refuse(differs(self._rig, self.motor, setting, found))
+            self._take_difference(setting, found)
         else:
             self._advance()
 
@@ -123,20 +134,36 @@ class Setup:
         found = int.from_bytes(answer.data[:size], "little", signed=setting.value < 0)
         return None if found == setting.value else found
 
+    def _take_difference(self, setting: Setting, found: int) -> None:
+        if setting.written and self._is_first(setting):
+            self._tally["settings_lost"] += 1
+            self.restart()
+        else:
+            self._refuse(differs(self._rig, self.motor, setting, found))
+
     def _take_abort(self, setting: Setting, write: bool, code: int) -> None:
         if code in TRANSIENT and self._tries + 1 < TRIES:
             self._due = 0  # as if it had not been answered
-            return
-        self._refuse(aborted(self._rig, self.motor, setting, write, code))
+        elif setting.written and self._is_first(setting):
+            self.restart()
+        else:
+            self._refuse(aborted(self._rig, self.motor, setting, write, code))
+
+    def _is_first(self, setting: Setting) -> bool:
+        """Whether it is the first time that an object is not as it should be: the drive may have restarted."""
+        before, self._failed = self._failed, setting
+        return before != setting
 
     def _refuse(self, text: str) -> None:
-        self.stage, self.refusal = Stage.REFUSED, text
+        self.stage, self.refusal, self._failed = Stage.REFUSED, text, None
 
     def _advance(self) -> None:
         self._next += 1
         self._tries, self._asked = 0, False
-        if self._next == len(self._steps):
+        if self._next == self._settled:
             self.stage, self._due, self._started = Stage.STARTING, 0, None
+        elif self._next == len(self._steps):
+            self.stage, self._failed = Stage.RUNNING, None
 
     def _request(self, setting: Setting, write: bool) -> Frame:
         size = self._size(setting)
@@ -152,9 +179,16 @@ class Setup:
         return len(variable) // 8
 
 
-def _steps(settings: tuple[Setting, ...]) -> Iterator[tuple[Setting, bool]]:
-    """Each setting's requests: written (True) and read back, or only read."""
-    for each in settings:
-        if each.written:
-            yield each, True
-        yield each, False
+Step = tuple[Setting, bool]
+"""A setting, and whether it is written; else it is read."""
+
+
+def _first(settings: tuple[Setting, ...]) -> tuple[Step, ...]:
+    """What is asked before the drive is started: the drive's own objects are read, the others written."""
+    return tuple((each, each.written) for each in settings)
+
+
+def _checks(settings: tuple[Setting, ...]) -> tuple[Step, ...]:
+    """What is asked after it: every object that was written, for the value that was written to it last."""
+    last = {(each.index, each.subindex): each for each in settings if each.written}
+    return tuple((each, False) for each in last.values())

@@ -135,6 +135,7 @@ class Stage(enum.Enum):
     SETTING = "being set up"
     REFUSED = "refused: not the drive that was configured"
     STARTING = "set up, being started"
+    CHECKING = "set up, its settings being read again"
     RUNNING = "set up"
 
 
@@ -202,6 +203,8 @@ class Status:
         Steady time of the last enable: set-points have to be younger. None where it is not enabled.
     following : bool
         Whether the set-points handed over act.
+    rival : str
+        Another driver that was heard while listening, one clause with the mend; else empty.
     refusal : str
         What keeps a drive from being set up for good, as an :class:`ArtibotError` would say it; else empty.
     notice : str
@@ -223,6 +226,7 @@ class Status:
     drives: tuple[DriveStatus, ...]
     bus: BusStatus
     counters: Mapping[str, int]
+    rival: str = ""
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,9 @@ from typing import Final
 from artibot_driver.bus_health import BusState
 from artibot_driver.cia402 import State
 from artibot_driver.config import DriverConfig
-from artibot_driver.master.link import Link
+from artibot_driver.master.link import ODD_MOST, Link
 from artibot_driver.master.traffic import Traffic
-from artibot_driver.master.values import Reason, Stop
-
-ODD_MOST: Final = 3
-"""Statuswords in a row that report another state than the one a drive was led to: fewer may be frames out of order."""
+from artibot_driver.master.values import Reason, Stage, Stop
 
 FAILED_MOST: Final = 3
 """Cycles in a row in which something could not be sent."""
@@ -65,6 +62,15 @@ def drive_trouble(now: int, link: Link, config: DriverConfig, expected: State | 
         yield found(Reason.DRIVE_STATE, f"is in state '{link.state}', expected '{expected}'{mode}")
 
 
+def enable_trouble(links: Sequence[Link], now: int) -> Iterator[Stop]:
+    """Drives that do not become enabled; their settings are doubtful then."""
+    slow = [link for link in links if link.state is not State.OPERATION_ENABLED]
+    for link in slow:
+        link.doubtful = True
+    names = ", ".join(f"{link.motor} is in state '{link.state}'" for link in slow)
+    yield Stop(Reason.ENABLE_TIMEOUT, f"the drives are not enabled after 1 s: {names}", now)
+
+
 def first(*groups: Iterator[Stop]) -> Stop | None:
     """The first of all."""
     for group in groups:
@@ -79,15 +85,29 @@ def text_of(link: Link, now: int, config: DriverConfig) -> str:
         return link.setup.refusal
     if link.in_fault:
         return f"in fault: {link.fault_text()}"
-    if not is_heard(link, now, config):
-        return link.setup.stage.value if link.heard.feedback_ns is None else "silent"
-    return ""
+    if link.setup.stage is not Stage.RUNNING:
+        return link.setup.stage.value
+    return "" if is_heard(link, now, config) else "silent"
 
 
 def is_heard(link: Link, now: int, config: DriverConfig) -> bool:
     """Whether feedback and heartbeats come as they should."""
     beating = link.heartbeat_age(now) <= HEARTBEATS * config.drive_timeout
     return beating and link.feedback_age(now) <= config.drive_timeout
+
+
+def rest(links: Sequence[Link], now: int, config: DriverConfig) -> None:
+    """Where nothing turns: what has happened is dealt with, and drives that are away are sought.
+
+    The settings of a doubtful drive are read again, and one that has fallen silent is set up anew.
+    """
+    for link in links:
+        link.restarted, link.alarm = "", None
+        if link.doubtful and not link.in_fault:
+            link.doubtful = False
+            link.setup.check()
+        if link.setup.stage in (Stage.CHECKING, Stage.RUNNING) and not is_heard(link, now, config):
+            link.forget()
 
 
 def enable_refused(links: Sequence[Link], now: int, config: DriverConfig) -> str:

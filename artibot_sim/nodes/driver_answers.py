@@ -13,7 +13,7 @@ Answer = tuple[bool, str]
 PATIENCE = {"enable": 1.5, "disable": 3.0, "quick_stop": 0.5, "reset_fault": 1.0}
 """How long an answer waits for what it is about, s."""
 
-_STANDING = (Phase.OFFLINE, Phase.CONFIGURING, Phase.LOCKED, Phase.READY)
+_STANDING = tuple(phase for phase in Phase if not phase.moves)
 
 
 @dataclass(frozen=True)
@@ -83,8 +83,8 @@ def stop_text(stop: Stop) -> str:
 
 def obstacles(status: Status) -> str:
     """What is in the way of enabling, or empty."""
-    if status.refusal:
-        return status.refusal
+    if status.rival or status.refusal:
+        return status.rival or status.refusal
     if not status.bus.state.carries_frames:
         return f"bus: {status.bus.reason or status.bus.state.value}"
     found = []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 
 from artibot_driver.bus import Bus, open_bus
 from artibot_driver.config import DriverConfig
@@ -24,9 +23,7 @@ class BusKeeper:
     def __init__(self, config: DriverConfig) -> None:
         self._config = config
         self._bus: Bus | None = None
-        self._found: list[Bus] = []
-        self._search: threading.Thread | None = None
-        self._closed = False
+        self._search: Search | None = None
 
     def open(self) -> Bus:
         """Open the bus.
@@ -36,36 +33,69 @@ class BusKeeper:
         ArtibotError
             When it cannot be opened, with the mend.
         """
-        self._closed = False
-        self._bus = self._opened()
+        self._bus = opened(self._config)
         return self._bus
-
-    def _opened(self) -> Bus:
-        return open_bus(self._config.interface, self._config.channel, self._config.bitrate)
 
     def again(self) -> Bus | None:
         """A new bus in place of one that was lost, once there is one; never waits."""
-        if self._found:
-            if self._bus is not None:
-                self._bus.close()
-            self._bus = self._found.pop()
-            return self._bus
-        if self._search is None or not self._search.is_alive():
-            self._search = threading.Thread(target=self._seek, name="bus", daemon=True)
-            self._search.start()
-        return None
-
-    def _seek(self) -> None:
-        while not self._closed and not self._found:
-            try:
-                self._found.append(self._opened())
-            except ArtibotError:
-                time.sleep(AGAIN)
+        if self._search is None:
+            self._search = Search(self._config)
+        found = self._search.take()
+        if found is None:
+            return None
+        if self._bus is not None:
+            self._bus.close()
+        self._bus, self._search = found, None
+        return found
 
     def close(self) -> None:
-        """Close what is open; what was sent before still goes out."""
-        self._closed = True
-        for bus in (self._bus, *self._found):
-            if bus is not None:
-                bus.close()
-        self._bus, self._found = None, []
+        """Close what is open, and what a search may still find; what was sent before still goes out."""
+        if self._search is not None:
+            self._search.end()
+        if self._bus is not None:
+            self._bus.close()
+        self._bus = self._search = None
+
+
+class Search:
+    """Tries to open a bus, in a thread of its own, until it has or is ended; what it finds then, nobody gets."""
+
+    def __init__(self, config: DriverConfig) -> None:
+        self._config = config
+        self._ended = threading.Event()
+        self._lock = threading.Lock()
+        self._found: Bus | None = None
+        threading.Thread(target=self._run, name="bus", daemon=True).start()
+
+    def _run(self) -> None:
+        while not self._ended.is_set():
+            try:
+                found = opened(self._config)
+            except ArtibotError:
+                self._ended.wait(AGAIN)
+                continue
+            with self._lock:
+                if self._ended.is_set():
+                    found.close()
+                else:
+                    self._found = found
+            return
+
+    def take(self) -> Bus | None:
+        """What it has found, once."""
+        with self._lock:
+            found, self._found = self._found, None
+        return found
+
+    def end(self) -> None:
+        """Search no more, and close what was found."""
+        with self._lock:
+            self._ended.set()
+        found = self.take()
+        if found is not None:
+            found.close()
+
+
+def opened(config: DriverConfig) -> Bus:
+    """The bus of a configuration; raises :class:`ArtibotError` when it cannot be opened, with the mend."""
+    return open_bus(config.interface, config.channel, config.bitrate)

@@ -71,9 +71,9 @@ def _driver(robot: str, status: Status, own: Mapping[str, object]) -> Diagnostic
         text = f"stopped: {stop_text(status.stop)}"
         if status.stop.reason.asked_for and not status.phase.moves:
             level = OK
-    elif status.phase in (Phase.OFFLINE, Phase.LOCKED) or status.refusal:
+    elif status.phase in (Phase.OFFLINE, Phase.LOCKED) or status.refusal or status.rival:
         level, text = ERROR, _joined((text, obstacles(status)))
-    elif status.phase is Phase.CONFIGURING:
+    elif status.phase in (Phase.LISTENING, Phase.CONFIGURING):
         level, text = WARN, _joined((text, obstacles(status)))
     values = {
         "phase": status.phase.name,

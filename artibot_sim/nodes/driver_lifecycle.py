@@ -21,14 +21,16 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.parameter import Parameter
 
 from artibot_driver.config import config_from_parameters
-from artibot_driver.master import Phase
+from artibot_driver.master import Master, Phase, Status
 from artibot_driver.priority import take_priority
 from artibot_driver.rig import load_rig
 from artibot_sim.errors import ArtibotError
 from artibot_sim.nodes import driver_parameters as parameters
+from artibot_sim.nodes.callbacks import Server
 from artibot_sim.nodes.driver_answers import obstacles
 from artibot_sim.nodes.driver_loop import DriverLoop
 from artibot_sim.nodes.driver_services import Services
+from artibot_sim.nodes.driver_start import StartWish
 from artibot_sim.nodes.pacer import check_stats
 from artibot_sim.nodes.parameters import warn_of_unknown
 
@@ -76,7 +78,9 @@ class DriverNode(LifecycleNode):
         self.loop = DriverLoop(self, rig, self.settings)
         self._fault, self._started = "", False
         self._asked, self._ended_at = asked, 0.0
-        self._wish = self._by_itself = False
+        self._wish = StartWish()
+        self._by_itself = False
+        self._server = Server()
         self._serve_at = 0.0
         self._requests = Services(self, self._request)
         self.add_on_set_parameters_callback(self._on_parameters)
@@ -97,7 +101,9 @@ class DriverNode(LifecycleNode):
             if self._started:
                 self.get_logger().error(self._fault)
             return FAILED
-        self._fault, self._wish = "", self.settings["enable_on_start"]
+        self._fault = ""
+        if self.settings["enable_on_start"]:
+            self._wish.begin(time.monotonic())
         return DONE
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -123,6 +129,7 @@ class DriverNode(LifecycleNode):
         if self.loop.phase.moves:
             self.get_logger().error("cannot be cleaned up: the rover is still coming to standstill")
             return FAILED
+        self._wish.end()
         self.loop.close()
         return DONE
 
@@ -150,7 +157,7 @@ class DriverNode(LifecycleNode):
             return self._fault or "not configured; use the lifecycle's configure first"
         if self._ended_at:
             return "the driver is ending"
-        self._wish = False
+        self._wish.end()
         getattr(self.loop.master, name)()
         return self.loop.status.requests
 
@@ -192,6 +199,13 @@ class DriverNode(LifecycleNode):
         self._let_answers_leave(executor)
         return 0
 
+    def finish(self) -> None:
+        """Nothing is left open: :meth:`run` closes the bus."""
+
+    def statistics(self) -> dict[str, Any]:
+        """How late the loop was, and how long callbacks held it up."""
+        return self.loop.pacer.statistics() | self._server.statistics()
+
     def _let_answers_leave(self, executor: SingleThreadedExecutor) -> None:
         """The last answers of services take a moment to get away."""
         until = time.monotonic() + GOODBYE
@@ -202,20 +216,25 @@ class DriverNode(LifecycleNode):
         """Serve when it is time for that, else one period."""
         master = self.loop.master
         if master is None:
-            self.loop.diagnose(self.label, self._fault)
+            self.loop.diagnose(self.label, self._fault, self._server.most_ms)
             executor.spin_once(timeout_sec=IDLE)
         elif time.monotonic() >= self._serve_at:
             self._serve_at = time.monotonic() + SERVE_EVERY
-            executor.spin_once(timeout_sec=0.0)
+            self._server.turn(executor)
         else:
             time.sleep(max(0.0, self.loop.pacer.remaining()))
             status = self.loop.step(master, listen=not self._ended_at)
-            if self._wish and status.phase is Phase.READY:
-                self._wish = False
-                master.enable()
+            self._enable_if_wished(master, status)
             self._follow_phase(status.phase)
             self._requests.answer(status)
-            self.loop.diagnose(self.label, self._fault)
+            self.loop.diagnose(self.label, self._fault, self._server.most_ms)
+
+    def _enable_if_wished(self, master: Master, status: Status) -> None:
+        wish = self._wish.look(status, time.monotonic())
+        if wish.enable:
+            master.enable()
+        elif wish.lapsed:
+            self.get_logger().warning(f"enable_on_start has lapsed: {wish.lapsed}; call ~/enable")
 
     def _over(self) -> bool:
         """Whether all is done after the process was asked to end."""

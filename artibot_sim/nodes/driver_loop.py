@@ -60,7 +60,7 @@ class DriverLoop:
         self.status: Status | None = None
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
         self._stop: Stop | None = None
-        self._logged: Phase | None = None
+        self._logged: tuple[Phase, bool] | None = None
         self._law = parameters.law_of(settings["law"])
 
     @property
@@ -126,8 +126,9 @@ class DriverLoop:
         self._out.commanded(cycle.commanded, self._epoch_ns)
 
     def _say_what_is_new(self, status: Status) -> None:
-        if status.phase is not self._logged:
-            self._logged = status.phase
+        news = (status.phase, bool(status.rival))
+        if news != self._logged:
+            self._logged = news
             self._log.info("; ".join(filter(None, (status.phase.value, obstacles(status)))))
         stop = status.stop
         if stop is not None and stop != self._stop:
@@ -143,7 +144,7 @@ class DriverLoop:
             self._log.warning(f"the system clock was set by {1e-9 * (epoch - self._epoch_ns):+.2f} s")
             self._epoch_ns = epoch
 
-    def diagnose(self, lifecycle: str, fault: str) -> None:
+    def diagnose(self, lifecycle: str, fault: str, held_up: float) -> None:
         """Publish /diagnostics when it is time for that.
 
         Parameters
@@ -152,10 +153,12 @@ class DriverLoop:
             The node's state.
         fault : str
             Why the driver could not be configured, or empty.
+        held_up : float
+            The longest callback so far, ms.
         """
-        self._out.diagnostics(time.monotonic_ns(), lambda: self._diagnostics(lifecycle, fault))
+        self._out.diagnostics(time.monotonic_ns(), lambda: self._diagnostics(lifecycle, fault, held_up))
 
-    def _diagnostics(self, lifecycle: str, fault: str) -> Any:
+    def _diagnostics(self, lifecycle: str, fault: str, held_up: float) -> Any:
         own = {
             "lifecycle": lifecycle,
             "commanded by": self.desk.source.value,
@@ -164,6 +167,7 @@ class DriverLoop:
             "loop late p99 (ms)": 1e3 * self.pacer.recent(1000, 99),
             "loop late most (ms)": 1e3 * self.pacer.recent(1000, 100),
             "periods missed": self.pacer.overruns,
+            "callback most (ms)": held_up,
         }
         t_ns = time.monotonic_ns() + self._epoch_ns
         return diagnostics(t_ns, self.config, self._rig.robot.name, self.status, own, fault)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import click
 
-from artibot_sim.nodes.process import ros_process, split_ros_args
 from artibot_sim.nodes.ros_args import parameter_files
+from artibot_sim.nodes.run import LoopNode, node_main, run_loop
 
 OPTIONS = {
     "robot": "robot",
@@ -76,35 +75,18 @@ def run(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
     ArtibotError
         When a parameter, the robot or the bus is refused.
     """
-    with ros_process("driver", ros_args) as asked:
-        from rclpy.executors import SingleThreadedExecutor
 
+    def make(asked: list[int]) -> LoopNode:
         from artibot_sim.nodes.driver_lifecycle import DriverNode
-        from artibot_sim.nodes.pacer import write_statistics
 
-        node = DriverNode(overrides, asked)
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        status = node.run(executor)
-        statistics = node.loop.pacer.statistics()
-        if node.settings["stats"]:
-            write_statistics(Path(node.settings["stats"]), statistics)
-        node.get_logger().info(summary(statistics))
-        return status
+        return DriverNode(overrides, asked)
 
-
-def summary(statistics: dict[str, Any]) -> str:
-    """One line for the log."""
-    return (
-        "{steps} periods in {wall_s:.1f} s, {cpu:.1f} % of a core, sent {late_p50_ms:.2f} ms after the deadline "
-        "(median; p99 {late_p99_ms:.2f}, most {late_max_ms:.1f}), {overruns} overruns"
-    ).format(cpu=100 * statistics["cpu_share"], **statistics)
+    return run_loop("driver", ros_args, make)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (by default the process's own) and return the exit status."""
-    own, ros_args = split_ros_args(sys.argv[1:] if argv is None else argv)
-    return int(command.main(args=own, prog_name="artibot driver", standalone_mode=False, obj=ros_args) or 0)
+    return node_main(command, "driver", argv)
 
 
 if __name__ == "__main__":

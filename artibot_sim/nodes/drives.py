@@ -18,7 +18,7 @@ from artibot_sim.nodes.drive_loop import DriveLoop, drive_config, drive_states, 
 from artibot_sim.nodes.drive_shafts import Flywheels, RoverShafts
 from artibot_sim.nodes.options import Number
 from artibot_sim.nodes.pacer import Pacer
-from artibot_sim.nodes.ros_args import split_ros_args
+from artibot_sim.nodes.run import node_main
 from artibot_sim.nodes.sim_engine import Diverged, Start, Timing
 
 TIMING = Timing.of(100.0, 1e-3)
@@ -105,8 +105,7 @@ def _plain(value: float, digits: int) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (by default the process's own) and return the exit status."""
-    own, _ = split_ros_args(sys.argv[1:] if argv is None else argv)  # a launch file adds some to whatever it starts
-    return int(command.main(args=own, prog_name="artibot drives", standalone_mode=False) or 0)
+    return node_main(command, "drives", argv)  # a launch file adds arguments of ROS to whatever it starts
 
 
 if __name__ == "__main__":

@@ -8,7 +8,8 @@ from typing import Any
 
 import click
 
-from artibot_sim.nodes.process import ros_process, split_ros_args
+from artibot_sim.nodes.process import ros_process
+from artibot_sim.nodes.run import node_main
 
 
 def _show_list(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
@@ -85,8 +86,7 @@ def run(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (by default the process's own) and return the exit status."""
-    own, ros_args = split_ros_args(sys.argv[1:] if argv is None else argv)
-    return int(command.main(args=own, prog_name="artibot planner", standalone_mode=False, obj=ros_args) or 0)
+    return node_main(command, "planner", argv)
 
 
 if __name__ == "__main__":

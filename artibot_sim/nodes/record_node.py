@@ -13,7 +13,7 @@ import click
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.nodes.options import Number
-from artibot_sim.nodes.ros_args import split_ros_args
+from artibot_sim.nodes.run import node_main
 
 _LOG_PERIOD = 10.0
 _LINE_PERIOD = 0.5
@@ -190,6 +190,4 @@ def _report(recorder: Any, folder: Path) -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; `--ros-args … [--]` goes to ROS."""
-    own, ros = split_ros_args(sys.argv[1:] if argv is None else argv)
-    status = command.main(args=own, prog_name="artibot record", standalone_mode=False, obj=ros)
-    return status if isinstance(status, int) else 0
+    return node_main(command, "record", argv)

@@ -11,7 +11,7 @@ import click
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.nodes.options import Number
-from artibot_sim.nodes.process import split_ros_args
+from artibot_sim.nodes.run import node_main
 from artibot_sim.report.output import OutputFile
 
 _POSITIVE = Number(min=0, min_open=True)
@@ -166,8 +166,7 @@ def run(bag: Path, given: dict[str, Any], *, drive: bool, ros_args: Sequence[str
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (by default the process's own) and return the exit status."""
-    own, ros_args = split_ros_args(sys.argv[1:] if argv is None else argv)
-    return int(command.main(args=own, prog_name="artibot replay", standalone_mode=False, obj=ros_args) or 0)
+    return node_main(command, "replay", argv)
 
 
 if __name__ == "__main__":

@@ -233,6 +233,14 @@ class SimNode(Node):
             self._holding = self._waits = False
             self._time_stands(self.standing)
 
+    def finish(self) -> None:
+        """Close what moves the rover."""
+        self.mover.close()
+
+    def statistics(self) -> dict[str, Any]:
+        """How late publications were."""
+        return self.pacer.statistics()
+
     def _step(self) -> None:
         """Publish this instant and compute the next."""
         t_ns, period = self.mover.t_ns, self.timing.period_ns

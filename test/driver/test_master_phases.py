@@ -29,7 +29,7 @@ def test_enabling_begins_only_in_ready_and_only_when_asked_for() -> None:
 
 
 def test_enabling_needs_a_bus_all_drives_and_no_fault() -> None:
-    for missing in ({"carries": False}, {"complete": False}, {"faulted": True}):
+    for missing in ({"carries": False}, {"alone": False}, {"complete": False}, {"faulted": True}):
         assert Phase.ENABLING not in ends(Phase.READY, **missing)
 
 
@@ -56,4 +56,5 @@ def test_a_resting_phase_says_what_is_there(start: Phase) -> None:
     for facts in (facts._replace(enable=False) for facts in ALL_FACTS):
         expected = Phase.LOCKED if facts.faulted else Phase.READY
         expected = expected if facts.complete else Phase.CONFIGURING
+        expected = expected if facts.alone else Phase.LISTENING
         assert next_phase(start, facts) is (expected if facts.carries else Phase.OFFLINE)

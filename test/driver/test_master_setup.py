@@ -11,7 +11,7 @@ from artibot_driver.config import config_from_parameters
 from artibot_driver.faults.wire import Interference
 from artibot_driver.faults.world import VirtualWorld
 from artibot_driver.frames import Frame, NmtState
-from artibot_driver.master import Phase, Setpoints, Stage
+from artibot_driver.master import Phase, Reason, Setpoints, Stage
 from artibot_driver.rig import load_rig
 from artibot_sim.model import MOTORS
 
@@ -186,3 +186,65 @@ def test_answers_that_nobody_asked_for_change_nothing() -> None:
         w.run(0.01)
     assert w.run_until(Phase.READY, 3.0) or w.last.status.phase is Phase.READY
     assert w.last.status.counters["sdo_unexpected"] > 100
+
+
+def restarts_unheard(w: VirtualWorld, motor: str, state: NmtState = NmtState.PRE_OPERATIONAL) -> None:
+    """Supply away for a moment, and the boot-up message lost; some drives are operational by themselves after that."""
+    drive = w.crew.drives[motor]
+    send, drive._send = drive._send, lambda frame: None
+    drive.power_on(w.now)
+    drive._send, drive.nmt = send, state
+
+
+def lost_settings(w: VirtualWorld) -> list[tuple[str, int]]:
+    """Objects that are not as they were set."""
+    found = []
+    for motor, drive in w.crew.drives.items():
+        last = {(each.index, each.subindex): each.value for each in w.rig.settings(motor)}
+        found += [(motor, key[0]) for key, value in last.items() if drive.objects.values[key] != value]
+    return found
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_a_drive_that_restarts_unheard_while_it_is_set_up_is_set_up_again(seed: int) -> None:
+    w, rng = world(seed), random.Random(seed)
+    w.run(rng.uniform(0.2, 1.2))
+    motor = rng.choice(MOTORS)
+    restarts_unheard(w, motor)
+    assert lost_settings(w)
+    w.run(0.12)  # at the latest now it is missed, whatever it was at
+    assert w.run_until(Phase.READY, 2.0)
+    assert not lost_settings(w)
+
+
+@pytest.mark.parametrize("motor", MOTORS)
+def test_a_drive_that_comes_back_operational_without_its_settings_is_found_out(motor: str) -> None:
+    w = driving()
+    restarts_unheard(w, motor, NmtState.OPERATIONAL)
+    w.crew.drives[motor].objects.values[0x1017, 0] = 40  # stored in it: it is heard as before
+    w.run(1.0)
+    status = w.last.status
+    assert status.stop is not None
+    assert (status.stop.reason, status.stop.motor) == (Reason.DRIVE_STATE, motor)
+    assert w.run_until(Phase.READY, 2.0)
+    assert w.last.status.counters["settings_lost"] == 1
+    assert not lost_settings(w)
+
+
+def test_settings_that_are_as_they_were_cost_a_drive_nothing_but_time() -> None:
+    w = driving()
+    w.crew.drives["front_left"].let_go()
+    w.run(0.8)
+    assert w.run_until(Phase.READY, 1.0)
+    assert w.last.status.counters["settings_lost"] == w.last.status.counters["drive_restarts"] == 0
+
+
+def test_a_drive_that_does_not_keep_what_is_written_is_refused() -> None:
+    w = world()
+    for _ in range(400):
+        w.crew.drives["back_right"].objects.values[0x6085, 0] = 1
+        w.run(0.01)
+    assert w.last.status.drives[2].stage is Stage.REFUSED
+    assert "motor back_right (node 3): object 6085h" in w.last.status.refusal
+    assert "found 1, expected" in w.last.status.refusal
+    assert "the drive has not taken it" in w.last.status.refusal

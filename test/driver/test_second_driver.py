@@ -1,0 +1,153 @@
+"""Two drivers on one bus: the second listens first, and leaves the drives to the one that leads them."""
+
+from __future__ import annotations
+
+import random
+from collections import deque
+from itertools import pairwise
+
+import can
+import pytest
+
+from artibot_driver.bus import Health
+from artibot_driver.bus_health import BusState
+from artibot_driver.config import config_from_parameters
+from artibot_driver.faults.wire import message_of
+from artibot_driver.faults.world import VirtualWorld
+from artibot_driver.frames import Frame, NmtState, heartbeat
+from artibot_driver.master import Cycle, Master, Phase, Setpoints
+from artibot_driver.master.hearing import LISTEN_TIME
+from artibot_driver.rig import load_rig
+
+RIG = load_rig(config_from_parameters({}))
+
+
+class Tap:
+    """A third end of a world's bus: hears master and drives, and is heard by both."""
+
+    def __init__(self, world: VirtualWorld) -> None:
+        self._world = world
+        self.inbox: deque[Frame] = deque()
+        self.sent: list[Frame] = []
+        for end in (world._near, world._far):
+            end.send = self._heard(end.send)  # type: ignore[method-assign]
+
+    def _heard(self, send):  # type: ignore[no-untyped-def]
+        def also(frame: Frame) -> bool:
+            self.inbox.append(frame)
+            return send(frame)
+
+        return also
+
+    def send(self, frame: Frame) -> bool:
+        self.sent.append(frame)
+        self._world.inject([frame])
+        return True
+
+    def receive(self, timeout: float = 0.0) -> can.Message | None:
+        return message_of(self.inbox.popleft()) if self.inbox else None
+
+    def health(self) -> Health:
+        return Health(BusState.ACTIVE, None, None, "")
+
+
+class Two:
+    """A rover under way, and another driver that is started."""
+
+    def __init__(self) -> None:
+        self.first = VirtualWorld(RIG, random.Random(1))
+        assert self.first.run_until(Phase.READY, 3.0)
+        self.first.master.enable()
+        assert self.first.run_until(Phase.ENABLED, 1.0)
+        self.first.command = lambda now: Setpoints((60.0, 50.0), now)
+        self.first.run(0.3)
+        self.tap = Tap(self.first)
+        self.second = Master(self.tap, RIG, clock=lambda: self.first.now)
+
+    def run(self, seconds: float) -> Cycle:
+        """Let time pass for both; what the second one says last."""
+        for _ in range(round(seconds / 0.01)):
+            cycle = self.second.cycle(self.first.now, Setpoints((30.0, 30.0), self.first.now))
+            self.first.run(0.01)
+        return cycle
+
+
+@pytest.fixture
+def two() -> Two:
+    return Two()
+
+
+def test_the_second_says_nothing_and_the_first_drives_on(two: Two) -> None:
+    status = two.run(1.0).status
+    assert status.phase is Phase.LISTENING
+    assert status.rival == "somebody else leads the drives: heard RPDO1 for node 1; end that driver"
+    two.second.enable()
+    two.second.reset_fault()
+    assert "enable refused: somebody else leads the drives" in two.run(0.5).status.notice
+    two.second.close(two.first.now)
+    two.first.run(0.2)
+    assert two.tap.sent == []
+    assert two.first.last.status.phase is Phase.ENABLED
+    assert two.first.trace[-1].seen.asked[0].velocity == pytest.approx(60.0, abs=1e-3)
+    assert not two.first.last.status.counters["foreign_commands"]
+
+
+def test_the_second_takes_over_once_the_drives_have_missed_the_first(two: Two) -> None:
+    two.run(0.5)
+    two.first.hung, begin = True, len(two.first.trace)
+    status = two.run(2.0).status
+    assert status.phase is Phase.LOCKED  # all four are in fault: somebody has to look
+    assert status.rival == ""
+    asked = [abs(sample.seen.asked[0].velocity or 0.0) for sample in two.first.trace[begin:]]
+    assert all(b <= a for a, b in pairwise(asked))
+    two.second.reset_fault()
+    assert two.run(1.5).status.phase is Phase.READY
+    two.second.enable()
+    assert two.run(1.0).status.phase is Phase.ENABLED
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        RIG.codec.sync(),
+        heartbeat(RIG.config.driver_id, NmtState.OPERATIONAL),
+        RIG.codec.pdo("RPDO1", RIG.codec.nodes["back_left"], (0, 0, 0)),
+    ],
+)
+def test_whatever_a_driver_says_keeps_another_one_silent(said: Frame) -> None:
+    w = VirtualWorld(RIG, random.Random(1))
+    tap = Tap(w)
+    for _ in range(50):
+        w.inject([said])
+        w.run(0.05)
+        tap.inbox = deque(frame for frame in tap.inbox if frame.can_id & 0x780 != 0x700)  # boot-ups of the drives
+    assert not tap.inbox
+    assert w.last.status.phase is Phase.LISTENING
+    assert w.run_until(Phase.READY, 2.0)
+
+
+def test_what_drives_and_strangers_say_keeps_nobody_silent() -> None:
+    w = VirtualWorld(RIG, random.Random(1))
+    w.noise = 5
+    for node in RIG.codec.nodes.values():
+        w.inject([RIG.codec.pdo("TPDO1", node, (0x250, 0, 0)), heartbeat(node, NmtState.OPERATIONAL)])
+    assert w.run_until(Phase.READY, 2.0)
+
+
+def test_the_first_word_comes_after_listening_and_again_after_another_bus() -> None:
+    w = VirtualWorld(RIG, random.Random(1))
+    tap = Tap(w)
+    w.hung = True
+    w.run(0.1)
+    tap.inbox.clear()
+    w.hung, begin = False, w.now
+    while not any(frame.can_id == RIG.codec.sync_id for frame in tap.inbox):
+        assert w.now - begin <= LISTEN_TIME + 2 * w.period
+        w.run(0.01)
+    assert w.now - begin >= LISTEN_TIME
+    assert w.run_until(Phase.READY, 2.0)
+    w.master.use_bus(w.unreliable)
+    tap.inbox.clear()
+    w.run(1e-9 * LISTEN_TIME - 0.01)
+    assert not any(frame.can_id == RIG.codec.sync_id for frame in tap.inbox)
+    assert w.run_until(Phase.LOCKED, 2.0)  # meanwhile the drives have missed it
