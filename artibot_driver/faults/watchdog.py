@@ -50,13 +50,17 @@ class Watchdog:
     ----------
     priority : int
         Among the machine's real-time ones; 0: none.
+
+    Attributes
+    ----------
+    process : Popen
     """
 
     def __init__(self, priority: int) -> None:
         command = [sys.executable, "-m", "artibot_driver.faults.watchdog", str(os.getpid()), str(priority)]
         pipe = subprocess.PIPE
         path = os.pathsep.join(filter(None, sys.path))
-        self._process = subprocess.Popen(
+        self.process = subprocess.Popen(
             command, stdin=pipe, stdout=pipe, text=True, env=os.environ | {"PYTHONPATH": path}
         )
         self.longest()
@@ -65,7 +69,7 @@ class Watchdog:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._process.communicate()  # closes its standard input, which ends it
+        self.process.communicate()  # closes its standard input, which ends it
 
     def longest(self) -> Stall:
         """The longest wait since this was asked last.
@@ -75,13 +79,13 @@ class Watchdog:
         ArtibotError
             When the process is gone.
         """
-        assert self._process.stdin is not None and self._process.stdout is not None
+        assert self.process.stdin is not None and self.process.stdout is not None
         with contextlib.suppress(BrokenPipeError):
-            self._process.stdin.write("\n")
-            self._process.stdin.flush()
-        line = self._process.stdout.readline()
+            self.process.stdin.write("\n")
+            self.process.stdin.flush()
+        line = self.process.stdout.readline()
         if not line:
-            raise ArtibotError(f"the watchdog ended with status {self._process.wait()}; nothing can be judged without")
+            raise ArtibotError(f"the watchdog ended with status {self.process.wait()}; nothing can be judged without")
         return Stall(*json.loads(line))
 
 

@@ -1,9 +1,16 @@
-"""Every fault of the catalogue, in time of its own on a bus in memory; ARTIBOT_TRIALS and ARTIBOT_SEED give more."""
+"""Every fault of the catalogue, in time of its own on a bus in memory: over 100 trials.
+
+ARTIBOT_TRIALS gives more or fewer of each, ARTIBOT_SEED others.
+"""
 
 from __future__ import annotations
 
+import json
 import os
 import random
+import signal
+import time
+from pathlib import Path
 
 import pytest
 
@@ -13,6 +20,7 @@ from artibot_driver.faults import campaign
 from artibot_driver.faults.catalogue import BY_NAME, CATALOGUE, Fault
 from artibot_driver.faults.combined import BRIEFLY, CAN_PASS, TWO, briefly, two
 from artibot_driver.faults.trial import Trial
+from artibot_driver.faults.watchdog import HELD_UP, Watchdog
 from artibot_driver.faults.wire import Interference, UnreliableBus, wire
 from artibot_driver.faults.world import VirtualWorld
 from artibot_driver.frames import Frame
@@ -20,7 +28,7 @@ from artibot_driver.master import Master, Phase, Reason
 from artibot_driver.rig import load_rig
 from artibot_sim.model import MOTORS
 
-TRIALS, SEED = int(os.environ.get("ARTIBOT_TRIALS", "2")), int(os.environ.get("ARTIBOT_SEED", "1"))
+TRIALS, SEED = int(os.environ.get("ARTIBOT_TRIALS", "4")), int(os.environ.get("ARTIBOT_SEED", "1"))
 
 
 @pytest.mark.parametrize("name", BY_NAME)
@@ -128,11 +136,87 @@ def test_a_trial_notices_a_driver_that_is_at_fault(master: type[Master], fault: 
 def test_a_campaign_says_what_it_has_done(capsys: pytest.CaptureFixture[str]) -> None:
     assert campaign.main(["2", "5", "--fault", "drive fault", "--fault", "unknown nodes", "--jobs", "1"]) == 0
     said = capsys.readouterr().out.splitlines()
-    assert said[0].split() == ["fault", "trials", "stopped", "went", "on", "reaction", "at", "rest", "back", "wrong"]
+    heads = ("fault", "trials", "stopped", "went on", "reaction", "most", "at rest", "back", "most", "void", "wrong")
+    assert said[0].split() == " ".join(heads).split()
     assert said[1].startswith("drive fault")
     assert said[1].split()[2:5] == ["1", "1", "0"]
     assert said[2].split()[2:5] == ["1", "0", "1"]
     assert said[3] == "2 trials on a bus in memory, seed 5: 0 not as they must be"
+
+
+def test_a_campaign_that_was_broken_off_goes_on_where_it_ended(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = tmp_path / "trials.jsonl"
+    words = ["2", "5", "--each", "--fault", "drive fault", "--fault", "unknown nodes", "--jobs", "1", "--log", str(log)]
+    assert campaign.main(words) == 0
+    whole, table = log.read_text(encoding="utf-8"), capsys.readouterr().out
+    lines = whole.splitlines()
+    assert [json.loads(line)["fault"] for line in lines] == ["drive fault", "unknown nodes"] * 2
+    log.write_text("\n".join(lines[:2]) + "\n" + lines[2][:40], encoding="utf-8")
+    assert campaign.main(words) == 0
+    said = capsys.readouterr().out
+    assert said == f"2 trials are in {log} already; 2 to go\n{table}"
+    assert [line for line in log.read_text(encoding="utf-8").splitlines() if line in lines] == lines
+    assert campaign.main([*words[:1], "6", *words[2:]]) == 0  # another seed's trials are others
+    assert len(log.read_text(encoding="utf-8").splitlines()) == 4 + 1 + 4
+
+
+def test_a_log_that_is_something_else_is_refused_and_left_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = tmp_path / "notes.txt"
+    log.write_text("not a trial", encoding="utf-8")
+    assert campaign.main(["1", "--log", str(log)]) == 2
+    assert "notes.txt: line 1: found no trial" in capsys.readouterr().err
+    assert log.read_text(encoding="utf-8") == "not a trial"
+
+
+class Quick(VirtualWorld):
+    """A world in time of its own in place of one in real time; while it lasts the watchdog may be held up."""
+
+    held_up: list[int] = []  # noqa: RUF012  # processes to be held up, one after the other
+
+    def __init__(self, rig, rng, place):  # type: ignore[no-untyped-def]
+        super().__init__(rig, rng)
+
+    def __enter__(self):  # type: ignore[no-untyped-def]
+        if self.held_up:
+            process = self.held_up.pop()
+            os.kill(process, signal.SIGSTOP)
+            time.sleep(4 * HELD_UP)
+            os.kill(process, signal.SIGCONT)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+
+def test_a_trial_that_the_machine_held_up_is_void_and_never_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(campaign, "LiveWorld", Quick)
+    rig = load_rig(config_from_parameters({}))
+    monkeypatch.setattr(campaign, "LIVE_TRIES", 3)
+    with Watchdog(0) as watchdog:
+        Quick.held_up = [watchdog.process.pid] * 2
+        outcome = campaign.live_trial(1, 1, ["drive fault"], rig, None, watchdog)  # type: ignore[arg-type]
+        assert not outcome.judged or (outcome.void >= 2 and outcome.stopped)
+        assert not Quick.held_up
+        monkeypatch.setattr(campaign, "LIVE_TRIES", 2)
+        Quick.held_up = [watchdog.process.pid] * 2
+        outcome = campaign.live_trial(1, 1, ["drive fault"], rig, None, watchdog)  # type: ignore[arg-type]
+    assert (outcome.judged, outcome.void, outcome.complaints) == (False, 2, [])
+
+
+def test_the_watchdog_sees_who_was_held_up_and_for_how_long() -> None:
+    with Watchdog(0) as watchdog:
+        watchdog.longest()
+        os.kill(watchdog.process.pid, signal.SIGSTOP)
+        time.sleep(0.3)
+        os.kill(watchdog.process.pid, signal.SIGCONT)
+        time.sleep(0.05)
+        stall = watchdog.longest()
+    assert stall.seconds > 0.25
+    assert stall.whose.startswith("processor")
 
 
 def test_a_campaign_on_a_bus_that_is_not_there_says_so(capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,6 +16,7 @@ from artibot_driver.master import BusStatus, DriveStatus, Phase, Reason, Stage, 
 from artibot_sim.model import MOTORS
 from artibot_sim.nodes.driver_answers import PATIENCE, Pending, answer, obstacles
 from artibot_sim.nodes.driver_diagnostics import ERROR, OK, STALE, WARN, diagnostics, essence
+from artibot_sim.nodes.driver_start import START_WITHIN, StartWish
 
 CONFIG = config_from_parameters({})
 DRIVES = tuple(
@@ -89,6 +90,8 @@ def test_what_is_in_the_way_names_motor_node_and_trouble() -> None:
         (with_drive(1, trouble="late"), [OK, OK, OK, WARN, OK, OK]),
         (replace(READY, stop=STOP), [ERROR, OK, OK, OK, OK, OK]),
         (replace(READY, stop=replace(STOP, reason=Reason.DISABLE)), [OK, OK, OK, OK, OK, OK]),
+        (replace(READY, phase=Phase.LISTENING), [WARN, OK, OK, OK, OK, OK]),
+        (replace(READY, phase=Phase.LISTENING, rival="somebody else leads"), [ERROR, OK, OK, OK, OK, OK]),
         (replace(READY, phase=Phase.CONFIGURING), [WARN, OK, OK, OK, OK, OK]),
         (
             replace(READY, phase=Phase.OFFLINE, bus=BusStatus(BusState.BUS_OFF, 0.0, 255, 0, "bus-off")),
@@ -116,3 +119,44 @@ def test_news_is_what_a_person_would_want_to_know() -> None:
     assert told(READY) != told(replace(READY, phase=Phase.ENABLED))
     assert told(READY) != told(with_drive(0, state=State.FAULT))
     assert told(None) != told(None, fault="no bus")
+
+
+def looked(wish: StartWish, status: Status, now: float) -> tuple[bool, str]:
+    return wish.look(status, now)
+
+
+def test_enable_on_start_enables_once() -> None:
+    wish = StartWish()
+    assert looked(wish, READY, 5.0) == (False, "")
+    wish.begin(5.0)
+    assert looked(wish, replace(READY, phase=Phase.LISTENING), 5.1) == (False, "")
+    assert looked(wish, replace(READY, phase=Phase.CONFIGURING), 5.2) == (False, "")
+    assert looked(wish, READY, 6.0) == (True, "")
+    assert looked(wish, READY, 6.1) == (False, "")
+
+
+@pytest.mark.parametrize(
+    ("status", "after", "why"),
+    [
+        (READY, START_WITHIN + 0.1, "not ready within 60 s"),
+        (replace(READY, stop=STOP), 1.0, "drive back_left says nothing"),
+        (replace(READY, phase=Phase.LOCKED), 1.0, Phase.LOCKED.value),
+        (replace(with_drive(1, trouble="in fault: too hot"), phase=Phase.LOCKED), 1.0, "too hot"),
+    ],
+)
+def test_enable_on_start_lapses_after_a_while_or_when_something_has_happened(
+    status: Status, after: float, why: str
+) -> None:
+    wish = StartWish()
+    wish.begin(5.0)
+    enable, lapsed = looked(wish, status, 5.0 + after)
+    assert not enable
+    assert why in lapsed
+    assert looked(wish, READY, 5.1 + after) == (False, "")
+
+
+def test_enable_on_start_ends_with_a_request_by_hand() -> None:
+    wish = StartWish()
+    wish.begin(5.0)
+    wish.end()
+    assert looked(wish, READY, 5.1) == (False, "")
