@@ -7,7 +7,7 @@ export VENV
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-run demo test lint types bench faults diagnose-campaign bags pictures colcon clean
+.PHONY: help setup setup-run demo test lint types bench bench-can faults faults-live fuzz eq30 diagnose-campaign bags pictures colcon clean
 
 help: ## this list
 	@echo "make TARGET, of which:"
@@ -38,6 +38,18 @@ bench: setup-run ## speed of the model, beside MuJoCo's (ARGS="--json FILE")
 
 faults: setup-run ## random faults in a closed loop of driver and drives (N=1000 SEED=1; ARGS="--channel vcan0")
 	@$(PY) -m artibot_driver.faults $(or $(N),100) $(or $(SEED),1) $(ARGS)
+
+faults-live: setup ## N trials of each fault in real time, on the loopback bus and on vcan0 (N=100 SEED=1; ON="loopback node")
+	@scripts/faults_live.sh $(PY) $(or $(N),100) $(or $(SEED),1) $(ON)
+
+fuzz: setup-run ## random frames into decoder and simulated drive (N=10000000 SEED=7)
+	@$(PY) -m artibot_driver.fuzz $(or $(N),10000000) $(or $(SEED),7)
+
+eq30: setup ## all of Table 6 through a real vcan, its candump log held to eq. 30 frame by frame
+	@ARTIBOT_TABLE6=full $(PY) -m pytest -s -q test/can/test_eq30_vcan.py -k eq30
+
+bench-can: setup-run ## lateness and longest callback of the driver, on the loopback bus and on vcan0 (ARGS="--json FILE")
+	@scripts/on_vcan.sh $(PY) -m artibot_sim.cli bench --only driver_vcan $(ARGS)
 
 diagnose-campaign: setup-run ## diagnoses scored on hidden effects (SEED SEVERITY=1,0.3 CASES NOISE KINDS=none:12,single WORKERS OUT)
 	@PYTHONPATH=.:test $(PY) -m diagnose.hidden --seed $(or $(SEED),1) --severity $(or $(SEVERITY),1) \

@@ -13,7 +13,11 @@ import yaml
 LINE = re.compile(r"\(([\d.]+)\) \S+ ([0-9A-F]{3})#([0-9A-F]*)")
 FRONT_IDS, BACK_IDS = (0x181, 0x182), (0x203, 0x204)
 """TPDO1 of the front drives, RPDO1 of the back ones; right, left."""
+SET_POINTS = range(0x201, 0x205)
 OPERATION_ENABLED, ENABLE_OPERATION = 0x27, 0x0F
+IN_TIME = 0.25
+"""Share of the SYNC period: answers that are in the log so long before the set-points have been read by the driver that
+sends them. It reads, reckons and sends in less than that; nothing in a log tells when it read."""
 
 
 @dataclass
@@ -23,15 +27,17 @@ class Cycle:
     Attributes
     ----------
     front : dict
-        Of the period before: time, statusword and torque actual value by identifier; those that came before this
-        period's first set-point.
+        Answers of the front drives, mostly one each: time, statusword and torque actual value by identifier.
     back : dict
-        Time, controlword and target torque by identifier.
+        Time, controlword and target torque of the back drives' set-points by identifier.
+    told : float or None
+        When the period's first set-point was sent.
     """
 
     at: float
-    front: dict[int, tuple[float, int, int]] = field(default_factory=dict)
+    front: dict[int, list[tuple[float, int, int]]] = field(default_factory=lambda: {each: [] for each in FRONT_IDS})
     back: dict[int, tuple[float, int, int]] = field(default_factory=dict)
+    told: float | None = None
 
 
 def cycles(lines: Iterable[str]) -> Iterator[Cycle]:
@@ -45,11 +51,14 @@ def cycles(lines: Iterable[str]) -> Iterator[Cycle]:
             if current is not None:
                 yield current
             current = Cycle(at)
-        elif current is None:
             continue
-        elif can_id in FRONT_IDS and not current.back:
+        if current is None:
+            continue
+        if can_id in SET_POINTS and current.told is None:
+            current.told = at
+        if can_id in FRONT_IDS:
             statusword, _, torque = struct.unpack("<Hih", data)
-            current.front[can_id] = at, statusword, torque
+            current.front[can_id].append((at, statusword, torque))
         elif can_id in BACK_IDS:
             controlword, _, torque = struct.unpack("<Hih", data)
             current.back[can_id] = at, controlword, torque
@@ -77,17 +86,18 @@ def factor(robot_file: str, kappa: str) -> tuple[Fraction, dict[int, int], dict[
 
 @dataclass
 class Verdict:
-    """What a log shows.
+    """What a log shows of the periods in which all drives are enabled.
 
     Attributes
     ----------
     checked : int
-        Periods whose back torques are eq. 30, to one count, of the front torques of the period before.
+        Periods that have all their frames in time. In each the back torques must be eq. 30, to one count, of the front
+        torques that answered its SYNC, and of nothing else.
     late : int
-        Those in which an answer came after the set-points or so shortly before them that the driver had reckoned with
-        the one before: the log has the time at which a frame was sent, not at which the driver's process was given it.
+        Those in which an answer is missing, or came so shortly before the set-points or after them that the driver may
+        have reckoned with the one before it. In each the back torques must be eq. 30 of either.
     wrong : list of str
-        Those whose back torques are neither.
+        Those, of both kinds, in which they are not.
     largest : int
         Largest back torque seen, permille.
     """
@@ -98,29 +108,34 @@ class Verdict:
     largest: int = 0
 
 
-def check(lines: Iterable[str], robot_file: str, kappa: str) -> Verdict:
-    """Hold every period of a log in which all drives are enabled to eq. 30."""
+def check(lines: Iterable[str], robot_file: str, kappa: str, period: float = 0.01) -> Verdict:
+    """Hold every period (s) of a log in which all drives are enabled to eq. 30."""
     share, front_sign, back_sign, limit = factor(robot_file, kappa)
-    verdict, before = Verdict(), dict.fromkeys(FRONT_IDS, 0)
+    verdict, known = Verdict(), dict.fromkeys(FRONT_IDS, 0)
     for cycle in cycles(lines):
-        known, newest = before, before | {can_id: torque for can_id, (_, _, torque) in cycle.front.items()}
-        before = newest
+        before, known = known, known | {can_id: each[-1][2] for can_id, each in cycle.front.items() if each}
         if len(cycle.back) < 2 or any(word & 0x0F != ENABLE_OPERATION for _, word, _ in cycle.back.values()):
             continue
-        if any(word & 0x6F != OPERATION_ENABLED for _, word, _ in cycle.front.values()):
+        if any(word & 0x6F != OPERATION_ENABLED for each in cycle.front.values() for _, word, _ in each):
             continue  # on the way there, or a stop: nothing is shared
         sent = {can_id: back_sign[can_id] * torque for can_id, (_, _, torque) in cycle.back.items()}
         verdict.largest = max(verdict.largest, *map(abs, sent.values()))
-
-        def follows(fronts: Iterable[int], sent: dict[int, int] = sent) -> bool:
-            total = sum(front_sign[can_id] * torque for can_id, torque in zip(FRONT_IDS, fronts, strict=True))
-            return all(abs(torque - max(-limit, min(limit, share * total))) <= 1 for torque in sent.values())
-
-        right, left = FRONT_IDS
-        if len(cycle.front) == 2 and follows(newest.values()):
-            verdict.checked += 1
-        elif any(follows((a[right], b[left])) for a in (known, newest) for b in (known, newest)):
-            verdict.late += 1
-        else:
-            verdict.wrong.append(f"{cycle.at:.6f} back {list(sent.values())}, front {list(newest.values())}")
+        assert cycle.told is not None
+        until = cycle.told - IN_TIME * period
+        right, left = (used(cycle.front[can_id], until, before[can_id]) for can_id in FRONT_IDS)
+        verdict.checked += len(right) == len(left) == 1
+        verdict.late += not len(right) == len(left) == 1
+        totals = [front_sign[FRONT_IDS[0]] * a + front_sign[FRONT_IDS[1]] * b for a in right for b in left]
+        if not any(
+            all(abs(torque - max(-limit, min(limit, share * total))) <= 1 for torque in sent.values())
+            for total in totals
+        ):
+            verdict.wrong.append(f"{cycle.at:.6f} back {list(sent.values())}, front {right}, {left}")
     return verdict
+
+
+def used(answers: list[tuple[float, int, int]], until: float, before: int) -> tuple[int, ...]:
+    """Torques of a front drive that the driver may have reckoned with: one where its last answer was there in time."""
+    if answers and answers[-1][0] <= until:
+        return (answers[-1][2],)
+    return before, *(torque for _, _, torque in answers)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import os
 import subprocess
 import sys
 import tempfile
@@ -29,9 +30,9 @@ from artibot_driver.rig import load_rig
 from artibot_sim.model import load_robot
 from artibot_sim.planning import Plan, load_manoeuvre, plan
 
-SYNC_RATE = 25.0
-"""A quarter of what it usually is, Hz: a user-mode kernel has one slow processor. For the same reason nothing in it has
-real-time priority: the kernel's own thread that hands frames over would starve."""
+SYNC_RATE = float(os.environ.get("ARTIBOT_SYNC_RATE", "100"))
+"""Hz. A user-mode kernel has one slow processor: nothing in it has real-time priority, or the kernel's own thread that
+hands frames over would starve."""
 
 
 def main(channel: str, manoeuvre: str, kappas: list[str]) -> None:
@@ -52,7 +53,8 @@ def main(channel: str, manoeuvre: str, kappas: list[str]) -> None:
                 told["drives"] = drives.output.splitlines()[-1]
             finally:
                 start.end()
-            verdict = check(log.read_text(encoding="ascii").splitlines(), str(ROOT / "config" / "agriq.yaml"), kappa)
+            lines, robot = log.read_text(encoding="ascii").splitlines(), str(ROOT / "config" / "agriq.yaml")
+            verdict = check(lines, robot, kappa, 1.0 / SYNC_RATE)
             shown = dataclasses.asdict(verdict) | {"wrong": verdict.wrong[:10], "wrongs": len(verdict.wrong)}
             print(json.dumps({"kappa": kappa, **shown, **told}), flush=True)
 
