@@ -11,7 +11,7 @@ from diagnose.hidden import driving, rover
 from diagnose.hidden.cases import recipe, run
 from diagnose.hidden.effects import LISTED, MOTORS
 from diagnose.hidden.machine import SOIL, Machine, Way, machine
-from diagnose.hidden.rover import Ground, Hidden
+from diagnose.hidden.parts import Ground, Hidden
 
 from artibot_sim.experiment import read_bag
 from artibot_sim.model import Commands, initial_state, load_robot, rollout

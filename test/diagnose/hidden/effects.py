@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from diagnose.hidden.machine import Machine
-from diagnose.hidden.rover import GRAVITY
+from diagnose.hidden.parts import GRAVITY
 
 Rng = np.random.Generator
 Values = dict[str, Any]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from diagnose.hidden.rover import Body, Gear, Ground, Hidden, Rover
+from diagnose.hidden.parts import Body, Gear, Ground, Hidden, Rover
 
 from artibot_sim.model import Robot
 

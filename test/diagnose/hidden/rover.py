@@ -19,106 +19,17 @@ Jourdain's principle for the virtual velocities u, v, r, s gives four rows; u' a
 from __future__ import annotations
 
 from math import cos, exp, inf, sin, sqrt, tanh
-from typing import NamedTuple
 
 import numpy as np
+from diagnose.hidden.parts import Rover
 from numba import njit
 
-GRAVITY = 9.81
 STEP = 2.5e-4
 """s; free wheels lose their slip at up to 1900 /s."""
 ROW = 34
 """Kept of an instant: 24 numbers of the state, 4 motor torques, 4 efficiencies, 2 torques of the step before."""
 X, Y, YAW_F, YAW_B, ANGLE, U, V, R, S, SPEED = 0, 1, 2, 3, 4, 8, 9, 10, 11, 12
 LATERAL, TORQUE, ETA, BEFORE = 16, 24, 28, 32
-
-
-class Body(NamedTuple):
-    """A module with its wheels: m (kg), J_z about its centre of mass (kg m²), half wheel spacings and l (m), centre."""
-
-    m: float
-    J_z: float
-    half_x: float
-    half_y: float
-    l: float  # noqa: E741 - the paper's symbol
-    c_x: float = 0.0
-    c_y: float = 0.0
-
-
-class Ground(NamedTuple):
-    """Contact parameters of eqs 15 to 20."""
-
-    k_l: float
-    k_t: float
-    mu_s: float
-    mu_d: float
-    u_w: float
-
-
-class Gear(NamedTuple):
-    """A motor with its gear; J_w is that of both wheels."""
-
-    tau: float
-    eta_d: float
-    eta_r: float
-    J_m: float
-    J_w: float
-
-
-class Hidden(NamedTuple):
-    """What acts besides the paper's model; SI units, in the order of the contract, then what is on no list."""
-
-    front_max: float = inf
-    drag_motor: float = 0.0
-    drag: float = 0.0
-    drag_fades: float = inf  # s, time constant
-    pull_x: float = 0.0  # m/s², gravity along the ground
-    pull_y: float = 0.0
-    gravity: float = GRAVITY  # m/s², what is left of it normal to the ground
-    push_x: float = 0.0
-    push_y: float = 0.0
-    patch_scale: float = 1.0
-    patch_x: float = 0.0
-    patch_y: float = 0.0
-    patch_radius: float = 0.0
-    softening: float = 0.0
-    back_scale: float = 1.0
-    stribeck: float = 0.0
-    bulldozing: float = 0.0
-    relaxation: float = 0.0
-    rolling_speed: float = 0.0
-    joint_friction: float = 0.0
-    joint_damping: float = 0.0
-    joint_stiffness: float = 0.0
-    joint_stop: float = inf
-    yaw_drag: float = 0.0
-    wander: tuple[float, float, float, float, float, float] = (0.0,) * 6  # two waves: N m, rad/s, rad
-    ridge: float = 0.0
-    ridge_x: float = 0.0  # rad/m
-    ridge_y: float = 0.0
-    ridge_phase: float = 0.0
-    lame_wheel: float = 0.0
-    lame: float = 0.0
-    lame_phase: float = 0.0
-    tether: float = 0.0
-    tether_x: float = 0.0
-    tether_y: float = 0.0
-    preload: float = 0.0
-    air: float = 0.0
-
-
-class Rover(NamedTuple):
-    """All that is constant over a run; r_right and r_left are the wheels' radii, share is eq. 30's factor."""
-
-    front: Body
-    back: Body
-    soil: Ground
-    front_gear: Gear
-    back_gear: Gear
-    r_right: float
-    r_left: float
-    share: float
-    hidden: Hidden
 
 
 @njit(cache=True)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from diagnose.hidden.effects import MOTORS, Recipe, Rng, Values
 from diagnose.hidden.machine import Machine
-from diagnose.hidden.rover import Hidden
+from diagnose.hidden.parts import Hidden
 
 
 def _hide(machine: Machine, values: Values) -> Machine:
