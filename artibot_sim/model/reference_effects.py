@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from artibot_sim.model.effects.base import Values
-from artibot_sim.model.effects.residual_force import FORCES
 from artibot_sim.model.params import ModuleParams
 
 
@@ -88,11 +87,11 @@ class PlainEffects:
 
     def load(self, module: int) -> tuple[float, float, float]:
         """Force along and across a module's own frame, N, and yaw moment, N m."""
-        force = str(self.values.get("residual_force", {}).get("force", FORCES[0]))
-        every, width = self._of("residual_force", "every", 1e6), self._of("residual_force", "width", 0.1)
-        away = abs(math.remainder(self.t - self._of("residual_force", "centre"), every))
-        size = self._of("residual_force", "size") * max(0.0, 1 - away / width)
-        surge, sway, turn = (size if force == name else 0.0 for name in FORCES[3 * module : 3 * module + 3])
+        since = self.t - self._of("residual_force", "since")
+        names = ("front_surge", "front_sway", "front_turn") if module == 0 else ("", "", "back_turn")
+        surge, sway, turn = (
+            self._of("residual_force", n) + since * self._of("residual_force", f"{n}_rate") for n in names
+        )
         return surge, sway, turn
 
 

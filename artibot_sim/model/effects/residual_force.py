@@ -1,44 +1,41 @@
-"""A brief force: what a diagnosis probes with, to see what forces on no list would do. It is never named as a cause."""
+"""Forces for a while: what a diagnosis probes with, to see what forces on no list would do. It is never named."""
 
 from __future__ import annotations
 
 import math
 
 from artibot_sim.model.compiled import inlined
-from artibot_sim.model.effects.base import Effect, choice, number
+from artibot_sim.model.effects.base import Effect, number
 
-FORCES = (
-    "front surge force", "front sway force", "front yaw moment",
-    "back surge force", "back sway force", "back yaw moment",
-)  # fmt: skip
-"""Forces at a module's origin along and across its own frame, and moments about it."""
+FORCES = ("front_surge", "front_sway", "front_turn", "back_turn")
+"""Forces at the front module's origin along and across its own frame, N, and moments about both modules', N m."""
 
 
 @inlined
 def load(fx, module):
     """Force along and across a module's own frame (N) and yaw moment (N m)."""
     probe = fx.residual_force
-    away = fx.t - probe.centre
-    away = abs(away - probe.every * math.floor(away / probe.every + 0.5))
-    size = probe.size * max(1.0 - away / probe.width, 0.0)
-    which = probe.force - 3.0 * module
-    return (
-        size if which == 0.0 else 0.0,
-        size if which == 1.0 else 0.0,
-        size if which == 2.0 else 0.0,
-    )  # fmt: skip
+    since = fx.t - probe.since
+    if module == 0:
+        return (
+            probe.front_surge + since * probe.front_surge_rate,
+            probe.front_sway + since * probe.front_sway_rate,
+            probe.front_turn + since * probe.front_turn_rate,
+        )
+    return 0.0, 0.0, probe.back_turn + since * probe.back_turn_rate
+
+
+def _unit(name: str) -> str:
+    return "N m" if name.endswith("turn") else "N"
 
 
 EFFECT = Effect(
     id="residual_force",
     acts="environment",
-    doc="A force on a module that rises and falls linearly with time, once or again and again.",
-    parameters={
-        "size": number("", -math.inf, math.inf, "at its highest, N or N m"),
-        "force": choice(FORCES, "which force"),
-        "centre": number("s", -math.inf, math.inf, "when it is highest, since the recording's start"),
-        "width": number("s", 0.0, math.inf, "from there to nothing", 0.1, low_open=True),
-        "every": number("s", 0.0, math.inf, "from one to the next", 1e6, low_open=True),
-    },
+    doc="Forces on the modules that grow linearly with time.",
+    parameters={name: number(_unit(name), -math.inf, math.inf, "at the time `since`") for name in FORCES}
+    | {f"{name}_rate": number(f"{_unit(name)}/s", -math.inf, math.inf, "its growth") for name in FORCES}
+    | {"since": number("s", -math.inf, math.inf, "since the recording's start")},
+    sizes=2 * len(FORCES),
     hooks={"load": load},
 )
