@@ -27,6 +27,7 @@ COMMANDS: Final[dict[str, Word]] = {
     "plot": Word("artibot_sim.report.plot_cli:command", "Draw a recording, to PNG or an HTML page."),
     "identify": Word("artibot_sim.report.identify_cli:command", "Identify soil and geometry from recordings."),
     "sweep": Word("artibot_sim.report.sweep_cli:command", "Simulate a grid or hypercube of parameters."),
+    "report": Word("artibot_sim.report.report_cli:command", "Draw a page from results that exist."),
     "reproduce": Word("artibot_sim.reproduce.cli:command", "Reproduce the paper's figures and tables, as a page."),
     "actuate": Word("artibot_sim.actuate.cli:command", "Compare laws that share the torque between the modules."),
     "bench": Word("artibot_sim.bench:command", "Measure the speed of the model and the commands."),

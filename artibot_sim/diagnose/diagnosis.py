@@ -300,7 +300,7 @@ class Diagnosis:
             "baseline": {name: _numbers(vars(channel)) for name, channel in self.baseline.items()},
             "where": [vars(place) for place in self.where],
             "causes": [_cause(cause) for cause in self.causes],
-            "unexplained": vars(self.unexplained) if self.unexplained else None,
+            "unexplained": _numbers(vars(self.unexplained)) if self.unexplained else None,
             "gain": {name: _numbers(vars(channel)) for name, channel in self.gain.items()},
             "next_experiment": _numbers(vars(self.next_experiment)) if self.next_experiment else None,
             "ranking": [_numbers(vars(candidate)) for candidate in self.ranking],
@@ -310,6 +310,16 @@ class Diagnosis:
             "seed": self.seed,
             "seconds": self.seconds,
         }
+
+    def __rich__(self) -> Any:
+        from artibot_sim.diagnose.printing import printed
+
+        return printed(self)
+
+    def __str__(self) -> str:
+        from artibot_sim.diagnose.printing import as_text
+
+        return as_text(self)
 
 
 def _cause(cause: Cause) -> dict[str, Any]:
@@ -327,7 +337,7 @@ def _cause(cause: Cause) -> dict[str, Any]:
 def _found(found: Found) -> dict[str, Any]:
     if isinstance(found.value, str):
         return {"value": found.value}
-    return {"value": found.value, "unit": found.unit, "ci95": list(found.ci95) if found.ci95 else None}
+    return _numbers({"value": found.value, "unit": found.unit, "ci95": found.ci95})
 
 
 def _numbers(values: Any) -> Any:

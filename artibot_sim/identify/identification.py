@@ -208,3 +208,33 @@ def _prediction(p: Prediction) -> dict[str, Any]:
     rivals = {name: {k: vars(v) for k, v in fits.items()} for name, fits in p.rivals.items()}
     about = {"name": p.name, "horizon": p.horizon, "windows": p.windows, "left": p.left, "note": p.note}
     return {**about, **groups, "rivals": rivals}
+
+
+def from_dict(
+    document: Mapping[str, Any],
+) -> tuple[tuple[Estimate, ...], dict[str, ChannelFit], tuple[Prediction, ...]]:
+    """Estimates, channels and predictions from what `Identification.as_dict` gave; KeyError or TypeError otherwise."""
+    estimates = [_estimate_from(key, entry) for key, entry in document["parameters"].items()]
+    predictions = [_prediction_from(entry) for entry in document["predictions"]]
+    return tuple(estimates), _fits(document["channels"]), tuple(predictions)
+
+
+def _estimate_from(key: str, entry: Mapping[str, Any]) -> Estimate:
+    ci95, curvature, bootstrap = (
+        (float(entry[name][0]), float(entry[name][1])) for name in ("ci95", "curvature", "bootstrap")
+    )
+    prior = (float(entry["prior"]["value"]), float(entry["prior"]["sd"]))
+    return Estimate(
+        key, key.removeprefix("contact."), entry["unit"], entry["value"], ci95, curvature, bootstrap, prior,
+        Status(entry["status"]), entry["note"],
+    )  # fmt: skip
+
+
+def _fits(entries: Mapping[str, Any]) -> dict[str, ChannelFit]:
+    return {name: ChannelFit(**entry) for name, entry in entries.items()}
+
+
+def _prediction_from(entry: Mapping[str, Any]) -> Prediction:
+    rivals = {name: _fits(fits) for name, fits in entry["rivals"].items()}
+    groups = {name: _fits(entry[name]) for name in ("channels", "final", "free_run")}
+    return Prediction(**{**entry, **groups, "rivals": rivals})

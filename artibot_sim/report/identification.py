@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from artibot_sim.errors import ArtibotError
+from artibot_sim.identify.identification import from_dict
 from artibot_sim.identify.printing import number, prediction_lines
 from artibot_sim.identify.quality import deviations
 from artibot_sim.identify.windows import CHANNEL_NAMES
@@ -16,7 +19,7 @@ from artibot_sim.report.style import LEFT, MUTED, POINTS, RIGHT, TRUE, Stroke
 
 if TYPE_CHECKING:
     from artibot_sim.identify.holdout import Held
-    from artibot_sim.identify.identification import ChannelFit
+    from artibot_sim.identify.identification import ChannelFit, Estimate, Prediction
     from artibot_sim.identify.run import Work
     from artibot_sim.identify.windows import Window
 
@@ -41,13 +44,62 @@ def page_of(work: Work) -> bytes:
     return render_page(figure, tables(work), COLUMNS, [*notes, *found.remarks])
 
 
+def page_of_document(document: Mapping[str, Any], path: Path) -> bytes:
+    """The page of an identification's JSON: its tables, and parameters beside their priors.
+
+    Raises
+    ------
+    ArtibotError
+        If the document is not one.
+    """
+    try:
+        estimates, channels, predictions = from_dict(document)
+        subtitle = f"{document['status']}: {document['message']} · least known: {document['weakest']}"
+        recordings = ", ".join(document["recordings"])
+        title = f"{document['robot']}: identified from {recordings}"
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ArtibotError(
+            f"{path}: not an identification ({type(error).__name__}: {error}); expected a file of "
+            "`artibot identify --json`"
+        ) from error
+    notes = [f"{e.name}: {e.note}" for e in estimates if e.note]
+    notes += [line for prediction in predictions for line in prediction_lines(prediction)]
+    figure = Figure(title, subtitle, (_intervals(estimates),))
+    return render_page(figure, _tables(estimates, channels, predictions), COLUMNS, [*notes, *document["remarks"]])
+
+
+def _intervals(estimates: Sequence[Estimate]) -> Panel:
+    """Values with their intervals, over the middles of their priors."""
+    place = np.arange(1.0, len(estimates) + 1.0)
+    middle = np.array([e.prior[0] for e in estimates])
+    ends = np.array([e.ci95 for e in estimates]) / middle[:, None]
+    bars = np.column_stack([ends, np.full(len(estimates), np.nan)]).ravel()
+    x = np.repeat(place, 3)
+    values = np.array([e.value for e in estimates]) / middle
+    lines = (
+        Line("95 % interval", "95 % interval", None, x, bars, _PREDICTED),
+        Line("value", "value", None, place, values, Stroke(TRUE, 6.0, "points")),
+    )
+    names = ", ".join(f"{i}: {e.name}" for i, e in enumerate(estimates, 1))
+    return Panel(
+        "parameters", "Parameters over the middles of their priors", (names, "number"), ("value", "of the prior"),
+        lines, (Level("prior", 1.0, _NOISE),),
+    )  # fmt: skip
+
+
 def tables(work: Work) -> list[Section]:
     """Parameters, then errors by channel: fitted, predicted, and of free runs."""
     found = work.result
+    return _tables(found.estimates, found.channels, found.predictions)
+
+
+def _tables(
+    estimates: Sequence[Estimate], channels: Mapping[str, ChannelFit], predictions: Sequence[Prediction]
+) -> list[Section]:
     heading = "Parameters: value, ends of the 95 % interval, prior, its standard deviation"
-    values = [(e.name, e.unit, tuple(number(v) for v in (e.value, *e.ci95, *e.prior))) for e in found.estimates]
-    sections: list[Section] = [(heading, values), (f"Residuals of the fit: {_ERRORS}", _errors(found.channels))]
-    for prediction in found.predictions:
+    values = [(e.name, e.unit, tuple(number(v) for v in (e.value, *e.ci95, *e.prior))) for e in estimates]
+    sections: list[Section] = [(heading, values), (f"Residuals of the fit: {_ERRORS}", _errors(channels))]
+    for prediction in predictions:
         said = f"{prediction.name}, held out: {prediction.windows} predictions of {prediction.horizon:g} s: {_ERRORS}"
         sections.append((said, _errors(prediction.channels)))
         sections.append((f"{prediction.name}: at the ends of the predictions", _errors(prediction.final)))
@@ -57,8 +109,7 @@ def tables(work: Work) -> list[Section]:
     return sections
 
 
-def _errors(channels: dict[str, ChannelFit] | object) -> list[tuple[str, str, tuple[str, ...]]]:
-    assert isinstance(channels, dict)
+def _errors(channels: Mapping[str, ChannelFit]) -> list[tuple[str, str, tuple[str, ...]]]:
     return [
         (
             name.replace("_", " "),

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import html
-import json
-import re
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
-from artibot_sim.report import style
+from artibot_sim.report.frame import render_frame
 from artibot_sim.report.panels import Figure
 from artibot_sim.report.web import MOST_POINTS, chart, is_thinned
 
@@ -39,32 +36,16 @@ def render_page(
     notes : sequence of str
         Sentences at the end.
     """
-    from plotly.offline import get_plotlyjs
-
     hints = (THINNED, HINT) if any(map(is_thinned, figure.panels)) else (HINT,)
     charts = [chart(panel, figure.time_span) | {"time": not panel.equal} for panel in figure.panels]
-    parts = {
-        "TITLE": html.escape(figure.title),
-        "STYLE": page_style(),
-        "HEAD": _head(figure),
-        "PANELS": _panels(figure),
-        "TABLE": _table(table, columns),
-        "NOTES": "".join(f"<p>{html.escape(note)}</p>" for note in (*notes, *hints)),
-        "CHARTS": script_json(charts),
-        "SCRIPT": _SCRIPT,
-        "PLOTLY": get_plotlyjs(),
-    }
-    return filled(_PAGE, parts).encode()
-
-
-def filled(text: str, parts: Mapping[str, str]) -> str:
-    """Return a text with @NAME@ replaced; what is put in is not looked at again."""
-    return re.sub("@([A-Z]+)@", lambda match: parts[match[1]], text)
-
-
-def script_json(content: Any) -> str:
-    """Return JSON that cannot end the script element it stands in."""
-    return json.dumps(content, separators=(",", ":"), allow_nan=False, ensure_ascii=False).replace("</", "<\\/")
+    return render_frame(
+        figure.title,
+        _head(figure),
+        f'\n<div class="grid">\n{_panels(figure)}\n</div>\n{_table(table, columns)}\n',
+        "".join(f"<p>{html.escape(note)}</p>" for note in (*notes, *hints)),
+        charts,
+        script=_SCRIPT,
+    )
 
 
 def _head(figure: Figure) -> str:
@@ -108,47 +89,6 @@ def _table(table: Sequence[Section], columns: Sequence[str]) -> str:
     return f'<div class="scroll"><table>{head}<tbody>{"".join(rows)}</tbody></table></div>'
 
 
-def page_style() -> str:
-    """Return the page's style sheet, in the colours of `style`."""
-    colours = {name: getattr(style, name) for name in ("INK", "MUTED", "GRID", "PAPER")}
-    return filled(_CSS, colours | {"FONTS": style.WEB_FONTS})
-
-
-_CSS = """
-:root { color-scheme: light; }
-* { box-sizing: border-box; }
-body { margin: 0; background: @PAPER@; color: @INK@; font: 15px/1.45 @FONTS@; -webkit-text-size-adjust: 100%; }
-main, header, footer { max-width: 1240px; margin: 0 auto; padding: 0 16px; }
-header { padding-top: 20px; }
-h1 { font-size: 1.5rem; margin: 0 0 4px; overflow-wrap: anywhere; }
-h2 { font-size: 1rem; margin: 18px 0 2px; }
-header p, footer { color: @MUTED@; margin: 2px 0; font-size: .93rem; }
-footer { padding-bottom: 24px; padding-top: 12px; }
-.key { display: flex; flex-wrap: wrap; gap: 4px 18px; }
-.key button { font: inherit; font-size: 1.15rem; color: inherit; background: none; border: 0; padding: 2px 0;
-  cursor: pointer; }
-.key button::before { content: ""; display: inline-block; width: 1.3em; height: .28em; margin-right: .5em;
-  vertical-align: .25em; background: var(--hue); }
-.key button[aria-pressed=false] { color: @MUTED@; text-decoration: line-through; }
-.key button[aria-pressed=false]::before { background: @GRID@; }
-.grid { display: grid; grid-template-columns: minmax(0, 1fr); gap: 0 24px; }
-.plot { width: 100%; height: 270px; }
-.plot.square { height: min(100vw, 560px); }
-.scroll { overflow-x: auto; margin-top: 20px; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { padding: 3px 14px 3px 0; text-align: right; white-space: nowrap; }
-th:first-child, td:nth-child(2) { text-align: left; font-weight: normal; }
-td:nth-child(2) { color: @MUTED@; }
-thead th { font-weight: 600; border-bottom: 1px solid @GRID@; }
-tr.name th { font-weight: 600; padding-top: 10px; }
-@media (min-width: 860px) {
-  .grid { grid-template-columns: minmax(0, 1fr) minmax(0, 1fr); }
-  .wide { grid-row: span 2; }
-  .both { grid-column: span 2; }
-  .wide .plot.square { height: 592px; }
-}
-"""
-
 _SCRIPT = """
 "use strict";
 const coarse = window.matchMedia("(pointer: coarse)").matches;  // a finger on a chart scrolls the page
@@ -185,30 +125,4 @@ Promise.all(plots).then(all => {
   }
   document.documentElement.dataset.drawn = String(all.length);
 });
-"""
-
-_PAGE = """<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy"
- content="default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:">
-<title>@TITLE@</title>
-<style>@STYLE@</style>
-</head>
-<body>
-<header>@HEAD@</header>
-<main>
-<div class="grid">
-@PANELS@
-</div>
-@TABLE@
-</main>
-<footer>@NOTES@</footer>
-<script>const charts = @CHARTS@;</script>
-<script>@PLOTLY@</script>
-<script>@SCRIPT@</script>
-</body>
-</html>
 """

@@ -115,6 +115,21 @@ def draw(
     return Drawn(figure, names, measured, list(files))
 
 
+def page_of_recordings(experiments: Sequence[Experiment]) -> bytes:
+    """The page (UTF-8) of recordings on top of each other, with the robots that they name.
+
+    Raises
+    ------
+    ArtibotError
+        If there is nothing to draw.
+    """
+    from artibot_sim.report.figures import experiment_figure, labels
+    from artibot_sim.report.measures import measure
+
+    figure = experiment_figure(experiments, [_robot(None, experiment) for experiment in experiments])
+    return _page(figure, experiments, labels(experiments), [measure(experiment) for experiment in experiments])
+
+
 def _bytes_of(path: Path) -> int:
     """Return the size of a recording."""
     from artibot_sim.experiment.storage import storage_files

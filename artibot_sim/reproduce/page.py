@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from artibot_sim.report import style
-from artibot_sim.report.page import filled, page_style, script_json
+from artibot_sim.report.frame import filled, render_frame
 from artibot_sim.report.panels import Panel, extent
 from artibot_sim.report.web import chart, numbers
 from artibot_sim.reproduce.picture import NEGATIVE, POSITIVE
@@ -24,27 +24,18 @@ INTRO = (
 
 def render(sections: Sequence[Section], version: str) -> bytes:
     """Return the page (UTF-8)."""
-    from plotly.offline import get_plotlyjs
-
     charts = [_chart(item) for section in sections for sheet in section.sheets for row in sheet.rows for item in row]
     counter = iter(range(len(charts)))
-    parts = {
-        "TITLE": TITLE,
-        "STYLE": page_style() + filled(_CSS, {"GRID": style.GRID, "MUTED": style.MUTED, "GOOD": style.TRUE,
-                                              "BAD": style.ODOMETRIC}),
-        "INTRO": html.escape(INTRO),
-        "SUMMARY": "".join(
-            f'<li><a href="#s{section.number}">Section {section.number}, {html.escape(section.title)}</a>: '
-            f"{html.escape(section.verdict)}</li>"
-            for section in sections
-        ),
-        "BODY": "".join(_section(section, counter) for section in sections),
-        "VERSION": html.escape(f"artibot {version}, `artibot reproduce`"),
-        "CHARTS": script_json(charts),
-        "SCRIPT": _SCRIPT,
-        "PLOTLY": get_plotlyjs(),
-    }  # fmt: skip
-    return filled(_PAGE, parts).encode()
+    summary = "".join(
+        f'<li><a href="#s{section.number}">Section {section.number}, {html.escape(section.title)}</a>: '
+        f"{html.escape(section.verdict)}</li>"
+        for section in sections
+    )
+    head = f"<h1>{html.escape(TITLE)}</h1><p>{html.escape(INTRO)}</p><ul>{summary}</ul>"
+    body = "".join(_section(section, counter) for section in sections)
+    foot = f"<p>{html.escape(f'artibot {version}, `artibot reproduce`')}</p>"
+    colours = {"GRID": style.GRID, "MUTED": style.MUTED, "GOOD": style.TRUE, "BAD": style.ODOMETRIC}
+    return render_frame(TITLE, head, body, foot, charts, css=filled(_CSS, colours), script=_SCRIPT)
 
 
 def _section(section: Section, counter: Any) -> str:
@@ -176,25 +167,4 @@ Promise.all(charts.map((chart, i) => {
   chart.layout.dragmode = coarse ? false : "zoom";
   return Plotly.newPlot("plot" + i, chart.data, chart.layout, {responsive: true, displayModeBar: false});
 })).then(all => { document.documentElement.dataset.drawn = String(all.length); });
-"""
-
-_PAGE = """<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy"
- content="default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:">
-<title>@TITLE@</title>
-<style>@STYLE@</style>
-</head>
-<body>
-<header><h1>@TITLE@</h1><p>@INTRO@</p><ul>@SUMMARY@</ul></header>
-<main>@BODY@</main>
-<footer><p>@VERSION@</p></footer>
-<script>const charts = @CHARTS@;</script>
-<script>@PLOTLY@</script>
-<script>@SCRIPT@</script>
-</body>
-</html>
 """

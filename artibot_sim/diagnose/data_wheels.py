@@ -1,0 +1,177 @@
+"""Whether what the wheels rolled fits where the rover went: a wrong robot, wrong units, sides taken for each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.experiment import Channel, Experiment
+from artibot_sim.experiment.measured import Measured
+from artibot_sim.model import MOTORS, Robot
+
+Array = NDArray[np.float64]
+
+FACTOR_REFUSED = 3.0
+"""Wheels that rolled so many times what the rover went (or so little of it) are another robot's."""
+_FACTOR_SAID = 1.5
+_LEAST_WAY = 0.5
+"""m that wheels or rover must have moved."""
+_STRIDE = 1.0
+"""s between the positions whose distances add up to a path: noise does not."""
+_ALIKE = 0.03
+"""Known factors within this are named."""
+_OPPOSITE = -0.5
+"""Correlation of turning by wheels and as measured, below which sides or signs are the wrong way round."""
+_SCALE = 0.05
+"""Difference between a motor's positions and velocities that is said."""
+
+
+@dataclass(frozen=True)
+class Rolled:
+    """What the wheels of a recording rolled, and how far the rover went.
+
+    Attributes
+    ----------
+    experiment : Experiment
+    source : str
+        Topic of the positions.
+    wheels, path : float
+        m.
+    """
+
+    experiment: Experiment
+    source: str
+    wheels: float
+    path: float
+
+    @property
+    def factor(self) -> float:
+        """Rolled over gone."""
+        return self.wheels / max(self.path, 1e-3)
+
+    def guess(self, robot: Robot) -> str:
+        """What such a factor comes from, in brackets; empty where nobody knows."""
+        tau = robot.drive.front.tau
+        known = {
+            1.0 / tau: "the gear ratio: are these speeds of motors?",
+            tau: "the gear ratio: are these speeds of wheels?",
+            60.0 / (2.0 * np.pi): "rpm per rad/s",
+            180.0 / np.pi: "degrees per rad",
+            1.0 / (2.0 * np.pi): "turns per rad",
+        }
+        for factor, words in known.items():
+            if factor != 1.0 and abs(np.log(self.factor / factor)) < 10 * _ALIKE:
+                return f" (about {words})"
+        return ""
+
+
+def rolled(experiment: Experiment, robot: Robot) -> Rolled | None:
+    """What the front wheels rolled and how far the rover went, None where neither moved."""
+    motors = experiment.channels["motor_torques"]
+    wheels, path, source = 0.0, 0.0, ""
+    for first, last in experiment.segments:
+        measured = Measured(experiment, first, last)
+        t, points = measured.position()
+        if len(t) < 3 or measured.position_source is None:
+            continue
+        source = measured.position_source.topic
+        at = np.arange(t[0], t[-1], _STRIDE)
+        steps = np.diff(np.column_stack([np.interp(at, t, column) for column in points.T]), axis=0)
+        path += float(np.hypot(*steps.T).sum())
+        speed = front_speed(motors, robot, at)
+        if speed is not None:
+            wheels += float(np.abs(np.diff(speed[1], axis=0)).sum())
+    if max(wheels, path) < _LEAST_WAY or not source:
+        return None
+    return Rolled(experiment, source, wheels, path)
+
+
+def front_speed(motors: Channel, robot: Robot, at: Array) -> tuple[Array, Array] | None:
+    """Distances (n,) rolled and angles (n,) turned by the front wheels at times (n,), m and rad; None if not measured.
+
+    Without slip: half the sum and, over the track, the difference of both sides.
+    """
+    angles = []
+    for motor in MOTORS[:2]:
+        angle = _angle(motors, motor, at)
+        if angle is None:
+            return None
+        angles.append(angle * robot.drive.front.tau * robot.wheel.r_w)
+    right, left = angles
+    return (right - left) / robot.front.i_y, (right + left) / 2.0
+
+
+def _angle(motors: Channel, motor: str, at: Array) -> Array | None:
+    """Rotation of a motor at times (n,), rad, by its positions, else its speeds."""
+    for quantity in ("position", "velocity"):
+        name = f"{motor}.{quantity}"
+        if name in motors:
+            t, values = motors.series(name)
+            if len(t) < 4:
+                continue
+            if quantity == "velocity":
+                values = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t) * (values[1:] + values[:-1]))))
+            return np.asarray(np.interp(at, t, values))
+    return None
+
+
+def scale_between(motors: Channel, motor: str) -> float | None:
+    """Change of a motor's positions over the integral of its velocities, None where it does not turn enough."""
+    names = f"{motor}.position", f"{motor}.velocity"
+    if not set(names) <= set(motors.columns):
+        return None
+    (t, position), (t_v, velocity) = (motors.series(name) for name in names)
+    if len(t) < 10 or len(t_v) < 10:
+        return None
+    at = np.arange(max(t[0], t_v[0]), min(t[-1], t_v[-1]), 0.2)
+    turned = np.interp(at, t_v, np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t_v) * (velocity[1:] + velocity[:-1])))))
+    a, b = np.diff(np.interp(at, t, position)), np.diff(turned)
+    square = float(b @ b)
+    return float(a @ b) / square if square > 1.0 else None
+
+
+def wheel_faults(experiment: Experiment, robot: Robot) -> Iterator[str]:
+    """Sentences on wheels that do not fit the path, each other or the robot."""
+    motors = experiment.channels["motor_torques"]
+    back = any(f"{motor}.{what}" in motors for motor in MOTORS[2:] for what in ("position", "velocity"))
+    if robot.articulated and not back:
+        yield f"{motors.topic} has no rotation of the back motors; they are driven by eq. 30's torque instead"
+    elif back and not robot.articulated:
+        yield f"{motors.topic} has back motors, which robot '{robot.name}' has not: is it the right robot?"
+    for motor in MOTORS:
+        scale = scale_between(motors, motor)
+        if scale is not None and abs(scale - 1.0) > _SCALE:
+            yield f"{motors.topic}: positions of {motor} change by {scale:.3g} times its velocities: one is wrong"
+    way = rolled(experiment, robot)
+    if way is not None and not 1 / _FACTOR_SAID < way.factor < _FACTOR_SAID:
+        yield (
+            f"the wheels rolled {way.wheels:.3g} m, the rover went {way.path:.3g} m: a factor of "
+            f"{way.factor:.3g}{way.guess(robot)}; slip, or another robot?"
+        )
+    turning = _turning(experiment, robot)
+    if turning is not None and turning < _OPPOSITE:
+        yield "the rover turns against its wheels: are right and left, or the yaw rate's sign, the wrong way round?"
+
+
+def _turning(experiment: Experiment, robot: Robot) -> float | None:
+    """Correlation of turning by the front wheels with that measured, None where there is too little."""
+    motors, pairs = experiment.channels["motor_torques"], []
+    for first, last in experiment.segments:
+        t, rate = Measured(experiment, first, last).yaw_rate()
+        if len(t) < 10:
+            continue
+        at = np.arange(t[0], t[-1], 0.2)
+        by_wheels = front_speed(motors, robot, at)
+        if by_wheels is None or len(at) < 3:
+            continue
+        angle = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t) * (rate[1:, 0] + rate[:-1, 0]))))
+        pairs.append((np.diff(by_wheels[0]), np.diff(np.interp(at, t, angle))))
+    if not pairs:
+        return None
+    a, b = (np.concatenate(column) for column in zip(*pairs, strict=True))
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    moved = float(np.abs(a).sum()) > 1.0 and float(np.abs(b).sum()) > 1.0
+    return float(a @ b) / size if size > 0 and moved else None

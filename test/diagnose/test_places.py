@@ -1,0 +1,125 @@
+"""Sentences on where a model is wrong: they name what was put there, and nothing where there is nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from artibot_sim.diagnose.diagnosis import ChannelBaseline, Look, Series
+from artibot_sim.diagnose.places import concentration, direction, followed, places, worst_moment
+from artibot_sim.diagnose.samples import gather
+
+NOISE = 0.004
+
+
+def drive(error, channel: str = "yaw_rate", runs: int = 3, two: bool = False) -> list[Look]:
+    """Runs of 60 s through an eight; `error(at)` is what the model is wrong by (n,) or (n, 2), `at` what is driven."""
+    looks = []
+    for k in range(runs):
+        rng = np.random.default_rng(k)
+        t = np.arange(0.0, 60.0, 0.1)
+        rate = 0.4 * np.sin(2 * np.pi * t / (20.0 + k))
+        speed = 0.5 + 0.2 * np.sin(2 * np.pi * t / 13.0 + k)
+        heading = np.cumsum(rate) * 0.1 + k
+        x, y = np.cumsum(speed * np.cos(heading)) * 0.1, np.cumsum(speed * np.sin(heading)) * 0.1
+        at = {"t": t, "speed": speed, "yaw_rate": rate, "heading": heading, "articulation_yaw": -0.8 * rate, "x": x,
+              "y": y, "load": 1.0 + np.abs(rate)}  # fmt: skip
+        shape = (len(t), 2) if two else len(t)
+        before = error(at) + NOISE * rng.standard_normal(shape)
+        series = Series(t, before, NOISE * rng.standard_normal(shape), NOISE)
+        path = np.column_stack([t, x, y])
+        looks.append(Look(f"run{k}", k == 2, path, (), (), (), (), None, None, {channel: series}, at))
+    return looks
+
+
+def test_errors_in_left_turns_are_said_to_be_there() -> None:
+    looks = drive(lambda at: 0.05 * (at["yaw_rate"] > 0.1))
+    found = concentration(gather(looks, "yaw_rate"))
+    assert found is not None and "left turns" in found.condition.said
+    assert found.error > 0.9
+
+
+def test_errors_at_a_place_are_said_to_be_there() -> None:
+    looks = drive(lambda at: 0.2 * (np.hypot(at["x"] - 2.0, at["y"] - 1.5) < 1.2))
+    found = concentration(gather(looks, "yaw_rate"))
+    assert found is not None and found.condition.local
+    x, y = (float(v) for v in found.condition.said.partition("(")[2].partition(")")[0].replace("−", "-").split(","))
+    assert np.hypot(x - 2.0, y - 1.5) < 1.2
+
+
+def test_errors_that_come_late_are_said_to_be_late() -> None:
+    found = concentration(gather(drive(lambda at: 0.05 * (at["t"] > 42.0)), "yaw_rate"))
+    assert found is not None and found.condition.said.startswith("after ")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_errors_that_are_everywhere_are_nowhere_in_particular(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    assert concentration(gather(drive(lambda at: 0.03 * rng.standard_normal(len(at["t"]))), "yaw_rate")) is None
+
+
+def test_a_moment_in_one_run_does_not_speak_for_a_manoeuvre() -> None:
+    """One bad second in a left turn of one run is no fault of left turns."""
+
+    def error(at: dict[str, np.ndarray]) -> np.ndarray:
+        return 3.0 * ((np.abs(at["t"] - 4.0) < 0.5) & (at["heading"][0] < 0.5))
+
+    found = concentration(gather(drive(error), "yaw_rate"))
+    assert found is None or found.condition.local
+
+
+def test_the_worst_moment_is_told_with_what_was_done() -> None:
+    looks = drive(lambda at: 0.3 * ((at["t"] >= 25.0) & (at["t"] < 30.0)), runs=1)
+    said = worst_moment(gather(looks, "yaw_rate"), looks, "rad/s")
+    assert "run0 from 25 to 30 s" in said
+    assert "0.30 rad/s" in said and "turning" in said and "near (" in said
+
+
+@pytest.mark.parametrize("way", [-2.5, 0.4, 1.9])
+def test_a_pull_in_the_map_is_told_with_its_direction(way: float) -> None:
+    def error(at: dict[str, np.ndarray]) -> np.ndarray:
+        return np.tile([-0.2 * np.cos(way), -0.2 * np.sin(way)], (len(at["t"]), 1))
+
+    said = direction(gather(drive(error, "position", two=True), "position"))
+    degrees = float(said.partition("(")[2].partition("°")[0].replace("−", "-"))
+    assert np.angle(np.exp(1j * (np.radians(degrees) - way))) == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_rover_that_lags_is_behind() -> None:
+    def error(at: dict[str, np.ndarray]) -> np.ndarray:
+        return 0.1 * np.column_stack([np.cos(at["heading"]), np.sin(at["heading"])])
+
+    said = direction(gather(drive(error, "position", two=True), "position"))
+    assert "behind its predictions, by 10 cm" in said
+
+
+def test_an_error_in_proportion_is_told_in_per_cent() -> None:
+    said = followed(gather(drive(lambda at: 0.08 * at["yaw_rate"]), "yaw_rate"), "rad/s")
+    assert "the model gives 8 % too much" in said
+
+
+def test_a_constant_error_is_told_with_its_sign() -> None:
+    said = followed(gather(drive(lambda at: np.full(len(at["t"]), -0.02)), "yaw_rate"), "rad/s")
+    assert said == "the model is too low by 0.020 rad/s on average"
+
+
+def test_channels_as_good_as_their_noise_are_not_mentioned() -> None:
+    looks = drive(lambda at: 0.0 * at["t"])
+    assert places(looks, {"yaw_rate": ChannelBaseline("rad/s", NOISE, NOISE, NOISE)}) == ()
+
+
+def test_the_worst_channel_comes_first() -> None:
+    looks = drive(lambda at: 0.05 * (at["yaw_rate"] > 0.1))
+    both = [
+        Look(**{**vars(look), "channels": {**look.channels, "position": other.channels["position"]}})
+        for look, other in zip(
+            looks, drive(lambda at: np.full((len(at["t"]), 2), 0.5), "position", two=True), strict=True
+        )
+    ]
+    baseline = {
+        "yaw_rate": ChannelBaseline("rad/s", 0.03, NOISE, 0.1),
+        "position": ChannelBaseline("m", 0.7, 0.006, 1.0),
+    }
+    found = places(both, baseline)
+    assert found[0].channel == "position" and "70 cm (RMSE)" in found[0].what
+    assert {place.channel for place in found} == {"position", "yaw_rate"}

@@ -1,0 +1,197 @@
+"""A diagnosis as page, tables and files: all that was found is there, nothing is asked of the network, any width."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser import Browser, browser
+from report.diagnosis_case import case
+
+from artibot_sim.cli import main
+from artibot_sim.diagnose import words
+from artibot_sim.diagnose.diagnosis import ChannelBaseline, Diagnosis, Verdict
+from artibot_sim.errors import ArtibotError
+from artibot_sim.model import load_robot
+from artibot_sim.report.diagnosis_files import files_of, load
+from artibot_sim.report.diagnosis_page import page_of
+from artibot_sim.report.folder import write_folder
+
+SLOPE: dict[str, float | str] = {"grade": 0.05, "heading": 1.2}
+
+
+@pytest.fixture(scope="module")
+def named() -> Diagnosis:
+    return case("slope", SLOPE)
+
+
+@pytest.fixture(scope="module")
+def every(named: Diagnosis) -> dict[Verdict, Diagnosis]:
+    """A diagnosis of each verdict."""
+    found = {verdict: case("slope", SLOPE, verdict) for verdict in (Verdict.AMBIGUOUS, Verdict.UNEXPLAINED)}
+    return {Verdict.NAMED: named, **found, Verdict.NONE: case("", {}, Verdict.NONE)}
+
+
+@pytest.fixture(scope="module")
+def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with browser(tmp_path_factory.mktemp("browser") / "profile") as opened:
+        yield opened
+
+
+def markup(found: Diagnosis) -> str:
+    """The page without its scripts."""
+    return re.sub(r"<script>.*?</script>", "", page_of(found, "0").decode(), flags=re.S)
+
+
+def test_the_first_sentence_names_cause_size_and_gain(every: dict[Verdict, Diagnosis]) -> None:
+    said = {verdict: words.headline(found) for verdict, found in every.items()}
+    assert said[Verdict.NAMED].startswith("Slope: grade 0.0500 rad (2.9°), heading 1.20 rad (69°). With it, ")
+    before, after = (every[Verdict.NAMED].gain["position"].__dict__[k] for k in ("before", "after"))
+    assert f"instead of {words.amount(before, 'm')}" in said[Verdict.NAMED]
+    assert f"by {words.amount(after, 'm')}" in said[Verdict.NAMED]
+    assert said[Verdict.AMBIGUOUS].startswith("Either slope or external force: these recordings cannot tell")
+    assert "on no list: a front yaw moment of 12 N·m that follows yaw rate" in said[Verdict.UNEXPLAINED]
+    assert said[Verdict.NONE].startswith("No effect explains")
+
+
+def test_the_page_says_all_that_was_found(every: dict[Verdict, Diagnosis]) -> None:
+    for found in every.values():
+        text = markup(found)
+        assert words.headline(found).replace("'", "&#x27;") in text
+        for sentence in (*(place.what for place in found.where), *found.warnings, *words.branch_words(found)):
+            assert sentence.replace("'", "&#x27;") in text
+        for candidate in found.ranking:
+            assert words.effect_words(candidate.effect) in text
+        if found.next_experiment is not None:
+            assert found.next_experiment.what in text
+        if found.unexplained is not None:
+            assert found.unexplained.where in text
+        assert not re.search(r'(?:src|href)="(?!#)', text)
+
+
+def test_names_cannot_break_the_page(named: Diagnosis) -> None:
+    nasty = '</script><b>@CHARTS@ & "run"'
+    looks = tuple(replace(look, name=nasty) for look in named.looks)
+    text = markup(replace(named, bags=(nasty,), looks=looks, warnings=(nasty,)))
+    assert "<b>@" not in text
+    assert "&lt;b&gt;@CHARTS@" in text
+
+
+@pytest.mark.parametrize(("verdict", "width"), [*((verdict, 390) for verdict in Verdict), (Verdict.NAMED, 1280)])
+def test_a_browser_draws_it_at_any_width(
+    chromium: Browser, every: dict[Verdict, Diagnosis], tmp_path: Path, verdict: Verdict, width: int
+) -> None:
+    page = tmp_path / "report.html"
+    page.write_bytes(page_of(every[verdict], "0"))
+    chromium.console.clear()
+    chromium.requests.clear()
+    chromium.size(width, 844, phone=width < 800)
+    chromium.open(page, "#all")
+    places = chromium.value("document.querySelectorAll('.plot').length")
+    chromium.wait(f"document.documentElement.dataset.drawn === '{places}'")
+    assert places > 8
+    assert not chromium.console
+    assert {address.partition("#")[0] for address in chromium.requests} <= {page.as_uri(), "about:blank"}
+    assert chromium.value("document.documentElement.scrollWidth") <= width
+    sizes = chromium.value(
+        "[...document.querySelectorAll('.plot')].map(p => [p.querySelector('svg.main-svg').clientWidth,"
+        " p.querySelectorAll('.scatterlayer .trace path, .barlayer path').length])"
+    )
+    assert all(100 < w <= width and drawn > 0 for w, drawn in sizes)
+
+
+def test_the_sentence_and_the_picture_are_on_a_phones_first_screen(
+    chromium: Browser, named: Diagnosis, tmp_path: Path
+) -> None:
+    page = tmp_path / "report.html"
+    page.write_bytes(page_of(named, "0"))
+    chromium.size(390, 844, True)
+    chromium.open(page)
+    top = chromium.value("document.querySelector('#plot0 svg.main-svg').getBoundingClientRect().top")
+    assert top < 0.75 * 844
+
+
+def test_a_fault_in_a_page_would_be_seen(chromium: Browser, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    page.write_text(
+        "<!DOCTYPE html><img src='http://example.org/x.png'><script>document.documentElement.dataset.drawn = '0';"
+        "nowhere.to.be.found()</script><p style='width: 2000px'>x</p>",
+        encoding="utf-8",
+    )
+    chromium.console.clear()
+    chromium.requests.clear()
+    chromium.size(390, 844, True)
+    chromium.open(page)
+    assert any("nowhere is not defined" in line for line in chromium.console)
+    assert "http://example.org/x.png" in chromium.requests
+    assert chromium.value("document.documentElement.scrollWidth") > 390
+
+
+def test_files_give_the_diagnosis_back(every: dict[Verdict, Diagnosis], tmp_path: Path) -> None:
+    for verdict, found in every.items():
+        folder = tmp_path / verdict.value
+        write_folder(folder, files_of(found, b"page"))
+        again = load(folder)
+        assert again.as_dict() == found.as_dict()
+        assert page_of(again, "0") == page_of(found, "0")
+        for mine, its in zip(found.looks, again.looks, strict=True):
+            assert np.array_equal(mine.path, its.path)
+            assert np.array_equal(mine.channels["position"].after, its.channels["position"].after, equal_nan=True)
+        extended = load_robot(folder / "extended.yaml")
+        assert dict(extended.effects) == dict(found.extended.effects)
+        assert files_of(found, b"page") == files_of(found, b"page")
+
+
+def test_what_is_not_finite_survives(named: Diagnosis, tmp_path: Path) -> None:
+    """JSON has no infinity; the contract's schema has null for it."""
+    channel = ChannelBaseline("m", 0.1, 0.01, float("nan"))
+    write_folder(tmp_path / "x", files_of(replace(named, baseline={"position": channel}), b""))
+    document = json.loads((tmp_path / "x" / "diagnosis.json").read_text())
+    assert document["baseline"]["position"]["free_run_rmse"] is None
+    assert np.isnan(load(tmp_path / "x").baseline["position"].free_run_rmse)
+
+
+@pytest.mark.parametrize("broken", ["diagnosis.json", "details.npz", "extended.yaml"])
+def test_a_broken_result_is_one_clear_line(named: Diagnosis, tmp_path: Path, broken: str) -> None:
+    write_folder(tmp_path / "x", files_of(named, b""))
+    whole = (tmp_path / "x" / broken).read_bytes()
+    for content in (b"", whole[: len(whole) // 2], None):
+        if content is None:
+            (tmp_path / "x" / broken).unlink()
+        else:
+            (tmp_path / "x" / broken).write_bytes(content)
+        with pytest.raises(ArtibotError, match=r"x"):
+            load(tmp_path / "x")
+
+
+def test_a_folder_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    with pytest.raises(ArtibotError, match="cannot be"):
+        write_folder(tmp_path / "new", {"a": b"1", "no/such/folder/b": b"2"})
+    assert list(tmp_path.iterdir()) == []
+    write_folder(tmp_path / "deep" / "new", {"a": b"1"})
+    (tmp_path / "deep" / "new" / "mine").write_text("kept")
+    with pytest.raises(ArtibotError, match="cannot be"):
+        write_folder(tmp_path / "deep" / "new", {"a": b"3", "no/such/folder/b": b"2"})
+    assert {path.name: path.read_text() for path in (tmp_path / "deep" / "new").iterdir()} == {"a": "1", "mine": "kept"}
+
+
+def test_report_draws_a_diagnosis_again(named: Diagnosis, tmp_path: Path) -> None:
+    write_folder(tmp_path / "found", files_of(named, b"old"))
+    assert main(["report", str(tmp_path / "found")]) == 0
+    assert words.headline(named).encode() in (tmp_path / "found" / "report.html").read_bytes()
+    other = tmp_path / "other.html"
+    assert main(["report", str(tmp_path / "found" / "diagnosis.json"), "--html", str(other)]) == 0
+    assert other.read_bytes() == (tmp_path / "found" / "report.html").read_bytes()
+
+
+def test_it_prints(every: dict[Verdict, Diagnosis]) -> None:
+    for found in every.values():
+        text = " ".join(str(found).split())
+        assert words.headline(found) in text
+        assert all(f"warning: {warning}" in text for warning in found.warnings)
+        assert all(words.channel_words(name) in text for name in found.gain)
