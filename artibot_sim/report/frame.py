@@ -5,14 +5,14 @@ from __future__ import annotations
 import html
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from artibot_sim.report import style
 
 
 def render_frame(
-    title: str, head: str, main: str, foot: str, charts: Sequence[Mapping[str, Any]], *, css: str = "", script: str
+    title: str, head: str, main: str, foot: str, data: Any, *, css: str = "", script: str, name: str = "charts"
 ) -> bytes:
     """Return a page (UTF-8).
 
@@ -22,12 +22,14 @@ def render_frame(
         Plain text, for the browser's window.
     head, main, foot : str
         HTML of the page's parts.
-    charts : sequence of mapping
-        Plotly figures, JSON-ready; the script finds them as `charts`.
+    data : object
+        What the script draws from, JSON-ready: plotly figures, say.
     css : str
         Style beside that of all pages.
     script : str
         Draws the charts, and says so: ``document.documentElement.dataset.drawn`` is how many.
+    name : str
+        What the script calls `data`.
     """
     from plotly.offline import get_plotlyjs
 
@@ -37,7 +39,8 @@ def render_frame(
         "HEAD": head,
         "MAIN": main,
         "FOOT": foot,
-        "CHARTS": script_json(charts),
+        "NAME": name,
+        "DATA": script_json(data),
         "SCRIPT": script,
         "PLOTLY": get_plotlyjs(),
     }
@@ -109,7 +112,7 @@ _PAGE = """<!DOCTYPE html>
 <header>@HEAD@</header>
 <main>@MAIN@</main>
 <footer>@FOOT@</footer>
-<script>const charts = @CHARTS@;</script>
+<script>const @NAME@ = @DATA@;</script>
 <script>@PLOTLY@</script>
 <script>@SCRIPT@</script>
 </body>

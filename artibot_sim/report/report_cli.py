@@ -14,19 +14,20 @@ from artibot_sim.report.output import OutputFile, fault
 if TYPE_CHECKING:
     from artibot_sim.progress import Bar
 
-_RESULT = "diagnosis.json"
+_RESULT, _SWEEP = "diagnosis.json", "sweep.json"
 
 
 @click.command("report", context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("results", nargs=-1, required=True, metavar="RESULT [BAG…]", type=click.Path(path_type=Path))
-@click.option("--html", type=OutputFile(), help="Page to write [report.html in a diagnosis' folder, else NAME.html].")
+@click.option("--html", type=OutputFile(), help="Page to write [in the result's folder, else NAME.html here].")
 def command(results: tuple[Path, ...], html: Path | None) -> int:
     """Draw a page from results that exist: a diagnosis (its folder or diagnosis.json), an identification (the file
-    of --json), or recordings. Nothing is computed again.
+    of --json), a sweep (its folder), or recordings. Nothing is computed again.
 
     \b
     Examples:
       artibot report found                       # the folder of artibot diagnose --out found
+      artibot report grip                        # the folder of artibot sweep --out grip
       artibot report soil.json --html soil.html  # of artibot identify … --json soil.json
       artibot report run7 replayed/simulated     # recordings on top of each other
     """
@@ -56,7 +57,8 @@ Kind = Callable[[tuple[Path, ...], "Bar"], bytes]
 def _kind(path: Path) -> Kind:
     """What makes the page of a result."""
     if path.is_dir():
-        return _diagnosis if (path / _RESULT).is_file() else _recordings
+        kinds = {_RESULT: _diagnosis, _SWEEP: _sweep}
+        return next((kind for name, kind in kinds.items() if (path / name).is_file()), _recordings)
     if path.suffix == ".json":
         return _by_schema(path)
     return _recordings
@@ -76,6 +78,8 @@ def _by_schema(path: Path) -> Kind:
 def _default(path: Path, kind: Kind) -> Path:
     if kind is _diagnosis:
         return (path if path.is_dir() else path.parent) / "report.html"
+    if kind is _sweep:
+        return (path if path.is_dir() else path.parent) / "sweep.html"
     return Path(f"{path.resolve().stem}.html")
 
 
@@ -97,6 +101,15 @@ def _identification(results: tuple[Path, ...], bar: Bar) -> bytes:
     return page_of_document(read_json(results[0]), results[0])
 
 
+def _sweep(results: tuple[Path, ...], bar: Bar) -> bytes:
+    from artibot_sim.report.sweep_page import sweep_page
+    from artibot_sim.sweep.summary import summarise
+
+    bar.show(0.0, "drawing")
+    folder = results[0] if results[0].is_dir() else results[0].parent
+    return sweep_page(summarise(folder), f"Sweep {folder.resolve().name}")
+
+
 def _recordings(results: tuple[Path, ...], bar: Bar) -> bytes:
     from artibot_sim.experiment import read_bag
     from artibot_sim.report.plot_cli import page_of_recordings
@@ -107,5 +120,7 @@ def _recordings(results: tuple[Path, ...], bar: Bar) -> bytes:
     return page_of_recordings(read)
 
 
-_SCHEMAS: dict[str, Kind] = {"artibot/diagnosis/": _diagnosis, "artibot/identification/": _identification}
+_SCHEMAS: dict[str, Kind] = {
+    "artibot/diagnosis/": _diagnosis, "artibot/identification/": _identification, "artibot/sweep/": _sweep,
+}  # fmt: skip
 """Beginning of a result's schema → what makes its page."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.report import style
-from artibot_sim.report.page import filled, page_style, script_json
+from artibot_sim.report.frame import filled, render_frame
 from artibot_sim.report.web import numbers
 from artibot_sim.sweep.measures import MEASURES
 from artibot_sim.sweep.summary import HeatMap, Summary
@@ -22,21 +22,13 @@ _FIRST = ("e_x", "e_gamma", "path_length")
 
 def sweep_page(summary: Summary, title: str) -> bytes:
     """The page (UTF-8) of a finished sweep."""
-    from plotly.offline import get_plotlyjs
-
     measures = list(summary.spread)
     first = next((name for name in (*_FIRST, *measures) if name in measures), "")
-    parts = {
-        "TITLE": html.escape(title),
-        "STYLE": page_style() + _STYLE,
-        "HEAD": "".join(f"<p>{html.escape(line)}</p>" for line in headlines(summary)),
-        "OPTIONS": "".join(_option(summary, name, name == first) for name in measures),
-        "TABLE": _table(summary),
-        "DATA": script_json(_data(summary)),
-        "SCRIPT": _SCRIPT,
-        "PLOTLY": get_plotlyjs(),
-    }
-    return filled(_PAGE, parts).encode()
+    lines = "".join(f"<p>{html.escape(line)}</p>" for line in headlines(summary))
+    options = "".join(_option(summary, name, name == first) for name in measures)
+    head = filled(_HEAD, {"TITLE": html.escape(title), "LINES": lines, "OPTIONS": options})
+    main = filled(_MAIN, {"TABLE": _table(summary)})
+    return render_frame(title, head, main, _FOOT, _data(summary), css=_STYLE, script=_SCRIPT, name="data")
 
 
 def headlines(summary: Summary) -> list[str]:
@@ -186,20 +178,10 @@ pair.addEventListener("change", heat);
 draw();
 """
 
-_PAGE = """<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy"
- content="default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:">
-<title>@TITLE@</title>
-<style>@STYLE@</style>
-</head>
-<body>
-<header><h1>@TITLE@</h1>@HEAD@
-<div class="choice"><label>measure <select id="measure">@OPTIONS@</select></label></div></header>
-<main>
+_HEAD = """<h1>@TITLE@</h1>@LINES@
+<div class="choice"><label>measure <select id="measure">@OPTIONS@</select></label></div>"""
+
+_MAIN = """
 <section id="maps"><h2>Mean over two parameters</h2>
 <div class="choice"><label>parameters <select id="pair"></select></label></div>
 <div id="heat" class="plot tall"></div></section>
@@ -207,12 +189,7 @@ _PAGE = """<!DOCTYPE html>
 <div id="parallel" class="plot tall"></div></section>
 <section><h2>Over each parameter</h2><div id="over" class="grid"></div></section>
 @TABLE@
-</main>
-<footer><p>"Follows" is the parameter with the largest rank correlation. Heat maps are means over all runs of a cell;
-of many runs, lines and points are an even selection.</p></footer>
-<script>const data = @DATA@;</script>
-<script>@PLOTLY@</script>
-<script>@SCRIPT@</script>
-</body>
-</html>
 """
+
+_FOOT = """<p>"Follows" is the parameter with the largest rank correlation. Heat maps are means over all runs of a cell;
+of many runs, lines and points are an even selection.</p>"""

@@ -1,0 +1,85 @@
+"""`artibot report`: a page for every kind of result, one line for what is none."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from artibot_sim.cli import main
+from artibot_sim.identify.identification import ChannelFit, Estimate, Identification, Prediction, Status
+from artibot_sim.identify.printing import prediction_lines
+from artibot_sim.model import load_robot
+
+
+def found() -> Identification:
+    fit = ChannelFit("m", 0.004, 0.006, 0.003, 0.009, 321, 1.2)
+    prediction = Prediction("run2", 5.0, 7, {"position": fit}, {"position": fit}, {"position": fit}, 12.5, "", {})
+    estimate = Estimate(
+        "contact.k_l", "k_l", "N s/m", 2650.0, (2600.0, 2700.0), (2610.0, 2690.0), (2600.0, 2700.0), (2900.0, 1160.0),
+        Status.CONVERGED, "a note",
+    )  # fmt: skip
+    return Identification(
+        load_robot("agriq"), (estimate,), [[1.0]], "k_l", Status.CONVERGED, "all identified", ("run0",), 9, 999,  # type: ignore[arg-type]
+        {"position": fit}, (prediction,), ("a remark",), 3.0,
+    )  # fmt: skip
+
+
+def test_an_identification_is_drawn_from_its_json(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import numpy as np
+
+    monkeypatch.chdir(tmp_path)
+    result = found()
+    object.__setattr__(result, "correlation", np.eye(1))
+    (tmp_path / "soil.json").write_text(json.dumps(result.as_dict()))
+    assert main(["report", "soil.json"]) == 0
+    page = (tmp_path / "soil.html").read_text()
+    assert all(line in page for prediction in result.predictions for line in prediction_lines(prediction))
+    for said in ("k_l: a note", "a remark", "identified from run0", "2650", "Parameters over the middles"):
+        assert said in page
+
+
+def test_recordings_are_drawn(bags: list[Path], tmp_path: Path) -> None:
+    pages = [tmp_path / "report.html", tmp_path / "plot.html"]
+    assert main(["report", *map(str, bags), "--html", str(pages[0])]) == 0
+    assert main(["plot", *map(str, bags), "--html", str(pages[1])]) == 0
+    assert pages[0].read_bytes() == pages[1].read_bytes()
+
+
+def test_a_sweep_is_drawn_again(tmp_path: Path) -> None:
+    out = tmp_path / "grip"
+    sweep = ["sweep", "--axis", "contact.mu_s=0.5:0.8:2", "--manoeuvre", "eight", "--dt", "0.002"]
+    assert main([*sweep, "--integrator", "semi_implicit", "--workers", "1", "--out", str(out)]) == 0
+    first = (out / "sweep.html").read_bytes()
+    (out / "sweep.html").unlink()
+    assert main(["report", str(out)]) == 0
+    assert (out / "sweep.html").read_bytes() == first
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("x.json", "{", "not JSON"),
+        ("x.json", "[1]", "holds a list"),
+        ("x.json", '{"schema": "other/1"}', "schema 'other/1'"),
+        ("x.json", '{"schema": "artibot/identification/1", "status": "converged"}', "not an identification"),
+        ("x.mcap", "", "x.mcap"),
+        ("absent", None, "absent"),
+    ],
+)
+def test_what_is_no_result_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, content: str | None, said: str
+) -> None:
+    if content is not None:
+        (tmp_path / name).write_text(content)
+    assert main(["report", str(tmp_path / name), "--html", str(tmp_path / "page.html")]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and said in error
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_two_results_do_not_fit_on_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "x.json").write_text('{"schema": "artibot/identification/1"}')
+    assert main(["report", *[str(tmp_path / "x.json")] * 2]) == 2
+    assert "one result" in capsys.readouterr().err
