@@ -76,6 +76,10 @@ class Fitter:
         error = self.data.speed - seen(self.data, way, speed)
         return self.noise.log_likelihood(self.data, error, self.used) - 0.5 * (way.clock / (0.5 * self.clock)) ** 2
 
+    def at(self, way: Way) -> float:
+        """Log-likelihood of a way, nats, stamps as it wants them."""
+        return self._climb(way._replace(clock=0.0), ["clock"])[1]
+
     def best(self, effects: Collection[str], starts: Iterable[Way] = ()) -> Best:
         """These effects at their best together, from several starts."""
         fields = [PARAMETERS[e][1] for e in effects if e in PARAMETERS]
@@ -124,7 +128,7 @@ class Fitter:
         width = 0.05 * way.threshold + 1e-9
         grid = way.threshold + width * np.linspace(-1.0, 1.0, 15)
         near = [x for x in grid if self.value(way._replace(threshold=max(float(x), 0.0))) > value - 0.5]
-        return 0.5 * (max(near) - min(near) + width / 7.0) if near else width
+        return float(0.5 * (max(near) - min(near) + width / 7.0)) if near else float(width)
 
     def _climb(self, way: Way, free: Sequence[str]) -> tuple[Way, float, Array]:
         """Gauss–Newton with Levenberg's damping for the smooth fields."""

@@ -7,58 +7,19 @@ evidence of both views adds up. It takes the stamps of commands and measurements
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
-
-from artibot_sim.diagnose.command_data import Told, told
-from artibot_sim.diagnose.command_fit import Best, Fitter
-from artibot_sim.diagnose.command_limit import Limit, torque_limit
-from artibot_sim.diagnose.command_model import PARAMETERS, Way, known_way, seen, way_of
-from artibot_sim.diagnose.command_noise import Noise, noise_in, sensor_noise
-from artibot_sim.diagnose.command_series import Level, level_of, series_of
+from artibot_sim.diagnose.command_data import told
+from artibot_sim.diagnose.command_model import way_of
+from artibot_sim.diagnose.command_noise import sensor_noise
+from artibot_sim.diagnose.command_series import Level
+from artibot_sim.diagnose.command_work import EFFECTS, ViewEvidence, Work
 from artibot_sim.diagnose.diagnosis import Series
 from artibot_sim.experiment import Experiment
 from artibot_sim.model import Robot
 
-Array = NDArray[np.float64]
-
-LIMIT, SCALE = "torque_limit", "torque_scale"
-EFFECTS = (*PARAMETERS, LIMIT, SCALE)
-"""What the view knows about, by id."""
-_WORTH = 20.0
-"""Nats that an effect gains to be taken for part of what happens while the noise is estimated."""
-_MOST = 3
-"""Effects at most that are taken so."""
-_UNSEEN = 8.0
-"""Nats that a size of an effect has to lose to be excluded."""
-
-
-@dataclass(frozen=True)
-class ViewEvidence:
-    """What the commands say about one effect.
-
-    Attributes
-    ----------
-    nats : float
-        Log-likelihood gained over the commands followed exactly, at the effect's best; nothing is taken off for its
-        parameters.
-    values, sd : mapping of str to float
-        Where it is best, and standard deviations, by parameter.
-    note : str
-        Why it gives no evidence, where it cannot.
-    excluded_above : mapping of str to float
-        For an effect that gains nothing: departure from neutral from which the commands exclude it.
-    """
-
-    nats: float
-    values: Mapping[str, float]
-    sd: Mapping[str, float]
-    note: str = ""
-    excluded_above: Mapping[str, float] = field(default_factory=dict)
+__all__ = ["EFFECTS", "CommandView", "ViewEvidence", "command_view"]
 
 
 @dataclass(frozen=True)
@@ -81,7 +42,7 @@ class CommandView:
     found: tuple[str, ...] = ()
     levels: Mapping[str, Level] = field(default_factory=dict)
     series: Mapping[str, Series] = field(default_factory=dict)
-    _work: _Work | None = field(default=None, repr=False, compare=False)
+    _work: Work | None = field(default=None, repr=False, compare=False)
 
     def given(self, *effects: str) -> dict[str, ViewEvidence]:
         """Evidence of every other effect on top of `effects`, all at their best together."""
@@ -126,7 +87,7 @@ def command_view(recordings: Sequence[Experiment], robot: Robot, *, seed: int = 
     data = told(ordered)
     if data is None:
         return CommandView()
-    work = _Work(ordered, robot, data, told(ordered, "effort"), sensor_noise(data))
+    work = Work(ordered, robot, data, told(ordered, "effort"), sensor_noise(data))
     for _ in range(2):  # the noise that is left beside what was found changes what is found
         found = work.plain()
         noise = work.noise_beside(found)
@@ -137,160 +98,3 @@ def command_view(recordings: Sequence[Experiment], robot: Robot, *, seed: int = 
     best = work.fit(found)
     levels, series = work.shown(best.best.way, best.limit)
     return CommandView(evidence, found, levels, series, work)
-
-
-@dataclass(frozen=True)
-class _Fit:
-    """Some effects at their best together: log-likelihood of all of it, nats, and where that is."""
-
-    value: float
-    best: Best
-    limit: Limit | None
-    pulled: Best | None
-
-
-@dataclass(frozen=True)
-class _Work:
-    """What the view is made from; fits are kept."""
-
-    recordings: Sequence[Experiment]
-    robot: Robot
-    data: Told
-    pulls: Told | None
-    noise: Noise
-    _fits: dict[tuple[str, ...], _Fit] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_fits", {})
-
-    @cached_property
-    def fitter(self) -> Fitter:
-        """Of speeds."""
-        return Fitter(self.data, self.noise, known_way(self.robot), np.ones(len(self.data), bool))
-
-    @cached_property
-    def puller(self) -> Fitter | None:
-        """Of the back motors' torques: their noise is what a scale leaves."""
-        if self.pulls is None:
-            return None
-        used = np.ones(len(self.pulls), bool)
-        rough = Fitter(self.pulls, sensor_noise(self.pulls), Way(), used)
-        best = rough.best(("encoder_scale",))
-        left = self.pulls.speed - seen(self.pulls, best.way)
-        return Fitter(self.pulls, noise_in(self.pulls, left, used), Way(), used)
-
-    def fit(self, effects: Collection[str]) -> _Fit:
-        """These effects at their best together."""
-        key = tuple(sorted(effects))
-        if key not in self._fits:
-            self._fits[key] = self._fitted(key)
-        return self._fits[key]
-
-    def _fitted(self, effects: tuple[str, ...]) -> _Fit:
-        ways = [e for e in effects if e in PARAMETERS]
-        starts = [self.fit([e for e in ways if e != left]).best.way for left in ways] if len(ways) > 1 else []
-        if len(ways) > 1:
-            starts += [self.fit([one]).best.way for one in ways]
-        best = self.fitter.best(ways, starts)
-        limit, value = None, best.value
-        if LIMIT in effects:
-            best, limit = self._limited(ways, best)
-            value = best.value + (limit.nats if limit else 0.0)
-        pulled = None
-        if self.puller is not None:
-            pulled = self.puller.best(("encoder_scale",) if SCALE in effects else ())
-            value += pulled.value
-        return _Fit(value, best, limit, pulled)
-
-    def _limited(self, ways: Sequence[str], best: Best) -> tuple[Best, Limit | None]:
-        """The way fitted without the samples that a limit explains, and the limit that is left with it."""
-        limit = torque_limit(self.data, self.noise, self.data.speed - seen(self.data, best.way))
-        if limit is None or limit.nats <= 0.0 or not ways:
-            return best, limit if limit is not None and limit.nats > 0.0 else None
-        free = replace(self.fitter, used=~limit.held).best(ways, [best.way])
-        again = torque_limit(self.data, self.noise, self.data.speed - seen(self.data, free.way))
-        value = self.fitter.value(free.way)
-        if again is not None and value + again.nats > best.value + limit.nats:
-            return replace(free, value=value), again
-        return best, limit
-
-    def plain(self) -> tuple[str, ...]:
-        """Effects added one after the other while each gains plainly."""
-        found: tuple[str, ...] = ()
-        while len(found) < _MOST:
-            gains = {e: self.fit((*found, e)).value - self.fit(found).value for e in EFFECTS if e not in found}
-            best = max(gains, key=lambda e: gains[e])
-            if gains[best] < _WORTH:
-                break
-            found = (*found, best)
-        return found
-
-    def noise_beside(self, found: Collection[str]) -> Noise:
-        """Noise of speeds that these effects leave."""
-        fit = self.fit(found)
-        used = np.ones(len(self.data), bool) if fit.limit is None else ~fit.limit.held
-        return noise_in(self.data, self.data.speed - seen(self.data, fit.best.way), used)
-
-    def evidence(self, effect: str, given: Collection[str] = ()) -> ViewEvidence:
-        """Evidence of one effect on top of others."""
-        base, fit = self.fit(given), self.fit((*given, effect))
-        values, sd = self.parameters(effect, fit)
-        nats = max(fit.value - base.value, 0.0)
-        excluded = self._excluded(effect, fit) if nats < _UNSEEN and not given else {}
-        return ViewEvidence(nats, values, sd, self._note(effect, nats), excluded)
-
-    def parameters(self, effect: str, fit: _Fit) -> tuple[dict[str, float], dict[str, float]]:
-        """Values of an effect's parameters at a fit, and their standard deviations; none where nothing tells them."""
-        if effect == LIMIT:
-            limit = fit.limit
-            return ({"front_max": limit.torque}, {"front_max": limit.sd}) if limit else ({}, {})
-        if effect == SCALE:
-            pulled = fit.pulled
-            return ({"scale": pulled.way.scale}, {"scale": pulled.sd["scale"]}) if pulled else ({}, {})
-        name, field_ = PARAMETERS[effect]
-        return {name: float(getattr(fit.best.way, field_))}, {name: fit.best.sd[field_]}
-
-    def _note(self, effect: str, nats: float) -> str:
-        if effect == SCALE and self.puller is None:
-            return "no torque of a back motor is commanded"
-        if effect == LIMIT and not np.isfinite(self.data.torque).any():
-            return "no torque of a front motor is recorded"
-        if effect == LIMIT and nats == 0.0:
-            return "no front motor falls short of its command at a torque that it does not exceed"
-        return ""
-
-    def _excluded(self, effect: str, fit: _Fit) -> dict[str, float]:
-        """From which departure from neutral an effect that is not there would have been seen."""
-        if effect == LIMIT or (effect == SCALE and self.puller is None):
-            return {}
-        fitter, name, field_ = self.fitter, *PARAMETERS.get(effect, ("scale", "scale"))
-        if effect == SCALE and self.puller is not None:
-            fitter = self.puller
-        best = fit.pulled if effect == SCALE and fit.pulled is not None else fit.best
-        neutral = getattr(fitter.known, field_)
-        first = {"threshold": 0.5, "scale": 2e-4}.get(field_, 1e-3)
-        for size in first * 1.5 ** np.arange(26):
-            ways = [best.way._replace(**{field_: neutral + sign * float(size)}) for sign in (1.0, -1.0)]
-            tried = ways if field_ == "scale" else ways[:1]
-            if all(fitter.value(way) < best.value - _UNSEEN for way in tried):
-                return {name: float(size)}
-        return {}
-
-    def gained(self, robot: Robot) -> float:
-        """Log-likelihood that a robot's effects gain as they are."""
-        clock = self.fit(()).best.way.clock
-        way = way_of(robot.effects)._replace(clock=clock)
-        value = self.fitter.value(way)
-        if LIMIT in robot.effects:
-            limit = torque_limit(self.data, self.noise, self.data.speed - seen(self.data, way))
-            value += max(limit.nats, 0.0) if limit else 0.0
-        if self.puller is not None:
-            scale = float(robot.effects.get(SCALE, {}).get("scale", 1.0))
-            pulled = self.puller.best(()).way._replace(scale=scale)
-            value += self.puller.value(pulled)
-        return value - self.fit(()).value
-
-    def shown(self, way: Way, limit: Limit | None) -> tuple[dict[str, Level], dict[str, Series]]:
-        """Levels and series: as commanded, and with a way."""
-        series = series_of(self.recordings, known_way(self.robot), way, self.data, limit)
-        return {"front_velocity": level_of(series)}, series

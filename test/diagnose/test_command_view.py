@@ -1,0 +1,202 @@
+"""The command view: effects on the way of a command are found, told apart, and not seen in clean data."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bag_helpers import foreign
+
+from artibot_sim.diagnose.command_data import H, told
+from artibot_sim.diagnose.command_model import Way, followed, seen
+from artibot_sim.diagnose.command_view import EFFECTS, command_view
+from artibot_sim.experiment import Experiment, read_bag
+from artibot_sim.identify.synthetic import Noise, random_manoeuvre, random_soil, synthetic
+from artibot_sim.model import Commands, Robot, load_robot
+from artibot_sim.model.command_way import as_executed
+
+AGRIQ = load_robot("agriq")
+HIDDEN = {
+    "torque_limit": {"front_max": 0.4},
+    "speed_loop_lag": {"time_constant": 0.1},
+    "command_delay": {"delay": 0.06},
+    "deadband": {"threshold": 25.0},
+    "encoder_scale": {"scale": 0.99},
+    "torque_scale": {"scale": 1.07},
+}
+SENSORS = {
+    "fine": Noise(),
+    "jitter": Noise(jitter=0.001),
+    "slow": Noise(command_rate=50.0, motor_rate=33.0),
+    "sparse": Noise(command_rate=20.0),
+}
+
+
+def robot_with(**effects: dict) -> Robot:
+    return replace(AGRIQ, effects=effects)
+
+
+def driven(robot: Robot, seed: int = 0, sensors: str = "fine", duration: float = 15.0) -> list[Experiment]:
+    """Two recordings on a soil of their own."""
+    rng = np.random.default_rng(seed)
+    real = random_soil(robot, rng)
+    return [
+        synthetic(
+            real, random_manoeuvre(rng, duration), duration=duration, kappa=kappa, seed=10 * seed + k,
+            noise=SENSORS[sensors], name=f"run{k}",
+        )
+        for k, kappa in enumerate((0.8, 0.65))
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.137])
+@pytest.mark.parametrize("lag", [0.0, 0.21])
+@pytest.mark.parametrize("threshold", [0.0, 30.0])
+def test_the_way_is_the_models_own(delay: float, lag: float, threshold: float) -> None:
+    t = H * np.arange(1200)
+    speed = 80.0 * np.sin(t) * np.clip(t, 0, 1)
+    robot = robot_with(
+        command_delay={"delay": delay}, speed_loop_lag={"time_constant": lag}, deadband={"threshold": threshold}
+    )
+    velocity = np.full((len(t), 4), np.nan)
+    velocity[:, :2] = speed[:, None]
+    expected = as_executed(robot, Commands(H, velocity)).velocity[:, 0]
+    found = np.interp(t - delay, t, followed(speed, Way(threshold=threshold, lag=lag)))
+    off = np.abs(found - expected)
+    assert np.median(off) < (1e-9 if threshold == 0.0 else 0.01)
+    assert np.quantile(off, 0.95) < (1e-6 if threshold == 0.0 else 3.0)  # a step is smeared over one interval
+
+
+@pytest.mark.parametrize("sensors", sorted(SENSORS))
+def test_measured_speeds_are_those_of_the_commands_where_nothing_acts(sensors: str) -> None:
+    data = told(driven(AGRIQ, sensors=sensors))
+    assert data is not None
+    error = data.speed - seen(data, Way())
+    assert np.abs(error).max() < 0.03 * np.abs(data.speed).max()
+    assert np.sqrt(np.mean(error**2)) < (0.2 if sensors == "fine" else 4.0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("sensors", ["fine", "jitter"])
+def test_nothing_is_found_where_nothing_acts(seed: int, sensors: str) -> None:
+    view = command_view(driven(AGRIQ, seed, sensors), AGRIQ)
+    assert view.found == ()
+    assert max(one.nats for one in view.evidence.values()) < 8.0
+    level = view.levels["front_velocity"]
+    assert level.rmse == pytest.approx(level.noise, rel=0.15)
+
+
+@pytest.mark.parametrize("effects", [{"slope": {"grade": 0.05, "heading": 1.0}}, {"joint_friction": {"torque": 10.0}}])
+def test_what_acts_elsewhere_is_nothing_here(effects: dict) -> None:
+    assert command_view(driven(robot_with(**effects)), AGRIQ).found == ()
+
+
+@pytest.mark.parametrize("sensors", ["fine", "slow"])
+@pytest.mark.parametrize("name", sorted(HIDDEN))
+def test_an_effect_is_found_with_its_size(name: str, sensors: str) -> None:
+    view = command_view(driven(robot_with(**{name: HIDDEN[name]}), seed=1, sensors=sensors), AGRIQ)
+    assert view.found == (name,)
+    ranked = sorted(view.evidence, key=lambda e: -view.evidence[e].nats)
+    assert ranked[0] == name
+    one = view.evidence[name]
+    for parameter, value in HIDDEN[name].items():
+        assert one.values[parameter] == pytest.approx(value, rel=0.06)
+        assert abs(one.values[parameter] - value) < 4.0 * one.sd[parameter]
+    assert max(other.nats for other in view.given(name).values()) < 20.0
+    assert view.nats(robot_with(**{name: HIDDEN[name]})) > 0.8 * one.nats
+
+
+@pytest.mark.parametrize(("true", "close"), [("command_delay", "speed_loop_lag"), ("speed_loop_lag", "command_delay")])
+def test_a_delay_and_a_lag_are_told_apart(true: str, close: str) -> None:
+    view = command_view(driven(robot_with(**{true: HIDDEN[true]}), seed=2), AGRIQ)
+    assert view.evidence[true].nats > view.evidence[close].nats + 100.0
+    assert view.evidence[close].nats > 0.3 * view.evidence[true].nats, "which is close"
+
+
+@pytest.mark.parametrize(
+    "pair",
+    [("command_delay", "speed_loop_lag"), ("speed_loop_lag", "torque_limit"), ("encoder_scale", "command_delay")],
+)
+def test_two_at_once_are_both_found(pair: tuple[str, str]) -> None:
+    view = command_view(driven(robot_with(**{name: HIDDEN[name] for name in pair}), seed=3), AGRIQ)
+    assert set(view.found) == set(pair)
+    both = view.together(*pair)
+    for name in pair:
+        for parameter, value in HIDDEN[name].items():
+            assert both.values[f"{name}.{parameter}"] == pytest.approx(value, rel=0.06)
+    assert both.nats > max(view.evidence[name].nats for name in pair) + 100.0
+
+
+@pytest.mark.parametrize(
+    ("effects", "excluded"),
+    [({"torque_limit": {"front_max": 5.0}}, ""), ({}, "command_delay"), ({}, "encoder_scale"), ({}, "torque_scale")],
+)
+def test_what_never_acts_gives_no_evidence_and_is_excluded(effects: dict, excluded: str) -> None:
+    strong = robot_with(**effects).replace({"drive.front.torque_max": 10.0})
+    view = command_view(driven(strong, seed=4), AGRIQ)
+    assert view.found == ()
+    if excluded:
+        ((parameter, size),) = view.evidence[excluded].excluded_above.items()
+        assert 0.0 < size < abs(HIDDEN[excluded][parameter] - AGRIQ_NEUTRAL[excluded])
+
+
+AGRIQ_NEUTRAL = {"command_delay": 0.0, "encoder_scale": 1.0, "torque_scale": 1.0}
+
+
+def test_without_commands_there_is_nothing_to_say() -> None:
+    silent = [replace(r, channels={k: c for k, c in r.channels.items() if k != "motor_command"}) for r in driven(AGRIQ)]
+    view = command_view(silent, AGRIQ)
+    assert not view.evidence and not view.found and not view.levels and not view.series
+    assert view.given() == {} and view.nats(AGRIQ) == 0.0
+
+
+def test_without_torques_and_at_kappa_1_the_others_are_still_found() -> None:
+    robot = robot_with(speed_loop_lag={"time_constant": 0.1})
+    recordings = []
+    for r in driven(robot, seed=5):
+        motors, commands = r.channels["motor_torques"], r.channels["motor_command"]
+        kept = {k: v for k, v in motors.columns.items() if not k.endswith("effort")}
+        told_ = {k: v for k, v in commands.columns.items() if not k.endswith("effort")}
+        changed = {"motor_torques": replace(motors, columns=kept), "motor_command": replace(commands, columns=told_)}
+        recordings.append(replace(r, channels=dict(r.channels) | changed))
+    view = command_view(recordings, AGRIQ)
+    assert view.found == ("speed_loop_lag",)
+    assert view.evidence["torque_limit"].nats == view.evidence["torque_scale"].nats == 0.0
+    assert view.evidence["torque_limit"].note and view.evidence["torque_scale"].note
+
+
+def test_the_order_of_recordings_does_not_matter() -> None:
+    recordings = driven(robot_with(command_delay={"delay": 0.06}), seed=6)
+    one, other = command_view(recordings, AGRIQ), command_view(recordings[::-1], AGRIQ)
+    for effect in EFFECTS:
+        assert one.evidence[effect] == other.evidence[effect]
+
+
+def test_what_is_known_of_a_robot_is_no_news() -> None:
+    late = robot_with(command_delay={"delay": 0.06})
+    view = command_view(driven(late, seed=7), late)
+    assert view.found == ()
+
+
+def test_series_show_what_is_explained() -> None:
+    recordings = driven(robot_with(speed_loop_lag={"time_constant": 0.1}), seed=8)
+    view = command_view(recordings, AGRIQ)
+    assert set(view.series) == {"run0", "run1"}
+    for series in view.series.values():
+        assert series.before.shape == series.after.shape == (len(series.t), 2)
+        before, after = (np.sqrt(np.nanmean(e**2)) for e in (series.before, series.after))
+        assert after < 1.2 * series.noise < 0.3 * before
+    levels, _ = view.seen_by(AGRIQ)
+    assert levels["front_velocity"].after == levels["front_velocity"].rmse
+
+
+@pytest.mark.parametrize(
+    ("what", "found"),
+    [("none", ()), ("slope", ()), ("joint_friction", ()), ("speed_loop_lag", ("speed_loop_lag",))],
+)
+def test_recordings_made_elsewhere(what: str, found: tuple[str, ...]) -> None:
+    view = command_view([read_bag(foreign(f"field_examples/{what}/run{k}")) for k in range(3)], AGRIQ)
+    assert view.found == found
+    if found:
+        assert view.evidence["speed_loop_lag"].values["time_constant"] == pytest.approx(0.25, abs=0.003)
