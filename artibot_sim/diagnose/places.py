@@ -59,8 +59,8 @@ def places(looks: Sequence[Look], baseline: Mapping[str, ChannelBaseline]) -> tu
 def _sentences(samples: Samples, looks: Sequence[Look], base: ChannelBaseline) -> Iterator[str]:
     head = f"off by {amount(base.rmse, base.unit)} (RMSE), {number(base.rmse / base.noise, 2)} times the noise"
     where = concentration(samples)
-    told = f"; {where.said}" if where else "; spread over all that was driven"
-    yield f"{head}{told}"
+    told = where.said if where else "spread over all that was driven"
+    yield f"{head}; {told}"
     yield worst_moment(samples, looks, base.unit)
     way = direction(samples) if samples.before.shape[1] == 2 else followed(samples, base.unit)
     if way:

@@ -55,7 +55,7 @@ def before_and_after(found: Diagnosis) -> dict[str, Any]:
     noise = {"type": "line", "x0": 1, "x1": 1, "yref": "paper", "y0": 0, "y1": 1, "layer": "below",
              "line": {"color": style.MUTED, "width": 1.5, "dash": "dot"}}  # fmt: skip
     data = [_dots(NAMES[1], before, names, style.ODOMETRIC, "circle-open"), _dots(NAMES[2], after, names, style.TRUE)]
-    x = {"type": "log", "title": {"text": "error ÷ noise (1: as good as the sensor)", "font": {"size": 13}},
+    x = {"type": "log", "title": {"text": "error ÷ noise", "font": {"size": 13}},
          "range": span, "dtick": 1 if span[1] - span[0] > 1.2 else "D2"}  # fmt: skip
     y = {"autorange": "reversed", "type": "category", "categoryarray": names, "gridcolor": style.PAPER}
     return {"data": data, "layout": _layout(x, y, shapes=[*joins, noise])}
@@ -92,8 +92,8 @@ def evidence(found: Diagnosis) -> dict[str, Any]:
                        "line": {"color": style.INK, "width": 1.5, "dash": "dot"}})  # fmt: skip
         notes.append({"x": threshold, "y": 0, "yref": "paper", "yanchor": "bottom", "text": "needed to be named",
                       "showarrow": False, "xanchor": "left", "font": {"size": 12, "color": style.MUTED}})  # fmt: skip
-    x = {"title": {"text": "log10 of the Bayes factor against the model without it", "font": {"size": 13}},
-         "range": [float(1.1 * min(least, 0.0)), float(1.05 * most)]}  # fmt: skip
+    x = {"title": {"text": "log₁₀ of the Bayes factor", "font": {"size": 13}},
+         "range": [float(least - 0.12 * (most - least) if least < 0 else 0.0), float(1.05 * most)]}  # fmt: skip
     order = [effect_words(c.effect) for c in ranking]
     y = {"autorange": "reversed", "type": "category", "categoryorder": "array", "categoryarray": order,
          "gridcolor": style.PAPER}  # fmt: skip

@@ -15,6 +15,7 @@ header p.verdict.named { background: @GOOD@; } header p.verdict.ambiguous { back
 header p.verdict.unexplained { background: @BAD@; }
 p.next { color: inherit; font-weight: 600; }
 ul { padding-left: 1.2em; margin: 6px 0; } li { margin: 4px 0; overflow-wrap: anywhere; }
+ul.said li::first-letter { text-transform: uppercase; }
 ul.warnings li { list-style: none; border-left: 4px solid @TIE@; padding-left: 10px; margin-left: -1.2em; }
 details { margin: 8px 0; } summary { cursor: pointer; padding: 4px 0; color: @GOOD@; }
 .first, .row, .grid3 { display: grid; grid-template-columns: minmax(0, 1fr); gap: 0 24px; }
@@ -25,12 +26,13 @@ td.wrap, th.wrap { white-space: normal; min-width: 14em; text-align: left; }
 td.text { text-align: left; } th.text { text-align: left; }
 tr.found td, tr.found th { font-weight: 600; } tr.ties th { color: @TIE@; }
 svg.ci { display: block; }
+@media (max-width: 600px) { h1 { font-size: 1.25rem; } }
 @media (min-width: 860px) {
   .first { grid-template-columns: minmax(0, 11fr) minmax(0, 9fr); }
   .first .plot.square { height: 500px; }
   .row { grid-template-columns: repeat(2, minmax(0, 1fr)); }
   .grid3 { grid-template-columns: repeat(3, minmax(0, 1fr)); }
-  .grid3 .plot.square { height: 330px; } .grid3 .plot { height: 250px; }
+  .grid3 .plot.square { height: 330px; } .grid3 .plot { height: 240px; }
   .row .plot.bars { height: 420px; }
 }
 @media print {

@@ -55,7 +55,9 @@ class _Page:
         self.channel = words.headline_channel(found)
         self.wrong = panels.wrong_channels(found)
 
-    def place(self, drawing: Mapping[str, Any] | Panel | None, title: str = "", kind: str = "plot") -> str:
+    def place(
+        self, drawing: Mapping[str, Any] | Panel | None, title: str = "", kind: str = "plot", legend: bool = True
+    ) -> str:
         """HTML of the place of a chart; empty for None."""
         if drawing is None:
             return ""
@@ -63,7 +65,7 @@ class _Page:
             title = title or drawing.title
             kind = "plot square" if drawing.equal else kind
             drawing = chart(drawing, extent([line.x for line in drawing.lines]))
-            drawing["layout"]["hovermode"] = "closest"
+            drawing["layout"] |= {"hovermode": "closest", "showlegend": legend}
         self.charts.append(dict(drawing))
         head = f"<h3>{html.escape(title)}</h3>" if title else ""
         return f'<div class="cell">{head}<div id="plot{len(self.charts) - 1}" class="{kind}"></div></div>'
@@ -117,7 +119,7 @@ def _wrong(page: _Page) -> str:
     found = page.found
     text = (
         f"Predictions {found.horizon:g} s ahead by the paper's model with its soil identified from the same recordings."
-        " An error of once the noise is as good as the sensor."
+        " At once the noise they are as good as the sensor."
     )
     parts = [paragraph(text), tables.baseline(found)]
     for look in found.looks:
@@ -132,14 +134,15 @@ def _where(page: _Page) -> str:
     parts = []
     for channel in dict.fromkeys(place.channel for place in found.where):
         said = [place.what for place in found.where if place.channel == channel]
-        parts.append(f"<h3>{html.escape(words.channel_words(channel)).capitalize()}</h3>{listed(said)}")
+        parts.append(f"<h3>{html.escape(words.channel_words(channel)).capitalize()}</h3>{listed(said, 'said')}")
     if not found.where:
         parts.append(paragraph("No channel is wrong by much more than its noise."))
     shown = page.wrong or ([page.channel] if page.channel else [])
     for number, channel in enumerate(shown):
         title = f"The error of the {words.channel_words(channel)} on the map"
         cells = [page.place(charts.error_map(found, channel), title, "plot square")]
-        cells += [page.place(panel) for panel in panels.over_covariates(found, channel)]
+        over = panels.over_covariates(found, channel)
+        cells += [page.place(panel, legend=i == 0) for i, panel in enumerate(over)]
         row = page.row(cells, "grid3")
         name = words.channel_words(channel)
         parts.append(row if number == 0 else folded(f"The same for the {name}", row))
@@ -151,7 +154,10 @@ def _why(page: _Page) -> str:
     found = page.found
     if not found.ranking:
         return ""
-    text = "Evidence of both views added: ground motion and torques for turned motors, motor speeds for given commands."
+    text = (
+        "Evidence against the model without the effect, of both views together: ground motion and torques for motors "
+        "that turn as measured, motor speeds for given commands."
+    )
     parts = [paragraph(text), page.row([page.place(charts.evidence(found), kind="plot bars")])]
     if found.unexplained is not None:
         parts.append(tables.unexplained(found.unexplained))

@@ -116,7 +116,7 @@ def over_covariates(found: Diagnosis, channel: str) -> Iterator[Panel]:
         for label, errors, stroke in ((NAMES[1], samples.before, BEFORE), (NAMES[2], samples.after, AFTER)):
             middle, size = _binned(x, sizes(errors), edges)
             if np.isfinite(size).any():
-                lines.append(Line(label, label, None, middle, size, stroke))
+                lines.append(Line(label, label, None, middle, size, stroke._replace(width=1.9)))
         levels = (Level("noise", samples.level, NOISE),)
         yield Panel(f"{channel}_over_{name}", f"over {quantity[0]}", quantity, ("RMSE", unit), tuple(lines), levels)
 
