@@ -187,7 +187,8 @@ class Series:
     t : array, shape (n,)
         s since the recording's start.
     before, after : array, shape (n,)
-        Predicted − measured, SI; NaN where a prediction was lost. Of positions along x and y: shape (n, 2).
+        Predicted − measured, SI; NaN where a prediction was lost. Of positions along x and y: shape (n, 2); so are
+        those of two motors.
     noise : float
         Standard deviation of a sample.
     """

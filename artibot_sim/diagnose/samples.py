@@ -30,7 +30,7 @@ class Samples:
     look : array of int, shape (n,)
         Which recording.
     before, after : array, shape (n, k)
-        Predicted − measured, SI; k is 2 for positions.
+        Predicted − measured, SI; k is 2 for positions, else 1: each motor has samples of its own.
     noise : float
         Standard deviation of one coordinate.
     at : mapping of str to array, shape (n,)
@@ -70,7 +70,7 @@ def gather(looks: Sequence[Look], channel: str) -> Samples | None:
     for number, look in enumerate(looks):
         series = look.channels.get(channel)
         if series is not None and len(series.t):
-            parts.append(_part(number, look, series))
+            parts.append(_part(number, channel, look, series))
     if not parts:
         return None
     which, t, before, after = (np.concatenate(column) for column in zip(*(part[:4] for part in parts), strict=True))
@@ -79,10 +79,15 @@ def gather(looks: Sequence[Look], channel: str) -> Samples | None:
     return Samples(channel, t, which, before, after, noise, at)
 
 
-def _part(number: int, look: Look, series: Series) -> tuple[NDArray[np.int64], Array, Array, Array, dict[str, Array]]:
-    before, after = (e if e.ndim > 1 else e[:, None] for e in (series.before, series.after))
+def _part(
+    number: int, channel: str, look: Look, series: Series
+) -> tuple[NDArray[np.int64], Array, Array, Array, dict[str, Array]]:
+    before, after, t = series.before, series.after, series.t
+    if channel != "position":
+        t = np.repeat(t, before.size // max(len(before), 1))
+        before, after = before.reshape(-1, 1), after.reshape(-1, 1)
     kept = np.isfinite(before).all(axis=1)
-    t = series.t[kept]
+    t = t[kept]
     return np.full(len(t), number), t, before[kept], after[kept], covariates_at(look, t)
 
 

@@ -123,3 +123,16 @@ def test_the_worst_channel_comes_first() -> None:
     found = places(both, baseline)
     assert found[0].channel == "position" and "70 cm (RMSE)" in found[0].what
     assert {place.channel for place in found} == {"position", "yaw_rate"}
+
+
+def test_two_motors_are_no_direction() -> None:
+    """Errors of the right and the left motor, (n, 2), are two samples of one channel."""
+
+    def error(at: dict[str, np.ndarray]) -> np.ndarray:
+        return np.tile([3.0, 3.0], (len(at["t"]), 1))
+
+    looks = drive(error, "front_velocity", two=True)
+    samples = gather(looks, "front_velocity")
+    assert samples.before.shape == (2 * 3 * 600, 1)
+    said = [p.what for p in places(looks, {"front_velocity": ChannelBaseline("rad/s", 3.0, 0.25, np.nan)})]
+    assert "the model is too high by 3.0 rad/s on average" in said
