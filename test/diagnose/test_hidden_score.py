@@ -118,13 +118,16 @@ def test_errors_are_of_the_departure_from_neutral():
 
 def test_gain_is_of_what_the_true_model_gains():
     reference = {
-        "position": {"before": 0.5, "after": 0.1, "noise": 0.1, "count": 100},
-        "yaw_rate": {"before": 0.1, "after": 0.1, "noise": 0.1, "count": 100},
+        "position": {"after": 0.1, "noise": 0.1, "count": 100},
+        "yaw_rate": {"after": 0.1, "noise": 0.1, "count": 100},
     }
-    assert relative_gain({"position": {"before": 0.5, "after": 0.1}}, reference) == pytest.approx(1.0)
+    still = {"before": 0.1, "after": 0.1}
+    assert relative_gain({"position": {"before": 0.5, "after": 0.1}, "yaw_rate": still}, reference) == pytest.approx(
+        1.0
+    )
     assert relative_gain({"position": {"before": 0.5, "after": 0.3}}, reference) == pytest.approx(16 / 24)
-    assert relative_gain({}, reference) == 0.0
-    assert relative_gain({}, {"yaw_rate": reference["yaw_rate"]}) is None
+    assert relative_gain({"position": {"before": 0.5, "after": 0.5}}, reference) == 0.0
+    assert relative_gain({"yaw_rate": still}, reference) is None
 
 
 def result(kind, number, said, hidden, severity=1.0):

@@ -13,6 +13,8 @@ LONGEST_TIE = 3
 NEUTRAL_ONE = ("scale",)
 """Parameters that are neutral at 1; others are so at 0, limits at infinity."""
 LIMITS = ("front_max", "angle")
+LEAST_GAIN = 0.1
+"""Of the true model, in the noise's mean square: less is not worth comparing."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ def score(answer: Mapping[str, Any], truth: Mapping[str, Any], reference: Mappin
     truth : mapping
         Fields of `Truth`.
     reference : mapping, optional
-        Channel to ``before``, ``after``, ``noise``, ``count`` of the true model on the held-out data.
+        Channel to ``after``, ``noise``, ``count`` of the true model's predictions of the held-out data.
     """
     effects, unlisted = truth["effects"], truth["unlisted"]
     hidden = tuple(sorted([*effects, *unlisted]))
@@ -187,16 +189,17 @@ def _within(name: str, true: float, interval: list[float]) -> bool:
 def relative_gain(gain: Mapping[str, Any], reference: Mapping[str, Any]) -> float | None:
     """Share of the true model's fall of the noise-weighted mean squared error that the answer's model brings.
 
-    Channels count by their numbers of samples. None where the true model itself gains less than the noise's level.
+    Channels count by their numbers of samples. None where the true model itself gains less than a tenth of the noise.
     """
-    found = true = 0.0
+    found = true = count = 0.0
     for channel, entry in reference.items():
-        weight = entry["count"] / entry["noise"] ** 2
-        true += weight * (entry["before"] ** 2 - entry["after"] ** 2)
-        after = gain[channel]["after"] if channel in gain else entry["before"]
-        found += weight * (entry["before"] ** 2 - after**2)
-    enough = 0.1 * sum(entry["count"] for entry in reference.values())
-    return found / true if true > enough else None
+        if channel not in gain:
+            continue
+        weight, before = entry["count"] / entry["noise"] ** 2, gain[channel]["before"] ** 2
+        true += weight * (before - entry["after"] ** 2)
+        found += weight * (before - gain[channel]["after"] ** 2)
+        count += entry["count"]
+    return found / true if true > LEAST_GAIN * count else None
 
 
 def _described(unexplained: Mapping[str, Any] | None, unlisted: Mapping[str, Any]) -> bool:

@@ -8,7 +8,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,9 @@ from diagnose.hidden.sensors import Noise
 
 KEPT = ("verdict", "causes", "unexplained", "gain", "baseline", "next_experiment", "ranking", "warnings", "threshold")
 """What of an answer goes into the journal."""
+
+HORIZON = 5.0
+"""s, of predictions: the diagnosis' own."""
 
 Diagnose = Callable[[Case], Mapping[str, Any]]
 """From a case, of which it may look at the recordings alone, to `Diagnosis.as_dict()`."""
@@ -73,6 +76,24 @@ def silent(found: Case) -> dict[str, Any]:
     }
 
 
+def reference(found: Case) -> dict[str, dict[str, float]]:
+    """How well the true model predicts what was held out, by channel: its soil and effects are the truth's."""
+    from artibot_sim.identify.holdout import hold_out
+    from artibot_sim.model import load_robot
+
+    truth = found.truth
+    robot = load_robot("agriq").replace({f"contact.{name}": value for name, value in truth.soil.items()})
+    robot = replace(robot, effects={name: dict(values) for name, values in truth.effects.items()})
+    channels: dict[str, dict[str, float]] = {}
+    for recording in found.holdout:
+        for name, fit in hold_out(recording, robot, HORIZON, workers=1).summary.channels.items():
+            one = channels.setdefault(name, {"after": 0.0, "noise": fit.noise, "count": 0})
+            count = one["count"] + fit.count
+            one["after"] = ((one["after"] ** 2 * one["count"] + fit.rmse**2 * fit.count) / count) ** 0.5
+            one["count"] = count
+    return channels
+
+
 WAYS: dict[str, Diagnose] = {"memory": in_memory, "bags": command_line, "silent": silent}
 
 
@@ -86,6 +107,8 @@ def do(job: Job, way: str = "memory") -> dict[str, Any]:
     except Exception as error:  # noqa: BLE001 - whatever it is, the campaign goes on
         return result | {"error": f"{type(error).__name__}: {error}", "trace": traceback.format_exc()[-3000:]}
     seconds = time.monotonic() - began
+    if found.truth.effects and not found.truth.unlisted and answer["gain"]:
+        result["reference"] = reference(found)
     return result | {"answer": {name: answer.get(name) for name in KEPT} | {"seconds": round(seconds, 2)}}
 
 
