@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 from artibot_sim.model.compiled import inlined
 from artibot_sim.model.effects import hooks
-from artibot_sim.model.effects.slope import STANDARD_GRAVITY
 from artibot_sim.model.layout import F_L, F_N, F_T, P_X, P_Y, Q_C, SAT
 
 
@@ -53,7 +52,7 @@ def unloaded_radius(body, p, fx, module, end, side):
     """
     x, y = hooks.centre(fx, module)
     share = (1.0 + end * x / body.half_x) * (1.0 + side * y / body.half_y)
-    return body.r_0 + body.m * STANDARD_GRAVITY / (4.0 * p.k_n) * (share - 1.0)
+    return body.r_0 - body.m * p.g_z / (4.0 * p.k_n) * (share - 1.0)
 
 
 @inlined

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from artibot_sim.model.compiled import inlined
 from artibot_sim.model.contact import unloaded_radius
 from artibot_sim.model.effects import hooks
+from artibot_sim.model.elementary import sincos
 from artibot_sim.model.integrators import coordinate_of, motor_count, motor_of
-from artibot_sim.model.kinematics import sincos
 from artibot_sim.model.layout import (
     ACC,
     ALPHA,

@@ -6,49 +6,14 @@ angles are computed.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model.compiled import inlined, kernel
+from artibot_sim.model.elementary import sincos
 from artibot_sim.model.layout import ALPHA, BACK, BETA, GAMMA, X, Y, Z
 from artibot_sim.model.params import packed, params
 from artibot_sim.model.robot import Robot
-
-_QUARTER = (math.pi / 2, 6.123233995736766e-17)
-"""pi/2 in two parts, for the reduction of an angle to within ±pi/4."""
-
-
-_ROUND = 1.5 * 2.0**52
-"""Adding and subtracting it rounds to a whole number, sooner than a conversion to an integer and back."""
-
-
-@inlined
-def sincos(angle):
-    """Sine and cosine together, to rounding (2e-16) for angles up to 1e4 rad.
-
-    Taylor's series after reduction to ±pi/4, without branches: several times faster than two calls of the C
-    library, and the same on every machine.
-    """
-    n = (angle * (2.0 / math.pi) + _ROUND) - _ROUND
-    x = (angle - n * _QUARTER[0]) - n * _QUARTER[1]
-    y = x * x
-    y2 = y * y
-    y4 = y2 * y2
-    # summed by halves (Estrin), which shortens the chain that everything else waits for
-    s = x + x * y * (
-        ((-1 / 6 + y * (1 / 120)) + y2 * (-1 / 5040 + y * (1 / 362880)))
-        + y4 * ((-1 / 39916800 + y * (1 / 6227020800)) + y2 * (-1 / 1307674368000))
-    )
-    c = 1.0 + y * (
-        ((-1 / 2 + y * (1 / 24)) + y2 * (-1 / 720 + y * (1 / 40320)))
-        + y4 * ((-1 / 3628800 + y * (1 / 479001600)) + y2 * (-1 / 87178291200 + y * (1 / 20922789888000)))
-    )
-    quadrant = int(n) & 3
-    if quadrant & 1:
-        s, c = c, s
-    return -s if quadrant >= 2 else s, -c if quadrant == 1 or quadrant == 2 else c
 
 
 @inlined

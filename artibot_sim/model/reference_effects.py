@@ -63,7 +63,8 @@ class PlainEffects:
     def extra_load(self, body: ModuleParams, b: int, side: int, end: int) -> float:
         """What a wheel carries more than a quarter of its module's weight, N."""
         x, y = self.centre(b)
-        return body.m * 9.81 / 4 * ((1 + end * x / body.half_x) * (1 + side * y / body.half_y) - 1)
+        weight = body.m * 9.81 * math.cos(self._of("slope", "grade"))
+        return weight / 4 * ((1 + end * x / body.half_x) * (1 + side * y / body.half_y) - 1)
 
     def drag(self, motor: int, theta_dot: float) -> float:
         """Torque against a motor's rotation, N m."""

@@ -1,42 +1,35 @@
-"""What sensors see of a rollout at their own instants, compiled: see `windows.KINDS` for the order."""
+"""What sensors see of a rollout at their own instants, compiled: see `windows.KINDS` for the order.
+
+A rollout's rows stand in one flat array, whether it ran alone or side by side with others (`lanes`): column c of row i
+of lane e at ``rows[(i * COLUMNS + c) * lanes + e]``.
+"""
 
 from __future__ import annotations
 
 import math
 
-from artibot_sim.model.compiled import inlined, kernel
-from artibot_sim.model.layout import ACC, BACK, F_L, F_N, F_T, GAMMA, M_M, SAT
+import numpy as np
 
-TORQUE_SCALE, ARM_X, ARM_Y, DELAY, GYRO_BIAS = 1, 2, 3, 4, 5
+from artibot_sim.model.compiled import inlined, kernel
+from artibot_sim.model.elementary import sincos
+from artibot_sim.model.layout import ACC, BACK, F_L, F_N, F_T, GAMMA, M_M, SAT, X, Y
+
+POSE_AT, YAW_AT, YAW_BACK_AT, SPEED_AT, TURN_AT, TURN_BACK_AT, PUSH_AT, TORQUE_AT, SLIDING_AT, GRIP_AT = map(
+    np.int64, (0, 2, 3, 4, 6, 7, 8, 10, 14, 15)
+)
+"""Columns: x, y and yaw of the front module, yaw of the back one; their rates; acceleration along x and y of the front
+module's origin in `map`; torques of the four motors; which wheels slide, and the largest share that one holds. (Not
+Python's integers, for each of whose values numba would compile every function anew.)"""
+
+COLUMNS = 16
+
+ENCODER_SCALE, TORQUE_SCALE, ARM_X, ARM_Y, DELAY, GYRO_BIAS = range(6)
 """Places in `sensors.SensorErrors`."""
 LAST_LATE = 2
 """The first three kinds are stamped when positions are."""
 
 _ROUNDING = 1e-7
 """Sensor stamps are whole nanoseconds, knots are not."""
-
-
-@inlined
-def hermite_at(q, v, i, c, share, h):
-    """Coordinate `c` between rows i and i + 1 by the cubic that its rates give."""
-    a, b = v[i, c] * h, v[i + 1, c] * h
-    rise = q[i + 1, c] - q[i, c]
-    return q[i, c] + share * (a + share * (3.0 * rise - 2.0 * a - b + share * (a + b - 2.0 * rise)))
-
-
-@inlined
-def between(table, i, c, share):
-    """Column `c` between rows i and i + 1, linearly."""
-    return table[i, c] + share * (table[i + 1, c] - table[i, c])
-
-
-@inlined
-def in_frame(q, v, i, share, h, x, y, sideways):
-    """A vector of the map at an instant, forwards or to the left of the front module."""
-    yaw = hermite_at(q, v, i, GAMMA, share, h)
-    if sideways:
-        return math.cos(yaw) * y - math.sin(yaw) * x
-    return math.cos(yaw) * x + math.sin(yaw) * y
 
 
 @inlined
@@ -59,80 +52,120 @@ def grip(w, i):
     return most
 
 
+@kernel
+def gather(q, v, w, count, rows):
+    """`count` rows that an integration loop keeps, of shape (n, 16), (n, 16) and (n, ROW), as `rows`."""
+    for i in range(count):
+        o = i * COLUMNS
+        for j, c in enumerate((X, Y, GAMMA, BACK + GAMMA)):
+            rows[o + POSE_AT + j], rows[o + SPEED_AT + j] = q[i, c], v[i, c]
+        rows[o + PUSH_AT], rows[o + PUSH_AT + 1] = w[i, ACC + X], w[i, ACC + Y]
+        for motor in range(4):
+            rows[o + TORQUE_AT + motor] = w[i, M_M + motor]
+        rows[o + SLIDING_AT], rows[o + GRIP_AT] = sliding(w, i), grip(w, i)
+
+
 @inlined
-def pose_at(q, v, i, c, share, h):
+def hermite_at(rows, at, lanes, c, rate, share, h):
+    """Column `c` between two rows by the cubic that the rates in column `rate` give; `at` is the first one's lane."""
+    i, j, d_i, d_j = at + c * lanes, at + (COLUMNS + c) * lanes, at + rate * lanes, at + (COLUMNS + rate) * lanes
+    a, b = rows[d_i] * h, rows[d_j] * h
+    rise = rows[j] - rows[i]
+    return rows[i] + share * (a + share * (3.0 * rise - 2.0 * a - b + share * (a + b - 2.0 * rise)))
+
+
+@inlined
+def between(rows, at, lanes, c, share):
+    """Column `c` between two rows, linearly."""
+    first = rows[at + c * lanes]
+    return first + share * (rows[at + (COLUMNS + c) * lanes] - first)
+
+
+@inlined
+def in_frame(rows, at, lanes, c, share, h, sideways):
+    """The vector of `map` in columns `c` and c + 1 at an instant, forwards or to the left of the front module."""
+    s_g, c_g = sincos(hermite_at(rows, at, lanes, YAW_AT, TURN_AT, share, h))
+    x, y = between(rows, at, lanes, c, share), between(rows, at, lanes, c + 1, share)
+    return c_g * y - s_g * x if sideways else c_g * x + s_g * y
+
+
+@inlined
+def pose_at(rows, at, lanes, c, share, h):
     """x, y or yaw of the front module; before the first row by its velocity there, which turns with it."""
-    if share >= 0.0 or i > 0:
-        return hermite_at(q, v, i, c, share, h)
-    since = share * h
-    if c == GAMMA:
-        return q[0, GAMMA] + since * v[0, GAMMA]
-    sideways = v[0, 0] if c == 1 else -v[0, 1]
-    return q[0, c] + since * (v[0, c] + 0.5 * since * v[0, GAMMA] * sideways)
+    if share >= 0.0:
+        return hermite_at(rows, at, lanes, POSE_AT + c, SPEED_AT + c, share, h)
+    since, rates = share * h, at + SPEED_AT * lanes
+    value, rate = rows[at + (POSE_AT + c) * lanes], rows[rates + c * lanes]
+    if c == 2:
+        return value + since * rate
+    sideways = rows[rates] if c == 1 else -rows[rates + lanes]
+    return value + since * (rate + 0.5 * since * rows[rates + 2 * lanes] * sideways)
 
 
 @inlined
-def point_at(q, v, i, share, h, sensors, c):
+def point_at(rows, at, lanes, c, share, h, sensors, r):
     """x or y of the tracked point."""
-    yaw = pose_at(q, v, i, GAMMA, share, h)
-    x, y = sensors[ARM_X], sensors[ARM_Y]
-    arm = math.sin(yaw) * x + math.cos(yaw) * y if c == 1 else math.cos(yaw) * x - math.sin(yaw) * y
-    return pose_at(q, v, i, c, share, h) + arm
+    place, x, y = pose_at(rows, at, lanes, c, share, h), sensors[r, ARM_X], sensors[r, ARM_Y]
+    if x == 0.0 and y == 0.0:
+        return place
+    s_g, c_g = sincos(pose_at(rows, at, lanes, 2, share, h))
+    return place + (s_g * x + c_g * y if c == 1 else c_g * x - s_g * y)
 
 
 @inlined
-def seen(q, v, w, h, two, i, share, kind, sensors):
+def seen(rows, at, lanes, h, two, share, kind, sensors, r):
     """One sample of one kind."""
-    if kind == 0 or kind == 1:
-        return point_at(q, v, i, share, h, sensors, kind)
+    if kind <= 1:
+        return point_at(rows, at, lanes, kind, share, h, sensors, r)
     if kind == 2:
-        return pose_at(q, v, i, GAMMA, share, h)
+        return pose_at(rows, at, lanes, kind, share, h)
     if kind == 3:
-        if not two:
-            return 0.0
-        return hermite_at(q, v, i, BACK + GAMMA, share, h) - hermite_at(q, v, i, GAMMA, share, h)
+        front = hermite_at(rows, at, lanes, YAW_AT, TURN_AT, share, h)
+        return hermite_at(rows, at, lanes, YAW_BACK_AT, TURN_BACK_AT, share, h) - front if two else 0.0
     if kind == 4:
-        return between(v, i, GAMMA, share) + sensors[GYRO_BIAS]
+        return between(rows, at, lanes, TURN_AT, share) + sensors[r, GYRO_BIAS]
     if kind == 5 or kind == 6:
-        return in_frame(q, v, i, share, h, between(v, i, 0, share), between(v, i, 1, share), kind == 6)
+        return in_frame(rows, at, lanes, SPEED_AT, share, h, kind == 6)
     if kind == 7 or kind == 8:
-        return in_frame(q, v, i, share, h, between(w, i, ACC, share), between(w, i, ACC + 1, share), kind == 8)
+        return in_frame(rows, at, lanes, PUSH_AT, share, h, kind == 8)
     if kind == 9:
-        return between(v, i, BACK + GAMMA, share) - between(v, i, GAMMA, share) if two else 0.0
-    if kind == 14:
-        return sliding(w, i)
-    if kind == 15:
-        return grip(w, i)
-    if kind == 16 or kind == 17:
-        return hermite_at(q, v, i, kind - 16, share, h)
-    if kind == 18:
-        return hermite_at(q, v, i, GAMMA, share, h)
+        front = between(rows, at, lanes, TURN_AT, share)
+        return between(rows, at, lanes, TURN_BACK_AT, share) - front if two else 0.0
+    if kind == 14 or kind == 15:
+        return rows[at + kind * lanes]
+    if kind >= 16 and kind <= 18:
+        return hermite_at(rows, at, lanes, POSE_AT + kind - 16, SPEED_AT + kind - 16, share, h)
     if kind == 19:
-        return between(v, i, GAMMA, share)
-    return between(w, i, M_M + kind - 10, share) * sensors[TORQUE_SCALE]
+        return between(rows, at, lanes, TURN_AT, share)
+    return between(rows, at, lanes, kind, share) * sensors[r, TORQUE_SCALE]
+
+
+@inlined
+def sample_lane(rows, lane, lanes, h, count, two, t, kind, first, last, sensors, r, out, to):
+    """Samples `first` to `last` of (t, kind) into `out` from place `to` on, from the first `count` rows of a lane.
+
+    Rows are `h` apart; instants past them are left as they are. `sensors` are as in `sample`, in row `r`.
+    """
+    for k in range(first, last):
+        since = t[k] - sensors[r, DELAY] if kind[k] <= LAST_LATE else t[k]
+        i = min(max(int((since + _ROUNDING) / h), 0), count - 2)
+        share = since / h - i
+        if share <= 1.0 + 1e-3:
+            out[to + k - first] = seen(rows, i * COLUMNS * lanes + lane, lanes, h, two, share, kind[k], sensors, r)
 
 
 @kernel
-def sample(q, v, w, h, rows, two, t, kind, sensors, out):
-    """Samples into `out` (m,) from the first `rows` rows, `h` apart; instants past them are left as they are.
+def sample(rows, h, count, two, t, kind, sensors, r, out):
+    """Samples into `out` (m,) from the first `count` rows of a rollout that ran alone.
 
     Parameters
     ----------
-    q, v, w : array, shape (n, 16), (n, 16), (n, ROW)
-        What an integration loop keeps.
     t : array, shape (m,)
         s after the first row.
     kind : array of int, shape (m,)
         Positions in `windows.KINDS`.
-    sensors : array, shape (6,)
-        `SensorErrors` in their order: a lever arm and a delay of kinds 0 to 2, a bias of kind 4, a scale of kinds 10
-        to 13. (The scale of encoders has acted before, on what turned the motors.)
+    sensors : array, shape (robots, 6)
+        `SensorErrors` in their order, in row `r`: a lever arm and a delay of kinds 0 to 2, a bias of kind 4, a scale of
+        kinds 10 to 13. (The scale of encoders has acted before, on what turned the motors.)
     """
-    for k in range(t.shape[0]):
-        since = t[k] - sensors[DELAY] if kind[k] <= LAST_LATE else t[k]
-        place = (since + _ROUNDING) / h
-        i = min(max(int(place), 0), rows - 2)
-        share = since / h - i
-        if share > 1.0 + 1e-3:
-            continue
-        out[k] = seen(q, v, w, h, two, i, share, kind[k], sensors)
+    sample_lane(rows, 0, 1, h, count, two, t, kind, 0, t.shape[0], sensors, r, out, 0)

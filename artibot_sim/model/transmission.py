@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import enum
-import math
 
 from artibot_sim.model.compiled import inlined
+from artibot_sim.model.elementary import tanh
 from artibot_sim.model.robot import Robot
 
 ROLLING_WIDTH = 0.02
@@ -39,12 +39,7 @@ def back_torque_factor(robot: Robot, kappa: float | None = None) -> float:
 @inlined
 def rolling_sign(omega):
     """Smooth sign of the wheel's rotation (rad/s): at standstill rolling resistance has no torque."""
-    x = omega * (1.0 / ROLLING_WIDTH)
-    if x > 20.0:
-        return 1.0  # tanh(20) is 1 in double precision
-    if x < -20.0:
-        return -1.0
-    return math.tanh(x)
+    return tanh(omega * (1.0 / ROLLING_WIDTH))
 
 
 @inlined

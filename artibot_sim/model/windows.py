@@ -7,23 +7,21 @@ is wanted. `WindowBatch` runs them in threads (the compiled code holds no lock),
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.batch import available_cores
-from artibot_sim.model.effects import record
-from artibot_sim.model.params import packed, params
+from artibot_sim.model.params import params
 from artibot_sim.model.robot import Robot
-from artibot_sim.model.rollout import unlimited_beside_prescribed
-from artibot_sim.model.sensors import sensor_errors
 from artibot_sim.model.stability import largest_step
-from artibot_sim.model.transmission import Mode, back_torque_factor
+from artibot_sim.model.transmission import Mode
+from artibot_sim.model.window_work import Fleet, Knots, Looks, lane_work, level
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -117,7 +115,11 @@ class Items:
 
 @dataclass
 class WindowBatch:
-    """Runs items; keeps the buffers between calls. Lagging tyre forces start from zero.
+    """Runs items; keeps what it can between calls. Lagging tyre forces start from zero.
+
+    Rovers that stay on a plane run side by side in the processor's vector units (`window_lanes`); the others, and
+    those of which it is asked how wheels slide or grip, one by one. Both give what `rollout` would, to rounding, and
+    neither depends on what else runs.
 
     Parameters
     ----------
@@ -133,96 +135,109 @@ class WindowBatch:
     plans: Sequence[Plan]
     dt: float
     workers: int | None = None
-    _spare: list[_Buffers] = field(default_factory=list, repr=False)
+    _knots: Knots = field(init=False, repr=False)
+    _looks: Looks = field(init=False, repr=False)
+    _spare: dict[Callable[[int], Any], list[tuple[int, Any]]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         for i, table in enumerate(self.tables):
             ratio = table.dt / self.dt
             if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6:
                 raise ArtibotError(f"dt: {self.dt:g} s does not divide table {i}'s knot spacing of {table.dt:g} s")
-        longest = max((len(table.position) for table in self.tables), default=1)
-        self._rows = longest
+        self._knots, self._looks = Knots.of(self.tables, self.dt), Looks.of(self.plans)
 
     def run(self, robots: Sequence[Robot], items: Items) -> list[Array]:
         """What each item's plan asks for, (m,) each; NaN from where a rollout diverged."""
-        shared = [_Shared(robot, self.tables) for robot in robots]
-        results: list[Array] = [np.empty(0)] * len(items)
-        workers = max(1, min(self.workers or available_cores(), len(items)))
-        parts = [range(k, len(items), workers) for k in range(workers)]
-        if workers == 1:
-            self._work(shared, items, parts[0], results)
-            return results
-        with ThreadPoolExecutor(workers, thread_name_prefix="windows") as pool:
-            for future in [pool.submit(self._work, shared, items, part, results) for part in parts]:
-                future.result()
+        if not len(items):
+            return []
+        fleet = Fleet.of(robots, self.tables, bool(self._knots.free.any()))
+        ends = np.cumsum(self._looks.sizes[items.plan])
+        out = np.full(ends[-1], math.nan)
+        results = np.split(out, ends[:-1])
+        together = level(fleet, items) & ~self._looks.wheels[items.plan]
+        groups = list(self._groups(fleet, items, np.flatnonzero(together)))
+        alone = np.flatnonzero(~together)
+        work = lane_work(fleet, items, self._knots, self._looks, ends) if groups else None
+
+        def run(part: int, parts: int) -> None:
+            for group in groups:
+                self._run_lanes(work, group, part, parts, out)
+            if len(alone[part::parts]):
+                self._run_alone(fleet, items, alone[part::parts], results)
+
+        in_threads(run, self.workers or available_cores())
         return results
 
-    def _work(self, shared: list[_Shared], items: Items, rows: range, results: list[Array]) -> None:
-        buffers = self._spare.pop() if self._spare else _Buffers(self._rows)
+    def _groups(self, fleet: Fleet, items: Items, rows: Indices) -> Iterator[_Group]:
+        """Items that can share a block: those with most knots first."""
+        steps, free = self._knots.steps[items.table[rows]], self._knots.free[items.table[rows]]
+        key = 4 * steps + 2 * free + fleet.extended[items.robot[rows]]
+        for value in np.unique(key):
+            mine = rows[key == value]
+            order = mine[np.argsort(-items.knots[mine], kind="stable")]
+            torques = bool(self._looks.torques[items.plan[mine]].any())
+            most = int(items.knots[order[0]])
+            yield _Group(order, int(value) // 4, bool(value & 2), torques, bool(value & 1), most)
+
+    def _run_lanes(self, work: Any, group: _Group, part: int, parts: int, out: Array) -> None:
+        """A thread's part of a group."""
+        from artibot_sim.model import window_lanes
+
+        extra = (True,) if group.extended else ()
+        count, buffers = self._borrow(window_lanes.buffers, group.most + 1)
+        window_lanes.run_windows(
+            work, group.order, part, parts, self.dt, group.steps, group.free, group.torques, buffers, out, *extra
+        )
+        self._spare[window_lanes.buffers].append((count, buffers))
+
+    def _run_alone(self, fleet: Fleet, items: Items, rows: Indices, results: Sequence[Array]) -> None:
+        """Items one by one."""
+        from artibot_sim.model import window_single
+
+        count, buffers = self._borrow(window_single.buffers, int(items.knots[rows].max()) + 1)
+        for i in rows:
+            table, plan = self.tables[items.table[i]], self.plans[items.plan[i]]
+            window_single.run_window(fleet, items, int(i), table, plan, self.dt, buffers, results[i])
+        self._spare[window_single.buffers].append((count, buffers))
+
+    def _borrow(self, make: Callable[[int], Any], rows: int) -> tuple[int, Any]:
+        """Buffers that no other thread has, for at least so many rows."""
         try:
-            for i in rows:
-                results[i] = self._one(shared[items.robot[i]], items, i, buffers)
-        finally:
-            self._spare.append(buffers)
-
-    def _one(self, shared: _Shared, items: Items, i: int, buffers: _Buffers) -> Array:
-        from artibot_sim.model import loop
-
-        table, plan = self.tables[items.table[i]], self.plans[items.plan[i]]
-        first, knots = int(items.first[i]), int(items.knots[i])
-        part = slice(first, first + knots + 1)
-        knot_steps = round(table.dt / self.dt)
-        q, v, previous = items.q[i].copy(), items.v[i].copy(), np.zeros(4)
-        eta = shared.eta.copy()
-        fx = record(shared.robot.effects, float(items.t[i])) if shared.robot.effects else None
-        extra = () if fx is None else (fx, np.zeros(8))
-        status, kept = loop.integrate_rk4(
-            q, v, eta, previous, shared.p, shared.modes[items.table[i]], self.dt, knots * knot_steps, knot_steps,
-            *shared.driven(table, part), knot_steps,
-            shared.back_factor[items.table[i]], buffers.work, buffers.q, buffers.v, buffers.w, None, *extra,
-        )  # fmt: skip
-        out = np.full(len(plan.t), math.nan)
-        if status == loop.OK or kept > 1:
-            from artibot_sim.model.sampling import sample
-
-            sample(buffers.q, buffers.v, buffers.w, table.dt, kept, shared.two, plan.t, plan.kind, shared.sensors, out)
-        return out
+            count, found = self._spare.setdefault(make, []).pop()
+        except IndexError:
+            count, found = 0, None
+        return (count, found) if count >= rows else (rows, make(rows))
 
 
-class _Buffers:
-    """What one thread writes into."""
+class _Group(NamedTuple):
+    """Items that run side by side: whose they are, steps a knot, `free` motors, `torques` wanted, longest one."""
 
-    def __init__(self, rows: int) -> None:
-        from artibot_sim.model import loop
-        from artibot_sim.model.layout import ROW
+    order: Indices
+    steps: int
+    free: bool
+    torques: bool
+    extended: bool
+    most: int
 
-        self.work = loop.workspace()
-        self.q, self.v, self.w = np.empty((rows, 16)), np.empty((rows, 16)), np.empty((rows, ROW))
 
+def in_threads(run: Callable[[int, int], None], workers: int) -> None:
+    """``run(k, workers)`` for every k at once, this thread among them; the first exception is raised again."""
+    failed: list[BaseException] = []
 
-class _Shared:
-    """What all items of one robot share."""
+    def guarded(k: int) -> None:
+        try:
+            run(k, workers)
+        except BaseException as error:  # noqa: BLE001 - raised again below, in the calling thread
+            failed.append(error)
 
-    def __init__(self, robot: Robot, tables: Sequence[MotorTable]) -> None:
-        p = params(robot)
-        self.robot = robot
-        self.two = robot.articulated
-        self.eta = np.array([robot.drive.front.eta_d] * 2 + [(robot.drive.back or robot.drive.front).eta_d] * 2)
-        modes = {table.modes for table in tables}
-        limited = unlimited_beside_prescribed(p, next(iter(modes))) if len(modes) == 1 else p
-        self.p: Any = packed(limited)
-        self.modes = [np.array(table.modes, dtype=np.int64) for table in tables]
-        self.errors = sensor_errors(robot)
-        self.sensors = np.array(self.errors)
-        self.back_factor = [back_torque_factor(robot, table.kappa) for table in tables]
-
-    def driven(self, table: MotorTable, part: slice) -> tuple[Array, Array, Array]:
-        """How the motors really turned and pulled where sensors showed what the table says."""
-        turned, pulled = self.errors.encoder_scale, self.errors.torque_scale
-        position, velocity, torque = table.position[part], table.velocity[part], table.torque[part]
-        if turned != 1.0:
-            position, velocity = position / turned, velocity / turned
-        return position, velocity, torque if pulled == 1.0 else torque / pulled
+    others = [threading.Thread(target=guarded, args=(k,), name=f"windows-{k}") for k in range(1, workers)]
+    for thread in others:
+        thread.start()
+    guarded(0)
+    for thread in others:
+        thread.join()
+    if failed:
+        raise failed[0]
 
 
 def window_step(robot: Robot, tables: Sequence[MotorTable]) -> float:

@@ -69,7 +69,7 @@ def expected(robot, q, v):
         R = attitude(pose)
         slip = R.T @ velocity(pose, rates, centre)
         # eq. 15 with free radii for which the wheels stand at r_w under their share, so that both modules are level
-        share = (body.m + 4 * robot.wheel.m_w) * GRAVITY / 4
+        share = (body.m + 4 * robot.wheel.m_w) * GRAVITY / 4 * np.cos(robot.effects.get("slope", {}).get("grade", 0.0))
         F_n = max(share + c.k_n * (robot.wheel.r_w - position(pose, centre).real[2]), 0.0)
         F_l, F_t = saturated(c, c.k_l * (robot.wheel.r_w * omega - slip[0]), -c.k_t * slip[1], F_n)
         forces[wheel] = F_l, F_t, F_n

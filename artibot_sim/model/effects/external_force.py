@@ -6,13 +6,15 @@ import math
 
 from artibot_sim.model.compiled import inlined
 from artibot_sim.model.effects.base import Effect, Search, number
+from artibot_sim.model.elementary import sincos
 
 
 @inlined
 def push(fx, module):
     """Force on a module's origin along x and y of `map`, N."""
     force = fx.external_force.force if module == 0 else 0.0
-    return force * math.cos(fx.external_force.heading), force * math.sin(fx.external_force.heading)
+    sine, cosine = sincos(fx.external_force.heading)
+    return force * cosine, force * sine
 
 
 EFFECT = Effect(

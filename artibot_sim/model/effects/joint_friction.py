@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from artibot_sim.model.compiled import inlined
 from artibot_sim.model.effects.base import Effect, Search, Values, number
+from artibot_sim.model.elementary import tanh
 
 if TYPE_CHECKING:
     from artibot_sim.model.params import Params
@@ -18,7 +19,7 @@ WIDTH = 0.01
 @inlined
 def joint(fx, angle, rate):
     """Torque against the articulation's yaw, N m."""
-    return fx.joint_friction.torque * math.tanh(rate / WIDTH)
+    return fx.joint_friction.torque * tanh(rate / WIDTH)
 
 
 def _adapt(p: Params, values: Values) -> Params:

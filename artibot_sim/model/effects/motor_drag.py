@@ -6,6 +6,7 @@ import math
 
 from artibot_sim.model.compiled import inlined
 from artibot_sim.model.effects.base import Effect, Search, choice, number
+from artibot_sim.model.elementary import tanh
 
 WIDTH = 0.5
 """Motor speed over which the drag changes its sign (tanh), rad/s."""
@@ -16,7 +17,7 @@ def drag(fx, motor, theta_dot):
     """Torque against the rotation of a motor, motor-side, N m."""
     if motor != int(fx.motor_drag.motor):
         return 0.0
-    return fx.motor_drag.torque * math.tanh(theta_dot / WIDTH)
+    return fx.motor_drag.torque * tanh(theta_dot / WIDTH)
 
 
 EFFECT = Effect(

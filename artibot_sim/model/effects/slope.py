@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from artibot_sim.model.effects.base import Effect, Search, Values, number
 
 if TYPE_CHECKING:
-    from artibot_sim.model.params import Params
+    from artibot_sim.model.params import ModuleParams, Params
 
 STANDARD_GRAVITY = 9.81
 """|g| of eq. 12, m/s²."""
@@ -23,8 +23,13 @@ def gravity(grade: float, heading: float) -> tuple[float, float, float]:
 
 
 def _adapt(p: Params, values: Values) -> Params:
+    """As on flat ground both modules stand level: their rolling radius is that under the load that is left."""
     g_x, g_y, g_z = gravity(**values)
-    return p._replace(g_x=g_x, g_y=g_y, g_z=g_z)
+
+    def level(body: ModuleParams) -> ModuleParams:
+        return body._replace(r_0=body.r_0 - body.m * (STANDARD_GRAVITY + g_z) / (4 * p.k_n))
+
+    return p._replace(g_x=g_x, g_y=g_y, g_z=g_z, front=level(p.front), back=level(p.back))
 
 
 EFFECT = Effect(

@@ -6,6 +6,7 @@ import math
 
 from artibot_sim.model.compiled import inlined
 from artibot_sim.model.effects.base import Effect, Search, number
+from artibot_sim.model.elementary import exp
 
 
 @inlined
@@ -14,7 +15,7 @@ def friction(fx, mu_s, mu, slip):
     velocity = fx.stribeck.velocity
     if velocity <= 0.0:
         return mu
-    return mu + (mu_s - mu) * math.exp(-slip / velocity)
+    return mu + (mu_s - mu) * exp(-slip / velocity)
 
 
 EFFECT = Effect(

@@ -1,0 +1,117 @@
+"""Rovers into lanes: which starts stay on a plane, and what a block holds of a robot."""
+
+from __future__ import annotations
+
+from artibot_sim.model.compiled import inlined, kernel
+from artibot_sim.model.contact import normal_force
+from artibot_sim.model.effects import hooks
+from artibot_sim.model.integrators import motor_of
+from artibot_sim.model.lanes import AT, LANES, SIZE
+from artibot_sim.model.layout import ALPHA, BACK, BEHIND, BETA, FRONT, GAMMA, MOTOR_COORDINATES, X, Y, Z
+
+_PLACES = (X, Y, GAMMA, BACK + X, BACK + Y, BACK + GAMMA, *MOTOR_COORDINATES)
+
+_STILL = 1e-12
+"""m, rad and per second, within which a rover stands level and still: what rounding leaves."""
+
+_BALANCED = 1e-9
+"""Vertical and roll accelerations (m/s², rad/s²) that move nobody from there."""
+
+
+@inlined
+def static_loads(body, p, fx, module, z):
+    """Normal forces (N) of a level module's wheels: right in front and behind, left in front and behind."""
+    return (
+        normal_force(body, p, fx, module, 1.0, -1.0, 0.0, 0.0, 0.0, 1.0, z),
+        normal_force(body, p, fx, module, -1.0, -1.0, 0.0, 0.0, 0.0, 1.0, z),
+        normal_force(body, p, fx, module, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, z),
+        normal_force(body, p, fx, module, -1.0, 1.0, 0.0, 0.0, 0.0, 1.0, z),
+    )
+
+
+@inlined
+def module_level(body, p, fx, module, q, v, i):
+    """Whether a module stands level, and its wheels carry it so."""
+    b = BACK * module
+    for c in (Z, ALPHA, BETA):
+        if abs(v[i, b + c]) > _STILL or (c != Z and abs(q[i, b + c]) > _STILL):
+            return False
+    right_f, right_b, left_f, left_b = static_loads(body, p, fx, module, q[i, b + Z])
+    left = 0.0
+    if fx is not None:
+        _, left = hooks.centre(fx, module)
+    rising = p.g_z + body.inverse[2] * ((right_f + right_b) + (left_f + left_b))
+    rolling = body.inverse[3] * (body.half_y * ((left_f + left_b) - (right_f + right_b)) + body.m * p.g_z * left)
+    return abs(rising) < _BALANCED and abs(rolling) < _BALANCED
+
+
+@inlined
+def level(p, fx, q, v, i):
+    """Whether the rover of row `i` moves on a plane only."""
+    if not module_level(p.front, p, fx, FRONT, q, v, i):
+        return False
+    if not p.two:
+        return True
+    coplanar = p.front.O_z == 0.0 and p.back.O_z == 0.0 and abs(q[i, Z] - q[i, BACK + Z]) < _STILL
+    return coplanar and module_level(p.back, p, fx, BEHIND, q, v, i)
+
+
+@kernel
+def find_level(records, effects, robot, q, v, out):
+    """Which items stay on a plane, into `out` (n,).
+
+    Parameters
+    ----------
+    records : array of PARAMS_DTYPE, shape (r,)
+    effects : array of RECORD_DTYPE, shape (r,), or None
+    robot : array of int, shape (n,)
+    q, v : array, shape (n, 16)
+    """
+    for i in range(robot.shape[0]):
+        r = robot[i]
+        if effects is not None:
+            out[i] = level(records[r], effects[r], q, v, i)
+        else:
+            out[i] = level(records[r], None, q, v, i)
+
+
+@inlined
+def load_module(S, at, body, p, fx, module, z):
+    """A module's numbers (`planar.Body`) into the lane that begins at `at`."""
+    loads = static_loads(body, p, fx, module, z)
+    S[at], S[at + LANES], S[at + 2 * LANES] = body.inverse[0], body.inverse[5], body.half_x
+    S[at + 3 * LANES], S[at + 4 * LANES] = body.half_y, body.O_x
+    S[at + 5 * LANES], S[at + 6 * LANES] = body.k_l, body.k_t
+    S[at + 7 * LANES], S[at + 8 * LANES] = body.mu_s, body.mu_d
+    S[at + 9 * LANES], S[at + 10 * LANES], S[at + 11 * LANES], S[at + 12 * LANES] = loads
+
+
+@inlined
+def load_motors(S, e, p, modes, i, eta, r, share):
+    """Motors into lane `e`: row `i` of `modes` (n, 4), row `r` of first efficiencies (r, 4), eq. 30's factor."""
+    for motor in range(4):
+        j, unit = motor * LANES + e, motor_of(p, motor)
+        S[AT.MODE + j], S[AT.TAU + j], S[AT.R_W + j] = modes[i, motor], unit.tau, unit.r_w
+        S[AT.J_M + j], S[AT.J_W + j], S[AT.TORQUE_MAX + j] = unit.J_m, unit.J_w, unit.torque_max
+        S[AT.DRIVING + j], S[AT.BRAKING + j], S[AT.GEAR + j] = 1.0 / unit.eta_d, unit.eta_r, 1.0 / eta[r, motor]
+        S[AT.A_MOTOR + j], S[AT.GAIN + j] = p.A_motor, p.velocity_gain
+        S[AT.LITERAL + j] = 1.0 if p.literal_eq22 else 0.0
+        S[AT.PREVIOUS + j] = S[AT.TORQUE + j] = 0.0
+    S[AT.SHARE + e] = share
+
+
+@inlined
+def load_lane(S, e, p, fx, q, v, i):
+    """A level rover whose state is row `i` of q and v (n, 16) into lane `e`; `load_motors` does the motors."""
+    for k in range(SIZE):
+        c, j = _PLACES[k], k * LANES + e
+        S[AT.Q + j] = S[AT.Q_S + j] = q[i, c]
+        S[AT.V + j] = S[AT.V_S + j] = v[i, c]
+    for k in range(8):
+        S[AT.LAG + k * LANES + e] = S[AT.LAG_S + k * LANES + e] = 0.0
+    load_module(S, AT.BODY_F + e, p.front, p, fx, FRONT, q[i, Z])
+    load_module(S, AT.BODY_B + e, p.back, p, fx, BEHIND, q[i, BACK + Z])
+    g = AT.GROUND + e
+    S[g], S[g + LANES], S[g + 2 * LANES], S[g + 3 * LANES] = p.u_w, p.g_x, p.g_y, p.A_joint
+    S[g + 4 * LANES] = 1.0 if p.two else 0.0
+    S[AT.SOUND + e], S[AT.KEPT + e] = 1.0, 0.0
