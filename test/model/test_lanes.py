@@ -19,7 +19,8 @@ from artibot_sim.model.windows import KINDS, Items, MotorTable, Plan, WindowBatc
 
 PRESCRIBED = (Mode.PRESCRIBED,) * 4
 SHARED = (Mode.PRESCRIBED, Mode.PRESCRIBED, Mode.TORQUE, Mode.TORQUE)
-SHOWN = [k for k, name in enumerate(KINDS) if name not in ("sliding", "grip")]
+SHOWN = list(range(KINDS.index("sliding")))
+"""Kinds that are compared with rollouts; lanes do not know about single wheels, and the rest are these once more."""
 MODEL_EFFECTS = [name for name in SEVERITY_1 if EFFECTS[name].hooks or EFFECTS[name].adapt]
 
 
@@ -47,7 +48,7 @@ def items_of(robots: list[Robot], motors: MotorTable, seed: int, each: int = 1, 
     q[:, MOTOR_COORDINATES], v[:, MOTOR_COORDINATES] = motors.position[first], motors.velocity[first]
     low, high = np.array([[-3, 3], [-3, 3], [-4, 4], [-0.6, 0.8], [-0.1, 0.1], [-0.4, 0.4], [-0.6, 0.6], [-0.3, 0.3]]).T
     starts = rng.uniform(low, high, (n, 8))[:, : 8 if robots[0].articulated else 6]
-    q, v = states(postures(robots), robot, q, v, starts)
+    q, v = states(postures(robots), robot, q, v, starts, np.zeros(n, bool))
     return Items(robot, zero, zero, first, knots, q, v, rng.uniform(0.0, 30.0, n))
 
 
@@ -194,6 +195,24 @@ def test_what_leaves_the_plane_runs_alone(agriq, monkeypatch) -> None:
     for i in range(1, 6):
         np.testing.assert_array_equal(found[i], alone[i])
     np.testing.assert_allclose(found[0], alone[0], rtol=0, atol=1e-9)
+
+
+def test_sensor_errors_act_in_lanes_as_alone(agriq, monkeypatch) -> None:
+    """Scales of what turned the motors, and what sensors make of the motion, also before its first row."""
+    errors = {
+        "encoder_scale": {"scale": 1.03}, "torque_scale": {"scale": 0.9}, "pose_lever_arm": {"x": 0.2, "y": -0.1},
+        "pose_delay": {"delay": 0.08}, "gyro_bias": {"bias": 0.02},
+    }  # fmt: skip
+    robots = [dataclasses.replace(agriq, effects=errors), agriq]
+    motors = table(agriq)
+    items = items_of(robots, motors, 11, each=3)
+    kinds = [*SHOWN, *range(KINDS.index("grip") + 1, len(KINDS))]
+    plan = Plan(np.tile([0.03, 0.111, 0.15], len(kinds)), np.repeat(kinds, 3))
+    found = WindowBatch([motors], [plan], 2.5e-3).run(robots, items)
+    monkeypatch.setattr(windows_module, "level", lambda fleet, items: np.zeros(len(items), bool))
+    alone = WindowBatch([motors], [plan], 2.5e-3).run(robots, items)
+    np.testing.assert_allclose(found, alone, rtol=0, atol=1e-9)
+    assert np.isfinite(found).all()
 
 
 def test_slopes_and_loads_stay_on_the_plane(agriq) -> None:
