@@ -23,6 +23,7 @@ from artibot_driver.frames import Frame, NmtCommand, nmt
 from artibot_driver.rig import Rig, load_rig
 from artibot_driver.simulated.drive import POWERED, SimulatedDrive
 from artibot_driver.simulated.shaft import InertialShaft
+from artibot_sim.progress import Bar, Report
 
 _BATCH = 100_000
 
@@ -59,7 +60,7 @@ def random_frames(count: int, seed: int, ours: Sequence[int]) -> Iterator[Random
                 yield RandomFrame(wide[k], data, kind == 0, kind == 1, kind == 2, kind == 3)
 
 
-def run(count: int, seed: int) -> tuple[Counter[str], Counter[str]]:
+def run(count: int, seed: int, progress: Report = lambda share: None) -> tuple[Counter[str], Counter[str]]:
     """Put `count` random frames through decoder and drive.
 
     Returns
@@ -83,6 +84,7 @@ def run(count: int, seed: int) -> tuple[Counter[str], Counter[str]]:
             drive.take(frame)
             if number % 50 == 0:
                 enabler.lead(drive)
+                progress(number / count)
         except Exception as error:
             raise RuntimeError(f"frame {number}, {frame} (seed {seed}): {error!r}") from error
     return kinds, drive.changes
@@ -161,11 +163,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("seed", type=int, nargs="?", default=1)
     options = parser.parse_args(argv)
     begin = time.perf_counter()
-    kinds, changes = run(options.frames, options.seed)
+    with Bar() as bar:
+        kinds, changes = run(options.frames, options.seed, bar.stage("random frames", 1.0))
     took = time.perf_counter() - begin
-    print(
-        f"{options.frames} frames, seed {options.seed}, {took:.1f} s: no exception, no change of state but the table's"
-    )
+    rate = f"{took:.1f} s, {options.frames / took:.0f} a second"
+    print(f"{options.frames} frames, seed {options.seed}, {rate}: no exception, no change of state but the table's")
     for kind, number in kinds.most_common():
         print(f"  {kind:<10} {number}")
     print("  transitions", ", ".join(f"{name}: {changes[name]}" for name in sorted(changes, key=int)))

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import re
 import struct
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
+from itertools import pairwise
 
 import yaml
 
 LINE = re.compile(r"\(([\d.]+)\) \S+ ([0-9A-F]{3})#([0-9A-F]*)")
 FRONT_IDS, BACK_IDS = (0x181, 0x182), (0x203, 0x204)
 """TPDO1 of the front drives, RPDO1 of the back ones; right, left."""
-SET_POINTS = range(0x201, 0x205)
+SYNC, SET_POINTS = 0x80, range(0x201, 0x205)
 OPERATION_ENABLED, ENABLE_OPERATION = 0x27, 0x0F
 IN_TIME = 0.25
 """Share of the SYNC period: answers that are in the log so long before the set-points have been read by the driver that
@@ -47,7 +49,7 @@ def cycles(lines: Iterable[str]) -> Iterator[Cycle]:
         found = LINE.match(line)
         assert found, line
         at, can_id, data = float(found[1]), int(found[2], 16), bytes.fromhex(found[3])
-        if can_id == 0x80:
+        if can_id == SYNC:
             if current is not None:
                 yield current
             current = Cycle(at)
@@ -139,3 +141,11 @@ def used(answers: list[tuple[float, int, int]], until: float, before: int) -> tu
     if answers and answers[-1][0] <= until:
         return (answers[-1][2],)
     return before, *(torque for _, _, torque in answers)
+
+
+def sync_jitter(lines: Iterable[str], period: float) -> tuple[float, float]:
+    """How far the intervals between SYNC frames are from the period (s): 99 % of them at most, and the worst, ms."""
+    found = [LINE.match(line) for line in lines]
+    stamps = [float(each[1]) for each in found if each and int(each[2], 16) == SYNC]
+    off = sorted(1e3 * abs(b - a - period) for a, b in pairwise(stamps))
+    return (off[math.ceil(0.99 * len(off)) - 1], off[-1]) if off else (math.nan, math.nan)

@@ -36,7 +36,7 @@ def replay_missing() -> str | None:
         return missing()
     if importlib.util.find_spec("artibot_sim.nodes.replay_node") is None:
         return "this version has no replay"
-    shown = subprocess.run([*_word("replay"), "--help"], capture_output=True, text=True, check=False)
+    shown = subprocess.run([*word_of("replay"), "--help"], capture_output=True, text=True, check=False)
     return None if "--stats" in shown.stdout else "replay has no --stats to measure itself with"
 
 
@@ -45,16 +45,16 @@ def sim(scenario: Scenario) -> list[Result]:
     seconds = 4 if scenario.quick else 20
     with tempfile.TemporaryDirectory(prefix="artibot-bench-") as folder:
         stats = Path(folder) / "sim.json"
-        with _started("planner", ["table6_agriq", "--keep"], folder):
-            _wait(PLANNER_READY, scenario)
-            with _started("sim", ["--duration", str(seconds), "--stats", str(stats)], folder) as process:
-                found = _statistics(process, stats, seconds + 60, scenario)
+        with started("planner", ["table6_agriq", "--keep"], folder):
+            pause(PLANNER_READY, scenario)
+            with started("sim", ["--duration", str(seconds), "--stats", str(stats)], folder) as process:
+                found = statistics_of(process, stats, seconds + 60, scenario)
     note = f"sim node in real time, RK4 at 1 kHz, topics at 100 Hz, driving Table 6 for {found['wall_s']:.0f} s"
     late = ("late_p50_ms", "late_max_ms", "overruns", "steps")
     return [
         Result("sim_node_cpu_share", found["cpu_share"], "cores", note),
         Result("sim_node_late_p99", found["late_p99_ms"], "ms", f"{note}; load {os.getloadavg()[0]:.1f}",
-               {key: found[key] for key in late} | _load()),
+               {key: found[key] for key in late} | load()),
     ]  # fmt: skip
 
 
@@ -66,25 +66,25 @@ def replay(scenario: Scenario) -> list[Result]:
         bag, stats = Path(folder) / "table6", Path(folder) / "replay.json"
         write_experiment(bag, scenario.rollout("rk4", 1e-3), scenario.plan, scenario.robot)
         end = ["--end", "4"] if scenario.quick else []
-        with _started("replay", [str(bag), *end, "--stats", str(stats)], folder) as process:
-            found = _statistics(process, stats, 120, scenario)
+        with started("replay", [str(bag), *end, "--stats", str(stats)], folder) as process:
+            found = statistics_of(process, stats, 120, scenario)
     if "late_p99_ms" not in found:
         raise ArtibotError(f"bench: replay --stats wrote {sorted(found)}; expected late_p99_ms")
     numbers = {key: value for key, value in found.items() if isinstance(value, int | float) and key != "late_p99_ms"}
     note = f"published after the recorded instant, Table 6 at its own pace; load {os.getloadavg()[0]:.1f}"
-    return [Result("replay_late_p99", found["late_p99_ms"], "ms", note, numbers | _load())]
+    return [Result("replay_late_p99", found["late_p99_ms"], "ms", note, numbers | load())]
 
 
-def _load() -> dict[str, float]:
+def load() -> dict[str, float]:
     """How busy the machine was: lateness tells about the node only where a core was free."""
     return {"load_average": os.getloadavg()[0]}
 
 
-def _word(word: str) -> list[str]:
+def word_of(word: str) -> list[str]:
     return [sys.executable, "-m", "artibot_sim.cli", word]
 
 
-def _environment(log: str) -> dict[str, str]:
+def environment_of(log: str) -> dict[str, str]:
     """On this machine only, and in a domain of its own, unless the caller chose one."""
     own = {**local_environment(), "ROS_LOG_DIR": log}
     path = os.pathsep.join(filter(None, sys.path))
@@ -92,11 +92,11 @@ def _environment(log: str) -> dict[str, str]:
 
 
 @contextmanager
-def _started(word: str, arguments: list[str], folder: str) -> Iterator[subprocess.Popen[bytes]]:
+def started(word: str, arguments: list[str], folder: str) -> Iterator[subprocess.Popen[bytes]]:
     """A process that is asked to end, and then made to, when the block is left."""
     with (
         open(Path(folder) / f"{word}.log", "wb") as log,
-        subprocess.Popen([*_word(word), *arguments], stdout=log, stderr=log, env=_environment(folder)) as process,
+        subprocess.Popen([*word_of(word), *arguments], stdout=log, stderr=log, env=environment_of(folder)) as process,
     ):
         try:
             yield process
@@ -109,11 +109,11 @@ def _started(word: str, arguments: list[str], folder: str) -> Iterator[subproces
                     process.kill()
 
 
-def _statistics(process: subprocess.Popen[bytes], stats: Path, timeout: float, scenario: Scenario) -> dict[str, Any]:
+def statistics_of(process: subprocess.Popen[bytes], stats: Path, timeout: float, scenario: Scenario) -> dict[str, Any]:
     """What a node wrote when it came to its own end."""
     deadline = time.monotonic() + timeout
     while process.poll() is None and time.monotonic() < deadline:
-        _wait(0.2, scenario)
+        pause(0.2, scenario)
     if process.returncode != 0 or not stats.exists():
         lines = stats.with_suffix(".log").read_text(encoding="utf-8", errors="replace").splitlines()
         said = lines[-1] if lines else "nothing"
@@ -122,7 +122,7 @@ def _statistics(process: subprocess.Popen[bytes], stats: Path, timeout: float, s
     return found
 
 
-def _wait(seconds: float, scenario: Scenario) -> None:
+def pause(seconds: float, scenario: Scenario) -> None:
     end = time.monotonic() + seconds
     while (left := end - time.monotonic()) > 0:
         time.sleep(min(left, 0.1))

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from artibot_sim.bench import accuracy, identification, nodes, peak, peers, recording, speed, startup
+from artibot_sim.bench import accuracy, driving, identification, nodes, peak, peers, recording, speed, startup
 from artibot_sim.bench.results import Result, Skipped
 from artibot_sim.bench.scenario import Scenario
 from artibot_sim.errors import ArtibotError
@@ -59,6 +59,13 @@ SUITE: dict[str, Benchmark] = {
     "recorder": Benchmark(("recorder_writer",), recording.writer, 3),
     "sim": Benchmark(("sim_node_cpu_share", "sim_node_late_p99"), nodes.sim, 26, nodes.missing, in_quick=False),
     "replay": Benchmark(("replay_late_p99",), nodes.replay, 35, nodes.replay_missing, in_quick=False),
+    "driver": Benchmark(
+        ("driver_late_p99", "driver_sync_jitter_p99", "driver_callback_longest"),
+        driving.driver, 45, driving.missing, in_quick=False,
+    ),
+    "replay_can": Benchmark(
+        ("replay_can_late_p99",), driving.replay_can, 40, driving.replay_missing, in_quick=False,
+    ),
 }  # fmt: skip
 """Name → :class:`Benchmark`."""
 

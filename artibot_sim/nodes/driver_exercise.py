@@ -55,7 +55,7 @@ class SyncEar:
         take_priority(40)
         while not self._ended.is_set():
             message = self._bus.receive(0.05)
-            if message is not None:
+            if message is not None and message.arbitration_id == SYNC_ID:  # not every interface filters
                 self.stamps.append(message.timestamp if self._own_stamps else time.monotonic())
 
     def end(self) -> None:
@@ -78,13 +78,16 @@ def services(node: Any) -> Iterator[tuple[Any, Any]]:
 
     names = list(ALL_SPECS)
     calls = [
-        (Trigger, "enable", Trigger.Request()),  # refused while it is enabled, and needed where it was stopped
+        (Trigger, "enable", Trigger.Request()),
         (SetParameters, "set_parameters", kappa(0.7)),
         (GetState, "get_state", GetState.Request()),
         (DescribeParameters, "describe_parameters", DescribeParameters.Request(names=names)),
         (Trigger, "reset_fault", Trigger.Request()),
         (GetParameters, "get_parameters", GetParameters.Request(names=names)),
         (GetAvailableStates, "get_available_states", GetAvailableStates.Request()),
+        (Trigger, "quick_stop", Trigger.Request()),
+        (Trigger, "enable", Trigger.Request()),
+        (Trigger, "disable", Trigger.Request()),
         (ListParameters, "list_parameters", ListParameters.Request()),
         (SetParameters, "set_parameters", kappa(0.9)),
     ]
@@ -107,6 +110,7 @@ def exercise(channel: str, seconds: float) -> dict[str, Any]:
     publisher = node.create_publisher(JointState, "motor_command_request", qos_profile_sensor_data)
     turns, answered, under_way = services(node), 0, None
     client, request = next(turns)
+    print("waiting for the driver", flush=True)
     if not client.wait_for_service(PATIENCE):
         raise ArtibotError(f"exercise: no driver within {PATIENCE:g} s")
     ear, begin = SyncEar(channel), time.monotonic()

@@ -74,6 +74,7 @@ class Player:
         self.asked = asked
         self.counts: Counter[str] = Counter()
         self.late = array("d")
+        self._late_of = {topic: array("d") for topic in outlets}
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
         self._origin = 0.0  # steady time at which the first pass began, were it never paused
@@ -150,6 +151,9 @@ class Player:
             "topics": dict(sorted(self.counts.items())),
             "rate": self.pace.rate,
             **lateness_summary(np.array(self.late)),
+            "late_p99_ms_by_topic": {
+                topic: 1e3 * float(np.percentile(late, 99)) for topic, late in sorted(self._late_of.items()) if late
+            },
         }
 
     def _wait_until(self, at: float) -> bool:
@@ -212,7 +216,9 @@ class Player:
         outlet.publisher.publish(data)
         self.counts[topic] += 1
         if self._held is None:
-            self.late.append(time.monotonic() - self._origin - due.at_ns / SECOND / self.pace.rate)
+            late = time.monotonic() - self._origin - due.at_ns / SECOND / self.pace.rate
+            self.late.append(late)
+            self._late_of[topic].append(late)
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         """Hold the recording's time, or let it go on from where it is held."""

@@ -20,7 +20,7 @@ import numpy as np
 
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
 
-from eq30_log import check
+from eq30_log import check, sync_jitter
 from ros_helpers import ROOT, NodeStarter
 
 from artibot_driver.bus import open_bus
@@ -56,7 +56,10 @@ def main(channel: str, manoeuvre: str, kappas: list[str]) -> None:
             lines, robot = log.read_text(encoding="ascii").splitlines(), str(ROOT / "config" / "agriq.yaml")
             verdict = check(lines, robot, kappa, 1.0 / SYNC_RATE)
             shown = dataclasses.asdict(verdict) | {"wrong": verdict.wrong[:10], "wrongs": len(verdict.wrong)}
-            print(json.dumps({"kappa": kappa, **shown, **told}), flush=True)
+            jitter = dict(
+                zip(("sync_jitter_p99_ms", "sync_jitter_max_ms"), sync_jitter(lines, 1.0 / SYNC_RATE), strict=True)
+            )
+            print(json.dumps({"kappa": kappa, **shown, **jitter, **told}), flush=True)
 
 
 def lead(channel: str, planned: Plan, kappa: float) -> dict[str, object]:

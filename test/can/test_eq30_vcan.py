@@ -45,7 +45,10 @@ def test_back_torque_frames_are_eq30_of_the_front_ones_of_the_cycle_before(tmp_p
         assert each["phase"] == "ENABLED", each  # to the end of the plan
         assert not each["wrongs"], each
         assert each["checked"] > 250, each
-        print(f"kappa {each['kappa']}: {each['checked']} periods are eq. 30, {each['late']} have a late answer")
+        print(
+            f"kappa {each['kappa']}: {each['checked']} periods are eq. 30, {each['late']} more had a late answer; "
+            f"SYNC off by {each['sync_jitter_p99_ms']:.2f} ms (p99; most {each['sync_jitter_max_ms']:.1f})"
+        )
     gentle, hard = (each["largest"] for each in seen)
     assert hard > 1.5 * gentle > 100  # 0.54 and 0.25 of the front torques
 
