@@ -34,8 +34,8 @@ def _multiply_add(x: NDArray[np.float64], rounds: int) -> float:
     return x[0]
 
 
-def flops_per_second(threads: int, runs: int = 5, rounds: int = 20_000) -> float:
-    """Multiply-adds, counted as two operations each, on so many threads: the best of some runs."""
+def flops_per_second(threads: int, runs: int = 60, rounds: int = 1_000) -> float:
+    """Multiply-adds, counted as two operations each, on so many threads: the best of many runs of a few ms."""
     arrays = [np.full(ELEMENTS, 1.0 + i) for i in range(threads)]
     _multiply_add(arrays[0], 1)
     best = 0.0
@@ -60,7 +60,7 @@ def operations_of_a_step() -> int:
 def peak(scenario: Scenario) -> list[Result]:
     """The machine's peak in this very run, and the fraction that a rollout and a batch reach."""
     cores = available_cores()
-    one, every = flops_per_second(1, scenario.runs(5)), flops_per_second(cores, scenario.runs(5))
+    one, every = flops_per_second(1), flops_per_second(cores)
     scenario.tick()
     operations = operations_of_a_step()
     scenario.tick()
