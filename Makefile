@@ -7,7 +7,7 @@ export VENV
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-run demo test lint types bench bench-can faults faults-live fuzz eq30 diagnose-campaign bags pictures colcon clean
+.PHONY: help setup setup-run demo test lint types bench bench-can growth faults faults-live fuzz eq30 diagnose-campaign bags pictures colcon clean
 
 help: ## this list
 	@echo "make TARGET, of which:"
@@ -35,6 +35,9 @@ types: setup ## mypy on the library, which is free of ROS
 bench: setup-run ## speed of the model, beside MuJoCo's (ARGS="--json FILE")
 	@scripts/setup.sh bench
 	@$(PY) -m artibot_sim.cli bench $(ARGS)
+
+growth: setup-run ## how time and memory grow with runs, length of a recording, effects, cores: growth/growth.png
+	@$(PY) -m artibot_sim.bench.growth $(or $(OUT),growth) $(ARGS)
 
 faults: setup-run ## random faults in a closed loop of driver and drives (N=1000 SEED=1; ARGS="--channel vcan0")
 	@$(PY) -m artibot_driver.faults $(or $(N),100) $(or $(SEED),1) $(ARGS)

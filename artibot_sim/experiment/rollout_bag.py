@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import heapq
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -29,8 +30,6 @@ MOTORS = ("front_right", "front_left", "back_right", "back_left")
 START_NS = 1_000_000_000
 """Stamp of t = 0 by default: not 0, which in a header means "no stamp"."""
 _PLANNED_PERIOD = 0.04
-_ENCODING = 0.7
-"""About this share of the work of writing is encoding."""
 _TELL_EVERY = 1000
 """Messages between two words on the progress."""
 Table = tuple[Stamps, Mapping[str, Floats]]
@@ -43,6 +42,22 @@ class _Outgoing(NamedTuple):
     order: int
     key: str
     data: bytes
+
+
+def _when(message: _Outgoing) -> tuple[int, int]:
+    return message[:2]
+
+
+def _outgoing(order: int, key: str, table: Table) -> Iterator[_Outgoing]:
+    """Encode a channel's messages one after the other, in the order of their stamps; what is wrong is said at once."""
+    (stamps, columns), topic = table, BY_KEY[key]
+    for name, values in columns.items():
+        if len(values) != len(stamps):
+            raise ArtibotError(f"{topic.name}: column '{name}' has {len(values)} rows, its stamps {len(stamps)}")
+    encode = encoder(topic, columns)
+    rows = np.argsort(stamps, kind="stable")
+    pairs = zip(rows.tolist(), stamps[rows].tolist(), strict=True)
+    return (_Outgoing(stamp, order, key, encode(row, stamp)) for row, stamp in pairs)
 
 
 def write_channels(
@@ -77,19 +92,13 @@ def write_channels(
         If the folder exists, a key is not the contract's, or a column's length is not that of its stamps.
     """
     folder = Path(folder)
-    outgoing = []
     tell = progress or (lambda _: None)
-    for order, (key, (stamps, columns)) in enumerate(tables.items()):
-        topic = BY_KEY[key]
-        for name, values in columns.items():
-            if len(values) != len(stamps):
-                raise ArtibotError(f"{topic.name}: column '{name}' has {len(values)} rows, its stamps {len(stamps)}")
-        encode = encoder(topic, columns)
-        outgoing += [_Outgoing(stamp, order, key, encode(row, stamp)) for row, stamp in enumerate(stamps.tolist())]
-        tell(_ENCODING * (order + 1) / len(tables))
-    for key, messages in (latched or {}).items():
-        outgoing += [_Outgoing(stamp, -1, key, data) for stamp, data in messages]
-    outgoing.sort(key=lambda message: message[:2])
+    streams = [
+        iter(sorted((_Outgoing(stamp, -1, key, data) for stamp, data in messages), key=_when))
+        for key, messages in (latched or {}).items()
+    ]
+    streams += [_outgoing(order, key, table) for order, (key, table) in enumerate(tables.items())]
+    total = sum(len(stamps) for stamps, _ in tables.values()) + sum(map(len, (latched or {}).values()))
     name = folder.resolve().name
     with (
         whole_folder(folder) as partial,
@@ -97,9 +106,9 @@ def write_channels(
     ):
         for key in (*(latched or {}), *tables):
             bag.register(BY_KEY[key].name, BY_KEY[key].ros_type, LATCHED if BY_KEY[key].latched else STATE)
-        for number, message in enumerate(outgoing):
+        for number, message in enumerate(heapq.merge(*streams, key=_when)):  # hours of messages need not fit in memory
             if number % _TELL_EVERY == 0:
-                tell(_ENCODING + (1.0 - _ENCODING) * number / len(outgoing))
+                tell(number / total)
             bag.write(BY_KEY[message.key].name, message.data, message.log_ns, message.log_ns)
     return folder
 

@@ -15,7 +15,7 @@ from artibot_sim.model.command_way import as_executed
 from artibot_sim.planning import FrontKinematics, Plan, Sample, manoeuvre_from_dict, plan
 from artibot_sim.sweep.axes import Value
 from artibot_sim.sweep.keys import Base, Document, manoeuvre_document, robot_with
-from artibot_sim.sweep.measures import measure, status_of
+from artibot_sim.sweep.measures import Arc, arcs, measure, status_of
 from artibot_sim.sweep.plan import KNOTS, base_of
 from artibot_sim.sweep.table import table_bytes
 
@@ -26,13 +26,22 @@ _PLANS = 32
 Task = Mapping[str, Any]
 
 
+@dataclass(frozen=True, eq=False)
+class _Planned:
+    """What all runs share that drive the same manoeuvre with the same wheels."""
+
+    plan: Plan
+    commands: Commands
+    arcs: Sequence[Arc]
+
+
 @dataclass
 class _Run:
     """One run on its way to a row of the table."""
 
     values: dict[str, Value]
     robot: Robot | None = None
-    plan: Plan | None = None
+    planned: _Planned | None = None
     commands: Commands | None = None
     status: str = "refused"
     message: str = ""
@@ -76,8 +85,8 @@ class _Chunk:
     def __init__(self, task: Mapping[str, Any]) -> None:
         self._task = task
         self._base: Base = base_of(task)
-        self._plans: dict[tuple[str, str, FrontKinematics], Plan] = {}
-        self._planned = lru_cache(maxsize=_PLANS)(_sampled)
+        self._plans: dict[tuple[str, str, FrontKinematics], _Planned] = {}
+        self._sampled = lru_cache(maxsize=_PLANS)(_sampled)
 
     def runs(self, rows: Sequence[dict[str, Value]], threads: int) -> list[_Run]:
         """Simulate some runs together."""
@@ -89,8 +98,9 @@ class _Chunk:
             if result.status is not Status.OK:
                 run.message = result.message
                 continue
-            assert run.plan is not None
-            run.measures = measure(result, run.plan, self._planned(run.plan, len(result.t), result.t.tobytes()))
+            assert run.planned is not None
+            sample = self._sampled(run.planned.plan, result.t.tobytes())
+            run.measures = measure(result, run.planned.plan, sample, run.planned.arcs)
         return runs
 
     def _prepared(self, values: dict[str, Value]) -> _Run:
@@ -99,18 +109,19 @@ class _Chunk:
         every = {**self._task["fixed"], **values}
         try:
             run.robot = robot_with(self._base.robot, every)
-            run.plan = self._plan(*manoeuvre_document(self._base, every), run.robot)
-            run.commands = as_executed(run.robot, run.plan.commands())
+            run.planned = self._plan(*manoeuvre_document(self._base, every), run.robot)
+            run.commands = as_executed(run.robot, run.planned.commands)
         except ArtibotError as error:
             run.message = str(error)
         return run
 
-    def _plan(self, name: str, document: Document, robot: Robot) -> Plan:
+    def _plan(self, name: str, document: Document, robot: Robot) -> _Planned:
         key = (name, json.dumps(document, sort_keys=True), FrontKinematics.of(robot))
         if key not in self._plans:
             if len(self._plans) >= _PLANS:
                 self._plans.pop(next(iter(self._plans)))
-            self._plans[key] = plan(manoeuvre_from_dict(document, name), robot, dt=KNOTS)
+            made = plan(manoeuvre_from_dict(document, name), robot, dt=KNOTS)
+            self._plans[key] = _Planned(made, made.commands(), arcs(made))
         return self._plans[key]
 
     def _simulate(self, runs: Sequence[_Run], threads: int) -> list[Rollout]:
@@ -140,7 +151,7 @@ def _refuse(runs: Sequence[_Run], options: Mapping[str, Any]) -> None:
             run.commands, run.message = None, str(error)
 
 
-def _sampled(plan: Plan, _rows: int, times: bytes) -> Sample:
+def _sampled(plan: Plan, times: bytes) -> Sample:
     """The plan at a run's times, which most runs share."""
     import numpy as np
 

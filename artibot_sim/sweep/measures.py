@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,15 @@ MEASURES: dict[str, tuple[str, str]] = {
 """Name → unit and meaning of every measure; NaN where a run has none."""
 
 
-def measure(result: Rollout, plan: Plan, planned: Sample) -> dict[str, float]:
+class Arc(NamedTuple):
+    """Start and end (s) and radius (m) of an arc of a plan."""
+
+    start: float
+    end: float
+    radius: float
+
+
+def measure(result: Rollout, plan: Plan, planned: Sample, curves: Sequence[Arc]) -> dict[str, float]:
     """All measures of a run that reached its end; those it has not are absent.
 
     Parameters
@@ -65,6 +74,8 @@ def measure(result: Rollout, plan: Plan, planned: Sample) -> dict[str, float]:
         Of the manoeuvre.
     planned : Sample
         The plan at the result's times.
+    curves : sequence of Arc
+        The plan's arcs.
     """
     pose, t = result.pose, result.t
     found = {"planned_length": plan.path_length, "duration": float(t[-1] - t[0])}
@@ -72,7 +83,7 @@ def measure(result: Rollout, plan: Plan, planned: Sample) -> dict[str, float]:
     found |= dict(zip(("x_end", "y_end", "yaw_end"), pose[-1].tolist(), strict=True))
     _try(found, "e_gamma", lambda: yaw_error(pose[:, 2], planned.pose[:, 2], t))
     _try(found, "e_x", lambda: position_error(pose[-1, :2], planned.pose[-1, :2], plan.path_length))
-    found |= _radii(pose, t, plan)
+    found |= _radii(pose, t, curves)
     sat, torque = result.row[:, SAT : SAT + 8], np.abs(result.row[:, M_M : M_M + 4])
     found |= {"sliding_front": float(sat[:, :4].mean()), "torque_front_max": float(torque[:, :2].max())}
     if result.robot.articulated:
@@ -95,12 +106,12 @@ def _energies(total: Array, length: float, articulated: bool) -> dict[str, float
     return found
 
 
-def _radii(pose: Array, t: Array, plan: Plan) -> dict[str, float]:
+def _radii(pose: Array, t: Array, curves: Sequence[Arc]) -> dict[str, float]:
     """Radii of circles through what was driven while arcs were planned."""
     found: dict[str, float] = {}
     ratios = []
-    for i, (first, last, radius) in enumerate(arcs(plan), 1):
-        rows = (t >= first) & (t <= last)
+    for i, (start, end, radius) in enumerate(curves, 1):
+        rows = (t >= start) & (t <= end)
         try:
             driven = fit_circle(pose[rows, 0], pose[rows, 1]).radius
         except ArtibotError:
@@ -113,14 +124,14 @@ def _radii(pose: Array, t: Array, plan: Plan) -> dict[str, float]:
     return found
 
 
-def arcs(plan: Plan) -> list[tuple[float, float, float]]:
-    """Start, end (s) and radius (m) of the plan's arcs."""
+def arcs(plan: Plan) -> list[Arc]:
+    """The arcs of a plan, in order."""
     found = []
     for mark in plan.marks:
         if mark.label.endswith(".arc"):
             ends = plan.at(np.array([mark.start, mark.end]))
             turn = abs(float(np.diff(ends.pose[:, 2])[0]))
-            found.append((mark.start, mark.end, float(np.diff(ends.travelled)[0]) / turn))
+            found.append(Arc(mark.start, mark.end, float(np.diff(ends.travelled)[0]) / turn))
     return found
 
 

@@ -1,0 +1,145 @@
+"""``python -m artibot_sim.bench.growth OUT``: time and memory against runs, length of a recording, effects and cores.
+
+Every size is measured in a process of its own, so that peaks of memory are its own. Writes OUT/growth.json and
+OUT/growth.png and prints how each operation grows.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+import numpy as np
+
+from artibot_sim.bench.results import machine
+from artibot_sim.errors import ArtibotError
+from artibot_sim.model.batch import available_cores
+
+if TYPE_CHECKING:
+    from artibot_sim.progress import Bar
+
+SIZES: dict[str, tuple[float, ...]] = {
+    "runs": (100, 400, 1600, 6400),
+    "table": (10_000, 100_000, 1_000_000),
+    "length": (1, 4, 15, 60, 120),
+    "identification": (1, 4, 15),
+    "effects": (0, 1, 2, 5, 10, 19),
+    "cores": (),
+}
+"""Kind → sizes: runs, runs, minutes, minutes, effects; cores are those there are."""
+QUICK: dict[str, tuple[float, ...]] = {
+    "runs": (50, 200), "table": (5_000, 20_000), "length": (0.5, 2), "identification": (0.5, 1), "effects": (0, 3, 19),
+    "cores": (),
+}  # fmt: skip
+SECONDS = {"runs": 0.01, "table": 4e-5, "length": 6.0, "identification": 40.0, "effects": 0.3, "cores": 8.0}
+"""About how long a measurement takes for one of its size, for the progress bar."""
+UNITS = {
+    "runs": "runs", "table": "runs", "length": "minutes", "identification": "minutes", "effects": "effects",
+    "cores": "cores",
+}  # fmt: skip
+LINEAR = 1.15
+"""Greatest power of the size that counts as linear."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """One measurement: of what kind, which operation, for which size; wall time and processor time in s."""
+
+    kind: str
+    operation: str
+    size: float
+    seconds: float
+    cpu: float
+    bytes: float
+
+
+def measured(kind: str, size: float) -> list[Point]:
+    """Measure in a fresh process (ArtibotError where it fails)."""
+    with tempfile.TemporaryDirectory(prefix="artibot-growth-") as folder:
+        command = [sys.executable, "-m", "artibot_sim.bench.growth_tasks", kind, str(size), folder]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise ArtibotError(f"growth: {kind} of {size:g} failed: {done.stderr.strip().splitlines()[-1:]}")
+    found = json.loads(done.stdout.splitlines()[-1])
+    return [
+        Point(kind, name, size, *(figures[key] for key in ("seconds", "cpu", "bytes")))
+        for name, figures in found.items()
+    ]
+
+
+def lines(points: Sequence[Point]) -> Iterator[tuple[str, str, list[Point]]]:
+    """Kind, operation and its measurements, in the order of their sizes."""
+    for kind, operation in dict.fromkeys((point.kind, point.operation) for point in points):
+        mine = [point for point in points if (point.kind, point.operation) == (kind, operation)]
+        yield kind, operation, sorted(mine, key=lambda point: point.size)
+
+
+def power(mine: Sequence[Point], name: str = "cpu") -> float:
+    """Power of the size with which a figure grows over the upper half of the sizes; NaN where there are too few."""
+    kept = [point for point in mine if point.size > 0][-3:]
+    if len(kept) < 2:
+        return float("nan")
+    x, y = np.log([point.size for point in kept]), np.log([getattr(point, name) for point in kept])
+    return float(np.polyfit(x, y, 1)[0])
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("out", type=click.Path(file_okay=False, path_type=Path))
+@click.option("--only", multiple=True, type=click.Choice(list(SIZES)), help="Only this kind; may be repeated.")
+@click.option("--quick", is_flag=True, help="Small sizes: to see that everything works.")
+def command(out: Path, only: tuple[str, ...], quick: bool) -> None:
+    """Measure how time and memory grow; writes OUT/growth.json and OUT/growth.png.
+
+    \b
+    Example:
+      python -m artibot_sim.bench.growth growth --only length
+    """
+    from artibot_sim.bench.growth_chart import chart
+    from artibot_sim.progress import Bar
+    from artibot_sim.report.output import write_files
+
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ArtibotError(f"{out}: cannot be made: {error.strerror}") from error
+    jobs = [(kind, size) for kind in SIZES if not only or kind in only for size in _sizes(kind, quick)]
+    host = machine()
+    with Bar(sum(SECONDS[kind] * size + 3.0 for kind, size in jobs)) as bar:
+        points = _measured_all(jobs, bar)
+    content = {"machine": host, "points": [asdict(point) for point in points]}
+    text = json.dumps(content, indent=1) + "\n"
+    write_files({out / "growth.json": text.encode(), out / "growth.png": chart(points)})
+    for kind, operation, mine in lines(points):
+        last, by = mine[-1], power(mine)
+        said = f"{kind:15} {operation:11} {last.size:9g} {UNITS[kind]:8} {last.seconds:9.2f} s ({last.cpu:.2f} s CPU) {last.bytes / 1e6:7.0f} MB"
+        grows = "" if np.isnan(by) else f"  time ~ size^{by:.2f}, memory ~ size^{power(mine, 'bytes'):.2f}"
+        print(said + grows + ("  MORE THAN LINEAR" if by > LINEAR else ""))
+    print(f"wrote {out}/growth.json, {out}/growth.png")
+
+
+def _sizes(kind: str, quick: bool) -> tuple[float, ...]:
+    if kind == "cores":
+        return tuple(float(2**i) for i in range(available_cores().bit_length()) if 2**i <= available_cores())
+    return (QUICK if quick else SIZES)[kind]
+
+
+def _measured_all(jobs: Sequence[tuple[str, float]], bar: Bar) -> list[Point]:
+    points: list[Point] = []
+    for kind, size in jobs:
+        bar.stage(f"{kind} {size:g}", SECONDS[kind] * size + 3.0)
+        points += measured(kind, size)
+    return points
+
+
+if __name__ == "__main__":
+    try:
+        command()
+    except ArtibotError as error:
+        sys.exit(f"artibot: {error}")

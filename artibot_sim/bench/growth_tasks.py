@@ -1,0 +1,185 @@
+"""``python -m artibot_sim.bench.growth_tasks KIND SIZE FOLDER``: one measurement in a process of its own.
+
+Prints JSON: for every operation its wall time and processor time (s), and the most memory that the process
+had until its end (bytes).
+"""
+
+from __future__ import annotations
+
+import json
+import resource
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+Figures = dict[str, dict[str, float]]
+
+PERIOD = 60.0
+"""s of a long recording that are simulated, and written, at a time."""
+_TOPICS = ("ground_truth_odom", "joint_states", "motor_torques")
+
+
+class Watch:
+    """Takes the times of operations."""
+
+    def __init__(self) -> None:
+        self.figures: Figures = {}
+
+    def __call__(self, name: str, operation: Callable[[], Any]) -> Any:
+        """Do it and note how long it took, and the peak of memory so far."""
+        wall, cpu = time.perf_counter(), time.process_time()
+        result = operation()
+        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+        peak = 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        self.figures[name] = {"seconds": wall, "cpu": cpu, "bytes": peak}
+        return result
+
+
+def runs(size: float, folder: Path) -> Figures:
+    """A sweep of so many runs of ten seconds in one process, table and summary included."""
+    from artibot_sim.sweep import plan_from_dict, sweep
+    from artibot_sim.sweep.summary import summarise
+
+    axes = {"contact.k_l": {"from": 1500, "to": 3500}, "contact.mu_s": {"from": 0.45, "to": 0.9}}
+    document = {"manoeuvre": "short", "method": "latin", "runs": int(size), "axes": axes, "dt": 2e-3}
+    plan = plan_from_dict(document | {"integrator": "semi_implicit"})
+    sweep(plan_from_dict(document | {"integrator": "semi_implicit", "runs": 2}), folder / "warm", workers=1)
+    watch = Watch()
+    done = watch("sweep", lambda: sweep(plan, folder / "sweep", workers=1))
+    watch("summary", lambda: summarise(done.folder))
+    return watch.figures
+
+
+def table(size: float, folder: Path) -> Figures:
+    """Parts of finished runs made into a table, and its summary."""
+    from artibot_sim.sweep.folder import TABLE, Folder
+    from artibot_sim.sweep.plan import plan_from_dict
+    from artibot_sim.sweep.summary import summarise
+    from artibot_sim.sweep.table import table_bytes
+
+    axes = {f"contact.{name}": {"from": 0.31, "to": 0.9} for name in ("mu_s", "u_w")}
+    plan = plan_from_dict({"manoeuvre": "short", "method": "latin", "runs": int(size), "axes": axes})
+    rng = np.random.default_rng(0)
+    watch = Watch()
+    with Folder(folder / "sweep", plan) as opened:
+        for first, count in list(opened.missing(max(250, int(size) // 1000))):
+            drawn = rng.random((count, len(plan.measures))).tolist()
+            rows = [dict(zip(plan.measures, row, strict=True)) for row in drawn]
+            status = ["ok"] * count
+            data = table_bytes(first, plan.columns(first, count), [], plan.measures, rows, status, [""] * count)
+            opened.add(first, count, data)
+        watch("merge", opened.finish)
+    watch("summary", lambda: summarise(folder / "sweep"))
+    watch.figures["merge"]["file"] = float((folder / "sweep" / TABLE).stat().st_size)
+    return watch.figures
+
+
+def length(size: float, folder: Path) -> Figures:
+    """A recording of so many minutes: written, streamed, read, drawn, simulated again."""
+    from artibot_sim.experiment import iter_messages, read_bag
+    from artibot_sim.experiment.resimulate import resimulate
+    from artibot_sim.model import load_robot
+    from artibot_sim.report.plot_cli import draw
+
+    robot, watch, bag = load_robot("agriq"), Watch(), folder / "long"
+    list(pieces(60.0))  # compiles, or loads what was compiled
+    watch("write", lambda: write_long(bag, 60.0 * size))
+    watch("stream", lambda: sum(1 for _ in iter_messages(bag)))
+    experiment = watch("read", lambda: read_bag(bag))
+    watch("plot", lambda: draw([experiment], [robot], png=folder / "long.png"))
+    watch("resimulate", lambda: resimulate(experiment, robot, horizon=5.0))
+    return watch.figures
+
+
+def identification(size: float, folder: Path) -> Figures:
+    """Two parameters identified from a recording of so many minutes."""
+    from artibot_sim.experiment import read_bag
+    from artibot_sim.identify import identify
+    from artibot_sim.model import load_robot
+
+    watch, bag, robot = Watch(), folder / "long", load_robot("agriq")
+    write_long(bag, 60.0 * size)
+    experiment = read_bag(bag)
+    identify([experiment.between(0.0, 30.0)], robot, fit=["k_l"])
+    watch("identify", lambda: identify([experiment], robot, fit=["k_l", "k_t"]))
+    return watch.figures
+
+
+def pieces(duration: float) -> Iterator[tuple[float, Any]]:
+    """A drive of figures of eight, simulated a minute at a time: start (s) and rollout of each piece."""
+    from artibot_sim.model import Commands, load_robot, rollout
+    from artibot_sim.planning import Manoeuvre, Repeat, load_manoeuvre, plan
+
+    robot, eight = load_robot("agriq"), load_manoeuvre("eight")
+    once = plan(eight, robot)
+    times = int(np.ceil(duration / once.duration)) + 1
+    planned = plan(Manoeuvre("eights", (Repeat(times, eight.segments),), a_max=eight.a_max), robot).commands()
+    knots, state = round(PERIOD / planned.dt), None
+    for first in range(0, round(duration / planned.dt), knots):
+        rows = slice(first, min(first + knots, round(duration / planned.dt)) + 1)
+        part = Commands(planned.dt, planned.velocity[rows], position=planned.position[rows], t0=first * planned.dt)
+        result = rollout(robot, part, integrator="semi_implicit", dt=2e-3, every=5, state=state)
+        state = result.final_state
+        yield first * planned.dt, result
+
+
+def write_long(bag: Path, duration: float) -> None:
+    """Write a recording of `duration` s, three topics at 100 Hz, a minute in memory at a time."""
+    from artibot_sim.experiment import BagWriter
+    from artibot_sim.experiment.contract import BY_KEY
+    from artibot_sim.experiment.encode import encoder
+    from artibot_sim.experiment.rollout_bag import START_NS, rollout_columns
+
+    with BagWriter(bag, {"robot": "agriq"}, live=False) as writer:
+        for key in _TOPICS:
+            writer.register(BY_KEY[key].name, BY_KEY[key].ros_type)
+        for start, result in pieces(duration):
+            columns = rollout_columns(result, result.robot)
+            encoders = [(BY_KEY[key].name, encoder(BY_KEY[key], columns[key])) for key in _TOPICS]
+            stamps = (START_NS + np.rint(result.t * 1e9)).astype(np.int64).tolist()
+            for row, stamp in enumerate(stamps[1 if start else 0 :], 1 if start else 0):
+                for topic, encode in encoders:
+                    writer.write(topic, encode(row, stamp), stamp, stamp)
+
+
+def effects(size: float, folder: Path) -> Figures:
+    """A rollout with so many of the model's effects at work."""
+    import dataclasses
+
+    from artibot_sim.bench.scenario import Scenario
+    from artibot_sim.bench.speed import ALL_EFFECTS
+    from artibot_sim.bench.timing import repeat
+
+    scenario = Scenario()
+    chosen = dict(list(ALL_EFFECTS.items())[: int(size)])
+    scenario = dataclasses.replace(scenario, rover=dataclasses.replace(scenario.robot, effects=chosen))
+    timing = repeat(lambda: scenario.rollout("rk4", 1e-3), 8)
+    peak = 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return {"rollout": {"seconds": timing.best, "cpu": float(timing.cpu.min()), "bytes": peak}}
+
+
+def cores(size: float, folder: Path) -> Figures:
+    """A sweep in so many processes, their start included."""
+    from artibot_sim.sweep import plan_from_dict, sweep
+
+    axes = {"contact.k_l": {"from": 1500, "to": 3500}, "contact.mu_s": {"from": 0.45, "to": 0.9}}
+    plan = plan_from_dict({"manoeuvre": "table6_agriq", "method": "latin", "runs": 512, "axes": axes})
+    watch = Watch()
+    watch("sweep", lambda: sweep(plan, folder / "sweep", workers=int(size)))
+    children = 1024.0 * resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+    watch.figures["sweep"]["bytes"] += size * children if size > 1 else 0.0
+    return watch.figures
+
+
+KINDS: dict[str, Callable[[float, Path], Figures]] = {
+    "runs": runs, "table": table, "length": length, "identification": identification, "effects": effects,
+    "cores": cores,
+}  # fmt: skip
+
+
+if __name__ == "__main__":
+    print(json.dumps(KINDS[sys.argv[1]](float(sys.argv[2]), Path(sys.argv[3]))))
