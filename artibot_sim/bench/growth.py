@@ -118,7 +118,8 @@ def command(out: Path, only: tuple[str, ...], quick: bool) -> None:
     write_files({out / "growth.json": text.encode(), out / "growth.png": chart(points)})
     for kind, operation, mine in lines(points):
         last, by = mine[-1], power(mine)
-        said = f"{kind:15} {operation:11} {last.size:9g} {UNITS[kind]:8} {last.seconds:9.2f} s ({last.cpu:.2f} s CPU) {last.bytes / 1e6:7.0f} MB"
+        what = f"{kind:15} {operation:11} {last.size:9g} {UNITS[kind]:8}"
+        said = f"{what} {last.seconds:9.2f} s ({last.cpu:.2f} s CPU) {last.bytes / 1e6:7.0f} MB"
         grows = "" if np.isnan(by) else f"  time ~ size^{by:.2f}, memory ~ size^{power(mine, 'bytes'):.2f}"
         print(said + grows + ("  MORE THAN LINEAR" if by > LINEAR else ""))
     print(f"wrote {out}/growth.json, {out}/growth.png")
