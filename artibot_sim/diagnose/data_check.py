@@ -110,14 +110,14 @@ def _faults(experiment: Experiment, robot: Robot) -> Iterator[str]:
         yield f"{len(experiment.segments)} segments; a pose says nothing about the one before the gap"
     for key in USED:
         if key in experiment.channels:
-            yield from _channel_faults(experiment.channels[key], experiment.segments)
+            yield from _channel_faults(experiment.channels[key], experiment)
     yield from clock_faults(experiment, robot)
     yield from wheel_faults(experiment, robot)
 
 
-def _channel_faults(channel: Channel, segments: Sequence[tuple[float, float]]) -> Iterator[str]:
+def _channel_faults(channel: Channel, experiment: Experiment) -> Iterator[str]:
     """Gaps, repetitions and stops of one topic."""
-    gaps = _gaps(channel, segments)
+    gaps = _gaps(channel, experiment.segments)
     if gaps:
         start, length = max(gaps, key=lambda gap: gap[1])
         more = f", and {len(gaps) - 1} shorter gaps" if len(gaps) > 1 else ""
@@ -126,7 +126,7 @@ def _channel_faults(channel: Channel, segments: Sequence[tuple[float, float]]) -
     if held > _HELD:
         yield f"{channel.topic}: {100 * held:.0f} % of its samples repeat the one before; they count once"
     for name in channel.columns:
-        limit = _limit(channel, name)
+        limit = _limit(channel, name, experiment.channels["motor_torques"])
         if limit is not None:
             yield f"{channel.topic}: {name} stands at ±{number(limit, 3)} for a while: is the sensor saturated?"
 
@@ -152,13 +152,13 @@ def _held(channel: Channel) -> float:
     return min(shares, default=0.0)
 
 
-_LIMITED = ("yaw_rate", "ax", "ay", "position", "effort")
-"""Ends of the names of columns that a sensor's range limits; positions are those of joints."""
+_LIMITED = ("yaw_rate", "ax", "ay", "articulation_yaw.position", "effort")
+"""Ends of the names of columns that a sensor's range limits."""
 
 
-def _limit(channel: Channel, name: str) -> float | None:
-    """The value at which a column stands as if cut off, None where it does not."""
-    if not name.endswith(_LIMITED) or (name.endswith("position") and channel.topic != "/joint_states"):
+def _limit(channel: Channel, name: str, motors: Channel) -> float | None:
+    """The value at which a column stands as if cut off while motors turn, None where it does not."""
+    if not name.endswith(_LIMITED):
         return None
     t, values = channel.series(name)
     if len(values) < 50 or np.ptp(values) <= 0:
@@ -167,9 +167,20 @@ def _limit(channel: Channel, name: str) -> float | None:
     at = np.abs(values) >= peak * (1 - 1e-9)
     edges = np.flatnonzero(np.diff(np.concatenate(([0], at.astype(int), [0]))))
     for first, end in zip(edges[::2], edges[1::2], strict=True):
-        if end - first >= _STUCK_RUN and t[end - 1] - t[first] >= _STUCK and peak > 0:
+        long_enough = end - first >= _STUCK_RUN and t[end - 1] - t[first] >= _STUCK
+        if long_enough and peak > 0 and _turning(motors, t[first], t[end - 1]):
             return peak
     return None
+
+
+def _turning(motors: Channel, first: float, last: float) -> bool:
+    """Whether motors turn all the time between two times, s."""
+    part = motors.between(first, last)
+    for motor in MOTORS[:2]:
+        name = f"{motor}.velocity"
+        if name in part and len(speed := part.series(name)[1]):
+            return bool(np.abs(speed).min() > 20 * _STILL)
+    return len(part) > 0
 
 
 def _together(recordings: Sequence[Experiment], robot: Robot) -> Iterator[str]:

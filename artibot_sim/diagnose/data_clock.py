@@ -18,8 +18,8 @@ Array = NDArray[np.float64]
 _STEP = 0.02
 _LONGEST = 0.6
 """s to either side of which an offset is looked for."""
-_SAID = 0.05
-"""s of an offset that are said,"""
+_EARLY, _LATE = 0.05, 0.12
+"""s of an offset that are said: a rover answers its wheels late by itself, by up to 0.07 s where their speed jumps,"""
 _SURE = 5.0
 """if it is so many times its standard deviation,"""
 _ALIKE = 0.9
@@ -40,7 +40,7 @@ def clock_faults(experiment: Experiment, robot: Robot) -> Iterator[str]:
         if found is None:
             continue
         offset, sd = found
-        if abs(offset) > max(_SAID, _SURE * sd):
+        if abs(offset) > max(_LATE if offset > 0 else _EARLY, _SURE * sd):
             way = "late" if offset > 0 else "early"
             yield f"{topic} is {1e3 * abs(offset):.0f} ms {way} against {motors.topic}, by its {what}"
 

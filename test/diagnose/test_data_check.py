@@ -18,7 +18,7 @@ from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop, Stra
 BOTH_WAYS = Manoeuvre(
     "both ways",
     (Dwell(0.5), Ramp(speed=0.6), Slalom(curvature=0.45, wavelength=5.0, periods=2.0), Stop(), Ramp(speed=0.5),
-     Straight(length=2.0), Stop(), Ramp(speed=0.5), Straight(length=2.0), Stop()),
+     Straight(length=2.0), Stop(), Ramp(speed=0.5), Straight(length=2.0), Stop(), Dwell(1.0)),
     a_max=0.5, blend=0.3,
 )  # fmt: skip
 LEFT = Manoeuvre("left", (Dwell(0.5), Ramp(speed=0.6), Arc(radius=2.0, angle=4.0), Stop()), a_max=0.5)
@@ -179,3 +179,15 @@ def test_a_lag_is_found_to_a_few_milliseconds(by: float) -> None:
 def test_what_is_unrelated_has_no_lag() -> None:
     rng = np.random.default_rng(1)
     assert lag(np.arange(0.0, 20.0, 0.02), *rng.standard_normal((2, 1000))) is None
+
+
+def test_a_joint_that_rests_bent_is_not_saturated(good: Experiment, agriq: Robot) -> None:
+    """At a standstill an exact angle stays what it is, at its largest perhaps."""
+    joint = good.channels["joint_states"]
+    angle = np.sin(0.3 * np.minimum(joint.t, joint.t[-1] - 0.8))
+    bent = np.where(joint.t > joint.t[-1] - 0.6, 1.5, angle)  # when it stands for a second
+    assert "saturated" not in said(changed(good, "joint_states", **{"articulation_yaw.position": bent}), agriq)
+    held = np.clip(1.3 * angle, -1.0, 1.0)
+    assert "articulation_yaw.position stands at ±1.00" in said(
+        changed(good, "joint_states", **{"articulation_yaw.position": held}), agriq
+    )
