@@ -13,7 +13,7 @@ class Phase(enum.Enum):
     """What the master is at."""
 
     OFFLINE = "the bus carries no frames"
-    LISTENING = "listening whether somebody else leads the drives"
+    LISTENING = "listening for another driver"
     CONFIGURING = "drives are missing or being set up"
     LOCKED = "a drive is in fault: reset it first"
     READY = "disabled, may be enabled"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from artibot_driver.master import Phase, Status
-from artibot_sim.nodes.driver_answers import obstacles, stop_text
+from artibot_sim.nodes.driver_answers import stop_text
 
 START_WITHIN = 60.0
 """It holds for so long after the bus was opened, s: drives that come later ask for a person."""
@@ -41,7 +41,7 @@ class StartWish:
         elif status.stop is not None:
             found = Verdict(lapsed=stop_text(status.stop))
         elif status.phase is Phase.LOCKED:
-            found = Verdict(lapsed=obstacles(status) or status.phase.value)
+            found = Verdict(lapsed=status.phase.value)
         elif status.phase is Phase.READY:
             found = Verdict(enable=True)
         else:

@@ -141,7 +141,6 @@ def test_enable_on_start_enables_once() -> None:
         (READY, START_WITHIN + 0.1, "not ready within 60 s"),
         (replace(READY, stop=STOP), 1.0, "drive back_left says nothing"),
         (replace(READY, phase=Phase.LOCKED), 1.0, Phase.LOCKED.value),
-        (replace(with_drive(1, trouble="in fault: too hot"), phase=Phase.LOCKED), 1.0, "too hot"),
     ],
 )
 def test_enable_on_start_lapses_after_a_while_or_when_something_has_happened(
