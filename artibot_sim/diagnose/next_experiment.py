@@ -1,0 +1,161 @@
+"""What to measure next: the shortest manoeuvre of a library that would tell tied effects apart, found by simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import permutations
+
+import numpy as np
+
+from artibot_sim.diagnose.command_data import told
+from artibot_sim.diagnose.command_fit import Fitter
+from artibot_sim.diagnose.command_limit import torque_limit
+from artibot_sim.diagnose.command_model import PARAMETERS, Way, seen, way_of
+from artibot_sim.diagnose.command_noise import Noise, least_noise
+from artibot_sim.diagnose.diagnosis import NextExperiment
+from artibot_sim.diagnose.next_freedom import Explanation
+from artibot_sim.diagnose.next_manoeuvres import KAPPA, LIBRARY, Entry
+from artibot_sim.diagnose.next_simulation import Trial, trial
+from artibot_sim.model import Robot
+from artibot_sim.planning import plan
+
+ENOUGH = 20.0
+"""Nats that the two hardest to tell apart have to differ by: odds of 1 to 5e8."""
+USUAL = {
+    "position": 0.005, "yaw": 0.01, "yaw_rate": 0.004, "articulation_yaw": 0.003, "torque_front": 0.025,
+    "torque_back": 0.025, "front_velocity": 0.25,
+}  # fmt: skip
+"""Noise of sensors that nothing is known about (SI)."""
+_MEASURED = ("position", "yaw_rate", "articulation_yaw", "torque_front", "torque_back")
+_AVERAGED = 2.0
+"""By which means over 40 ms are better than single speeds."""
+_BEFORE = 1.2
+"""m before the middle of a place on the ground at which manoeuvres begin."""
+
+
+def next_experiment(
+    robots: Mapping[str, Robot],
+    noise: Mapping[str, float] | None = None,
+    *,
+    seed: int = 0,
+    library: Sequence[Entry] = LIBRARY,
+) -> NextExperiment | None:
+    """The cheapest manoeuvre that would tell effects apart that tie; None where there is nothing to tell apart.
+
+    Parameters
+    ----------
+    robots : mapping of str to Robot
+        By effect: the robot with it, as the recordings so far give it.
+    noise : mapping of str to float, optional
+        Standard deviations of what is measured, by channel (SI); the usual sensors' by default. What is not in it is
+        not measured, except motor speeds, which always are.
+    seed : int
+        Not used: nothing is drawn.
+    library : sequence of Entry
+
+    Notes
+    -----
+    Every robot drives every manoeuvre from the same commands; every other one then is to explain what it measured, in
+    windows with starts of their own, its soil and its effects' sizes as free as the recordings so far leave them. Of
+    all such pairs the one that is hardest to tell apart counts. Where no manoeuvre tells all apart it is the one that
+    does best.
+    """
+    if len(robots) < 2:
+        return None
+    levels = {c: v for c, v in (dict(noise) if noise else {c: USUAL[c] for c in _MEASURED}).items() if v > 0.0}
+    place = _place(robots)
+    some = next(iter(robots.values()))
+    best: tuple[float, Entry] | None = None
+    for entry in sorted(library, key=lambda entry: duration(entry, some)):
+        nats = hardest(robots, entry, levels, place, best[0] if best else 0.0)
+        if best is None or nats > best[0]:
+            best = nats, entry
+        if nats >= ENOUGH:
+            break
+    assert best is not None
+    return _described(robots, *best, duration(best[1], some), place)
+
+
+def duration(entry: Entry, robot: Robot) -> float:
+    """How long a manoeuvre takes, s."""
+    return plan(entry.manoeuvre, robot).duration
+
+
+def hardest(
+    robots: Mapping[str, Robot],
+    entry: Entry,
+    noise: Mapping[str, float],
+    place: tuple[float, float] = (0.0, 0.0),
+    least: float = 0.0,
+) -> float:
+    """Nats between the two robots that a manoeuvre tells apart worst; as soon as that is under `least` it is enough."""
+    trials = {name: trial(robot, entry, place, tuple(noise)) for name, robot in robots.items()}
+    worst = np.inf
+    for one, other in permutations(robots, 2):
+        driven = trials[one]
+        if driven is None:
+            return 0.0
+        told_apart = by_commands(driven, robots[other], noise)
+        if told_apart < min(worst, 1e4):
+            told_apart += Explanation(driven, robots[other], noise).nats()
+        worst = min(worst, told_apart)
+        if worst <= least:
+            break
+    return float(worst)
+
+
+def by_commands(driven: Trial, robot: Robot, noise: Mapping[str, float]) -> float:
+    """Nats that a robot loses in the command view against the one that drove."""
+    data = told([driven.recording])
+    if data is None:
+        return 0.0
+    level = max(noise.get("front_velocity", USUAL["front_velocity"]) / _AVERAGED, least_noise(data))
+    sensors = Noise(level, np.zeros(3))
+    own = [name for name in robot.effects if name in PARAMETERS]
+    fitter = Fitter(data, sensors, way_of(robot.effects), np.ones(len(data), bool))
+    best = fitter.best(own)
+    lost = sensors.log_likelihood(data, np.zeros(len(data))) - best.value
+    if "torque_limit" in robot.effects:
+        limit = torque_limit(data, sensors, data.speed - seen(data, best.way))
+        lost -= max(limit.nats, 0.0) if limit else 0.0
+        torque_noise = noise.get("torque_front", USUAL["torque_front"])
+        over = np.abs(data.torque) - float(robot.effects["torque_limit"]["front_max"])
+        over = np.maximum(np.nan_to_num(over) / torque_noise, 0.0)
+        lost += 0.5 * float(np.minimum(over**2, 25.0).sum())
+    return max(lost, 0.0) + _by_back_torques(driven, robot, noise)
+
+
+def _by_back_torques(driven: Trial, robot: Robot, noise: Mapping[str, float]) -> float:
+    """The same of the back motors' torques, which are commanded."""
+    data = told([driven.recording], "effort") if "torque_back" in noise else None
+    if data is None:
+        return 0.0
+    sensors = Noise(max(noise["torque_back"] / _AVERAGED, least_noise(data)), np.zeros(3))
+    values = robot.effects.get("torque_scale")
+    known = Way(scale=float(values["scale"])) if values else Way()
+    fitter = Fitter(data, sensors, known, np.ones(len(data), bool))
+    best = fitter.best(("encoder_scale",) if values else ())
+    return max(sensors.log_likelihood(data, np.zeros(len(data))) - best.value, 0.0)
+
+
+def _place(robots: Mapping[str, Robot]) -> tuple[float, float]:
+    """Where manoeuvres begin: before the first place on the ground that an effect is about, else at the origin."""
+    for robot in robots.values():
+        for values in robot.effects.values():
+            if {"x", "y", "radius"} <= set(values):
+                return float(values["x"]) - _BEFORE, float(values["y"])
+    return 0.0, 0.0
+
+
+def _described(
+    robots: Mapping[str, Robot], nats: float, entry: Entry, seconds: float, place: tuple[float, float]
+) -> NextExperiment:
+    where = f", starting at x = {place[0]:.1f} m, y = {place[1]:.1f} m" if place != (0.0, 0.0) else ""
+    names = list(robots)
+    apart = f"{', '.join(names[:-1])} from {names[-1]}" if len(names) == 2 else f"{', '.join(names)} from one another"
+    sure = "" if nats >= ENOUGH else "; the best of the library, yet hardly enough to be sure"
+    said = (
+        f"Drive {entry.what} ({seconds:.0f} s, kappa {KAPPA:g}){where}: "
+        f"expected to tell {apart} by {nats:.0f} nats{sure}."
+    )
+    return NextExperiment(said, entry.name, tuple(names), float(nats))
