@@ -19,8 +19,8 @@ from artibot_sim.diagnose.next_simulation import Trial, trial
 from artibot_sim.model import Robot
 from artibot_sim.planning import plan
 
-ENOUGH = 20.0
-"""Nats that the two hardest to tell apart have to differ by: odds of 1 to 5e8."""
+ENOUGH = 30.0
+"""Nats that the two hardest to tell apart have to differ by: so much more than what fits of the same robot may leave (about 10)."""
 USUAL = {
     "position": 0.005, "yaw": 0.01, "yaw_rate": 0.004, "articulation_yaw": 0.003, "torque_front": 0.025,
     "torque_back": 0.025, "front_velocity": 0.25,

@@ -27,7 +27,9 @@ _PLACES = {"rad": 0.3, "m": 0.3}
 _STARTS = np.array([0.03, 0.03, 0.1, 0.03, 0.03, 0.015, 0.01, 0.05])
 """The same of a window's start: x, y, yaw, velocities, joint."""
 _STEPS = np.array([1e-3, 1e-3, 1e-3, 3e-3, 3e-3, 3e-3, 1e-3, 3e-3])
-_ROUNDS = 2
+_ROUNDS = 8
+_FALL = (0.5, 0.05)
+"""Fall of the loss in a round, nats and over what is left, under which it has ended."""
 _FREEDOM = 5.0
 _LOST = 50.0
 
@@ -116,7 +118,10 @@ class Explanation:
             best = int(np.argmin(costs))
             if costs[best] >= least:
                 break
+            fallen = least - costs[best]
             least, (turns, moves) = costs[best], tried[best]
+            if fallen < max(_FALL[0], _FALL[1] * least):
+                break
         return least
 
     def _robot_at(self, turns: Array) -> Robot:
