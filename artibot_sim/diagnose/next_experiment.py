@@ -20,7 +20,7 @@ from artibot_sim.model import Robot
 from artibot_sim.planning import plan
 
 ENOUGH = 30.0
-"""Nats that the two hardest to tell apart have to differ by: so much more than what fits of the same robot may leave (about 10)."""
+"""Nats that the two hardest to tell apart have to differ by: more than a fit leaves that has not quite ended."""
 USUAL = {
     "position": 0.005, "yaw": 0.01, "yaw_rate": 0.004, "articulation_yaw": 0.003, "torque_front": 0.025,
     "torque_back": 0.025, "front_velocity": 0.25,
