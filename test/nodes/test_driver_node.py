@@ -289,6 +289,8 @@ def test_the_loop_is_not_held_up_by_services(
     assert np.median(np.abs(np.diff(syncs) - 0.01)) < 5e-3
     assert node.stop() == 0
     found = json.loads((tmp_path / "stats.json").read_text())
+    assert found["callback_cpu_max_ms"] > 0 and found["callback_wall_p99_ms"] <= found["callback_wall_max_ms"]
+    assert found["callback_turns"] > 10
     assert found["steps"] > 30 and found["late_max_ms"] >= found["late_p99_ms"] >= found["late_p50_ms"] > 0.0
 
 

@@ -117,6 +117,9 @@ def test_by_default_only_what_the_drives_sent_is_played_beside_the_topics(
     found = json.loads((tmp_path / "stats.json").read_text())
     assert found["topics"] == {"/from_can_bus": len(heard), "/motor_torques": CYCLES}
     assert found["not_sent"] == 0
+    by_topic = found["late_p99_ms_by_topic"]
+    assert set(by_topic) == set(found["topics"])
+    assert max(by_topic.values()) <= found["late_max_ms"]
     assert "WILL MOVE" not in node.output
 
 
