@@ -1,1 +1,12 @@
-"""What a simulation gets wrong, where, why, how sure that is, what mending it gains, and what to measure next."""
+"""What a simulation gets wrong, where, why, how sure that is, what mending it gains, and what to measure next.
+
+>>> from artibot_sim.diagnose import diagnose
+>>> from artibot_sim.experiment import read_bag
+>>> from artibot_sim.model import load_robot
+>>> found = diagnose([read_bag("run0"), read_bag("run1")], load_robot("agriq"), holdout=[read_bag("run2")])
+"""
+
+from artibot_sim.diagnose.diagnosis import Diagnosis, Verdict
+from artibot_sim.diagnose.run import diagnose
+
+__all__ = ["Diagnosis", "Verdict", "diagnose"]

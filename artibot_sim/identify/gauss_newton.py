@@ -16,8 +16,6 @@ Array = NDArray[np.float64]
 _DAMPING = 1e-3
 _SHARES = (1.0, 0.3, 0.0)
 """How much of its own step a window's start takes: the best of these."""
-_LONGEST = 0.25
-"""Longest step of a parameter's logarithm."""
 _START_STEPS = 3.0
 """Longest step of a start, in its prior deviations."""
 
@@ -112,14 +110,21 @@ def reduce(
 
 
 def step(
-    problem: Problem, loss: Loss, point: Point, free: Sequence[int], damping: float = _DAMPING
+    problem: Problem,
+    loss: Loss,
+    point: Point,
+    free: Sequence[int],
+    damping: float = _DAMPING,
+    known: Sequence[Sensitivity] | None = None,
 ) -> tuple[Point, Reduced, float]:
     """One step: the new point (the old one if nothing is gained), what it was computed from, and the next damping.
 
     A window whose start gets worse by its own step keeps the old one: a start that slips over a switch of eq. 16
-    must not hold back all others.
+    must not hold back all others. Sensitivities to `free` that are `known` from near by save computing them.
     """
-    residuals, sensitivities = problem.linearised(point.coordinates, point.starts, free)
+    residuals, sensitivities = point.residuals, known
+    if sensitivities is None:
+        residuals, sensitivities = problem.linearised(point.coordinates, point.starts, free)
     reduced = reduce(problem, loss, residuals, sensitivities, point.starts)
     index = list(free)
     information = problem.parameters.prior_information
@@ -127,7 +132,7 @@ def step(
     H = reduced.matrix + information[np.ix_(index, index)]
     for _ in range(4):
         move = np.linalg.solve(H + damping * np.diag(np.diag(H)), -gradient) if index else np.empty(0)
-        move *= min(1.0, _LONGEST / max(np.abs(move).max(initial=0.0), 1e-12))
+        move *= min(1.0, 1.0 / max((np.abs(move) / problem.parameters.longest[index]).max(initial=0.0), 1e-12))
         coordinates = point.coordinates.copy()
         coordinates[index] += move
         coordinates = problem.parameters.inside(coordinates)
@@ -167,9 +172,12 @@ def polished(problem: Problem, loss: Loss, point: Point, starts: Array, steps: i
 
 
 def align(problem: Problem, loss: Loss, point: Point) -> Point:
-    """Every window's start moved and turned as its path wants it."""
+    """Every window's start moved and turned as its path wants it; simulated again where the ground is not uniform."""
     pairs = [problem.aligned(i, r, s) for i, (r, s) in enumerate(zip(point.residuals, point.starts, strict=True))]
-    return assess(problem, loss, point.coordinates, np.array([s for s, _ in pairs]), [r for _, r in pairs])
+    starts = np.array([s for s, _ in pairs])
+    if not problem.parameters.uniform:
+        return evaluate(problem, loss, [point.coordinates], starts)[0]
+    return assess(problem, loss, point.coordinates, starts, [r for _, r in pairs])
 
 
 def again(problem: Problem, loss: Loss, point: Point) -> Point:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 
 from artibot_sim.documents import did_you_mean
 from artibot_sim.errors import ArtibotError
+from artibot_sim.identify.extension import SPREAD, Extension
+from artibot_sim.identify.extension import STEP as EFFECT_STEP
 from artibot_sim.model import Robot
+from artibot_sim.model.effects import EFFECTS
 
 Array = NDArray[np.float64]
 
@@ -24,6 +27,12 @@ MU_D = "contact.mu_d"
 _SPREAD = {"contact": 0.4, "wheel.r_w": 0.05, "front.m": 0.3, "back.m": 0.3}
 """Standard deviation of the prior over its middle, by key or by section; a guess in a robot file is a wide prior."""
 _GEOMETRY_SPREAD = 0.15
+STEP = 4e-3
+"""Change of a logarithm for its finite difference: about what data leave open, so that switches that such a change moves
+are seen as often as they count."""
+_LONGEST = 0.25
+"""Longest step of a logarithm, and of an effect's coordinate."""
+_LONGEST_EFFECT = 0.7
 _WIDEST = 5.0
 """Bounds lie this many prior deviations from the middle, in the logarithm."""
 
@@ -67,28 +76,47 @@ class Parameter:
 
 @dataclass(frozen=True)
 class ParameterSet:
-    """The parameters of a fit in their order, and the robot that they change."""
+    """The parameters of a fit in their order, the robot that they change, and effects whose coordinates follow them."""
 
     robot: Robot
     parameters: tuple[Parameter, ...]
+    extensions: tuple[Extension, ...] = ()
 
     def __len__(self) -> int:
-        return len(self.parameters)
+        return len(self.parameters) + sum(len(extension) for extension in self.extensions)
 
-    @property
+    @cached_property
     def keys(self) -> tuple[str, ...]:
         """As in a robot file."""
-        return tuple(parameter.key for parameter in self.parameters)
+        own = tuple(parameter.key for parameter in self.parameters)
+        return own + tuple(key for extension in self.extensions for key in extension.keys)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Short ones."""
-        return tuple(parameter.name for parameter in self.parameters)
+        own = tuple(parameter.name for parameter in self.parameters)
+        return own + tuple(name for extension in self.extensions for name in extension.names)
 
     @property
     def spread(self) -> Array:
-        """Prior standard deviations in the logarithm, shape (p,)."""
-        return np.array([parameter.spread for parameter in self.parameters])
+        """Prior standard deviations of the logarithms, and of the effects' coordinates, shape (p,)."""
+        own = [parameter.spread for parameter in self.parameters]
+        return np.array(own + [SPREAD] * (len(self) - len(own)))
+
+    @cached_property
+    def steps(self) -> Array:
+        """Changes of the coordinates for finite differences, shape (p,).
+
+        mu_d steps downwards, for it may stand at mu_s, over which it cannot go.
+        """
+        own = [-STEP if parameter.key == MU_D else STEP for parameter in self.parameters]
+        return np.array(own + [EFFECT_STEP] * (len(self) - len(own)))
+
+    @cached_property
+    def longest(self) -> Array:
+        """Longest steps of a fit, shape (p,)."""
+        own = [_LONGEST] * len(self.parameters)
+        return np.array(own + [_LONGEST_EFFECT] * (len(self) - len(own)))
 
     @cached_property
     def mixing(self) -> Array:
@@ -112,15 +140,24 @@ class ParameterSet:
         return scaled.T @ scaled
 
     def values(self, coordinates: Array) -> Array:
-        """Values in SI units at coordinates (p,)."""
+        """Values in SI units of the robot's own parameters at coordinates (p,)."""
+        own = len(self.parameters)
         middles = np.array([p.prior.value for p in self.parameters])
-        values: Array = middles * np.exp(self.mixing @ coordinates)
+        values: Array = middles * np.exp(self.mixing[:own] @ coordinates)
         return values
 
-    def coordinates(self, values: Sequence[float] | Array) -> Array:
-        """Coordinates (p,) at values."""
+    def coordinates(self, values: Sequence[float] | Array, extended: Array | None = None) -> Array:
+        """Coordinates (p,) at values of the robot's own parameters, and the effects' coordinates `extended` (0)."""
+        own = len(self.parameters)
         middles = np.array([p.prior.value for p in self.parameters])
-        return np.asarray(np.linalg.solve(self.mixing, np.log(np.asarray(values, float) / middles)), float)
+        mine = np.linalg.solve(self.mixing[:own, :own], np.log(np.asarray(values, float) / middles))
+        rest = np.zeros(len(self) - own) if extended is None else extended
+        return np.concatenate([mine, rest])
+
+    def extended(self, coordinates: Array) -> list[Array]:
+        """The coordinates of each effect."""
+        ends = np.cumsum([len(self.parameters), *(len(extension) for extension in self.extensions)])
+        return [coordinates[a:b] for a, b in zip(ends, ends[1:], strict=False)]
 
     def inside(self, coordinates: Array) -> Array:
         """The nearest coordinates whose values are within bounds, mu_d not above mu_s."""
@@ -131,10 +168,13 @@ class ParameterSet:
         i, j = self.index(MU_S), self.index(MU_D)
         if i is not None and j is not None:
             clipped[j] = min(clipped[j], clipped[i])
-        return coordinates if (clipped == values).all() else self.coordinates(clipped)
+        parts = self.extended(coordinates)
+        nearest = [extension.nearest(part) for extension, part in zip(self.extensions, parts, strict=True)]
+        unchanged = (clipped == values).all() and all((a == b).all() for a, b in zip(nearest, parts, strict=True))
+        return coordinates if unchanged else self.coordinates(clipped, np.concatenate([np.empty(0), *nearest]))
 
     def at_bound(self, coordinates: Array) -> list[bool]:
-        """Which parameters stand at a bound."""
+        """Which of the robot's own parameters stand at a bound."""
         values = self.values(coordinates)
         return [
             bool(v <= p.low * (1 + 1e-4) or v >= p.high * (1 - 1e-4))
@@ -142,8 +182,18 @@ class ParameterSet:
         ]
 
     def robot_at(self, coordinates: Array) -> Robot:
-        """The robot at coordinates (p,)."""
-        return self.robot_with(self.values(coordinates))
+        """The robot at coordinates (p,), with the effects as they are there."""
+        robot = self.robot_with(self.values(coordinates))
+        if not self.extensions:
+            return robot
+        parts = zip(self.extensions, self.extended(coordinates), strict=True)
+        return replace(robot, effects=dict(robot.effects) | {e.id: e.values(part) for e, part in parts})
+
+    @property
+    def uniform(self) -> bool:
+        """Whether the ground is the same everywhere and in all directions."""
+        at_work = [*self.robot.effects, *(extension.id for extension in self.extensions)]
+        return all(EFFECTS[name].uniform for name in at_work)
 
     def robot_with(self, values: Array) -> Robot:
         """The robot with values (p,); mu_d gives way to a smaller mu_s that is fitted, else mu_s to it."""

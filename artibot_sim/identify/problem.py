@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.identify.parameters import MU_D, ParameterSet
+from artibot_sim.identify.parameters import ParameterSet
 from artibot_sim.identify.sensing import Stretch
 from artibot_sim.identify.starts import postures, states
 from artibot_sim.identify.windows import CHANNEL_NAMES, Window
@@ -20,9 +20,6 @@ from artibot_sim.model.windows import KINDS, Items, Plan, WindowBatch, window_st
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-STEP = 4e-3
-"""Change of a parameter's logarithm for its finite difference: about what data leave open, so that switches that
-such a change moves are seen as often as they count."""
 _START_STEP = np.array([1e-3, 1e-3, 1e-3, 3e-3, 3e-3, 3e-3, 1e-3, 3e-3])
 """The same for starts, in the order of START."""
 _RIGID = 3
@@ -58,6 +55,10 @@ class Problem:
     windows : sequence of Window
     workers : int, optional
         Threads; as many as cores by default.
+    kappa : sequence of float or None
+        Front shares of the stretches, where motors are under torque.
+    dt : float, optional
+        Integration step, s; the longest that the robot allows by default.
     """
 
     parameters: ParameterSet
@@ -65,13 +66,14 @@ class Problem:
     windows: Sequence[Window]
     workers: int | None = None
     kappa: Sequence[float | None] = ()
+    dt: float | None = None
     _batch: WindowBatch = field(init=False, repr=False)
     _before: list[int | None] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         kappa = self.kappa or [None] * len(self.stretches)
         tables = [stretch.table(share) for stretch, share in zip(self.stretches, kappa, strict=True)]
-        dt = window_step(self.parameters.robot, tables)
+        dt = self.dt or window_step(self.parameters.robot, tables)
         plans = [window.plan for window in self.windows]
         self._before = predecessors(self.windows)
         after = {before: i for i, before in enumerate(self._before) if before is not None}
@@ -87,6 +89,10 @@ class Problem:
     def part(self, rows: Sequence[int]) -> Problem:
         """The same with some of the windows."""
         return replace(self, windows=[self.windows[i] for i in rows])
+
+    def with_parameters(self, parameters: ParameterSet) -> Problem:
+        """The same windows, in the same integration steps, for other parameters to explain."""
+        return replace(self, parameters=parameters, dt=self._batch.dt)
 
     def rescaled(self, levels: Array) -> Problem:
         """The same with the noise of each channel multiplied by `levels` (channels,)."""
@@ -183,12 +189,12 @@ class Problem:
     def aligned(self, number: int, residual: Array, start: Array) -> tuple[Array, Array]:
         """A start moved and turned as a whole so that its path fits best, and the residuals then: no simulation.
 
-        Where the ground is uniform only positions and headings notice; elsewhere nothing is changed.
+        Where the ground is uniform only positions and headings notice; elsewhere the residuals are a guess.
         """
         window = self.windows[number]
         kind = window.plan.kind
         x, y, yaw = kind == 0, kind == 1, np.isin(kind, HEADINGS)
-        if not self._uniform or not x.any():
+        if not x.any():
             return start, residual
         known = self.start_weight[number].T @ self.start_weight[number]
         predicted = residual * window.sigma + window.value
@@ -210,8 +216,7 @@ class Problem:
         self, coordinates: Array, starts: Array, free: Sequence[int]
     ) -> tuple[list[Array], list[Sensitivity]]:
         """Residuals and their sensitivities to the parameters numbered `free` and to the starts."""
-        # mu_d may stand at mu_s, over which it does not step
-        steps = np.array([-STEP if key == MU_D else STEP for key in self.parameters.keys])
+        steps = self.parameters.steps
         robots = [self.parameters.robot_at(coordinates)]
         for i in free:
             moved = coordinates.copy()
@@ -237,14 +242,31 @@ class Problem:
             parameters = np.column_stack(columns) if columns else np.empty((len(base), 0))
             residuals.append(base)
             sensitivities.append(Sensitivity(parameters, start))
-        _clip(self.windows, [s.parameters for s in sensitivities])
-        _clip(self.windows, [s.start for s in sensitivities])
+        self.clip([s.parameters for s in sensitivities])
+        self.clip([s.start for s in sensitivities])
         return residuals, sensitivities
+
+    def clip(self, columns: Sequence[Array]) -> None:
+        """Limit sensitivities (n, c) of the windows in place, channel by channel, to three times what 99 of 100 have.
+
+        A finite difference across a switch of eq. 16 is as large as its step is small; a thousandth of all rows would
+        hold most of the information, and none of it is true.
+        """
+        channel = np.concatenate([window.channel for window in self.windows])
+        table = np.abs(np.concatenate(columns))
+        for c in range(len(CHANNEL_NAMES)):
+            rows = channel == c
+            if not rows.any():
+                continue
+            limit = 3.0 * np.quantile(table[rows], 0.99, axis=0)
+            for window, part in zip(self.windows, columns, strict=True):
+                mine = window.channel == c
+                part[mine] = np.clip(part[mine], -limit, limit)
 
     @property
     def _uniform(self) -> bool:
         """Whether the ground is the same everywhere and in all directions."""
-        return not self.parameters.robot.effects
+        return self.parameters.uniform
 
     def _rigid(self, number: int, predicted: Array, start: Array) -> Array:
         """Sensitivities (n, 3) to x, y and yaw of the start, where the ground is uniform."""
@@ -280,21 +302,3 @@ def predecessors(windows: Sequence[Window]) -> list[int | None]:
         ]  # fmt: skip
         found.append(max(running, key=lambda i: windows[i].first) if running else None)
     return found
-
-
-def _clip(windows: Sequence[Window], columns: list[Array]) -> None:
-    """Limit sensitivities in place, channel by channel, to three times what 99 of 100 have.
-
-    A finite difference across a switch of eq. 16 is as large as its step is small; a thousandth of all rows would
-    hold most of the information, and none of it is true.
-    """
-    channel = np.concatenate([window.channel for window in windows])
-    table = np.abs(np.concatenate(columns))
-    for c in range(len(CHANNEL_NAMES)):
-        rows = channel == c
-        if not rows.any():
-            continue
-        limit = 3.0 * np.quantile(table[rows], 0.99, axis=0)
-        for window, part in zip(windows, columns, strict=True):
-            mine = window.channel == c
-            part[mine] = np.clip(part[mine], -limit, limit)

@@ -114,9 +114,9 @@ def identify(
     """
     begun, ticks = time.perf_counter(), _Ticks(progress, (effort or Effort()), len(holdout))
     parameters = parameter_set(robot, fit, priors)
-    problem = _problem(recordings, parameters, window, workers)
+    problem = problem_of(recordings, parameters, window, workers)
     ticks()
-    problem, found = _search(problem, effort or Effort(), ticks)
+    problem, found = best_fit(problem, effort or Effort(), ticks)
     found, nodes = _profiled(problem, found, 2, ticks)
     motion = motion_of(problem, found.point.coordinates, found.point.starts, _has_torques(problem))
     result = _result(recordings, problem, found, nodes, motion)
@@ -143,7 +143,7 @@ class _Ticks:
         self._report(min(1.0, self._count / self._expected))
 
 
-def _problem(recordings: Sequence[Experiment], parameters: ParameterSet, window: float, workers: int | None) -> Problem:
+def problem_of(recordings: Sequence[Experiment], parameters: ParameterSet, window: float, workers: int | None) -> Problem:
     if not recordings:
         raise ArtibotError("identify: no recording; give at least one")
     if not (np.isfinite(window) and window >= 0.5):
@@ -158,7 +158,7 @@ def _problem(recordings: Sequence[Experiment], parameters: ParameterSet, window:
     return Problem(parameters, found, windows, workers)
 
 
-def _search(problem: Problem, effort: Effort, tick: Tick) -> tuple[Problem, Fit]:
+def best_fit(problem: Problem, effort: Effort, tick: Tick) -> tuple[Problem, Fit]:
     """The best fit, and the problem with noise levels as its residuals show them; first with some of the windows.
 
     Noise estimated from neighbouring samples misses what is slow: a total station's errors, what is left of the

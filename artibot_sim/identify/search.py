@@ -26,8 +26,8 @@ _DRAWS = 0.6
 _SHAKEN = np.array([0.1, 0.1, 0.3, 0.7, 0.7, 0.7, 0.3, 1.0])
 """Sizes of random changes of a start, in its prior deviations: what a window's own samples leave open."""
 _JOSTLES = 8
-_FARTHEST = 0.03
-"""Random changes of all parameters: how many at every step, and the largest of a logarithm."""
+_FARTHEST = 0.12
+"""Random changes of all parameters: how many at every step, and the largest as a share of the longest step."""
 _COARSE = 4
 """Steps between two coarse scans of mu_s."""
 _TURNS = (-0.06, -0.03, -0.015, 0.015, 0.03, 0.06)
@@ -178,7 +178,8 @@ def jostled(problem: Problem, loss: Loss, point: Point, reduced: Reduced, free: 
         size = (1.5, 5.0, 15.0)[k % 3]
         coordinates = point.coordinates.copy()
         move = vectors @ (size * rng.standard_normal(len(values)) / np.sqrt(values))
-        coordinates[list(free)] += np.clip(move, -_FARTHEST, _FARTHEST)
+        farthest = _FARTHEST * problem.parameters.longest[list(free)]
+        coordinates[list(free)] += np.clip(move, -farthest, farthest)
         if i is not None:
             coordinates[i] += 1e-3 * size * rng.standard_normal()
         candidates.append(problem.parameters.inside(coordinates))

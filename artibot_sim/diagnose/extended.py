@@ -1,0 +1,123 @@
+"""The robot with what was diagnosed: soil and effects with their sources and 95 % intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.diagnose.diagnosis import Found
+from artibot_sim.identify.extension import Extension
+from artibot_sim.identify.gauss_newton import Point, reduce
+from artibot_sim.identify.judgement import SYSTEMATIC
+from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.search import Fit, free_parameters
+from artibot_sim.identify.uncertainty import Node, from_bootstrap
+from artibot_sim.model import Robot
+from artibot_sim.model.effects import EFFECTS
+from artibot_sim.model.effects.base import Choice
+from artibot_sim.model.quantity import Quantity
+
+Array = NDArray[np.float64]
+
+_NORMAL = 1.96
+_OWN_SYSTEMATIC = 0.02
+"""Standard deviation, as a share of an effect's coordinate, of what no residual shows."""
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """A fit's coordinates with their covariance.
+
+    Attributes
+    ----------
+    point : Point
+    covariance : array, shape (p, p)
+        Of the values' logarithms and the effects' coordinates; the wider of curvature and bootstrap, and what neither
+        sees.
+    """
+
+    point: Point
+    covariance: Array
+
+
+def uncertain(problem: Problem, fit: Fit, seed: int) -> Uncertain:
+    """Covariances at a fit's end."""
+    parameters, point = problem.parameters, fit.point
+    free = free_parameters(problem)
+    residuals, sensitivities = problem.linearised(point.coordinates, point.starts, free)
+    reduced = reduce(problem, fit.loss, residuals, sensitivities, point.starts)
+    index = list(free)
+    own = np.zeros((len(parameters), len(parameters)))
+    information = reduced.matrix + parameters.prior_information[np.ix_(index, index)]
+    own[np.ix_(index, index)] = np.linalg.inv(information)
+    curvature = parameters.mixing @ own @ parameters.mixing.T
+    bootstrap = from_bootstrap(problem, [Node(point, reduced)], free, seed).covariance
+    wider = curvature if np.trace(curvature) > np.trace(bootstrap) else bootstrap
+    soil = len(parameters.parameters)
+    sd = np.sqrt(np.maximum(np.diag(curvature), np.diag(bootstrap)))
+    scale = np.maximum(sd / np.sqrt(np.maximum(np.diag(wider), 1e-30)), 1.0)
+    extra = np.full(len(parameters), SYSTEMATIC**2)
+    extra[soil:] = (_OWN_SYSTEMATIC * point.coordinates[soil:]) ** 2
+    return Uncertain(point, wider * np.outer(scale, scale) + np.diag(extra))
+
+
+def found_parameters(extension: Extension, own: Array, covariance: Array) -> dict[str, Found]:
+    """Values with intervals of one effect, its choices included."""
+    values = extension.values(own)
+    low, high = _interval(extension, own, covariance)
+    found: dict[str, Found] = {}
+    for name, parameter in extension.effect.parameters.items():
+        quantity = parameter.quantity
+        if isinstance(quantity, Choice):
+            found[name] = Found(str(values[name]))
+        elif name in low:
+            found[name] = Found(float(values[name]), quantity.unit, (low[name], high[name]))
+        else:
+            found[name] = Found(float(values[name]), quantity.unit, None)
+    return found
+
+
+def _interval(extension: Extension, own: Array, covariance: Array) -> tuple[dict[str, float], dict[str, float]]:
+    """Ends of the 95 % intervals by parameter; those of a size and its direction by their own variances."""
+    search, sd = extension.search, np.sqrt(np.diag(covariance))
+    if not search.direction:
+        low, high = extension.bounds
+        ends = [np.clip(own + side * _NORMAL * sd, low, high) for side in (-1.0, 1.0)]
+        first, last = (extension.values(end) for end in ends)
+        names = list(search.sizes)
+        return {n: float(min(first[n], last[n])) for n in names}, {n: float(max(first[n], last[n])) for n in names}
+    size, scale = float(np.hypot(*own)), next(iter(search.sizes.values()))
+    along, across = own / size, np.array([-own[1], own[0]]) / size
+    wide = _NORMAL * float(np.sqrt(along @ covariance @ along))
+    turn = min(np.pi, _NORMAL * float(np.sqrt(across @ covariance @ across)) / size)
+    heading, name = float(np.arctan2(own[1], own[0])), next(iter(search.sizes))
+    return (
+        {name: scale * max(0.0, size - wide), search.direction: heading - turn},
+        {name: scale * (size + wide), search.direction: heading + turn},
+    )
+
+
+def robot_of(problem: Problem, what: Uncertain, causes: Mapping[str, Mapping[str, Found]], names: Sequence[str]) -> Robot:
+    """The robot of a fit with sources and intervals of what was fitted; `causes` are the effects' parameters."""
+    parameters = problem.parameters
+    robot = parameters.robot_at(what.point.coordinates)
+    where = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+    sources, intervals = dict(robot.sources), dict(robot.intervals)
+    for i, parameter in enumerate(parameters.parameters):
+        value = float(robot.as_vector([parameter.key])[0])
+        half = _NORMAL * float(np.sqrt(what.covariance[i, i]))
+        sources[parameter.key] = f"identified: from {where}"
+        intervals[parameter.key] = (value * float(np.exp(-half)), value * float(np.exp(half)))
+    effects: dict[str, dict[str, Any]] = {name: dict(values) for name, values in robot.effects.items()}
+    for effect, found in causes.items():
+        effects[effect] = {name: entry.value for name, entry in found.items()}
+        for name, entry in found.items():
+            if isinstance(EFFECTS[effect].parameters[name].quantity, Quantity):
+                sources[f"effects.{effect}.{name}"] = f"diagnosed: from {where}"
+                if entry.ci95 is not None:
+                    intervals[f"effects.{effect}.{name}"] = entry.ci95
+    return replace(robot, effects=effects, sources=sources, intervals=intervals)

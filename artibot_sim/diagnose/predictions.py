@@ -1,0 +1,119 @@
+"""Predictions of recordings by the paper's model and by the extended one, and what the extension is worth there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.diagnose.diagnosis import ChannelBaseline, ChannelGain
+from artibot_sim.experiment import Experiment
+from artibot_sim.identify.holdout import Held, hold_out
+from artibot_sim.identify.identification import ChannelFit
+from artibot_sim.identify.quality import deviations
+from artibot_sim.identify.sensing import CHANNEL_UNITS
+from artibot_sim.identify.windows import CHANNEL_NAMES
+from artibot_sim.model import Robot
+
+Array = NDArray[np.float64]
+
+_DRAWS = 500
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One recording, predicted by both models over the same windows.
+
+    Attributes
+    ----------
+    held_out : bool
+        Whether it took no part in the fit.
+    before, after : Held
+        By the paper's model with its soil identified, and by the extended one.
+    """
+
+    held_out: bool
+    before: Held
+    after: Held
+
+
+def predict(
+    experiment: Experiment, held_out: bool, baseline: Robot, extended: Robot, horizon: float, workers: int | None
+) -> Pair:
+    """A recording by both models; once only where they are the same."""
+    before = hold_out(experiment, baseline, horizon, workers)
+    same = extended.effects == baseline.effects and extended == baseline
+    return Pair(held_out, before, before if same else hold_out(experiment, extended, horizon, workers))
+
+
+def improvement(pairs: Sequence[Pair], levels: Mapping[str, float]) -> float:
+    """Fraction by which the noise-weighted mean squared error, less the noise's share, falls; 0 where there is none.
+
+    Parameters
+    ----------
+    pairs : sequence of Pair
+    levels : mapping of str to float
+        Factor on each channel's noise that residuals of the best fit show.
+    """
+    before, after = (np.mean(_weighted(pairs, name, levels)) - 1.0 for name in ("before", "after"))
+    return float(1.0 - max(after, 0.0) / before) if before > 0.0 else 0.0
+
+
+def _weighted(pairs: Sequence[Pair], name: str, levels: Mapping[str, float]) -> Array:
+    """Squared errors of all samples in units of noise."""
+    factor = np.array([levels.get(channel, 1.0) for channel in CHANNEL_NAMES])
+    held = [getattr(pair, name) for pair in pairs]
+    parts = [(r / factor[w.channel]) ** 2 for h in held for w, r in zip(h.windows, h.residuals, strict=True)]
+    return np.concatenate(parts) if parts else np.ones(1)
+
+
+def gains(pairs: Sequence[Pair], seed: int) -> dict[str, ChannelGain]:
+    """What the extension is worth in each channel, with intervals from windows drawn anew."""
+    rng, found = np.random.default_rng(seed), {}
+    for c, name in enumerate(CHANNEL_NAMES):
+        squares = np.array([_squares(pair, c) for pair in pairs for pair in _by_window(pair)]).reshape(-1, 3)
+        squares = squares[squares[:, 2] > 0]
+        if not len(squares):
+            continue
+        draws = []
+        for _ in range(_DRAWS):
+            total = squares[rng.integers(0, len(squares), len(squares))].sum(axis=0)
+            draws.append(np.sqrt(total[0] / total[2]) - np.sqrt(total[1] / total[2]))
+        total = squares.sum(axis=0)
+        low, high = np.quantile(draws, (0.025, 0.975)).tolist()
+        before, after = (float(np.sqrt(total[k] / total[2])) for k in (0, 1))
+        found[name] = ChannelGain(CHANNEL_UNITS[name], before, after, (low, high))
+    return found
+
+
+def _by_window(pair: Pair) -> list[tuple[Held, Held, int]]:
+    return [(pair.before, pair.after, i) for i in range(len(pair.before.windows))]
+
+
+def _squares(at: tuple[Held, Held, int], channel: int) -> tuple[float, float, float]:
+    """Sums of squared errors before and after (SI), and how many samples, of one window."""
+    before, after, i = at
+    _, first = deviations(before.windows[i], before.residuals[i], channel)
+    _, second = deviations(after.windows[i], after.residuals[i], channel)
+    return float(first @ first), float(second @ second), float(len(first))
+
+
+def baseline_levels(pairs: Sequence[Pair]) -> dict[str, ChannelBaseline]:
+    """How wrong the paper's model is over all recordings."""
+    found = {}
+    for name in CHANNEL_NAMES:
+        fits = [pair.before.summary.channels[name] for pair in pairs if name in pair.before.summary.channels]
+        if not fits:
+            continue
+        free = [pair.before.summary.free_run[name] for pair in pairs if name in pair.before.summary.free_run]
+        noise = float(np.median([fit.noise for fit in fits]))
+        found[name] = ChannelBaseline(fits[0].unit, _pooled(fits), noise, _pooled(free))
+    return found
+
+
+def _pooled(fits: Sequence[ChannelFit]) -> float:
+    """Root mean square over several recordings; NaN where there are none."""
+    count = sum(fit.count for fit in fits)
+    return float(np.sqrt(sum(fit.count * fit.rmse**2 for fit in fits) / count)) if count else float("nan")

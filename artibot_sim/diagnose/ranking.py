@@ -1,0 +1,73 @@
+"""How every effect of the vocabulary fared, and from which size on those not found are excluded."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from artibot_sim.diagnose.decision import Decision
+from artibot_sim.diagnose.diagnosis import Candidate
+from artibot_sim.diagnose.evidence import DECADE
+from artibot_sim.diagnose.greedy import Turn
+from artibot_sim.diagnose.screen import Trial
+from artibot_sim.model.effects import EFFECTS
+
+_EXCLUDED = 3.0
+"""Standard deviations beyond the best estimate from which a size is excluded: sensitivities are only nearly right."""
+
+
+def ranking(decision: Decision) -> tuple[Candidate, ...]:
+    """All effects, best first: those named as they were found, others as the last turn saw them."""
+    named = {n.effect: n for n in decision.named}
+    found = []
+    for effect in EFFECTS:
+        turns = decision.turns
+        if effect in named:
+            at = turns[list(named).index(effect)]
+        else:
+            at = turns[0] if effect in turns[0].evidence else turns[-1]
+        found.append(_candidate(effect, at, effect in named))
+    return tuple(sorted(found, key=lambda c: -c.log10_bayes_factor if np.isfinite(c.log10_bayes_factor) else np.inf))
+
+
+def _candidate(effect: str, at: Turn, named: bool) -> Candidate:
+    trials = [trial for trial in at.trials if trial.id == effect]
+    rival = next((rival for rival in at.rivals if rival.id == effect), None)
+    if rival is not None:
+        evidence = at.evidence[effect]
+        extension = rival.trial.hypothesis.extension
+        values = extension.values(rival.own)
+        return Candidate(
+            effect, evidence.nats / DECADE, values, {} if named else _excluded(trials), _note(trials), True
+        )
+    if not trials:
+        return Candidate(effect, 0.0, {}, {}, "not looked for: these recordings cannot show it")
+    best = min(trials, key=lambda trial: trial.point.cost)
+    nats = 0.5 * (at.fit.point.cost - best.point.cost)
+    return Candidate(
+        effect, nats / DECADE, best.hypothesis.extension.values(best.own), _excluded(trials), _note(trials), False
+    )
+
+
+def _excluded(trials: list[Trial]) -> dict[str, float]:
+    """Departures from neutral that are excluded, by parameter; of several choices the weakest bound."""
+    found: dict[str, float] = {}
+    for trial in trials:
+        extension = trial.hypothesis.extension
+        if not np.isfinite(trial.sd).all() or extension.search.reference:
+            return {}
+        reach = _EXCLUDED * float(np.max(trial.sd))
+        for name, size in extension.search.sizes.items():
+            if extension.search.logarithmic:
+                bound = float(np.expm1(reach * size))
+            else:
+                bound = reach * size
+            found[name] = max(found.get(name, 0.0), bound)
+    return found
+
+
+def _note(trials: list[Trial]) -> str:
+    if trials and all(not np.isfinite(trial.sd).all() for trial in trials):
+        if trials[0].hypothesis.extension.search.reference:
+            return ""
+        return "it never acts in these recordings"
+    return ""

@@ -1,0 +1,148 @@
+"""The cheap look at every effect: what it would gain, by sensitivities around the baseline and by finite probes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.diagnose.hypotheses import Hypothesis, with_effect
+from artibot_sim.identify.gauss_newton import Point, evaluate, reduce, step
+from artibot_sim.identify.problem import Problem, Sensitivity
+from artibot_sim.identify.robust import Loss
+from artibot_sim.identify.search import free_parameters
+
+Array = NDArray[np.float64]
+
+_REACH = 3.0
+"""Largest coordinate at which the estimate from sensitivities is tried."""
+_SCORE_STEP = 0.05
+"""Coordinate by which an effect is turned on for its sensitivity."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One hypothesis and the best point that was found for it so far.
+
+    Attributes
+    ----------
+    hypothesis : Hypothesis
+    problem : Problem
+        The baseline's with the effect's coordinates as the last ones.
+    point : Point
+    sd : array, shape (len(extension),)
+        Standard deviations of the coordinates as sensitivities at neutral give them; infinite where nothing changes.
+    """
+
+    hypothesis: Hypothesis
+    problem: Problem
+    point: Point
+    sd: Array
+
+    @property
+    def id(self) -> str:
+        """Of the effect."""
+        return self.hypothesis.id
+
+    @property
+    def own(self) -> Array:
+        """The effect's coordinates."""
+        return self.point.coordinates[-len(self.hypothesis.extension) :]
+
+
+@dataclass(frozen=True)
+class Around:
+    """What is known around a baseline: its residuals' sensitivities.
+
+    Attributes
+    ----------
+    problem : Problem
+    loss : Loss
+    point : Point
+        Its residuals simulated, not guessed.
+    free : tuple of int
+    sensitivities : sequence of Sensitivity
+    """
+
+    problem: Problem
+    loss: Loss
+    point: Point
+    free: tuple[int, ...]
+    sensitivities: Sequence[Sensitivity]
+
+
+def around(problem: Problem, loss: Loss, point: Point) -> Around:
+    """Sensitivities at a baseline."""
+    free = free_parameters(problem)
+    residuals, sensitivities = problem.linearised(point.coordinates, point.starts, free)
+    exact = evaluate(problem, loss, [point.coordinates], point.starts)[0]
+    del residuals
+    return Around(problem, loss, exact, free, sensitivities)
+
+
+def screen(base: Around, found: Sequence[Hypothesis], tick: Callable[[], None] = lambda: None) -> list[Trial]:
+    """Every hypothesis at the best of its probes, soil and starts corrected by one step with known sensitivities."""
+    trials = []
+    for hypothesis in found:
+        trials.append(_screened(base, hypothesis))
+        tick()
+    return trials
+
+
+def _screened(base: Around, hypothesis: Hypothesis) -> Trial:
+    problem = with_effect(base.problem, hypothesis.extension)
+    estimate, sd = _score(base, problem, hypothesis)
+    probes = [hypothesis.extension.nearest(probe) for probe in hypothesis.probes]
+    if estimate is not None:
+        probes.append(hypothesis.extension.nearest(np.clip(estimate, -_REACH, _REACH)))
+    guesses = [guess for probe in probes for guess in _guesses(base, problem, hypothesis, probe)]
+    points = evaluate(problem, base.loss, guesses, base.point.starts)
+    ends = [step(problem, base.loss, point, base.free, known=base.sensitivities)[0] for point in points]
+    return Trial(hypothesis, problem, min(ends, key=lambda point: point.cost), sd)
+
+
+def _guesses(base: Around, problem: Problem, hypothesis: Hypothesis, probe: Array) -> list[Array]:
+    """Coordinates of the whole fit at a probe: the baseline's soil, and the soil along the effect's valley."""
+    parameters, own = problem.parameters, base.point.coordinates
+    first = np.concatenate([own, probe])
+    valley = hypothesis.extension.search.valley
+    if not valley:
+        return [first]
+    values = hypothesis.extension.values(probe)
+    size = float(values[next(iter(hypothesis.extension.search.sizes))])
+    soil = parameters.values(first)
+    for key, power in valley.items():
+        i = parameters.index(key)
+        if i is not None:
+            soil[i] *= size**power
+    return [first, parameters.inside(parameters.coordinates(soil, first[len(parameters.parameters) :]))]
+
+
+def _score(base: Around, problem: Problem, hypothesis: Hypothesis) -> tuple[Array | None, Array]:
+    """One-step estimate of the effect's coordinates from the baseline, and their standard deviations."""
+    extension = hypothesis.extension
+    origin = np.maximum(np.zeros(len(extension)), extension.bounds[0])
+    if extension.search.reference:
+        return None, np.full(len(extension), np.inf)  # neutral is infinitely far
+    count, p = len(base.problem.windows), len(base.free)
+    guesses = [np.concatenate([base.point.coordinates, origin + _SCORE_STEP * e]) for e in np.eye(len(extension))]
+    moved = problem.residuals(guesses, base.point.starts)
+    combined = []
+    for i in range(count):
+        columns = [(residuals[i] - base.point.residuals[i]) / _SCORE_STEP for residuals in moved]
+        known = base.sensitivities[i]
+        combined.append(Sensitivity(np.column_stack([known.parameters, *columns]), known.start))
+    problem.clip([s.parameters for s in combined])
+    reduced = reduce(problem, base.loss, base.point.residuals, combined, base.point.starts)
+    index = [*base.free, *range(len(base.point.coordinates), len(problem.parameters))]
+    prior = problem.parameters.prior_information
+    H = reduced.matrix + prior[np.ix_(index, index)]
+    here = np.concatenate([base.point.coordinates, np.zeros(len(extension))])
+    gradient = reduced.gradient.sum(axis=0) + (prior @ here)[index]
+    covariance = np.linalg.inv(H)
+    estimate = -(covariance @ gradient)[p:]
+    information = np.diag(np.linalg.inv(covariance[p:, p:])) - np.diag(prior)[-len(extension) :]
+    sd = np.where(information > 1e-9, 1.0 / np.sqrt(np.maximum(information, 1e-12)), np.inf)
+    return estimate, sd

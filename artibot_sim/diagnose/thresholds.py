@@ -1,0 +1,46 @@
+"""From which evidence on an effect is named: one place for all numbers that decide."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """What it takes to be named.
+
+    Attributes
+    ----------
+    floor, tail : float
+        Nats that recordings with nothing hidden give to the best effect: its middle, and the mean excess over that.
+        A false alarm in `false_alarm_rate` of such cases is then `floor` + `tail` · log(1 / rate).
+    away : float
+        Standard deviations from neutral.
+    size : float
+        Least coordinate: an effect a twentieth as large as a plain one is none.
+    tie : float
+        Nats within which two effects tie.
+    tie_share : float
+        The same as a share of the gain.
+    most : int
+        Effects that are looked for one after the other.
+    """
+
+    floor: float = 10.0
+    tail: float = 6.0
+    away: float = 4.0
+    size: float = 0.05
+    tie: float = 8.0
+    tie_share: float = 0.03
+    most: int = 3
+
+    def least(self, prior_odds: float, false_alarm_rate: float, effects: int) -> float:
+        """Nats that an effect has to gain."""
+        by_chance = self.floor + self.tail * float(np.log(1.0 / false_alarm_rate))
+        beforehand = float(np.log(effects / prior_odds / false_alarm_rate))
+        return max(by_chance, beforehand)
+
+
+THRESHOLDS = Thresholds()
