@@ -66,7 +66,9 @@ class Decision:
     turns: tuple[Turn, ...]
 
 
-def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, other: Mapping[str, float] | None = None) -> Decision:
+def decide(
+    problem: Problem, fit: Fit, options: Options, tick: Tick, other: Mapping[str, float] | None = None
+) -> Decision:
     """Add the best effect to the model as long as the data ask for one.
 
     Parameters
@@ -105,9 +107,7 @@ def _best(found: Turn, other: Mapping[str, float], least: float, thresholds: Thr
     """The effect with the most evidence, if it is enough, and those that tie with it."""
     nats = {rival.id: found.nats(rival.id, other) for rival in found.rivals}
     good = {
-        effect: value
-        for effect, value in nats.items()
-        if acceptable(found.evidence[effect], value, least, thresholds)
+        effect: value for effect, value in nats.items() if acceptable(found.evidence[effect], value, least, thresholds)
     }
     if not good:
         return None

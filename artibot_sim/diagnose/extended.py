@@ -101,7 +101,9 @@ def _interval(extension: Extension, own: Array, covariance: Array) -> tuple[dict
     )
 
 
-def robot_of(problem: Problem, what: Uncertain, causes: Mapping[str, Mapping[str, Found]], names: Sequence[str]) -> Robot:
+def robot_of(
+    problem: Problem, what: Uncertain, causes: Mapping[str, Mapping[str, Found]], names: Sequence[str]
+) -> Robot:
     """The robot of a fit with sources and intervals of what was fitted; `causes` are the effects' parameters."""
     parameters = problem.parameters
     robot = parameters.robot_at(what.point.coordinates)

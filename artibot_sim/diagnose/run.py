@@ -132,9 +132,7 @@ def _check(recordings: Sequence[Experiment], options: Options) -> None:
         raise ArtibotError(f"false_alarm_rate: {options.false_alarm_rate}; expected a share between 0 and 1")
 
 
-def split(
-    recordings: Sequence[Experiment], holdout: Sequence[Experiment]
-) -> tuple[list[Experiment], list[Experiment]]:
+def split(recordings: Sequence[Experiment], holdout: Sequence[Experiment]) -> tuple[list[Experiment], list[Experiment]]:
     """Recordings to fit and to hold out, in an order that does not depend on theirs."""
     fitted, held = sorted(recordings, key=_order), sorted(holdout, key=_order)
     if not held and len(fitted) > 1:
@@ -185,9 +183,7 @@ def _result(
     place = len(problem.parameters.parameters)
     for extension in problem.parameters.extensions:
         part = slice(place, place + len(extension))
-        effects[extension.id] = found_parameters(
-            extension, after.point.coordinates[part], after.covariance[part, part]
-        )
+        effects[extension.id] = found_parameters(extension, after.point.coordinates[part], after.covariance[part, part])
         place += len(extension)
     extended = robot_of(problem, after, effects, names) if effects else baseline
     pairs = []

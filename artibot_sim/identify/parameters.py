@@ -197,7 +197,8 @@ class ParameterSet:
 
     def robot_with(self, values: Array) -> Robot:
         """The robot with values (p,); mu_d gives way to a smaller mu_s that is fitted, else mu_s to it."""
-        changes = dict(zip(self.keys, np.asarray(values, float).tolist(), strict=True))
+        own = [parameter.key for parameter in self.parameters]
+        changes = dict(zip(own, np.asarray(values, float).tolist(), strict=True))
         mu_s = changes.get(MU_S, self.robot.contact.mu_s)
         mu_d = changes.get(MU_D, self.robot.contact.mu_d)
         if mu_d > mu_s:

@@ -143,7 +143,9 @@ class _Ticks:
         self._report(min(1.0, self._count / self._expected))
 
 
-def problem_of(recordings: Sequence[Experiment], parameters: ParameterSet, window: float, workers: int | None) -> Problem:
+def problem_of(
+    recordings: Sequence[Experiment], parameters: ParameterSet, window: float, workers: int | None
+) -> Problem:
     if not recordings:
         raise ArtibotError("identify: no recording; give at least one")
     if not (np.isfinite(window) and window >= 0.5):
