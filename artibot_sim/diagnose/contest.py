@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.hypotheses import without_last
+from artibot_sim.diagnose.patches import refined
 from artibot_sim.diagnose.screen import Trial
 from artibot_sim.identify.gauss_newton import Point, again, evaluate, step
 from artibot_sim.identify.problem import Problem
@@ -25,20 +26,30 @@ class Rounds:
 
     Attributes
     ----------
-    first, second, last : int
-        Effects that are fitted by two steps, by a few, and to the end.
+    most : tuple of int
+        Effects at most that are fitted by two steps, by a few, and to the end.
+    least : tuple of int
+        Effects that go on in any case.
+    shares : tuple of float
+        Others go on if they gain this share of what the best one gains.
     returns : int
         Fits from whose soil and starts the baseline is fitted again.
     few, many : int
         Steps.
     """
 
-    first: int = 12
-    second: int = 6
-    last: int = 4
+    most: tuple[int, int, int] = (12, 6, 4)
+    least: tuple[int, int, int] = (4, 3, 2)
+    shares: tuple[float, float, float] = (0.04, 0.15, 0.3)
     returns: int = 2
     few: int = 3
     many: int = 8
+
+    def through(self, number: int, gains: Sequence[float]) -> int:
+        """How many go on into a round, of gains in falling order."""
+        best = gains[0] if gains else 0.0
+        good = sum(gain >= self.shares[number] * best for gain in gains)
+        return min(max(good, self.least[number]), self.most[number])
 
 
 @dataclass(frozen=True)
@@ -70,33 +81,42 @@ class Rival:
         return self.fit.point.coordinates[-len(self.trial.hypothesis.extension) :]
 
 
-def contest(trials: Sequence[Trial], loss: Loss, rounds: Rounds, tick: Tick = lambda: None) -> list[Rival]:
+def contest(
+    trials: Sequence[Trial], baseline: float, loss: Loss, rounds: Rounds, tick: Tick = lambda: None
+) -> list[Rival]:
     """The best hypotheses, each fitted with the soil and the starts; the least cost first.
 
     Parameters
     ----------
     trials : sequence of Trial
         One for each hypothesis.
+    baseline : float
+        Cost of the model without any of them.
     loss : Loss
         The baseline's.
     rounds : Rounds
     """
-    first = sorted(trials, key=lambda t: t.point.cost)[: rounds.first]
-    second = []
-    for trial in first:
-        second.append(replace(trial, point=_begun(trial, loss)))
+    begun = []
+    for trial in _through(trials, 0, baseline, rounds):
+        begun.append(_begun(trial, loss))
         tick()
-    second.sort(key=lambda t: t.point.cost)
-    third = []
-    for trial in _one_each(second)[: rounds.second]:
-        third.append(Rival(trial, settle(trial.problem, trial.point, loss, rounds.few)))
+    fitted = []
+    for trial in _through(_one_each(sorted(begun, key=lambda t: t.point.cost)), 1, baseline, rounds):
+        fitted.append(Rival(trial, settle(trial.problem, trial.point, loss, rounds.few)))
         tick()
-    third.sort(key=lambda rival: rival.fit.point.cost)
+    fitted.sort(key=lambda rival: rival.fit.point.cost)
+    number = rounds.through(2, [baseline - rival.fit.point.cost for rival in fitted])
     last = []
-    for rival in third[: rounds.last]:
-        last.append(replace(rival, fit=settled(rival.problem, rival.fit.point, loss, rounds.many)))
+    for rival in fitted[:number]:
+        last.append(replace(rival, fit=settled(rival.problem, rival.fit.point, loss, rounds)))
         tick()
     return sorted(last, key=lambda rival: rival.fit.point.cost)
+
+
+def _through(trials: Sequence[Trial], number: int, baseline: float, rounds: Rounds) -> list[Trial]:
+    """The trials that go on into a round."""
+    ordered = sorted(trials, key=lambda trial: trial.point.cost)
+    return ordered[: rounds.through(number, [baseline - trial.point.cost for trial in ordered])]
 
 
 def _one_each(trials: Sequence[Trial]) -> list[Trial]:
@@ -105,26 +125,38 @@ def _one_each(trials: Sequence[Trial]) -> list[Trial]:
     return [trial for trial in trials if not (trial.id in seen or seen.add(trial.id))]  # type: ignore[func-returns-value]
 
 
-def _begun(trial: Trial, loss: Loss) -> Point:
-    """Two steps of everything, mu_s scanned before each."""
-    problem, point = trial.problem, trial.point
-    free, damping = free_parameters(problem), 1e-3
+def _begun(trial: Trial, loss: Loss) -> Trial:
+    """Two steps of everything, mu_s scanned before each, and discs moved to where they explain most."""
+    free, damping = free_parameters(trial.problem), 1e-3
     for _ in range(2):
-        point = scan(problem, loss, point, SCAN)
-        point, _, damping = step(problem, loss, point, free, damping)
-    return point
+        trial = refined(trial, loss)
+        point = scan(trial.problem, loss, trial.point, SCAN)
+        point, _, damping = step(trial.problem, loss, point, free, damping)
+        trial = replace(trial, point=point)
+    return refined(trial, loss)
 
 
-def settled(problem: Problem, point: Point, loss: Loss, steps: int) -> Fit:
-    """A fit to the end: starts may change their branch, mu_s is scanned finely and coarsely."""
+def settled(problem: Problem, point: Point, loss: Loss, rounds: Rounds) -> Fit:
+    """A fit to the end: starts may change their branch, mu_s is scanned finely and coarsely.
+
+    The last steps are under the firm loss, which is what evidence counts: a window that lost its branch says little.
+    """
     point = awake(problem, loss, again(problem, loss, point))
-    return settle(problem, point, loss, steps)
+    fit = settle(problem, point, loss, rounds.many)
+    return settle(problem, fit.point, replace(loss, firm=True), rounds.few)
 
 
-def neutralised(rival: Rival, loss: Loss, steps: int) -> Fit:
+def neutralised(rival: Rival, loss: Loss, rounds: Rounds) -> Fit:
     """The baseline fitted from a rival's soil and starts, the rival's effect left out."""
     problem = without_last(rival.problem)
     size = len(rival.trial.hypothesis.extension)
     point = rival.fit.point
     begin = evaluate(problem, loss, [problem.parameters.inside(point.coordinates[:-size])], point.starts)[0]
-    return settled(problem, begin, loss, steps)
+    return settled(problem, begin, loss, rounds)
+
+
+def renoised(problem: Problem, fit: Fit, levels: Array, loss: Loss, rounds: Rounds) -> tuple[Problem, Fit]:
+    """A problem with other noise `levels` (channels,) and its fit under another firm loss."""
+    new = problem.rescaled(levels)
+    point = evaluate(new, loss, [fit.point.coordinates], fit.point.starts)[0]
+    return new, settle(new, point, loss, rounds.few)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from artibot_sim.diagnose.command_view import CommandView
 from artibot_sim.diagnose.contest import Rounds
-from artibot_sim.diagnose.diagnosis import Verdict
+from artibot_sim.diagnose.diagnosis import Found, Verdict
 from artibot_sim.diagnose.greedy import Turn, acceptable, turn
+from artibot_sim.diagnose.other import Other
 from artibot_sim.diagnose.thresholds import Thresholds
+from artibot_sim.diagnose.views import others
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.search import Fit
 from artibot_sim.model.effects import EFFECTS
@@ -31,11 +34,14 @@ class Named:
         Log Bayes factor against the model without it, both views together.
     ties : tuple of str
         Effects that explain as much.
+    found : mapping of str to Found
+        Its parameters where only the view driven by commands sees it; empty where it was fitted with the soil.
     """
 
     effect: str
     nats: float
     ties: tuple[str, ...]
+    found: Mapping[str, Found] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -54,6 +60,8 @@ class Decision:
     problem, fit : Problem, Fit
         With all named effects.
     turns : tuple of Turn
+    other : mapping of str to Other
+        What the view driven by commands says.
     """
 
     verdict: Verdict
@@ -64,11 +72,10 @@ class Decision:
     problem: Problem
     fit: Fit
     turns: tuple[Turn, ...]
+    other: Mapping[str, Other]
 
 
-def decide(
-    problem: Problem, fit: Fit, options: Options, tick: Tick, other: Mapping[str, float] | None = None
-) -> Decision:
+def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: CommandView) -> Decision:
     """Add the best effect to the model as long as the data ask for one.
 
     Parameters
@@ -77,46 +84,55 @@ def decide(
         The baseline.
     options : Options
     tick : callable
-    other : mapping of str to float, optional
-        Nats that the view driven by commands gives to effects.
+    view : CommandView
+        What the view driven by commands says.
     """
     thresholds = options.thresholds
     least = thresholds.least(options.prior_odds, options.false_alarm_rate, len(EFFECTS))
-    turns: list[Turn] = []
     named: list[Named] = []
-    neutral = (problem, fit)
-    for _ in range(thresholds.most):
-        found = turn(problem, fit, fit.loss, [n.effect for n in named], Rounds(), tick)
-        turns.append(found)
-        fit = found.fit
-        if not named:
-            neutral = (problem, fit)
-        best = _best(found, other or {}, least, thresholds)
+    found = turn(problem, fit, fit.loss, (), Rounds(), tick)
+    turns, heard = [found], others(view)
+    other = heard
+    neutral = problem, fit = found.problem, found.fit
+    while len(named) < thresholds.most:
+        best = _best(found, heard, least, thresholds, tuple(n.effect for n in named))
         if best is None:
             break
         named.append(best)
+        if best.effect in heard:
+            heard = others(view, tuple(n.effect for n in named))
+        if best.found:
+            continue
         winner = next(rival for rival in found.rivals if rival.id == best.effect)
         problem, fit = winner.problem, winner.fit
+        if len(named) < thresholds.most:
+            found = turn(problem, fit, found.loss, [n.effect for n in named], Rounds(), tick)
+            turns.append(found)
+            problem, fit = found.problem, found.fit
     verdict = Verdict.NONE
     if named:
         verdict = Verdict.AMBIGUOUS if named[0].ties else Verdict.NAMED
-    return Decision(verdict, tuple(named), least, *neutral, problem, fit, tuple(turns))
+    return Decision(verdict, tuple(named), least, *neutral, problem, fit, tuple(turns), other)
 
 
-def _best(found: Turn, other: Mapping[str, float], least: float, thresholds: Thresholds) -> Named | None:
+def _best(
+    found: Turn, heard: Mapping[str, Other], least: float, thresholds: Thresholds, without: tuple[str, ...]
+) -> Named | None:
     """The effect with the most evidence, if it is enough, and those that tie with it."""
-    nats = {rival.id: found.nats(rival.id, other) for rival in found.rivals}
-    good = {
-        effect: value for effect, value in nats.items() if acceptable(found.evidence[effect], value, least, thresholds)
-    }
+    good: dict[str, float] = {}
+    for rival in found.rivals:
+        own = found.evidence[rival.id]
+        nats = own.nats + (heard[rival.id].nats if rival.id in heard else 0.0)
+        if rival.id not in without and acceptable(own, nats, least, thresholds):
+            good[rival.id] = nats
+    for effect, view in heard.items():
+        if effect not in good and effect not in without and view.nats >= least:
+            good[effect] = view.nats
     if not good:
         return None
     best = max(good, key=lambda effect: good[effect])
     margin = max(thresholds.tie, thresholds.tie_share * good[best])
     ties = sorted((e for e in good if e != best and good[e] >= good[best] - margin), key=lambda e: -good[e])
-    return Named(best, good[best], tuple(ties))
-
-
-def refitted(decision: Decision, fit: Fit) -> Decision:
-    """The same decision with another fit of the named effects."""
-    return replace(decision, fit=fit)
+    fitted = {rival.id for rival in found.rivals}
+    values = heard[best].found if best in heard and best not in fitted else {}
+    return Named(best, good[best], tuple(ties), values)

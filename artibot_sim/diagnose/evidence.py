@@ -12,7 +12,6 @@ from artibot_sim.diagnose.contest import Rival
 from artibot_sim.diagnose.hypotheses import Hypothesis
 from artibot_sim.identify.extension import SPREAD
 from artibot_sim.identify.gauss_newton import reduce
-from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.search import free_parameters
 
 Array = NDArray[np.float64]
@@ -49,17 +48,18 @@ class Evidence:
     @property
     def away(self) -> float:
         """How many standard deviations the effect is from neutral."""
-        return float(np.sqrt(max(0.0, self.own @ np.linalg.solve(self.covariance, self.own))))
+        squared = float(self.own @ np.linalg.solve(self.covariance, self.own))
+        return max(0.0, squared) ** 0.5
 
 
-def evidence(rival: Rival, baseline_cost: float, loss: Loss) -> Evidence:
-    """The evidence of the view that is driven by rotations."""
-    problem, point = rival.problem, rival.fit.point
+def evidence(rival: Rival, baseline_cost: float) -> Evidence:
+    """The evidence of the view that is driven by rotations; both were fitted under the same loss."""
+    problem, point, loss = rival.problem, rival.fit.point, rival.fit.loss
     free = free_parameters(problem)
     residuals, sensitivities = problem.linearised(point.coordinates, point.starts, free)
     reduced = reduce(problem, loss, residuals, sensitivities, point.starts)
     prior = problem.parameters.prior_information
-    covariance = np.linalg.inv(reduced.matrix + prior[np.ix_(list(free), list(free))])
+    covariance = np.asarray(np.linalg.inv(reduced.matrix + prior[np.ix_(list(free), list(free))]), float)
     size = len(rival.own)
     mine = covariance[-size:, -size:]
     return Evidence(0.5 * (baseline_cost - point.cost), occam(rival.trial.hypothesis, mine), rival.own, mine)

@@ -7,16 +7,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from artibot_sim.diagnose.contest import Rival, Rounds, contest, neutralised
+from artibot_sim.diagnose.contest import Rival, Rounds, contest, neutralised, renoised, settled
 from artibot_sim.diagnose.evidence import Evidence, evidence
 from artibot_sim.diagnose.hypotheses import hypotheses
+from artibot_sim.diagnose.patches import discs
 from artibot_sim.diagnose.screen import Trial, around, screen
 from artibot_sim.diagnose.thresholds import Thresholds
 from artibot_sim.identify.problem import Problem
-from artibot_sim.identify.robust import Loss
-from artibot_sim.identify.search import Fit
+from artibot_sim.identify.robust import Loss, channel_levels, merged
+from artibot_sim.identify.search import Fit, thinned
 
 Tick = Callable[[], None]
+
+_LOWEST = 0.7
+"""Least factor on a noise level."""
+_SAME = 0.1
+"""Change of a noise level, as a logarithm, that is none."""
 
 
 @dataclass(frozen=True)
@@ -32,9 +38,11 @@ class Turn:
     evidence : mapping of str to Evidence
         Of the rivals, by effect.
     problem : Problem
-        The baseline of this turn.
+        The baseline of this turn, with the noise that the best rival's residuals show.
     fit : Fit
         The baseline, fitted as hard as any rival.
+    loss : Loss
+        With that noise's colour.
     """
 
     trials: tuple[Trial, ...]
@@ -42,11 +50,7 @@ class Turn:
     evidence: Mapping[str, Evidence]
     problem: Problem
     fit: Fit
-
-    def nats(self, effect: str, other: Mapping[str, float]) -> float:
-        """Log Bayes factor of an effect, with what the other view says."""
-        mine = self.evidence[effect].nats if effect in self.evidence else 0.0
-        return mine + other.get(effect, 0.0)
+    loss: Loss
 
 
 def turn(
@@ -58,15 +62,36 @@ def turn(
     is none of its evidence.
     """
     base = around(problem, loss, fit.point)
-    trials = screen(base, hypotheses(problem.parameters.robot, problem.stretches, named), tick)
-    rivals = contest(trials, loss, rounds, tick)
-    best = replace(fit, point=min(fit.point, base.point, key=lambda point: point.cost))
+    trials = screen(base, hypotheses(problem.parameters.robot, problem.stretches, named), tick) + discs(base)
+    rivals = contest(trials, base.point.cost, loss, rounds, tick)
+    best = settled(problem, base.point, loss, rounds)
     for rival in rivals[: rounds.returns]:
-        again = neutralised(rival, loss, rounds.many)
-        best = again if again.point.cost < best.point.cost else best
+        other = neutralised(rival, loss, rounds)
+        best = other if other.point.cost < best.point.cost else best
         tick()
-    found = {rival.id: evidence(rival, best.point.cost, loss) for rival in rivals}
-    return Turn(tuple(trials), tuple(rivals), found, problem, best)
+    problem, best, rivals, loss = _with_honest_noise(problem, best, rivals, loss, rounds)
+    found = {rival.id: evidence(rival, best.point.cost) for rival in rivals}
+    return Turn(tuple(trials), tuple(rivals), found, problem, best, loss)
+
+
+def _with_honest_noise(
+    problem: Problem, best: Fit, rivals: list[Rival], loss: Loss, rounds: Rounds
+) -> tuple[Problem, Fit, list[Rival], Loss]:
+    """All fits again with the noise that the least cost leaves, if it is another than was assumed."""
+    if not rivals:
+        return problem, best, rivals, loss
+    first = rivals[0]
+    levels = np.maximum(merged(channel_levels(problem.windows, first.fit.point.residuals)), _LOWEST)
+    new = Loss(1.0, np.clip(thinned(problem, first.fit).thinning, 1.0, None))
+    ratio = np.concatenate([levels, np.sqrt(new.thinning / loss.thinning)])
+    if np.abs(np.log(ratio)).max() < _SAME:
+        return problem, best, rivals, loss
+    firm, again = replace(new, firm=True), []
+    for rival in rivals:
+        own, fit = renoised(rival.problem, rival.fit, levels, firm, rounds)
+        again.append(replace(rival, trial=replace(rival.trial, problem=own), fit=fit))
+    problem, best = renoised(problem, best, levels, firm, rounds)
+    return problem, best, sorted(again, key=lambda rival: rival.fit.point.cost), new
 
 
 def acceptable(found: Evidence, nats: float, least: float, thresholds: Thresholds) -> bool:

@@ -1,4 +1,4 @@
-"""What a diagnosis tries: every effect that a view shows, once for each choice it leaves (which motor, which module)."""
+"""What a diagnosis tries: every effect that a view shows, once for each choice (which motor, which module)."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ def gains(pairs: Sequence[Pair], seed: int) -> dict[str, ChannelGain]:
     """What the extension is worth in each channel, with intervals from windows drawn anew."""
     rng, found = np.random.default_rng(seed), {}
     for c, name in enumerate(CHANNEL_NAMES):
-        squares = np.array([_squares(pair, c) for pair in pairs for pair in _by_window(pair)]).reshape(-1, 3)
+        squares = np.array([_squares(at, c) for pair in pairs for at in _by_window(pair)]).reshape(-1, 3)
         squares = squares[squares[:, 2] > 0]
         if not len(squares):
             continue

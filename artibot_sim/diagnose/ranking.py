@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import numpy as np
 
-from artibot_sim.diagnose.decision import Decision
+from artibot_sim.diagnose.decision import Decision, Named
 from artibot_sim.diagnose.diagnosis import Candidate
 from artibot_sim.diagnose.evidence import DECADE
 from artibot_sim.diagnose.greedy import Turn
+from artibot_sim.diagnose.other import Other
 from artibot_sim.diagnose.screen import Trial
 from artibot_sim.model.effects import EFFECTS
 
@@ -25,7 +29,8 @@ def ranking(decision: Decision) -> tuple[Candidate, ...]:
             at = turns[list(named).index(effect)]
         else:
             at = turns[0] if effect in turns[0].evidence else turns[-1]
-        found.append(_candidate(effect, at, effect in named))
+        own = _candidate(effect, at, effect in named)
+        found.append(_with_other(own, decision.other[effect], named) if effect in decision.other else own)
     return tuple(sorted(found, key=lambda c: -c.log10_bayes_factor if np.isfinite(c.log10_bayes_factor) else np.inf))
 
 
@@ -46,6 +51,16 @@ def _candidate(effect: str, at: Turn, named: bool) -> Candidate:
     return Candidate(
         effect, nats / DECADE, best.hypothesis.extension.values(best.own), _excluded(trials), _note(trials), False
     )
+
+
+def _with_other(own: Candidate, other: Other, named: Mapping[str, Named]) -> Candidate:
+    """A candidate with what the view driven by commands says added."""
+    nats = named[own.effect].nats / DECADE if own.effect in named else own.log10_bayes_factor + other.nats / DECADE
+    if own.values:
+        return replace(own, log10_bayes_factor=nats)
+    values = {name: found.value for name, found in other.found.items()}
+    excluded = {} if own.effect in named else other.excluded_above
+    return replace(own, log10_bayes_factor=nats, values=values, excluded_above=excluded, note=other.note, fitted=True)
 
 
 def _excluded(trials: list[Trial]) -> dict[str, float]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from artibot_sim.diagnose.command_view import command_view
 from artibot_sim.diagnose.decision import Decision, decide
 from artibot_sim.diagnose.diagnosis import Cause, Diagnosis, Found
 from artibot_sim.diagnose.extended import found_parameters, robot_of, uncertain
@@ -17,11 +18,10 @@ from artibot_sim.diagnose.ranking import ranking
 from artibot_sim.diagnose.thresholds import THRESHOLDS, Thresholds
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import Experiment
-from artibot_sim.identify.gauss_newton import again
 from artibot_sim.identify.parameters import SOIL, parameter_set
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import channel_levels
-from artibot_sim.identify.run import WINDOW, best_fit, problem_of
+from artibot_sim.identify.run import WINDOW, Trust, best_fit, problem_of
 from artibot_sim.identify.search import Effort, Fit
 from artibot_sim.model import Robot
 from artibot_sim.model.effects import EFFECTS
@@ -33,6 +33,8 @@ PRIOR_ODDS = 1.0
 """Of an effect being there, before anything was measured: whoever asks for a diagnosis has a reason."""
 FALSE_ALARM_RATE = 0.01
 """Share of the cases with nothing hidden in which something is named."""
+TRUST = Trust(level=1.6, thinning=4.0)
+"""Of residuals to be noise, before anything is known of what is missing: as slow and large as a total station errs."""
 _TICKS = 130
 """About how many parts of equal length a diagnosis has."""
 
@@ -115,7 +117,8 @@ def diagnose(
     _check(recordings, options)
     fitted, held = split(recordings, holdout)
     problem, fit = _baseline(fitted, robot, options, ticks)
-    decision = decide(problem, fit, options, ticks)
+    view = command_view(fitted, robot, seed=options.seed)
+    decision = decide(problem, fit, options, ticks, view)
     result = _result(robot, fitted, held, decision, options, ticks)
     ticks.done()
     return replace(result, seconds=time.perf_counter() - begun)
@@ -165,9 +168,7 @@ def _order(experiment: Experiment) -> tuple[str, int, float, float]:
 def _baseline(fitted: Sequence[Experiment], robot: Robot, options: Options, ticks: _Ticks) -> tuple[Problem, Fit]:
     """The paper's model with its soil identified; all windows keep their say, for local effects hide in bad ones."""
     problem = problem_of(fitted, parameter_set(robot, SOIL), WINDOW, options.workers)
-    problem, fit = best_fit(problem, Effort(seed=options.seed), ticks)
-    loss = replace(fit.loss, firm=False)
-    return problem, replace(fit, loss=loss, point=again(problem, loss, fit.point))
+    return best_fit(problem, Effort(seed=options.seed), ticks, TRUST)
 
 
 def _result(
@@ -185,6 +186,7 @@ def _result(
         part = slice(place, place + len(extension))
         effects[extension.id] = found_parameters(extension, after.point.coordinates[part], after.covariance[part, part])
         place += len(extension)
+    effects |= {named.effect: named.found for named in decision.named if named.found}
     extended = robot_of(problem, after, effects, names) if effects else baseline
     pairs = []
     for experiment, out in [*((e, False) for e in fitted), *((e, True) for e in held)]:

@@ -99,7 +99,7 @@ def _screened(base: Around, hypothesis: Hypothesis) -> Trial:
         probes.append(hypothesis.extension.nearest(np.clip(estimate, -_REACH, _REACH)))
     guesses = [guess for probe in probes for guess in _guesses(base, problem, hypothesis, probe)]
     points = evaluate(problem, base.loss, guesses, base.point.starts)
-    ends = [step(problem, base.loss, point, base.free, known=base.sensitivities)[0] for point in points]
+    ends = [step(problem, base.loss, point, base.free, known=base.sensitivities, tries=2)[0] for point in points]
     return Trial(hypothesis, problem, min(ends, key=lambda point: point.cost), sd)
 
 

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 STEP = 0.02
 """Change of a coordinate for its finite difference."""
 SPREAD = 1.5
-"""Standard deviation of a coordinate's prior: effects are about as large as what is plain, and may be a few times so."""
+"""Standard deviation of a coordinate's prior: effects are about as large as what is plain, or a few times so."""
 _FARTHEST = 12.0
 """Coordinates end here."""
 _SMALLEST = 0.05

@@ -116,6 +116,7 @@ def step(
     free: Sequence[int],
     damping: float = _DAMPING,
     known: Sequence[Sensitivity] | None = None,
+    tries: int = 4,
 ) -> tuple[Point, Reduced, float]:
     """One step: the new point (the old one if nothing is gained), what it was computed from, and the next damping.
 
@@ -130,7 +131,7 @@ def step(
     information = problem.parameters.prior_information
     gradient = reduced.gradient.sum(axis=0) + (information @ point.coordinates)[index]
     H = reduced.matrix + information[np.ix_(index, index)]
-    for _ in range(4):
+    for _ in range(tries):
         move = np.linalg.solve(H + damping * np.diag(np.diag(H)), -gradient) if index else np.empty(0)
         move *= min(1.0, 1.0 / max((np.abs(move) / problem.parameters.longest[index]).max(initial=0.0), 1e-12))
         coordinates = point.coordinates.copy()

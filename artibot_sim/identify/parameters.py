@@ -28,8 +28,8 @@ _SPREAD = {"contact": 0.4, "wheel.r_w": 0.05, "front.m": 0.3, "back.m": 0.3}
 """Standard deviation of the prior over its middle, by key or by section; a guess in a robot file is a wide prior."""
 _GEOMETRY_SPREAD = 0.15
 STEP = 4e-3
-"""Change of a logarithm for its finite difference: about what data leave open, so that switches that such a change moves
-are seen as often as they count."""
+"""Change of a logarithm for its finite difference: about what data leave open, so that switches that such a change
+moves are seen as often as they count."""
 _LONGEST = 0.25
 """Longest step of a logarithm, and of an effect's coordinate."""
 _LONGEST_EFFECT = 0.7

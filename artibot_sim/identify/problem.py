@@ -180,7 +180,7 @@ class Problem:
         """Residuals of a window in units of noise; yaw by its shortest way, what diverged as very wrong."""
         window = self.windows[number]
         difference = predicted - window.value
-        turned = np.isin(window.plan.kind, HEADINGS)
+        turned = window.headings
         difference[turned] = np.arctan2(np.sin(difference[turned]), np.cos(difference[turned]))
         residual: Array = difference / window.sigma
         residual[~np.isfinite(residual)] = _LOST
@@ -193,7 +193,7 @@ class Problem:
         """
         window = self.windows[number]
         kind = window.plan.kind
-        x, y, yaw = kind == 0, kind == 1, np.isin(kind, HEADINGS)
+        x, y, yaw = kind == 0, kind == 1, window.headings
         if not x.any():
             return start, residual
         known = self.start_weight[number].T @ self.start_weight[number]
@@ -276,11 +276,10 @@ class Problem:
         x, y = kind == 0, kind == 1
         columns[x, 0], columns[y, 1] = 1.0, 1.0
         columns[x, 2], columns[y, 2] = start[1] - predicted[y], predicted[x] - start[0]
-        columns[np.isin(kind, HEADINGS), 2] = 1.0
+        columns[window.headings, 2] = 1.0
         return np.nan_to_num(columns / window.sigma[:, None])
 
 
-HEADINGS = (KINDS.index("yaw"), KINDS.index("heading"))
 _STATE = np.array([KINDS.index(k) for k in (
     "origin_x", "origin_y", "heading", "v_x", "v_y", "turn_rate", "articulation_yaw", "articulation_rate"
 )])  # fmt: skip

@@ -23,7 +23,7 @@ from artibot_sim.identify.search import Effort, Fit, Tick, awake, search, settle
 from artibot_sim.identify.sensing import Stretch, missing, noise_levels, stretches, with_pooled_noise
 from artibot_sim.identify.skid import fitted
 from artibot_sim.identify.uncertainty import Node, from_bootstrap, from_curvature, profile
-from artibot_sim.identify.windows import cut
+from artibot_sim.identify.windows import CHANNEL_NAMES, cut
 from artibot_sim.model import Robot
 from artibot_sim.progress import Report
 
@@ -160,23 +160,52 @@ def problem_of(
     return Problem(parameters, found, windows, workers)
 
 
-def best_fit(problem: Problem, effort: Effort, tick: Tick) -> tuple[Problem, Fit]:
+@dataclass(frozen=True)
+class Trust:
+    """How far residuals are believed to be noise.
+
+    Where something is not in the model, residuals are larger and slower than what sensors err. Noise levels found
+    from them would hide it, channel by channel.
+
+    Attributes
+    ----------
+    level : float
+        Largest factor on a channel's noise as neighbouring samples show it.
+    thinning : float
+        Most samples that are worth one.
+    """
+
+    level: float = np.inf
+    thinning: float = np.inf
+
+    def levels(self, found: Mapping[str, float], before: Array) -> Array:
+        """Factors on the noise levels, by channel; `before` is what they were multiplied with already."""
+        return np.clip(np.maximum(merged(found), _LOWEST_NOISE) * before, None, self.level) / before
+
+    def loss(self, found: Loss) -> Loss:
+        """A loss that thins as much at most."""
+        return replace(found, thinning=np.minimum(found.thinning, self.thinning))
+
+
+def best_fit(problem: Problem, effort: Effort, tick: Tick, trust: Trust | None = None) -> tuple[Problem, Fit]:
     """The best fit, and the problem with noise levels as its residuals show them; first with some of the windows.
 
     Noise estimated from neighbouring samples misses what is slow: a total station's errors, what is left of the
-    encoders'. Only at a good fit may channels be told apart by their residuals.
+    encoders'. Only at a good fit may channels be told apart by their residuals. Whoever does not `trust` residuals
+    to be noise, for something may be missing in the model, keeps all windows in the end.
     """
     every = list(range(0, len(problem), -(-len(problem) // _FEW)))
     part = problem.part(every)
     some = search(part, effort, tick)
     loss = Loss(1.0, some.loss.thinning)
     first = channel_levels(part.windows, some.point.residuals)
-    foreign = max(first.values()) > _FOREIGN
-    poor = max((level for name, level in first.items() if name != "position"), default=0.0) > _POOR
+    foreign = max(first.values()) > _FOREIGN or trust is not None
+    poor = max((level for name, level in first.items() if name != "position"), default=0.0) > _POOR and trust is None
+    trust, before = trust or Trust(), np.ones(len(CHANNEL_NAMES))
     for _ in range(2):
-        levels = np.maximum(merged(channel_levels(part.windows, some.point.residuals)), _LOWEST_NOISE)
-        part, problem = part.rescaled(levels), problem.rescaled(levels)
-        loss = thinned(part, some)
+        levels = trust.levels(channel_levels(part.windows, some.point.residuals), before)
+        part, problem, before = part.rescaled(levels), problem.rescaled(levels), before * levels
+        loss = trust.loss(thinned(part, some))
         point = evaluate(part, loss, [some.point.coordinates], some.point.starts)[0]
         some = replace(settle(part, point, loss, 3), others=some.others)
     if poor:
@@ -190,8 +219,7 @@ def best_fit(problem: Problem, effort: Effort, tick: Tick) -> tuple[Problem, Fit
         if found.converged:
             break
         found = settle(problem, found.point, loss, _SETTLE)  # far from its end: not yet the time to dismiss windows
-    firm = replace(loss, firm=not foreign)
-    found = settle(problem, found.point, firm, _SETTLE)
+    found = settle(problem, found.point, replace(loss, firm=not foreign), _SETTLE)
     tick()
     return problem, replace(found, others=some.others)
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from artibot_sim.identify.problem import HEADINGS, Problem
+from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import SAMPLE_BEND
+from artibot_sim.identify.windows import HEADINGS
 from artibot_sim.model import Robot
 
 Array = NDArray[np.float64]

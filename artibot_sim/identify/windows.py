@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +13,14 @@ from artibot_sim.experiment.measured import Motion
 from artibot_sim.identify.sensing import CHANNELS, Stretch
 from artibot_sim.identify.starts import Start, start_of
 from artibot_sim.model import Robot
-from artibot_sim.model.windows import Plan
+from artibot_sim.model.windows import KINDS, Plan
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 CHANNEL_NAMES = tuple(CHANNELS)
+HEADINGS = (KINDS.index("yaw"), KINDS.index("heading"))
+"""Kinds that are angles in `map`."""
 _STILL = 0.05
 """rad/s: a motor whose smoothed speed is less stands."""
 _CALM = 0.5
@@ -61,6 +64,11 @@ class Window:
 
     def __len__(self) -> int:
         return len(self.value)
+
+    @cached_property
+    def headings(self) -> NDArray[np.bool_]:
+        """Which samples are angles in `map`, shape (n,)."""
+        return np.asarray(np.isin(self.plan.kind, HEADINGS))
 
 
 def cut(found: Sequence[Stretch], robot: Robot, length: float, lead: float = 0.0) -> list[Window]:

@@ -1,0 +1,156 @@
+"""Discs of ground on which something differs: candidates along the paths of badly explained windows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.diagnose.hypotheses import Hypothesis, with_effect
+from artibot_sim.diagnose.screen import Around, Trial
+from artibot_sim.identify.extension import Extension
+from artibot_sim.identify.gauss_newton import Point, evaluate, step
+from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.robust import Loss
+from artibot_sim.model.effects import EFFECTS
+
+Array = NDArray[np.float64]
+
+SPACING = 0.7
+"""m between centres of candidates."""
+RADII = (1.2, 2.0)
+"""m of candidates."""
+_REACH = 1.6
+"""m beyond a disc's radius, from the front module's origin, at which its wheels still touch it."""
+_BAD = 1.15
+"""Loss of a window over the median one's, per sample, from which its path is looked at."""
+_MOST = 60
+"""Candidates at most for centres, the worst explained first."""
+_KEPT = 6
+_MOVES = (0.4, 0.2, 0.1)
+"""m by which centre and radius are moved when a disc is refined."""
+
+
+@dataclass(frozen=True)
+class _Disc:
+    """A candidate with its coordinate and gain."""
+
+    x: float
+    y: float
+    radius: float
+    probe: Array
+    gain: float = 0.0
+
+
+def discs(base: Around) -> list[Trial]:
+    """The best discs for every effect that has one, each as a trial."""
+    found = []
+    for effect in EFFECTS.values():
+        named = {extension.id for extension in base.problem.parameters.extensions}
+        if effect.search is None or not effect.search.disc or effect.id in named:
+            continue
+        found += _discs(base, effect.id, effect.search.probes)
+    return found
+
+
+def _discs(base: Around, effect: str, probes: Sequence[tuple[float, ...]]) -> list[Trial]:
+    centres = candidates(base)
+    tried = [
+        _gained(base, effect, _Disc(x, y, radius, np.array(probe)))
+        for x, y in centres
+        for radius in RADII
+        for probe in probes
+    ]
+    tried = sorted(tried, key=lambda disc: -disc.gain)[:_KEPT]
+    trials = []
+    for disc in tried:
+        hypothesis = Hypothesis(_extension(effect, disc), (disc.probe,), max(1, len(tried) * len(centres)))
+        problem = with_effect(base.problem, hypothesis.extension)
+        first = evaluate(problem, base.loss, [np.concatenate([base.point.coordinates, disc.probe])], base.point.starts)
+        point, _, _ = step(problem, base.loss, first[0], base.free, known=base.sensitivities, tries=2)
+        trials.append(Trial(hypothesis, problem, point, np.full(1, np.inf)))
+    return trials
+
+
+def candidates(base: Around) -> list[tuple[float, float]]:
+    """Centres along the paths of windows that are explained worst."""
+    windows = base.problem.windows
+    poor = base.point.losses / np.array([len(w) for w in windows])
+    order = np.argsort(-poor)
+    bad = [i for i in order.tolist() if poor[i] > _BAD * np.median(poor)]
+    cells: dict[tuple[int, int], None] = {}
+    for i in bad:
+        for x, y in path(base.problem, i)[::2].tolist():
+            cells.setdefault((round(x / SPACING), round(y / SPACING)))
+    return [(SPACING * i, SPACING * j) for i, j in cells][:_MOST]
+
+
+def path(problem: Problem, number: int) -> Array:
+    """Measured places of a window, shape (n, 2)."""
+    window = problem.windows[number]
+    x, y = (window.value[window.plan.kind == kind] for kind in (0, 1))
+    return np.column_stack([x, y])
+
+
+def _extension(effect: str, disc: _Disc) -> Extension:
+    search = EFFECTS[effect].search
+    assert search is not None
+    return Extension(effect, dict(zip(search.disc, (disc.x, disc.y, disc.radius), strict=True)))
+
+
+def touched(problem: Problem, x: float, y: float, radius: float) -> list[int]:
+    """Windows whose wheels may come onto a disc."""
+    return [i for i in range(len(problem)) if (np.hypot(*(path(problem, i) - (x, y)).T) < radius + _REACH).any()]
+
+
+def _gained(base: Around, effect: str, disc: _Disc) -> _Disc:
+    """The disc with the loss that it takes from the windows which touch it, their starts corrected by one step."""
+    rows = touched(base.problem, disc.x, disc.y, disc.radius)
+    if not rows:
+        return disc
+    part = with_effect(base.problem.part(rows), _extension(effect, disc))
+    coordinates = np.concatenate([base.point.coordinates, disc.probe])
+    point = evaluate(part, base.loss, [coordinates], base.point.starts[rows])[0]
+    before = float(base.point.losses[rows].sum())
+    return replace(disc, gain=before - float(point.losses.sum()))
+
+
+def refined(trial: Trial, loss: Loss) -> Trial:
+    """The trial with its disc moved and resized to where it explains most; others as they are."""
+    search = trial.hypothesis.extension.search
+    if not search.disc:
+        return trial
+    for size in _MOVES:
+        for _ in range(3):
+            better = _moved(trial, loss, size)
+            if better is None:
+                break
+            trial = better
+    return trial
+
+
+def _moved(trial: Trial, loss: Loss, size: float) -> Trial | None:
+    extension = trial.hypothesis.extension
+    names = extension.search.disc
+    now = [float(extension.fixed[name]) for name in names]
+    best: tuple[float, Extension, Problem, Point] | None = None
+    for i in range(3):
+        for sign in (-1.0, 1.0):
+            new = now.copy()
+            new[i] += sign * size
+            if new[2] < 0.3:
+                continue
+            moved = replace(extension, fixed=dict(extension.fixed) | dict(zip(names, new, strict=True)))
+            parameters = trial.problem.parameters
+            problem = trial.problem.with_parameters(
+                replace(parameters, extensions=(*parameters.extensions[:-1], moved))
+            )
+            point = evaluate(problem, loss, [trial.point.coordinates], trial.point.starts)[0]
+            if best is None or point.cost < best[0]:
+                best = (point.cost, moved, problem, point)
+    if best is None or best[0] >= trial.point.cost - 1.0:
+        return None
+    hypothesis = replace(trial.hypothesis, extension=best[1])
+    return Trial(hypothesis, best[2], best[3], trial.sd)

@@ -1,0 +1,72 @@
+"""The screen: what is hidden in a recording gains most, nothing gains where there is nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from artibot_sim.diagnose.hypotheses import hypotheses
+from artibot_sim.diagnose.screen import Around, around, screen
+from artibot_sim.identify.holdout import fitted_starts
+from artibot_sim.identify.parameters import parameter_set
+from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.robust import Loss
+from artibot_sim.identify.run import problem_of
+from artibot_sim.identify.synthetic import synthetic
+from artibot_sim.identify.windows import CHANNEL_NAMES
+from artibot_sim.model import Robot, load_robot
+from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop
+
+TURNS = Manoeuvre(
+    "turns",
+    (Dwell(0.5), Ramp(speed=0.6), Slalom(curvature=0.45, wavelength=5.0, periods=1.5), Arc(radius=1.6, angle=-2.0),
+     Stop()),
+    a_max=0.5, blend=0.3,
+)  # fmt: skip
+ROBOT = load_robot("agriq")
+
+
+def base(effects: dict[str, dict[str, object]], start: tuple[float, float, float] = (0.0, 0.0, 0.4)) -> Around:
+    """A recording with something hidden, seen from the right soil."""
+    from dataclasses import replace
+
+    real: Robot = replace(ROBOT, effects=effects)
+    recording = synthetic(real, TURNS, kappa=0.8, seed=4, start=start)
+    problem: Problem = problem_of([recording], parameter_set(ROBOT), 5.0, 2)
+    point = fitted_starts(problem, 2)
+    return around(problem, Loss(1.0, np.ones(len(CHANNEL_NAMES))), point)
+
+
+def gains(seen: Around, names: tuple[str, ...]) -> dict[str, float]:
+    tried = [h for h in hypotheses(ROBOT, seen.problem.stretches) if h.id in names]
+    trials = screen(seen, tried)
+    return {t.hypothesis.extension.label: 0.5 * (seen.point.cost - t.point.cost) for t in trials}
+
+
+RIVALS = ("joint_friction", "joint_stiffness", "slope", "motor_drag", "back_friction")
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "label"),
+    [
+        ("joint_friction", {"torque": 8.0}, "joint_friction"),
+        ("slope", {"grade": 0.04, "heading": 2.0}, "slope"),
+        ("motor_drag", {"torque": 0.2, "motor": "back_left"}, "motor_drag(back_left)"),
+    ],
+)
+def test_what_is_hidden_gains_most(effect: str, values: dict[str, object], label: str) -> None:
+    found = gains(base({effect: values}), RIVALS)
+    assert max(found, key=lambda name: found[name]) == label
+    assert found[label] > 100.0
+
+
+def test_nothing_gains_little() -> None:
+    found = gains(base({}), RIVALS)
+    assert max(found.values()) < 30.0
+
+
+def test_the_direction_of_a_slope_turns_with_the_map() -> None:
+    """The same drive with everything turned by 1 rad gives the same gain."""
+    one = gains(base({"slope": {"grade": 0.04, "heading": 2.0}}), ("slope",))
+    other = gains(base({"slope": {"grade": 0.04, "heading": 3.0}}, (0.0, 0.0, 1.4)), ("slope",))
+    assert other["slope"] == pytest.approx(one["slope"], rel=0.2)
