@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.hypotheses import Hypothesis, with_effect
 from artibot_sim.identify.gauss_newton import Point, evaluate, reduce, step
-from artibot_sim.identify.problem import Problem, Sensitivity
+from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.search import free_parameters
+from artibot_sim.identify.sensitivity import Sensitivity, clip
 
 Array = NDArray[np.float64]
 
@@ -134,7 +135,7 @@ def _score(base: Around, problem: Problem, hypothesis: Hypothesis) -> tuple[Arra
         columns = [(residuals[i] - base.point.residuals[i]) / _SCORE_STEP for residuals in moved]
         known = base.sensitivities[i]
         combined.append(Sensitivity(np.column_stack([known.parameters, *columns]), known.start))
-    problem.clip([s.parameters for s in combined])
+    clip(problem.windows, [s.parameters for s in combined])
     reduced = reduce(problem, base.loss, base.point.residuals, combined, base.point.starts)
     index = [*base.free, *range(len(base.point.coordinates), len(problem.parameters))]
     prior = problem.parameters.prior_information

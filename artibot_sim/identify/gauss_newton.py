@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.identify.problem import Problem, Sensitivity
+from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss
+from artibot_sim.identify.sensitivity import Sensitivity
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from artibot_sim.identify.parameters import ParameterSet
 from artibot_sim.identify.sensing import Stretch
+from artibot_sim.identify.sensitivity import Sensitivity, clip, rigid
 from artibot_sim.identify.starts import postures, states
-from artibot_sim.identify.windows import CHANNEL_NAMES, Window
+from artibot_sim.identify.windows import Window
 from artibot_sim.model import Robot
 from artibot_sim.model.sensors import measured_starts, sensor_errors
 from artibot_sim.model.windows import KINDS, Items, Plan, WindowBatch, window_step
@@ -26,22 +27,6 @@ _RIGID = 3
 """The first starts, x, y and yaw, move a window's prediction as a whole."""
 _LOST = 50.0
 """Residual, in units of noise, of a sample that the simulation never reached."""
-
-
-@dataclass(frozen=True)
-class Sensitivity:
-    """Derivatives of one window's residuals.
-
-    Attributes
-    ----------
-    parameters : array, shape (n, p)
-        By the coordinates of the parameters.
-    start : array, shape (n, 8 or 6)
-        By the start.
-    """
-
-    parameters: Array
-    start: Array
 
 
 @dataclass
@@ -180,7 +165,7 @@ class Problem:
         """Residuals of a window in units of noise; yaw by its shortest way, what diverged as very wrong."""
         window = self.windows[number]
         difference = predicted - window.value
-        turned = window.headings
+        turned = window.places[2]
         difference[turned] = np.arctan2(np.sin(difference[turned]), np.cos(difference[turned]))
         residual: Array = difference / window.sigma
         residual[~np.isfinite(residual)] = _LOST
@@ -192,25 +177,28 @@ class Problem:
         Where the ground is uniform only positions and headings notice; elsewhere the residuals are a guess.
         """
         window = self.windows[number]
-        kind = window.plan.kind
-        x, y, yaw = kind == 0, kind == 1, window.headings
-        if not x.any():
+        x, y, yaw = window.places
+        if not len(x):
             return start, residual
         known = self.start_weight[number].T @ self.start_weight[number]
-        predicted = residual * window.sigma + window.value
-        J = self._rigid(number, predicted, start)
-        calm = 1.0 / np.maximum(1.0, np.abs(residual) / 10.0)
-        rows = x | y | yaw
-        J, now, calm = J[rows], residual[rows], calm[rows]
+        rows = np.concatenate([x, y, yaw])
+        sigma, value, now = window.sigma[rows], window.value[rows], residual[rows]
+        predicted = now * sigma + value
+        J = rigid(predicted, start, len(x), len(yaw)) / sigma[:, None]
+        calm = 1.0 / np.maximum(1.0, np.abs(now) / 10.0)
         pull = (J.T * calm) @ now + (known @ (start - self.starts[number]))[:3]
         move = -np.linalg.solve((J.T * calm) @ J + known[:3, :3], pull)
-        new = start.copy()
+        new, moved, count = start.copy(), residual.copy(), len(x)
         new[:3] += move
         c, s = np.cos(move[2]), np.sin(move[2])
-        away_x, away_y = predicted[x] - start[0], predicted[y] - start[1]
-        predicted[x], predicted[y] = new[0] + c * away_x - s * away_y, new[1] + s * away_x + c * away_y
-        predicted[yaw] += move[2]
-        return new, self.compare(number, predicted)
+        away_x, away_y = predicted[:count] - start[0], predicted[count : 2 * count] - start[1]
+        there = np.concatenate(
+            [new[0] + c * away_x - s * away_y, new[1] + s * away_x + c * away_y, predicted[2 * count :] + move[2]]
+        )
+        difference = there - value
+        difference[2 * count :] = np.arctan2(np.sin(difference[2 * count :]), np.cos(difference[2 * count :]))
+        moved[rows] = difference / sigma
+        return new, moved
 
     def linearised(
         self, coordinates: Array, starts: Array, free: Sequence[int]
@@ -237,47 +225,27 @@ class Problem:
             moved = {c: (self.compare(i, flat[(1 + p + k) * count + i]) - base) / _START_STEP[c]
                      for k, c in enumerate(whole)}  # fmt: skip
             if self._uniform:
-                moved |= dict(enumerate(self._rigid(i, flat[i], starts[i]).T))
+                moved |= dict(enumerate(self._whole(i, flat[i], starts[i]).T))
             start = np.column_stack([moved[c] for c in range(self.size)])
             parameters = np.column_stack(columns) if columns else np.empty((len(base), 0))
             residuals.append(base)
             sensitivities.append(Sensitivity(parameters, start))
-        self.clip([s.parameters for s in sensitivities])
-        self.clip([s.start for s in sensitivities])
+        clip(self.windows, [s.parameters for s in sensitivities])
+        clip(self.windows, [s.start for s in sensitivities])
         return residuals, sensitivities
-
-    def clip(self, columns: Sequence[Array]) -> None:
-        """Limit sensitivities (n, c) of the windows in place, channel by channel, to three times what 99 of 100 have.
-
-        A finite difference across a switch of eq. 16 is as large as its step is small; a thousandth of all rows would
-        hold most of the information, and none of it is true.
-        """
-        channel = np.concatenate([window.channel for window in self.windows])
-        table = np.abs(np.concatenate(columns))
-        for c in range(len(CHANNEL_NAMES)):
-            rows = channel == c
-            if not rows.any():
-                continue
-            limit = 3.0 * np.quantile(table[rows], 0.99, axis=0)
-            for window, part in zip(self.windows, columns, strict=True):
-                mine = window.channel == c
-                part[mine] = np.clip(part[mine], -limit, limit)
 
     @property
     def _uniform(self) -> bool:
         """Whether the ground is the same everywhere and in all directions."""
         return self.parameters.uniform
 
-    def _rigid(self, number: int, predicted: Array, start: Array) -> Array:
+    def _whole(self, number: int, predicted: Array, start: Array) -> Array:
         """Sensitivities (n, 3) to x, y and yaw of the start, where the ground is uniform."""
         window = self.windows[number]
-        kind = window.plan.kind
-        columns = np.zeros((len(window), 3))
-        x, y = kind == 0, kind == 1
-        columns[x, 0], columns[y, 1] = 1.0, 1.0
-        columns[x, 2], columns[y, 2] = start[1] - predicted[y], predicted[x] - start[0]
-        columns[window.headings, 2] = 1.0
-        return np.nan_to_num(columns / window.sigma[:, None])
+        x, y, yaw = window.places
+        rows, columns = np.concatenate([x, y, yaw]), np.zeros((len(window), 3))
+        columns[rows] = np.nan_to_num(rigid(predicted[rows], start, len(x), len(yaw)) / window.sigma[rows][:, None])
+        return columns
 
 
 _STATE = np.array([KINDS.index(k) for k in (

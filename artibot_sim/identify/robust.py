@@ -45,19 +45,23 @@ class Loss:
     def weigh(self, window: Window, residual: Array) -> tuple[Array, float]:
         """Weights (n,) for the squares of a window's residuals, and its loss."""
         scaled = np.abs(residual) / self.inflation
-        bent = scaled > SAMPLE_BEND
-        weight = np.ones(len(residual))
-        weight[bent] = SAMPLE_BEND / scaled[bent]
-        size = np.where(bent, SAMPLE_BEND * (2.0 * scaled - SAMPLE_BEND), scaled**2)
-        count = np.bincount(window.channel, minlength=len(CHANNEL_NAMES)) / self.thinning
-        total = np.bincount(window.channel, size, minlength=len(CHANNEL_NAMES)) / self.thinning
+        count, total = self._blocks(window, scaled)
         loss, share = _firm(count, total) if self.firm else _rough(count, total)
         factor = share / self.thinning / self.inflation**2
-        return weight * factor[window.channel], float(loss.sum())
+        return factor[window.channel] * (SAMPLE_BEND / np.maximum(scaled, SAMPLE_BEND)), float(loss.sum())
+
+    def _blocks(self, window: Window, scaled: Array) -> tuple[Array, Array]:
+        """How many samples each channel of a window is worth, and their losses (channels,), of absolute residuals."""
+        near = np.minimum(scaled, SAMPLE_BEND)  # near² within the bend, and linear beyond it
+        total = np.bincount(window.channel, near * (2.0 * scaled - near), minlength=len(CHANNEL_NAMES))
+        return window.counts / self.thinning, total / self.thinning
 
     def total(self, windows: Sequence[Window], residuals: Sequence[Array]) -> Array:
         """Loss of each window, shape (windows,)."""
-        return np.array([self.weigh(w, r)[1] for w, r in zip(windows, residuals, strict=True)])
+        blocks = [self._blocks(w, np.abs(r) / self.inflation) for w, r in zip(windows, residuals, strict=True)]
+        count, total = (np.array([block[k] for block in blocks]) for k in (0, 1))
+        loss, _ = _firm(count, total) if self.firm else _rough(count, total)
+        return np.asarray(loss.sum(axis=-1), float)
 
 
 def _rough(count: Array, total: Array) -> tuple[Array, Array]:

@@ -66,9 +66,16 @@ class Window:
         return len(self.value)
 
     @cached_property
-    def headings(self) -> NDArray[np.bool_]:
-        """Which samples are angles in `map`, shape (n,)."""
-        return np.asarray(np.isin(self.plan.kind, HEADINGS))
+    def counts(self) -> Array:
+        """Samples of each channel, shape (channels,)."""
+        return np.bincount(self.channel, minlength=len(CHANNEL_NAMES)).astype(float)
+
+    @cached_property
+    def places(self) -> tuple[Indices, Indices, Indices]:
+        """Which samples are x, y and angles in `map`."""
+        kind = self.plan.kind
+        x, y, heading = kind == 0, kind == 1, np.isin(kind, HEADINGS)
+        return np.flatnonzero(x), np.flatnonzero(y), np.flatnonzero(heading)
 
 
 def cut(found: Sequence[Stretch], robot: Robot, length: float, lead: float = 0.0) -> list[Window]:
