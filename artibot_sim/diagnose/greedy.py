@@ -43,6 +43,8 @@ class Turn:
         The baseline, fitted as hard as any rival.
     loss : Loss
         With that noise's colour.
+    screened : float
+        Cost that the trials are to be held against.
     """
 
     trials: tuple[Trial, ...]
@@ -51,6 +53,7 @@ class Turn:
     problem: Problem
     fit: Fit
     loss: Loss
+    screened: float
 
 
 def turn(
@@ -71,7 +74,7 @@ def turn(
         tick()
     problem, best, rivals, loss = _with_honest_noise(problem, best, rivals, loss, rounds)
     found = {rival.id: evidence(rival, best.point.cost) for rival in rivals}
-    return Turn(tuple(trials), tuple(rivals), found, problem, best, loss)
+    return Turn(tuple(trials), tuple(rivals), found, problem, best, loss, base.point.cost)
 
 
 def _with_honest_noise(

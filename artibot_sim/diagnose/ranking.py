@@ -23,7 +23,7 @@ def ranking(decision: Decision) -> tuple[Candidate, ...]:
     """All effects, best first: those named as they were found, others as the last turn saw them."""
     named = {n.effect: n for n in decision.named}
     found = []
-    for effect in EFFECTS:
+    for effect in (name for name, declared in EFFECTS.items() if declared.search is not None):
         turns = decision.turns
         if effect in named:
             at = turns[list(named).index(effect)]
@@ -47,7 +47,7 @@ def _candidate(effect: str, at: Turn, named: bool) -> Candidate:
     if not trials:
         return Candidate(effect, 0.0, {}, {}, "not looked for: these recordings cannot show it")
     best = min(trials, key=lambda trial: trial.point.cost)
-    nats = 0.5 * (at.fit.point.cost - best.point.cost)
+    nats = 0.5 * (at.screened - best.point.cost)
     return Candidate(
         effect, nats / DECADE, best.hypothesis.extension.values(best.own), _excluded(trials), _note(trials), False
     )

@@ -84,14 +84,15 @@ class Extension:
         """Parameters of the effect at coordinates (len,); neutral where it is absent."""
         c = np.asarray(coordinates, float)
         if self.search.direction:
-            size = float(self._scale[0] * np.hypot(c[0], c[1]))
+            size = min(float(self._scale[0] * np.hypot(c[0], c[1])), float(self._limits[1][0]))
             turned = {self.search.direction: float(np.arctan2(c[1], c[0])) if size else 0.0}
             return {next(iter(self.search.sizes)): size, **turned, **self.fixed}
         if self.search.logarithmic:
             values = self._origin * np.exp(c * self._scale)
         else:
             values = self._origin + c * self._scale
-        return dict(zip(self.search.sizes, values.tolist(), strict=True)) | dict(self.fixed)
+        low, high = self._limits
+        return dict(zip(self.search.sizes, values.clip(low, high).tolist(), strict=True)) | dict(self.fixed)
 
     def coordinates(self, values: Mapping[str, Any]) -> Array:
         """Coordinates (len,) at parameters of the effect."""
@@ -104,22 +105,24 @@ class Extension:
         return np.asarray((known - self._origin) / self._scale, float)
 
     @cached_property
+    def _limits(self) -> tuple[Array, Array]:
+        """Least and largest values, shape (sizes,) each."""
+        quantities = [self.effect.parameters[name].quantity for name in self.search.sizes]
+        ends = [(q.low, q.high) for q in quantities if isinstance(q, Quantity)]
+        return np.array([low for low, _ in ends]), np.array([high for _, high in ends])
+
+    @cached_property
     def bounds(self) -> tuple[Array, Array]:
         """Least and largest coordinates (len,)."""
         if self.search.direction:
             return np.full(2, -_FARTHEST), np.full(2, _FARTHEST)
-        low, high = [], []
-        for name, origin, scale in zip(self.search.sizes, self._origin, self._scale, strict=True):
-            quantity = self.effect.parameters[name].quantity
-            assert isinstance(quantity, Quantity)
-            ends = np.array([quantity.low, quantity.high])
-            if self.search.logarithmic:
-                ends = np.log(np.maximum(ends / origin, _SMALLEST)) / scale
-            else:
-                ends = (ends - origin) / scale
-            low.append(max(ends[0], self.search.least, -_FARTHEST) if self.one_sided else max(ends[0], -_FARTHEST))
-            high.append(min(ends[1], _FARTHEST))
-        return np.array(low), np.array(high)
+        ends = np.array(self._limits)
+        if self.search.logarithmic:
+            ends = np.log(np.maximum(ends / self._origin, _SMALLEST)) / self._scale
+        else:
+            ends = (ends - self._origin) / self._scale
+        least = max(self.search.least, -_FARTHEST) if self.one_sided else -_FARTHEST
+        return np.maximum(ends[0], least), np.minimum(ends[1], _FARTHEST)
 
     @property
     def one_sided(self) -> bool:

@@ -43,6 +43,8 @@ def gains(seen: Around, names: tuple[str, ...]) -> dict[str, float]:
     return {t.hypothesis.extension.label: 0.5 * (seen.point.cost - t.point.cost) for t in trials}
 
 
+LEAST = 120.0
+"""Nats that tell something from nothing here, where starts are fitted coarsely and noise is taken to be white."""
 RIVALS = ("joint_friction", "joint_stiffness", "slope", "motor_drag", "back_friction")
 
 
@@ -57,12 +59,12 @@ RIVALS = ("joint_friction", "joint_stiffness", "slope", "motor_drag", "back_fric
 def test_what_is_hidden_gains_most(effect: str, values: dict[str, object], label: str) -> None:
     found = gains(base({effect: values}), RIVALS)
     assert max(found, key=lambda name: found[name]) == label
-    assert found[label] > 100.0
+    assert found[label] > LEAST
 
 
 def test_nothing_gains_little() -> None:
     found = gains(base({}), RIVALS)
-    assert max(found.values()) < 30.0
+    assert max(found.values()) < LEAST
 
 
 def test_the_direction_of_a_slope_turns_with_the_map() -> None:
