@@ -80,6 +80,10 @@ def _restart(world: World, motor: str) -> None:
     world.with_crew(lambda crew: crew.drives[motor].power_on(world.now))
 
 
+def _restart_unheard(world: World, motor: str) -> None:
+    world.with_crew(lambda crew: crew.restart_unheard(motor, world.now))
+
+
 def _let_go(world: World, motor: str) -> None:
     world.with_crew(lambda crew: crew.drives[motor].let_go())
 
@@ -220,6 +224,7 @@ CATALOGUE: Final = (
     Fault("drive unplugged", _unplug, _plug, True, ON_THE_BUS, (_R.DRIVE_SILENT,), own=BY_THE_DRIVES),
     Fault("drive without supply", _cut_power, _power, True, ON_THE_BUS, (_R.DRIVE_SILENT,)),
     Fault("drive restarts", _restart, _nothing, True, ON_THE_BUS, _DRIVE),
+    Fault("drive restarts unheard", _restart_unheard, _nothing, True, ON_THE_BUS, _DRIVE),
     Fault("drive lets go", _let_go, _nothing, True, ON_THE_BUS, (_R.DRIVE_STATE,)),
     Fault("drive fault", _fail, _nothing, True, ON_THE_BUS, (_R.DRIVE_FAULT,)),
     Fault("lasting drive fault", _fail_for_long, _mend_drive, True, ON_THE_BUS, (_R.DRIVE_FAULT,)),

@@ -89,3 +89,9 @@ class Crew:
         if motor in self._unpowered:
             self._unpowered.discard(motor)
             self.drives[motor].power_on(now)
+
+    def restart_unheard(self, motor: str, now: int) -> None:
+        """Have a drive start anew, and its boot-up message get lost."""
+        self.unplug(motor)
+        self.drives[motor].power_on(now)
+        self.plug(motor)
