@@ -6,7 +6,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from artibot_sim.bench import accuracy, driving, identification, nodes, peak, peers, recording, speed, startup
+from artibot_sim.bench import (
+    accuracy,
+    diagnosis,
+    driving,
+    identification,
+    nodes,
+    peak,
+    peers,
+    recording,
+    speed,
+    startup,
+    sweeping,
+)
 from artibot_sim.bench.results import Result, Skipped
 from artibot_sim.bench.scenario import Scenario
 from artibot_sim.errors import ArtibotError
@@ -40,6 +52,8 @@ SUITE: dict[str, Benchmark] = {
     "rollout": Benchmark(("rollout_rk4_1ms", "rollout_semi_implicit", "rollout_semi_implicit_2ms"), speed.rollouts, 2),
     "effects": Benchmark(("rollout_rk4_1ms_all_effects",), speed.all_effects, 8),
     "batch": Benchmark(("batch_rk4_all_cores", "batch_rk4_ratio_to_one_core"), speed.batch, 15),
+    "batch_effects": Benchmark(("batch_rk4_all_effects_all_cores",), sweeping.batch_with_effects, 15),
+    "sweep": Benchmark(tuple(sweeping.WAYS), sweeping.sweeps, 15),
     "peak": Benchmark(
         ("peak_one_core", "peak_all_cores", "peak_fraction_one_core", "peak_fraction_all_cores"), peak.peak, 12,
     ),
@@ -56,6 +70,9 @@ SUITE: dict[str, Benchmark] = {
     ),
     "start": Benchmark(("start_cold", "start_warm"), startup.starts, 40, in_quick=False),
     "identify": Benchmark(("identify_3x45s",), identification.identify_3x45s, 25, in_quick=False),
+    "diagnose": Benchmark(
+        ("diagnose_4x45s",), diagnosis.diagnose_4x45s, 90, diagnosis.missing, in_quick=False,
+    ),
     "recorder": Benchmark(("recorder_writer",), recording.writer, 3),
     "sim": Benchmark(("sim_node_cpu_share", "sim_node_late_p99"), nodes.sim, 26, nodes.missing, in_quick=False),
     "replay": Benchmark(("replay_late_p99",), nodes.replay, 35, nodes.replay_missing, in_quick=False),

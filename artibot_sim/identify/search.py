@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.cluster import map_tasks
 from artibot_sim.identify.gauss_newton import Point, Reduced, again, align, best_of, evaluate, polished, step
 from artibot_sim.identify.parameters import MU_S
 from artibot_sim.identify.problem import Problem
@@ -50,6 +52,8 @@ class Effort:
         Steps from every start, how many of the best go on, and steps at most for those.
     seed : int
         Of the drawn starts.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers search from one start each; the result is the same.
     """
 
     starts: int = 3
@@ -57,6 +61,7 @@ class Effort:
     finalists: int = 2
     last: int = 6
     seed: int = 0
+    scheduler: str | None = None
 
 
 @dataclass(frozen=True)
@@ -96,10 +101,12 @@ def free_parameters(problem: Problem) -> tuple[int, ...]:
 def search(problem: Problem, effort: Effort, tick: Tick = lambda: None) -> Fit:
     """The best fit from several starts, noise levels as they stand."""
     even = np.ones(len(CHANNEL_NAMES))
-    ends = []
-    for coordinates in first_guesses(problem, effort):
-        ends.append(_descend(problem, coordinates, even, effort.first))
+    ends: list[Any] = []
+    tasks = [(problem, coordinates, even, effort.first) for coordinates in first_guesses(problem, effort)]
+    for number, fit in map_tasks(_descended, tasks, workers=1, scheduler=effort.scheduler):
+        ends.append((number, fit))
         tick()
+    ends = [fit for _, fit in sorted(ends, key=lambda end: end[0])]  # a cluster finishes them in any order
     ends.sort(key=lambda fit: fit.point.cost)
     finals = []
     for fit in ends[: effort.finalists]:
@@ -120,6 +127,11 @@ def first_guesses(problem: Problem, effort: Effort) -> list[Array]:
     rng = np.random.default_rng(effort.seed)
     drawn = rng.uniform(-_DRAWS, _DRAWS, (effort.starts - 1, len(parameters))) * parameters.spread
     return [np.zeros(len(parameters)), *(parameters.coordinates(middles * np.exp(d)) for d in drawn)]
+
+
+def _descended(task: tuple[Problem, Array, Array, int]) -> Fit:
+    """What a worker of a cluster does."""
+    return _descend(*task)
 
 
 def _descend(problem: Problem, coordinates: Array, even: Array, steps: int) -> Fit:

@@ -42,10 +42,13 @@ _READING = 0.1
 @click.option("--report", type=_FILE, help="HTML page with residuals, predictions and free runs.")
 @click.option("--json", "as_json", type=_FILE, help="Everything as JSON, in SI units.")
 @click.option("--seed", default=0, show_default=True, help="Of the search's further starts.")
+@click.option("--starts", type=click.IntRange(1), help="Places that the search starts from [3].")
+@click.option("--scheduler", metavar="tcp://HOST:PORT", help="Search from each on a worker of this Dask cluster.")
 @click.option("--workers", type=click.IntRange(1), help="Threads [as many as cores]; the result is the same.")
 def command(
     recordings: tuple[Path, ...], robot: str, out: Path, names: str, priors: tuple[str, ...], holdout: tuple[Path, ...],
-    window: float, topics: tuple[str, ...], report: Path | None, as_json: Path | None, seed: int, workers: int | None,
+    window: float, topics: tuple[str, ...], report: Path | None, as_json: Path | None, seed: int, starts: int | None,
+    scheduler: str | None, workers: int | None,
 ) -> int:  # fmt: skip
     """Identify soil (and geometry) from recordings: values with 95 % intervals, written as a robot file.
 
@@ -61,10 +64,12 @@ def command(
     """
     from rich.console import Console
 
+    from artibot_sim.cluster import check_address
     from artibot_sim.identify import Effort, identify, parse_priors
     from artibot_sim.model import load_robot, save_robot
     from artibot_sim.progress import Bar
 
+    effort = Effort(seed=seed, starts=starts or Effort().starts, scheduler=scheduler and check_address(scheduler))
     _check_outputs([path for path in (out, report, as_json) if path is not None])
     rover, known = load_robot(robot), parse_priors(priors)
     fitted = [name for name in names.split(",") if name.strip()]
@@ -72,7 +77,7 @@ def command(
         used = [_read(path, topics, bar) for path in recordings]
         held = [_read(path, topics, bar) for path in holdout]
         work = identify(
-            used, rover, fit=fitted, priors=known, holdout=held, window=window, effort=Effort(seed=seed),
+            used, rover, fit=fitted, priors=known, holdout=held, window=window, effort=effort,
             workers=workers, progress=bar.stage("identifying", 1.0),
         )  # fmt: skip
     save_robot(work.result.robot, out)

@@ -13,7 +13,7 @@ from artibot_sim.bench.peers import BESIDE
 from artibot_sim.bench.results import Result
 from artibot_sim.errors import ArtibotError
 
-UNITS = {"steps/s", "s", "x", "m", "rad/s", "messages/s", "cores", "ms", "flop/s", "%"}
+UNITS = {"steps/s", "s", "x", "m", "rad/s", "messages/s", "cores", "ms", "flop/s", "%", "runs/s"}
 
 
 def run(*args: str) -> int:

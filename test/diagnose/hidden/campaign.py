@@ -7,36 +7,27 @@ into ``FOLDER/cases.jsonl`` one by one: a campaign that is stopped, even killed,
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from diagnose.hidden.jobs import KINDS, Job, jobs
 from diagnose.hidden.journal import Journal
 from diagnose.hidden.table import failures, picture, table
-from diagnose.hidden.work import WAYS, do, live_no_longer_than
+from diagnose.hidden.work import WAYS, do
 
+from artibot_sim.cluster import map_tasks
 from artibot_sim.errors import ArtibotError
 from artibot_sim.progress import Bar
 
 
-def results_of(todo: Sequence[Job], workers: int, way: str) -> Iterator[dict[str, Any]]:
-    """Results as they come, each from a process of its own where there are several workers."""
-    if workers == 1:
-        yield from (do(job, way) for job in todo)
-        return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, live_no_longer_than, (os.getpid(),)) as pool:
-        waiting, running = list(reversed(todo)), set[Future]()
-        while waiting or running:
-            while waiting and len(running) < 2 * workers:
-                running.add(pool.submit(do, waiting.pop(), way))
-            finished, running = wait(running, return_when=FIRST_COMPLETED)
-            yield from (future.result() for future in finished)
+def results_of(todo: Sequence[Job], workers: int, way: str, scheduler: str | None = None) -> Iterator[dict[str, Any]]:
+    """Results as they come, each from a process of its own where there are several workers, or from a cluster's."""
+    for _, result in map_tasks(partial(do, way=way), todo, workers=workers, scheduler=scheduler):
+        yield result
 
 
 def counts_of(text: str, cases: int) -> dict[str, int]:
@@ -82,7 +73,7 @@ def _carry_out(todo: Sequence[Job], journal: Journal, options: argparse.Namespac
     with Bar(total=float(len(todo))) as bar:
         ready = len(todo) - len(left)
         bar.show(ready, f"case {ready} of {len(todo)}")
-        for result in results_of(left, options.workers, options.way):
+        for result in results_of(left, options.workers, options.way, options.scheduler):
             journal.add(result)
             ready += 1
             bar.show(ready, f"case {ready} of {len(todo)}")
@@ -100,6 +91,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--noise", type=float, default=1.0, help="factor of the sensors' noise [1]")
     parser.add_argument("--kinds", default=",".join(KINDS), help="which, each with its number or not: none:300,single")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes [all cores]")
+    parser.add_argument(
+        "--scheduler", help="address of a Dask scheduler; its workers need this checkout and test/ on PYTHONPATH"
+    )
     parser.add_argument("--way", choices=sorted(WAYS), default="memory", help="recordings in memory, or real bags")
     parser.add_argument("--out", default="campaign", help="folder of the results [campaign]")
     return parser

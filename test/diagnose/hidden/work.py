@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
-import threading
 import time
 import traceback
 from collections.abc import Callable, Mapping
@@ -110,14 +108,3 @@ def do(job: Job, way: str = "memory") -> dict[str, Any]:
     if found.truth.effects and not found.truth.unlisted and answer["gain"]:
         result["reference"] = reference(found)
     return result | {"answer": {name: answer.get(name) for name in KEPT} | {"seconds": round(seconds, 2)}}
-
-
-def live_no_longer_than(parent: int) -> None:
-    """End this process when its parent has gone: a campaign that is killed leaves nobody behind."""
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(0.5)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()

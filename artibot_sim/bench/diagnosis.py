@@ -1,0 +1,46 @@
+"""How long a diagnosis takes."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import time
+
+import numpy as np
+
+from artibot_sim.bench.results import Result
+from artibot_sim.bench.scenario import Scenario
+from artibot_sim.model.batch import available_cores
+
+SEED = 5
+DURATION = 45.0
+"""s of each recording."""
+KAPPA = (1.0, 0.85, 0.75, 0.65)
+HIDDEN = {"slope": {"grade": 0.05, "heading": 0.7}}
+"""What is wrong with the rover of these recordings."""
+
+
+def missing() -> str | None:
+    """Why no diagnosis can be measured here, or None."""
+    return None if importlib.util.find_spec("artibot_sim.diagnose.run") else "this version has no diagnosis"
+
+
+def diagnose_4x45s(scenario: Scenario) -> list[Result]:
+    """Wall time of a diagnosis of four recordings in memory, made on a slope that the model does not know of."""
+    from artibot_sim.diagnose import diagnose
+    from artibot_sim.identify.synthetic import random_manoeuvre, random_soil, synthetic
+
+    rng = np.random.default_rng(SEED)
+    real = dataclasses.replace(random_soil(scenario.robot, rng), effects=HIDDEN)
+    drives = [
+        synthetic(real, random_manoeuvre(rng, DURATION), duration=DURATION, kappa=kappa, seed=i, name=f"run{i}")
+        for i, kappa in enumerate(KAPPA)
+    ]
+    scenario.tick()
+    wall, cpu = time.perf_counter(), time.process_time()
+    found = diagnose(drives, scenario.robot)
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    scenario.tick()
+    causes = ", ".join(cause.effect for cause in found.causes) or "no cause"
+    note = f"{len(drives)} synthetic recordings on a slope, {sum(d.duration for d in drives):.0f} s in all: {causes}"
+    return [Result("diagnose_4x45s", wall, "s", note, {"cpu_time": cpu, "cores": available_cores(), "runs": 1})]
