@@ -30,13 +30,14 @@ INTERRUPTED = 130
 @click.option("--seed", type=int, help="Of the hypercube [0].")
 @click.option("--dt", type=float, help="Integration step, s [0.001].")
 @click.option("--integrator", help="rk4 or semi_implicit [rk4].")
+@click.option("--no-energy", is_flag=True, help="Leave the energies out, which are two fifths of the time.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("sweep"), show_default=True, help="Folder.")
 @click.option("--workers", type=click.IntRange(1), help="Processes [as many as cores]; results are the same.")
 @click.option("--scheduler", metavar="tcp://HOST:PORT", help="Run on this Dask cluster; results are the same.")
 @click.option("--keys", is_flag=True, help="List what can be varied, with the robot's values, and end.")
 def command(
     file: str | None, axes: tuple[str, ...], settings: tuple[str, ...], robot: str | None, manoeuvre: str | None,
-    latin: int | None, seed: int | None, dt: float | None, integrator: str | None, out: Path, workers: int | None,
+    latin: int | None, seed: int | None, dt: float | None, integrator: str | None, no_energy: bool, out: Path, workers: int | None,
     scheduler: str | None, keys: bool,
 ) -> int:  # fmt: skip
     """Simulate a grid or a Latin hypercube of parameters of robot, kappa, manoeuvre and effects.
@@ -61,7 +62,7 @@ def command(
         raise ArtibotError(f"--axis {twice[0]}: given twice; list all its values in one")
     extra: dict[str, Any] = {
         "robot": robot, "manoeuvre": manoeuvre, "runs": latin, "method": "latin" if latin else None, "seed": seed,
-        "dt": dt, "integrator": integrator, "axes": {axis.key: axis.as_dict() for axis in given} or None,
+        "dt": dt, "integrator": integrator, "energy": False if no_energy else None, "axes": {axis.key: axis.as_dict() for axis in given} or None,
         "set": dict(map(setting_from_text, settings)) or None,
     }  # fmt: skip
     extra = {word: value for word, value in extra.items() if value is not None}

@@ -114,6 +114,31 @@ def test_results_are_those_of_this_machine_to_the_bit(
     )
 
 
+def test_an_identification_searches_from_its_starts_on_the_cluster(cluster: Cluster) -> None:
+    import dataclasses
+
+    import numpy as np
+
+    from artibot_sim.identify.parameters import parameter_set
+    from artibot_sim.identify.problem import Problem
+    from artibot_sim.identify.search import Effort, search
+    from artibot_sim.identify.sensing import stretches
+    from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
+    from artibot_sim.identify.windows import cut
+    from artibot_sim.model import load_robot
+
+    robot, rng = load_robot("agriq"), np.random.default_rng(2)
+    drive = synthetic(robot, random_manoeuvre(rng, 10.0), duration=10.0)
+    found = stretches(drive, robot)
+    problem = Problem(parameter_set(robot, ["k_l"]), found, cut(found, robot, 5.0, 0.3))
+    effort = Effort(starts=2, first=1, finalists=1, last=1)
+    here = search(problem, effort)
+    there = search(problem, dataclasses.replace(effort, scheduler=cluster.address))
+    assert here.point.cost == there.point.cost and len(here.others) == len(there.others) == 1
+    np.testing.assert_array_equal(here.point.coordinates, there.point.coordinates)
+    np.testing.assert_array_equal(here.point.starts, there.point.starts)
+
+
 def test_a_task_that_is_refused_says_why(cluster: Cluster) -> None:
     with pytest.raises(ArtibotError, match="expected an address"):
         list(map_tasks(check_address, ["nowhere"], scheduler=cluster.address))
