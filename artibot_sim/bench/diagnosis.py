@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib.util
 import time
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from artibot_sim.bench.results import Result
 from artibot_sim.bench.scenario import Scenario
 from artibot_sim.model.batch import available_cores
 
+WHERE = "artibot_sim.diagnose.run"
 SEED = 5
 DURATION = 45.0
 """s of each recording."""
@@ -22,12 +24,11 @@ HIDDEN = {"slope": {"grade": 0.05, "heading": 0.7}}
 
 def missing() -> str | None:
     """Why no diagnosis can be measured here, or None."""
-    return None if importlib.util.find_spec("artibot_sim.diagnose.run") else "this version has no diagnosis"
+    return None if importlib.util.find_spec(WHERE) else "this version has no diagnosis"
 
 
 def diagnose_4x45s(scenario: Scenario) -> list[Result]:
     """Wall time of a diagnosis of four recordings in memory, made on a slope that the model does not know of."""
-    from artibot_sim.diagnose import diagnose
     from artibot_sim.identify.synthetic import random_manoeuvre, random_soil, synthetic
 
     rng = np.random.default_rng(SEED)
@@ -36,6 +37,7 @@ def diagnose_4x45s(scenario: Scenario) -> list[Result]:
         synthetic(real, random_manoeuvre(rng, DURATION), duration=DURATION, kappa=kappa, seed=i, name=f"run{i}")
         for i, kappa in enumerate(KAPPA)
     ]
+    diagnose: Any = importlib.import_module(WHERE).diagnose
     scenario.tick()
     wall, cpu = time.perf_counter(), time.process_time()
     found = diagnose(drives, scenario.robot)

@@ -93,8 +93,9 @@ def power(mine: Sequence[Point], name: str = "cpu") -> float:
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("out", type=click.Path(file_okay=False, path_type=Path))
 @click.option("--only", multiple=True, type=click.Choice(list(SIZES)), help="Only this kind; may be repeated.")
+@click.option("--most", type=float, default=np.inf, help="Leave larger sizes out.")
 @click.option("--quick", is_flag=True, help="Small sizes: to see that everything works.")
-def command(out: Path, only: tuple[str, ...], quick: bool) -> None:
+def command(out: Path, only: tuple[str, ...], most: float, quick: bool) -> None:
     """Measure how time and memory grow; writes OUT/growth.json and OUT/growth.png.
 
     \b
@@ -109,7 +110,7 @@ def command(out: Path, only: tuple[str, ...], quick: bool) -> None:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ArtibotError(f"{out}: cannot be made: {error.strerror}") from error
-    jobs = [(kind, size) for kind in SIZES if not only or kind in only for size in _sizes(kind, quick)]
+    jobs = [(kind, size) for kind in SIZES if not only or kind in only for size in _sizes(kind, quick) if size <= most]
     host = machine()
     with Bar(sum(SECONDS[kind] * size + 3.0 for kind, size in jobs)) as bar:
         points = _measured_all(jobs, bar)

@@ -37,8 +37,8 @@ INTERRUPTED = 130
 @click.option("--keys", is_flag=True, help="List what can be varied, with the robot's values, and end.")
 def command(
     file: str | None, axes: tuple[str, ...], settings: tuple[str, ...], robot: str | None, manoeuvre: str | None,
-    latin: int | None, seed: int | None, dt: float | None, integrator: str | None, no_energy: bool, out: Path, workers: int | None,
-    scheduler: str | None, keys: bool,
+    latin: int | None, seed: int | None, dt: float | None, integrator: str | None, no_energy: bool, out: Path,
+    workers: int | None, scheduler: str | None, keys: bool,
 ) -> int:  # fmt: skip
     """Simulate a grid or a Latin hypercube of parameters of robot, kappa, manoeuvre and effects.
 
@@ -62,7 +62,8 @@ def command(
         raise ArtibotError(f"--axis {twice[0]}: given twice; list all its values in one")
     extra: dict[str, Any] = {
         "robot": robot, "manoeuvre": manoeuvre, "runs": latin, "method": "latin" if latin else None, "seed": seed,
-        "dt": dt, "integrator": integrator, "energy": False if no_energy else None, "axes": {axis.key: axis.as_dict() for axis in given} or None,
+        "dt": dt, "integrator": integrator, "energy": False if no_energy else None,
+        "axes": {axis.key: axis.as_dict() for axis in given} or None,
         "set": dict(map(setting_from_text, settings)) or None,
     }  # fmt: skip
     extra = {word: value for word, value in extra.items() if value is not None}
