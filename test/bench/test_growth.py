@@ -1,0 +1,40 @@
+"""How growth is measured and judged; one small measurement for real."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from artibot_sim.bench.growth import LINEAR, Point, lines, measured, power
+from artibot_sim.bench.growth_chart import TITLES, chart
+from artibot_sim.bench.growth_tasks import KINDS
+from artibot_sim.errors import ArtibotError
+
+
+@given(st.floats(0.0, 3.0), st.floats(0.1, 10.0))
+def test_the_power_is_that_of_a_power_law(exponent, factor):
+    points = [Point("runs", "sweep", size, 0.0, factor * size**exponent, 1e8) for size in (10.0, 100.0, 1000.0)]
+    assert power(points) == pytest.approx(exponent, abs=1e-6)
+    assert power(points, "bytes") == pytest.approx(0.0, abs=1e-6)
+    assert (power(points) > LINEAR) == (exponent > LINEAR)
+
+
+def test_one_point_has_no_power():
+    assert power([Point("cores", "sweep", 1.0, 1.0, 1.0, 1.0)]) != power([Point("cores", "sweep", 1.0, 1.0, 1.0, 1.0)])
+
+
+def test_a_measurement_is_made_in_a_process_of_its_own():
+    points = [point for size in (500, 2000) for point in measured("table", size)]
+    assert [(kind, operation) for kind, operation, _ in lines(points)] == [("table", "merge"), ("table", "summary")]
+    assert all(point.seconds > 0 and point.cpu > 0 and 2e7 < point.bytes < 2e9 for point in points)
+    assert chart(points).startswith(b"\x89PNG")
+
+
+def test_what_fails_is_said():
+    with pytest.raises(ArtibotError, match="growth: table of -5 failed"):
+        measured("table", -5)
+
+
+def test_every_kind_has_its_title():
+    assert set(TITLES) == set(KINDS)
