@@ -40,8 +40,7 @@ svg.ci { display: block; }
   .cell, table, li { break-inside: avoid; } h2, h3 { break-after: avoid; }
   details:not([open]) { display: none; } summary { list-style: none; color: inherit; font-weight: 600; }
   .scroll { overflow: visible; } th, td { padding-right: 8px; font-size: 9.5pt; }
-  .first, .row { grid-template-columns: repeat(2, minmax(0, 1fr)); }
-  .grid3 { grid-template-columns: repeat(3, minmax(0, 1fr)); }
+  .first, .row, .grid3 { grid-template-columns: repeat(2, minmax(0, 1fr)); }
 }
 """
 
@@ -66,7 +65,9 @@ for (const part of document.querySelectorAll("details")) {
   part.addEventListener("toggle", () => { if (part.open) drawAll([...part.querySelectorAll(".plot")]); });
 }
 drawAll([...document.querySelectorAll(".plot")].filter(place => !place.closest("details:not([open])")));
-function fit() { for (const i of done) Plotly.Plots.resize(document.getElementById("plot" + i)); }
-window.addEventListener("beforeprint", fit);
-window.addEventListener("afterprint", fit);
+function fit(width) {  // a sheet of paper has room for two columns of this, px; null is as wide as the screen has room
+  for (const i of done) Plotly.relayout("plot" + i, {width: width, autosize: width === null});
+}
+window.addEventListener("beforeprint", () => fit(340));
+window.addEventListener("afterprint", () => fit(null));
 """
