@@ -26,6 +26,7 @@ COMMANDS: Final[dict[str, Word]] = {
     "can": Word("artibot_sim.can_cli:command", "Decode recorded CAN frames; a DBC, a loopback bus."),
     "plot": Word("artibot_sim.report.plot_cli:command", "Draw a recording, to PNG or an HTML page."),
     "identify": Word("artibot_sim.report.identify_cli:command", "Identify soil and geometry from recordings."),
+    "diagnose": Word("artibot_sim.report.diagnose_cli:command", "Find what the simulation gets wrong, and why."),
     "sweep": Word("artibot_sim.report.sweep_cli:command", "Simulate a grid or hypercube of parameters."),
     "report": Word("artibot_sim.report.report_cli:command", "Draw a page from results that exist."),
     "reproduce": Word("artibot_sim.reproduce.cli:command", "Reproduce the paper's figures and tables, as a page."),
