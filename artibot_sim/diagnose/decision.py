@@ -18,7 +18,7 @@ from artibot_sim.identify.search import Fit
 from artibot_sim.model.effects import EFFECTS
 
 if TYPE_CHECKING:
-    from artibot_sim.diagnose.run import Options
+    from artibot_sim.diagnose.options import Options
 
 Tick = Callable[[], None]
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.diagnosis import Look, Series
+from artibot_sim.diagnose.command_series import Level
+from artibot_sim.diagnose.diagnosis import ChannelBaseline, Look, Series
 from artibot_sim.diagnose.predictions import Pair
 from artibot_sim.experiment import Experiment
 from artibot_sim.experiment.measured import Measured
@@ -75,6 +77,23 @@ def _errors(held: Held, channel: int) -> Array:
         else:
             parts.append(np.column_stack([t, error]))
     return np.vstack(parts) if parts else np.empty((0, 2))
+
+
+def with_commands(
+    baseline: Mapping[str, ChannelBaseline],
+    looks: Sequence[Look],
+    levels: Mapping[str, Level],
+    series: Mapping[str, Series],
+) -> tuple[dict[str, ChannelBaseline], list[Look]]:
+    """Channels and recordings with how the front motors followed their commands, where there are any."""
+    channels = dict(baseline) | {
+        name: ChannelBaseline(level.unit, level.rmse, level.noise, float("nan")) for name, level in levels.items()
+    }
+    new = [
+        replace(one, channels=dict(one.channels) | {"front_velocity": series[one.name]}) if one.name in series else one
+        for one in looks
+    ]
+    return channels, new
 
 
 def covariates(experiment: Experiment, robot: Robot) -> dict[str, Array]:

@@ -19,7 +19,9 @@ class Thresholds:
     away : float
         Standard deviations from neutral.
     size : float
-        Least coordinate: an effect a twentieth as large as a plain one is none.
+        Least coordinate: an effect a tenth as large as a plain one is none. Rotations that are smoothed leave some
+        effects a few hundredths: recordings with nothing hidden give back_friction 0.05, dozens of standard
+        deviations from neutral.
     tie : float
         Nats within which two effects tie.
     tie_share : float
@@ -31,7 +33,7 @@ class Thresholds:
     floor: float = 10.0
     tail: float = 6.0
     away: float = 4.0
-    size: float = 0.05
+    size: float = 0.1
     tie: float = 8.0
     tie_share: float = 0.03
     most: int = 3

@@ -1,0 +1,91 @@
+"""A decision as a :class:`Diagnosis`: intervals, what it is worth on held-out data, pictures and warnings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from artibot_sim.diagnose.command_view import command_view
+from artibot_sim.diagnose.data_check import data_warnings
+from artibot_sim.diagnose.decision import Decision
+from artibot_sim.diagnose.diagnosis import Cause, Diagnosis, Found
+from artibot_sim.diagnose.evidence import DECADE
+from artibot_sim.diagnose.extended import Uncertain, found_parameters, robot_of, uncertain
+from artibot_sim.diagnose.looks import look, with_commands
+from artibot_sim.diagnose.options import Options
+from artibot_sim.diagnose.places import places
+from artibot_sim.diagnose.predictions import Pair, baseline_levels, gains, improvement, predict
+from artibot_sim.diagnose.ranking import ranking
+from artibot_sim.experiment import Experiment
+from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.robust import channel_levels
+from artibot_sim.model import Robot
+
+Parameters = Mapping[str, Mapping[str, Found]]
+
+
+def result_of(
+    robot: Robot,
+    fitted: Sequence[Experiment],
+    held: Sequence[Experiment],
+    decision: Decision,
+    options: Options,
+    tick: Callable[[], None],
+) -> Diagnosis:
+    """The diagnosis that a decision comes to."""
+    names = [e.name for e in fitted]
+    neutral = uncertain(decision.neutral_problem, decision.neutral_fit, options.seed)
+    baseline = robot_of(decision.neutral_problem, neutral, {}, names)
+    after = uncertain(decision.problem, decision.fit, options.seed)
+    effects = _parameters(decision, after)
+    extended = robot_of(decision.problem, after, effects, names) if effects else baseline
+    pairs = []
+    for experiment, out in [*((e, False) for e in fitted), *((e, True) for e in held)]:
+        pairs.append(predict(experiment, out, baseline, extended, options.horizon, options.workers))
+        tick()
+    commanded = command_view([*fitted, *held], robot, seed=options.seed).seen_by(extended)
+    channels, looks = with_commands(baseline_levels(pairs), [look(pair, robot) for pair in pairs], *commanded)
+    held_out = [pair for pair in pairs if pair.held_out]
+    point = decision.neutral_fit.point
+    return Diagnosis(
+        verdict=decision.verdict,
+        robot=robot,
+        baseline_robot=baseline,
+        extended=extended,
+        bags=tuple(names),
+        holdout=tuple(e.name for e in held),
+        horizon=options.horizon,
+        baseline=channels,
+        where=places(looks, channels),
+        causes=_causes(decision, effects, held_out),
+        ranking=ranking(decision),
+        unexplained=None,
+        gain=gains(held_out, options.seed),
+        next_experiment=None,
+        warnings=data_warnings(fitted, robot, decision.neutral_problem, point),
+        looks=tuple(looks),
+        prior_odds=options.prior_odds,
+        threshold=decision.least,
+        seed=options.seed,
+    )
+
+
+def _parameters(decision: Decision, after: Uncertain) -> dict[str, Mapping[str, Found]]:
+    """Parameters of all named effects with their intervals."""
+    problem: Problem = decision.problem
+    found: dict[str, Mapping[str, Found]] = {}
+    place = len(problem.parameters.parameters)
+    for extension in problem.parameters.extensions:
+        part = slice(place, place + len(extension))
+        found[extension.id] = found_parameters(extension, after.point.coordinates[part], after.covariance[part, part])
+        place += len(extension)
+    return found | {named.effect: named.found for named in decision.named if named.found}
+
+
+def _causes(decision: Decision, effects: Parameters, held_out: Sequence[Pair]) -> tuple[Cause, ...]:
+    """The named effects, most probable first."""
+    levels = channel_levels(decision.problem.windows, decision.fit.point.residuals)
+    gained = improvement(held_out, levels)
+    found = [
+        Cause(named.effect, effects[named.effect], named.nats / DECADE, gained, named.ties) for named in decision.named
+    ]
+    return tuple(sorted(found, key=lambda cause: -cause.log10_bayes_factor))
