@@ -36,14 +36,17 @@ class Rounds:
         Fits from whose soil and starts the baseline is fitted again.
     few, many : int
         Steps.
+    worth : float
+        Nats that an effect has to gain in the screen to be fitted at all.
     """
 
     most: tuple[int, int, int] = (12, 6, 4)
-    least: tuple[int, int, int] = (4, 3, 2)
+    least: tuple[int, int, int] = (3, 2, 2)
     shares: tuple[float, float, float] = (0.04, 0.15, 0.3)
     returns: int = 2
     few: int = 3
     many: int = 8
+    worth: float = 12.0
 
     def through(self, number: int, gains: Sequence[float]) -> int:
         """How many go on into a round, of gains in falling order."""
@@ -97,7 +100,8 @@ def contest(
     rounds : Rounds
     """
     begun = []
-    for trial in _through(trials, 0, baseline, rounds):
+    worthy = [trial for trial in trials if 0.5 * (baseline - trial.point.cost) > rounds.worth]
+    for trial in _through(worthy, 0, baseline, rounds):
         begun.append(_begun(trial, loss))
         tick()
     fitted = []

@@ -67,8 +67,12 @@ def turn(
     base = around(problem, loss, fit.point)
     trials = screen(base, hypotheses(problem.parameters.robot, problem.stretches, named), tick) + discs(base)
     rivals = contest(trials, base.point.cost, loss, rounds, tick)
+    if not rivals:
+        return Turn(tuple(trials), (), {}, problem, fit, loss, base.point.cost)
     best = settled(problem, base.point, loss, rounds)
     for rival in rivals[: rounds.returns]:
+        if best.point.cost - rival.fit.point.cost < 2.0 * rounds.worth:
+            continue
         other = neutralised(rival, loss, rounds)
         best = other if other.point.cost < best.point.cost else best
         tick()

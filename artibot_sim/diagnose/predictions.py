@@ -20,6 +20,8 @@ from artibot_sim.model import Robot
 Array = NDArray[np.float64]
 
 _DRAWS = 500
+_STEPS = 2
+"""Of the starts that predictions begin with."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +45,9 @@ def predict(
     experiment: Experiment, held_out: bool, baseline: Robot, extended: Robot, horizon: float, workers: int | None
 ) -> Pair:
     """A recording by both models; once only where they are the same."""
-    before = hold_out(experiment, baseline, horizon, workers)
+    before = hold_out(experiment, baseline, horizon, workers, steps=_STEPS)
     same = extended.effects == baseline.effects and extended == baseline
-    return Pair(held_out, before, before if same else hold_out(experiment, extended, horizon, workers))
+    return Pair(held_out, before, before if same else hold_out(experiment, extended, horizon, workers, steps=_STEPS))
 
 
 def improvement(pairs: Sequence[Pair], levels: Mapping[str, float]) -> float:

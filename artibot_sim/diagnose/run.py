@@ -13,6 +13,7 @@ from artibot_sim.diagnose.data_check import require_usable
 from artibot_sim.diagnose.decision import decide
 from artibot_sim.diagnose.diagnosis import Diagnosis
 from artibot_sim.diagnose.options import FALSE_ALARM_RATE, HORIZON, PRIOR_ODDS, Options
+from artibot_sim.diagnose.result import result_of
 from artibot_sim.diagnose.thresholds import THRESHOLDS, Thresholds
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import Experiment

@@ -63,19 +63,25 @@ class Held:
 
 
 def hold_out(
-    experiment: Experiment, robot: Robot, horizon: float, workers: int | None = None, rivals: Sequence[Kinematic] = ()
+    experiment: Experiment,
+    robot: Robot,
+    horizon: float,
+    workers: int | None = None,
+    rivals: Sequence[Kinematic] = (),
+    steps: int = _STEPS,
 ) -> Held:
     """Predict a recording with a robot as it is; `rivals` predict it as well.
 
     Every window of `horizon` s starts from what the window before it measured: the start of that one is estimated
     from its own samples, and the model carries it to its end. Where there is none before (the first of a stretch,
     or a stretch no longer than a window) a prediction starts from the measured pose, rolling as its wheels say.
+    Starts are estimated by so many `steps`.
     """
     found = stretches(experiment, robot)
     windows = cut(found, robot, horizon)
     problem = Problem(ParameterSet(robot, ()), found, windows, workers)
     here = np.empty(0)
-    point = fitted_starts(problem)
+    point = fitted_starts(problem, steps)
     carried = problem.carried(here, point.starts)
     followed = [before is not None for before in predecessors(windows)]
     alone = [i for i in range(len(windows)) if not followed[i]]

@@ -12,8 +12,8 @@ from artibot_sim.identify.windows import CHANNEL_NAMES, Window
 
 Array = NDArray[np.float64]
 
-_SOME = 5
-"""Every how many rows a quantile is taken from."""
+_SOME = 2000
+"""Rows, evenly, that a quantile is taken from."""
 
 
 @dataclass(frozen=True)
@@ -39,15 +39,16 @@ def clip(windows: Sequence[Window], columns: Sequence[Array]) -> None:
     hold most of the information, and none of it is true.
     """
     channel = np.concatenate([window.channel for window in windows])
-    table = np.abs(np.concatenate(columns))
+    table = np.concatenate(columns)
     for c in range(len(CHANNEL_NAMES)):
-        rows = channel == c
-        if not rows.any():
+        rows = np.flatnonzero(channel == c)
+        if not len(rows):
             continue
-        limit = 3.0 * np.quantile(table[rows][::_SOME], 0.99, axis=0)
-        for window, part in zip(windows, columns, strict=True):
-            mine = window.channel == c
-            part[mine] = np.clip(part[mine], -limit, limit)
+        limit = 3.0 * np.quantile(np.abs(table[rows[:: max(1, len(rows) // _SOME)]]), 0.99, axis=0)
+        table[rows] = np.clip(table[rows], -limit, limit)
+    ends = np.cumsum([len(window) for window in windows])[:-1]
+    for part, new in zip(columns, np.split(table, ends), strict=True):
+        part[:] = new
 
 
 def rigid(predicted: Array, start: Array, count: int, angles: int) -> Array:
