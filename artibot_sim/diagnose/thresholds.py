@@ -30,7 +30,7 @@ class Thresholds:
         Effects that are looked for one after the other.
     """
 
-    floor: float = 10.0
+    floor: float = 30.0
     tail: float = 6.0
     away: float = 4.0
     size: float = 0.1
