@@ -24,10 +24,10 @@ H = 0.005
 SPAN = 0.04
 """s over which measured speeds are averaged: motors do little in less, and what encoders count is coarse."""
 GUARD = 3.0
-"""s for which a command is taken to have stood before its first sample."""
-_BEGUN = 0.3
+"""s before a part for which its motor is taken to have done what it did at first."""
+_BEGUN = 0.5
 """s after the beginning of a part that begins in motion which do not count: nobody knows what was commanded before."""
-_SLOW = 0.02
+_SLOW = 1e-3
 """Share of the largest commanded speed that is motion."""
 _SHORT = 0.5
 """s that a part lasts at least."""
@@ -44,8 +44,8 @@ class Told:
     Attributes
     ----------
     command : array, shape (g,)
-        Commanded speeds (rad/s) on a grid H apart, all parts one after the other, each led by GUARD of its first
-        value.
+        Commanded speeds (rad/s) on a grid H apart, all parts one after the other, each led by GUARD of what the motor
+        did at first.
     at : array, shape (n, k)
         Places on that grid. A measured speed is the mean of those at k instants; or, with `rise`, over the time
         between two.
@@ -117,7 +117,7 @@ def told(recordings: Sequence[Experiment], quantity: str = "velocity") -> Told |
             continue
         first, last = part.t[0], part.t[-1]
         knots = first + H * np.arange(int(np.ceil((last - first) / H)) + 2)
-        lead = np.full(round(GUARD / H), part.command[0])
+        lead = np.full(round(GUARD / H), _before(part, piece))
         grid.append(np.concatenate([lead, np.interp(knots, part.t, part.command)]))
         base += len(grid[-1])
         pieces.append(piece)
@@ -211,14 +211,26 @@ def _piece(part: _Part, rise: bool, base: int) -> tuple[Array, ...] | None:
     whole = np.zeros((len(t), LAGS), bool)
     for lag in range(1, LAGS + 1):
         whole[lag:, lag - 1] = middle[lag:] - middle[:-lag] < (lag + 0.6) * step
-    moving = np.abs(part.command[0]) > _SLOW * np.abs(part.command).max(initial=1e-9)
-    counts = middle > part.t[0] + _BEGUN if moving else np.ones(len(t), bool)
+    counts = middle > part.t[0] + _BEGUN if _moving(part) else np.ones(len(t), bool)
     torque = np.full(len(t), np.nan)
     if len(part.torque[0]) > 3:
         torque = _mean_between(*part.torque, t[:, 0], t[:, -1])
     at = (t - part.t[0]) / H + base + round(GUARD / H)
     size = len(t)
     return at, speed, torque, whole, counts, np.full(size, part.recording), np.full(size, part.motor), middle
+
+
+def _moving(part: _Part) -> bool:
+    """Whether a part begins with a command to move."""
+    return bool(np.abs(part.command[0]) > _SLOW * np.abs(part.command).max())
+
+
+def _before(part: _Part, piece: tuple[Array, ...]) -> float:
+    """Speed at the beginning of a part: what a lag begins from, which nobody knows the commands of."""
+    if not _moving(part):
+        return float(part.command[0])
+    speed, middle = piece[1], piece[-1]
+    return float(speed[0] + (speed[2] - speed[0]) / (middle[2] - middle[0]) * (part.t[0] - middle[0]))
 
 
 def _mean_between(t: Array, values: Array, begin: Array, end: Array) -> Array:

@@ -200,3 +200,15 @@ def test_recordings_made_elsewhere(what: str, found: tuple[str, ...]) -> None:
     assert view.found == found
     if found:
         assert view.evidence["speed_loop_lag"].values["time_constant"] == pytest.approx(0.25, abs=0.003)
+
+
+def test_a_recording_that_begins_in_motion_hides_no_dead_band() -> None:
+    """What was commanded before its beginning is not known: a lag that began then is no second effect."""
+    robot = robot_with(speed_loop_lag={"time_constant": 0.25})
+    later = []
+    for r in driven(robot, seed=9):
+        part = r.between(3.0, r.duration)
+        later.append(replace(part, segments=((3.0, r.duration),)))
+    view = command_view(later, AGRIQ)
+    assert view.found == ("speed_loop_lag",)
+    assert view.evidence["speed_loop_lag"].values["time_constant"] == pytest.approx(0.25, rel=0.02)
