@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import Final
 
@@ -22,6 +23,9 @@ from artibot_sim.model import MOTORS, Robot, load_robot
 
 LARGEST_LOAD: Final = 0.8
 """Share of a bus's bits that SYNC, PDOs and heartbeats may take: the rest is for SDOs, emergencies and repeats."""
+
+LARGEST_SETUP_LOAD: Final = 0.9
+"""The same while drives are set up: less than what is taken for a flood."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,12 @@ class Rig:
         bits = frame_bits(0) + nodes * sum(frame_bits(each.packing.size) for each in self.codec.maps.values())
         heartbeats = frame_bits(1) * (nodes / config.drive_period + 1 / config.driver_period)
         return (bits * config.sync_rate + heartbeats) / config.bitrate
+
+    @cached_property
+    def requests_a_cycle(self) -> int:
+        """How many SDO requests, with their answers, the bus carries in a SYNC period beside all cyclic frames."""
+        left = (LARGEST_SETUP_LOAD - self.bus_load) * self.config.bitrate / self.config.sync_rate
+        return max(1, int(left / (2 * frame_bits(8))))
 
     def settings(self, motor: str) -> tuple[Setting, ...]:
         """What a motor's drive has to be set to, in this order, before it is started.

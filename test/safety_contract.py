@@ -51,7 +51,8 @@ class SafetyContract:
             yield found
 
     @pytest.mark.parametrize("name", FAULTS)
-    def test_what_must_follow_a_fault_does(self, site: Place, rig: Rig, watchdog: Watchdog, name: str) -> None:
+    def test_what_must_follow_a_fault_does(self, site: Place, watchdog: Watchdog, name: str) -> None:
+        rig = campaign.live_rig([name])
         for number in range(TRIALS):
             outcome = campaign.live_trial(number, SEED, [name], rig, site, watchdog)
             print(f"seed {SEED}, trial {number}: {outcome}")

@@ -135,7 +135,7 @@ def _on(world: World, motor: str) -> None:
 
 
 def _flood(world: World, motor: str) -> None:
-    world.flood = 1.0
+    world.flood = world.full
 
 
 def _end_flood(world: World, motor: str) -> None:

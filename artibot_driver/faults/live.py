@@ -46,6 +46,7 @@ class LiveWorld(World):
         self._next = self.now
         if os.cpu_count() == 1:
             self.strangers = STRANGERS_OF_ONE
+            self.full = 1.0 - rig.bus_load  # beside the drives' own frames; elsewhere more than a bus could carry
 
     def _open(self) -> list[Bus]:
         """Ends of the bus for the master, the drives, and others who do not listen."""

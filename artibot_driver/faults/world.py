@@ -50,6 +50,8 @@ class World(ABC):
         Random frames in every period, from nodes that are none of ours.
     strangers : int
         Frames in a period that make a noise.
+    full : float
+        The flood that fills the bus.
     trace : list of Sample
         All periods so far.
     """
@@ -61,6 +63,7 @@ class World(ABC):
         self.flood = 0.0
         self.noise = 0
         self.strangers = STRANGERS
+        self.full = 1.0
         self.trace: list[Sample] = []
         self.period = 1000 * rig.config.sync_period_us
         self.turn = motor_per_metre(rig.robot, "front_right")

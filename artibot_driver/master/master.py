@@ -15,7 +15,7 @@ from typing import Final
 from artibot_driver.bus_health import BusState
 from artibot_driver.cia402 import State
 from artibot_driver.frames import NmtCommand, NmtState, heartbeat, nmt
-from artibot_driver.master import report, watch
+from artibot_driver.master import report, setup, watch
 from artibot_driver.master.hearing import KINDS, Hearing
 from artibot_driver.master.link import POWERED, TORQUE, VELOCITY, Link
 from artibot_driver.master.phases import Facts, Phase, next_phase
@@ -67,7 +67,7 @@ class Master:
         self._stop: Stop | None = None
         self._armed: int | None = None
         self._following = False
-        self._since = self._reset_until = self._beat_due = self._sync = 0
+        self._since = self._reset_until = self._beat_due = self._sync = self._polls = 0
         self._rested: int | None = None
         self._released: int | None = None
         self._last: int | None = None
@@ -111,7 +111,9 @@ class Master:
         for message in self._traffic.read():
             self._hearing.take(message, now_ns, self._sync)
         if self._alone:
-            self._traffic.send([frame for link in self._links for frame in link.setup.step(now_ns)])
+            self._polls += 1
+            setups = [link.setup for link in self._links]
+            self._traffic.send(setup.due(setups, now_ns, self._rig.requests_a_cycle, self._polls))
 
     def cycle(self, now_ns: int, setpoints: Setpoints | None) -> Cycle:
         """One SYNC period.

@@ -8,7 +8,7 @@ it has lost what was written before.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from canopen.objectdictionary import ODVariable
@@ -177,6 +177,16 @@ class Setup:
         entry = self._rig.dictionary[setting.index]
         variable = entry if isinstance(entry, ODVariable) else entry[setting.subindex]
         return len(variable) // 8
+
+
+def due(setups: Sequence[Setup], now: int, most: int, turn: int) -> list[Frame]:
+    """What several drives are to be sent now: of `most` of them, beginning with another one at each turn."""
+    frames: list[Frame] = []
+    for k in range(len(setups)):
+        said = list(setups[(turn + k) % len(setups)].step(now)) if most else []
+        frames += said
+        most -= bool(said)
+    return frames
 
 
 Step = tuple[Setting, bool]

@@ -146,6 +146,20 @@ def test_setting_up_holds_up_nobody_else() -> None:
     assert w.last.status.counters["missed_feedback"] == before
 
 
+def test_setting_up_leaves_room_on_a_bus_that_is_nearly_full() -> None:
+    """All four at once, beside cyclic frames that take most of the bus: no flood, and an enable is taken at once."""
+    w = world(bus__bitrate=250_000)
+    assert w.rig.bus_load > 0.7
+    loads = []
+    while not loads or w.last.status.phase is not Phase.READY:
+        w.run(0.01)
+        loads.append(w.last.status.bus.load)
+        assert len(loads) < 600
+    assert 0.7 < max(loads) < 0.95
+    w.master.enable()
+    assert w.run_until(Phase.ENABLED, 1.0), w.last.status.notice
+
+
 def test_positions_go_on_after_a_drive_has_restarted() -> None:
     w = driving()
     before = w.last.feedback.position
