@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from artibot_sim.diagnose.command_data import told
-from artibot_sim.diagnose.command_model import way_of
+from artibot_sim.diagnose.command_model import known_way
 from artibot_sim.diagnose.command_noise import sensor_noise
 from artibot_sim.diagnose.command_series import Level
 from artibot_sim.diagnose.command_work import EFFECTS, ViewEvidence, Work
@@ -20,6 +20,9 @@ from artibot_sim.experiment import Experiment
 from artibot_sim.model import Robot
 
 __all__ = ["EFFECTS", "CommandView", "ViewEvidence", "command_view"]
+
+_UNFOLLOWED = 0.2
+"""Share of the motors' speed that is left at best, from which they do something else than they are commanded."""
 
 
 @dataclass(frozen=True)
@@ -36,22 +39,28 @@ class CommandView:
         ``front_velocity``: how far measured speeds are from commanded ones, and their noise.
     series : mapping of str to Series
         By recording: errors of the front motors' speeds, (n, 2), as commanded and with `found`.
+    followed : bool
+        Whether motors do what they are commanded, but for what these effects explain. Otherwise commands say nothing.
     """
 
     evidence: Mapping[str, ViewEvidence] = field(default_factory=dict)
     found: tuple[str, ...] = ()
     levels: Mapping[str, Level] = field(default_factory=dict)
     series: Mapping[str, Series] = field(default_factory=dict)
+    followed: bool = False
     _work: Work | None = field(default=None, repr=False, compare=False)
 
     def given(self, *effects: str) -> dict[str, ViewEvidence]:
         """Evidence of every other effect on top of `effects`, all at their best together."""
-        work = self._work
-        return {} if work is None else {e: work.evidence(e, effects) for e in EFFECTS if e not in effects}
+        if self._work is None:
+            return {}
+        if not self.followed:
+            return {e: self.evidence[e] for e in EFFECTS if e not in effects}
+        return {e: self._work.evidence(e, effects) for e in EFFECTS if e not in effects}
 
     def together(self, *effects: str) -> ViewEvidence:
         """Evidence of several effects at their best together; values and deviations by ``effect.parameter``."""
-        if self._work is None:
+        if self._work is None or not self.followed:
             return ViewEvidence(0.0, {}, {})
         base, best = self._work.fit(()), self._work.fit(effects)
         values: dict[str, float] = {}
@@ -63,12 +72,15 @@ class CommandView:
         return ViewEvidence(best.value - base.value, values, sd)
 
     def nats(self, robot: Robot) -> float:
-        """Log-likelihood that a robot's effects gain as they are; 0 where there are no commands."""
-        return 0.0 if self._work is None else self._work.gained(robot)
+        """Log-likelihood that a robot's effects gain as they are, negative where commands speak against them.
+
+        Zero for effects that are not the view's, and where no commands are recorded or followed.
+        """
+        return 0.0 if self._work is None or not self.followed else self._work.gained(robot)
 
     def seen_by(self, robot: Robot) -> tuple[Mapping[str, Level], Mapping[str, Series]]:
         """`levels` and `series` with a robot's effects in place of `found`."""
-        return ({}, {}) if self._work is None else self._work.shown(way_of(robot.effects), None)
+        return ({}, {}) if self._work is None else self._work.shown_by(robot)
 
 
 def command_view(recordings: Sequence[Experiment], robot: Robot, *, seed: int = 0) -> CommandView:
@@ -94,7 +106,13 @@ def command_view(recordings: Sequence[Experiment], robot: Robot, *, seed: int = 
         if noise.like(work.noise):
             break
         work = replace(work, noise=noise)
+    left = work.left(found)
+    if left > _UNFOLLOWED:
+        note = f"motors do not follow their commands: {100 * left:.0f} % of their speed is left whatever explains it"
+        silent = {effect: ViewEvidence(0.0, {}, {}, note) for effect in EFFECTS}
+        known = known_way(robot)
+        return CommandView(silent, (), *work.shown(known, None), False, work)
     evidence = {effect: work.evidence(effect) for effect in EFFECTS}
     best = work.fit(found)
     levels, series = work.shown(best.best.way, best.limit)
-    return CommandView(evidence, found, levels, series, work)
+    return CommandView(evidence, found, levels, series, True, work)

@@ -149,6 +149,14 @@ class Work:
         used = np.ones(len(self.data), bool) if fit.limit is None else ~fit.limit.held
         return noise_in(self.data, self.data.speed - seen(self.data, fit.best.way), used)
 
+    def left(self, found: Collection[str]) -> float:
+        """Share of the motors' speed that these effects leave unexplained: typical error over typical speed."""
+        fit = self.fit(found)
+        used = self.data.counts if fit.limit is None else self.data.counts & ~fit.limit.held
+        error = np.abs(self.data.speed - seen(self.data, fit.best.way))[used]
+        size = float(np.sqrt(np.mean(self.data.speed**2)))
+        return 1.4826 * float(np.median(error)) / size if len(error) and size > 0.0 else 0.0
+
     def evidence(self, effect: str, given: Collection[str] = ()) -> ViewEvidence:
         """Evidence of one effect on top of others."""
         base, fit = self.fit(given), self.fit((*given, effect))
@@ -212,6 +220,13 @@ class Work:
         if self.puller is not None:
             value += self.puller.at(Way(scale=float(robot.effects.get(SCALE, {}).get("scale", 1.0))))
         return value - self.fit(()).value
+
+    def shown_by(self, robot: Robot) -> tuple[dict[str, Level], dict[str, Series]]:
+        """Levels and series: as commanded, and with a robot's effects."""
+        way = way_of(robot.effects)
+        limited = LIMIT in robot.effects
+        limit = torque_limit(self.data, self.noise, self.data.speed - seen(self.data, way)) if limited else None
+        return self.shown(way, limit if limit is not None and limit.nats > 0.0 else None)
 
     def shown(self, way: Way, limit: Limit | None) -> tuple[dict[str, Level], dict[str, Series]]:
         """Levels and series: as commanded, and with a way."""

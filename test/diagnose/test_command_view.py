@@ -212,3 +212,19 @@ def test_a_recording_that_begins_in_motion_hides_no_dead_band() -> None:
     view = command_view(later, AGRIQ)
     assert view.found == ("speed_loop_lag",)
     assert view.evidence["speed_loop_lag"].values["time_constant"] == pytest.approx(0.25, rel=0.02)
+
+
+def test_motors_that_do_something_else_are_no_evidence() -> None:
+    """Commands of another drive: no delay, lag or scale is read into them."""
+    one, other = driven(AGRIQ, seed=10)
+    swapped = [replace(one, channels=dict(one.channels) | {"motor_command": other.channels["motor_command"]})]
+    view = command_view(swapped, AGRIQ)
+    assert not view.followed and view.found == ()
+    assert all(e.nats == 0.0 and "do not follow" in e.note for e in view.evidence.values())
+    assert view.nats(robot_with(command_delay={"delay": 0.1})) == 0.0
+    assert view.levels["front_velocity"].rmse > 10.0
+
+
+def test_a_husky_whose_wheels_are_not_commanded_one_by_one() -> None:
+    view = command_view([read_bag(foreign("husky_a"))], load_robot("husky"))
+    assert not view.followed and view.found == ()
