@@ -53,6 +53,7 @@ OWNERS = {
     "can_remote": (DRIVER,),
     "canopen": (DRIVER,),
     "mujoco": ("bench",),
+    "pinocchio": ("bench",),
     "pyarrow": ("sweep",),
     "distributed": ("cluster_dask",),
     "dask": ("cluster_dask",),

@@ -146,6 +146,12 @@ def _law(n, memory, command, load, rims, qpos, qvel, xpos, xmat, cvel, com, qfrc
             memory[TORQUE_NEXT + motor] = M_m
 
 
+@njit
+def apply(n, memory, command, load, rims, qpos, qvel, xpos, xmat, cvel, com, qfrc, xfrc):  # type: ignore[no-untyped-def]
+    """The law for whoever holds MuJoCo's arrays as arrays; `n` is NUMBERS (1,)."""
+    _law(n[0], memory, command, load, rims, qpos, qvel, xpos, xmat, cvel, com, qfrc, xfrc)
+
+
 def callback(data: Any, numbers: NDArray[Any], memory: Array, command: Array) -> tuple[Callable[..., None], list[Any]]:
     """The law as a C function for ``mujoco.set_mjcb_passive``, bound to one ``MjData``.
 

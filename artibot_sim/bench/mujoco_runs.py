@@ -53,7 +53,7 @@ class LawRun:
         self.steps = round(commands.duration / dt)
         self._every = round(commands.dt / dt)
         self._start = initial_state(robot)
-        self._numbers = _numbers(robot, commands, dt, STAGES[integrator])
+        self._numbers = law_numbers(robot, commands, dt, STAGES[integrator])
         self._memory = np.zeros(law.MEMORY)
         command = np.ascontiguousarray(np.column_stack([commands.position[:, :2], commands.velocity[:, :2]]))
         self._function, self._held = law.callback(self.data, self._numbers, self._memory, command)
@@ -82,7 +82,8 @@ class LawRun:
         return MujocoRun(np.arange(rows + 1) * every * model.opt.timestep, qpos[:, [0, 1, 3]], self.steps)
 
 
-def _numbers(robot: Robot, commands: Commands, dt: float, stages: int) -> NDArray[Any]:
+def law_numbers(robot: Robot, commands: Commands, dt: float, stages: int) -> NDArray[Any]:
+    """Robot and run as the compiled law takes them."""
     p = params(robot)
     numbers = np.zeros(1, dtype=law.NUMBERS)
     n = numbers[0]

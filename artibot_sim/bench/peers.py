@@ -1,4 +1,4 @@
-"""MuJoCo on an equivalent model in the same run."""
+"""MuJoCo and Pinocchio on an equivalent model in the same run."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from artibot_sim.bench.results import Peer, Result
 from artibot_sim.bench.scenario import Scenario
 from artibot_sim.bench.timing import repeat
+from artibot_sim.model import Commands, rollout
 
 NO_MUJOCO = "MuJoCo is not installed; pip install 'artibot_sim[bench]'"
 
@@ -41,6 +42,31 @@ def mujoco(scenario: Scenario) -> list[Result]:
         detail |= timing.per_second(run.steps)
         results.append(Result(f"mujoco_{name}_1ms", run.steps / timing.best, "steps/s", note, detail))
     return results
+
+
+def no_pinocchio() -> str | None:
+    """Why Pinocchio cannot be measured here, or None."""
+    return None if importlib.util.find_spec("pinocchio") else "Pinocchio is not installed; pip install pin"
+
+
+def pinocchio(scenario: Scenario) -> list[Result]:
+    """Pinocchio's bodies with the paper's contact law, called from Python, over the first seconds of the trajectory."""
+    from artibot_sim.bench.accuracy import distance
+    from artibot_sim.bench.pinocchio_runs import PinocchioRun
+
+    whole = scenario.commands
+    end = round((2.0 if scenario.quick else 8.0) / whole.dt) + 1
+    commands = Commands(whole.dt, whole.velocity[:end], position=whole.position[:end])
+    run = PinocchioRun(scenario.robot, commands)
+    timing = repeat(run, scenario.runs(2), scenario.tick)
+    apart = distance(run().pose, rollout(scenario.robot, commands).pose)
+    note = (
+        "Pinocchio's ABA from Python, RK4 at 1 ms, the paper's contact law compiled, first "
+        f"{commands.duration:g} s; {apart[-1]:.2g} m from artibot's RK4 at the end"
+    )
+    detail = {"pose_difference": float(apart[-1]), "pose_difference_largest": float(apart.max())}
+    detail |= timing.per_second(run.steps)
+    return [Result("pinocchio_law_rk4_1ms", run.steps / timing.best, "steps/s", note, detail)]
 
 
 def attach(results: Sequence[Result]) -> list[Result]:

@@ -61,6 +61,7 @@ SUITE: dict[str, Benchmark] = {
         ("mujoco_law_rk4_1ms", "mujoco_law_euler_1ms", "mujoco_native_rk4_1ms", "mujoco_native_implicitfast_1ms"),
         peers.mujoco, 15, peers.missing,
     ),
+    "pinocchio": Benchmark(("pinocchio_law_rk4_1ms",), peers.pinocchio, 10, peers.no_pinocchio, in_quick=False),
     "ripple": Benchmark(
         ("back_speed_ripple_rk4_1ms", "back_speed_ripple_semi_implicit_2ms", "back_speed_ripple_converged"),
         accuracy.ripples, 1,

@@ -60,3 +60,12 @@ def test_masses_are_those_of_the_robot(model):
 def test_a_rigid_robot_is_refused():
     with pytest.raises(ArtibotError, match="'husky' has no back module"):
         law_model(load_robot("husky"), 1e-3, "RK4")
+
+
+def test_pinocchio_with_the_same_law_drives_the_same_path():
+    pytest.importorskip("pinocchio", reason="pip install pin")
+    from artibot_sim.bench import peers
+    from artibot_sim.bench.scenario import Scenario
+
+    (result,) = peers.pinocchio(Scenario(quick=True))
+    assert result.detail["pose_difference_largest"] < 1e-8
