@@ -237,7 +237,7 @@ class NodeFaults:
         """A rover whose drives are set up."""
         driver = start_driver(start_node, place, self.SYNC_RATE)
         with contextlib.ExitStack() as stack:
-            watched = stack.enter_context(Watchdog(PRIORITY and PRIORITY + 20))
+            watched = stack.enter_context(Watchdog(watchdog.WATCHING if PRIORITY else 0))
             drives = stack.enter_context(drives_on(*place, self.STEP_MS))
             sniffer = stack.enter_context(Sniffer(*place, LOOKED_AT))
             stack.enter_context(prompt())

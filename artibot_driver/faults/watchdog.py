@@ -26,9 +26,11 @@ HELD_UP: Final = 0.02
 """A trial is void where something had to wait for so long, s: less than what its bounds leave beyond the time-outs."""
 
 PRIORITY: Final = 45
-"""Of trials among the machine's real-time threads, where the system grants it; the watchdog is above them, so that they
-are not taken for the machine's doing. With a single processor none: the kernel's own thread that hands frames over
-would starve."""
+"""Of trials among the machine's real-time threads, where the system grants it. With a single processor none: the
+kernel's own thread that hands frames over would starve."""
+
+WATCHING: Final = 99
+"""Of the watchdog: a processor that is busy with somebody else is no stall while the trial has another."""
 
 _NAP: Final = 0.005
 _READ_EVERY: Final = 0.01
@@ -93,7 +95,7 @@ class Watchdog:
 def attended() -> Iterator[Watchdog]:
     """A watchdog, and this thread preferred to ordinary ones meanwhile, where the system allows it."""
     priority = PRIORITY if (os.cpu_count() or 1) > 1 else 0
-    with Watchdog(priority + 10 if priority else 0) as watchdog:
+    with Watchdog(WATCHING if priority else 0) as watchdog:
         take_priority(priority)
         try:
             yield watchdog
