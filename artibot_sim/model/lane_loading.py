@@ -9,7 +9,8 @@ from artibot_sim.model.integrators import motor_of
 from artibot_sim.model.lanes import AT, LANES, SIZE
 from artibot_sim.model.layout import ALPHA, BACK, BEHIND, BETA, FRONT, GAMMA, MOTOR_COORDINATES, X, Y, Z
 
-_PLACES = (X, Y, GAMMA, BACK + X, BACK + Y, BACK + GAMMA, *MOTOR_COORDINATES)
+PLACES = (X, Y, GAMMA, BACK + X, BACK + Y, BACK + GAMMA, *MOTOR_COORDINATES)
+"""Where the coordinates that move on a plane stand in q."""
 
 _STILL = 1e-12
 """m, rad and per second, within which a rover stands level and still: what rounding leaves."""
@@ -95,7 +96,7 @@ def load_motors(S, e, p, modes, i, eta, r, share):
         S[AT.J_M + j], S[AT.J_W + j], S[AT.TORQUE_MAX + j] = unit.J_m, unit.J_w, unit.torque_max
         S[AT.DRIVING + j], S[AT.BRAKING + j], S[AT.GEAR + j] = 1.0 / unit.eta_d, unit.eta_r, 1.0 / eta[r, motor]
         S[AT.A_MOTOR + j], S[AT.GAIN + j] = p.A_motor, p.velocity_gain
-        S[AT.LITERAL + j] = 1.0 if p.literal_eq22 else 0.0
+        S[AT.LITERAL + j] = p.u_w if p.literal_eq22 else 0.0
         S[AT.PREVIOUS + j] = S[AT.TORQUE + j] = 0.0
     S[AT.SHARE + e] = share
 
@@ -104,9 +105,10 @@ def load_motors(S, e, p, modes, i, eta, r, share):
 def load_lane(S, e, p, fx, q, v, i):
     """A level rover whose state is row `i` of q and v (n, 16) into lane `e`; `load_motors` does the motors."""
     for k in range(SIZE):
-        c, j = _PLACES[k], k * LANES + e
+        c, j = PLACES[k], k * LANES + e
         S[AT.Q + j] = S[AT.Q_S + j] = q[i, c]
         S[AT.V + j] = S[AT.V_S + j] = v[i, c]
+        S[AT.SOUND + j], S[AT.KEPT + j] = 1.0, 0.0
     for k in range(8):
         S[AT.LAG + k * LANES + e] = S[AT.LAG_S + k * LANES + e] = 0.0
     load_module(S, AT.BODY_F + e, p.front, p, fx, FRONT, q[i, Z])
@@ -114,4 +116,3 @@ def load_lane(S, e, p, fx, q, v, i):
     g = AT.GROUND + e
     S[g], S[g + LANES], S[g + 2 * LANES], S[g + 3 * LANES] = p.u_w, p.g_x, p.g_y, p.A_joint
     S[g + 4 * LANES] = 1.0 if p.two else 0.0
-    S[AT.SOUND + e], S[AT.KEPT + e] = 1.0, 0.0

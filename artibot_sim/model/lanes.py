@@ -2,7 +2,8 @@
 
 All numbers of a block of rovers stand in one flat array `S`, quantity by quantity: component i of lane e at
 ``S[AT.quantity + i * LANES + e]``. Loops over lanes are innermost and their bodies have no branches and no calls, which
-is what compilers make vector code of. Lanes know nothing of each other: results do not depend on which rovers share a
+is what compilers make vector code of (short bodies over all motors at once: a loop over eight lanes would be written
+out before it is looked at). Lanes know nothing of each other: results do not depend on which rovers share a
 block, and one that diverges disturbs no other.
 
 `fx` is None for the paper's model. In the extended one it is anything else, and effects' parameters are in `S`.
@@ -12,6 +13,8 @@ from __future__ import annotations
 
 from collections import namedtuple
 from typing import Any
+
+import numpy as np
 
 from artibot_sim.model.compiled import inlined
 from artibot_sim.model.effects import hooks
@@ -35,17 +38,18 @@ _SIZES = {
     # commands: angles and speeds at both ends of a cubic, its last coefficients, speed and acceleration now; the
     # inverse of its length, 0 after the last one
     "P_0": 4, "V_0": 4, "P_1": 4, "V_1": 4, "C_2": 4, "C_3": 4, "D_DOT": 4, "D_DDOT": 4,
-    "GOING": 1,
-    # commanded torque (NaN: eq. 30), what is held through a step, eq. 30's factor of the front motors' sum
-    "GIVEN": 4, "HELD": 4, "SHARE": 4,
-    # motors: speed of their wheels' rims, sums over the two wheels of F_l and u F_n, torque now and a step before,
-    # inverse efficiency for this step and the next
-    "RIM": 4, "PULL": 4, "U_F_N": 4, "TORQUE": 4, "PREVIOUS": 4, "GEAR": 4, "NEXT_GEAR": 4,
+    "GOING": 4,
+    # commanded torque (NaN: eq. 30), what is held through a step, eq. 30's factor of the front
+    # motors' sum and what comes of it
+    "GIVEN": 4, "HELD": 4, "SHARE": 1, "SHARED": 2,
+    # motors: speed of their wheels' rims, sums over the two wheels of F_l and u F_n, drag, torque now and a step
+    # before, inverse efficiency for this step and the next
+    "RIM": 4, "PULL": 4, "U_F_N": 4, "DRAG": 4, "TORQUE": 4, "PREVIOUS": 4, "GEAR": 4, "NEXT_GEAR": 4,
     "MODE": 4, "TAU": 4, "R_W": 4, "J_M": 4, "J_W": 4, "DRIVING": 4, "BRAKING": 4, "TORQUE_MAX": 4, "A_MOTOR": 4,
     "GAIN": 4, "LITERAL": 4,
     "BODY_F": len(Body._fields), "BODY_B": len(Body._fields), "GROUND": len(Ground._fields),
-    # whether a lane is sound, and how many of its rows were
-    "SOUND": 1, "KEPT": 1,
+    # whether a coordinate is sound, and in how many rows it was
+    "SOUND": SIZE, "KEPT": SIZE,
     "EFFECTS": EFFECT_VALUES,
 }  # fmt: skip
 
@@ -56,6 +60,9 @@ AT: Any = namedtuple("At", list(_SIZES))(*_BEGINS)  # type: ignore[arg-type]  # 
 
 BLOCK = LANES * sum(_SIZES.values())
 """Size of a block."""
+
+MOTOR = tuple(map(np.int64, range(4)))
+"""Numbers of the motors, as hooks take them."""
 
 LIMIT_V, LIMIT_Q = 1e6, 1e12
 """Beyond, a rover has diverged, as in `loop`."""
@@ -100,17 +107,21 @@ def put4(S, at, a, b, c, d):
 
 
 @inlined
-def follow_commands(S, s):
+def follow_commands(S, s, free):
     """Commands `s` seconds after the knot, and what prescribed motors do (eqs 26 to 28)."""
     for j in range(4 * LANES):
         c_0, c_1, c_2, c_3 = S[AT.P_0 + j], S[AT.V_0 + j], S[AT.C_2 + j], S[AT.C_3 + j]
         d = c_0 + s * (c_1 + s * (c_2 + s * c_3))
         d_dot = c_1 + s * (2.0 * c_2 + 3.0 * s * c_3)
-        d_ddot = 2.0 * c_2 + 6.0 * s * c_3
         speed = S[AT.V_S + MOTORS + j]
-        S[AT.D_DOT + j], S[AT.D_DDOT + j] = d_dot, d_ddot
+        d_ddot = 2.0 * c_2 + 6.0 * s * c_3
         S[AT.ACC + MOTORS + j] = follow(S[AT.A_MOTOR + j], S[AT.Q_S + MOTORS + j], speed, d, d_dot, d_ddot)
         S[AT.RIM + j] = S[AT.R_W + j] * (S[AT.TAU + j] * speed)
+    if free:
+        for j in range(4 * LANES):
+            c_2, c_3 = S[AT.C_2 + j], S[AT.C_3 + j]
+            S[AT.D_DOT + j] = S[AT.V_0 + j] + s * (2.0 * c_2 + 3.0 * s * c_3)
+            S[AT.D_DDOT + j] = 2.0 * c_2 + 6.0 * s * c_3
 
 
 @inlined
@@ -138,25 +149,50 @@ def move_modules(S, fx, t):
 
 
 @inlined
-def turn_motors(S, fx, t):
-    """Torques of all motors (eqs 21, 22), and what those that are not prescribed do, at the stage."""
-    for motor in range(4):
-        for e in range(LANES):
-            j = motor * LANES + e
-            speed, F_l, gear = S[AT.V_S + MOTORS + j], S[AT.PULL + j], S[AT.TAU + j] * S[AT.GEAR + j]
-            literal = S[AT.GROUND + e] * F_l  # u_w comes first
-            resistance = literal if S[AT.LITERAL + j] != 0.0 else S[AT.U_F_N + j] * rolling_sign(S[AT.TAU + j] * speed)
-            load = gear * (S[AT.R_W + j] * F_l + resistance)
-            if fx is not None:
-                load += hooks.drag(effects_at(S, fx, e, t), motor, speed)
-            J = S[AT.J_M + j] + S[AT.J_W + j] * S[AT.TAU + j] * gear
-            driven = J * (S[AT.D_DDOT + j] + S[AT.GAIN + j] * (S[AT.D_DOT + j] - speed)) + load
-            M_m = driven if S[AT.MODE + j] == DRIVEN else S[AT.HELD + j]
-            M_m = min(max(M_m, -S[AT.TORQUE_MAX + j]), S[AT.TORQUE_MAX + j])
-            acceleration = S[AT.ACC + MOTORS + j]
-            follows = S[AT.MODE + j] == PRESCRIBED
-            S[AT.ACC + MOTORS + j] = acceleration if follows else (M_m - load) / J
-            S[AT.TORQUE + j] = J * acceleration + load if follows else M_m
+def drag_motors(S, fx, t):
+    """With effects: drag on all motors, at the stage."""
+    for e in range(LANES):
+        effects = effects_at(S, fx, e, t)
+        right_f, left_f, right_b, left_b = four(S, AT.V_S + MOTORS + e)
+        put4(
+            S, AT.DRAG + e, hooks.drag(effects, MOTOR[0], right_f), hooks.drag(effects, MOTOR[1], left_f),
+            hooks.drag(effects, MOTOR[2], right_b), hooks.drag(effects, MOTOR[3], left_b),
+        )  # fmt: skip
+
+
+@inlined
+def load_at(S, fx, j):
+    """Load on a motor of a lane (eq. 22 and drag, motor side), N m, and its inertia, kg m²."""
+    F_l, gear = S[AT.PULL + j], S[AT.TAU + j] * S[AT.GEAR + j]
+    rolling = S[AT.U_F_N + j] * rolling_sign(S[AT.TAU + j] * S[AT.V_S + MOTORS + j])
+    literal = S[AT.LITERAL + j]
+    load = gear * (S[AT.R_W + j] * F_l + (literal * F_l if literal != 0.0 else rolling))
+    if fx is not None:
+        load += S[AT.DRAG + j]
+    return load, S[AT.J_M + j] + S[AT.J_W + j] * S[AT.TAU + j] * gear
+
+
+@inlined
+def measure_motors(S, fx):
+    """Torques that it takes to turn prescribed motors (eq. 21)."""
+    for j in range(4 * LANES):
+        load, J = load_at(S, fx, j)
+        S[AT.TORQUE + j] = J * S[AT.ACC + MOTORS + j] + load
+
+
+@inlined
+def turn_motors(S, fx):
+    """Torques of all motors (eq. 21), and what those that are not prescribed do, at the stage."""
+    for j in range(4 * LANES):
+        load, J = load_at(S, fx, j)
+        behind = S[AT.D_DOT + j] - S[AT.V_S + MOTORS + j]
+        driven = J * (S[AT.D_DDOT + j] + S[AT.GAIN + j] * behind) + load
+        M_m = driven if S[AT.MODE + j] == DRIVEN else S[AT.HELD + j]
+        M_m = min(max(M_m, -S[AT.TORQUE_MAX + j]), S[AT.TORQUE_MAX + j])
+        acceleration = S[AT.ACC + MOTORS + j]
+        follows = S[AT.MODE + j] == PRESCRIBED
+        S[AT.ACC + MOTORS + j] = acceleration if follows else (M_m - load) / J
+        S[AT.TORQUE + j] = J * acceleration + load if follows else M_m
 
 
 @inlined
@@ -164,11 +200,11 @@ def hold_torques(S):
     """Torques held through a step: commanded ones, or eq. 30 from the step before (NaN commands it)."""
     for e in range(LANES):
         shared = S[AT.SHARE + e] * (S[AT.PREVIOUS + e] + S[AT.PREVIOUS + LANES + e])
-        right_f, left_f, right_b, left_b = four(S, AT.GIVEN + e)
-        put4(
-            S, AT.HELD + e, right_f if right_f == right_f else 0.0, left_f if left_f == left_f else 0.0,
-            right_b if right_b == right_b else shared, left_b if left_b == left_b else shared,
-        )  # fmt: skip
+        S[AT.SHARED + e] = S[AT.SHARED + LANES + e] = shared
+    for j in range(2 * LANES):
+        front, back = S[AT.GIVEN + j], S[AT.GIVEN + 2 * LANES + j]
+        S[AT.HELD + j] = front if front == front else 0.0
+        S[AT.HELD + 2 * LANES + j] = back if back == back else S[AT.SHARED + j]
 
 
 @inlined
@@ -186,20 +222,20 @@ def next_stage(S, k, dt):
     h = dt if k == 2 else 0.5 * dt
     if k == 0:
         for j in range(SIZE * LANES):
-            S[AT.SUM_Q + j], S[AT.SUM_V + j] = S[AT.V_S + j], S[AT.ACC + j]
+            speed, acceleration = S[AT.V_S + j], S[AT.ACC + j]
+            S[AT.SUM_Q + j], S[AT.SUM_V + j] = speed, acceleration
+            S[AT.Q_S + j], S[AT.V_S + j] = S[AT.Q + j] + h * speed, S[AT.V + j] + h * acceleration
     elif k < 3:
         for j in range(SIZE * LANES):
-            S[AT.SUM_Q + j] += 2.0 * S[AT.V_S + j]
-            S[AT.SUM_V + j] += 2.0 * S[AT.ACC + j]
+            speed, acceleration = S[AT.V_S + j], S[AT.ACC + j]
+            S[AT.SUM_Q + j] += 2.0 * speed
+            S[AT.SUM_V + j] += 2.0 * acceleration
+            S[AT.Q_S + j], S[AT.V_S + j] = S[AT.Q + j] + h * speed, S[AT.V + j] + h * acceleration
     else:
         for j in range(SIZE * LANES):
-            S[AT.Q + j] += dt / 6.0 * (S[AT.SUM_Q + j] + S[AT.V_S + j])
-            S[AT.V + j] += dt / 6.0 * (S[AT.SUM_V + j] + S[AT.ACC + j])
-            S[AT.Q_S + j], S[AT.V_S + j] = S[AT.Q + j], S[AT.V + j]
-        return
-    for j in range(SIZE * LANES):
-        speed = S[AT.V_S + j]
-        S[AT.Q_S + j], S[AT.V_S + j] = S[AT.Q + j] + h * speed, S[AT.V + j] + h * S[AT.ACC + j]
+            q = S[AT.Q + j] + dt / 6.0 * (S[AT.SUM_Q + j] + S[AT.V_S + j])
+            v = S[AT.V + j] + dt / 6.0 * (S[AT.SUM_V + j] + S[AT.ACC + j])
+            S[AT.Q + j], S[AT.Q_S + j], S[AT.V + j], S[AT.V_S + j] = q, q, v, v
 
 
 @inlined
@@ -229,62 +265,69 @@ def stage(S, fx, k, s, elapsed, dt, free, torques):
     `free` says whether any motor is not prescribed, `torques` whether anybody asks for torques.
     """
     late = 0.0 if k == 0 else 1.0 if k == 3 else 0.5
-    follow_commands(S, s + late * dt)
+    follow_commands(S, s + late * dt, free)
     move_modules(S, fx, elapsed + late * dt)
-    if free or (k == 0 and torques):
-        turn_motors(S, fx, elapsed + late * dt)
-        if k == 0:
-            feed_back(S)
+    if fx is not None and (free or (k == 0 and torques)):
+        drag_motors(S, fx, elapsed + late * dt)
+    if free:
+        turn_motors(S, fx)
+    elif k == 0 and torques:
+        measure_motors(S, fx)
+    if k == 0 and (free or torques):
+        feed_back(S)
 
 
 @inlined
-def end_stage(S, fx, k, dt, free, torques):
-    """To the next stage, and after the last one to the next step."""
+def end_stage(S, fx, k, dt, geared):
+    """To the next stage, and after the last one to the next step; `geared` where torques are computed."""
     next_stage(S, k, dt)
     if fx is not None:
         next_lag(S, k, dt)
-    if k == 3 and (free or torques):
+    if k == 3 and geared:
         for j in range(4 * LANES):
             S[AT.GEAR + j] = S[AT.NEXT_GEAR + j]
 
 
 @inlined
-def begin_knot(S, h, e, position, velocity, torque_d, first, knot, last, turned, pulled, free):
-    """A lane's commands from a knot after `first` to the next, `h` seconds later; those of knot `last` stay.
-
-    Recorded rotations and torques are `turned` and `pulled` times the true ones.
-    """
-    i, j = first + min(knot, last), first + min(knot + 1, last)
+def next_knot(S, e, position, velocity, row, turned):
+    """A lane's commands at the knot in `row`; recorded rotations are `turned` times the true ones."""
     for motor in range(4):
-        o = motor * LANES + e
-        S[AT.P_0 + o], S[AT.V_0 + o] = position[i, motor], velocity[i, motor]
-        S[AT.P_1 + o], S[AT.V_1 + o] = position[j, motor], velocity[j, motor]
+        j = motor * LANES + e
         if turned != 1.0:
-            S[AT.P_0 + o], S[AT.V_0 + o] = S[AT.P_0 + o] / turned, S[AT.V_0 + o] / turned
-            S[AT.P_1 + o], S[AT.V_1 + o] = S[AT.P_1 + o] / turned, S[AT.V_1 + o] / turned
-        if free:
-            S[AT.GIVEN + o] = torque_d[i, motor] / pulled
-    S[AT.GOING + e] = 1.0 / h if j > i else 0.0
+            S[AT.P_1 + j], S[AT.V_1 + j] = position[row, motor] / turned, velocity[row, motor] / turned
+        else:
+            S[AT.P_1 + j], S[AT.V_1 + j] = position[row, motor], velocity[row, motor]
+
+
+@inlined
+def leave_knot(S):
+    """The knot ahead is the one behind."""
+    for j in range(4 * LANES):
+        S[AT.P_0 + j], S[AT.V_0 + j] = S[AT.P_1 + j], S[AT.V_1 + j]
 
 
 @inlined
 def cubics(S):
     """Coefficients of the commands' cubics (see `loop.hermite`)."""
-    for motor in range(4):
-        for e in range(LANES):
-            j = motor * LANES + e
-            going, a, b = S[AT.GOING + e], S[AT.V_0 + j], S[AT.V_1 + j]
-            rise = (S[AT.P_1 + j] - S[AT.P_0 + j]) * going
-            S[AT.C_2 + j], S[AT.C_3 + j] = (3.0 * rise - 2.0 * a - b) * going, (a + b - 2.0 * rise) * (going * going)
+    for j in range(4 * LANES):
+        going, a, b = S[AT.GOING + j], S[AT.V_0 + j], S[AT.V_1 + j]
+        rise = (S[AT.P_1 + j] - S[AT.P_0 + j]) * going
+        S[AT.C_2 + j], S[AT.C_3 + j] = (3.0 * rise - 2.0 * a - b) * going, (a + b - 2.0 * rise) * (going * going)
 
 
 @inlined
 def check(S):
-    """Count the lanes whose rows are sound so far: finite, and within what a rover can do."""
-    for i in range(SIZE):
-        for e in range(LANES):
-            j = i * LANES + e
-            fine = abs(S[AT.V + j]) < LIMIT_V and abs(S[AT.Q + j]) < LIMIT_Q
-            S[AT.SOUND + e] = S[AT.SOUND + e] if fine else 0.0
-    for e in range(LANES):
-        S[AT.KEPT + e] += S[AT.SOUND + e]
+    """Count the rows that are sound so far, coordinate by coordinate: finite, and within what a rover can do."""
+    for j in range(SIZE * LANES):
+        fine = abs(S[AT.V + j]) < LIMIT_V and abs(S[AT.Q + j]) < LIMIT_Q
+        sound = S[AT.SOUND + j] if fine else 0.0
+        S[AT.SOUND + j], S[AT.KEPT + j] = sound, S[AT.KEPT + j] + sound
+
+
+@inlined
+def sound_rows(S, e):
+    """How many rows of a lane are sound, from the first on."""
+    kept = S[AT.KEPT + e]
+    for i in range(1, SIZE):
+        kept = min(kept, S[AT.KEPT + i * LANES + e])
+    return int(kept)

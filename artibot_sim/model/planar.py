@@ -214,8 +214,9 @@ def planar_accelerations(front, back, ground, fx, f, b, rims, lags_f, lags_b):
     (fx_a, fy_a, fg_a), front_right, front_left = module_forces(
         front, ground, fx, FRONT, f, s_f, c_f, (rims[0], rims[1]), lags_f
     )
+    there = Ground(ground.u_w, ground.joined * ground.g_x, ground.joined * ground.g_y, ground.A, ground.joined)
     (bx_a, by_a, bg_a), back_right, back_left = module_forces(
-        back, ground, fx, BEHIND, b, s_b, c_b, (rims[2], rims[3]), lags_b
+        back, there, fx, BEHIND, b, s_b, c_b, (rims[2], rims[3]), lags_b
     )
     if fx is not None:
         torque = ground.joined * hooks.joint(fx, b.gamma - f.gamma, b.gamma_dot - f.gamma_dot)

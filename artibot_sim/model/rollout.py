@@ -24,18 +24,18 @@ from artibot_sim.model.layout import (
     MOTOR_COORDINATES,
     ROW,
 )
-from artibot_sim.model.params import Params, packed, params
+from artibot_sim.model.params import packed
 from artibot_sim.model.robot import Robot
 from artibot_sim.model.rollout_checks import (
     DEFAULT_MODES,
     INTEGRATORS,
-    check_step,
-    chosen_modes,
-    number_of_steps,
+    Setup,
+    driven_by,
+    prepare,
     unlimited_beside_prescribed,
 )
-from artibot_sim.model.stability import implicit_slip, largest_step
-from artibot_sim.model.state import State, initial_state
+from artibot_sim.model.stability import implicit_slip
+from artibot_sim.model.state import State
 from artibot_sim.model.transmission import Mode, back_torque_factor
 
 __all__ = ["DEFAULT_MODES", "INTEGRATORS", "Rollout", "Status", "rollout", "unlimited_beside_prescribed"]
@@ -215,30 +215,14 @@ def rollout(
     step before, and the efficiencies are those of eq. 23 there. Both are in `State`, so a rollout continued from
     `final_state` at a knot equals one that was never cut, bit for bit.
     """
-    chosen = chosen_modes(robot, commands, modes)
-    check_step(commands, dt, integrator, every)
-    p = unlimited_beside_prescribed(params(robot), chosen)
-    longest, mode = largest_step(p, integrator, chosen)
-    if dt > longest:
-        mend = "" if integrator == "semi_implicit" else ", or use the integrator 'semi_implicit'"
-        raise ArtibotError(
-            f"dt: {dt:g} s is unstable with '{integrator}'; expected at most {longest:.3g} s ({mode}); "
-            f"take a shorter step{mend}"
-        )
-    share = robot.control.kappa if kappa is None else float(kappa)
-    if not 0.0 < share <= 1.0:
-        raise ArtibotError(f"kappa: {share:g}; expected a share of the front module in (0, 1] (eq. 29)")
-    start = initial_state(robot, t=commands.t0) if state is None else state
-    steps = number_of_steps(commands.duration if duration is None else duration, dt)
-    return _run(robot, commands, p, chosen, share, start, steps, dt, integrator, every, energy)
+    setup = prepare(robot, commands, dt, integrator, every, modes, kappa, state, duration)
+    return _run(setup, dt, integrator, every, energy)
 
 
-def _run(
-    robot: Robot, commands: Commands, p: Params, modes: tuple[Mode, ...], kappa: float, start: State, steps: int,
-    dt: float, integrator: str, every: int, energy: bool,
-) -> Rollout:  # fmt: skip
+def _run(setup: Setup, dt: float, integrator: str, every: int, energy: bool) -> Rollout:
     from artibot_sim.model import loop
 
+    robot, commands, p, modes, kappa, start, steps = setup
     integrate = loop.integrate_rk4 if integrator == "rk4" else loop.integrate_semi_implicit
     if integrator == "semi_implicit":
         p = implicit_slip(p, dt)
@@ -246,18 +230,29 @@ def _run(
     q, v, eta, torque, lateral = (array.copy() for array in (start.q, start.v, start.eta, start.torque, start.lateral))
     out_q, out_v, out_w = np.empty((rows, 16)), np.empty((rows, 16)), np.empty((rows, ROW))
     out_e = np.empty((rows, ENERGIES)) if energy else None
-    given = np.array(commands.commanded)
     fx = record(robot.effects, start.t)
     extra = () if fx is None else (fx, lateral)
     status, kept = integrate(
-        q, v, eta, torque, packed(p), np.array(modes, dtype=np.int64), dt, steps, every,
-        np.where(given, commands.position, 0.0), np.where(given, commands.velocity, 0.0), commands.torque,
+        q, v, eta, torque, packed(p), np.array(modes, dtype=np.int64), dt, steps, every, *driven_by(commands),
         round(commands.dt / dt), back_torque_factor(robot, kappa), loop.workspace(), out_q, out_v, out_w, out_e,
         *extra,
     )  # fmt: skip
-    t = start.t + np.minimum(np.arange(rows) * every, steps)[:kept] * dt
-    if status == Status.OK:
-        message = f"{steps} steps of {dt:g} s with {integrator}"
+    final = State(start.t + steps * dt, q, v, eta, torque, lateral) if status == Status.OK else None
+    return finished(setup, dt, integrator, every, kept, (out_q, out_v, out_w, out_e), final)
+
+
+def finished(
+    setup: Setup, dt: float, integrator: str, every: int, kept: int,
+    tables: tuple[Array, Array, Array, Array | None], final: State | None,
+) -> Rollout:  # fmt: skip
+    """A rollout's result: the first `kept` rows of q, v, the named contributions and energies; diverged if not `final`.
+
+    Tables have a row each `every` steps, and one for the end.
+    """
+    rows = -(-setup.steps // every) + 1
+    t = setup.start.t + np.minimum(np.arange(rows) * every, setup.steps)[:kept] * dt
+    if final is not None:
+        message = f"{setup.steps} steps of {dt:g} s with {integrator}"
     elif not kept:
         message = "diverged before its first step: the state it starts from has a speed or angle that no rover has"
     else:
@@ -265,8 +260,7 @@ def _run(
             f"diverged between {t[-1]:.3f} and {t[-1] + every * dt:.3f} s; try a shorter dt than {dt:g} s, "
             "the integrator 'semi_implicit', or less extreme commands"
         )
-    final = State(start.t + steps * dt, q, v, eta, torque, lateral) if status == Status.OK else None
-    return Rollout(
-        robot, Status(status), message, t, out_q[:kept], out_v[:kept], out_w[:kept],
-        None if out_e is None else out_e[:kept], final, modes,
-    )  # fmt: skip
+    q, v, w, e = (None if table is None else table[:kept] for table in tables)
+    assert q is not None and v is not None and w is not None
+    status = Status.DIVERGED if final is None else Status.OK
+    return Rollout(setup.robot, status, message, t, q, v, w, e, final, setup.modes)

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.commands import Commands
 from artibot_sim.model.effects import at_work
-from artibot_sim.model.params import Params
+from artibot_sim.model.params import Params, params
 from artibot_sim.model.robot import Robot
+from artibot_sim.model.stability import largest_step
+from artibot_sim.model.state import State, initial_state
 from artibot_sim.model.transmission import Mode
+
+Array = NDArray[np.float64]
 
 INTEGRATORS = ("rk4", "semi_implicit")
 
@@ -68,3 +74,44 @@ def number_of_steps(duration: float, dt: float) -> int:
     if not (math.isfinite(duration) and duration >= 0):
         raise ArtibotError(f"duration: {duration} s; expected a finite time of at least 0")
     return round(duration / dt)
+
+
+class Setup(NamedTuple):
+    """What is to be simulated, checked: `p` and `modes` as the kernel takes them, `kappa`, where from, how far."""
+
+    robot: Robot
+    commands: Commands
+    p: Params
+    modes: tuple[Mode, ...]
+    kappa: float
+    start: State
+    steps: int
+
+
+def prepare(
+    robot: Robot, commands: Commands, dt: float, integrator: str, every: int, modes: Mode | Sequence[Mode] | None,
+    kappa: float | None, state: State | None, duration: float | None,
+) -> Setup:  # fmt: skip
+    """Check what `rollout` is given, see there."""
+    chosen = chosen_modes(robot, commands, modes)
+    check_step(commands, dt, integrator, every)
+    p = unlimited_beside_prescribed(params(robot), chosen)
+    longest, mode = largest_step(p, integrator, chosen)
+    if dt > longest:
+        mend = "" if integrator == "semi_implicit" else ", or use the integrator 'semi_implicit'"
+        raise ArtibotError(
+            f"dt: {dt:g} s is unstable with '{integrator}'; expected at most {longest:.3g} s ({mode}); "
+            f"take a shorter step{mend}"
+        )
+    share = robot.control.kappa if kappa is None else float(kappa)
+    if not 0.0 < share <= 1.0:
+        raise ArtibotError(f"kappa: {share:g}; expected a share of the front module in (0, 1] (eq. 29)")
+    start = initial_state(robot, t=commands.t0) if state is None else state
+    steps = number_of_steps(commands.duration if duration is None else duration, dt)
+    return Setup(robot, commands, p, chosen, share, start, steps)
+
+
+def driven_by(commands: Commands) -> tuple[Array, Array, Array]:
+    """Positions, velocities and torques (n, 4) as the kernel takes them: zeros where none are commanded."""
+    given = np.array(commands.commanded)
+    return np.where(given, commands.position, 0.0), np.where(given, commands.velocity, 0.0), commands.torque

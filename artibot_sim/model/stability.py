@@ -114,10 +114,12 @@ _RK4_REAL = _rk4_radius(complex(-1.0))
 def _slip_modes(p: Params, free: tuple[bool, ...]) -> Iterator[complex]:
     """Eigenvalues (1/s) of the planar velocities and the free motors' speeds, for wheels that hold."""
     motors = (p.right_front, p.left_front, p.right_back, p.left_back)[: 4 if p.two else 2]
+    matrices = []
     for articulation in ARTICULATIONS if p.two else (0.0,):
         for braking in (False, True):
             etas = [1.0 / motor.eta_r if braking else motor.eta_d for motor in motors]
-            yield from np.linalg.eigvals(_slip_matrix(p, motors, etas, free, articulation))
+            matrices.append(_slip_matrix(p, motors, etas, free, articulation))
+    yield from np.linalg.eigvals(np.array(matrices)).ravel()
 
 
 def _slip_matrix(

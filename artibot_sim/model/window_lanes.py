@@ -14,12 +14,14 @@ from artibot_sim.model.lanes import (
     AT,
     BLOCK,
     LANES,
-    begin_knot,
     begin_step,
     check,
     cubics,
     effects_at,
     end_stage,
+    leave_knot,
+    next_knot,
+    sound_rows,
     stage,
 )
 from artibot_sim.model.sampling import (
@@ -37,6 +39,10 @@ from artibot_sim.model.sampling import (
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+
+
+STAGES, FREE, TORQUES = range(3)
+"""Places in the settings of `run_windows`."""
 
 
 class Work(NamedTuple):
@@ -113,6 +119,7 @@ def load_block(S, work, order, block, fx):
             S[AT.EFFECTS + e] = work.t[i]
         load_motors(S, e, work.records[r], work.modes, i, work.eta, r, work.share[i])
         load_lane(S, e, work.records[r], effects_at(S, fx, e, 0.0), work.q, work.v, i)
+        next_knot(S, e, work.position, work.velocity, work.first[i], work.sensors[r, ENCODER_SCALE])
 
 
 @inlined
@@ -124,14 +131,21 @@ def item_of(order, block, e):
 
 @inlined
 def load_knot(S, work, order, block, knot, h, free):
-    """All lanes' commands from a knot to the next; lanes that have ended stay at their last."""
+    """All lanes' commands from a knot to the next, `h` seconds later; lanes that have ended stay at their last."""
+    leave_knot(S)
     for e in range(LANES):
         i = item_of(order, block, e)
-        r = work.robot[i]
-        turned, pulled = work.sensors[r, ENCODER_SCALE], work.sensors[r, TORQUE_SCALE]
-        begin_knot(
-            S, h, e, work.position, work.velocity, work.torque, work.first[i], knot, work.knots[i], turned, pulled, free
+        r, last = work.robot[i], work.knots[i]
+        next_knot(
+            S, e, work.position, work.velocity, work.first[i] + min(knot + 1, last), work.sensors[r, ENCODER_SCALE]
         )
+        going = 1.0 / h if knot < last else 0.0
+        for motor in range(4):
+            S[AT.GOING + motor * LANES + e] = going
+        if free:
+            row = work.first[i] + min(knot, last)
+            for motor in range(4):
+                S[AT.GIVEN + motor * LANES + e] = work.torque[row, motor] / work.sensors[r, TORQUE_SCALE]
     cubics(S)
 
 
@@ -152,20 +166,22 @@ def keep_rows(S, row, rows):
 
 
 @inlined
-def simulate(S, rows, work, order, block, fx, dt, knot_steps, free, torques):
-    """Run a block, a row at each knot."""
-    knots, h = work.knots[order[block * LANES]], knot_steps * dt
-    for knot in range(knots + 1):
-        load_knot(S, work, order, block, knot, h, free)
-        for phase in range(knot_steps):
-            begin_step(S, free)
-            for k in range(4):
-                stage(S, fx, k, phase * dt, dt * (knot * knot_steps + phase), dt, free, torques)
-                if k == 0 and phase == 0:
-                    keep_rows(S, knot, rows)
-                    if knot == knots:
-                        return
-                end_stage(S, fx, k, dt, free, torques)
+def simulate(S, rows, work, order, block, fx, dt, knot_steps, settings):
+    """Run a block, a row at each knot.
+
+    `settings` are read as they are needed: of what it knows to stay, the compiler makes a version of everything.
+    """
+    steps = work.knots[order[block * LANES]] * knot_steps
+    for step in range(steps + 1):
+        knot, phase = step // knot_steps, step % knot_steps
+        if phase == 0:
+            load_knot(S, work, order, block, knot, knot_steps * dt, settings[FREE])
+        begin_step(S, settings[FREE])
+        for k in range(settings[STAGES] if step < steps else 1):
+            stage(S, fx, k, phase * dt, dt * step, dt, settings[FREE], settings[TORQUES])
+            if k == 0 and phase == 0:
+                keep_rows(S, knot, rows)
+            end_stage(S, fx, k, dt, settings[FREE] or settings[TORQUES])
 
 
 @inlined
@@ -176,7 +192,7 @@ def look(S, rows, work, order, block, h, out):
         if place >= order.shape[0]:
             return
         i = order[place]
-        count = min(int(S[AT.KEPT + e]), work.knots[i] + 1)
+        count = min(sound_rows(S, e), work.knots[i] + 1)
         if count > 1:
             two = work.records[work.robot[i]].two
             sample_lane(
@@ -186,7 +202,7 @@ def look(S, rows, work, order, block, h, out):
 
 
 @kernel
-def run_windows(work, order, first, stride, dt, knot_steps, free, torques, buffer, out, fx=None):
+def run_windows(work, order, first, stride, dt, knot_steps, settings, buffer, out, fx=None):
     """Blocks `first`, `first` + `stride`, … of the items in `order`, those with most knots first; samples into `out`.
 
     Parameters
@@ -194,13 +210,13 @@ def run_windows(work, order, first, stride, dt, knot_steps, free, torques, buffe
     work : Work
     knot_steps : int
         Steps of `dt` (s) from a knot to the next, for all items in `order`.
-    free, torques : bool
-        Whether any motor is not prescribed, and whether torques are asked for.
+    settings : array of int, shape (3,)
+        4, the stages of a step; whether any motor is not prescribed; whether torques are asked for.
     fx : bool, optional
         Anything but None for the extended model.
     """
     S, rows = buffer
     for block in range(first, (order.shape[0] + LANES - 1) // LANES, stride):
         load_block(S, work, order, block, fx)
-        simulate(S, rows, work, order, block, fx, dt, knot_steps, free, torques)
+        simulate(S, rows, work, order, block, fx, dt, knot_steps, settings)
         look(S, rows, work, order, block, knot_steps * dt, out)

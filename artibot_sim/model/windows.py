@@ -185,9 +185,8 @@ class WindowBatch:
 
         extra = (True,) if group.extended else ()
         count, buffers = self._borrow(window_lanes.buffers, group.most + 1)
-        window_lanes.run_windows(
-            work, group.order, part, parts, self.dt, group.steps, group.free, group.torques, buffers, out, *extra
-        )
+        settings = np.array([4, group.free, group.torques], dtype=np.int64)
+        window_lanes.run_windows(work, group.order, part, parts, self.dt, group.steps, settings, buffers, out, *extra)
         self._spare[window_lanes.buffers].append((count, buffers))
 
     def _run_alone(self, fleet: Fleet, items: Items, rows: Indices, results: Sequence[Array]) -> None:
