@@ -18,6 +18,7 @@ from artibot_sim.bench import (
     speed,
     startup,
     sweeping,
+    windows,
 )
 from artibot_sim.bench.results import Result, Skipped
 from artibot_sim.bench.scenario import Scenario
@@ -54,6 +55,7 @@ SUITE: dict[str, Benchmark] = {
     "batch": Benchmark(("batch_rk4_all_cores", "batch_rk4_ratio_to_one_core"), speed.batch, 15),
     "batch_effects": Benchmark(("batch_rk4_all_effects_all_cores",), sweeping.batch_with_effects, 15),
     "sweep": Benchmark(tuple(sweeping.WAYS), sweeping.sweeps, 15),
+    "windows": Benchmark(("windows", "windows_one_effect", "windows_all_effects"), windows.windows, 20),
     "peak": Benchmark(
         ("peak_one_core", "peak_all_cores", "peak_fraction_one_core", "peak_fraction_all_cores"), peak.peak, 12,
     ),

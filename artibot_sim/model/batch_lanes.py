@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model.effects import RECORD_DTYPE, record
+from artibot_sim.model.lane_effects import extension, flat
 from artibot_sim.model.layout import ROW
 from artibot_sim.model.params import PARAMS_DTYPE
 from artibot_sim.model.rollout import Rollout, finished
@@ -47,7 +48,7 @@ class Lanes:
         kept, rows = np.empty(count * rollout_lanes.KEPT_SIZE * LANES), np.zeros(LANES, np.int64)
         rollout_lanes.run_lot(
             lot, self.dt, steps, self.every, knot_steps, np.array([4, 1, 1]), np.zeros(BLOCK), kept, rows,
-            *((True,) if extended else ()),
+            *(() if extended is None else (extended,)),
         )  # fmt: skip
         return [
             self._result(lane, kept, min(int(rows[lane]), count), count, records, effects, extended)
@@ -55,7 +56,6 @@ class Lanes:
         ]
 
     def _lot(self, records: NDArray[Any], effects: NDArray[Any]) -> Any:
-        from artibot_sim.model.lane_effects import flat
         from artibot_sim.model.rollout_lanes import Lot
 
         tables = {id(setup.commands): driven_by(setup.commands) for setup in self.setups}
@@ -76,7 +76,7 @@ class Lanes:
 
     def _result(
         self, lane: int, kept: NDArray[np.float64], rows: int, wanted: int, records: NDArray[Any],
-        effects: NDArray[Any], extended: bool,
+        effects: NDArray[Any], extended: tuple[float, ...] | None,
     ) -> Rollout:  # fmt: skip
         """One lane's rows with all their columns, and its last state if it got so far."""
         from artibot_sim.model import loop, rollout_lanes
@@ -91,20 +91,20 @@ class Lanes:
             records[lane], np.array(setup.modes, np.int64), back_torque_factor(setup.robot, setup.kappa),
             *driven_by(setup.commands), kept, lane, rows, self.dt, setup.steps, self.every,
             round(setup.commands.dt / self.dt), loop.workspace(), q, v, eta, torque, lateral, *tables,
-            *((effects[lane],) if extended else ()),
+            *(() if extended is None else (effects[lane],)),
         )  # fmt: skip
         final = State(start.t + setup.steps * self.dt, q, v, eta, torque, lateral) if rows == wanted else None
         return finished(setup, self.dt, "rk4", self.every, rows, (*tables, None), final)
 
 
-def _packed(setups: Sequence[Setup]) -> tuple[NDArray[Any], NDArray[Any], bool]:
-    """Parameters and effects as records, and whether there are any."""
-    effects, extended = np.zeros(len(setups), RECORD_DTYPE), False
+def _packed(setups: Sequence[Setup]) -> tuple[NDArray[Any], NDArray[Any], tuple[float, ...] | None]:
+    """Parameters and effects as records, and what of the extended model they need."""
+    effects = np.zeros(len(setups), RECORD_DTYPE)
     for i, setup in enumerate(setups):
         found = record(setup.robot.effects, setup.start.t)
         if found is not None:
-            effects[i], extended = found, True
-    return np.array([setup.p for setup in setups], dtype=PARAMS_DTYPE), effects, extended
+            effects[i] = found
+    return np.array([setup.p for setup in setups], dtype=PARAMS_DTYPE), effects, extension(setups[0].robot.effects)
 
 
 def in_lanes(setups: Sequence[Setup], dt: float, every: Sequence[int]) -> Iterator[Lanes]:
@@ -114,12 +114,14 @@ def in_lanes(setups: Sequence[Setup], dt: float, every: Sequence[int]) -> Iterat
 
     alike: dict[tuple[Any, ...], list[int]] = {}
     for i, setup in enumerate(setups):
-        alike.setdefault((_packed([setup])[2], setup.steps, every[i], round(setup.commands.dt / dt)), []).append(i)
+        alike.setdefault(
+            (extension(setup.robot.effects), setup.steps, every[i], round(setup.commands.dt / dt)), []
+        ).append(i)
     for (extended, steps, rows_every, _), places in alike.items():
         records, effects, _ = _packed([setups[i] for i in places])
         q, v = (np.array([getattr(setups[i].start, name) for i in places]) for name in ("q", "v"))
         flat_enough = np.zeros(len(places), bool)
-        find_level(records, effects if extended else None, np.arange(len(places)), q, v, flat_enough)
+        find_level(records, None if extended is None else effects, np.arange(len(places)), q, v, flat_enough)
         level = [place for place, fine in zip(places, flat_enough, strict=True) if fine and steps > 0]
         for k in range(0, len(level), LANES):
             chosen = level[k : k + LANES]

@@ -6,7 +6,8 @@ is what compilers make vector code of (short bodies over all motors at once: a l
 out before it is looked at). Lanes know nothing of each other: results do not depend on which rovers share a
 block, and one that diverges disturbs no other.
 
-`fx` is None for the paper's model. In the extended one it is anything else, and effects' parameters are in `S`.
+`fx` is None for the paper's model. In the extended one it is LIGHT or FULL (`lane_effects`), whose lengths the compiler
+knows, and effects' parameters are in `S`.
 """
 
 from __future__ import annotations
@@ -67,14 +68,17 @@ MOTOR = tuple(map(np.int64, range(4)))
 LIMIT_V, LIMIT_Q = 1e6, 1e12
 """Beyond, a rover has diverged, as in `loop`."""
 
-effects_of = reader(LANES)
+light_effects, all_effects = reader(LANES, full=False), reader(LANES, full=True)
 
 
 @inlined
 def effects_at(S, fx, e, t):
     """With effects: those of a lane at `t` (s) since its start."""
     if fx is not None:
-        return effects_of(S, AT.EFFECTS + e, S[AT.EFFECTS + e] + t)
+        at = AT.EFFECTS + e
+        if len(fx) == 1:
+            return light_effects(S, at, S[at] + t)
+        return all_effects(S, at, S[at] + t)
     return None
 
 
@@ -142,7 +146,7 @@ def move_modules(S, fx, t):
         right_f, left_f, right_b, left_b = pulls
         put4(S, AT.PULL + e, right_f.F_l, left_f.F_l, right_b.F_l, left_b.F_l)
         put4(S, AT.U_F_N + e, right_f.u_F_n, left_f.u_F_n, right_b.u_F_n, left_b.u_F_n)
-        if fx is not None:
+        if fx is not None and len(fx) > 1:
             lag = AT.LAG_RATE + e
             put4(S, lag, right_f.rate_f, right_f.rate_b, left_f.rate_f, left_f.rate_b)
             put4(S, lag + 4 * LANES, right_b.rate_f, right_b.rate_b, left_b.rate_f, left_b.rate_b)
@@ -281,7 +285,7 @@ def stage(S, fx, k, s, elapsed, dt, free, torques):
 def end_stage(S, fx, k, dt, geared):
     """To the next stage, and after the last one to the next step; `geared` where torques are computed."""
     next_stage(S, k, dt)
-    if fx is not None:
+    if fx is not None and len(fx) > 1:
         next_lag(S, k, dt)
     if k == 3 and geared:
         for j in range(4 * LANES):

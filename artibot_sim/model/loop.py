@@ -240,7 +240,7 @@ def integrate_rk4(
             next_stage(k, q, v, dt, w, q_s, v_s, sum_q, sum_v)
             if fx is not None:
                 next_lag(k, lateral, dt, lag, sum_lag)
-        for motor in range(4):
+        for motor in range(motor_count(p)):
             eta[motor] = eta_next[motor]
     return OK, row
 

@@ -155,7 +155,7 @@ def unpack(kept, row, e, two, q, v, eta, previous, lateral):
             continue
         q[PLACES[i]], v[PLACES[i]] = kept[o + i * LANES], kept[o + (SIZE + i) * LANES]
     o += 2 * SIZE * LANES
-    for motor in range(4):
+    for motor in range(4 if two else 2):
         eta[motor], previous[motor] = 1.0 / kept[o + motor * LANES], kept[o + (4 + motor) * LANES]
     for k in range(8):
         lateral[k] = kept[o + (8 + k) * LANES]

@@ -212,8 +212,8 @@ def run_windows(work, order, first, stride, dt, knot_steps, settings, buffer, ou
         Steps of `dt` (s) from a knot to the next, for all items in `order`.
     settings : array of int, shape (3,)
         4, the stages of a step; whether any motor is not prescribed; whether torques are asked for.
-    fx : bool, optional
-        Anything but None for the extended model.
+    fx : tuple, optional
+        LIGHT or FULL for the extended model (`lane_effects`).
     """
     S, rows = buffer
     for block in range(first, (order.shape[0] + LANES - 1) // LANES, stride):

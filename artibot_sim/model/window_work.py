@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model.effects import RECORD_DTYPE, record
+from artibot_sim.model.lane_effects import extension, flat
 from artibot_sim.model.params import PARAMS_DTYPE, params
 from artibot_sim.model.robot import Robot
 from artibot_sim.model.rollout_checks import unlimited_beside_prescribed
@@ -105,8 +106,8 @@ class Fleet:
         Efficiencies of a first step.
     effects : array of RECORD_DTYPE, shape (r,)
         Zeros for those without.
-    extended : array of bool, shape (r,)
-        Which need the extended model.
+    extended : array of int, shape (r,)
+        Which need the extended model: 0 none, 1 LIGHT, 2 FULL.
     share : array, shape (r, tables)
         Eq. 30's factor.
     sensors : array, shape (r, 6)
@@ -117,7 +118,7 @@ class Fleet:
     records: NDArray[Any]
     eta: Array
     effects: NDArray[Any]
-    extended: Mask
+    extended: Indices
     share: Array
     sensors: Array
 
@@ -129,11 +130,11 @@ class Fleet:
         if len(modes) == 1:
             every = [unlimited_beside_prescribed(p, next(iter(modes))) for p in every]
         drives = [(robot.drive.front, robot.drive.back or robot.drive.front) for robot in robots]
-        effects, extended = np.zeros(len(robots), RECORD_DTYPE), np.zeros(len(robots), bool)
+        effects, extended = np.zeros(len(robots), RECORD_DTYPE), np.zeros(len(robots), np.int64)
         for i, robot in enumerate(robots):
             found = record(robot.effects, 0.0) if robot.effects else None
             if found is not None:
-                effects[i], extended[i] = found, True
+                effects[i], extended[i] = found, len(extension(robot.effects) or ())
         share = np.zeros((len(robots), len(tables)))
         if free:
             share[:] = [[back_torque_factor(robot, table.kappa) for table in tables] for robot in robots]
@@ -147,7 +148,7 @@ def level(fleet: Fleet, items: Items) -> Mask:
     from artibot_sim.model.lane_loading import find_level
 
     found = np.zeros(len(items), bool)
-    extended = fleet.extended[items.robot]
+    extended = fleet.extended[items.robot] > 0
     for rows, effects in ((~extended, None), (extended, fleet.effects)):
         if rows.any():
             some = np.zeros(int(rows.sum()), bool)
@@ -158,7 +159,6 @@ def level(fleet: Fleet, items: Items) -> Mask:
 
 def lane_work(fleet: Fleet, items: Items, knots: Knots, looks: Looks, ends: Indices) -> Work:
     """All that lanes need; `ends` (n,) are where the items' results end."""
-    from artibot_sim.model.lane_effects import flat
     from artibot_sim.model.window_lanes import Work
 
     sizes, begin = looks.sizes[items.plan], looks.begin[items.plan]

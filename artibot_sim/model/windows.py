@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.batch import available_cores
+from artibot_sim.model.lane_effects import FULL, LIGHT
 from artibot_sim.model.params import params
 from artibot_sim.model.robot import Robot
 from artibot_sim.model.stability import largest_step
@@ -171,19 +172,19 @@ class WindowBatch:
     def _groups(self, fleet: Fleet, items: Items, rows: Indices) -> Iterator[_Group]:
         """Items that can share a block: those with most knots first."""
         steps, free = self._knots.steps[items.table[rows]], self._knots.free[items.table[rows]]
-        key = 4 * steps + 2 * free + fleet.extended[items.robot[rows]]
+        key = 8 * steps + 4 * free + fleet.extended[items.robot[rows]]
         for value in np.unique(key):
             mine = rows[key == value]
             order = mine[np.argsort(-items.knots[mine], kind="stable")]
             torques = bool(self._looks.torques[items.plan[mine]].any())
             most = int(items.knots[order[0]])
-            yield _Group(order, int(value) // 4, bool(value & 2), torques, bool(value & 1), most)
+            yield _Group(order, int(value) // 8, bool(value & 4), torques, int(value) & 3, most)
 
     def _run_lanes(self, work: Any, group: _Group, part: int, parts: int, out: Array) -> None:
         """A thread's part of a group."""
         from artibot_sim.model import window_lanes
 
-        extra = (True,) if group.extended else ()
+        extra = ((), (LIGHT,), (FULL,))[group.extended]
         count, buffers = self._borrow(window_lanes.buffers, group.most + 1)
         settings = np.array([4, group.free, group.torques], dtype=np.int64)
         window_lanes.run_windows(work, group.order, part, parts, self.dt, group.steps, settings, buffers, out, *extra)
@@ -215,7 +216,7 @@ class _Group(NamedTuple):
     steps: int
     free: bool
     torques: bool
-    extended: bool
+    extended: int
     most: int
 
 

@@ -84,7 +84,7 @@ TORQUES = (Mode.TORQUE,) * 4
 @pytest.fixture
 def unchecked(monkeypatch):
     """`rollout` takes any step."""
-    monkeypatch.setattr(sys.modules["artibot_sim.model.rollout"], "largest_step", lambda *_: (np.inf, ""))
+    monkeypatch.setattr(sys.modules["artibot_sim.model.rollout_checks"], "largest_step", lambda *_: (np.inf, ""))
 
 
 def growth_of_a_step(robot, dt, modes, speed, bend):

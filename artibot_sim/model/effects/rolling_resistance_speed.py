@@ -11,7 +11,8 @@ from artibot_sim.model.effects.base import Effect, Search, number
 @inlined
 def lead(fx, speed):
     """Factor of u_w for a wheel whose centre moves at `speed` (m/s)."""
-    return 1.0 + fx.rolling_resistance_speed.coefficient * speed
+    coefficient = fx.rolling_resistance_speed.coefficient
+    return 1.0 + coefficient * speed if coefficient > 0.0 else 1.0
 
 
 EFFECT = Effect(
