@@ -1,4 +1,4 @@
-"""Speed of what identification and diagnosis spend their time on: short windows of a recording, sampled like sensors."""
+"""Speed of what identification and diagnosis spend their time on: short windows of a recording, as sensors see them."""
 
 from __future__ import annotations
 
