@@ -136,6 +136,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ArtibotError as error:
         print(error, file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        kept = f"what is in {options.log} stays: the same command goes on" if options.log else "nothing is kept"
+        print(f"broken off; {kept}", file=sys.stderr)
+        return 130
     return _sum_up(outcomes, options)
 
 
