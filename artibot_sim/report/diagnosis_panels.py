@@ -9,6 +9,7 @@ import numpy as np
 from artibot_sim.diagnose.diagnosis import Diagnosis, Look
 from artibot_sim.diagnose.samples import Samples, gather, sizes
 from artibot_sim.diagnose.words import channel_words, excess, is_wrong
+from artibot_sim.experiment.columns import SEGMENT_GAP
 from artibot_sim.report import style
 from artibot_sim.report.panels import Floats, Level, Line, Panel
 from artibot_sim.report.style import Stroke
@@ -48,11 +49,18 @@ def path(look: Look, title: str, free: bool = False) -> Panel:
         The runs from the start instead of the windows.
     """
     before, after = (look.free_before, look.free_after) if free else (look.before, look.after)
-    lines = [_track(NAMES[0], (look.path,), MEASURED)]
+    lines = [_track(NAMES[0], _unbroken(look.path), MEASURED)]
     lines += [_track(name, parts, stroke) for name, parts, stroke in _models(before, after) if parts]
     start = look.path[:1, 1:] if len(look.path) else np.empty((0, 2))
     key = f"{look.name}_{'free' if free else 'path'}"
     return Panel(key, title, ("x", "m"), ("y", "m"), tuple(lines), starts=start, equal=True)
+
+
+def _unbroken(path_: Floats) -> tuple[Floats, ...]:
+    """A measured path (n, 3) cut where its source was silent, or a new segment begins."""
+    step = np.diff(path_[:, 0])
+    gap = max(SEGMENT_GAP, 5.0 * float(np.median(step))) if len(step) else SEGMENT_GAP
+    return tuple(np.split(path_, np.flatnonzero(step > gap) + 1))
 
 
 def _models(

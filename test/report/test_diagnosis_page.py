@@ -20,6 +20,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot
 from artibot_sim.report.diagnosis_files import files_of, load
 from artibot_sim.report.diagnosis_page import page_of
+from artibot_sim.report.diagnosis_panels import path
 from artibot_sim.report.folder import write_folder
 
 SLOPE: dict[str, float | str] = {"grade": 0.05, "heading": 1.2}
@@ -195,3 +196,11 @@ def test_it_prints(every: dict[Verdict, Diagnosis]) -> None:
         assert words.headline(found) in text
         assert all(f"warning: {warning}" in text for warning in found.warnings)
         assert all(words.channel_words(name) in text for name in found.gain)
+
+
+def test_a_measured_path_is_not_joined_across_a_gap(named: Diagnosis) -> None:
+    look = named.looks[0]
+    shifted = look.path + np.where(np.arange(len(look.path)) >= 60, 3.0, 0.0)[:, None] * (1.0, 0.0, 0.0)
+    line = path(replace(look, path=shifted), "path").lines[0]
+    assert np.isnan(line.x[60]) and np.isfinite(line.x[61])
+    assert np.isnan(line.x).sum() == 2  # the gap, and the end
