@@ -62,8 +62,9 @@ diagnose-campaign: setup-run ## diagnoses scored on hidden effects (SEED SEVERIT
 bags: setup-run ## make the reference recordings in bags/ again
 	@$(PY) -m artibot_sim.experiment.reference_bags bags $(ARGS)
 
-pictures: setup-run ## draw the README's pictures again
+pictures: setup-run ## draw the pictures of README and docs again
 	@$(PY) -m artibot_sim.report.picture $(ARGS)
+	@$(PY) -m artibot_sim.report.effect_pictures
 
 colcon: setup ## build the ROS 2 package into install/, for `source install/setup.bash`
 	@$(abspath $(VENV))/bin/colcon build --packages-select artibot_sim

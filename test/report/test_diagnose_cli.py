@@ -68,6 +68,7 @@ def test_a_diagnosis_is_a_whole_folder(drives: list[Path], tmp_path: Path, capsy
         ({"--topic": "/odom"}, "expected WANTED=FOUND"),
         ({"--topic": "/imu/data=/nowhere"}, "/nowhere"),
         ({"--horizon": "0.01"}, "horizon"),
+        ({"--robot": "husky"}, "--robot"),
         ({"": "absent"}, "absent"),
     ],
 )
