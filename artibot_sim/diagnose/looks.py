@@ -19,6 +19,8 @@ from artibot_sim.model import MOTORS, Robot
 
 Array = NDArray[np.float64]
 
+COMMANDED = "front_velocity"
+"""The channel in which commands show."""
 _GRID = 0.2
 """s between covariates."""
 
@@ -90,7 +92,7 @@ def with_commands(
         name: ChannelBaseline(level.unit, level.rmse, level.noise, float("nan")) for name, level in levels.items()
     }
     new = [
-        replace(one, channels=dict(one.channels) | {"front_velocity": series[one.name]}) if one.name in series else one
+        replace(one, channels=dict(one.channels) | {COMMANDED: series[one.name]}) if one.name in series else one
         for one in looks
     ]
     return channels, new

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.diagnosis import ChannelBaseline, ChannelGain
+from artibot_sim.diagnose.diagnosis import ChannelBaseline, ChannelGain, Series
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.holdout import Held, hold_out
 from artibot_sim.identify.identification import ChannelFit
@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 _DRAWS = 500
 _STEPS = 2
 """Of the starts that predictions begin with."""
+_BLOCK = 5.0
+"""s that are drawn together where there are no windows."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ def predict(
     return Pair(held_out, before, before if same else hold_out(experiment, extended, horizon, workers, steps=_STEPS))
 
 
-def improvement(pairs: Sequence[Pair], levels: Mapping[str, float]) -> float:
+def improvement(pairs: Sequence[Pair], levels: Mapping[str, float], commanded: Sequence[Series] = ()) -> float:
     """Fraction by which the noise-weighted mean squared error, less the noise's share, falls; 0 where there is none.
 
     Parameters
@@ -58,9 +60,16 @@ def improvement(pairs: Sequence[Pair], levels: Mapping[str, float]) -> float:
     pairs : sequence of Pair
     levels : mapping of str to float
         Factor on each channel's noise that residuals of the best fit show.
+    commanded : sequence of Series
+        How motors followed their commands, where there are any.
     """
-    before, after = (np.mean(_weighted(pairs, name, levels)) - 1.0 for name in ("before", "after"))
-    return float(1.0 - max(after, 0.0) / before) if before > 0.0 else 0.0
+    errors = []
+    for name in ("before", "after"):
+        driven = [((getattr(series, name) / series.noise) ** 2).ravel() for series in commanded]
+        every = np.concatenate([_weighted(pairs, name, levels), *driven])
+        errors.append(float(np.mean(every[np.isfinite(every)])) - 1.0)
+    before, after = errors
+    return 1.0 - max(after, 0.0) / before if before > 0.0 else 0.0
 
 
 def _weighted(pairs: Sequence[Pair], name: str, levels: Mapping[str, float]) -> Array:
@@ -71,23 +80,45 @@ def _weighted(pairs: Sequence[Pair], name: str, levels: Mapping[str, float]) -> 
     return np.concatenate(parts) if parts else np.ones(1)
 
 
-def gains(pairs: Sequence[Pair], seed: int) -> dict[str, ChannelGain]:
+def gains(pairs: Sequence[Pair], commanded: Sequence[Series], seed: int) -> dict[str, ChannelGain]:
     """What the extension is worth in each channel, with intervals from windows drawn anew."""
-    rng, found = np.random.default_rng(seed), {}
+    found = {}
     for c, name in enumerate(CHANNEL_NAMES):
         squares = np.array([_squares(at, c) for pair in pairs for at in _by_window(pair)]).reshape(-1, 3)
-        squares = squares[squares[:, 2] > 0]
-        if not len(squares):
-            continue
-        draws = []
-        for _ in range(_DRAWS):
-            total = squares[rng.integers(0, len(squares), len(squares))].sum(axis=0)
-            draws.append(np.sqrt(total[0] / total[2]) - np.sqrt(total[1] / total[2]))
-        total = squares.sum(axis=0)
-        low, high = np.quantile(draws, (0.025, 0.975)).tolist()
-        before, after = (float(np.sqrt(total[k] / total[2])) for k in (0, 1))
-        found[name] = ChannelGain(CHANNEL_UNITS[name], before, after, (low, high))
-    return found
+        gain = _gain(CHANNEL_UNITS[name], squares, seed)
+        if gain is not None:
+            found[name] = gain
+    squares = np.array([row for series in commanded for row in _blocks(series)]).reshape(-1, 3)
+    gain = _gain("rad/s", squares, seed)
+    return found if gain is None else found | {"front_velocity": gain}
+
+
+def _gain(unit: str, squares: Array, seed: int) -> ChannelGain | None:
+    """From sums of squared errors before and after and numbers of samples, (n, 3); None where there are no samples."""
+    squares = squares[squares[:, 2] > 0]
+    if not len(squares):
+        return None
+    rng = np.random.default_rng(seed)
+    draws = []
+    for _ in range(_DRAWS):
+        total = squares[rng.integers(0, len(squares), len(squares))].sum(axis=0)
+        draws.append(np.sqrt(total[0] / total[2]) - np.sqrt(total[1] / total[2]))
+    total = squares.sum(axis=0)
+    low, high = np.quantile(draws, (0.025, 0.975)).tolist()
+    before, after = (float(np.sqrt(total[k] / total[2])) for k in (0, 1))
+    return ChannelGain(unit, before, after, (low, high))
+
+
+def _blocks(series: Series) -> list[tuple[float, float, float]]:
+    """Sums of squared errors before and after, and how many samples, of every few seconds."""
+    rows = []
+    for start in np.arange(series.t[0], series.t[-1], _BLOCK).tolist() if len(series.t) else []:
+        mine = (series.t >= start) & (series.t < start + _BLOCK)
+        before, after = series.before[mine].ravel(), series.after[mine].ravel()
+        known = np.isfinite(before) & np.isfinite(after)
+        before, after = before[known], after[known]
+        rows.append((float(before @ before), float(after @ after), float(len(before))))
+    return rows
 
 
 def _by_window(pair: Pair) -> list[tuple[Held, Held, int]]:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 from artibot_sim.diagnose.command_view import command_view
 from artibot_sim.diagnose.data_check import data_warnings
 from artibot_sim.diagnose.decision import Decision
-from artibot_sim.diagnose.diagnosis import Cause, Diagnosis, Found
+from artibot_sim.diagnose.diagnosis import Cause, ChannelBaseline, Diagnosis, Found, NextExperiment, Series
 from artibot_sim.diagnose.evidence import DECADE
 from artibot_sim.diagnose.extended import Uncertain, found_parameters, robot_of, uncertain
-from artibot_sim.diagnose.looks import look, with_commands
+from artibot_sim.diagnose.looks import COMMANDED, look, with_commands
+from artibot_sim.diagnose.next_experiment import next_experiment
 from artibot_sim.diagnose.options import Options
 from artibot_sim.diagnose.places import places
 from artibot_sim.diagnose.predictions import Pair, baseline_levels, gains, improvement, predict
@@ -45,6 +47,7 @@ def result_of(
     commanded = command_view([*fitted, *held], robot, seed=options.seed).seen_by(extended)
     channels, looks = with_commands(baseline_levels(pairs), [look(pair, robot) for pair in pairs], *commanded)
     held_out = [pair for pair in pairs if pair.held_out]
+    driven = [one.channels[COMMANDED] for one in looks if one.held_out and COMMANDED in one.channels]
     point = decision.neutral_fit.point
     return Diagnosis(
         verdict=decision.verdict,
@@ -56,11 +59,11 @@ def result_of(
         horizon=options.horizon,
         baseline=channels,
         where=places(looks, channels),
-        causes=_causes(decision, effects, held_out),
+        causes=_causes(decision, effects, held_out, driven),
         ranking=ranking(decision),
         unexplained=None,
-        gain=gains(held_out, options.seed),
-        next_experiment=None,
+        gain=gains(held_out, driven, options.seed),
+        next_experiment=_next(decision, extended, channels, options.seed),
         warnings=data_warnings(fitted, robot, decision.neutral_problem, point),
         looks=tuple(looks),
         prior_odds=options.prior_odds,
@@ -81,10 +84,33 @@ def _parameters(decision: Decision, after: Uncertain) -> dict[str, Mapping[str, 
     return found | {named.effect: named.found for named in decision.named if named.found}
 
 
-def _causes(decision: Decision, effects: Parameters, held_out: Sequence[Pair]) -> tuple[Cause, ...]:
+def _next(
+    decision: Decision, extended: Robot, channels: Mapping[str, ChannelBaseline], seed: int
+) -> NextExperiment | None:
+    """What would tell the first cause from those that tie with it; None where none do."""
+    if not decision.named or not decision.named[0].ties:
+        return None
+    first = decision.named[0]
+    robots = {first.effect: extended}
+    fitted = {rival.id: rival for rival in decision.turns[0].rivals}
+    for effect in first.ties:
+        if effect in fitted:
+            rival = fitted[effect]
+            robots[effect] = rival.problem.parameters.robot_at(rival.fit.point.coordinates)
+        elif effect in decision.other:
+            values = {name: found.value for name, found in decision.other[effect].found.items()}
+            neutral = decision.neutral_problem.parameters.robot_at(decision.neutral_fit.point.coordinates)
+            robots[effect] = replace(neutral, effects=dict(neutral.effects) | {effect: values})
+    noise = {name: one.noise / (2.0**0.5 if name == "position" else 1.0) for name, one in channels.items()}
+    return next_experiment(robots, noise, seed=seed)
+
+
+def _causes(
+    decision: Decision, effects: Parameters, held_out: Sequence[Pair], driven: Sequence[Series]
+) -> tuple[Cause, ...]:
     """The named effects, most probable first."""
     levels = channel_levels(decision.problem.windows, decision.fit.point.residuals)
-    gained = improvement(held_out, levels)
+    gained = improvement(held_out, levels, driven)
     found = [
         Cause(named.effect, effects[named.effect], named.nats / DECADE, gained, named.ties) for named in decision.named
     ]

@@ -1,0 +1,133 @@
+"""Diagnosis from end to end: what is hidden is named, in whatever order, with whatever was measured."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from artibot_sim.diagnose import Diagnosis, Verdict, diagnose
+from artibot_sim.errors import ArtibotError
+from artibot_sim.experiment import Experiment, read_bag
+from artibot_sim.identify.synthetic import synthetic
+from artibot_sim.model import load_robot, save_robot
+from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop
+
+FIELD = Path("/work/shared/data/field_examples")
+ROBOT = load_robot("agriq")
+SOIL = {"contact.k_l": 2650.0, "contact.k_t": 2150.0, "contact.mu_s": 0.6, "contact.mu_d": 0.33}
+TORQUE = 12.0
+
+
+def drive(seed: int, kappa: float, sign: float) -> Experiment:
+    """A recording of about 12 s of a rover with friction in its joint."""
+    turns = Manoeuvre(
+        "turns",
+        (Dwell(0.5), Ramp(speed=0.6), Slalom(curvature=sign * 0.45, wavelength=5.0, periods=0.7),
+         Arc(radius=1.6, angle=-sign * 1.5), Stop()),
+        a_max=0.5, blend=0.3,
+    )  # fmt: skip
+    real = replace(ROBOT.replace(SOIL), effects={"joint_friction": {"torque": TORQUE}})
+    return synthetic(real, turns, kappa=kappa, seed=seed, name=f"drive{seed}")
+
+
+@pytest.fixture(scope="module")
+def drives() -> list[Experiment]:
+    return [drive(1, 0.8, 1.0), drive(2, 1.0, -1.0)]
+
+
+@pytest.fixture(scope="module")
+def found(drives: list[Experiment]) -> Diagnosis:
+    return diagnose(drives, ROBOT, workers=2)
+
+
+def test_what_is_hidden_is_named_with_its_size(found: Diagnosis) -> None:
+    assert found.verdict is Verdict.NAMED
+    (cause,) = found.causes
+    torque = cause.parameters["torque"]
+    assert cause.effect == "joint_friction"
+    assert torque.value == pytest.approx(TORQUE, rel=0.1)
+    assert torque.ci95[0] < TORQUE < torque.ci95[1]
+    assert found.ranking[0].effect == "joint_friction"
+
+
+def test_the_extended_model_predicts_what_was_held_out(found: Diagnosis) -> None:
+    assert found.holdout == ("drive2",)
+    assert found.causes[0].holdout_improvement > 0.8
+    gain = found.gain["articulation_yaw"]
+    assert gain.after < 0.5 * gain.before
+    assert gain.ci95[0] > 0.0
+
+
+def test_the_extended_robot_is_a_file(found: Diagnosis, tmp_path: Path) -> None:
+    save_robot(found.extended, tmp_path / "extended.yaml")
+    again = load_robot(tmp_path / "extended.yaml")
+    assert again.effects["joint_friction"]["torque"] == found.causes[0].parameters["torque"].value
+    assert again.sources["effects.joint_friction.torque"].startswith("diagnosed: ")
+    assert again.intervals["effects.joint_friction.torque"] == found.causes[0].parameters["torque"].ci95
+
+
+def test_order_and_workers_do_not_matter(drives: list[Experiment], found: Diagnosis) -> None:
+    again = diagnose(drives[::-1], ROBOT, workers=1)
+    assert {**again.as_dict(), "seconds": 0} == {**found.as_dict(), "seconds": 0}
+
+
+def test_positions_alone_are_enough_to_say_something(drives: list[Experiment]) -> None:
+    """Without torques, IMU and articulation nothing is named that is not there."""
+    kept = ("total_station", "motor_torques")
+    bare = []
+    for one in drives:
+        motors = one.channels["motor_torques"]
+        columns = {name: values for name, values in motors.columns.items() if not name.endswith("effort")}
+        channels = {"total_station": one.channels["total_station"], "motor_torques": replace(motors, columns=columns)}
+        assert set(channels) == set(kept)
+        bare.append(replace(one, channels=channels))
+    result = diagnose(bare, ROBOT)
+    assert set(result.baseline) == {"position"}
+    assert all(cause.effect == "joint_friction" or cause.ties for cause in result.causes)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"horizon": 0.1}, "horizon: 0.1 s"),
+        ({"prior_odds": 0.0}, "prior_odds"),
+        ({"false_alarm_rate": 1.0}, "rate"),
+    ],
+)
+def test_wrong_options_are_refused(drives: list[Experiment], options: dict[str, float], said: str) -> None:
+    with pytest.raises(ArtibotError, match=said):
+        diagnose(drives, ROBOT, **options)
+
+
+def test_no_recording_is_refused() -> None:
+    with pytest.raises(ArtibotError, match="no recording"):
+        diagnose([], ROBOT)
+
+
+FIELD_TRUTH = {
+    "none": {},
+    "slope": {"grade": 0.05, "heading": 1.875},
+    "joint_friction": {"torque": 10.0},
+    "speed_loop_lag": {"time_constant": 0.25},
+}
+
+
+@pytest.mark.skipif(not FIELD.is_dir(), reason="the recordings of field_examples are not on this machine")
+@pytest.mark.parametrize("what", FIELD_TRUTH)
+def test_recordings_made_elsewhere(what: str) -> None:
+    runs = [read_bag(FIELD / what / f"run{k}") for k in range(3)]
+    result = diagnose(runs, ROBOT)
+    truth = FIELD_TRUTH[what]
+    if not truth:
+        assert result.verdict is Verdict.NONE
+        return
+    assert result.verdict is Verdict.NAMED
+    assert [cause.effect for cause in result.causes] == [what]
+    for name, value in truth.items():
+        given = result.causes[0].parameters[name]
+        assert given.value == pytest.approx(value, rel=0.15)
+        assert given.ci95[0] < value < given.ci95[1]
+    assert np.isfinite(result.causes[0].log10_bayes_factor)
