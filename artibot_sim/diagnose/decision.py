@@ -123,7 +123,7 @@ def _best(
     for rival in found.rivals:
         own = found.evidence[rival.id]
         nats = own.nats + (heard[rival.id].nats if rival.id in heard else 0.0)
-        if rival.id not in without and acceptable(own, nats, least, thresholds):
+        if rival.id not in without and acceptable(own, nats, least + thresholds.more(rival.id), thresholds):
             good[rival.id] = nats
     for effect, view in heard.items():
         if effect not in good and effect not in without and view.nats >= least:

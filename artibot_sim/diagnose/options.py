@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from artibot_sim.diagnose.thresholds import THRESHOLDS, Thresholds
 
+HALF_WIDTH = 0.045
+"""s around an instant whose encoder positions give a motor's rotation. Narrower, the encoders' steps make noise of
+predicted torques, which back wheels with less friction seem to mend; wider, the peaks of slip are cut."""
 HORIZON = 5.0
 """s over which predictions are judged."""
 PRIOR_ODDS = 1.0

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.diagnosis import ChannelBaseline, ChannelGain, Series
+from artibot_sim.diagnose.options import HALF_WIDTH
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.holdout import Held, hold_out
 from artibot_sim.identify.identification import ChannelFit
@@ -47,9 +48,13 @@ def predict(
     experiment: Experiment, held_out: bool, baseline: Robot, extended: Robot, horizon: float, workers: int | None
 ) -> Pair:
     """A recording by both models; once only where they are the same."""
-    before = hold_out(experiment, baseline, horizon, workers, steps=_STEPS)
+    before = hold_out(experiment, baseline, horizon, workers, steps=_STEPS, half_width=HALF_WIDTH)
     same = extended.effects == baseline.effects and extended == baseline
-    return Pair(held_out, before, before if same else hold_out(experiment, extended, horizon, workers, steps=_STEPS))
+    return Pair(
+        held_out,
+        before,
+        before if same else hold_out(experiment, extended, horizon, workers, steps=_STEPS, half_width=HALF_WIDTH),
+    )
 
 
 def improvement(pairs: Sequence[Pair], levels: Mapping[str, float], commanded: Sequence[Series] = ()) -> float:

@@ -12,7 +12,7 @@ from artibot_sim.diagnose.command_view import command_view
 from artibot_sim.diagnose.data_check import require_usable
 from artibot_sim.diagnose.decision import decide
 from artibot_sim.diagnose.diagnosis import Diagnosis
-from artibot_sim.diagnose.options import FALSE_ALARM_RATE, HORIZON, PRIOR_ODDS, Options
+from artibot_sim.diagnose.options import FALSE_ALARM_RATE, HALF_WIDTH, HORIZON, PRIOR_ODDS, Options
 from artibot_sim.diagnose.result import result_of
 from artibot_sim.diagnose.thresholds import THRESHOLDS, Thresholds
 from artibot_sim.errors import ArtibotError
@@ -145,5 +145,5 @@ def _order(experiment: Experiment) -> tuple[str, int, float, float]:
 
 def _baseline(fitted: Sequence[Experiment], robot: Robot, options: Options, ticks: _Ticks) -> tuple[Problem, Fit]:
     """The paper's model with its soil identified; all windows keep their say, for local effects hide in bad ones."""
-    problem = problem_of(fitted, parameter_set(robot, SOIL), WINDOW, options.workers)
+    problem = problem_of(fitted, parameter_set(robot, SOIL), WINDOW, options.workers, HALF_WIDTH)
     return best_fit(problem, Effort(seed=options.seed), ticks, TRUST)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,6 +17,10 @@ class Thresholds:
     floor, tail : float
         Nats that recordings with nothing hidden give to the best effect: its middle, and the mean excess over that.
         A false alarm in `false_alarm_rate` of such cases is then `floor` + `tail` · log(1 / rate).
+    biased : mapping of str to float
+        The same beside `floor` for effects that what is left of the sensors' errors can look like. Noise of the
+        rotations makes noise of predicted torques, and back wheels with less grip make less of it: recordings with
+        nothing hidden gave back_friction 250 nats.
     away : float
         Standard deviations from neutral.
     size : float
@@ -32,11 +37,16 @@ class Thresholds:
 
     floor: float = 30.0
     tail: float = 6.0
+    biased: Mapping[str, float] = field(default_factory=lambda: {"back_friction": 400.0, "com_offset": 120.0})
     away: float = 4.0
     size: float = 0.1
     tie: float = 8.0
     tie_share: float = 0.03
     most: int = 3
+
+    def more(self, effect: str) -> float:
+        """Nats that an effect has to gain beyond `least`."""
+        return max(0.0, self.biased.get(effect, self.floor) - self.floor)
 
     def least(self, prior_odds: float, false_alarm_rate: float, effects: int) -> float:
         """Nats that an effect has to gain."""

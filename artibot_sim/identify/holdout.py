@@ -16,7 +16,7 @@ from artibot_sim.identify.problem import Problem, predecessors
 from artibot_sim.identify.quality import channel_fits, deviations
 from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.search import awake
-from artibot_sim.identify.sensing import Stretch, noise_levels, stretches
+from artibot_sim.identify.sensing import HALF_WIDTH, Stretch, noise_levels, stretches
 from artibot_sim.identify.skid import Kinematic
 from artibot_sim.identify.windows import CHANNEL_NAMES, Window, cut, window_at
 from artibot_sim.model import Robot
@@ -69,15 +69,16 @@ def hold_out(
     workers: int | None = None,
     rivals: Sequence[Kinematic] = (),
     steps: int = _STEPS,
+    half_width: float = HALF_WIDTH,
 ) -> Held:
     """Predict a recording with a robot as it is; `rivals` predict it as well.
 
     Every window of `horizon` s starts from what the window before it measured: the start of that one is estimated
     from its own samples, and the model carries it to its end. Where there is none before (the first of a stretch,
     or a stretch no longer than a window) a prediction starts from the measured pose, rolling as its wheels say.
-    Starts are estimated by so many `steps`.
+    Starts are estimated by so many `steps`, motors smoothed over `half_width` s.
     """
-    found = stretches(experiment, robot)
+    found = stretches(experiment, robot, half_width)
     windows = cut(found, robot, horizon)
     problem = Problem(ParameterSet(robot, ()), found, windows, workers)
     here = np.empty(0)

@@ -20,7 +20,7 @@ from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.quality import channel_fits
 from artibot_sim.identify.robust import Loss, channel_levels, merged
 from artibot_sim.identify.search import Effort, Fit, Tick, awake, search, settle, thinned
-from artibot_sim.identify.sensing import Stretch, missing, noise_levels, stretches, with_pooled_noise
+from artibot_sim.identify.sensing import HALF_WIDTH, Stretch, missing, noise_levels, stretches, with_pooled_noise
 from artibot_sim.identify.skid import fitted
 from artibot_sim.identify.uncertainty import Node, from_bootstrap, from_curvature, profile
 from artibot_sim.identify.windows import CHANNEL_NAMES, cut
@@ -144,15 +144,20 @@ class _Ticks:
 
 
 def problem_of(
-    recordings: Sequence[Experiment], parameters: ParameterSet, window: float, workers: int | None
+    recordings: Sequence[Experiment],
+    parameters: ParameterSet,
+    window: float,
+    workers: int | None,
+    half_width: float = HALF_WIDTH,
 ) -> Problem:
+    """The windows of recordings, and what is to explain them; motors are smoothed over `half_width` s."""
     if not recordings:
         raise ArtibotError("identify: no recording; give at least one")
     if not (np.isfinite(window) and window >= 0.5):
         raise ArtibotError(f"window: {window} s; expected at least 0.5 s")
     found: list[Stretch] = []
     for experiment in recordings:
-        found += stretches(experiment, parameters.robot)
+        found += stretches(experiment, parameters.robot, half_width)
     found = with_pooled_noise(found)
     windows = cut(found, parameters.robot, window, LEAD)
     if not windows:

@@ -124,8 +124,8 @@ class Stretch:
         )  # fmt: skip
 
 
-def stretches(experiment: Experiment, robot: Robot) -> list[Stretch]:
-    """The stretches of a recording, noise levels estimated from its own samples.
+def stretches(experiment: Experiment, robot: Robot, half_width: float = HALF_WIDTH) -> list[Stretch]:
+    """The stretches of a recording, noise levels estimated from its own samples, motors smoothed over `half_width` s.
 
     Raises
     ------
@@ -143,7 +143,7 @@ def stretches(experiment: Experiment, robot: Robot) -> list[Stretch]:
         for a, b in _unbroken(times):
             if not any(((s.t >= a) & (s.t <= b)).sum() >= 2 for s in series if s.channel == "position"):
                 continue
-            found.append(Stretch(experiment, measured, rotations(experiment, robot, a, b, HALF_WIDTH), tuple(series)))
+            found.append(Stretch(experiment, measured, rotations(experiment, robot, a, b, half_width), tuple(series)))
     if not found:
         raise ArtibotError(
             f"{experiment.path}: {motors.topic} and positions are never measured at the same time; "
