@@ -24,6 +24,8 @@ _RARE = 0.02
 """Share of the time that a condition must last at least."""
 _RARE_PLACE = 0.004
 """The same of a place or a time, which a rover passes once."""
+_MANY = 0.6
+"""How much the surprise of a place or a time counts: there are hundreds to choose from, so some fit by chance."""
 _COMMON = 0.85
 """and at most: what is always so tells nothing."""
 _CAP = 0.95
@@ -105,9 +107,9 @@ def concentration(samples: Samples) -> Concentration | None:
         rare = _RARE_PLACE if condition.local else _RARE
         if not (rare < p < _COMMON and e > _LEAST_SHARE and e > _LEAST_LIFT * p):
             continue
-        if not condition.local and not _agree(samples, capped, condition.mask):
+        if not _agree(samples, counted, condition.mask):
             continue
-        surprise = _entropy(e, p)
+        surprise = _entropy(e, p) * (_MANY if condition.local else 1.0)
         if surprise > most:
             best, most = Concentration(condition, e, p), surprise
     return best

@@ -119,7 +119,7 @@ def seen(effect: Effect, robot: Robot, free: Experiment) -> Seen:
         return Seen(effect, values, (_overview(recording, free), _speeds(recording)), ())
     pair = predict(recording, False, robot, rover, HORIZON, None)
     shown, levels = look(pair, robot), baseline_levels([pair])
-    worst = max(levels, key=lambda name: levels[name].rmse / levels[name].noise)
+    worst = max(levels, key=lambda c: (words.is_wrong(c, levels[c]), levels[c].rmse / levels[c].noise))
     said = tuple(place.what for place in places([shown], {worst: levels[worst]}))
     channel = panels.over_time_of(shown, worst, levels[worst].unit)
     assert channel is not None
