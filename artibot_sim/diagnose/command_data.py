@@ -27,8 +27,8 @@ GUARD = 3.0
 """s before a part for which its motor is taken to have done what it did at first."""
 _BEGUN = 0.5
 """s after the beginning of a part that begins in motion which do not count: nobody knows what was commanded before."""
-_SLOW = 1e-3
-"""Share of the largest commanded speed that is motion."""
+_STILL, _SLOW = 1e-3, 0.02
+"""Shares of the largest commanded speed: up to one is standstill, from the other on is motion."""
 _SHORT = 0.5
 """s that a part lasts at least."""
 _BREAK = 0.15
@@ -211,7 +211,7 @@ def _piece(part: _Part, rise: bool, base: int) -> tuple[Array, ...] | None:
     whole = np.zeros((len(t), LAGS), bool)
     for lag in range(1, LAGS + 1):
         whole[lag:, lag - 1] = middle[lag:] - middle[:-lag] < (lag + 0.6) * step
-    counts = middle > part.t[0] + _BEGUN if _moving(part) else np.ones(len(t), bool)
+    counts = middle > part.t[0] + _BEGUN if _moving(part, _SLOW) else np.ones(len(t), bool)
     torque = np.full(len(t), np.nan)
     if len(part.torque[0]) > 3:
         torque = _mean_between(*part.torque, t[:, 0], t[:, -1])
@@ -220,14 +220,14 @@ def _piece(part: _Part, rise: bool, base: int) -> tuple[Array, ...] | None:
     return at, speed, torque, whole, counts, np.full(size, part.recording), np.full(size, part.motor), middle
 
 
-def _moving(part: _Part) -> bool:
-    """Whether a part begins with a command to move."""
-    return bool(np.abs(part.command[0]) > _SLOW * np.abs(part.command).max())
+def _moving(part: _Part, share: float) -> bool:
+    """Whether a part begins with a command of more than this share of its largest."""
+    return bool(np.abs(part.command[0]) > share * np.abs(part.command).max())
 
 
 def _before(part: _Part, piece: tuple[Array, ...]) -> float:
     """Speed at the beginning of a part: what a lag begins from, which nobody knows the commands of."""
-    if not _moving(part):
+    if not _moving(part, _STILL):
         return float(part.command[0])
     speed, middle = piece[1], piece[-1]
     return float(speed[0] + (speed[2] - speed[0]) / (middle[2] - middle[0]) * (part.t[0] - middle[0]))

@@ -22,7 +22,8 @@ _STEPS = {"lag": 2e-3, "delay": 1e-3, "clock": 1e-3}
 _HIGHEST = {"lag": 5.0, "delay": 2.0, "scale": 2.0}
 _FIRST = {"lag": (0.03, 0.1, 0.25, 0.6), "delay": (0.02, 0.06, 0.12, 0.25, 0.5)}
 """s from which fits begin."""
-_COARSE = 20
+_COARSE, _LOWEST, _WIDTH, _TRIED = 28, 0.01, 0.12, 3
+"""Thresholds tried, the least over the largest command, half the distance between them, and how many are refined."""
 _LEAST_SD = {"delay": 1e-3, "lag": 1e-3, "scale": 2e-4, "threshold": 0.2}
 """Standard deviations that no recording beats: stamps, encoders and drives are not better than that."""
 
@@ -91,9 +92,6 @@ class Fitter:
         for base, start in tried[: 2 if len(fields) > 1 else 1]:
             way = self._scanned(start, base) if "threshold" in fields else start
             way, value, _ = self._climb(way, free)
-            if way.threshold > 0.0 and "threshold" in fields:
-                way, value = self._refined(way)
-                way, value, _ = self._climb(way, free)
             ends.append((value, way))
         value, way = max(ends, key=lambda pair: pair[0])
         sd = self._sd(way, free)
@@ -106,17 +104,20 @@ class Fitter:
         return [self.known._replace(**{f: size}) for f in fields for size in _FIRST.get(f, ())]
 
     def _scanned(self, way: Way, value: float) -> Way:
-        """The best threshold of a coarse grid up to the largest command; as it was where none is better."""
-        sizes = np.abs(self.data.command)
-        top = float(sizes.max())
-        grid = top * np.linspace(0.02, 0.98, _COARSE)
-        tried = [way._replace(threshold=float(x)) for x in grid]
-        values = [self.value(other) for other in tried]
-        return tried[int(np.argmax(values))] if max(values) > value else way
+        """The best threshold up to the largest command; as it was where none is better.
+
+        A threshold that is a little wrong may cost as much as the dead band gains, so the best few are refined first.
+        """
+        top = float(np.abs(self.data.command).max())
+        grid = [way._replace(threshold=float(x)) for x in top * np.geomspace(_LOWEST, 0.98, _COARSE)]
+        values = np.array([self.value(other) for other in grid])
+        ends = [self._refined(grid[int(k)]) for k in np.argsort(-values)[:_TRIED]]
+        best, found = max(ends, key=lambda end: end[1])
+        return best if found > value else way
 
     def _refined(self, way: Way) -> tuple[Way, float]:
         """The threshold moved to where the likelihood, which is a staircase of it, is largest."""
-        width = 0.05 * float(np.abs(self.data.command).max())
+        width = _WIDTH * way.threshold
         for _ in range(3):
             around = way.threshold + width * np.linspace(-1.0, 1.0, 9)
             way = max((way._replace(threshold=max(float(x), 0.0)) for x in around), key=self.value)

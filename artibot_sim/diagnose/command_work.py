@@ -95,7 +95,8 @@ class Work:
         rough = Fitter(self.pulls, sensor_noise(self.pulls), Way(), used)
         best = rough.best(("encoder_scale",))
         left = self.pulls.speed - seen(self.pulls, best.way)
-        return Fitter(self.pulls, noise_in(self.pulls, left, used), Way(), used)
+        known = Way(scale=float(self.robot.effects.get(SCALE, {}).get("scale", 1.0)))
+        return Fitter(self.pulls, noise_in(self.pulls, left, used), known, used)
 
     def fit(self, effects: Collection[str]) -> Fit:
         """These effects at their best together."""
@@ -176,8 +177,10 @@ class Work:
     def parameters(self, effect: str, fit: Fit) -> tuple[dict[str, float], dict[str, float]]:
         """Values of an effect's parameters at a fit, and their standard deviations; none where nothing tells them."""
         if effect == LIMIT:
-            limit = fit.limit
-            return ({"front_max": limit.torque}, {"front_max": limit.sd}) if limit else ({}, {})
+            if fit.limit is None:
+                return {}, {}
+            scale = fit.pulled.way.scale if fit.pulled else 1.0  # recorded over true torque
+            return {"front_max": fit.limit.torque / scale}, {"front_max": fit.limit.sd / scale}
         if effect == SCALE:
             pulled = fit.pulled
             return ({"scale": pulled.way.scale}, {"scale": pulled.sd["scale"]}) if pulled else ({}, {})

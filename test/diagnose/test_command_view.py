@@ -116,7 +116,12 @@ def test_a_delay_and_a_lag_are_told_apart(true: str, close: str) -> None:
 
 @pytest.mark.parametrize(
     "pair",
-    [("command_delay", "speed_loop_lag"), ("speed_loop_lag", "torque_limit"), ("encoder_scale", "command_delay")],
+    [
+        ("command_delay", "speed_loop_lag"),
+        ("speed_loop_lag", "torque_limit"),
+        ("encoder_scale", "command_delay"),
+        ("torque_limit", "torque_scale"),
+    ],
 )
 def test_two_at_once_are_both_found(pair: tuple[str, str]) -> None:
     view = command_view(driven(robot_with(**{name: HIDDEN[name] for name in pair}), seed=3), AGRIQ)
