@@ -1,0 +1,141 @@
+"""What is left when no effect on the list explains the data: which force follows which variable, and in which form."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.diagnose.diagnosis import Unexplained
+from artibot_sim.diagnose.unexplained_forms import unit
+from artibot_sim.diagnose.unexplained_place import ridges
+from artibot_sim.diagnose.unexplained_response import answers, short
+from artibot_sim.diagnose.unexplained_scatter import scattered
+from artibot_sim.diagnose.unexplained_scene import Scene, scene
+from artibot_sim.diagnose.unexplained_search import Candidate, Equations, InForce, basis, candidates, families
+from artibot_sim.identify.gauss_newton import Point
+from artibot_sim.identify.problem import Problem
+
+Array = NDArray[np.float64]
+
+LEAST_NATS = 25.0
+"""Nats that a force must gain on windows that it was not fitted to; recordings with nothing hidden leave less."""
+_MOST = 3
+"""Forces that are looked for one after the other."""
+_ON_GROUND = (
+    "lateral force of each wheel", "longitudinal force of each wheel", "front sway force", "front surge force",
+    "front yaw moment",
+)  # fmt: skip
+"""Forces that may repeat over the ground."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a look at the residuals found.
+
+    Attributes
+    ----------
+    chosen : tuple of Candidate
+        Forces found one after the other.
+    rivals : tuple of Candidate
+        The best ones when the first was chosen, best first, the chosen one included.
+    typical : float
+        Root mean square of the first force, N or N m.
+    per_recording : tuple of (str, float)
+        Names, and the same in each.
+    """
+
+    chosen: tuple[Candidate, ...]
+    rivals: tuple[Candidate, ...]
+    typical: float
+    per_recording: tuple[tuple[str, float], ...]
+
+
+def unexplained(problem: Problem, point: Point) -> Unexplained | None:
+    """The force that a fit does not explain; None if nothing is left that a force would.
+
+    Parameters
+    ----------
+    problem : Problem
+        Recordings and parameters, effects among them or not.
+    point : Point
+        Where the fit ended.
+    """
+    found = look(problem, point.coordinates)
+    if not found.chosen:
+        return None
+    first = found.chosen[0]
+    size = first.form.size(first.coefficients)
+    return Unexplained(
+        first.force, first.form.variable, first.form.name, float(f"{size:.3g}"),
+        f"{unit(first.force)} {first.form.per}".strip(), _where(found),
+    )  # fmt: skip
+
+
+def look(problem: Problem, coordinates: Array, most: int = _MOST) -> Finding:
+    """As `unexplained`, at `coordinates` (p,), with all that was weighed."""
+    few = short(problem)
+    found, of = answers(few, coordinates), scene(few, coordinates)
+    names, recording = _recordings(few)
+    information = problem.parameters.prior_information
+    equations = scattered(found, recording, information, information @ coordinates)
+    chosen: list[Candidate] = []
+    first: list[Candidate] = []
+    for _ in range(most):
+        ranked = weighed(equations, of)
+        first = first or ranked[:12]
+        if ranked[0].worth < LEAST_NATS:
+            break
+        chosen.append(ranked[0])
+        equations = equations.with_columns(_columns(equations, of, ranked[0]))
+    typical, each = _sizes(of, chosen[0], names, recording) if chosen else (0.0, ())
+    return Finding(tuple(chosen), tuple(first), typical, each)
+
+
+def _columns(equations: Equations, of: Scene, candidate: Candidate) -> Array:
+    """A candidate in the components' terms, shape (windows, 16, b)."""
+    inside = InForce(equations, of, candidate.parts)
+    return np.asarray(inside.T @ inside.basis(candidate.form))
+
+
+def weighed(equations: Equations, of: Scene) -> list[Candidate]:
+    """All candidates, best first."""
+    found: list[Candidate] = []
+    for force, parts in families(of).items():
+        found += candidates(equations, of, force, parts)
+        if force in _ON_GROUND:
+            repeated = ridges(equations, of, force, parts)
+            found += [repeated] if repeated else []
+    return sorted(found, key=lambda c: -c.worth)
+
+
+def _recordings(problem: Problem) -> tuple[list[str], NDArray[np.int64]]:
+    """Names of the recordings, and which one each window is of."""
+    paths = [str(problem.stretches[w.stretch].experiment.path) for w in problem.windows]
+    every = sorted(set(paths))
+    names = {str(s.experiment.path): s.experiment.name for s in problem.stretches}
+    return [names[path] for path in every], np.array([every.index(path) for path in paths])
+
+
+def _sizes(
+    of: Scene, candidate: Candidate, names: Sequence[str], recording: NDArray[np.int64]
+) -> tuple[float, tuple[tuple[str, float], ...]]:  # fmt: skip
+    """Root mean square of a force over everything, and in each recording."""
+    values = basis([of[part] for part in candidate.parts], candidate.form, recording) @ candidate.coefficients
+    each = tuple((name, _rms(values[recording == k])) for k, name in enumerate(names))
+    return _rms(values), each
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _where(found: Finding) -> str:
+    first = found.chosen[0]
+    each = ", ".join(f"{name} {size:.2g}" for name, size in found.per_recording)
+    text = f"{found.typical:.2g} {unit(first.force)} on average ({each})"
+    for other in found.chosen[1:]:
+        text += f"; beside it {other.force} against {other.form.variable}, {other.form.name}"
+    return text
