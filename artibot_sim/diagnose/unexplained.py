@@ -11,17 +11,19 @@ from numpy.typing import NDArray
 from artibot_sim.diagnose.diagnosis import Unexplained
 from artibot_sim.diagnose.unexplained_forms import unit
 from artibot_sim.diagnose.unexplained_place import ridges
-from artibot_sim.diagnose.unexplained_response import answers, short
+from artibot_sim.diagnose.unexplained_response import WINDOWS, answers, short
 from artibot_sim.diagnose.unexplained_scatter import scattered
 from artibot_sim.diagnose.unexplained_scene import Scene, scene
-from artibot_sim.diagnose.unexplained_search import Candidate, Equations, InForce, basis, candidates, families
-from artibot_sim.identify.gauss_newton import Point
+from artibot_sim.diagnose.unexplained_search import Candidate, Equations, InForce, basis, candidates, families, solve
 from artibot_sim.identify.problem import Problem
 
 Array = NDArray[np.float64]
 
-LEAST_NATS = 25.0
+LEAST_NATS = 60.0
 """Nats that a force must gain on windows that it was not fitted to; recordings with nothing hidden leave less."""
+_LOOKS = 2
+_FARTHEST = 0.15
+"""Largest change of a parameter's logarithm from one look to the next."""
 _MOST = 3
 """Forces that are looked for one after the other."""
 _ON_GROUND = (
@@ -45,38 +47,54 @@ class Finding:
         Root mean square of the first force, N or N m.
     per_recording : tuple of (str, float)
         Names, and the same in each.
+    soil : array, shape (p,)
+        Coordinates that go with what was found.
     """
 
     chosen: tuple[Candidate, ...]
     rivals: tuple[Candidate, ...]
     typical: float
     per_recording: tuple[tuple[str, float], ...]
+    soil: Array
 
 
-def unexplained(problem: Problem, point: Point) -> Unexplained | None:
+def unexplained(problem: Problem, coordinates: Array, looks: int = _LOOKS) -> Unexplained | None:
     """The force that a fit does not explain; None if nothing is left that a force would.
+
+    A force that the fit does not know of has bent the soil to its own ends. So the soil is taken back as far as the
+    force that was found asks for, and another look is taken; the one whose force explains most says which it is.
 
     Parameters
     ----------
     problem : Problem
         Recordings and parameters, effects among them or not.
-    point : Point
+    coordinates : array, shape (p,)
         Where the fit ended.
+    looks : int
     """
-    found = look(problem, point.coordinates)
-    if not found.chosen:
-        return None
+    best = now = look(problem, coordinates)
+    for _ in range(looks - 1):
+        if not now.chosen:
+            break
+        now = look(problem, now.soil)
+        if now.chosen and now.chosen[0].worth > best.chosen[0].worth:
+            best = now
+    return unexplained_of(best) if best.chosen else None
+
+
+def unexplained_of(found: Finding) -> Unexplained:
+    """A finding in words."""
     first = found.chosen[0]
     size = first.form.size(first.coefficients)
     return Unexplained(
         first.force, first.form.variable, first.form.name, float(f"{size:.3g}"),
-        f"{unit(first.force)} {first.form.per}".strip(), _where(found),
+        unit(first.force, first.form.per), _where(found),
     )  # fmt: skip
 
 
-def look(problem: Problem, coordinates: Array, most: int = _MOST) -> Finding:
-    """As `unexplained`, at `coordinates` (p,), with all that was weighed."""
-    few = short(problem)
+def look(problem: Problem, coordinates: Array, most: int = _MOST, windows: int = WINDOWS) -> Finding:
+    """What forces explain at `coordinates` (p,), with all that was weighed; so many forces and windows at most."""
+    few = short(problem, windows)
     found, of = answers(few, coordinates), scene(few, coordinates)
     names, recording = _recordings(few)
     information = problem.parameters.prior_information
@@ -91,7 +109,17 @@ def look(problem: Problem, coordinates: Array, most: int = _MOST) -> Finding:
         chosen.append(ranked[0])
         equations = equations.with_columns(_columns(equations, of, ranked[0]))
     typical, each = _sizes(of, chosen[0], names, recording) if chosen else (0.0, ())
-    return Finding(tuple(chosen), tuple(first), typical, each)
+    return Finding(tuple(chosen), tuple(first), typical, each, _taken_back(problem, coordinates, equations))
+
+
+def _taken_back(problem: Problem, coordinates: Array, equations: Equations) -> Array:
+    """Coordinates as what was found asks for them; not too far at a time."""
+    matrix, pull = equations.prior()
+    beside = equations.beside
+    matrix += np.einsum("wia,wij,wjb->ab", beside, equations.matrix, beside, optimize=True)
+    pull += np.einsum("wia,wi->a", beside, equations.pull)
+    step = np.clip(solve(matrix, pull)[: len(coordinates)], -_FARTHEST, _FARTHEST)
+    return problem.parameters.inside(coordinates + step)
 
 
 def _columns(equations: Equations, of: Scene, candidate: Candidate) -> Array:

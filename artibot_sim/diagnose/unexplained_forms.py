@@ -142,6 +142,7 @@ def _linear_between(u: Array, corners: Array) -> Array:
     return np.maximum(1.0 - np.abs(u[..., None] - corners) / step, 0.0)
 
 
-def unit(force: str) -> str:
-    """Of a force by its name."""
-    return "N m" if "moment" in force or "torque" in force else "N"
+def unit(force: str, per: str = "") -> str:
+    """Of a force by its name, and of its coefficient."""
+    own = "N m" if "moment" in force or "torque" in force else "N"
+    return own + per.removeprefix("1") if per.startswith("1/") else f"{own} {per}".strip()

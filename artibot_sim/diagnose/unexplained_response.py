@@ -27,7 +27,7 @@ LENGTH = 0.3
 """s that a window is compared."""
 LEAD = 0.1
 """s before, in which its start is forgotten."""
-MOST = 200
+WINDOWS = 150
 """Windows, at most."""
 KNOTS = 2
 """Where forces of a window are given: at its beginning and its end."""
@@ -36,6 +36,8 @@ MOTOR = len(FORCES)
 COMPONENTS = MOTOR + len(MOTORS)
 _WIDE = np.array([80.0, 80.0, 40.0, 40.0])
 """Standard deviations of FORCES beforehand, N and N m."""
+_WIDE_TORQUE = 0.15
+"""The same of the motors' torques, N m."""
 _PROBE = np.array([6.0, 6.0, 3.0, 3.0])
 """Changes of FORCES for their finite differences."""
 _START_STEP = np.array([1e-3, 1e-3, 1e-3, 3e-3, 3e-3, 3e-3, 1e-3, 3e-3])
@@ -70,7 +72,7 @@ class Answers:
         return COMPONENTS * KNOTS
 
 
-def short(problem: Problem, most: int = MOST) -> Problem:
+def short(problem: Problem, most: int = WINDOWS) -> Problem:
     """The same recordings in short windows, so many at most, taken evenly."""
     places: list[tuple[int, int, int, int]] = []
     for i, stretch in enumerate(problem.stretches):
@@ -92,15 +94,19 @@ def ends(problem: Problem) -> Array:
 
 @dataclass
 class _State:
-    """Where the windows' fits stand: starts (windows, 8 or 6) and forces (windows, 4, KNOTS)."""
+    """Where the windows' fits stand: starts (windows, 8 or 6), forces (windows, 4, KNOTS), torques (windows, 8)."""
 
     starts: Array
     forces: Array
+    torques: Array
 
 
 def answers(problem: Problem, coordinates: Array) -> Answers:
     """Fit starts and forces of every short window, and the normal equations there."""
-    state = _State(problem.starts.copy(), np.zeros((len(problem), MOTOR, KNOTS)))
+    count = len(problem)
+    state = _State(
+        problem.starts.copy(), np.zeros((count, MOTOR, KNOTS)), np.zeros((count, len(MOTORS) * KNOTS))
+    )  # fmt: skip
     for _ in range(_ROUNDS):
         linear = _linearised(problem, coordinates, state, ())
         state = _moved(problem, state, linear)
@@ -126,39 +132,31 @@ def pushed(robot: Robot, forces: Array, t: Array) -> Robot:
 
 
 def _linearised(problem: Problem, coordinates: Array, state: _State, free: Sequence[int]) -> _Linear:
-    plain = problem.parameters.robot_at(coordinates)
-    others = []
+    """Residuals and columns by finite differences; those of the parameters numbered `free`."""
+    plain, others = problem.parameters.robot_at(coordinates), []
     for i in free:
         moved = coordinates.copy()
         moved[i] -= _PARAMETER_STEP
         others.append(problem.parameters.robot_at(moved))
-    robots, robot, window, guesses = [], [], [], []
-    t = ends(problem)
+    t, size = ends(problem), problem.size
+    robots: list[Robot] = []
+    robot, guesses = [], []
     for w in range(len(problem)):
-        mine = [pushed(plain, state.forces[w], t[w])]
-        for c in range(MOTOR):
-            for k in range(KNOTS):
-                more = state.forces[w].copy()
-                more[c, k] += _PROBE[c]
-                mine.append(pushed(plain, more, t[w]))
-        mine += [pushed(other, state.forces[w], t[w]) for other in others]
-        first = len(robots)
+        mine = _variants(plain, others, state.forces[w], t[w])
+        robot += [*range(len(robots), len(robots) + len(mine)), *([len(robots)] * size)]
         robots += mine
-        robot += [*range(first, len(robots)), *([first] * problem.size)]
-        start = np.repeat(state.starts[w][None], len(mine) + problem.size, axis=0)
-        start[len(mine) :] += np.diag(_START_STEP[: problem.size])
+        start = np.repeat(state.starts[w][None], len(mine) + size, axis=0)
+        start[len(mine) :] += np.diag(_START_STEP[:size])
         guesses.append(start)
-        window += [w] * len(start)
-    flat = problem.simulate(robots, np.array(robot), np.array(window), np.concatenate(guesses))
-    each = len(flat) // len(problem)
-    steps = np.concatenate(
-        [np.repeat(_PROBE, KNOTS), np.full(len(others), -_PARAMETER_STEP), _START_STEP[: problem.size]]
-    )
+    each = len(guesses[0])
+    window = np.repeat(np.arange(len(problem)), each)
+    flat = problem.simulate(robots, np.array(robot), window, np.concatenate(guesses))
+    steps = np.concatenate([np.repeat(_PROBE, KNOTS), np.full(len(others), -_PARAMETER_STEP), _START_STEP[:size]])
     found = _Linear([], [], [], [])
+    n, p = MOTOR * KNOTS, len(others)
     for w in range(len(problem)):
         rows = [problem.compare(w, values) for values in flat[w * each : (w + 1) * each]]
         columns = (np.array(rows[1:]) - rows[0]).T / steps
-        n, p = MOTOR * KNOTS, len(others)
         found.residuals.append(rows[0])
         found.forces.append(columns[:, :n])
         found.parameters.append(columns[:, n : n + p])
@@ -166,6 +164,17 @@ def _linearised(problem: Problem, coordinates: Array, state: _State, free: Seque
     for part in (found.forces, found.parameters, found.starts):
         _clip(problem.windows, part)
     return found
+
+
+def _variants(plain: Robot, others: Sequence[Robot], forces: Array, t: Array) -> list[Robot]:
+    """A robot with its forces, with each of them changed at each knot, and other robots with the same forces."""
+    changed = []
+    for c in range(MOTOR):
+        for k in range(KNOTS):
+            more = forces.copy()
+            more[c, k] += _PROBE[c]
+            changed.append(pushed(plain, more, t))
+    return [pushed(plain, forces, t), *changed, *(pushed(other, forces, t) for other in others)]
 
 
 def _clip(windows: Sequence[Window], columns: list[Array]) -> None:
@@ -185,33 +194,45 @@ def _loss(problem: Problem, residuals: Sequence[Array]) -> Loss:
     return Loss(spread(problem.windows, residuals), np.ones(len(CHANNEL_NAMES)))
 
 
+def _explained(problem: Problem, state: _State, linear: _Linear) -> list[Array]:
+    """Residuals once the motors' torques are taken off: what samples are trusted by."""
+    t = ends(problem)
+    return [
+        residual + _torques(window, t[w]) @ state.torques[w]
+        for w, (window, residual) in enumerate(zip(problem.windows, linear.residuals, strict=True))
+    ]
+
+
 def _moved(problem: Problem, state: _State, linear: _Linear) -> _State:
-    """A damped step of every window's start and forces."""
-    loss = _loss(problem, linear.residuals)
-    starts, forces = state.starts.copy(), state.forces.copy()
+    """A damped step of every window's start and forces; torques, in which residuals are linear, as they are best."""
+    trusted = _explained(problem, state, linear)
+    loss, t = _loss(problem, trusted), ends(problem)
+    new = _State(state.starts.copy(), state.forces.copy(), state.torques.copy())
     wide = np.repeat(_WIDE, KNOTS)
+    n, m = len(wide), len(wide) + len(MOTORS) * KNOTS
     for w, (residual, G, S) in enumerate(zip(linear.residuals, linear.forces, linear.starts, strict=True)):
-        weight, _ = loss.weigh(problem.windows[w], residual)
-        J = np.hstack([G, S])
+        weight, _ = loss.weigh(problem.windows[w], trusted[w])
+        J = np.hstack([G, _torques(problem.windows[w], t[w]), S])
         known = np.zeros((J.shape[1], J.shape[1]))
-        n = G.shape[1]
-        known[:n, :n] = np.diag(wide**-2.0)
-        known[n:, n:] = problem.start_weight[w].T @ problem.start_weight[w]
-        away = np.concatenate([forces[w].ravel(), starts[w] - problem.starts[w]])
+        known[:m, :m] = np.diag(np.concatenate([wide, np.full(m - n, _WIDE_TORQUE)]) ** -2.0)
+        known[m:, m:] = problem.start_weight[w].T @ problem.start_weight[w]
+        away = np.concatenate([state.forces[w].ravel(), np.zeros(m - n), state.starts[w] - problem.starts[w]])
         H = (J.T * weight) @ J + known
         move = -np.linalg.solve(H + 1e-3 * np.diag(np.diag(H)), J.T @ (weight * residual) + known @ away)
-        forces[w] += np.clip(move[:n], -wide, wide).reshape(MOTOR, KNOTS)
+        new.forces[w] += np.clip(move[:n], -wide, wide).reshape(MOTOR, KNOTS)
+        new.torques[w] = move[n:m]
         limit = 2.0 * problem.start_sd[w]
-        starts[w] += np.clip(move[n:], -limit, limit)
-    return _State(starts, forces)
+        new.starts[w] += np.clip(move[m:], -limit, limit)
+    return new
 
 
 def _eliminated(problem: Problem, state: _State, linear: _Linear) -> Answers:
-    loss = _loss(problem, linear.residuals)
+    trusted = _explained(problem, state, linear)
+    loss = _loss(problem, trusted)
     matrices, pulls, misfits = [], [], []
     t = ends(problem)
     for w, window in enumerate(problem.windows):
-        weight, _ = loss.weigh(window, linear.residuals[w])
+        weight, _ = loss.weigh(window, trusted[w])
         G = np.hstack([linear.forces[w], _torques(window, t[w])])
         X, S, r = np.hstack([G, linear.parameters[w]]), linear.starts[w], linear.residuals[w]
         known = problem.start_weight[w].T @ problem.start_weight[w]

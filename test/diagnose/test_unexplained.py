@@ -1,0 +1,79 @@
+"""What is on no list is found in recordings of a rover that is not the model, and nothing where nothing is hidden."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from diagnose.hidden import UNLISTED, Case, case
+from diagnose.hidden.unlisted import ACTS_ON
+
+from artibot_sim.diagnose.remains import remains
+from artibot_sim.diagnose.unexplained import LEAST_NATS, Finding, look, unexplained_of
+from artibot_sim.identify.gauss_newton import Point, evaluate, step
+from artibot_sim.identify.parameters import SOIL, parameter_set
+from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.robust import Loss
+from artibot_sim.identify.run import problem_of
+from artibot_sim.identify.windows import CHANNEL_NAMES
+from artibot_sim.model import load_robot
+
+SEED = 2
+
+
+def hidden(*effects: str, severity: float = 1.0) -> tuple[Case, Problem, np.ndarray]:
+    """A case, its recordings as a problem, and the coordinates of its soil."""
+    found = case(effects, severity, SEED, runs=2, held_out=0, duration=40.0)
+    problem = problem_of(found.recordings, parameter_set(load_robot("agriq"), SOIL), 5.0, 2)
+    return found, problem, problem.parameters.coordinates([found.truth.soil[name] for name in SOIL])
+
+
+def seen(*effects: str) -> tuple[Case, Finding]:
+    found, problem, soil = hidden(*effects)
+    return found, look(problem, soil, most=1, windows=100)
+
+
+def settled(problem: Problem, coordinates: np.ndarray) -> Point:
+    """The best starts of all windows on a soil."""
+    loss = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
+    point = evaluate(problem, loss, [coordinates], problem.starts)[0]
+    for _ in range(3):
+        point, _, _ = step(problem, loss, point, ())
+    return point
+
+
+@pytest.mark.parametrize("name", sorted(UNLISTED))
+def test_force_and_variable_are_named(name):
+    _, found = seen(name)
+    assert found.chosen
+    answer = unexplained_of(found)
+    said = f"{answer.force} {answer.variable} {answer.form}"
+    assert all(word in said for word in ACTS_ON[name].values()), said
+    assert answer.size != 0 and answer.where
+
+
+def test_nothing_is_found_where_nothing_is_hidden():
+    _, found = seen()
+    assert not found.chosen
+    assert max(rival.worth for rival in found.rivals) < LEAST_NATS
+
+
+def test_the_period_of_ridges_is_found():
+    truth, found = seen("ridges")
+    wave = np.array(found.chosen[0].form.wave)
+    period = truth.truth.unlisted["ridges"]["period"]
+    assert 2 * np.pi / np.hypot(*wave) == pytest.approx(period, rel=0.02)
+
+
+def test_a_coefficient_is_about_right():
+    truth, found = seen("air_drag")
+    best = next(c for c in found.rivals if c.force == "front surge force" and c.form.name == "quadratic")
+    assert -best.coefficients[0] == pytest.approx(truth.truth.unlisted["air_drag"]["air"], rel=0.25)
+
+
+def test_something_remains_only_where_something_is_hidden():
+    _, problem, soil = hidden()
+    clean = remains(problem, settled(problem, soil))
+    assert not clean.significant and not clean.where
+    _, problem, soil = hidden("yaw_drag")
+    left = remains(problem, settled(problem, soil))
+    assert left.significant and "yaw_rate" in left.where
