@@ -39,8 +39,10 @@ _STANDS = 0.5
 """Share of the time at standstill that is said."""
 _NOISY = 0.05
 """m of a position's noise that is said."""
-_STILL = 0.05
+_STILL = 1.0
 """rad/s below which a motor stands."""
+_CREEP = 0.01
+"""m/s of a wheel's rim, below which it stands."""
 
 USED = ("motor_torques", "total_station", "ground_truth_odom", "imu", "joint_states", "motor_command")
 """Channels that a diagnosis looks at."""
@@ -179,7 +181,7 @@ def _turning(motors: Channel, first: float, last: float) -> bool:
     for motor in MOTORS[:2]:
         name = f"{motor}.velocity"
         if name in part and len(speed := part.series(name)[1]):
-            return bool(np.abs(speed).min() > 20 * _STILL)
+            return bool(np.abs(speed).min() > _STILL)
     return len(part) > 0
 
 
@@ -195,7 +197,7 @@ def _together(recordings: Sequence[Experiment], robot: Robot) -> Iterator[str]:
     noise = [s.sigma for stretch in found for s in stretch.series if s.channel == "position"]
     if noise and np.median(noise) > _NOISY:
         yield f"positions are noisy: {number(float(np.median(noise)), 2)} m; small effects drown in it"
-    moving, total = _moving(recordings)
+    moving, total = _moving(recordings, robot)
     if moving < SHORT:
         yield f"only {moving:.0f} s of motion; little can be told apart with less than {SHORT:g} s"
     elif moving < (1 - _STANDS) * total:
@@ -203,9 +205,10 @@ def _together(recordings: Sequence[Experiment], robot: Robot) -> Iterator[str]:
     yield from _one_sided(recordings)
 
 
-def _moving(recordings: Sequence[Experiment]) -> tuple[float, float]:
+def _moving(recordings: Sequence[Experiment], robot: Robot) -> tuple[float, float]:
     """s in motion, and s in all."""
     moving, total = 0.0, 0.0
+    still = _CREEP / (robot.drive.front.tau * robot.wheel.r_w)
     for experiment in recordings:
         motors = experiment.channels["motor_torques"]
         names = [f"{motor}.velocity" for motor in MOTORS if f"{motor}.velocity" in motors]
@@ -213,7 +216,7 @@ def _moving(recordings: Sequence[Experiment]) -> tuple[float, float]:
         total += duration
         speeds = [np.abs(motors.series(name)[1]) for name in names]
         noise = max((float(np.quantile(speed, 0.02)) for speed in speeds if len(speed)), default=0.0)
-        shares = [float(np.mean(speed > max(20 * _STILL, 4 * noise))) for speed in speeds if len(speed)]
+        shares = [float(np.mean(speed > max(still, 4 * noise))) for speed in speeds if len(speed)]
         moving += duration * max(shares, default=1.0)
     return moving, total
 

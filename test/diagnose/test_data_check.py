@@ -191,3 +191,10 @@ def test_a_joint_that_rests_bent_is_not_saturated(good: Experiment, agriq: Robot
     assert "articulation_yaw.position stands at ±1.00" in said(
         changed(good, "joint_states", **{"articulation_yaw.position": held}), agriq
     )
+
+
+def test_motors_without_a_gear_move_as_well() -> None:
+    """A rigid robot's motors are its wheels: some rad/s are a drive."""
+    husky = load_robot("husky")
+    drive = synthetic(husky, BOTH_WAYS, seed=1, name="husky")
+    assert "of motion" not in said(drive, husky)
