@@ -87,7 +87,10 @@ def soils(robot: Robot, count: int, seed: int = 0) -> list[Robot]:
 
 
 class BatchTiming:
-    """One batch: its wall time, and how long its threads waited for a core that somebody else had."""
+    """One batch: its wall time, the calling thread's processor time, and how long its threads waited for a core.
+
+    One worker is the calling thread; somebody else had the core meanwhile.
+    """
 
     def __init__(self, scenario: Scenario, robots: list[Robot], workers: int) -> None:
         before = thread_waited()
@@ -96,9 +99,9 @@ class BatchTiming:
         def progress(_done: int) -> None:
             waited[threading.get_ident()] = thread_waited() or 0.0
 
-        start = time.perf_counter()
+        start, cpu = time.perf_counter(), time.thread_time()
         rollout_batch(robots, scenario.commands, workers=workers, keep="final", progress=progress)
-        self.wall = time.perf_counter() - start
+        self.wall, self.cpu = time.perf_counter() - start, time.thread_time() - cpu
         base = (before or 0.0) if workers == 1 else 0.0  # one worker is the calling thread, which is older
         self.waited = (sum(waited.values()) - base) / workers
         scenario.tick()
@@ -121,6 +124,7 @@ def batch(scenario: Scenario) -> list[Result]:
     median = float(np.median([run[1].wall for run in runs]))
     note = f"{len(robots)} soils, RK4 at 1 ms, first and last row kept, threads on {cores} cores"
     detail = {"median": steps / median, "runs": len(runs), "one_core": steps / one, "cores": cores}
+    detail["by_cpu_time"] = steps / min(run[0].cpu for run in runs)  # of one core
     ratio_detail = {"undisturbed": undisturbed, "cores": cores, "runs": len(runs)}
     ratio_note = (
         f"batch on {cores} cores over one core; about {undisturbed:.2f} "

@@ -29,7 +29,7 @@ RATES = {
 def windows(scenario: Scenario) -> list[Result]:
     """Windows × soils: the paper's model, with an effect, and with all of them; against single rollouts of this run."""
     truth = scenario.rollout("rk4", 1e-3)
-    robots = soils(scenario.robot, 4 if scenario.quick else 16)
+    robots = soils(scenario.robot, 4 if scenario.quick else 8)
     single = repeat(lambda: rollout(scenario.robot, scenario.commands, every=10), scenario.runs(10), scenario.tick)
     alone = scenario.steps(1e-3) / single.best
     kinds: dict[str, dict[str, dict[str, float | str]]] = {
@@ -39,26 +39,29 @@ def windows(scenario: Scenario) -> list[Result]:
     }
     results = []
     for name, effects in kinds.items():
-        steps, timing = _timed(scenario, truth, [dataclasses.replace(robot, effects=effects) for robot in robots])
+        changed = [dataclasses.replace(robot, effects=effects) for robot in robots]
+        steps, timing = _timed(scenario, truth, changed, None)
+        _, one = _timed(scenario, truth, changed, 1)
         note = (
             f"{len(robots)} soils, windows of {LENGTH * KEPT_EVERY:g} s at {DT * 1e3:g} ms, sampled; "
             f"{steps / timing.best / alone:.1f} × a single rollout of the paper's model"
         )
-        detail = timing.per_second(steps) | {"single": alone, "cores": available_cores()}
+        of_one = {"by_cpu_time": steps / float(one.cpu.min()), "one_core": steps / one.best}
+        detail = timing.per_second(steps) | of_one | {"single": alone, "cores": available_cores()}
         results.append(Result(name, steps / timing.best, "steps/s", note, detail))
     return results
 
 
-def _timed(scenario: Scenario, truth: Rollout, robots: Sequence[Robot]) -> tuple[int, Timing]:
+def _timed(scenario: Scenario, truth: Rollout, robots: Sequence[Robot], workers: int | None) -> tuple[int, Timing]:
     """Integration steps of a call, and the time of many."""
     table = MotorTable(
         KEPT_EVERY, truth.motor_position.copy(), truth.motor_velocity.copy(), np.full((len(truth.t), 4), np.nan),
         (Mode.PRESCRIBED,) * 4,
     )  # fmt: skip
     items = _items(truth, len(robots))
-    batch = WindowBatch([table], [_plan()], DT)
+    batch = WindowBatch([table], [_plan()], DT, workers)
     steps = int(items.knots.sum()) * round(KEPT_EVERY / DT)
-    return steps, repeat(lambda: batch.run(robots, items), scenario.runs(15), scenario.tick)
+    return steps, repeat(lambda: batch.run(robots, items), scenario.runs(10), scenario.tick)
 
 
 def _items(truth: Rollout, robots: int) -> Items:

@@ -44,8 +44,8 @@ _SIZES = {
     # motors' sum and what comes of it
     "GIVEN": 4, "HELD": 4, "SHARE": 1, "SHARED": 2,
     # motors: speed of their wheels' rims, sums over the two wheels of F_l and u F_n, drag, torque now and a step
-    # before, inverse efficiency for this step and the next
-    "RIM": 4, "PULL": 4, "U_F_N": 4, "DRAG": 4, "TORQUE": 4, "PREVIOUS": 4, "GEAR": 4, "NEXT_GEAR": 4,
+    # before, inverse efficiency for this step and the next, inverse inertia
+    "RIM": 4, "PULL": 4, "U_F_N": 4, "DRAG": 4, "TORQUE": 4, "PREVIOUS": 4, "GEAR": 4, "NEXT_GEAR": 4, "INV_J": 4,
     "MODE": 4, "TAU": 4, "R_W": 4, "J_M": 4, "J_W": 4, "DRIVING": 4, "BRAKING": 4, "TORQUE_MAX": 4, "A_MOTOR": 4,
     "GAIN": 4, "LITERAL": 4,
     "BODY_F": len(Body._fields), "BODY_B": len(Body._fields), "GROUND": len(Ground._fields),
@@ -186,7 +186,10 @@ def measure_motors(S, fx):
 
 @inlined
 def turn_motors(S, fx):
-    """Torques of all motors (eq. 21), and what those that are not prescribed do, at the stage."""
+    """Torques of all motors (eq. 21), and what those that are not prescribed do, at the stage.
+
+    Of all: a loop over the back ones only is so short that it is written out, without vectors, and slower.
+    """
     for j in range(4 * LANES):
         load, J = load_at(S, fx, j)
         behind = S[AT.D_DOT + j] - S[AT.V_S + MOTORS + j]
@@ -195,13 +198,13 @@ def turn_motors(S, fx):
         M_m = min(max(M_m, -S[AT.TORQUE_MAX + j]), S[AT.TORQUE_MAX + j])
         acceleration = S[AT.ACC + MOTORS + j]
         follows = S[AT.MODE + j] == PRESCRIBED
-        S[AT.ACC + MOTORS + j] = acceleration if follows else (M_m - load) / J
+        S[AT.ACC + MOTORS + j] = acceleration if follows else (M_m - load) * S[AT.INV_J + j]
         S[AT.TORQUE + j] = J * acceleration + load if follows else M_m
 
 
 @inlined
 def hold_torques(S):
-    """Torques held through a step: commanded ones, or eq. 30 from the step before (NaN commands it)."""
+    """Held through a step: torques, commanded ones or eq. 30 from the step before (NaN commands it), and inertias."""
     for e in range(LANES):
         shared = S[AT.SHARE + e] * (S[AT.PREVIOUS + e] + S[AT.PREVIOUS + LANES + e])
         S[AT.SHARED + e] = S[AT.SHARED + LANES + e] = shared
@@ -209,6 +212,9 @@ def hold_torques(S):
         front, back = S[AT.GIVEN + j], S[AT.GIVEN + 2 * LANES + j]
         S[AT.HELD + j] = front if front == front else 0.0
         S[AT.HELD + 2 * LANES + j] = back if back == back else S[AT.SHARED + j]
+    for j in range(4 * LANES):
+        gear = S[AT.TAU + j] * S[AT.GEAR + j]
+        S[AT.INV_J + j] = 1.0 / (S[AT.J_M + j] + S[AT.J_W + j] * S[AT.TAU + j] * gear)
 
 
 @inlined
