@@ -130,7 +130,7 @@ def test_an_identification_searches_from_its_starts_on_the_cluster(cluster: Clus
     robot, rng = load_robot("agriq"), np.random.default_rng(2)
     drive = synthetic(robot, random_manoeuvre(rng, 10.0), duration=10.0)
     found = stretches(drive, robot)
-    problem = Problem(parameter_set(robot, ["k_l"]), found, cut(found, robot, 5.0, 0.3))
+    problem = Problem(parameter_set(robot, ["k_l"]), found, cut(found, robot, 5.0, 0.3)[:1])
     effort = Effort(starts=2, first=1, finalists=1, last=1)
     here = search(problem, effort)
     there = search(problem, dataclasses.replace(effort, scheduler=cluster.address))
