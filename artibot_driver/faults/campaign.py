@@ -91,10 +91,10 @@ def live_trial(number: int, seed: int, names: Sequence[str], rig: Rig, place: Pl
 def live_rig(names: Sequence[str]) -> Rig:
     """Drives for a trial in real time.
 
-    A single processor that is bus, drives, driver and flood at once carries what fills 250 kbit/s, at half the rate.
+    A single processor that is bus, drives, driver and flood at once carries what fills 150 kbit/s, at half the rate.
     """
     slow = os.cpu_count() == 1 and "bus flooded" in names
-    return load_rig(config_from_parameters({"bus.bitrate": 250_000, "sync_rate": 50.0} if slow else {}))
+    return load_rig(config_from_parameters({"bus.bitrate": 150_000, "sync_rate": 50.0} if slow else {}))
 
 
 def live(tasks: Sequence[Task], seed: int, channel: str) -> Iterator[Outcome]:
