@@ -14,7 +14,18 @@ from diagnose.hidden.cases import Case, case, write
 from diagnose.hidden.jobs import Job
 from diagnose.hidden.sensors import Noise
 
-KEPT = ("verdict", "causes", "unexplained", "gain", "baseline", "next_experiment", "ranking", "warnings", "threshold")
+KEPT = (
+    "verdict",
+    "causes",
+    "unexplained",
+    "gain",
+    "baseline",
+    "next_experiment",
+    "ranking",
+    "warnings",
+    "threshold",
+    "soils",
+)
 """What of an answer goes into the journal."""
 
 HORIZON = 5.0
@@ -29,7 +40,11 @@ def in_memory(found: Case) -> dict[str, Any]:
     from artibot_sim.diagnose import diagnose
     from artibot_sim.model import load_robot
 
-    return diagnose(found.recordings, load_robot("agriq"), holdout=found.holdout, seed=0, workers=1).as_dict()
+    answer = diagnose(found.recordings, load_robot("agriq"), holdout=found.holdout, seed=0, workers=1)
+    soils = {
+        name: vars(robot.contact) for name, robot in (("before", answer.baseline_robot), ("after", answer.extended))
+    }
+    return {**answer.as_dict(), "soils": soils}
 
 
 def command_line(found: Case) -> dict[str, Any]:
