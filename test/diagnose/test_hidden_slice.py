@@ -1,0 +1,20 @@
+"""Hidden effects found in real bags by the command: a slice of the campaign that a test run has time for."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import pytest
+from diagnose.hidden import case
+from diagnose.hidden.score import score
+from diagnose.hidden.work import command_line
+
+SMALL = {"runs": 2, "held_out": 1, "duration": 20.0, "manoeuvres": ("eight", "stop_and_go", "slalom")}
+
+
+@pytest.mark.parametrize(("effect", "seed"), [("speed_loop_lag", 21), ("joint_friction", 22)])
+def test_what_is_hidden_is_named(effect, seed):
+    found = case((effect,), seed=seed, **SMALL)
+    result = score(command_line(found), asdict(found.truth))
+    assert result.answer == effect, result
+    assert all(error < 0.15 for error in result.errors.values()), result
