@@ -79,9 +79,18 @@ def _parameters(decision: Decision, after: Uncertain) -> dict[str, Mapping[str, 
     place = len(problem.parameters.parameters)
     for extension in problem.parameters.extensions:
         part = slice(place, place + len(extension))
-        found[extension.id] = found_parameters(extension, after.point.coordinates[part], after.covariance[part, part])
+        own = found_parameters(extension, after.point.coordinates[part], after.covariance[part, part])
+        other = decision.other[extension.id].found if extension.id in decision.other else {}
+        found[extension.id] = {name: _surer(one, other.get(name)) for name, one in own.items()}
         place += len(extension)
     return found | {named.effect: named.found for named in decision.named if named.found}
+
+
+def _surer(one: Found, other: Found | None) -> Found:
+    """Of what two views say about a parameter what has the narrower interval."""
+    if other is None or other.ci95 is None or one.ci95 is None:
+        return one
+    return other if other.ci95[1] - other.ci95[0] < one.ci95[1] - one.ci95[0] else one
 
 
 def _next(
