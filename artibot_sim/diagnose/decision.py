@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 
 from artibot_sim.diagnose.command_view import CommandView
 from artibot_sim.diagnose.contest import Rounds
-from artibot_sim.diagnose.diagnosis import Found, Verdict
+from artibot_sim.diagnose.diagnosis import Found, Unexplained, Verdict
 from artibot_sim.diagnose.greedy import Turn, acceptable, turn
 from artibot_sim.diagnose.other import Other
+from artibot_sim.diagnose.remains import remains
 from artibot_sim.diagnose.thresholds import Thresholds
+from artibot_sim.diagnose.unexplained import unexplained
 from artibot_sim.diagnose.views import others
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.search import Fit
@@ -62,6 +64,8 @@ class Decision:
     turns : tuple of Turn
     other : mapping of str to Other
         What the view driven by commands says.
+    unexplained : Unexplained or None
+        The force that no effect explains.
     """
 
     verdict: Verdict
@@ -73,6 +77,7 @@ class Decision:
     fit: Fit
     turns: tuple[Turn, ...]
     other: Mapping[str, Other]
+    unexplained: Unexplained | None = None
 
 
 def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: CommandView) -> Decision:
@@ -109,10 +114,25 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
             found = turn(problem, fit, found.loss, [n.effect for n in named], Rounds(), tick)
             turns.append(found)
             problem, fit = found.problem, found.fit
+    tick()
+    if _leaves_more_than_noise(problem, fit):
+        force = unexplained(neutral[0], neutral[1].point.coordinates)
+        if force is not None:  # what was named leaves more than noise: it is not the cause, or not all of it
+            return Decision(Verdict.UNEXPLAINED, (), least, *neutral, *neutral, tuple(turns), other, force)
     verdict = Verdict.NONE
     if named:
         verdict = Verdict.AMBIGUOUS if named[0].ties else Verdict.NAMED
     return Decision(verdict, tuple(named), least, *neutral, problem, fit, tuple(turns), other)
+
+
+def _leaves_more_than_noise(problem: Problem, fit: Fit) -> bool:
+    """Whether a force may be at work that the fit does not know.
+
+    Positions have no say: how slow a total station's own errors are is not known, and with nothing hidden they leave
+    up to three times what white noise would.
+    """
+    left = remains(problem, fit.point)
+    return any(level.significant for name, level in left.channels.items() if name != "position")
 
 
 def _best(

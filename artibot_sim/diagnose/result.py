@@ -61,7 +61,7 @@ def result_of(
         where=places(looks, channels),
         causes=_causes(decision, effects, held_out, driven),
         ranking=ranking(decision),
-        unexplained=None,
+        unexplained=decision.unexplained,
         gain=gains(held_out, driven, options.seed),
         next_experiment=_next(decision, extended, channels, options.seed),
         warnings=data_warnings(fitted, robot, decision.neutral_problem, point),
