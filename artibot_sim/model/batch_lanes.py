@@ -39,7 +39,7 @@ class Lanes:
     def run(self) -> list[Rollout]:
         """All of them, in order."""
         from artibot_sim.model import rollout_lanes
-        from artibot_sim.model.lanes import BLOCK, LANES
+        from artibot_sim.model.lane_layout import BLOCK, LANES
 
         records, effects, extended = _packed(self.setups)
         lot = self._lot(records, effects)
@@ -109,8 +109,8 @@ def _packed(setups: Sequence[Setup]) -> tuple[NDArray[Any], NDArray[Any], tuple[
 
 def in_lanes(setups: Sequence[Setup], dt: float, every: Sequence[int]) -> Iterator[Lanes]:
     """Those that stay on a plane, in lots of equal length and commands' spacing, with or without effects."""
+    from artibot_sim.model.lane_layout import LANES
     from artibot_sim.model.lane_loading import find_level
-    from artibot_sim.model.lanes import LANES
 
     alike: dict[tuple[Any, ...], list[int]] = {}
     for i, setup in enumerate(setups):

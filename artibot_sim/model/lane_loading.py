@@ -6,7 +6,7 @@ from artibot_sim.model.compiled import inlined, kernel
 from artibot_sim.model.contact import normal_force
 from artibot_sim.model.effects import hooks
 from artibot_sim.model.integrators import motor_of
-from artibot_sim.model.lanes import AT, LANES, SIZE
+from artibot_sim.model.lane_layout import AT, LANES, SIZE
 from artibot_sim.model.layout import ALPHA, BACK, BEHIND, BETA, FRONT, GAMMA, MOTOR_COORDINATES, X, Y, Z
 
 PLACES = (X, Y, GAMMA, BACK + X, BACK + Y, BACK + GAMMA, *MOTOR_COORDINATES)

@@ -12,74 +12,17 @@ knows, and effects' parameters are in `S`.
 
 from __future__ import annotations
 
-from collections import namedtuple
-from typing import Any
-
-import numpy as np
-
 from artibot_sim.model.compiled import inlined
-from artibot_sim.model.effects import hooks
-from artibot_sim.model.lane_effects import EFFECT_VALUES, reader
+from artibot_sim.model.lane_layout import AT, LANES, LIMIT_Q, LIMIT_V, SIZE, effects_at, four, put4
+from artibot_sim.model.lane_motors import (
+    drag_motors,
+    feed_back,
+    follow_commands,
+    hold_torques,
+    measure_motors,
+    turn_motors,
+)
 from artibot_sim.model.planar import Body, Ground, Motion, planar_accelerations
-from artibot_sim.model.transmission import DRIVEN, PRESCRIBED, follow, rolling_sign
-
-LANES = 8
-"""Rovers in a block."""
-
-SIZE = 10
-"""Coordinates that move on a plane: x, y, gamma of the front module, of the back one, and the motors' angles."""
-
-MOTORS = 6 * LANES
-"""Where the motors begin among them."""
-
-_SIZES = {
-    # state; stage and sums of RK4; the same of lateral forces that lag (N)
-    "Q": SIZE, "V": SIZE, "ACC": SIZE, "Q_S": SIZE, "V_S": SIZE, "SUM_Q": SIZE, "SUM_V": SIZE,
-    "LAG": 8, "LAG_S": 8, "LAG_RATE": 8, "SUM_LAG": 8,
-    # commands: angles and speeds at both ends of a cubic, its last coefficients, speed and acceleration now; the
-    # inverse of its length, 0 after the last one
-    "P_0": 4, "V_0": 4, "P_1": 4, "V_1": 4, "C_2": 4, "C_3": 4, "D_DOT": 4, "D_DDOT": 4,
-    "GOING": 4,
-    # commanded torque (NaN: eq. 30), what is held through a step, eq. 30's factor of the front
-    # motors' sum and what comes of it
-    "GIVEN": 4, "HELD": 4, "SHARE": 1, "SHARED": 2,
-    # motors: speed of their wheels' rims, sums over the two wheels of F_l and u F_n, drag, torque now and a step
-    # before, inverse efficiency for this step and the next, inverse inertia
-    "RIM": 4, "PULL": 4, "U_F_N": 4, "DRAG": 4, "TORQUE": 4, "PREVIOUS": 4, "GEAR": 4, "NEXT_GEAR": 4, "INV_J": 4,
-    "MODE": 4, "TAU": 4, "R_W": 4, "J_M": 4, "J_W": 4, "DRIVING": 4, "BRAKING": 4, "TORQUE_MAX": 4, "A_MOTOR": 4,
-    "GAIN": 4, "LITERAL": 4,
-    "BODY_F": len(Body._fields), "BODY_B": len(Body._fields), "GROUND": len(Ground._fields),
-    # whether a coordinate is sound, and in how many rows it was
-    "SOUND": SIZE, "KEPT": SIZE,
-    "EFFECTS": EFFECT_VALUES,
-}  # fmt: skip
-
-_BEGINS = [LANES * sum(list(_SIZES.values())[:k]) for k in range(len(_SIZES))]
-
-AT: Any = namedtuple("At", list(_SIZES))(*_BEGINS)  # type: ignore[arg-type]  # mypy knows no fields from a list
-"""Where each quantity begins in a block."""
-
-BLOCK = LANES * sum(_SIZES.values())
-"""Size of a block."""
-
-MOTOR = tuple(map(np.int64, range(4)))
-"""Numbers of the motors, as hooks take them."""
-
-LIMIT_V, LIMIT_Q = 1e6, 1e12
-"""Beyond, a rover has diverged, as in `loop`."""
-
-light_effects, all_effects = reader(LANES, full=False), reader(LANES, full=True)
-
-
-@inlined
-def effects_at(S, fx, e, t):
-    """With effects: those of a lane at `t` (s) since its start."""
-    if fx is not None:
-        at = AT.EFFECTS + e
-        if len(fx) == 1:
-            return light_effects(S, at, S[at] + t)
-        return all_effects(S, at, S[at] + t)
-    return None
 
 
 @inlined
@@ -96,36 +39,6 @@ def body_of(S, at):
 def motion_of(S, q, v):
     """A module's motion from coordinates at `q` and rates at `v`."""
     return Motion(S[q], S[q + LANES], S[q + 2 * LANES], S[v], S[v + LANES], S[v + 2 * LANES])
-
-
-@inlined
-def four(S, at):
-    """Four numbers of a lane."""
-    return S[at], S[at + LANES], S[at + 2 * LANES], S[at + 3 * LANES]
-
-
-@inlined
-def put4(S, at, a, b, c, d):
-    """Write four numbers of a lane."""
-    S[at], S[at + LANES], S[at + 2 * LANES], S[at + 3 * LANES] = a, b, c, d
-
-
-@inlined
-def follow_commands(S, s, free):
-    """Commands `s` seconds after the knot, and what prescribed motors do (eqs 26 to 28)."""
-    for j in range(4 * LANES):
-        c_0, c_1, c_2, c_3 = S[AT.P_0 + j], S[AT.V_0 + j], S[AT.C_2 + j], S[AT.C_3 + j]
-        d = c_0 + s * (c_1 + s * (c_2 + s * c_3))
-        d_dot = c_1 + s * (2.0 * c_2 + 3.0 * s * c_3)
-        speed = S[AT.V_S + MOTORS + j]
-        d_ddot = 2.0 * c_2 + 6.0 * s * c_3
-        S[AT.ACC + MOTORS + j] = follow(S[AT.A_MOTOR + j], S[AT.Q_S + MOTORS + j], speed, d, d_dot, d_ddot)
-        S[AT.RIM + j] = S[AT.R_W + j] * (S[AT.TAU + j] * speed)
-    if free:
-        for j in range(4 * LANES):
-            c_2, c_3 = S[AT.C_2 + j], S[AT.C_3 + j]
-            S[AT.D_DOT + j] = S[AT.V_0 + j] + s * (2.0 * c_2 + 3.0 * s * c_3)
-            S[AT.D_DDOT + j] = 2.0 * c_2 + 6.0 * s * c_3
 
 
 @inlined
@@ -150,80 +63,6 @@ def move_modules(S, fx, t):
             lag = AT.LAG_RATE + e
             put4(S, lag, right_f.rate_f, right_f.rate_b, left_f.rate_f, left_f.rate_b)
             put4(S, lag + 4 * LANES, right_b.rate_f, right_b.rate_b, left_b.rate_f, left_b.rate_b)
-
-
-@inlined
-def drag_motors(S, fx, t):
-    """With effects: drag on all motors, at the stage."""
-    for e in range(LANES):
-        effects = effects_at(S, fx, e, t)
-        right_f, left_f, right_b, left_b = four(S, AT.V_S + MOTORS + e)
-        put4(
-            S, AT.DRAG + e, hooks.drag(effects, MOTOR[0], right_f), hooks.drag(effects, MOTOR[1], left_f),
-            hooks.drag(effects, MOTOR[2], right_b), hooks.drag(effects, MOTOR[3], left_b),
-        )  # fmt: skip
-
-
-@inlined
-def load_at(S, fx, j):
-    """Load on a motor of a lane (eq. 22 and drag, motor side), N m, and its inertia, kg m²."""
-    F_l, gear = S[AT.PULL + j], S[AT.TAU + j] * S[AT.GEAR + j]
-    rolling = S[AT.U_F_N + j] * rolling_sign(S[AT.TAU + j] * S[AT.V_S + MOTORS + j])
-    literal = S[AT.LITERAL + j]
-    load = gear * (S[AT.R_W + j] * F_l + (literal * F_l if literal != 0.0 else rolling))
-    if fx is not None:
-        load += S[AT.DRAG + j]
-    return load, S[AT.J_M + j] + S[AT.J_W + j] * S[AT.TAU + j] * gear
-
-
-@inlined
-def measure_motors(S, fx):
-    """Torques that it takes to turn prescribed motors (eq. 21)."""
-    for j in range(4 * LANES):
-        load, J = load_at(S, fx, j)
-        S[AT.TORQUE + j] = J * S[AT.ACC + MOTORS + j] + load
-
-
-@inlined
-def turn_motors(S, fx):
-    """Torques of all motors (eq. 21), and what those that are not prescribed do, at the stage.
-
-    Of all: a loop over the back ones only is so short that it is written out, without vectors, and slower.
-    """
-    for j in range(4 * LANES):
-        load, J = load_at(S, fx, j)
-        behind = S[AT.D_DOT + j] - S[AT.V_S + MOTORS + j]
-        driven = J * (S[AT.D_DDOT + j] + S[AT.GAIN + j] * behind) + load
-        M_m = driven if S[AT.MODE + j] == DRIVEN else S[AT.HELD + j]
-        M_m = min(max(M_m, -S[AT.TORQUE_MAX + j]), S[AT.TORQUE_MAX + j])
-        acceleration = S[AT.ACC + MOTORS + j]
-        follows = S[AT.MODE + j] == PRESCRIBED
-        S[AT.ACC + MOTORS + j] = acceleration if follows else (M_m - load) * S[AT.INV_J + j]
-        S[AT.TORQUE + j] = J * acceleration + load if follows else M_m
-
-
-@inlined
-def hold_torques(S):
-    """Held through a step: torques, commanded ones or eq. 30 from the step before (NaN commands it), and inertias."""
-    for e in range(LANES):
-        shared = S[AT.SHARE + e] * (S[AT.PREVIOUS + e] + S[AT.PREVIOUS + LANES + e])
-        S[AT.SHARED + e] = S[AT.SHARED + LANES + e] = shared
-    for j in range(2 * LANES):
-        front, back = S[AT.GIVEN + j], S[AT.GIVEN + 2 * LANES + j]
-        S[AT.HELD + j] = front if front == front else 0.0
-        S[AT.HELD + 2 * LANES + j] = back if back == back else S[AT.SHARED + j]
-    for j in range(4 * LANES):
-        gear = S[AT.TAU + j] * S[AT.GEAR + j]
-        S[AT.INV_J + j] = 1.0 / (S[AT.J_M + j] + S[AT.J_W + j] * S[AT.TAU + j] * gear)
-
-
-@inlined
-def feed_back(S):
-    """What the next step takes from the start of this one: torques (eq. 30) and efficiencies (eq. 23)."""
-    for j in range(4 * LANES):
-        torque = S[AT.TORQUE + j]
-        driving = torque * S[AT.V + MOTORS + j] >= 0.0
-        S[AT.PREVIOUS + j], S[AT.NEXT_GEAR + j] = torque, S[AT.DRIVING + j] if driving else S[AT.BRAKING + j]
 
 
 @inlined
@@ -296,33 +135,6 @@ def end_stage(S, fx, k, dt, geared):
     if k == 3 and geared:
         for j in range(4 * LANES):
             S[AT.GEAR + j] = S[AT.NEXT_GEAR + j]
-
-
-@inlined
-def next_knot(S, e, position, velocity, row, turned):
-    """A lane's commands at the knot in `row`; recorded rotations are `turned` times the true ones."""
-    for motor in range(4):
-        j = motor * LANES + e
-        if turned != 1.0:
-            S[AT.P_1 + j], S[AT.V_1 + j] = position[row, motor] / turned, velocity[row, motor] / turned
-        else:
-            S[AT.P_1 + j], S[AT.V_1 + j] = position[row, motor], velocity[row, motor]
-
-
-@inlined
-def leave_knot(S):
-    """The knot ahead is the one behind."""
-    for j in range(4 * LANES):
-        S[AT.P_0 + j], S[AT.V_0 + j] = S[AT.P_1 + j], S[AT.V_1 + j]
-
-
-@inlined
-def cubics(S):
-    """Coefficients of the commands' cubics (see `loop.hermite`)."""
-    for j in range(4 * LANES):
-        going, a, b = S[AT.GOING + j], S[AT.V_0 + j], S[AT.V_1 + j]
-        rise = (S[AT.P_1 + j] - S[AT.P_0 + j]) * going
-        S[AT.C_2 + j], S[AT.C_3 + j] = (3.0 * rise - 2.0 * a - b) * going, (a + b - 2.0 * rise) * (going * going)
 
 
 @inlined

@@ -11,21 +11,10 @@ from artibot_sim.model.compiled import inlined, kernel
 from artibot_sim.model.dynamics import module_gravity
 from artibot_sim.model.integrators import hold_efficiencies, right_hand_side
 from artibot_sim.model.lane_effects import EFFECT_VALUES
+from artibot_sim.model.lane_layout import AT, LANES, SIZE, effects_at
 from artibot_sim.model.lane_loading import PLACES, load_lane, load_motors
-from artibot_sim.model.lanes import (
-    AT,
-    LANES,
-    SIZE,
-    begin_step,
-    check,
-    cubics,
-    effects_at,
-    end_stage,
-    leave_knot,
-    next_knot,
-    sound_rows,
-    stage,
-)
+from artibot_sim.model.lane_motors import cubics, leave_knot, next_knot
+from artibot_sim.model.lanes import begin_step, check, end_stage, sound_rows, stage
 from artibot_sim.model.layout import BACK, BEHIND, FRONT
 from artibot_sim.model.loop import command_at, commanded_torques, hermite, keep
 

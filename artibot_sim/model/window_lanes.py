@@ -9,21 +9,10 @@ from numpy.typing import NDArray
 
 from artibot_sim.model.compiled import inlined, kernel
 from artibot_sim.model.lane_effects import EFFECT_VALUES
+from artibot_sim.model.lane_layout import AT, BLOCK, LANES, effects_at
 from artibot_sim.model.lane_loading import load_lane, load_motors
-from artibot_sim.model.lanes import (
-    AT,
-    BLOCK,
-    LANES,
-    begin_step,
-    check,
-    cubics,
-    effects_at,
-    end_stage,
-    leave_knot,
-    next_knot,
-    sound_rows,
-    stage,
-)
+from artibot_sim.model.lane_motors import cubics, leave_knot, next_knot
+from artibot_sim.model.lanes import begin_step, check, end_stage, sound_rows, stage
 from artibot_sim.model.sampling import (
     COLUMNS,
     ENCODER_SCALE,

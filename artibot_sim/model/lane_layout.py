@@ -1,0 +1,82 @@
+"""Where a block of rovers holds what: see `lanes`."""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from typing import Any
+
+import numpy as np
+
+from artibot_sim.model.compiled import inlined
+from artibot_sim.model.lane_effects import EFFECT_VALUES, reader
+from artibot_sim.model.planar import Body, Ground
+
+LANES = 8
+"""Rovers in a block."""
+
+SIZE = 10
+"""Coordinates that move on a plane: x, y, gamma of the front module, of the back one, and the motors' angles."""
+
+MOTORS = 6 * LANES
+"""Where the motors begin among them."""
+
+_SIZES = {
+    # state; stage and sums of RK4; the same of lateral forces that lag (N)
+    "Q": SIZE, "V": SIZE, "ACC": SIZE, "Q_S": SIZE, "V_S": SIZE, "SUM_Q": SIZE, "SUM_V": SIZE,
+    "LAG": 8, "LAG_S": 8, "LAG_RATE": 8, "SUM_LAG": 8,
+    # commands: angles and speeds at both ends of a cubic, its last coefficients, speed and acceleration now; the
+    # inverse of its length, 0 after the last one
+    "P_0": 4, "V_0": 4, "P_1": 4, "V_1": 4, "C_2": 4, "C_3": 4, "D_DOT": 4, "D_DDOT": 4,
+    "GOING": 4,
+    # commanded torque (NaN: eq. 30), what is held through a step, eq. 30's factor of the front
+    # motors' sum and what comes of it
+    "GIVEN": 4, "HELD": 4, "SHARE": 1, "SHARED": 2,
+    # motors: speed of their wheels' rims, sums over the two wheels of F_l and u F_n, drag, torque now and a step
+    # before, inverse efficiency for this step and the next, inverse inertia
+    "RIM": 4, "PULL": 4, "U_F_N": 4, "DRAG": 4, "TORQUE": 4, "PREVIOUS": 4, "GEAR": 4, "NEXT_GEAR": 4, "INV_J": 4,
+    "MODE": 4, "TAU": 4, "R_W": 4, "J_M": 4, "J_W": 4, "DRIVING": 4, "BRAKING": 4, "TORQUE_MAX": 4, "A_MOTOR": 4,
+    "GAIN": 4, "LITERAL": 4,
+    "BODY_F": len(Body._fields), "BODY_B": len(Body._fields), "GROUND": len(Ground._fields),
+    # whether a coordinate is sound, and in how many rows it was
+    "SOUND": SIZE, "KEPT": SIZE,
+    "EFFECTS": EFFECT_VALUES,
+}  # fmt: skip
+
+_BEGINS = [LANES * sum(list(_SIZES.values())[:k]) for k in range(len(_SIZES))]
+
+AT: Any = namedtuple("At", list(_SIZES))(*_BEGINS)  # type: ignore[arg-type]  # mypy knows no fields from a list
+"""Where each quantity begins in a block."""
+
+BLOCK = LANES * sum(_SIZES.values())
+"""Size of a block."""
+
+MOTOR = tuple(map(np.int64, range(4)))
+"""Numbers of the motors, as hooks take them."""
+
+LIMIT_V, LIMIT_Q = 1e6, 1e12
+"""Beyond, a rover has diverged, as in `loop`."""
+
+light_effects, all_effects = reader(LANES, full=False), reader(LANES, full=True)
+
+
+@inlined
+def effects_at(S, fx, e, t):
+    """With effects: those of a lane at `t` (s) since its start."""
+    if fx is not None:
+        at = AT.EFFECTS + e
+        if len(fx) == 1:
+            return light_effects(S, at, S[at] + t)
+        return all_effects(S, at, S[at] + t)
+    return None
+
+
+@inlined
+def four(S, at):
+    """Four numbers of a lane."""
+    return S[at], S[at + LANES], S[at + 2 * LANES], S[at + 3 * LANES]
+
+
+@inlined
+def put4(S, at, a, b, c, d):
+    """Write four numbers of a lane."""
+    S[at], S[at + LANES], S[at + 2 * LANES], S[at + 3 * LANES] = a, b, c, d
