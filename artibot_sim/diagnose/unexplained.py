@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.diagnosis import Unexplained
-from artibot_sim.diagnose.unexplained_forms import unit
+from artibot_sim.diagnose.unexplained_forms import Form, forms, unit
 from artibot_sim.diagnose.unexplained_place import ridges
 from artibot_sim.diagnose.unexplained_response import WINDOWS, answers, short
 from artibot_sim.diagnose.unexplained_scatter import scattered
@@ -19,13 +19,19 @@ from artibot_sim.identify.problem import Problem
 
 Array = NDArray[np.float64]
 
-LEAST_NATS = 60.0
+LEAST_NATS = 30.0
 """Nats that a force must gain on windows that it was not fitted to; recordings with nothing hidden leave less."""
 _LOOKS = 2
 _FARTHEST = 0.15
 """Largest change of a parameter's logarithm from one look to the next."""
 _MOST = 3
 """Forces that are looked for one after the other."""
+_SOIL_LIKE = (
+    ("lateral force of each wheel", "own lateral speed", ("linear", "Coulomb-like")),
+    ("longitudinal force of each wheel", "own slip", ("linear", "Coulomb-like")),
+    ("longitudinal force of each wheel", "own speed", ("linear", "Coulomb-like")),
+)  # fmt: skip
+"""What a wrong soil looks like."""
 _ON_GROUND = (
     "lateral force of each wheel", "longitudinal force of each wheel", "front sway force", "front surge force",
     "front yaw moment",
@@ -99,6 +105,8 @@ def look(problem: Problem, coordinates: Array, most: int = _MOST, windows: int =
     names, recording = _recordings(few)
     information = problem.parameters.prior_information
     equations = scattered(found, recording, information, information @ coordinates)
+    for force, form in _law_of_contact(of):
+        equations = equations.with_columns(_columns(equations, of, families(of)[force], form))
     chosen: list[Candidate] = []
     first: list[Candidate] = []
     for _ in range(most):
@@ -107,7 +115,7 @@ def look(problem: Problem, coordinates: Array, most: int = _MOST, windows: int =
         if ranked[0].worth < LEAST_NATS:
             break
         chosen.append(ranked[0])
-        equations = equations.with_columns(_columns(equations, of, ranked[0]))
+        equations = equations.with_columns(_columns(equations, of, ranked[0].parts, ranked[0].form))
     typical, each = _sizes(of, chosen[0], names, recording) if chosen else (0.0, ())
     return Finding(tuple(chosen), tuple(first), typical, each, _taken_back(problem, coordinates, equations))
 
@@ -122,10 +130,19 @@ def _taken_back(problem: Problem, coordinates: Array, equations: Equations) -> A
     return problem.parameters.inside(coordinates + step)
 
 
-def _columns(equations: Equations, of: Scene, candidate: Candidate) -> Array:
-    """A candidate in the components' terms, shape (windows, 16, b)."""
-    inside = InForce(equations, of, candidate.parts)
-    return np.asarray(inside.T @ inside.basis(candidate.form))
+def _law_of_contact(of: Scene) -> Iterator[tuple[str, Form]]:
+    """Forces of all wheels alike as a wrong soil makes them, beyond what is linear in its parameters: fitted beside."""
+    for force, variable, names in _SOIL_LIKE:
+        parts = families(of).get(force, ())
+        if parts:
+            every = np.stack([of[part].follows[variable] for part in parts])
+            yield from ((force, form) for form in forms(variable, every, 1) if form.name in names)
+
+
+def _columns(equations: Equations, of: Scene, parts: Sequence[str], form: Form) -> Array:
+    """A form of a family of forces in the components' terms, shape (windows, 16, b)."""
+    inside = InForce(equations, of, parts)
+    return np.asarray(inside.T @ inside.basis(form))
 
 
 def weighed(equations: Equations, of: Scene) -> list[Candidate]:
