@@ -12,7 +12,12 @@ from diagnose.hidden.work import command_line
 SMALL = {"runs": 2, "held_out": 1, "duration": 20.0, "manoeuvres": ("eight", "stop_and_go", "slalom")}
 
 
-@pytest.mark.parametrize(("effect", "seed"), [("speed_loop_lag", 21), ("joint_friction", 22)])
+def test_nothing_is_named_where_nothing_is_hidden():
+    result = score(command_line(case((), seed=23, **SMALL)), {"effects": {}, "unlisted": {}, "idle": {}})
+    assert result.answer == "none", result
+
+
+@pytest.mark.parametrize(("effect", "seed"), [("speed_loop_lag", 21), ("joint_friction", 22), ("slope", 24)])
 def test_what_is_hidden_is_named(effect, seed):
     found = case((effect,), seed=seed, **SMALL)
     result = score(command_line(found), asdict(found.truth))
