@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# All tests, in two halves: first those that watch the clock, one by one; then the others, two files at a time.
+# All tests, two files at a time and in two halves: first those that watch the clock, which mostly wait, among
+# themselves; then the others, which keep both processors busy.
 # With arguments they are pytest's, and it is one half.
 #
 #   scripts/test.sh PYTHON [PYTEST-ARGUMENT …]
@@ -9,7 +10,7 @@ shift
 [ $# -eq 0 ] || exec "$python" -m pytest "$@"
 
 alone=(test/nodes test/test_demo.py test/test_launch.py)
-"$python" -m pytest "${alone[@]}"
+"$python" -m pytest -n 2 --dist loadfile "${alone[@]}"
 first=$?
 "$python" -m pytest -n 2 --dist loadfile "${alone[@]/#/--ignore=}"
 second=$?
