@@ -109,7 +109,7 @@ class Sums:
 
 def families(of: Scene) -> dict[str, tuple[str, ...]]:
     """Forces that are tried: each alone, and groups that follow one law."""
-    found = {name: (name,) for name in of if PLACE not in of[name].follows}
+    found: dict[str, tuple[str, ...]] = {name: (name,) for name in of if PLACE not in of[name].follows}
     groups = {
         "lateral force of each wheel": "lateral force at ",
         "lateral force of each front wheel": "lateral force at front_",
