@@ -6,12 +6,15 @@ The model's own loop runs uncompiled on numbers that count what is done with the
 from __future__ import annotations
 
 import math
+import struct
 import sys
 from collections import Counter
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+
+from artibot_sim.model import elementary
 
 COUNTED: Counter[str] = Counter()
 _NAMES = {"add": "+", "sub": "−", "mul": "×", "truediv": "÷"}
@@ -69,11 +72,22 @@ def _numbers(array: Any) -> Any:
     return out
 
 
+def _bits_of(number: float) -> int:
+    """The bits of a float64, which compiled code takes by an instruction of its own."""
+    return int(struct.unpack("<q", struct.pack("<d", number))[0])
+
+
+def _number_of(bits: int) -> Number:
+    """The float64 that has the last 64 of these bits."""
+    return Number(struct.unpack("<d", struct.pack("<Q", bits % 2**64))[0])
+
+
 def _patch() -> None:
     """Square roots and the like of the model give counting numbers again."""
     own = SimpleNamespace(**{name: getattr(math, name) for name in dir(math) if not name.startswith("__")})
     for name in ("sqrt", "hypot", "tanh", "sin", "cos", "exp", "atan2"):
         setattr(own, name, _function(name))
+    elementary.bits_of, elementary.number_of = _bits_of, _number_of
     for name, module in list(sys.modules.items()):
         if name.startswith("artibot_sim.model") and getattr(module, "math", None) is math:
             module.math = own  # type: ignore[attr-defined]

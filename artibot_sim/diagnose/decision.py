@@ -115,9 +115,10 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
             turns.append(found)
             problem, fit = found.problem, found.fit
     tick()
-    if _leaves_more_than_noise(problem, fit):
+    if _leaves_more_than_noise(problem, fit) and unexplained(problem, fit.point.coordinates) is not None:
+        # beside what was named a force follows something: that is not the cause, or not all of it
         force = unexplained(neutral[0], neutral[1].point.coordinates)
-        if force is not None:  # what was named leaves more than noise: it is not the cause, or not all of it
+        if force is not None:
             return Decision(Verdict.UNEXPLAINED, (), least, *neutral, *neutral, tuple(turns), other, force)
     verdict = Verdict.NONE
     if named:
@@ -128,11 +129,12 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
 def _leaves_more_than_noise(problem: Problem, fit: Fit) -> bool:
     """Whether a force may be at work that the fit does not know.
 
-    Positions have no say: how slow a total station's own errors are is not known, and with nothing hidden they leave
-    up to three times what white noise would.
+    The window in the middle decides: single ones that began on another branch are no force. Positions have no say, for
+    how slow a total station's own errors are is not known, and with nothing hidden they leave up to three times what
+    white noise would.
     """
     left = remains(problem, fit.point)
-    return any(level.significant for name, level in left.channels.items() if name != "position")
+    return any(level.typical > level.limits[0] for name, level in left.channels.items() if name != "position")
 
 
 def _best(
