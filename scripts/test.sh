@@ -9,7 +9,7 @@ python=$1
 shift
 [ $# -eq 0 ] || exec "$python" -m pytest "$@"
 
-alone=(test/nodes test/test_demo.py test/test_launch.py)
+alone=(test/nodes test/can test/driver/test_safety_loopback.py test/test_demo.py test/test_launch.py)
 "$python" -m pytest -n 2 --dist loadfile "${alone[@]}"
 first=$?
 "$python" -m pytest -n 2 --dist loadfile "${alone[@]/#/--ignore=}"
