@@ -45,9 +45,9 @@ _LEAST = {
 }  # fmt: skip
 """Noise that is taken at least: encoders are smoothed and steps are finite, also where a recording is exact."""
 HALF_WIDTH = 0.04
-"""s around an instant whose encoder positions give a motor's rotation. Wider ones cut the peaks of slip, and every force
-comes out too large for it (0.3 % here); narrower ones leave more of the encoders' counts in the slip, and every force
-comes out too small."""
+"""s around an instant whose encoder positions give a motor's rotation. Wider ones cut the peaks of slip, and every
+force comes out too large for it (0.3 % here); narrower ones leave more of the encoders' counts in the slip, and every
+force comes out too small."""
 TIMING = 0.005
 """s to which it is known when something was measured."""
 _JUMP = 4.0
