@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bag_helpers import foreign
 
 from artibot_sim.diagnose import Diagnosis, Verdict, diagnose
 from artibot_sim.errors import ArtibotError
@@ -15,7 +16,6 @@ from artibot_sim.identify.synthetic import synthetic
 from artibot_sim.model import load_robot, save_robot
 from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop
 
-FIELD = Path("/work/shared/data/field_examples")
 ROBOT = load_robot("agriq")
 SOIL = {"contact.k_l": 2650.0, "contact.k_t": 2150.0, "contact.mu_s": 0.6, "contact.mu_d": 0.33}
 TORQUE = 12.0
@@ -115,10 +115,9 @@ FIELD_TRUTH = {
 }
 
 
-@pytest.mark.skipif(not FIELD.is_dir(), reason="the recordings of field_examples are not on this machine")
 @pytest.mark.parametrize("what", FIELD_TRUTH)
 def test_recordings_made_elsewhere(what: str) -> None:
-    runs = [read_bag(FIELD / what / f"run{k}") for k in range(3)]
+    runs = [read_bag(foreign(f"field_examples/{what}/run{k}")) for k in range(3)]
     result = diagnose(runs, ROBOT)
     truth = FIELD_TRUTH[what]
     if not truth:
