@@ -25,6 +25,10 @@ class Job(NamedTuple):
         `noise` is a factor of the sensors' standard deviations.
     seed : int
         Of the case.
+    runs : int
+        Recordings to diagnose; one more is held out.
+    duration : float
+        Of each, s.
     """
 
     kind: str
@@ -33,11 +37,14 @@ class Job(NamedTuple):
     severity: float
     noise: float
     seed: int
+    runs: int = 3
+    duration: float = 45.0
 
     @property
     def key(self) -> str:
         """What tells it from every other job."""
-        return f"{self.kind} {self.number} {'+'.join(self.effects)} {self.severity:g} {self.noise:g} {self.seed}"
+        what = f"{self.kind} {self.number} {'+'.join(self.effects)} {self.severity:g} {self.noise:g} {self.seed}"
+        return f"{what} {self.runs}x{self.duration:g}"
 
     @classmethod
     def from_dict(cls, found: Mapping[str, Any]) -> Job:
@@ -45,7 +52,14 @@ class Job(NamedTuple):
         return cls(**{**found, "effects": tuple(found["effects"])})
 
 
-def jobs(seed: int, counts: Mapping[str, int], severities: tuple[float, ...], noise: float) -> list[Job]:
+def jobs(
+    seed: int,
+    counts: Mapping[str, int],
+    severities: tuple[float, ...],
+    noise: float,
+    runs: int = 3,
+    duration: float = 45.0,
+) -> list[Job]:
     """All jobs of a campaign, kinds taking turns, so that what is done early is a fair part of the whole.
 
     Parameters
@@ -58,7 +72,7 @@ def jobs(seed: int, counts: Mapping[str, int], severities: tuple[float, ...], no
         at = (0.0,) if kind == "none" else severities
         for severity in at:
             for number, effects in zip(range(count), _effects(kind, seed), strict=False):
-                job = Job(kind, number, effects, severity, noise, _case_seed(seed, kind, number))
+                job = Job(kind, number, effects, severity, noise, _case_seed(seed, kind, number), runs, duration)
                 found.append(((number + 0.5) / count, job))
     return [job for _, job in sorted(found, key=lambda each: each[0])]
 

@@ -112,7 +112,8 @@ WAYS: dict[str, Diagnose] = {"memory": in_memory, "bags": command_line, "silent"
 
 def do(job: Job, way: str = "memory") -> dict[str, Any]:
     """A line for the journal. A diagnosis that fails is a result, too."""
-    found = case(job.effects, job.severity, job.seed, noise=Noise().scaled(job.noise))
+    noise = Noise().scaled(job.noise)
+    found = case(job.effects, job.severity, job.seed, noise=noise, runs=job.runs, duration=job.duration)
     result: dict[str, Any] = {"key": job.key, "job": job._asdict(), "truth": asdict(found.truth)}
     began = time.monotonic()
     try:
