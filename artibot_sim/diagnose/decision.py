@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from artibot_sim.diagnose.command_view import CommandView
 from artibot_sim.diagnose.contest import Rounds
-from artibot_sim.diagnose.diagnosis import Found, Unexplained, Verdict
+from artibot_sim.diagnose.diagnosis import Found, Left, Unexplained, Verdict
 from artibot_sim.diagnose.greedy import Turn, acceptable, turn
 from artibot_sim.diagnose.other import Other
-from artibot_sim.diagnose.remains import remains
+from artibot_sim.diagnose.remains import Remains, remains
 from artibot_sim.diagnose.thresholds import Thresholds
 from artibot_sim.diagnose.unexplained import unexplained
 from artibot_sim.diagnose.views import others
@@ -64,6 +64,8 @@ class Decision:
     turns : tuple of Turn
     other : mapping of str to Other
         What the view driven by commands says.
+    left : mapping of str to Left
+        What the model with all that was named leaves.
     unexplained : Unexplained or None
         The force that no effect explains.
     """
@@ -77,6 +79,7 @@ class Decision:
     fit: Fit
     turns: tuple[Turn, ...]
     other: Mapping[str, Other]
+    left: Mapping[str, Left] = field(default_factory=dict)
     unexplained: Unexplained | None = None
 
 
@@ -115,25 +118,33 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
             turns.append(found)
             problem, fit = found.problem, found.fit
     tick()
-    if _leaves_more_than_noise(problem, fit) and unexplained(problem, fit.point.coordinates) is not None:
-        # beside what was named a force follows something: that is not the cause, or not all of it
+    return _concluded(Decision(Verdict.NONE, tuple(named), least, *neutral, problem, fit, tuple(turns), other))
+
+
+def _concluded(found: Decision) -> Decision:
+    """The verdict: nothing is named where a force follows something beside all that would be."""
+    remaining = remains(found.problem, found.fit.point)
+    left = {name: Left(level.typical, level.worst) for name, level in remaining.channels.items()}
+    found = replace(found, left=left)
+    if _leaves_more_than_noise(remaining) and unexplained(found.problem, found.fit.point.coordinates) is not None:
+        # that is not the cause, or not all of it
+        neutral = found.neutral_problem, found.neutral_fit
         force = unexplained(neutral[0], neutral[1].point.coordinates)
         if force is not None:
-            return Decision(Verdict.UNEXPLAINED, (), least, *neutral, *neutral, tuple(turns), other, force)
-    verdict = Verdict.NONE
-    if named:
-        verdict = Verdict.AMBIGUOUS if named[0].ties else Verdict.NAMED
-    return Decision(verdict, tuple(named), least, *neutral, problem, fit, tuple(turns), other)
+            problem, fit = neutral
+            return replace(found, verdict=Verdict.UNEXPLAINED, named=(), problem=problem, fit=fit, unexplained=force)
+    if not found.named:
+        return found
+    return replace(found, verdict=Verdict.AMBIGUOUS if found.named[0].ties else Verdict.NAMED)
 
 
-def _leaves_more_than_noise(problem: Problem, fit: Fit) -> bool:
+def _leaves_more_than_noise(left: Remains) -> bool:
     """Whether a force may be at work that the fit does not know.
 
     The window in the middle decides: single ones that began on another branch are no force. Positions have no say, for
     how slow a total station's own errors are is not known, and with nothing hidden they leave up to three times what
     white noise would.
     """
-    left = remains(problem, fit.point)
     return any(level.typical > level.limits[0] for name, level in left.channels.items() if name != "position")
 
 

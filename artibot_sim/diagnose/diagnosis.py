@@ -137,6 +137,21 @@ class ChannelGain:
 
 
 @dataclass(frozen=True)
+class Left:
+    """What the final model leaves in one channel, slowly, as forces would; 1 is a sensor's white noise.
+
+    Attributes
+    ----------
+    typical, worst : float
+        Mean squares of averaged residuals over those of white noise: of the window in the middle, and the one that a
+        tenth of all windows exceed.
+    """
+
+    typical: float
+    worst: float
+
+
+@dataclass(frozen=True)
 class Place:
     """Where and when something is wrong, in one sentence."""
 
@@ -266,6 +281,8 @@ class Diagnosis:
         Of an effect being there beforehand; nats that an effect had to gain to be named.
     seed : int
     seconds : float
+    left : mapping of str to Left
+        By channel.
     """
 
     verdict: Verdict
@@ -288,6 +305,7 @@ class Diagnosis:
     threshold: float = 0.0
     seed: int = 0
     seconds: float = 0.0
+    left: Mapping[str, Left] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
         """All but robots and pictures' data, as plain data for JSON; what is not a number is null there."""
@@ -310,6 +328,7 @@ class Diagnosis:
             "threshold": self.threshold,
             "seed": self.seed,
             "seconds": self.seconds,
+            "left": {name: _numbers(vars(left)) for name, left in self.left.items()},
         }
 
     def __rich__(self) -> Any:

@@ -69,6 +69,7 @@ def result_of(
         prior_odds=options.prior_odds,
         threshold=decision.least,
         seed=options.seed,
+        left=decision.left,
     )
 
 

@@ -21,6 +21,7 @@ from artibot_sim.diagnose.diagnosis import (
     ChannelGain,
     Diagnosis,
     Found,
+    Left,
     NextExperiment,
     Place,
     Unexplained,
@@ -126,6 +127,7 @@ def _from_dict(document: Mapping[str, Any], robot: Robot, baseline_robot: Robot,
         threshold=_float(document["threshold"]),
         seed=int(document["seed"]),
         seconds=_float(document["seconds"]),
+        left={name: Left(**_floats(left)) for name, left in document.get("left", {}).items()},
     )
 
 

@@ -25,6 +25,7 @@ KEPT = (
     "warnings",
     "threshold",
     "soils",
+    "left",
 )
 """What of an answer goes into the journal."""
 
