@@ -34,6 +34,10 @@ def start(folder: Path, *words: str) -> subprocess.Popen:
         kinds,
         "--out",
         str(folder),
+        "--runs",
+        "1",
+        "--duration",
+        "6",
         *words,
     ]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
@@ -53,7 +57,7 @@ def test_killed_again_and_again_it_comes_to_the_same_end(tmp_path):
         process.communicate()
     said, _ = (last := start(tmp_path, "--workers", "1")).communicate(timeout=240)
     assert last.returncode == 0, said
-    expected = [job.key for job in jobs(1, COUNTS, (1.0,), 1.0)]
+    expected = [job.key for job in jobs(1, COUNTS, (1.0,), 1.0, runs=1, duration=6.0)]
     keys = [result["key"] for result in read_results(journal)]
     assert sorted(keys) == sorted(expected)
     assert "nothing" in said and (tmp_path / "confusion.png").stat().st_size > 1000

@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import pi
 
 import pytest
+from diagnose.hidden.calibrate import advice, chances, leftovers
 from diagnose.hidden.score import relative_gain, score
 from diagnose.hidden.table import confusion, failures, picture, table
 
@@ -165,6 +166,23 @@ def test_failures_say_what_was_named_instead():
     lines = list(failures(made_up()))
     assert [line.split(":")[0] for line in lines] == ["none 1", "single 1", "unlisted 0", "single 3"]
     assert "named slope" in lines[0] and "ValueError" in lines[3]
+
+
+def test_a_calibration_counts_what_chance_gives_and_what_is_left():
+    def left(level, *ranking):
+        ranked = [{"effect": e, "log10_bayes_factor": b, "fitted": f} for e, b, f in ranking]
+        return {**answer(), "ranking": ranked, "left": {"yaw_rate": {"typical": level, "worst": 2.0 * level}}}
+
+    results = [
+        result("none", 0, left(1.1, ("slope", 2.0, True), ("payload", 9.0, False)), truth(), 0.0),
+        result("none", 1, left(1.3, ("slope", 1.0, True)), truth(), 0.0),
+        result("single", 0, left(7.0), truth(slope=SLOPE)),  # missed: what it leaves is no measure of a right name
+        result("unlisted", 0, left(4.0), truth(["ridges"])),
+    ]
+    assert chances(results) == {"slope": pytest.approx([4.605, 2.303], rel=1e-3)}
+    assert leftovers(results) == {"nothing": {"yaw_rate": [1.1, 1.3]}, "listed": {}, "unlisted": {"yaw_rate": [4.0]}}
+    said = "\n".join(advice(results))
+    assert "2 cases" in said and "slope" in said and "payload" not in said
 
 
 def test_the_confusion_matrix_counts_every_case_once():
