@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# All tests in three parts: first those that watch the clock and mostly wait, two files at a time; then those of the bus,
-# one by one, because the emulated kernel that has CAN is slow; then the others, two files at a time.
+# All tests in three parts: first those that watch the clock and mostly wait, two files at a time; then those on a kernel
+# with CAN, which may have to be emulated and then is slow, on a processor of their own, beside tests that only reckon on
+# the others; then the rest, two files at a time.
 # With arguments they are pytest's, and it is one part.
 #
 #   scripts/test.sh PYTHON [PYTEST-ARGUMENT …]
@@ -9,11 +10,27 @@ python=$1
 shift
 [ $# -eq 0 ] || exec "$python" -m pytest "$@"
 
-waiting=(test/nodes test/test_demo.py test/test_launch.py)
-bus=(test/can test/driver/test_safety_loopback.py)
+waiting=(test/nodes test/test_demo.py test/test_launch.py test/driver/test_safety_loopback.py)
+can=(test/can)
+reckoning=(test/diagnose test/report)
+begun=("${waiting[@]}" "${can[@]}" "${reckoning[@]}")
 failed=0
+report=$(mktemp)
+trap 'rm -f "$report"' EXIT
+
 "$python" -m pytest -n 2 --dist loadfile "${waiting[@]}" || failed=$?
-"$python" -m pytest "${bus[@]}" || failed=$?
-[ "$failed" = 0 ] || echo "tests that watch the clock failed: see the summaries above" >&2
-"$python" -m pytest -n 2 --dist loadfile "${waiting[@]/#/--ignore=}" "${bus[@]/#/--ignore=}" || failed=$?
+
+read -r -a cores < <("$python" -c 'import os; print(*sorted(os.sched_getaffinity(0)))')
+if [ "${#cores[@]}" -gt 1 ]; then
+  taskset -c "${cores[0]}" "$python" -m pytest "${can[@]}" >"$report" 2>&1 &
+  others=$(IFS=,; echo "${cores[*]:1}")
+  taskset -c "$others" "$python" -m pytest "${reckoning[@]}" || failed=$?
+  wait $! || failed=$?
+  cat "$report"
+else
+  "$python" -m pytest "${can[@]}" "${reckoning[@]}" || failed=$?
+fi
+
+[ "$failed" = 0 ] || echo "tests have failed already: see the summaries above" >&2
+"$python" -m pytest -n 2 --dist loadfile "${begun[@]/#/--ignore=}" || failed=$?
 exit "$failed"

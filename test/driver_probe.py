@@ -25,6 +25,11 @@ from artibot_driver.priority import take_priority
 MEASURED = ("odom", "joint_states", "motor_torques", "motor_command")
 
 
+TIMEOUTS = ("command_timeout", "heartbeat.drive_timeout", "heartbeat.driver_timeout")
+PATIENT = ("--ros-args", *(word for name in TIMEOUTS for word in ("-p", f"{name}:=0.5")))
+"""Parameters of a driver where a machine that does other things too may hold somebody up; how soon silence is noticed
+is tested by :mod:`node_faults`."""
+
 PRIORITY = 0 if "IN_UML" in os.environ else 45
 """Real-time priority of what looks at the bus. An emulated machine has one processor, on which the kernel's own thread
 that hands frames over would starve behind it."""

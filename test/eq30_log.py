@@ -96,8 +96,9 @@ class Verdict:
         Periods that have all their frames in time. In each the back torques must be eq. 30, to one count, of the front
         torques that answered its SYNC, and of nothing else.
     late : int
-        Those in which an answer is missing, or came so shortly before the set-points or after them that the driver may
-        have reckoned with the one before it. In each the back torques must be eq. 30 of either.
+        Those in which an answer is missing, or came so late that the driver may have reckoned with the one before it:
+        shortly before the set-points or after them, or, where those themselves were late, shortly before they were due.
+        In each the back torques must be eq. 30 of either.
     wrong : list of str
         Those, of both kinds, in which they are not.
     largest : int
@@ -114,7 +115,10 @@ def check(lines: Iterable[str], robot_file: str, kappa: str, period: float = 0.0
     """Hold every period (s) of a log in which all drives are enabled to eq. 30."""
     share, front_sign, back_sign, limit = factor(robot_file, kappa)
     verdict, known = Verdict(), dict.fromkeys(FRONT_IDS, 0)
+    behind, last = 0.0, math.inf
     for cycle in cycles(lines):
+        # a driver that was held up makes up for at most a period, so it may have read so much earlier than it sent
+        behind, last = min(max(behind + cycle.at - last - period, 0.0), period), cycle.at
         before, known = known, known | {can_id: each[-1][2] for can_id, each in cycle.front.items() if each}
         if len(cycle.back) < 2 or any(word & 0x0F != ENABLE_OPERATION for _, word, _ in cycle.back.values()):
             continue
@@ -123,7 +127,7 @@ def check(lines: Iterable[str], robot_file: str, kappa: str, period: float = 0.0
         sent = {can_id: back_sign[can_id] * torque for can_id, (_, _, torque) in cycle.back.items()}
         verdict.largest = max(verdict.largest, *map(abs, sent.values()))
         assert cycle.told is not None
-        until = cycle.told - IN_TIME * period
+        until = min(cycle.told, cycle.at + period - behind) - IN_TIME * period
         right, left = (used(cycle.front[can_id], until, before[can_id]) for can_id in FRONT_IDS)
         verdict.checked += len(right) == len(left) == 1
         verdict.late += not len(right) == len(left) == 1

@@ -23,11 +23,10 @@ from ros_helpers import ROOT
 
 pytest.importorskip("rclpy", reason="rclpy is not installed; run `make setup`, or source a ROS 2 Jazzy")
 
+from driver_probe import PATIENT
 from sim_probe import Probe, stamp_ns
 
 AGRIQ = load_robot("agriq")
-PATIENT = ("-p", "command_timeout:=1.0")
-"""A busy machine may hold the planner up; what silence does is tested elsewhere."""
 
 
 def short_table6(folder: Path) -> Path:
@@ -50,7 +49,7 @@ def test_what_is_planned_is_driven_through_can_as_by_topics(start_node, ros_cont
             [sys.executable, "-m", "can.logger", "-i", "remote", "-c", channel, "-f", str(log)], name="logger"
         )
         logger.wait_for("Connected to", 30)
-        driver = start_node("driver", "--channel", channel, "--kappa", kappa, "--enable", "--ros-args", *PATIENT)
+        driver = start_node("driver", "--channel", channel, "--kappa", kappa, "--enable", *PATIENT)
         driver.wait_for("[driver]: enabled", 60)
         probe = Probe(ros_context)
         probe.until(lambda: all(probe.got.values()), "the truth")

@@ -15,7 +15,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="rclpy is not installed; run `make setup`, or source a ROS 2 Jazzy")
 
-from driver_probe import DriverProbe, Drives, Sniffer, drives_on, prompt
+from driver_probe import PATIENT, DriverProbe, Drives, Sniffer, drives_on, prompt
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.msg import Odometry
@@ -54,7 +54,7 @@ def drives(channel: str) -> Iterator[Drives]:
 
 @pytest.fixture
 def driver(start_node: Any, channel: str, drives: Drives) -> NodeProcess:
-    return start_node("driver", "--channel", channel)
+    return start_node("driver", "--channel", channel, *PATIENT)
 
 
 @pytest.fixture
@@ -274,7 +274,7 @@ def test_services_say_what_happened_or_what_is_in_the_way(probe: DriverProbe, dr
 def test_the_loop_is_not_held_up_by_services(
     start_node: Any, channel: str, drives: Drives, ros_context: Any, tmp_path: Path
 ) -> None:
-    node = start_node("driver", "--channel", channel, "--enable", "--stats", tmp_path / "stats.json")
+    node = start_node("driver", "--channel", channel, "--enable", "--stats", tmp_path / "stats.json", *PATIENT)
     probe = DriverProbe(ros_context)
     probe.listened()
     probe.until(lambda: probe.part("driver").get("phase") == "ENABLED", "drives that are enabled by themselves")
@@ -326,7 +326,7 @@ def counted(probe: DriverProbe) -> int:
 def test_the_lifecycle_opens_enables_disables_and_closes(
     start_node: Any, channel: str, drives: Drives, ros_context: Any
 ) -> None:
-    node = start_node("driver", "--channel", channel, "--unconfigured")
+    node = start_node("driver", "--channel", channel, "--unconfigured", *PATIENT)
     probe = DriverProbe(ros_context)
 
     def change(transition: int) -> bool:
@@ -345,7 +345,7 @@ def test_the_lifecycle_opens_enables_disables_and_closes(
     assert state() == State.PRIMARY_STATE_ACTIVE
     assert probe.part("driver")["lifecycle"] == "active"
     probe.repeat(lambda: probe.send_request([100.0, 100.0]), 0.5)
-    probe.spin(1.0)
+    probe.spin(1.5)
     assert state() == State.PRIMARY_STATE_INACTIVE, "silence has stopped it"
     assert change(Transition.TRANSITION_ACTIVATE)
     probe.repeat(lambda: probe.send_request([100.0, 100.0]), 0.5)
