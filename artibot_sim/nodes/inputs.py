@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any
 
@@ -63,6 +64,7 @@ class Inputs:
         self._reset_at = -IN_FLIGHT
         self.deaf = ""
         self.refusals: dict[Source, str] = {}
+        self._warned: dict[Source, float] = {}
         sensor = qos_profile_sensor_data
         self._subscriptions = [
             node.create_subscription(JointState, TOPICS[Source.LIVE], self._on_request, sensor),
@@ -134,9 +136,16 @@ class Inputs:
             return False
         return bool(info["source_timestamp"] < self._reset_wall_ns)
 
+    def _warn_of(self, source: Source, what: str, every: float) -> None:
+        """Say something of a topic, at most once in so many seconds: a logger's own throttle would mix the topics."""
+        now = time.monotonic()
+        if now - self._warned.get(source, -math.inf) >= every:
+            self._warned[source] = now
+            self._log.warning(f"{TOPICS[source]} {what}")
+
     def _is_deaf(self, source: Source) -> bool:
         if self.deaf:
-            self._log.warning(f"{TOPICS[source]} refused: {self.deaf}", throttle_duration_sec=5.0)
+            self._warn_of(source, f"refused: {self.deaf}", 5.0)
         return bool(self.deaf)
 
     def _unheard(self, source: Source, info: dict[str, Any]) -> bool:
@@ -144,7 +153,7 @@ class Inputs:
         return self._is_deaf(source) or self._outdated(info)
 
     def _refuse(self, source: Source, reason: Refused) -> None:
-        self._log.warning(f"{TOPICS[source]} refused: {reason}", throttle_duration_sec=1.0)
+        self._warn_of(source, f"refused: {reason}", 1.0)
         self.refusals[source] = str(reason)
         self.state = arbiter.hear_refused(self.state, source)
 
