@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # All tests in three parts: first those that watch the clock and mostly wait, two files at a time; then those on a kernel
-# with CAN, which may have to be emulated and then is slow, on a processor of their own, beside tests that only reckon on
-# the others; then the rest, two files at a time.
+# with CAN, which may have to be emulated and then is slow, beside tests that only reckon and leave a processor free;
+# then the rest, two files at a time.
 # With arguments they are pytest's, and it is one part.
 #
 #   scripts/test.sh PYTHON [PYTEST-ARGUMENT …]
@@ -22,7 +22,7 @@ trap 'rm -f "$report"' EXIT
 
 read -r -a cores < <("$python" -c 'import os; print(*sorted(os.sched_getaffinity(0)))')
 if [ "${#cores[@]}" -gt 1 ]; then
-  taskset -c "${cores[0]}" "$python" -m pytest "${can[@]}" >"$report" 2>&1 &
+  "$python" -m pytest "${can[@]}" >"$report" 2>&1 &
   others=$(IFS=,; echo "${cores[*]:1}")
   taskset -c "$others" "$python" -m pytest "${reckoning[@]}" || failed=$?
   wait $! || failed=$?

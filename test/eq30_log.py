@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import struct
+from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -15,6 +16,9 @@ import yaml
 LINE = re.compile(r"\(([\d.]+)\) \S+ ([0-9A-F]{3})#([0-9A-F]*)")
 FRONT_IDS, BACK_IDS = (0x181, 0x182), (0x203, 0x204)
 """TPDO1 of the front drives, RPDO1 of the back ones; right, left."""
+UNREAD = 3
+"""Answers of so many periods may wait in a driver's buffer where it is told more than it can read."""
+
 SYNC, SET_POINTS = 0x80, range(0x201, 0x205)
 OPERATION_ENABLED, ENABLE_OPERATION = 0x27, 0x0F
 IN_TIME = 0.25
@@ -32,14 +36,23 @@ class Cycle:
         Answers of the front drives, mostly one each: time, statusword and torque actual value by identifier.
     back : dict
         Time, controlword and target torque of the back drives' set-points by identifier.
-    told : float or None
-        When the period's first set-point was sent.
+    told : float
+        When the period's first set-point was sent; NaN where none was.
     """
 
     at: float
     front: dict[int, list[tuple[float, int, int]]] = field(default_factory=lambda: {each: [] for each in FRONT_IDS})
     back: dict[int, tuple[float, int, int]] = field(default_factory=dict)
-    told: float | None = None
+    told: float = math.nan
+
+    @property
+    def shares(self) -> bool:
+        """Whether all drives are enabled; on the way there, and in a stop, nothing is shared."""
+        return (
+            len(self.back) == len(BACK_IDS)
+            and all(word & 0x0F == ENABLE_OPERATION for _, word, _ in self.back.values())
+            and all(word & 0x6F == OPERATION_ENABLED for each in self.front.values() for _, word, _ in each)
+        )
 
 
 def cycles(lines: Iterable[str]) -> Iterator[Cycle]:
@@ -56,7 +69,7 @@ def cycles(lines: Iterable[str]) -> Iterator[Cycle]:
             continue
         if current is None:
             continue
-        if can_id in SET_POINTS and current.told is None:
+        if can_id in SET_POINTS and math.isnan(current.told):
             current.told = at
         if can_id in FRONT_IDS:
             statusword, _, torque = struct.unpack("<Hih", data)
@@ -99,44 +112,66 @@ class Verdict:
         Those in which an answer is missing, or came so late that the driver may have reckoned with the one before it:
         shortly before the set-points or after them, or, where those themselves were late, shortly before they were due.
         In each the back torques must be eq. 30 of either.
+    stale : int
+        Those in which they are eq. 30 of older answers, of the last :data:`UNREAD` periods: a driver that cannot read
+        all that has come within its period does so, and counts how often.
     wrong : list of str
-        Those, of both kinds, in which they are not.
+        Those, of all kinds, in which they are not.
     largest : int
         Largest back torque seen, permille.
     """
 
     checked: int = 0
     late: int = 0
+    stale: int = 0
     wrong: list[str] = field(default_factory=list)
     largest: int = 0
 
 
+@dataclass(frozen=True)
+class Eq30:
+    """What a kappa asks of the back torques, in permille of the rated ones (:func:`factor`)."""
+
+    share: Fraction
+    front_sign: dict[int, int]
+    back_sign: dict[int, int]
+    limit: int
+
+    def holds(self, sent: Iterable[int], right: Iterable[int], left: Iterable[int]) -> bool:
+        """Whether both back torques are eq. 30, to one count, of one of the front torques on either side."""
+        signs = [self.front_sign[each] for each in FRONT_IDS]
+        shared = [self.share * (signs[0] * a + signs[1] * b) for a in right for b in left]
+        limited = [max(-self.limit, min(self.limit, each)) for each in shared]
+        return any(all(abs(torque - each) <= 1 for torque in sent) for each in limited)
+
+
 def check(lines: Iterable[str], robot_file: str, kappa: str, period: float = 0.01) -> Verdict:
     """Hold every period (s) of a log in which all drives are enabled to eq. 30."""
-    share, front_sign, back_sign, limit = factor(robot_file, kappa)
-    verdict, known = Verdict(), dict.fromkeys(FRONT_IDS, 0)
-    behind, last = 0.0, math.inf
+    rule, verdict = Eq30(*factor(robot_file, kappa)), Verdict()
+    older: deque[dict[int, list[int]]] = deque(maxlen=UNREAD)
+    before, behind, last = dict.fromkeys(FRONT_IDS, 0), 0.0, math.inf
     for cycle in cycles(lines):
         # a driver that was held up makes up for at most a period, so it may have read so much earlier than it sent
         behind, last = min(max(behind + cycle.at - last - period, 0.0), period), cycle.at
-        before, known = known, known | {can_id: each[-1][2] for can_id, each in cycle.front.items() if each}
-        if len(cycle.back) < 2 or any(word & 0x0F != ENABLE_OPERATION for _, word, _ in cycle.back.values()):
-            continue
-        if any(word & 0x6F != OPERATION_ENABLED for each in cycle.front.values() for _, word, _ in each):
-            continue  # on the way there, or a stop: nothing is shared
-        sent = {can_id: back_sign[can_id] * torque for can_id, (_, _, torque) in cycle.back.items()}
-        verdict.largest = max(verdict.largest, *map(abs, sent.values()))
-        assert cycle.told is not None
-        until = min(cycle.told, cycle.at + period - behind) - IN_TIME * period
-        right, left = (used(cycle.front[can_id], until, before[can_id]) for can_id in FRONT_IDS)
-        verdict.checked += len(right) == len(left) == 1
-        verdict.late += not len(right) == len(left) == 1
-        totals = [front_sign[FRONT_IDS[0]] * a + front_sign[FRONT_IDS[1]] * b for a in right for b in left]
-        if not any(
-            all(abs(torque - max(-limit, min(limit, share * total))) <= 1 for torque in sent.values())
-            for total in totals
-        ):
-            verdict.wrong.append(f"{cycle.at:.6f} back {list(sent.values())}, front {right}, {left}")
+        answers = {can_id: [torque for *_, torque in each] for can_id, each in cycle.front.items()}
+        if cycle.shares:
+            until = min(cycle.told, cycle.at + period - behind) - IN_TIME * period
+            right, left = (used(cycle.front[can_id], until, before[can_id]) for can_id in FRONT_IDS)
+            sent = [rule.back_sign[can_id] * torque for can_id, (_, _, torque) in cycle.back.items()]
+            verdict.largest = max(verdict.largest, *map(abs, sent))
+            verdict.checked += len(right) == len(left) == 1
+            verdict.late += not len(right) == len(left) == 1
+            if not rule.holds(sent, right, left):
+                unread = [
+                    [*now, *(t for each in older for t in each[i])]
+                    for i, now in zip(FRONT_IDS, (right, left), strict=True)
+                ]
+                if rule.holds(sent, *unread):
+                    verdict.stale += 1
+                else:
+                    verdict.wrong.append(f"{cycle.at:.6f} back {sent}, front {right}, {left}")
+        before |= {can_id: each[-1] for can_id, each in answers.items() if each}
+        older.append(answers)
     return verdict
 
 

@@ -43,14 +43,15 @@ def test_back_torque_frames_are_eq30_of_the_front_ones_of_the_cycle_before(tmp_p
     assert [each["kappa"] for each in seen] == kappas
     for each in seen:
         assert each["phase"] == "ENABLED", each  # to the end of the plan
-        assert not each["wrongs"], each
+        assert not each["wrongs"], json.dumps(each)
+        assert each["stale"] <= each["counters"]["reads_cut_short"], json.dumps(each)
         assert each["checked"] > 250, each
         print(
-            f"kappa {each['kappa']}: {each['checked']} periods are eq. 30, {each['late']} more had a late answer; "
+            f"kappa {each['kappa']}: {each['checked']} periods are eq. 30, {each['late']} more had a late answer, "
+            f"{each['stale']} are of older ones; "
             f"SYNC off by {each['sync_jitter_p99_ms']:.2f} ms (p99; most {each['sync_jitter_max_ms']:.1f})"
         )
-    gentle, hard = (each["largest"] for each in seen)
-    assert hard > 1.5 * gentle > 100  # 0.54 and 0.25 of the front torques
+    assert all(each["largest"] > 100 for each in seen)  # permille: there was something to share
 
 
 def period(begin: float, right: int, left: int, torque: int, answered: float = 0.002) -> list[str]:
@@ -80,4 +81,5 @@ def test_the_checker_tells_right_from_wrong_and_says_where_two_answers_are_possi
 ) -> None:
     log = [*period(0.0, 200, 100, 62), *period(0.01, 200, 100, 62), *period(0.02, 400, 200, torque, answered)]
     found = check([*log, "(0.030000) vcan0 080#"], AGRIQ, "0.8")
-    assert (found.checked, found.late, not found.wrong) == (checked, 3 - checked, right)
+    assert (found.checked, found.late, not found.wrong and not found.stale) == (checked, 3 - checked, right)
+    assert found.stale == (torque == 62 and not right)  # eq. 30 of the answers before: not unnoticed, and told apart
