@@ -95,7 +95,7 @@ def _patch() -> None:
 
 def operations(steps: int) -> int:
     """Operations of so many RK4 steps in a turn of Table 6's trajectory."""
-    from artibot_sim.model import Mode, load_robot, loop
+    from artibot_sim.model import Mode, level_loop, load_robot, loop
     from artibot_sim.model.params import params
     from artibot_sim.model.state import initial_state
     from artibot_sim.model.transmission import back_torque_factor
@@ -115,11 +115,12 @@ def operations(steps: int) -> int:
     q[[6, 7]] = commands[0][0, :2]
     _patch()
     COUNTED.clear()
-    integrate: Any = loop.integrate_rk4
-    integrate(
+    integrate: Any = level_loop.level_rk4
+    status, _ = integrate(
         q, v, eta, fed, params(robot), modes, 1e-3, steps, steps, *commands, _numbers(torque), 10,
         back_torque_factor(robot, 0.8), work, *rows, None,
     )  # fmt: skip
+    assert status == loop.OK, "Agri.q stands level"
     return COUNTED.total()
 
 

@@ -115,7 +115,7 @@ class BatchTiming:
 def batch(scenario: Scenario) -> list[Result]:
     """A batch over soils on all cores, and its ratio to one core; one and all take turns."""
     cores = available_cores()
-    robots = soils(scenario.robot, 8 if scenario.quick else 64)
+    robots = soils(scenario.robot, 8 if scenario.quick else 256)
     BatchTiming(scenario, robots[:2], cores)
     runs = [(BatchTiming(scenario, robots, 1), BatchTiming(scenario, robots, cores)) for _ in range(scenario.runs(5))]
     one, every = (min(run[i].wall for run in runs) for i in (0, 1))

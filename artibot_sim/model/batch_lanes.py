@@ -19,6 +19,8 @@ from artibot_sim.model.state import State
 from artibot_sim.model.transmission import back_torque_factor
 
 Indices = NDArray[np.int64]
+_Array = NDArray[np.float64]
+_Tables = dict[int, tuple[_Array, _Array, _Array]]
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,8 @@ class Lanes:
         from artibot_sim.model.lane_layout import BLOCK, LANES
 
         records, effects, extended = _packed(self.setups)
-        lot = self._lot(records, effects)
+        tables = {id(setup.commands): driven_by(setup.commands) for setup in self.setups}
+        lot = self._lot(records, effects, tables)
         steps, knot_steps = self.setups[0].steps, round(self.setups[0].commands.dt / self.dt)
         count = -(-steps // self.every) + 1
         kept, rows = np.empty(count * rollout_lanes.KEPT_SIZE * LANES), np.zeros(LANES, np.int64)
@@ -51,14 +54,13 @@ class Lanes:
             *(() if extended is None else (extended,)),
         )  # fmt: skip
         return [
-            self._result(lane, kept, min(int(rows[lane]), count), count, records, effects, extended)
+            self._result(lane, kept, min(int(rows[lane]), count), count, records, effects, extended, tables)
             for lane in range(len(self.setups))
         ]
 
-    def _lot(self, records: NDArray[Any], effects: NDArray[Any]) -> Any:
+    def _lot(self, records: NDArray[Any], effects: NDArray[Any], tables: _Tables) -> Any:
         from artibot_sim.model.rollout_lanes import Lot
 
-        tables = {id(setup.commands): driven_by(setup.commands) for setup in self.setups}
         lengths = [len(position) for position, _, _ in tables.values()]
         begin = dict(zip(tables, np.cumsum([0, *lengths]), strict=False))
         first = np.array([begin[id(setup.commands)] for setup in self.setups])
@@ -76,7 +78,7 @@ class Lanes:
 
     def _result(
         self, lane: int, kept: NDArray[np.float64], rows: int, wanted: int, records: NDArray[Any],
-        effects: NDArray[Any], extended: tuple[float, ...] | None,
+        effects: NDArray[Any], extended: tuple[float, ...] | None, driven: _Tables,
     ) -> Rollout:  # fmt: skip
         """One lane's rows with all their columns, and its last state if it got so far."""
         from artibot_sim.model import loop, rollout_lanes
@@ -89,7 +91,7 @@ class Lanes:
         )
         rollout_lanes.fill_rows(
             records[lane], np.array(setup.modes, np.int64), back_torque_factor(setup.robot, setup.kappa),
-            *driven_by(setup.commands), kept, lane, rows, self.dt, setup.steps, self.every,
+            *driven[id(setup.commands)], kept, lane, rows, self.dt, setup.steps, self.every,
             round(setup.commands.dt / self.dt), loop.workspace(), q, v, eta, torque, lateral, *tables,
             *(() if extended is None else (effects[lane],)),
         )  # fmt: skip

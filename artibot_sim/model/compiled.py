@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import os
-import sys
-import types
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numba
-from numba.core import config, event
-
 from artibot_sim import progress
+from artibot_sim.model.numba_import import config, event, numba
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -38,33 +33,6 @@ def cache_folder() -> Path:
 
 
 _CACHE = str(cache_folder())
-
-
-def _spare_scipy() -> None:
-    """Give numba the one extension module of SciPy that it asks for, without the package around it.
-
-    Numba looks for a BLAS when it first compiles or loads anything, by importing `scipy.linalg`: a quarter of the
-    time to a first rollout. Nothing changes for whoever imports `scipy.linalg` later.
-    """
-    package = "scipy.linalg"
-    if package in sys.modules or importlib.util.find_spec("scipy") is None:
-        return
-    spec = importlib.util.find_spec(package)
-    if spec is None or spec.submodule_search_locations is None:
-        return
-    stand_in = types.ModuleType(package)
-    stand_in.__path__ = list(spec.submodule_search_locations)
-    sys.modules[package] = stand_in
-    try:
-        importlib.import_module(f"{package}.cython_blas")
-    except ImportError:
-        pass  # numba will say what is missing, should anybody need it
-    finally:
-        del sys.modules[package]
-        vars(sys.modules["scipy"]).pop("linalg", None)
-
-
-_spare_scipy()
 
 
 class _Compiling(event.Listener):

@@ -107,6 +107,14 @@ def exp(x):
 
 
 @inlined
+def tanh_alone(x):
+    """As `tanh`, to the bit, and sooner where it is ±1: with a branch, for one rover alone."""
+    if abs(x) > 20.0:
+        return math.copysign(1.0, x)
+    return tanh(x)
+
+
+@inlined
 def tanh(x):
     """Hyperbolic tangent, to two rounding errors."""
     y = 2.0 * abs(x)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections import namedtuple
 from typing import Any
 
-import numpy as np
-
 from artibot_sim.model.compiled import inlined
 from artibot_sim.model.lane_effects import EFFECT_VALUES, reader
 from artibot_sim.model.planar import Body, Ground
@@ -49,9 +47,6 @@ AT: Any = namedtuple("At", list(_SIZES))(*_BEGINS)  # type: ignore[arg-type]  # 
 
 BLOCK = LANES * sum(_SIZES.values())
 """Size of a block."""
-
-MOTOR = tuple(map(np.int64, range(4)))
-"""Numbers of the motors, as hooks take them."""
 
 LIMIT_V, LIMIT_Q = 1e6, 1e12
 """Beyond, a rover has diverged, as in `loop`."""

@@ -3,58 +3,13 @@
 from __future__ import annotations
 
 from artibot_sim.model.compiled import inlined, kernel
-from artibot_sim.model.contact import normal_force
-from artibot_sim.model.effects import hooks
 from artibot_sim.model.integrators import motor_of
 from artibot_sim.model.lane_layout import AT, LANES, SIZE
-from artibot_sim.model.layout import ALPHA, BACK, BEHIND, BETA, FRONT, GAMMA, MOTOR_COORDINATES, X, Y, Z
+from artibot_sim.model.layout import BACK, BEHIND, FRONT, GAMMA, MOTOR_COORDINATES, X, Y, Z
+from artibot_sim.model.level import level, standing
 
 PLACES = (X, Y, GAMMA, BACK + X, BACK + Y, BACK + GAMMA, *MOTOR_COORDINATES)
 """Where the coordinates that move on a plane stand in q."""
-
-_STILL = 1e-12
-"""m, rad and per second, within which a rover stands level and still: what rounding leaves."""
-
-_BALANCED = 1e-9
-"""Vertical and roll accelerations (m/s², rad/s²) that move nobody from there."""
-
-
-@inlined
-def static_loads(body, p, fx, module, z):
-    """Normal forces (N) of a level module's wheels: right in front and behind, left in front and behind."""
-    return (
-        normal_force(body, p, fx, module, 1.0, -1.0, 0.0, 0.0, 0.0, 1.0, z),
-        normal_force(body, p, fx, module, -1.0, -1.0, 0.0, 0.0, 0.0, 1.0, z),
-        normal_force(body, p, fx, module, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, z),
-        normal_force(body, p, fx, module, -1.0, 1.0, 0.0, 0.0, 0.0, 1.0, z),
-    )
-
-
-@inlined
-def module_level(body, p, fx, module, q, v, i):
-    """Whether a module stands level, and its wheels carry it so."""
-    b = BACK * module
-    for c in (Z, ALPHA, BETA):
-        if abs(v[i, b + c]) > _STILL or (c != Z and abs(q[i, b + c]) > _STILL):
-            return False
-    right_f, right_b, left_f, left_b = static_loads(body, p, fx, module, q[i, b + Z])
-    left = 0.0
-    if fx is not None:
-        _, left = hooks.centre(fx, module)
-    rising = p.g_z + body.inverse[2] * ((right_f + right_b) + (left_f + left_b))
-    rolling = body.inverse[3] * (body.half_y * ((left_f + left_b) - (right_f + right_b)) + body.m * p.g_z * left)
-    return abs(rising) < _BALANCED and abs(rolling) < _BALANCED
-
-
-@inlined
-def level(p, fx, q, v, i):
-    """Whether the rover of row `i` moves on a plane only."""
-    if not module_level(p.front, p, fx, FRONT, q, v, i):
-        return False
-    if not p.two:
-        return True
-    coplanar = p.front.O_z == 0.0 and p.back.O_z == 0.0 and abs(q[i, Z] - q[i, BACK + Z]) < _STILL
-    return coplanar and module_level(p.back, p, fx, BEHIND, q, v, i)
 
 
 @kernel
@@ -71,20 +26,20 @@ def find_level(records, effects, robot, q, v, out):
     for i in range(robot.shape[0]):
         r = robot[i]
         if effects is not None:
-            out[i] = level(records[r], effects[r], q, v, i)
+            out[i] = level(records[r], effects[r], q[i], v[i])
         else:
-            out[i] = level(records[r], None, q, v, i)
+            out[i] = level(records[r], None, q[i], v[i])
 
 
 @inlined
 def load_module(S, at, body, p, fx, module, z):
     """A module's numbers (`planar.Body`) into the lane that begins at `at`."""
-    loads = static_loads(body, p, fx, module, z)
-    S[at], S[at + LANES], S[at + 2 * LANES] = body.inverse[0], body.inverse[5], body.half_x
-    S[at + 3 * LANES], S[at + 4 * LANES] = body.half_y, body.O_x
-    S[at + 5 * LANES], S[at + 6 * LANES] = body.k_l, body.k_t
-    S[at + 7 * LANES], S[at + 8 * LANES] = body.mu_s, body.mu_d
-    S[at + 9 * LANES], S[at + 10 * LANES], S[at + 11 * LANES], S[at + 12 * LANES] = loads
+    of = standing(body, p, fx, module, z)
+    S[at], S[at + LANES], S[at + 2 * LANES] = of.inv_m, of.inv_J, of.half_x
+    S[at + 3 * LANES], S[at + 4 * LANES] = of.half_y, of.O_x
+    S[at + 5 * LANES], S[at + 6 * LANES] = of.k_l, of.k_t
+    S[at + 7 * LANES], S[at + 8 * LANES] = of.mu_s, of.mu_d
+    S[at + 9 * LANES], S[at + 10 * LANES], S[at + 11 * LANES], S[at + 12 * LANES] = of.F_rf, of.F_rb, of.F_lf, of.F_lb
 
 
 @inlined

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from artibot_sim.model.compiled import inlined
 from artibot_sim.model.effects import hooks
-from artibot_sim.model.lane_layout import AT, LANES, MOTOR, MOTORS, effects_at, four, put4
+from artibot_sim.model.lane_layout import AT, LANES, MOTORS, effects_at, four, put4
+from artibot_sim.model.layout import MOTOR
 from artibot_sim.model.transmission import DRIVEN, PRESCRIBED, follow, rolling_sign
 
 
@@ -95,11 +96,12 @@ def hold_torques(S):
 
 
 @inlined
-def feed_back(S):
+def feed_back(S, fx):
     """What the next step takes from the start of this one: torques (eq. 30) and efficiencies (eq. 23)."""
     for j in range(4 * LANES):
         torque = S[AT.TORQUE + j]
-        driving = torque * S[AT.V + MOTORS + j] >= 0.0
+        through_gear = torque - S[AT.DRAG + j] if fx is not None else torque
+        driving = through_gear * S[AT.V + MOTORS + j] >= 0.0
         S[AT.PREVIOUS + j], S[AT.NEXT_GEAR + j] = torque, S[AT.DRIVING + j] if driving else S[AT.BRAKING + j]
 
 

@@ -13,6 +13,7 @@ knows, and effects' parameters are in `S`.
 from __future__ import annotations
 
 from artibot_sim.model.compiled import inlined
+from artibot_sim.model.elementary import sincos
 from artibot_sim.model.lane_layout import AT, LANES, LIMIT_Q, LIMIT_V, SIZE, effects_at, four, put4
 from artibot_sim.model.lane_motors import (
     drag_motors,
@@ -22,7 +23,7 @@ from artibot_sim.model.lane_motors import (
     measure_motors,
     turn_motors,
 )
-from artibot_sim.model.planar import Body, Ground, Motion, planar_accelerations
+from artibot_sim.model.planar import Body, Ground, Motion, planar_accelerations, within_friction
 
 
 @inlined
@@ -48,10 +49,12 @@ def move_modules(S, fx, t):
         g = AT.GROUND + e
         ground = Ground(S[g], S[g + LANES], S[g + 2 * LANES], S[g + 3 * LANES], S[g + 4 * LANES])
         q, v, lag = AT.Q_S + e, AT.V_S + e, AT.LAG_S + e
-        on_f, on_b, pulls = planar_accelerations(
-            body_of(S, AT.BODY_F + e), body_of(S, AT.BODY_B + e), ground, effects_at(S, fx, e, t),
-            motion_of(S, q, v), motion_of(S, q + 3 * LANES, v + 3 * LANES), four(S, AT.RIM + e),
-            four(S, lag), four(S, lag + 4 * LANES),
+        f, b = motion_of(S, q, v), motion_of(S, q + 3 * LANES, v + 3 * LANES)
+        s_f, c_f = sincos(f.gamma)
+        s_b, c_b = sincos(b.gamma)
+        on_f, on_b, pulls, _, _ = planar_accelerations(
+            within_friction, body_of(S, AT.BODY_F + e), body_of(S, AT.BODY_B + e), ground, effects_at(S, fx, e, t),
+            f, b, (s_f, c_f, s_b, c_b), four(S, AT.RIM + e), four(S, lag), four(S, lag + 4 * LANES),
         )  # fmt: skip
         a = AT.ACC + e
         S[a], S[a + LANES], S[a + 2 * LANES] = on_f
@@ -123,7 +126,7 @@ def stage(S, fx, k, s, elapsed, dt, free, torques):
     elif k == 0 and torques:
         measure_motors(S, fx)
     if k == 0 and (free or torques):
-        feed_back(S)
+        feed_back(S, fx)
 
 
 @inlined

@@ -17,6 +17,9 @@ BACK = 8
 FRONT, BEHIND = np.int64(0), np.int64(1)
 """The modules. Not Python's integers, for each of whose values numba would compile every function anew."""
 
+MOTOR = tuple(map(np.int64, range(4)))
+"""Numbers of the motors, likewise."""
+
 COORDINATES = tuple(
     f"{symbol}_{module}{side}"
     for module in "fb"

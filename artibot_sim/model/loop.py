@@ -23,7 +23,7 @@ from artibot_sim.model.integrators import (
     right_hand_side,
     semi_implicit_step,
 )
-from artibot_sim.model.layout import ACC, BEHIND, ENERGIES, FRONT, M_M, ROW
+from artibot_sim.model.layout import ACC, BEHIND, ENERGIES, FRONT, M_D, M_M, ROW
 from artibot_sim.model.transmission import TORQUE, efficiency
 
 OK, DIVERGED = 0, 1
@@ -98,11 +98,13 @@ def commanded_torques(torque_d, knot, back_factor, previous, hold):
 
 
 @inlined
-def feed_back(p, v, w, eta, previous):
+def feed_back(p, fx, v, w, eta, previous):
     """What the next step takes from this one: efficiencies (eq. 23) and the torques of eq. 30 (Fig. 7)."""
     for motor in range(motor_count(p)):
-        previous[motor] = w[M_M + motor]
-        eta[motor] = efficiency(motor_of(p, motor), w[M_M + motor], v[coordinate_of(motor)])
+        previous[motor] = through_gear = w[M_M + motor]
+        if fx is not None:
+            through_gear -= w[M_D + motor]
+        eta[motor] = efficiency(motor_of(p, motor), through_gear, v[coordinate_of(motor)])
 
 
 @inlined
@@ -116,15 +118,13 @@ def sound(q, v):
 
 @inlined
 def prepare(
-    p, modes, step, knot_steps, dt, position, velocity, torque_d, back_factor, previous, eta, cubic, drive, hold,
+    p, modes, phase, knot, knot_steps, dt, position, velocity, torque_d, back_factor, previous, eta, cubic, hold,
 ):  # fmt: skip
-    """Commands at the start of a step and what is held through it; returns the time since the knot, s."""
-    phase, knot = step % knot_steps, step // knot_steps
+    """What is held through a step that begins `phase` steps after a knot; returns the time since the knot, s."""
     if phase == 0:
         hermite(position, velocity, knot, knot_steps * dt, cubic)
     commanded_torques(torque_d, knot, back_factor, previous, hold)
     hold_efficiencies(p, eta, hold)
-    command_at(cubic, phase * dt, modes, drive)
     return phase * dt
 
 
@@ -214,11 +214,12 @@ def integrate_rk4(
     row = 0
     for step in range(steps + 1):
         s = prepare(
-            p, modes, step, knot_steps, dt, position, velocity, torque_d, back_factor, previous, eta, cubic, drive, hold
-        )
+            p, modes, step % knot_steps, step // knot_steps, knot_steps, dt, position, velocity, torque_d, back_factor,
+            previous, eta, cubic, hold,
+        )  # fmt: skip
         for k in range(4):
-            if k == 1 or k == 3:
-                command_at(cubic, s + (0.5 if k == 1 else 1.0) * dt, modes, drive)
+            if k != 2:
+                command_at(cubic, s + (0.0 if k == 0 else 0.5 if k == 1 else 1.0) * dt, modes, drive)
             if fx is not None:
                 fx.t = start + dt * (step + (0.0 if k == 0 else 1.0 if k == 3 else 0.5))
             right_hand_side(q_s, v_s, p, fx, modes, drive, hold, lag, w)
@@ -234,7 +235,7 @@ def integrate_rk4(
                     row += 1
                 if step == steps:
                     return OK, row
-                feed_back(p, v, w, eta_next, previous)
+                feed_back(p, fx, v, w, eta_next, previous)
             if out_e is not None:
                 add_powers(q_s, v_s, p, fx, w, dt / (6.0 if k == 0 or k == 3 else 3.0), e, pw)
             next_stage(k, q, v, dt, w, q_s, v_s, sum_q, sum_v)
@@ -263,8 +264,10 @@ def integrate_semi_implicit(
     row = 0
     for step in range(steps + 1):
         s = prepare(
-            p, modes, step, knot_steps, dt, position, velocity, torque_d, back_factor, previous, eta, cubic, drive, hold
-        )
+            p, modes, step % knot_steps, step // knot_steps, knot_steps, dt, position, velocity, torque_d, back_factor,
+            previous, eta, cubic, hold,
+        )  # fmt: skip
+        command_at(cubic, s, modes, drive)
         mean_acceleration(cubic, s, dt, drive)
         for i in range(16):
             q_old[i], v_old[i] = q[i], v[i]
@@ -284,7 +287,7 @@ def integrate_semi_implicit(
             for i in range(16):
                 q[i], v[i] = q_old[i], v_old[i]
             break
-        feed_back(p, v, w, eta, previous)
+        feed_back(p, fx, v, w, eta, previous)
         if fx is not None:
             for i in range(8):
                 lateral[i] += dt * lag[8 + i]

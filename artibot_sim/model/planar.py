@@ -2,11 +2,12 @@
 
 Without roll, pitch and heave each wheel keeps its static load, and of the joint's four rows only x and y are left,
 with a 2×2 Schur complement. Nothing is approximated: from a level start the sixteen coordinates of `dynamics` stay
-level by themselves (`lanes.level` says which starts are), and both forms agree to rounding, step by step. Both modules
+level by themselves (`level.level` says which starts are), and both forms agree to rounding, step by step. Both modules
 keep coordinates of their own, since a step that only knew one of them would have other errors.
 
-Values pass as tuples and nothing branches, so that loops over many rovers (`lanes`) become vector code. `fx` is as in
-`contact`.
+Values pass as tuples. Nothing here branches, so that loops over many rovers (`lanes`) become vector code; only eq. 16
+is a function that is handed in, `within_friction` there, and for one rover alone (`level_step`) `contact.saturated`,
+which takes roots of those wheels only that slide. `fx` is as in `contact`.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ from typing import NamedTuple
 from artibot_sim.model.compiled import inlined
 from artibot_sim.model.contact import Pair, soil_under
 from artibot_sim.model.effects import hooks
-from artibot_sim.model.elementary import sincos
 from artibot_sim.model.layout import BEHIND, FRONT
 from artibot_sim.model.mass_centre import mass_centre
 
@@ -71,6 +71,7 @@ class Pull(NamedTuple):
     """What the wheels of one side do: sums of F_l and of u F_n of both (N, N m), F_t in front and behind (N).
 
     u_f, u_b (m) are how far ahead of the wheels the forces act; rate_f, rate_b (N/s) how fast forces that lag build up.
+    F_lf, F_lb (N) are the single wheels', held_f, held_b what eq. 16 has left of their forces, 1 where they hold.
     """
 
     F_l: float
@@ -81,10 +82,14 @@ class Pull(NamedTuple):
     u_b: float
     rate_f: float
     rate_b: float
+    F_lf: float
+    F_lb: float
+    held_f: float
+    held_b: float
 
 
 @inlined
-def within_friction(fx, F_l, F_t, F_n, mu_s, mu_d, slip_l, slip_t):
+def within_friction(body, fx, F_l, F_t, F_n, mu_s, mu_d, slip_l, slip_t):
     """Eq. 16 as `contact.saturated`, without a branch."""
     F_h2 = F_l * F_l + F_t * F_t
     limit = mu_s * F_n
@@ -93,7 +98,7 @@ def within_friction(fx, F_l, F_t, F_n, mu_s, mu_d, slip_l, slip_t):
         mu_d = hooks.friction(fx, mu_s, mu_d, math.sqrt(slip_l * slip_l + slip_t * slip_t))
     held = mu_d * F_n / math.sqrt(F_h2)
     held = held if slides else 1.0
-    return F_l * held, F_t * held
+    return F_l * held, F_t * held, held
 
 
 @inlined
@@ -105,7 +110,7 @@ def lagging(fx, F_t, p_x, lag):
 
 
 @inlined
-def pull_of(fx, pair, soil, r_omega, lag_f, lag_b):
+def pull_of(limited, body, fx, pair, soil, r_omega, lag_f, lag_b):
     """Eqs 15 and 16 for the wheels of one side, which turn at `r_omega` (m/s at their rims)."""
     slip = r_omega - pair.p_x
     F_l = soil.k_l * slip
@@ -114,21 +119,37 @@ def pull_of(fx, pair, soil, r_omega, lag_f, lag_b):
     if fx is not None:
         F_tf, rate_f = lagging(fx, F_tf, pair.p_x, lag_f)
         F_tb, rate_b = lagging(fx, F_tb, pair.p_x, lag_b)
-    F_lf, F_tf = within_friction(fx, F_l, F_tf, pair.F_nf, soil.mu_sf, soil.mu_df, slip, pair.p_yf)
-    F_lb, F_tb = within_friction(fx, F_l, F_tb, pair.F_nb, soil.mu_sb, soil.mu_db, slip, pair.p_yb)
+    F_lf, F_tf, held_f = limited(body, fx, F_l, F_tf, pair.F_nf, soil.mu_sf, soil.mu_df, slip, pair.p_yf)
+    F_lb, F_tb, held_b = limited(body, fx, F_l, F_tb, pair.F_nb, soil.mu_sb, soil.mu_db, slip, pair.p_yb)
     if fx is not None:
         F_tf += hooks.lateral(fx, pair.p_yf)
         F_tb += hooks.lateral(fx, pair.p_yb)
     u_F_n = soil.u_f * pair.F_nf + soil.u_b * pair.F_nb
-    return Pull(F_lf + F_lb, u_F_n, F_tf, F_tb, soil.u_f, soil.u_b, rate_f, rate_b)
+    return Pull(
+        F_lf + F_lb, u_F_n, F_tf, F_tb, soil.u_f, soil.u_b, rate_f, rate_b, F_lf, F_lb, held_f, held_b
+    )  # fmt: skip
 
 
 @inlined
-def module_forces(body, ground, fx, module, at, s_g, c_g, rims, lags):
-    """Free accelerations of x, y, gamma (the centre of mass's, with effects), and what the wheels right and left do.
+def module_pairs(body, ground, fx, at, s_g, c_g):
+    """What the wheels right and left meet (Pair), and the soil under them (Soil)."""
+    v_x, v_y = c_g * at.x_dot + s_g * at.y_dot, c_g * at.y_dot - s_g * at.x_dot
+    turn, sweep = at.gamma_dot * body.half_y, at.gamma_dot * body.half_x
+    pair_r = Pair(v_x + turn, v_y + sweep, v_y - sweep, body.F_rf, body.F_rb)
+    pair_l = Pair(v_x - turn, v_y + sweep, v_y - sweep, body.F_lf, body.F_lb)
+    soil_r = soil_under(body, ground, fx, pair_r, at.x, at.y, s_g, c_g, 1.0, -1.0)
+    soil_l = soil_under(body, ground, fx, pair_l, at.x, at.y, s_g, c_g, 1.0, 1.0)
+    return pair_r, pair_l, soil_r, soil_l
+
+
+@inlined
+def module_forces(limited, body, ground, fx, module, at, s_g, c_g, rims, lags, sluggish):
+    """Free accelerations of x, y, gamma (the centre of mass's, with effects), and what the wheels do.
 
     Parameters
     ----------
+    limited : function
+        Eq. 16: `within_friction` or `contact.saturated`.
     at : Motion
     s_g, c_g : float
         Sine and cosine of its gamma.
@@ -136,15 +157,17 @@ def module_forces(body, ground, fx, module, at, s_g, c_g, rims, lags):
         Speeds of the rims right and left, m/s.
     lags : tuple of 4 floats
         With effects: lateral forces that lag (N), in the order of WHEELS.
+    sluggish : float or None
+        Mass that a semi-implicit step adds against changes of the velocity (`dynamics.free_acceleration`), kg.
+
+    Returns
+    -------
+    tuple
+        Accelerations; `Pull` of the wheels right and left; forces on x, y and gamma.
     """
-    v_x, v_y = c_g * at.x_dot + s_g * at.y_dot, c_g * at.y_dot - s_g * at.x_dot
-    turn, sweep = at.gamma_dot * body.half_y, at.gamma_dot * body.half_x
-    pair_r = Pair(v_x + turn, v_y + sweep, v_y - sweep, body.F_rf, body.F_rb)
-    pair_l = Pair(v_x - turn, v_y + sweep, v_y - sweep, body.F_lf, body.F_lb)
-    soil_r = soil_under(body, ground, fx, pair_r, at.x, at.y, s_g, c_g, 1.0, -1.0)
-    soil_l = soil_under(body, ground, fx, pair_l, at.x, at.y, s_g, c_g, 1.0, 1.0)
-    right = pull_of(fx, pair_r, soil_r, rims[0], lags[0], lags[1])
-    left = pull_of(fx, pair_l, soil_l, rims[1], lags[2], lags[3])
+    pair_r, pair_l, soil_r, soil_l = module_pairs(body, ground, fx, at, s_g, c_g)
+    right = pull_of(limited, body, fx, pair_r, soil_r, rims[0], lags[0], lags[1])
+    left = pull_of(limited, body, fx, pair_l, soil_l, rims[1], lags[2], lags[3])
     across_f, across_b = right.F_tf + left.F_tf, right.F_tb + left.F_tb
     f_x, f_y = right.F_l + left.F_l, across_f + across_b
     u = ground.u_w
@@ -153,6 +176,7 @@ def module_forces(body, ground, fx, module, at, s_g, c_g, rims, lags):
         turning += (right.u_f - u) * right.F_tf + (right.u_b - u) * right.F_tb
         turning += (left.u_f - u) * left.F_tf + (left.u_b - u) * left.F_tb
     x, y = c_g * f_x - s_g * f_y, s_g * f_x + c_g * f_y
+    forces = x, y, turning
     if fx is not None:
         push_x, push_y = hooks.push(fx, module)
         surge, sway, turn = hooks.load(fx, module)
@@ -160,7 +184,11 @@ def module_forces(body, ground, fx, module, at, s_g, c_g, rims, lags):
         turning += turn
         r_x, r_y = mass_centre(fx, module, s_g, c_g)
         turning -= r_x * y - r_y * x
-    return (ground.g_x + body.inv_m * x, ground.g_y + body.inv_m * y, body.inv_J * turning), right, left
+    if sluggish is not None:
+        x -= sluggish * (ground.g_x + at.gamma_dot * at.y_dot)
+        y -= sluggish * (ground.g_y - at.gamma_dot * at.x_dot)
+    free = ground.g_x + body.inv_m * x, ground.g_y + body.inv_m * y, body.inv_J * turning
+    return free, right, left, forces
 
 
 @inlined
@@ -189,18 +217,24 @@ def from_origin(fx, module, at, s_g, c_g, a):
 
 
 @inlined
-def planar_accelerations(front, back, ground, fx, f, b, rims, lags_f, lags_b):
+def planar_accelerations(limited, front, back, ground, fx, f, b, trig, rims, lags_f, lags_b, sluggish=(None, None)):
     """Eq. 25 on the plane.
 
     Parameters
     ----------
+    limited : function
+        Eq. 16, see `module_forces`.
     front, back : Body
     f, b : Motion
         Of both modules.
+    trig : tuple of 4 floats
+        Sine and cosine of yaw, of the front module and of the back one.
     rims : tuple of 4 floats
         Speeds of the wheels' rims, m/s, in the order of MOTORS.
     lags_f, lags_b : tuple of 4 floats
         With effects: lateral forces that lag, N.
+    sluggish : tuple of 2 floats or Nones
+        See `module_forces`.
 
     Returns
     -------
@@ -208,15 +242,18 @@ def planar_accelerations(front, back, ground, fx, f, b, rims, lags_f, lags_b):
         Accelerations of x, y and gamma of both modules.
     pulls : tuple of 4 Pull
         In the order of MOTORS.
+    contacts : tuple of 2 tuples of 3 floats
+        Forces of the wheels on x, y and gamma of both modules.
+    joint : tuple of 4 floats
+        Multipliers of the joint's rows x and y, and its torques on the front module and the back one.
     """
-    s_f, c_f = sincos(f.gamma)
-    s_b, c_b = sincos(b.gamma)
-    (fx_a, fy_a, fg_a), front_right, front_left = module_forces(
-        front, ground, fx, FRONT, f, s_f, c_f, (rims[0], rims[1]), lags_f
+    s_f, c_f, s_b, c_b = trig
+    (fx_a, fy_a, fg_a), front_right, front_left, contact_f = module_forces(
+        limited, front, ground, fx, FRONT, f, s_f, c_f, (rims[0], rims[1]), lags_f, sluggish[0]
     )
     there = Ground(ground.u_w, ground.joined * ground.g_x, ground.joined * ground.g_y, ground.A, ground.joined)
-    (bx_a, by_a, bg_a), back_right, back_left = module_forces(
-        back, there, fx, BEHIND, b, s_b, c_b, (rims[2], rims[3]), lags_b
+    (bx_a, by_a, bg_a), back_right, back_left, contact_b = module_forces(
+        limited, back, there, fx, BEHIND, b, s_b, c_b, (rims[2], rims[3]), lags_b, sluggish[1]
     )
     if fx is not None:
         torque = ground.joined * hooks.joint(fx, b.gamma - f.gamma, b.gamma_dot - f.gamma_dot)
@@ -235,9 +272,10 @@ def planar_accelerations(front, back, ground, fx, f, b, rims, lags_f, lags_b):
     s_xx, s_xy, s_yy = m + Gf_x * gf_x + Gb_x * gb_x, Gf_x * gf_y + Gb_x * gb_y, m + Gf_y * gf_y + Gb_y * gb_y
     scale = ground.joined / (s_xx * s_yy - s_xy * s_xy)
     l_x, l_y = scale * (s_yy * row_x - s_xy * row_y), scale * (s_xx * row_y - s_xy * row_x)
+    joint = l_x, l_y, -(gf_x * l_x + gf_y * l_y), gb_x * l_x + gb_y * l_y
     on_f = fx_a - front.inv_m * l_x, fy_a - front.inv_m * l_y, fg_a - (Gf_x * l_x + Gf_y * l_y)
     on_b = bx_a + back.inv_m * l_x, by_a + back.inv_m * l_y, bg_a + (Gb_x * l_x + Gb_y * l_y)
     if fx is not None:
         on_f = from_origin(fx, FRONT, f, s_f, c_f, on_f)
         on_b = from_origin(fx, BEHIND, b, s_b, c_b, on_b)
-    return on_f, on_b, (front_right, front_left, back_right, back_left)
+    return on_f, on_b, (front_right, front_left, back_right, back_left), (contact_f, contact_b), joint

@@ -45,11 +45,12 @@ def _hold(p: Params, state: PlainState, command: Array, back_factor: float) -> A
     return np.where(np.isnan(command), default, command)
 
 
-def _feed_back(p: Params, torque: Array, theta_dot: Array, eta: Array) -> Array:
-    """Eq. 23 for the next step."""
+def _feed_back(p: Params, torque: Array, theta_dot: Array, eta: Array, fx: PlainEffects) -> Array:
+    """Eq. 23 for the next step, judged by what goes through the gear."""
     fresh = eta.copy()
     for i, motor in enumerate(motors_of(p)):
-        fresh[i] = motor.eta_d if torque[i] * theta_dot[i] >= 0 else 1.0 / motor.eta_r
+        M_gear = torque[i] - fx.drag(i, theta_dot[i])
+        fresh[i] = motor.eta_d if M_gear * theta_dot[i] >= 0 else 1.0 / motor.eta_r
     return fresh
 
 
@@ -96,7 +97,7 @@ def rk4_step(
         q, v = state.q + h * dt * k_q[-1], state.v + h * dt * k_v[-1]
         lateral = state.lateral + h * dt * k_lag[-1]
     weights = np.array([1, 2, 2, 1]) / 6 * dt
-    eta = _feed_back(p, torque, state.v[MOTOR_COLUMNS], state.eta)
+    eta = _feed_back(p, torque, state.v[MOTOR_COLUMNS], state.eta, fx)
     ends = (now + weights @ np.array(k) for now, k in ((state.q, k_q), (state.v, k_v), (state.lateral, k_lag)))
     new_q, new_v, new_lateral = ends
     return PlainState(new_q, new_v, eta, torque, new_lateral)
@@ -136,7 +137,7 @@ def semi_implicit_step(
     new_v[bodies] = state.v[bodies] + dt * acceleration[bodies]
     vertical = np.isin(np.arange(16) % 8, (2, 3, 4))
     new_q = state.q + dt * np.where(vertical, new_v, 0.5 * (state.v + new_v))
-    eta = _feed_back(p, torque, new_v[MOTOR_COLUMNS], state.eta)
+    eta = _feed_back(p, torque, new_v[MOTOR_COLUMNS], state.eta, fx)
     return PlainState(new_q, new_v, eta, torque, state.lateral + dt * np.resize(wheels.rate, 8))
 
 

@@ -221,9 +221,9 @@ def rollout(
 
 def _run(setup: Setup, dt: float, integrator: str, every: int, energy: bool) -> Rollout:
     from artibot_sim.model import loop
+    from artibot_sim.model.advance import advance
 
     robot, commands, p, modes, kappa, start, steps = setup
-    integrate = loop.integrate_rk4 if integrator == "rk4" else loop.integrate_semi_implicit
     if integrator == "semi_implicit":
         p = implicit_slip(p, dt)
     rows = -(-steps // every) + 1
@@ -231,12 +231,11 @@ def _run(setup: Setup, dt: float, integrator: str, every: int, energy: bool) -> 
     out_q, out_v, out_w = np.empty((rows, 16)), np.empty((rows, 16)), np.empty((rows, ROW))
     out_e = np.empty((rows, ENERGIES)) if energy else None
     fx = record(robot.effects, start.t)
-    extra = () if fx is None else (fx, lateral)
-    status, kept = integrate(
+    given = (
         q, v, eta, torque, packed(p), np.array(modes, dtype=np.int64), dt, steps, every, *driven_by(commands),
         round(commands.dt / dt), back_torque_factor(robot, kappa), loop.workspace(), out_q, out_v, out_w, out_e,
-        *extra,
     )  # fmt: skip
+    status, kept = advance(integrator, given, () if fx is None else (fx, lateral))
     final = State(start.t + steps * dt, q, v, eta, torque, lateral) if status == Status.OK else None
     return finished(setup, dt, integrator, every, kept, (out_q, out_v, out_w, out_e), final)
 

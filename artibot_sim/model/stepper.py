@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import loop
+from artibot_sim.model.advance import advance
 from artibot_sim.model.effects import record
 from artibot_sim.model.layout import M_M, ROW
 from artibot_sim.model.params import PARAMS_DTYPE, params
@@ -88,7 +89,7 @@ class Stepper:
                 f"{longest:.3g} s ({motion}); take a shorter step{mend}"
             )
         self.robot, self.dt = robot, dt
-        self._integrate = loop.integrate_rk4 if integrator == "rk4" else loop.integrate_semi_implicit
+        self._integrator = integrator
         self._table = np.array([implicit_slip(p, dt) if integrator == "semi_implicit" else p], dtype=PARAMS_DTYPE)
         self._limits = tuple(self._table[name]["torque_max"] for name in _RECORDS)
         self._own = tuple(float(limit[0]) for limit in self._limits)
@@ -132,10 +133,11 @@ class Stepper:
         extra = () if self._effects is None else (self._effects, lateral)
         if self._effects is not None:
             self._effects["t"] = self.t
-        status, _ = self._integrate(
+        given = (
             q, v, eta, previous, self._table[0], self._modes, self.dt, steps, steps, self._position, self._velocity,
-            self._torque_d, 2 * steps, self._shared, self._work, *self._out, None, *extra,
+            self._torque_d, 2 * steps, self._shared, self._work, *self._out, None,
         )  # fmt: skip
+        status, _ = advance(self._integrator, given, extra)
         if status == Status.OK:
             self.q, self.v, self._eta, self._previous, self._lateral = q, v, eta, previous, lateral
             self.torque[:] = self._out[2][1, M_M : M_M + 4]

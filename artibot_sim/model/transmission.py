@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 
 from artibot_sim.model.compiled import inlined
-from artibot_sim.model.elementary import tanh
+from artibot_sim.model.elementary import tanh, tanh_alone
 from artibot_sim.model.robot import Robot
 
 ROLLING_WIDTH = 0.02
@@ -43,21 +43,32 @@ def rolling_sign(omega):
 
 
 @inlined
-def load_torque(p, fx, unit, pair, soil, omega, F_l_sum):
-    """M_r of eq. 22: torque of the contact forces on the wheels' axle, N m."""
+def axle_torque(p, unit, F_l_sum, u_F_n, omega):
+    """M_r of eq. 22 from the sums over its wheels of F_l (N) and u F_n (N m): torque on the wheels' axle, N m."""
     if p.literal_eq22:
         return unit.r_w * F_l_sum + p.u_w * F_l_sum
+    return unit.r_w * F_l_sum + u_F_n * tanh_alone(omega * (1.0 / ROLLING_WIDTH))
+
+
+@inlined
+def load_torque(p, fx, unit, pair, soil, omega, F_l_sum):
+    """M_r of eq. 22 for the wheels of a motor that turn at `omega` (rad/s), N m."""
     if fx is not None:
         u_F_n = soil.u_f * pair.F_nf + soil.u_b * pair.F_nb
     else:
         u_F_n = p.u_w * (pair.F_nf + pair.F_nb)
-    return unit.r_w * F_l_sum + u_F_n * rolling_sign(omega)
+    return axle_torque(p, unit, F_l_sum, u_F_n, omega)
 
 
 @inlined
-def efficiency(motor, M_m, theta_dot):
-    """Eq. 23: eta_d while the motor drives, 1/eta_r while it brakes."""
-    if M_m * theta_dot >= 0.0:
+def efficiency(motor, M_gear, theta_dot):
+    """Eq. 23: eta_d while the motor drives, 1/eta_r while it brakes.
+
+    `M_gear` is the motor's torque less what drags on its shaft before the gear. With the whole torque a drag that
+    outweighs a braking load would have the efficiency flip at each step: driving makes the load large enough to brake,
+    and braking too small.
+    """
+    if M_gear * theta_dot >= 0.0:
         return motor.eta_d
     return 1.0 / motor.eta_r
 

@@ -1,4 +1,4 @@
-"""Windows one by one, by the kernel of `rollout`: for what does not stay on a plane."""
+"""Windows one by one, by the kernels of `rollout`: for what does not stay on a plane, or is asked how wheels slide."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model import loop
+from artibot_sim.model.advance import advance
 from artibot_sim.model.layout import ROW
 from artibot_sim.model.sampling import COLUMNS, gather, sample
 
@@ -48,12 +49,13 @@ def run_window(
         extra = (fx, np.zeros(8))
     work, q, v, w, rows = buffers
     turned, pulled = fleet.sensors[r, :2]
-    _, kept = loop.integrate_rk4(
+    given = (
         items.q[i].copy(), items.v[i].copy(), fleet.eta[r].copy(), np.zeros(4), fleet.records[r],
         np.array(table.modes, dtype=np.int64), dt, knots * knot_steps, knot_steps, table.position[part] / turned,
         table.velocity[part] / turned, table.torque[part] / pulled, knot_steps, fleet.share[r, items.table[i]], work,
-        q, v, w, None, *extra,
+        q, v, w, None,
     )  # fmt: skip
+    _, kept = advance("rk4", given, extra)
     if kept > 1:
         gather(q, v, w, kept, rows)
         sample(rows, table.dt, kept, fleet.robots[r].articulated, plan.t, plan.kind, fleet.sensors, r, out)

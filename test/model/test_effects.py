@@ -116,6 +116,23 @@ def test_torque_limit_saturates_and_is_caught_up(agriq):
     assert (np.abs(torque) > 0.999 * limit).any()
 
 
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
+def test_drag_on_a_braking_motor_does_not_make_its_gear_chatter(agriq, integrator):
+    """Downhill at steady speed: the wheels drive the gears, also where drag asks torque of the motor."""
+    downhill = {"slope": {"grade": 0.1, "heading": 0.0}}
+    free = turn(with_effects(agriq, **downhill), yaw_rate=0.0, integrator=integrator)
+    drive, brake = agriq.drive.front, -free["M_m_front_right"][-1]
+    assert brake > 0.0
+    # more than the braking load on the motor with 1/eta_r, less than with eta_d, so that the torque's own sign flips
+    drag = {"motor_drag": {"torque": brake * (1.0 + 1.0 / (drive.eta_d * drive.eta_r)) / 2.0, "motor": "front_right"}}
+    result = turn(with_effects(agriq, **downhill, **drag), yaw_rate=0.0, integrator=integrator, energy=True, every=1)
+    steady = result.t > 4.0
+    assert (result["M_m_front_right"][steady] > 0.0).all()
+    assert len(set(result["eta_front_right"][steady])) == 1
+    assert np.ptp(result["M_m_front_right"][steady]) < 1e-3 * brake
+    assert np.diff(result["E_gear_front_right"][steady]).min() > 0.0
+
+
 def test_gear_efficiency_asks_more_of_the_motors(agriq, straight):
     worn = turn(with_effects(agriq, gear_efficiency={"scale": 0.8}), yaw_rate=0.0)
     front = slice(0, 2)
