@@ -10,6 +10,7 @@ import numpy as np
 from artibot_sim.diagnose.contest import Rival, Rounds, contest, neutralised, renoised, settled
 from artibot_sim.diagnose.evidence import Evidence, evidence
 from artibot_sim.diagnose.hypotheses import hypotheses
+from artibot_sim.diagnose.input_noise import noisy_inputs
 from artibot_sim.diagnose.patches import discs
 from artibot_sim.diagnose.screen import Trial, around, screen
 from artibot_sim.diagnose.thresholds import Thresholds
@@ -77,7 +78,9 @@ def turn(
         best = other if other.point.cost < best.point.cost else best
         tick()
     problem, best, rivals, loss = _with_honest_noise(problem, best, rivals, loss, rounds)
-    found = {rival.id: evidence(rival, best.point.cost) for rival in rivals}
+    noisy = noisy_inputs(problem.stretches, problem.parameters.robot, len(named))
+    excess = noisy.excess(problem, best, rivals)
+    found = {r.id: evidence(r, best.point.cost - e) for r, e in zip(rivals, excess, strict=True)}
     return Turn(tuple(trials), tuple(rivals), found, problem, best, loss, base.point.cost)
 
 
