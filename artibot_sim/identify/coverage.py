@@ -1,15 +1,18 @@
-"""How often intervals cover the truth: ``python -m artibot_sim.identify.coverage COUNT SEED``.
+"""How often intervals cover the truth: ``python -m artibot_sim.identify.coverage COUNT SEED [FILE]``.
 
 Every trial draws a soil, a manoeuvre, a torque sharing and sensor noise, simulates a recording of 45 s with driven
 physics (the back motors under torque), and identifies the soil from it with the robot file's soil as the prior.
+With a FILE every trial becomes a line of it, and the next call goes on where the last one ended.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,11 +52,25 @@ class Trial:
         inside: NDArray[np.bool_] = (self.low <= self.truth) & (self.truth <= self.high)
         return inside
 
+    def to_json(self) -> str:
+        """One line."""
+        plain = asdict(self) | {name: getattr(self, name).tolist() for name in ("truth", "value", "low", "high")}
+        return json.dumps(plain | {"status": self.status.value})
 
-def trials(count: int, seed: int, robot: str = "agriq", duration: float = 45.0, recordings: int = 1) -> Iterator[Trial]:
+    @classmethod
+    def from_json(cls, line: str) -> Trial:
+        """A trial from its line."""
+        found = json.loads(line)
+        arrays = {name: np.array(found[name]) for name in ("truth", "value", "low", "high")}
+        return cls(**arrays, status=Status(found["status"]), seconds=found["seconds"])
+
+
+def trials(
+    count: int, seed: int, robot: str = "agriq", duration: float = 45.0, recordings: int = 1, first: int = 0
+) -> Iterator[Trial]:
     """Identifications of random soils, each from so many recordings; trial k of a seed is always the same."""
     nominal = load_robot(robot)
-    for k in range(count):
+    for k in range(first, count):
         rng = np.random.default_rng([seed, k])
         real = random_soil(nominal, rng)
         drives = [
@@ -76,18 +93,29 @@ def trials(count: int, seed: int, robot: str = "agriq", duration: float = 45.0, 
 def main(argv: list[str]) -> int:
     """Run trials and say how many intervals cover."""
     count, seed = (int(text) for text in (argv + ["100", "0"][len(argv) :])[:2])
-    done: list[Trial] = []
-    for trial in trials(count, seed):
+    kept = Path(argv[2]) if len(argv) > 2 else None
+    lines = kept.read_text().splitlines() if kept and kept.exists() else []
+    done = [Trial.from_json(line) for line in lines[:count]]
+    for number, trial in enumerate(done, 1):
+        print(_line(number, trial))
+    for trial in trials(count, seed, first=len(done)):
         done.append(trial)
-        error = 100.0 * (trial.value / trial.truth - 1.0)
-        marks = "".join("+" if inside else "-" for inside in trial.covered)
-        width = 50.0 * (trial.high - trial.low) / trial.truth
-        cells = " ".join(f"{n} {e:+.2f}±{w:.2f} %" for n, e, w in zip(SOIL, error, width, strict=True))
-        print(f"{len(done):4d} {marks} {cells}  {trial.status.value}, {trial.seconds:.0f} s of CPU", flush=True)
+        print(_line(len(done), trial), flush=True)
+        if kept:
+            with kept.open("a") as file:
+                file.write(trial.to_json() + "\n")
     covered = np.array([trial.covered for trial in done])
     each = ", ".join(f"{name} {100 * share:.0f} %" for name, share in zip(SOIL, covered.mean(axis=0), strict=True))
     print(f"{len(done)} recordings: {100 * covered.mean():.1f} % of the intervals cover the truth ({each})")
     return 0
+
+
+def _line(number: int, trial: Trial) -> str:
+    error = 100.0 * (trial.value / trial.truth - 1.0)
+    marks = "".join("+" if inside else "-" for inside in trial.covered)
+    width = 50.0 * (trial.high - trial.low) / trial.truth
+    cells = " ".join(f"{n} {e:+.2f}±{w:.2f} %" for n, e, w in zip(SOIL, error, width, strict=True))
+    return f"{number:4d} {marks} {cells}  {trial.status.value}, {trial.seconds:.0f} s of CPU"
 
 
 if __name__ == "__main__":
