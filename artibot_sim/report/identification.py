@@ -37,11 +37,16 @@ _ERRORS = "RMSE, median, 90 %, noise, samples"
 def page_of(work: Work) -> bytes:
     """The page (UTF-8) of an identification."""
     found = work.result
-    subtitle = f"{found.status.value}: {found.message} · least known: {found.weakest} · {found.seconds:.1f} s"
-    figure = Figure(f"{found.robot.name}: identified from {', '.join(found.recordings)}", subtitle, tuple(panels(work)))
     notes = [f"{e.name}: {e.note}" for e in found.estimates if e.note]
     notes += [line for prediction in found.predictions for line in prediction_lines(prediction)]
-    return render_page(figure, tables(work), COLUMNS, [*notes, *found.remarks])
+    return render_page(figure_of(work), tables(work), COLUMNS, [*notes, *found.remarks])
+
+
+def figure_of(work: Work) -> Figure:
+    """The page's charts."""
+    found = work.result
+    subtitle = f"{found.status.value}: {found.message} · least known: {found.weakest} · {found.seconds:.1f} s"
+    return Figure(f"{found.robot.name}: identified from {', '.join(found.recordings)}", subtitle, tuple(panels(work)))
 
 
 def page_of_document(document: Mapping[str, Any], path: Path) -> bytes:

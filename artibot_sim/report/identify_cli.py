@@ -39,7 +39,9 @@ _READING = 0.1
 @click.option(
     "--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable."
 )
-@click.option("--report", type=_FILE, help="HTML page with residuals, predictions and free runs.")
+@click.option(
+    "--report", type=_FILE, help="HTML page with residuals, predictions and free runs; its charts beside it as PNG."
+)
 @click.option("--json", "as_json", type=_FILE, help="Everything as JSON, in SI units.")
 @click.option("--seed", default=0, show_default=True, help="Of the search's further starts.")
 @click.option("--starts", type=click.IntRange(1), help="Places that the search starts from [3].")
@@ -70,7 +72,9 @@ def command(
     from artibot_sim.progress import Bar
 
     effort = Effort(seed=seed, starts=starts or Effort().starts, scheduler=scheduler and check_address(scheduler))
-    _check_outputs([path for path in (out, report, as_json) if path is not None])
+    picture = report.with_suffix(".png") if report else None
+    outputs = [path for path in (out, report, picture, as_json) if path is not None]
+    _check_outputs(outputs)
     rover, known = load_robot(robot), parse_priors(priors)
     fitted = [name for name in names.split(",") if name.strip()]
     with Bar(total=1.0 + _READING * (len(recordings) + len(holdout))) as bar:
@@ -84,9 +88,8 @@ def command(
     _write(work, report, as_json)
     console = Console(highlight=False)
     console.print(work.result)
-    for path in (out, report, as_json):
-        if path is not None:
-            console.print(f"wrote {path}", soft_wrap=True)
+    for path in outputs:
+        console.print(f"wrote {path}", soft_wrap=True)
     return 0
 
 
@@ -106,17 +109,19 @@ def _read(path: Path, topics: Sequence[str], bar: Bar) -> Experiment:
 
 
 def _write(work: object, report: Path | None, as_json: Path | None) -> None:
-    """Write the page and the JSON, both or none."""
+    """Write the page, its picture and the JSON, all or none."""
     import json
 
     from artibot_sim.identify import Work
-    from artibot_sim.report.identification import page_of
+    from artibot_sim.report.identification import figure_of, page_of
     from artibot_sim.report.output import write_files
+    from artibot_sim.report.png import render_png
 
     assert isinstance(work, Work)
     files: dict[Path, bytes] = {}
     if report is not None:
         files[report] = page_of(work)
+        files[report.with_suffix(".png")] = render_png(figure_of(work))
     if as_json is not None:
         files[as_json] = (json.dumps(work.result.as_dict(), indent=1, ensure_ascii=False) + "\n").encode()
     write_files(files)
