@@ -57,6 +57,7 @@ ALL_EFFECTS: dict[str, dict[str, Any]] = {
     "joint_stop": {"angle": 0.9},
     "motor_drag": {"torque": 0.02, "motor": "front_left"},
     "payload": {"mass": 5.0, "module": "back"},
+    "motion_resistance": {"force": 5.0},
     "residual_force": {"front_sway": 1.0, "back_turn": 1.0, "back_turn_rate": -0.1},
     "rolling_resistance_speed": {"coefficient": 0.5},
     "slope": {"grade": 0.01, "heading": 0.5},

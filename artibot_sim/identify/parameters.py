@@ -218,7 +218,8 @@ def parameter_set(robot: Robot, fit: Sequence[str] = SOIL, priors: Mapping[str, 
     robot : Robot
         Whose values are the priors' middles unless `priors` says otherwise.
     fit : sequence of str
-        Names as in a robot file (``contact.k_l``, ``front.i_x``), or the soil's short ones (``k_l``).
+        Names as in a robot file (``contact.k_l``, ``front.i_x``, ``effects.pose_lever_arm.x``), or the soil's short
+        ones (``k_l``). An effect that the robot does not have begins at its prior's middle.
     priors : mapping of str to Prior, optional
         By the same names.
 
@@ -227,7 +228,9 @@ def parameter_set(robot: Robot, fit: Sequence[str] = SOIL, priors: Mapping[str, 
     ArtibotError
         For an unknown name, one that stands twice, or a prior of nothing that is fitted.
     """
-    quantities = {key: (quantity, value) for key, quantity, value in robot.quantities()}
+    robot = _with_effects(robot, fit, priors or {})
+    found = (*robot.quantities(), *robot.effect_quantities())
+    quantities = {key: (quantity, value) for key, quantity, value in found}
     keys = [_key(name, quantities) for name in fit]
     if not keys:
         raise ArtibotError("fit: nothing named; expected at least one parameter, such as k_l")
@@ -252,6 +255,23 @@ def parameter_set(robot: Robot, fit: Sequence[str] = SOIL, priors: Mapping[str, 
         high = min(prior.value * np.exp(width), quantity.high)
         parameters.append(Parameter(key, _short(key), quantity.unit, prior, low, high))
     return ParameterSet(robot, tuple(parameters))
+
+
+def _with_effects(robot: Robot, fit: Sequence[str], priors: Mapping[str, Prior]) -> Robot:
+    """The robot with the effects that are to be fitted."""
+    effects = {name: dict(values) for name, values in robot.effects.items()}
+    for name in fit:
+        section, _, rest = name.strip().partition(".")
+        effect, _, parameter = rest.partition(".")
+        if section != "effects" or effect in robot.effects or effect not in EFFECTS:
+            continue
+        if parameter in EFFECTS[effect].parameters and name not in priors:
+            raise ArtibotError(
+                f"fit: {name}: robot '{robot.name}' has no such effect to begin with; say about how large it is, "
+                f"such as --prior {name}=0.1±0.05"
+            )
+        effects.setdefault(effect, {})[parameter] = priors[name].value if name in priors else 0.0
+    return replace(robot, effects=effects) if set(effects) != set(robot.effects) else robot
 
 
 def parse_priors(texts: Sequence[str]) -> dict[str, Prior]:

@@ -27,6 +27,8 @@ _CALM = 0.5
 """s around a start that should be calm."""
 _SURE = 2.0
 """Standard deviation of a start's measured pose, in the noise of one sample."""
+_OVER = 0.1
+"""How much faster than its wheels say a rigid rover may be measured to move, as a share of their speed."""
 _NEAR = 0.7
 """s without a position around a start, after which its pose and velocity count as badly known."""
 
@@ -180,4 +182,21 @@ def _finite(motion: Motion, speeds: Array, robot: Robot) -> Motion:
     forward, yaw = float(wheels.mean()), float(np.nan_to_num(motion.yaw))
     if not np.isfinite([motion.vx, motion.vy]).all():
         motion = motion._replace(vx=forward * np.cos(yaw), vy=forward * np.sin(yaw))
-    return motion._replace(yaw=yaw, yaw_rate=float(np.nan_to_num(motion.yaw_rate)))
+    motion = motion._replace(yaw=yaw, yaw_rate=float(np.nan_to_num(motion.yaw_rate)))
+    return motion if robot.articulated else _driven(motion, wheels, robot)
+
+
+def _driven(motion: Motion, wheels: Array, robot: Robot) -> Motion:
+    """A rigid rover's motion, no faster than its wheels make it.
+
+    Its velocities are mostly differences of poses, and where those jump (6 m/s, 8 rad/s have been seen) no window
+    could be predicted from them. `wheels` (2,) are the speeds of its rims, m/s.
+    """
+    c, s = np.cos(motion.yaw), np.sin(motion.yaw)
+    over = _OVER * float(np.abs(wheels).max())
+    turn = float(wheels[0] - wheels[1]) / robot.front.i_y
+    rate = float(np.clip(motion.yaw_rate, min(turn, 0.0) - over, max(turn, 0.0) + over))
+    forward = float(np.clip(c * motion.vx + s * motion.vy, wheels.min() - over, wheels.max() + over))
+    aside = 0.5 * robot.front.i_x * abs(rate) + over
+    left = float(np.clip(c * motion.vy - s * motion.vx, -aside, aside))
+    return motion._replace(vx=c * forward - s * left, vy=s * forward + c * left, yaw_rate=rate)

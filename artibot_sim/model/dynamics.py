@@ -30,7 +30,7 @@ def free_acceleration(body, p, fx, v_x, v_y, gamma_dot, s_g, c_g, forces, module
     effect in a steady turn. With effects x and y are those of the centre of mass.
     """
     if fx is not None:
-        forces = about_mass_centre(body, p, fx, forces, s_g, c_g, module, w)
+        forces = about_mass_centre(body, p, fx, c_g * v_x + s_g * v_y, forces, s_g, c_g, module, w)
     x, y, z, alpha, gamma = forces
     m, extra = body.inverse[0], body.sluggish
     if dt > 0.0 and extra != 0.0:

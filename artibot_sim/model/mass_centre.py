@@ -18,13 +18,16 @@ def mass_centre(fx, module, s_g, c_g):
 
 
 @inlined
-def about_mass_centre(body, p, fx, forces, s_g, c_g, module, w):
-    """Forces on a module at its origin (x, y, z, alpha, gamma), the effects' added, moved to its centre of mass."""
+def about_mass_centre(body, p, fx, forward, forces, s_g, c_g, module, w):
+    """Forces on a module at its origin (x, y, z, alpha, gamma), the effects' added, moved to its centre of mass.
+
+    `forward` is the origin's speed along the module, m/s.
+    """
     x, y, z, alpha, gamma = forces
     push_x, push_y = hooks.push(fx, module)
     if module == 0:
         w[PUSH], w[PUSH + 1] = push_x, push_y
-    surge, sway, turn = hooks.load(fx, module)
+    surge, sway, turn = hooks.load(fx, module, forward)
     load_x, load_y = c_g * surge - s_g * sway, s_g * surge + c_g * sway
     o = LOAD + 3 * module
     w[o], w[o + 1], w[o + 2] = load_x, load_y, turn

@@ -86,14 +86,14 @@ class PlainEffects:
         force, heading = self._of("external_force", "force"), self._of("external_force", "heading")
         return force * math.cos(heading), force * math.sin(heading)
 
-    def load(self, module: int) -> tuple[float, float, float]:
-        """Force along and across a module's own frame, N, and yaw moment, N m."""
+    def load(self, module: int, forward: float) -> tuple[float, float, float]:
+        """Force along and across a module's own frame, N, and yaw moment, N m, at its forward speed, m/s."""
         since = self.t - self._of("residual_force", "since")
         names = ("front_surge", "front_sway", "front_turn") if module == 0 else ("", "", "back_turn")
         surge, sway, turn = (
             self._of("residual_force", n) + since * self._of("residual_force", f"{n}_rate") for n in names
         )
-        return surge, sway, turn
+        return surge - self._of("motion_resistance", "force") * math.tanh(forward / 0.05), sway, turn
 
 
 NEUTRAL = PlainEffects()

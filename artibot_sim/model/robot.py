@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.effects import effects_from_dict
+from artibot_sim.model.effects import EFFECTS, effects_from_dict
 from artibot_sim.model.quantity import Quantity, not_negative, positive, quantity
 
 MOTORS = ("front_right", "front_left", "back_right", "back_left")
@@ -179,9 +179,16 @@ class Robot:
         """Every physical parameter as (key, declaration, value), in the order of a robot file."""
         yield from _walk(self, "")
 
+    def effect_quantities(self) -> Iterator[tuple[str, Quantity, float]]:
+        """Every number of the effects that the robot has, as `quantities` (``"effects.slope.grade"``)."""
+        for name, values in self.effects.items():
+            for parameter, declared in EFFECTS[name].parameters.items():
+                if isinstance(declared.quantity, Quantity):
+                    yield f"effects.{name}.{parameter}", declared.quantity, float(values[parameter])
+
     def as_vector(self, keys: Sequence[str]) -> NDArray[np.float64]:
-        """Values of `keys` (``"contact.k_l"``, …) as an array, for fitting."""
-        values = {key: value for key, _, value in self.quantities()}
+        """Values of `keys` (``"contact.k_l"``, ``"effects.slope.grade"``, …) as an array, for fitting."""
+        values = {key: value for key, _, value in (*self.quantities(), *self.effect_quantities())}
         return np.array([_look_up(values, key) for key in keys])
 
     def with_vector(self, keys: Sequence[str], values: Sequence[float] | NDArray[np.float64]) -> Robot:
@@ -194,17 +201,26 @@ class Robot:
         Parameters
         ----------
         changes : mapping
-            Key (``"contact.k_l"``, ``"front.m"``, ``"control.kappa"``) to value.
+            Key (``"contact.k_l"``, ``"front.m"``, ``"effects.slope.grade"`` of an effect it has) to value.
         source : str
             What is noted as the origin of the changed values.
         """
-        known = {key for key, _, _ in self.quantities()}
+        own = {key for key, _, _ in self.quantities()}
+        known = own | {key for key, _, _ in self.effect_quantities()}
         for key in changes:
             if key not in known and key not in _SWITCHES:
                 raise ArtibotError(f"{key}: not a parameter of robot '{self.name}'; known: {', '.join(sorted(known))}")
         sources = dict(self.sources) | {key: source for key in changes if key in known}
-        leaves = {tuple(key.split(".")): float(v) if key in known else bool(v) for key, v in changes.items()}
-        return _replace_leaves(self, leaves | {("sources",): sources})
+        leaves: dict[tuple[str, ...], Any] = {
+            tuple(key.split(".")): float(v) if key in own else bool(v)
+            for key, v in changes.items()
+            if key not in known - own
+        }
+        effects = {name: dict(values) for name, values in self.effects.items()}
+        for key in (known - own) & set(changes):
+            _, name, parameter = key.split(".")
+            effects[name][parameter] = float(changes[key])
+        return _replace_leaves(self, leaves | {("sources",): sources, ("effects",): effects})
 
 
 def _walk(node: Any, path: str) -> Iterator[tuple[str, Quantity, float]]:

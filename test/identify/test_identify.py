@@ -12,7 +12,8 @@ from click.testing import CliRunner
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import Channel, Experiment, write_channels
 from artibot_sim.identify import Effort, Prior, Status, identify, parse_priors
-from artibot_sim.identify.run import Work
+from artibot_sim.identify.parameters import parameter_set
+from artibot_sim.identify.run import Work, problem_of
 from artibot_sim.identify.synthetic import Noise, synthetic
 from artibot_sim.model import Robot, load_robot, save_robot
 from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop, Straight
@@ -97,13 +98,16 @@ def test_the_command_writes_its_files(real: Robot, tmp_path: Path) -> None:
     drive = synthetic(real, TURNS, kappa=0.7, seed=8, duration=8.0)
     tables = {key: (channel.t_ns, dict(channel.columns)) for key, channel in drive.channels.items()}
     write_channels(tmp_path / "run", tables, dict(drive.metadata))
-    wanted = ["--out", str(tmp_path / "soil.yaml"), "--json", str(tmp_path / "soil.json")]
+    names = {"--out": "soil.yaml", "--json": "soil.json", "--report": "soil.html"}
+    wanted = [word for option, name in names.items() for word in (option, str(tmp_path / name))]
     given = [str(tmp_path / "run"), "--robot", "agriq", "--fit", "k_t", *wanted]
     done = CliRunner().invoke(command, given, catch_exceptions=False)
     assert done.exit_code == 0
     assert load_robot(tmp_path / "soil.yaml").contact.k_t != load_robot("agriq").contact.k_t
     assert "k_t" in done.output
     assert (tmp_path / "soil.json").stat().st_size > 100
+    assert (tmp_path / "soil.html").stat().st_size > 10_000
+    assert (tmp_path / "soil.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_the_command_refuses_before_the_work(tmp_path: Path) -> None:
@@ -193,6 +197,37 @@ def test_wrong_parameters_are_refused(real: Robot, fit: list[str], priors: dict,
     drive = synthetic(real, STRAIGHT, duration=3.0)
     with pytest.raises(ArtibotError, match=said):
         identify([drive], real, fit=fit, priors=priors)
+
+
+def test_an_effect_can_be_fitted_that_the_robot_does_not_have() -> None:
+    """It begins at its prior's middle, and its other parameters are neutral."""
+    key = "effects.pose_lever_arm.x"
+    found = parameter_set(load_robot("husky"), ("k_l", key), {key: Prior(0.1, 0.05)})
+    assert found.robot.effects["pose_lever_arm"] == {"x": 0.1, "y": 0.0}
+    moved = found.robot_at(found.coordinates([1200.0, 0.2]))
+    assert moved.as_vector(["contact.k_l", key]) == pytest.approx([1200.0, 0.2])
+
+
+def test_a_rigid_rover_starts_no_faster_than_its_wheels() -> None:
+    """A jump of the first pose looks like a speed that no wheel makes."""
+    husky = load_robot("husky")
+    t = np.arange(0.0, 2.0, 0.05)
+    x = 0.165 * 3.0 * t
+    x[0] -= 0.4
+    pose = Channel("/ground_truth/odom", *_stamps(t), {"x": x, "y": 0.0 * t, "yaw": 0.0 * t})
+    angle = {f"{m}.velocity": np.full(len(t), 3.0) for m in ("front_right", "front_left")}
+    motors = Channel("/motor_torques", *_stamps(t), angle)
+    jumped = Experiment(
+        "jump", Path("jump"), {}, 0, {"motor_torques": motors, "ground_truth_odom": pose}, ((0.0, t[-1]),)
+    )
+    start = problem_of([jumped], parameter_set(husky, ("k_l",)), 2.0, 1).starts[0]
+    assert abs(start[3]) < 1.11 * 0.165 * 3.0
+    assert np.abs(start[4:6]).max() < 0.06
+
+
+def _stamps(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    stamps = np.round(t * 1e9).astype(np.int64)
+    return stamps, t, stamps
 
 
 def test_a_recording_without_positions_is_refused(real: Robot) -> None:

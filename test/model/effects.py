@@ -20,6 +20,7 @@ SEVERITY_1 = {
     "rolling_resistance_speed": {"coefficient": 1.5},
     "com_offset": {"x": 0.06, "y": -0.04},
     "residual_force": {"back_turn": 10.0, "front_sway": 10.0, "front_sway_rate": -3.0, "since": 1.0},
+    "motion_resistance": {"force": 30.0},
     "payload": {"mass": 15.0, "module": "back"},
     "joint_friction": {"torque": 10.0},
     "joint_damping": {"coefficient": 30.0},

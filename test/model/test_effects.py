@@ -145,6 +145,14 @@ def test_larger_right_wheels_turn_left(agriq, relative):
     assert np.sign(result["gamma_f"][-1]) == np.sign(relative)
 
 
+@pytest.mark.parametrize("speed", [0.4, -0.4])
+def test_motion_resistance_is_pulled_against_by_the_wheels(agriq, speed):
+    free = turn(agriq, speed=speed, yaw_rate=0.0)
+    held = turn(with_effects(agriq, motion_resistance={"force": 30.0}), speed=speed, yaw_rate=0.0)
+    more = total(held, "F_l")[-1] - total(free, "F_l")[-1]
+    assert more == pytest.approx(np.sign(speed) * 60.0, rel=1e-3)  # both modules are resisted
+
+
 def test_a_push_from_behind_relieves_the_motors(agriq, straight):
     pushed = turn(with_effects(agriq, external_force={"force": 35.0, "heading": 0.0}), yaw_rate=0.0)
     less = total(straight, "F_l")[-1] - total(pushed, "F_l")[-1]

@@ -1,0 +1,28 @@
+"""Ground that a module ploughs through: a force on the body, where rolling resistance is a torque on its wheels."""
+
+from __future__ import annotations
+
+import math
+
+from artibot_sim.model.compiled import inlined
+from artibot_sim.model.effects.base import Effect, number
+from artibot_sim.model.elementary import tanh
+
+WIDTH = 0.05
+"""Forward speed over which the force changes its sign, m/s."""
+
+
+@inlined
+def load(fx, module, forward):
+    """Force along and across a module's own frame (N) and yaw moment (N m), at its forward speed (m/s)."""
+    return -fx.motion_resistance.force * tanh(forward / WIDTH), 0.0, 0.0
+
+
+EFFECT = Effect(
+    id="motion_resistance",
+    acts="environment",
+    doc="A force of constant size against each module's forward motion: loose ground in front of the wheels, a crust, "
+    "high grass. Wheels that hold make up for it with little slip, wheels that slide in a turn with much.",
+    parameters={"force": number("N", 0.0, math.inf, "against the forward motion of each module's origin")},
+    hooks={"load": load},
+)
