@@ -56,8 +56,8 @@ def evidence(rival: Rival, baseline_cost: float) -> Evidence:
     """The evidence of the view that is driven by rotations; both were fitted under the same loss."""
     problem, point, loss = rival.problem, rival.fit.point, rival.fit.loss
     free = free_parameters(problem)
-    residuals, sensitivities = problem.linearised(point.coordinates, point.starts, free)
-    reduced = reduce(problem, loss, residuals, sensitivities, point.starts)
+    residuals, sensitivity = problem.linearised(point.coordinates, point.starts, free)
+    reduced = reduce(problem, loss, residuals, sensitivity, point.starts)
     prior = problem.parameters.prior_information
     covariance = np.asarray(np.linalg.inv(reduced.matrix + prior[np.ix_(list(free), list(free))]), float)
     size = len(rival.own)

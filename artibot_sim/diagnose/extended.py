@@ -48,8 +48,8 @@ def uncertain(problem: Problem, fit: Fit, seed: int) -> Uncertain:
     """Covariances at a fit's end."""
     parameters, point = problem.parameters, fit.point
     free = free_parameters(problem)
-    residuals, sensitivities = problem.linearised(point.coordinates, point.starts, free)
-    reduced = reduce(problem, fit.loss, residuals, sensitivities, point.starts)
+    residuals, sensitivity = problem.linearised(point.coordinates, point.starts, free)
+    reduced = reduce(problem, fit.loss, residuals, sensitivity, point.starts)
     index = list(free)
     own = np.zeros((len(parameters), len(parameters)))
     information = reduced.matrix + parameters.prior_information[np.ix_(index, index)]

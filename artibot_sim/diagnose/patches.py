@@ -69,7 +69,7 @@ def _discs(base: Around, effect: str, probes: Sequence[tuple[float, ...]]) -> li
         hypothesis = Hypothesis(_extension(effect, disc), (disc.probe,), max(1, len(tried) * len(centres)))
         problem = with_effect(base.problem, hypothesis.extension)
         first = evaluate(problem, base.loss, [np.concatenate([base.point.coordinates, disc.probe])], base.point.starts)
-        point, _, _ = step(problem, base.loss, first[0], base.free, known=base.sensitivities, tries=2)
+        point, _, _ = step(problem, base.loss, first[0], base.free, known=base.sensitivity, tries=2)
         trials.append(Trial(hypothesis, problem, point, np.full(1, np.inf)))
     return trials
 

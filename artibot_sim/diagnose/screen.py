@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.hypotheses import Hypothesis, with_effect
-from artibot_sim.identify.gauss_newton import Point, evaluate, reduce, step
+from artibot_sim.identify.gauss_newton import Point, assess, evaluate, reduce, step
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.search import free_parameters
@@ -64,23 +64,22 @@ class Around:
     point : Point
         Its residuals simulated, not guessed.
     free : tuple of int
-    sensitivities : sequence of Sensitivity
+    sensitivity : Sensitivity
     """
 
     problem: Problem
     loss: Loss
     point: Point
     free: tuple[int, ...]
-    sensitivities: Sequence[Sensitivity]
+    sensitivity: Sensitivity
 
 
 def around(problem: Problem, loss: Loss, point: Point) -> Around:
     """Sensitivities at a baseline."""
     free = free_parameters(problem)
-    residuals, sensitivities = problem.linearised(point.coordinates, point.starts, free)
-    exact = evaluate(problem, loss, [point.coordinates], point.starts)[0]
-    del residuals
-    return Around(problem, loss, exact, free, sensitivities)
+    residuals, sensitivity = problem.linearised(point.coordinates, point.starts, free)
+    exact = assess(problem, loss, [point.coordinates], point.starts[None], residuals.flat[None])[0]
+    return Around(problem, loss, exact, free, sensitivity)
 
 
 def screen(base: Around, found: Sequence[Hypothesis], tick: Callable[[], None] = lambda: None) -> list[Trial]:
@@ -100,7 +99,7 @@ def _screened(base: Around, hypothesis: Hypothesis) -> Trial:
         probes.append(hypothesis.extension.nearest(np.clip(estimate, -_REACH, _REACH)))
     guesses = [guess for probe in probes for guess in _guesses(base, problem, hypothesis, probe)]
     points = evaluate(problem, base.loss, guesses, base.point.starts)
-    ends = [step(problem, base.loss, point, base.free, known=base.sensitivities, tries=2)[0] for point in points]
+    ends = [step(problem, base.loss, point, base.free, known=base.sensitivity, tries=2)[0] for point in points]
     return Trial(hypothesis, problem, min(ends, key=lambda point: point.cost), sd)
 
 
@@ -127,15 +126,11 @@ def _score(base: Around, problem: Problem, hypothesis: Hypothesis) -> tuple[Arra
     origin = np.maximum(np.zeros(len(extension)), extension.bounds[0])
     if extension.search.reference:
         return None, np.full(len(extension), np.inf)  # neutral is infinitely far
-    count, p = len(base.problem.windows), len(base.free)
+    p = len(base.free)
     guesses = [np.concatenate([base.point.coordinates, origin + _SCORE_STEP * e]) for e in np.eye(len(extension))]
-    moved = problem.residuals(guesses, base.point.starts)
-    combined = []
-    for i in range(count):
-        columns = [(residuals[i] - base.point.residuals[i]) / _SCORE_STEP for residuals in moved]
-        known = base.sensitivities[i]
-        combined.append(Sensitivity(np.column_stack([known.parameters, *columns]), known.start))
-    clip(problem.windows, [s.parameters for s in combined])
+    own = (problem.flat_residuals(guesses, base.point.starts) - base.point.residuals.flat) / _SCORE_STEP
+    clip(problem.samples, own)
+    combined = Sensitivity(np.concatenate([base.sensitivity.parameters, own]), base.sensitivity.starts)
     reduced = reduce(problem, base.loss, base.point.residuals, combined, base.point.starts)
     index = [*base.free, *range(len(base.point.coordinates), len(problem.parameters))]
     prior = problem.parameters.prior_information

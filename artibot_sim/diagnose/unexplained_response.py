@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.identify.layout import Parts
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss, spread
 from artibot_sim.identify.windows import CHANNEL_NAMES, Window, window_at
@@ -138,29 +139,21 @@ def _linearised(problem: Problem, coordinates: Array, state: _State, free: Seque
         moved = coordinates.copy()
         moved[i] -= _PARAMETER_STEP
         others.append(problem.parameters.robot_at(moved))
-    t, size = ends(problem), problem.size
-    robots: list[Robot] = []
-    robot, guesses = [], []
-    for w in range(len(problem)):
-        mine = _variants(plain, others, state.forces[w], t[w])
-        robot += [*range(len(robots), len(robots) + len(mine)), *([len(robots)] * size)]
-        robots += mine
-        start = np.repeat(state.starts[w][None], len(mine) + size, axis=0)
-        start[len(mine) :] += np.diag(_START_STEP[:size])
-        guesses.append(start)
-    each = len(guesses[0])
-    window = np.repeat(np.arange(len(problem)), each)
-    flat = problem.simulate(robots, np.array(robot), window, np.concatenate(guesses))
+    t, size, count = ends(problem), problem.size, len(problem)
+    variants = [_variants(plain, others, state.forces[w], t[w]) for w in range(count)]
+    each = len(variants[0])
+    robots = [robot for mine in variants for robot in mine]
+    robot = each * np.arange(count) + np.concatenate([np.arange(each), np.zeros(size, int)])[:, None]
+    starts = np.repeat(state.starts[None], each + size, axis=0)
+    starts[each:] += _START_STEP[:size, None, None] * np.eye(size)[:, None]
+    flat = problem.compare(problem.predictions(robots, robot, starts))
     steps = np.concatenate([np.repeat(_PROBE, KNOTS), np.full(len(others), -_PARAMETER_STEP), _START_STEP[:size]])
-    found = _Linear([], [], [], [])
-    n, p = MOTOR * KNOTS, len(others)
-    for w in range(len(problem)):
-        rows = [problem.compare(w, values) for values in flat[w * each : (w + 1) * each]]
-        columns = (np.array(rows[1:]) - rows[0]).T / steps
-        found.residuals.append(rows[0])
-        found.forces.append(columns[:, :n])
-        found.parameters.append(columns[:, n : n + p])
-        found.starts.append(columns[:, n + p :])
+    table, n = (flat[1:] - flat[0]) / steps[:, None], MOTOR * KNOTS
+    forces, parameters, moves = (
+        [part.T for part in np.split(table[a:b], problem.samples.begin[1:-1], axis=1)]
+        for a, b in ((0, n), (n, n + len(others)), (n + len(others), None))
+    )
+    found = _Linear(list(problem.parts(flat[0])), forces, moves, parameters)
     for part in (found.forces, found.parameters, found.starts):
         _clip(problem.windows, part)
     return found
@@ -190,8 +183,10 @@ def _clip(windows: Sequence[Window], columns: list[Array]) -> None:
             part[mine] = np.clip(part[mine], -limit, limit)
 
 
-def _loss(problem: Problem, residuals: Sequence[Array]) -> Loss:
-    return Loss(spread(problem.windows, residuals), np.ones(len(CHANNEL_NAMES)))
+def _weights(problem: Problem, residuals: Sequence[Array]) -> Parts:
+    """How much each sample counts, by the loss that these residuals ask for."""
+    loss = Loss(spread(problem.windows, residuals), np.ones(len(CHANNEL_NAMES)))
+    return problem.parts(loss.weights(problem.samples, np.concatenate(residuals)))
 
 
 def _explained(problem: Problem, state: _State, linear: _Linear) -> list[Array]:
@@ -206,12 +201,12 @@ def _explained(problem: Problem, state: _State, linear: _Linear) -> list[Array]:
 def _moved(problem: Problem, state: _State, linear: _Linear) -> _State:
     """A damped step of every window's start and forces; torques, in which residuals are linear, as they are best."""
     trusted = _explained(problem, state, linear)
-    loss, t = _loss(problem, trusted), ends(problem)
+    weights, t = _weights(problem, trusted), ends(problem)
     new = _State(state.starts.copy(), state.forces.copy(), state.torques.copy())
     wide = np.repeat(_WIDE, KNOTS)
     n, m = len(wide), len(wide) + len(MOTORS) * KNOTS
     for w, (residual, G, S) in enumerate(zip(linear.residuals, linear.forces, linear.starts, strict=True)):
-        weight, _ = loss.weigh(problem.windows[w], trusted[w])
+        weight = weights[w]
         J = np.hstack([G, _torques(problem.windows[w], t[w]), S])
         known = np.zeros((J.shape[1], J.shape[1]))
         known[:m, :m] = np.diag(np.concatenate([wide, np.full(m - n, _WIDE_TORQUE)]) ** -2.0)
@@ -228,11 +223,11 @@ def _moved(problem: Problem, state: _State, linear: _Linear) -> _State:
 
 def _eliminated(problem: Problem, state: _State, linear: _Linear) -> Answers:
     trusted = _explained(problem, state, linear)
-    loss = _loss(problem, trusted)
+    weights = _weights(problem, trusted)
     matrices, pulls, misfits = [], [], []
     t = ends(problem)
     for w, window in enumerate(problem.windows):
-        weight, _ = loss.weigh(window, trusted[w])
+        weight = weights[w]
         G = np.hstack([linear.forces[w], _torques(window, t[w])])
         X, S, r = np.hstack([G, linear.parameters[w]]), linear.starts[w], linear.residuals[w]
         known = problem.start_weight[w].T @ problem.start_weight[w]

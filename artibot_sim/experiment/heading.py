@@ -57,18 +57,25 @@ class Compass:
         times, course, speed = self._course
         if not len(times):
             return 0.0
-        gyro_t, gyro = self.yaw_rate
+        gyro_t, _ = self.yaw_rate
         near = np.abs(times - t) <= COURSE_SPAN
         if len(gyro_t) < 2 or near.sum() < 8:
             return float(np.interp(t, times, course))
-        times, course, speed = times[near], course[near], speed[near]
-        turned = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(gyro_t) * (gyro[1:, 0] + gyro[:-1, 0]))))
-        rate, _ = local_fit(gyro_t, gyro[:, 0], times, 0.2, degree=1)
-        offset = course - np.interp(times, gyro_t, turned) + np.interp(t, gyro_t, turned)
+        turned, turned_then, rate = self._turned
+        times, course, speed, rate = times[near], course[near], speed[near], rate[near]
+        offset = course - turned_then[near] + np.interp(t, gyro_t, turned)
         away = np.abs(times - t)
         sigma = np.sqrt((_COURSE_NOISE / speed) ** 2 + (_SLIP * rate) ** 2 + _DRIFT**2 * away)
         bias, bound = self._bias
         return _fit_heading(times - t, rate, offset, 1.0 / sigma, (bias, bound))
+
+    @cached_property
+    def _turned(self) -> tuple[Floats, Floats, Floats]:
+        """Return the integrated yaw rate (rad), the same wherever the rover moves, and the yaw rate there."""
+        gyro_t, gyro = self.yaw_rate
+        turned = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(gyro_t) * (gyro[1:, 0] + gyro[:-1, 0]))))
+        times = self._course[0]
+        return turned, np.interp(times, gyro_t, turned), local_fit(gyro_t, gyro[:, 0], times, 0.2, degree=1)[0]
 
     @cached_property
     def _course(self) -> tuple[Floats, Floats, Floats]:
@@ -120,11 +127,12 @@ class Compass:
 def _fit_heading(since: Floats, rate: Floats, offset: Floats, weight: Floats, bias: tuple[float, float]) -> float:
     """Solve offset ≈ heading − bias·since + slip·rate, bias known within bounds; Cauchy's function tames outliers."""
     rows = np.column_stack([np.ones(len(since)), -since, rate])
-    prior = np.diag([0.0, 1.0 / bias[1], 1.0 / _MEAN_SLIP])[1:]
-    expected = prior @ np.array([0.0, bias[0], 0.0])
+    known = np.array([0.0, bias[1] ** -2, _MEAN_SLIP**-2])
+    pulled = known * np.array([0.0, bias[0], 0.0])
     w, x = weight, np.zeros(3)
     for _ in range(5):
-        x = np.linalg.lstsq(np.vstack([rows * w[:, None], prior]), np.append(offset * w, expected), rcond=None)[0]
+        weighted = rows.T * w**2
+        x = np.linalg.solve(weighted @ rows + np.diag(known), weighted @ offset + pulled)
         w = weight / np.sqrt(1.0 + ((offset - rows @ x) * weight / 3.0) ** 2)
     return float(x[0])
 

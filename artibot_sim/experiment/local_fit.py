@@ -11,6 +11,7 @@ HELD = 4
 """Equal samples in a row, at most, that count as one sample and its repetitions; more are a standstill."""
 _BLOCK = 8192
 _NOISE_SAMPLES = 7
+_FEWEST = 15
 _NOISE_LEVERAGE = 7.0 / 21.0  # weight of the middle one of seven even samples in a cubic's value there
 
 
@@ -107,10 +108,20 @@ def noise_of(t: ArrayLike, y: ArrayLike) -> float:
     times, samples = times[used], samples[used]
     new = fresh(samples)
     times, samples = times[new], samples[new]
-    if len(times) < 15:
+    return noise_in(rest_of(times, samples)) if len(times) >= _FEWEST else float("nan")
+
+
+def rest_of(t: Floats, y: Floats) -> Floats:
+    """What a cubic through each sample (n,) and the three on either side leaves over."""
+    value, _ = local_fit(t, y, t, 0.0, least=_NOISE_SAMPLES)
+    return np.asarray(y - value, float)
+
+
+def noise_in(rest: Floats) -> float:
+    """The standard deviation of noise that leaves `rest` (n,), see `rest_of`; NaN for fewer than 15 samples."""
+    if len(rest) < _FEWEST:
         return float("nan")
-    value, _ = local_fit(times, samples, times, 0.0, least=_NOISE_SAMPLES)
-    left = np.abs(samples - value)[3:-3]
+    left = np.abs(rest[3:-3])
     left = left[left > 0]
     if not len(left):
         return 0.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from artibot_sim.experiment.columns import Channel, Experiment, Floats
 from artibot_sim.experiment.heading import Compass, carried_fit
-from artibot_sim.experiment.local_fit import fresh, local_fit, noise_of
+from artibot_sim.experiment.local_fit import fresh, local_fit, noise_in, rest_of
 from artibot_sim.model import MOTORS
 
 POSE_HALF_WIDTH = 0.3
@@ -101,18 +101,28 @@ class Measured:
 
     def at(self, t: float) -> Motion:
         """Return the motion at time `t`, by local fits to the measurements before and after it."""
-        bend, bend_rate = _local(*self.articulation(), t, RATE_HALF_WIDTH)
-        yaw, yaw_slope = _local(*self.yaw(), t, POSE_HALF_WIDTH)
-        times, rates = self.yaw_rate()
-        rate = float(_local(times, rates, t, RATE_HALF_WIDTH, degree=1)[0][0]) if len(times) else float(yaw_slope[0])
+        of = self._local
+        bend, bend_rate = of["articulation"].at(t, RATE_HALF_WIDTH)
+        yaw, yaw_slope = of["yaw"].at(t, POSE_HALF_WIDTH)
+        rated = of["yaw_rate"]
+        rate = float(rated.at(t, RATE_HALF_WIDTH, degree=1)[0][0]) if len(rated.t) else float(yaw_slope[0])
         heading = float(yaw[0]) if np.isfinite(yaw[0]) else self._compass.heading(t)
-        position, velocity = self._carried(t, heading) or _local(*self.position(), t, POSE_HALF_WIDTH)
-        twist = self._twist(t)
-        if twist is not None:
+        position, velocity = self._carried(t, heading) or of["position"].at(t, POSE_HALF_WIDTH)
+        if len(of["twist"].t):
+            twist = of["twist"].at(t, RATE_HALF_WIDTH)[0]
             c, s = np.cos(heading), np.sin(heading)
             velocity = np.array([c * twist[0] - s * twist[1], s * twist[0] + c * twist[1]])
         (x, y), (vx, vy) = position.tolist(), velocity.tolist()
         return Motion(x, y, heading, vx, vy, rate, float(bend[0]), float(bend_rate[0]))
+
+    @cached_property
+    def _local(self) -> dict[str, Local]:
+        """What `at` fits."""
+        series = {
+            "articulation": self.articulation(), "yaw": self.yaw(), "yaw_rate": self.yaw_rate(),
+            "position": self.position(), "twist": self._twist(),
+        }  # fmt: skip
+        return {name: Local(*samples) for name, samples in series.items()}
 
     @cached_property
     def _compass(self) -> Compass:
@@ -127,7 +137,8 @@ class Measured:
 
     def _carried(self, t: float, heading: float) -> tuple[Floats, Floats] | None:
         """Return place and velocity (2,) at `t` with the help of the accelerometer, None if there is none."""
-        return carried_fit(self.position(), *self.sensed, t, heading) if len(self.sensed[0]) else None
+        position = self._local["position"]
+        return carried_fit((position.t, position.values), *self.sensed, t, heading) if len(self.sensed[0]) else None
 
     @cached_property
     def sensed(self) -> tuple[Floats, Floats]:
@@ -136,13 +147,10 @@ class Measured:
         times, sensed = _samples(imu, ("ax", "ay", "yaw_rate"), self.t_start, self.t_end) if imu else _nothing(3)
         return (times, sensed) if len(times) >= 20 and sensed[:, :2].any() else _nothing(3)
 
-    def _twist(self, t: float) -> Floats | None:
-        """Return the measured velocity (2,) in the rover's frame, m/s, if the ground truth has one."""
+    def _twist(self) -> tuple[Floats, Floats]:
+        """Return times (n,) and velocities (n, 2) in the rover's frame, m/s, if the ground truth has them."""
         channel = self.experiment.channels.get("ground_truth_odom")
-        if channel is None or not {"vx", "vy"} <= set(channel.columns):
-            return None
-        times, values = _samples(channel, ("vx", "vy"), self.t_start, self.t_end)
-        return _local(times, values, t, RATE_HALF_WIDTH)[0] if len(times) else None
+        return _samples(channel, ("vx", "vy"), self.t_start, self.t_end) if channel else _nothing(2)
 
 
 def _nothing(columns: int) -> tuple[Floats, Floats]:
@@ -160,14 +168,29 @@ def _samples(channel: Channel, names: tuple[str, ...], t_start: float, t_end: fl
     return times[new], values[new]
 
 
-def _local(times: Floats, values: Floats, t: float, half_width: float, degree: int = 3) -> tuple[Floats, Floats]:
-    """Return values and rates (k,) at `t`: those of a local fit, or of the samples themselves if they are exact."""
-    if not len(times):
-        nan = np.full(values.shape[1], np.nan)
-        return nan, nan
-    value, rate = local_fit(times, values, np.array([t]), half_width, degree)
-    near = slice(*np.searchsorted(times, (t - 20 * half_width, t + 20 * half_width)))
-    exact = [noise_of(times[near], column[near]) < _EXACT for column in values.T]
-    if all(exact) and times[0] <= t <= times[-1]:
-        value = np.array([[np.interp(t, times, column) for column in values.T]])
-    return value[0], rate[0]
+@dataclass(frozen=True)
+class Local:
+    """Samples `values` (n, k) at times `t` (n,), of which values and rates at other times are wanted."""
+
+    t: Floats
+    values: Floats
+
+    def at(self, t: float, half_width: float, degree: int = 3) -> tuple[Floats, Floats]:
+        """Return values and rates (k,) at `t`: of a local fit, or of the samples themselves if they are exact."""
+        times, values = self.t, self.values
+        if not len(times):
+            nan = np.full(values.shape[1], np.nan)
+            return nan, nan
+        value, rate = local_fit(times, values, np.array([t]), half_width, degree)
+        if times[0] <= t <= times[-1] and self._exact(t, 20 * half_width):
+            value = np.array([[np.interp(t, times, column) for column in values.T]])
+        return value[0], rate[0]
+
+    def _exact(self, t: float, reach: float) -> bool:
+        """Whether samples as far as `reach` from `t` have next to no noise."""
+        near = slice(*np.searchsorted(self.t, (t - reach, t + reach)))
+        return all(noise_in(rest[near]) < _EXACT for rest in self._rests)
+
+    @cached_property
+    def _rests(self) -> list[Floats]:
+        return [rest_of(self.t, column) for column in self.values.T]

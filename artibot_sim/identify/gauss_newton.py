@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.identify.layout import Parts
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.sensitivity import Sensitivity
@@ -29,7 +30,7 @@ class Point:
     ----------
     coordinates : array, shape (p,)
     starts : array, shape (windows, 8 or 6)
-    residuals : list of array
+    residuals : Parts
         Window by window, in units of noise.
     losses : array, shape (windows,)
         With the priors of the starts.
@@ -39,7 +40,7 @@ class Point:
 
     coordinates: Array
     starts: Array
-    residuals: list[Array]
+    residuals: Parts
     losses: Array
     cost: float
 
@@ -56,28 +57,32 @@ class Reduced:
         What each window pulls, with the same elimination.
     matrices : array, shape (windows, f, f)
         Information of each window.
+    back : array, shape (windows, 8 or 6, f + 1)
+        How each start goes along with the parameters, and last how far it is from its own best, both negative.
     """
 
     matrix: Array
     gradient: Array
     matrices: Array
-    steps: Sequence[tuple[Array, Array]]
+    back: Array
 
 
 def evaluate(problem: Problem, loss: Loss, coordinates: Sequence[Array], starts: Array) -> list[Point]:
     """The loss at several sets of coordinates; `starts` as in `Problem.residuals`."""
-    all_starts = np.broadcast_to(starts, (len(coordinates), len(problem), problem.size))
-    sets = problem.residuals(coordinates, all_starts)
+    every = np.broadcast_to(starts, (len(coordinates), len(problem), problem.size))
+    return assess(problem, loss, coordinates, every, problem.flat_residuals(coordinates, every))
+
+
+def assess(problem: Problem, loss: Loss, coordinates: Sequence[Array], starts: Array, residuals: Array) -> list[Point]:
+    """The loss of several sets of residuals that are known, (sets, n), with as many starts (sets, windows, 8 or 6)."""
+    away = np.einsum("wij,swj->swi", problem.start_weight, starts - problem.starts)
+    losses = loss.totals(problem.samples, residuals) + (away**2).sum(axis=2)
     return [
-        assess(problem, loss, c, s, residuals) for c, s, residuals in zip(coordinates, all_starts, sets, strict=True)
+        Point(
+            c, np.array(starts[k]), problem.parts(residuals[k]), losses[k], float(losses[k].sum() + prior(problem, c))
+        )
+        for k, c in enumerate(coordinates)
     ]
-
-
-def assess(problem: Problem, loss: Loss, coordinates: Array, starts: Array, residuals: list[Array]) -> Point:
-    """The loss of residuals that are known."""
-    away = np.einsum("wij,wj->wi", problem.start_weight, starts - problem.starts)
-    losses = loss.total(problem.windows, residuals) + (away**2).sum(axis=1)
-    return Point(coordinates, np.array(starts), residuals, losses, float(losses.sum() + prior(problem, coordinates)))
 
 
 def prior(problem: Problem, coordinates: Array) -> float:
@@ -85,29 +90,22 @@ def prior(problem: Problem, coordinates: Array) -> float:
     return float(coordinates @ problem.parameters.prior_information @ coordinates)
 
 
-def reduce(
-    problem: Problem, loss: Loss, residuals: Sequence[Array], sensitivities: Sequence[Sensitivity], starts: Array
-) -> Reduced:
+def reduce(problem: Problem, loss: Loss, residuals: Parts, sensitivity: Sensitivity, starts: Array) -> Reduced:
     """Eliminate every window's start by its Schur complement."""
-    gradients, matrices, steps = [], [], []
-    for i, (residual, sensitivity) in enumerate(zip(residuals, sensitivities, strict=True)):
-        weight, _ = loss.weigh(problem.windows[i], residual)
-        J_s, J_p = sensitivity.start, sensitivity.parameters
-        known = problem.start_weight[i].T @ problem.start_weight[i]
-        A = (J_s.T * weight) @ J_s + known
-        B = (J_s.T * weight) @ J_p
-        g_s = J_s.T @ (weight * residual) + known @ (starts[i] - problem.starts[i])
-        g_p = J_p.T @ (weight * residual)
-        scale = np.sqrt(np.diag(A))
-        solved = (
-            np.linalg.solve(A / np.outer(scale, scale), np.column_stack([B, g_s]) / scale[:, None]) / scale[:, None]
-        )
-        S, s = solved[:, :-1], solved[:, -1]
-        matrices.append((J_p.T * weight) @ J_p - B.T @ S)
-        gradients.append(g_p - B.T @ s)
-        steps.append((s, S))
-    stacked = np.array(matrices)
-    return Reduced(stacked.sum(axis=0), np.array(gradients), stacked, steps)
+    weight, p = loss.weights(problem.samples, residuals.flat), len(sensitivity.parameters)
+    rows = np.concatenate([sensitivity.parameters, sensitivity.starts, residuals.flat[None]])
+    weighted = rows * weight
+    edges = problem.samples.begin.tolist()
+    sums = np.array([weighted[:, a:b] @ rows[:, a:b].T for a, b in zip(edges, edges[1:], strict=False)])
+    known = problem.start_information
+    A, B = sums[:, p:-1, p:-1] + known, sums[:, p:-1, :p]
+    g_s = sums[:, p:-1, -1] + np.einsum("wij,wj->wi", known, starts - problem.starts)
+    scale = np.sqrt(np.einsum("wii->wi", A))
+    right = np.concatenate([B, g_s[:, :, None]], axis=2) / scale[:, :, None]
+    solved = np.linalg.solve(A / (scale[:, :, None] * scale[:, None, :]), right) / scale[:, :, None]
+    matrices = sums[:, :p, :p] - B.transpose(0, 2, 1) @ solved[:, :, :-1]
+    gradients = sums[:, :p, -1] - np.einsum("wsp,ws->wp", B, solved[:, :, -1])
+    return Reduced(matrices.sum(axis=0), gradients, matrices, solved)
 
 
 def step(
@@ -116,7 +114,7 @@ def step(
     point: Point,
     free: Sequence[int],
     damping: float = _DAMPING,
-    known: Sequence[Sensitivity] | None = None,
+    known: Sensitivity | None = None,
     tries: int = 4,
 ) -> tuple[Point, Reduced, float]:
     """One step: the new point (the old one if nothing is gained), what it was computed from, and the next damping.
@@ -124,10 +122,10 @@ def step(
     A window whose start gets worse by its own step keeps the old one: a start that slips over a switch of eq. 16
     must not hold back all others. Sensitivities to `free` that are `known` from near by save computing them.
     """
-    residuals, sensitivities = point.residuals, known
-    if sensitivities is None:
-        residuals, sensitivities = problem.linearised(point.coordinates, point.starts, free)
-    reduced = reduce(problem, loss, residuals, sensitivities, point.starts)
+    residuals, sensitivity = point.residuals, known
+    if sensitivity is None:
+        residuals, sensitivity = problem.linearised(point.coordinates, point.starts, free)
+    reduced = reduce(problem, loss, residuals, sensitivity, point.starts)
     index = list(free)
     information = problem.parameters.prior_information
     gradient = reduced.gradient.sum(axis=0) + (information @ point.coordinates)[index]
@@ -139,7 +137,7 @@ def step(
         coordinates[index] += move
         coordinates = problem.parameters.inside(coordinates)
         taken = coordinates[index] - point.coordinates[index]
-        moved = np.array([-(s + S @ taken) for s, S in reduced.steps])
+        moved = -(reduced.back[:, :, -1] + reduced.back[:, :, :-1] @ taken)
         limit = _START_STEPS * problem.start_sd
         moved = np.clip(moved, -limit, limit)
         new = best_of(problem, loss, coordinates, [point.starts + share * moved for share in _SHARES])
@@ -152,17 +150,20 @@ def step(
 def best_of(problem: Problem, loss: Loss, coordinates: Array, candidates: Sequence[Array]) -> Point:
     """The point at `coordinates` where each window takes the best of several starts, each aligned to its path first."""
     points = evaluate(problem, loss, [coordinates] * len(candidates), np.array(candidates))
-    return merged_points(problem, [*points, *(align(problem, loss, point) for point in points)])
+    moved = _guessed(problem, loss, points)
+    if not problem.parameters.uniform:  # one more simulation, of the best guesses
+        moved = evaluate(problem, loss, [coordinates], merged_points(problem, moved).starts)
+    return merged_points(problem, [*points, *moved])
 
 
 def merged_points(problem: Problem, points: Sequence[Point]) -> Point:
     """Of points with the same coordinates, window by window the one with the least loss."""
-    choice = np.argmin([point.losses for point in points], axis=0)
-    starts = np.array([points[k].starts[i] for i, k in enumerate(choice)])
-    residuals = [points[k].residuals[i] for i, k in enumerate(choice)]
-    losses = np.array([points[k].losses[i] for i, k in enumerate(choice)])
-    coordinates = points[0].coordinates
-    return Point(coordinates, starts, residuals, losses, float(losses.sum() + prior(problem, coordinates)))
+    losses = np.array([point.losses for point in points])
+    choice, each = np.argmin(losses, axis=0), np.arange(losses.shape[1])
+    starts = np.array([point.starts for point in points])[choice, each]
+    flat = np.concatenate([points[k].residuals[i] for i, k in enumerate(choice.tolist())])
+    least, coordinates = losses[choice, each], points[0].coordinates
+    return Point(coordinates, starts, problem.parts(flat), least, float(least.sum() + prior(problem, coordinates)))
 
 
 def polished(problem: Problem, loss: Loss, point: Point, starts: Array, steps: int = 2) -> Point:
@@ -175,14 +176,17 @@ def polished(problem: Problem, loss: Loss, point: Point, starts: Array, steps: i
 
 def align(problem: Problem, loss: Loss, point: Point) -> Point:
     """Every window's start moved and turned as its path wants it; simulated again where the ground is not uniform."""
-    pairs = [problem.aligned(i, r, s) for i, (r, s) in enumerate(zip(point.residuals, point.starts, strict=True))]
-    starts = np.array([s for s, _ in pairs])
-    if not problem.parameters.uniform:
-        return evaluate(problem, loss, [point.coordinates], starts)[0]
-    return assess(problem, loss, point.coordinates, starts, [r for _, r in pairs])
+    moved = _guessed(problem, loss, [point])[0]
+    return moved if problem.parameters.uniform else evaluate(problem, loss, [point.coordinates], moved.starts)[0]
+
+
+def _guessed(problem: Problem, loss: Loss, points: Sequence[Point]) -> list[Point]:
+    """The same without a simulation: where the ground is not uniform a guess."""
+    flat = np.array([point.residuals.flat for point in points])
+    starts, flat = problem.aligned(flat, np.array([point.starts for point in points]))
+    return assess(problem, loss, [point.coordinates for point in points], starts, flat)
 
 
 def again(problem: Problem, loss: Loss, point: Point) -> Point:
     """The same point under another loss."""
-    new = assess(problem, loss, point.coordinates, point.starts, point.residuals)
-    return replace(new, starts=point.starts)
+    return assess(problem, loss, [point.coordinates], point.starts[None], point.residuals.flat[None])[0]

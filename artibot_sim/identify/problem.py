@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -9,6 +10,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.identify import kernels
+from artibot_sim.identify.layout import Parts, Samples
 from artibot_sim.identify.parameters import ParameterSet
 from artibot_sim.identify.sensing import Stretch
 from artibot_sim.identify.sensitivity import Sensitivity, clip, rigid
@@ -27,6 +30,8 @@ _RIGID = 3
 """The first starts, x, y and yaw, move a window's prediction as a whole."""
 _LOST = 50.0
 """Residual, in units of noise, of a sample that the simulation never reached."""
+_CALM = 10.0
+"""The same from which a sample pulls a whole window by its size no longer."""
 
 
 @dataclass
@@ -77,7 +82,9 @@ class Problem:
 
     def with_parameters(self, parameters: ParameterSet) -> Problem:
         """The same windows, in the same integration steps, for other parameters to explain."""
-        return replace(self, parameters=parameters, dt=self._batch.dt)
+        new = copy.copy(self)  # what was worked out of the windows stays
+        new.parameters, new.dt = parameters, self._batch.dt
+        return new
 
     def rescaled(self, levels: Array) -> Problem:
         """The same with the noise of each channel multiplied by `levels` (channels,)."""
@@ -105,6 +112,16 @@ class Problem:
         return np.array([window.start.weight for window in self.windows])
 
     @cached_property
+    def start_information(self) -> Array:
+        """Their information, same shape."""
+        return np.asarray(self.start_weight.transpose(0, 2, 1) @ self.start_weight, float)
+
+    @cached_property
+    def samples(self) -> Samples:
+        """What was measured in all windows."""
+        return Samples.of(self.windows)
+
+    @cached_property
     def _late(self) -> NDArray[np.bool_]:
         return np.array([window.start.late for window in self.windows])
 
@@ -119,14 +136,27 @@ class Problem:
         plan = window + len(self.windows) if ends else window
         return self._batch.run(robots, self._items(robots, robot, window, guesses, plan))
 
+    def predictions(self, robots: Sequence[Robot], robot: Indices, starts: Array) -> Array:
+        """Predictions of all samples, shape (sets, n), for sets of which `robot` (sets, windows) and starts."""
+        count = len(self.windows)
+        window, guesses = np.tile(np.arange(count), len(robot)), starts.reshape(-1, self.size)
+        items = self._items(robots, np.ascontiguousarray(robot).ravel(), window, guesses, window)
+        return self._batch.run_flat(robots, items).reshape(len(robot), -1)
+
     def _items(self, robots: Sequence[Robot], robot: Indices, window: Indices, guesses: Array, plan: Indices) -> Items:
         q, v = self._motors
         q, v = states(postures(robots), robot, q[window], v[window], guesses, self._late[window])
-        stretch, first, knots = (
-            np.array([getattr(w, name) for w in self.windows])[window] for name in ("stretch", "first", "knots")
-        )
-        t = np.array([w.t for w in self.windows])[window]
-        return Items(robot, stretch, plan, first, knots, q, v, t)
+        stretch, first, knots = (column[window] for column in self._places)
+        return Items(robot, stretch, plan, first, knots, q, v, self._times[window])
+
+    @cached_property
+    def _places(self) -> Indices:
+        """Of each window stretch, first knot and intervals, shape (3, windows)."""
+        return np.array([(w.stretch, w.first, w.knots) for w in self.windows], np.int64).reshape(-1, 3).T
+
+    @cached_property
+    def _times(self) -> Array:
+        return np.array([w.t for w in self.windows])
 
     def look(self, coordinates: Array, starts: Array, plans: Sequence[Plan]) -> list[Array]:
         """Whatever `plans` (one a window) ask for, (m,) each."""
@@ -147,105 +177,71 @@ class Problem:
         followed = [b is not None and bool(np.isfinite(ends[b]).all()) for b in self._before]
         return np.where(np.array(followed)[:, None], seen, starts)
 
-    def residuals(self, coordinates: Sequence[Array], starts: Array) -> list[list[Array]]:
+    def residuals(self, coordinates: Sequence[Array], starts: Array) -> list[Parts]:
         """Residuals in units of noise for several sets of coordinates (p,), window by window.
 
         Parameters
         ----------
         starts : array, shape (windows, 8 or 6) or (sets, windows, 8 or 6)
         """
-        robots = [self.parameters.robot_at(c) for c in coordinates]
+        return [self.parts(row) for row in self.flat_residuals(coordinates, starts)]
+
+    def flat_residuals(self, coordinates: Sequence[Array], starts: Array) -> Array:
+        """The same one after the other, shape (sets, n)."""
+        places: dict[bytes, int] = {}
+        which = [places.setdefault(c.tobytes(), len(places)) for c in coordinates]
+        robots = [self.parameters.robot_at(np.frombuffer(c)) for c in places]
         count = len(self.windows)
-        robot, window = np.repeat(np.arange(len(robots)), count), np.tile(np.arange(count), len(robots))
-        guesses = np.broadcast_to(starts, (len(robots), count, self.size)).reshape(-1, self.size)
-        flat = self.simulate(robots, robot, window, guesses)
-        return [[self.compare(i, flat[k * count + i]) for i in range(count)] for k in range(len(robots))]
+        guesses = np.broadcast_to(starts, (len(which), count, self.size))
+        return self.compare(self.predictions(robots, np.repeat(which, count).reshape(-1, count), guesses))
 
-    def compare(self, number: int, predicted: Array) -> Array:
-        """Residuals of a window in units of noise; yaw by its shortest way, what diverged as very wrong."""
-        window = self.windows[number]
-        difference = predicted - window.value
-        turned = window.places[2]
-        difference[turned] = np.arctan2(np.sin(difference[turned]), np.cos(difference[turned]))
-        residual: Array = difference / window.sigma
-        residual[~np.isfinite(residual)] = _LOST
-        return residual
+    def parts(self, flat: Array) -> Parts:
+        """Values of all samples, (n,), window by window."""
+        return Parts(flat, self.samples.begin)
 
-    def aligned(self, number: int, residual: Array, start: Array) -> tuple[Array, Array]:
-        """A start moved and turned as a whole so that its path fits best, and the residuals then: no simulation.
+    def compare(self, predicted: Array) -> Array:
+        """Predictions (sets, n) made residuals in units of noise; yaw by its shortest way, what diverged very wrong."""
+        kernels.compare(self.samples, predicted, _LOST)
+        return predicted
+
+    def aligned(self, residuals: Array, starts: Array) -> tuple[Array, Array]:
+        """Starts moved and turned as a whole so that their paths fit best, and the residuals then: no simulation.
 
         Where the ground is uniform only positions and headings notice; elsewhere the residuals are a guess.
-        """
-        window = self.windows[number]
-        x, y, yaw = window.places
-        if not len(x):
-            return start, residual
-        known = self.start_weight[number].T @ self.start_weight[number]
-        rows = np.concatenate([x, y, yaw])
-        sigma, value, now = window.sigma[rows], window.value[rows], residual[rows]
-        predicted = now * sigma + value
-        J = rigid(predicted, start, len(x), len(yaw)) / sigma[:, None]
-        calm = 1.0 / np.maximum(1.0, np.abs(now) / 10.0)
-        pull = (J.T * calm) @ now + (known @ (start - self.starts[number]))[:3]
-        move = -np.linalg.solve((J.T * calm) @ J + known[:3, :3], pull)
-        new, moved, count = start.copy(), residual.copy(), len(x)
-        new[:3] += move
-        c, s = np.cos(move[2]), np.sin(move[2])
-        away_x, away_y = predicted[:count] - start[0], predicted[count : 2 * count] - start[1]
-        there = np.concatenate(
-            [new[0] + c * away_x - s * away_y, new[1] + s * away_x + c * away_y, predicted[2 * count :] + move[2]]
-        )
-        difference = there - value
-        difference[2 * count :] = np.arctan2(np.sin(difference[2 * count :]), np.cos(difference[2 * count :]))
-        moved[rows] = difference / sigma
-        return new, moved
 
-    def linearised(
-        self, coordinates: Array, starts: Array, free: Sequence[int]
-    ) -> tuple[list[Array], list[Sensitivity]]:
+        Parameters
+        ----------
+        residuals : array, shape (sets, n)
+        starts : array, shape (sets, windows, 8 or 6)
+        """
+        starts, residuals = np.array(starts), np.array(residuals)
+        scratch = np.zeros((3, 3)), np.zeros(3)
+        kernels.align(self.samples, residuals, starts, self.starts, self.start_information, _CALM, *scratch)
+        return starts, residuals
+
+    def linearised(self, coordinates: Array, starts: Array, free: Sequence[int]) -> tuple[Parts, Sensitivity]:
         """Residuals and their sensitivities to the parameters numbered `free` and to the starts."""
-        steps = self.parameters.steps
         robots = [self.parameters.robot_at(coordinates)]
         for i in free:
             moved = coordinates.copy()
-            moved[i] += steps[i]
+            moved[i] += self.parameters.steps[i]
             robots.append(self.parameters.robot_at(moved))
         count, p = len(self.windows), len(free)
-        whole = range(_RIGID, self.size) if self._uniform else range(self.size)
-        window = np.tile(np.arange(count), 1 + p + len(whole))
-        robot = np.repeat([*range(1 + p), *(0 for _ in whole)], count)
-        guesses = np.tile(starts, (1 + p + len(whole), 1))
+        whole = range(_RIGID, self.size) if self.parameters.uniform else range(self.size)
+        robot = np.repeat([*range(1 + p), *(0 for _ in whole)], count).reshape(-1, count)
+        guesses = np.tile(starts, (len(robot), 1, 1))
         for k, column in enumerate(whole):
-            guesses[(1 + p + k) * count : (2 + p + k) * count, column] += _START_STEP[column]
-        flat = self.simulate(robots, robot, window, guesses)
-        residuals, sensitivities = [], []
-        for i in range(count):
-            base = self.compare(i, flat[i].copy())
-            columns = [(self.compare(i, flat[(1 + k) * count + i]) - base) / steps[free[k]] for k in range(p)]
-            moved = {c: (self.compare(i, flat[(1 + p + k) * count + i]) - base) / _START_STEP[c]
-                     for k, c in enumerate(whole)}  # fmt: skip
-            if self._uniform:
-                moved |= dict(enumerate(self._whole(i, flat[i], starts[i]).T))
-            start = np.column_stack([moved[c] for c in range(self.size)])
-            parameters = np.column_stack(columns) if columns else np.empty((len(base), 0))
-            residuals.append(base)
-            sensitivities.append(Sensitivity(parameters, start))
-        clip(self.windows, [s.parameters for s in sensitivities])
-        clip(self.windows, [s.start for s in sensitivities])
-        return residuals, sensitivities
-
-    @property
-    def _uniform(self) -> bool:
-        """Whether the ground is the same everywhere and in all directions."""
-        return self.parameters.uniform
-
-    def _whole(self, number: int, predicted: Array, start: Array) -> Array:
-        """Sensitivities (n, 3) to x, y and yaw of the start, where the ground is uniform."""
-        window = self.windows[number]
-        x, y, yaw = window.places
-        rows, columns = np.concatenate([x, y, yaw]), np.zeros((len(window), 3))
-        columns[rows] = np.nan_to_num(rigid(predicted[rows], start, len(x), len(yaw)) / window.sigma[rows][:, None])
-        return columns
+            guesses[1 + p + k, :, column] += _START_STEP[column]
+        flat = self.predictions(robots, robot, guesses)
+        table = np.zeros((p + self.size, flat.shape[1]))
+        if self.parameters.uniform:
+            table[p : p + _RIGID] = rigid(self.samples, flat[0], starts)
+        self.compare(flat)
+        steps = np.concatenate([self.parameters.steps[list(free)], _START_STEP[list(whole)]])
+        rows = [*range(p), *(p + column for column in whole)]
+        table[rows] = (flat[1:] - flat[0]) / steps[:, None]
+        clip(self.samples, table)
+        return self.parts(flat[0].copy()), Sensitivity(table[:p], table[p:])
 
 
 _STATE = np.array([KINDS.index(k) for k in (

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.identify import kernels
+from artibot_sim.identify.layout import Samples
 from artibot_sim.identify.windows import CHANNEL_NAMES, Window
 
 Array = NDArray[np.float64]
@@ -42,26 +44,26 @@ class Loss:
     thinning: Array
     firm: bool = False
 
-    def weigh(self, window: Window, residual: Array) -> tuple[Array, float]:
-        """Weights (n,) for the squares of a window's residuals, and its loss."""
-        scaled = np.abs(residual) / self.inflation
-        count, total = self._blocks(window, scaled)
-        loss, share = _firm(count, total) if self.firm else _rough(count, total)
-        factor = share / self.thinning / self.inflation**2
-        return factor[window.channel] * (SAMPLE_BEND / np.maximum(scaled, SAMPLE_BEND)), float(loss.sum())
-
-    def _blocks(self, window: Window, scaled: Array) -> tuple[Array, Array]:
-        """How many samples each channel of a window is worth, and their losses (channels,), of absolute residuals."""
-        near = np.minimum(scaled, SAMPLE_BEND)  # near² within the bend, and linear beyond it
-        total = np.bincount(window.channel, near * (2.0 * scaled - near), minlength=len(CHANNEL_NAMES))
-        return window.counts / self.thinning, total / self.thinning
-
-    def total(self, windows: Sequence[Window], residuals: Sequence[Array]) -> Array:
-        """Loss of each window, shape (windows,)."""
-        blocks = [self._blocks(w, np.abs(r) / self.inflation) for w, r in zip(windows, residuals, strict=True)]
-        count, total = (np.array([block[k] for block in blocks]) for k in (0, 1))
+    def totals(self, of: Samples, residuals: Array) -> Array:
+        """Loss of each window, shape (sets, windows), of several sets of residuals (sets, n)."""
+        count, total = self._blocks(of, residuals)
         loss, _ = _firm(count, total) if self.firm else _rough(count, total)
         return np.asarray(loss.sum(axis=-1), float)
+
+    def weights(self, of: Samples, residuals: Array) -> Array:
+        """Weights (n,) for the squares of residuals (n,)."""
+        count, total = self._blocks(of, residuals[None])
+        _, share = _firm(count, total[0]) if self.firm else _rough(count, total[0])
+        found = np.empty(len(residuals))
+        factor = share / self.thinning / self.inflation**2
+        kernels.sample_weights(of, residuals, self.inflation, SAMPLE_BEND, factor, found)
+        return found
+
+    def _blocks(self, of: Samples, residuals: Array) -> tuple[Array, Array]:
+        """How many samples each window's channels are worth (w, channels), and their losses (sets, w, channels)."""
+        total = np.empty((len(residuals), of.windows, len(CHANNEL_NAMES)))
+        kernels.block_sums(of, residuals, self.inflation, SAMPLE_BEND, total)
+        return of.counts / self.thinning, total / self.thinning
 
 
 def _rough(count: Array, total: Array) -> tuple[Array, Array]:

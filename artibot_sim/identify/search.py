@@ -243,14 +243,16 @@ def shaken(problem: Problem, loss: Loss, point: Point, tries: int = 12) -> Point
     moves = rng.normal(size=(tries, len(worst), problem.size)) * problem.start_sd[worst] * scale
     starts = point.starts[worst] + moves * _SHAKEN[: problem.size]
     tried = best_of(some, loss, point.coordinates, list(starts))
-    mine = Point(point.coordinates, point.starts[worst], [point.residuals[k] for k in worst], point.losses[worst], 0.0)
+    kept = some.parts(np.concatenate([point.residuals[k] for k in worst.tolist()]))
+    mine = Point(point.coordinates, point.starts[worst], kept, point.losses[worst], 0.0)
     best = polished(some, loss, mine, tried.starts)
-    new_starts, losses, residuals = point.starts.copy(), point.losses.copy(), list(point.residuals)
-    new_starts[worst], losses[worst] = best.starts, best.losses
+    starts, losses, flat = point.starts.copy(), point.losses.copy(), point.residuals.flat.copy()
+    starts[worst], losses[worst] = best.starts, best.losses
+    residuals = problem.parts(flat)
     for i, k in enumerate(worst.tolist()):
-        residuals[k] = best.residuals[i]
+        residuals[k][:] = best.residuals[i]
     cost = point.cost + float(losses.sum() - point.losses.sum())
-    return replace(point, starts=new_starts, losses=losses, residuals=residuals, cost=cost)
+    return replace(point, starts=starts, losses=losses, residuals=residuals, cost=cost)
 
 
 def thinned(problem: Problem, fit: Fit) -> Loss:

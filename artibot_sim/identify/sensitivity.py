@@ -2,59 +2,66 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.identify.windows import CHANNEL_NAMES, Window
+from artibot_sim.identify import kernels
+from artibot_sim.identify.layout import Samples
+from artibot_sim.identify.windows import CHANNEL_NAMES
 
 Array = NDArray[np.float64]
 
-_SOME = 2000
-"""Rows, evenly, that a quantile is taken from."""
+_SHARE = 0.99
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Derivatives of one window's residuals.
+    """Derivatives of the residuals of all windows.
 
     Attributes
     ----------
-    parameters : array, shape (n, p)
-        By the coordinates of the parameters.
-    start : array, shape (n, 8 or 6)
-        By the start.
+    parameters : array, shape (p, n)
+        By the coordinates of the parameters, for all samples.
+    starts : array, shape (8 or 6, n)
+        By the start of the window that a sample is of.
     """
 
     parameters: Array
-    start: Array
+    starts: Array
 
 
-def clip(windows: Sequence[Window], columns: Sequence[Array]) -> None:
-    """Limit sensitivities (n, c) of windows in place, channel by channel, to three times what 99 of 100 have.
+def clip(of: Samples, table: Array) -> None:
+    """Limit sensitivities (c, n) in place, channel by channel, to three times what 99 of 100 have.
 
     A finite difference across a switch of eq. 16 is as large as its step is small; a thousandth of all rows would
     hold most of the information, and none of it is true.
     """
-    channel = np.concatenate([window.channel for window in windows])
-    table = np.concatenate(columns)
-    for c in range(len(CHANNEL_NAMES)):
-        rows = np.flatnonzero(channel == c)
-        if not len(rows):
-            continue
-        limit = 3.0 * np.quantile(np.abs(table[rows[:: max(1, len(rows) // _SOME)]]), 0.99, axis=0)
-        table[rows] = np.clip(table[rows], -limit, limit)
-    ends = np.cumsum([len(window) for window in windows])[:-1]
-    for part, new in zip(columns, np.split(table, ends), strict=True):
-        part[:] = new
+    largest = np.full((len(CHANNEL_NAMES), len(table)), np.inf)
+    for c, rows in enumerate(of.some()):
+        if len(rows):
+            largest[c] = 3.0 * _high(np.abs(table[:, rows]))
+    kernels.limit(of, table, largest)
 
 
-def rigid(predicted: Array, start: Array, count: int, angles: int) -> Array:
-    """How `count` places' x, as many y, and `angles` move with x, y and yaw of a start, shape (2 count + angles, 3)."""
-    J = np.zeros((2 * count + angles, 3))
-    J[:count, 0], J[count : 2 * count, 1], J[2 * count :, 2] = 1.0, 1.0, 1.0
-    J[:count, 2] = start[1] - predicted[count : 2 * count]
-    J[count : 2 * count, 2] = predicted[:count] - start[0]
-    return J
+def _high(values: Array) -> Array:
+    """What _SHARE of each row (c, n) is below, (c,)."""
+    place = _SHARE * (values.shape[1] - 1)
+    low = int(place)
+    high = min(low + 1, values.shape[1] - 1)
+    values.partition((low, high), axis=1)
+    return np.asarray(values[:, low] + (place - low) * (values[:, high] - values[:, low]), float)
+
+
+def rigid(of: Samples, predicted: Array, starts: Array) -> Array:
+    """How samples (n,) move with x, y and yaw of their windows' starts (windows, 8 or 6), shape (3, n).
+
+    As on ground that is the same everywhere and in all directions, where only positions and headings notice.
+    """
+    found, at = np.zeros((3, len(predicted))), of.of_window(starts[:, :2])
+    found[0, of.x], found[1, of.y], found[2, of.yaw] = 1.0, 1.0, 1.0
+    found[2, of.x] = at[of.y, 1] - predicted[of.y]
+    found[2, of.y] = predicted[of.x] - at[of.x, 0]
+    found /= of.sigma
+    return np.nan_to_num(found, copy=False)

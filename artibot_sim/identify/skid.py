@@ -36,7 +36,7 @@ class Kinematic:
 
     def predict(self, problem: Problem, starts: Array) -> list[Array]:
         """Residuals of position and yaw of every window, in units of noise, (n,) each; others are left out (0)."""
-        found = []
+        every = []
         for number, window in enumerate(problem.windows):
             stretch = problem.stretches[window.stretch]
             part = slice(window.first, window.first + window.knots + 1)
@@ -47,8 +47,8 @@ class Kinematic:
             for column, kinds in enumerate(((0,), (1,), HEADINGS)):
                 mine = np.isin(window.plan.kind, kinds)
                 predicted[mine] = np.interp(window.plan.t[mine], t, pose[:, column])
-            found.append(problem.compare(number, predicted))
-        return found
+            every.append(predicted)
+        return list(problem.parts(problem.compare(np.concatenate(every)[None])[0]))
 
     def _integrate(self, speed: Array, dt: float, start: Array) -> Array:
         """Poses (n, 3) from speeds of the right and the left wheels (n, 2), m/s."""

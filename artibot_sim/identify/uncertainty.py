@@ -96,8 +96,8 @@ def _refit(problem: Problem, loss: Loss, begin: Point, coordinates: Array, free:
 
 
 def _node(problem: Problem, loss: Loss, point: Point, free: Sequence[int]) -> Node:
-    residuals, sensitivities = problem.linearised(point.coordinates, point.starts, free)
-    return Node(point, reduce(problem, loss, residuals, sensitivities, point.starts))
+    residuals, sensitivity = problem.linearised(point.coordinates, point.starts, free)
+    return Node(point, reduce(problem, loss, residuals, sensitivity, point.starts))
 
 
 def _with_widths(nodes: dict[float, Node]) -> tuple[Node, ...]:

@@ -151,10 +151,13 @@ class WindowBatch:
         """What each item's plan asks for, (m,) each; NaN from where a rollout diverged."""
         if not len(items):
             return []
+        return np.split(self.run_flat(robots, items), np.cumsum(self._looks.sizes[items.plan])[:-1])
+
+    def run_flat(self, robots: Sequence[Robot], items: Items) -> Array:
+        """The same one after the other."""
         fleet = Fleet.of(robots, self.tables, bool(self._knots.free.any()))
         ends = np.cumsum(self._looks.sizes[items.plan])
-        out = np.full(ends[-1], math.nan)
-        results = np.split(out, ends[:-1])
+        out = np.full(int(ends[-1]) if len(ends) else 0, math.nan)
         together = level(fleet, items) & ~self._looks.wheels[items.plan]
         groups = list(self._groups(fleet, items, np.flatnonzero(together)))
         alone = np.flatnonzero(~together)
@@ -164,10 +167,10 @@ class WindowBatch:
             for group in groups:
                 self._run_lanes(work, group, part, parts, out)
             if len(alone[part::parts]):
-                self._run_alone(fleet, items, alone[part::parts], results)
+                self._run_alone(fleet, items, alone[part::parts], ends, out)
 
         in_threads(run, self.workers or available_cores())
-        return results
+        return out
 
     def _groups(self, fleet: Fleet, items: Items, rows: Indices) -> Iterator[_Group]:
         """Items that can share a block: those with most knots first."""
@@ -190,14 +193,15 @@ class WindowBatch:
         window_lanes.run_windows(work, group.order, part, parts, self.dt, group.steps, settings, buffers, out, *extra)
         self._spare[window_lanes.buffers].append((count, buffers))
 
-    def _run_alone(self, fleet: Fleet, items: Items, rows: Indices, results: Sequence[Array]) -> None:
+    def _run_alone(self, fleet: Fleet, items: Items, rows: Indices, ends: Indices, out: Array) -> None:
         """Items one by one."""
         from artibot_sim.model import window_single
 
         count, buffers = self._borrow(window_single.buffers, int(items.knots[rows].max()) + 1)
         for i in rows:
             table, plan = self.tables[items.table[i]], self.plans[items.plan[i]]
-            window_single.run_window(fleet, items, int(i), table, plan, self.dt, buffers, results[i])
+            mine = out[ends[i] - len(plan.t) : ends[i]]
+            window_single.run_window(fleet, items, int(i), table, plan, self.dt, buffers, mine)
         self._spare[window_single.buffers].append((count, buffers))
 
     def _borrow(self, make: Callable[[int], Any], rows: int) -> tuple[int, Any]:
