@@ -14,6 +14,7 @@ from artibot_sim.bench import (
     nodes,
     peak,
     peers,
+    recorder_node,
     recording,
     speed,
     startup,
@@ -77,6 +78,7 @@ SUITE: dict[str, Benchmark] = {
         ("diagnose_4x45s",), diagnosis.diagnose_4x45s, 90, diagnosis.missing, in_quick=False,
     ),
     "recorder": Benchmark(("recorder_writer",), recording.writer, 3),
+    "recorder_node": Benchmark(("recorder_node",), recorder_node.recorder_node, 40, nodes.missing, in_quick=False),
     "sim": Benchmark(("sim_node_cpu_share", "sim_node_late_p99"), nodes.sim, 26, nodes.missing, in_quick=False),
     "replay": Benchmark(("replay_late_p99",), nodes.replay, 35, nodes.replay_missing, in_quick=False),
     "driver": Benchmark(

@@ -5,11 +5,13 @@ Loops run over four motors × LANES in one piece: one over eight lanes would be 
 
 from __future__ import annotations
 
+import math
+
 from artibot_sim.model.compiled import inlined
 from artibot_sim.model.effects import hooks
 from artibot_sim.model.lane_layout import AT, LANES, MOTORS, effects_at, four, put4
 from artibot_sim.model.layout import MOTOR
-from artibot_sim.model.transmission import DRIVEN, PRESCRIBED, follow, rolling_sign
+from artibot_sim.model.transmission import DRIVEN, PRESCRIBED, ROLLING_WIDTH, follow, rolling_sign
 
 
 @inlined
@@ -43,10 +45,25 @@ def drag_motors(S, fx, t):
 
 
 @inlined
-def load_at(S, fx, j):
+def all_roll(S):
+    """Whether all wheels turn so fast that `rolling_sign` is ±1 to the bit, which spares an exponential for each."""
+    count = 0
+    for j in range(4 * LANES):
+        count += abs(S[AT.TAU + j] * S[AT.V_S + MOTORS + j]) > 20.0 * ROLLING_WIDTH
+    return count == 4 * LANES
+
+
+@inlined
+def plain_sign(omega):
+    """`rolling_sign` of a wheel that turns."""
+    return math.copysign(1.0, omega)
+
+
+@inlined
+def load_at(S, fx, j, sign):
     """Load on a motor of a lane (eq. 22 and drag, motor side), N m, and its inertia, kg m²."""
     F_l, gear = S[AT.PULL + j], S[AT.TAU + j] * S[AT.GEAR + j]
-    rolling = S[AT.U_F_N + j] * rolling_sign(S[AT.TAU + j] * S[AT.V_S + MOTORS + j])
+    rolling = S[AT.U_F_N + j] * sign(S[AT.TAU + j] * S[AT.V_S + MOTORS + j])
     literal = S[AT.LITERAL + j]
     load = gear * (S[AT.R_W + j] * F_l + (literal * F_l if literal != 0.0 else rolling))
     if fx is not None:
@@ -58,18 +75,27 @@ def load_at(S, fx, j):
 def measure_motors(S, fx):
     """Torques that it takes to turn prescribed motors (eq. 21)."""
     for j in range(4 * LANES):
-        load, J = load_at(S, fx, j)
+        load, J = load_at(S, fx, j, rolling_sign)
         S[AT.TORQUE + j] = J * S[AT.ACC + MOTORS + j] + load
 
 
 @inlined
 def turn_motors(S, fx):
-    """Torques of all motors (eq. 21), and what those that are not prescribed do, at the stage.
+    """Torques of all motors (eq. 21), and what those that are not prescribed do, at the stage."""
+    if all_roll(S):
+        turn_with(S, fx, plain_sign)
+    else:
+        turn_with(S, fx, rolling_sign)
 
-    Of all: a loop over the back ones only is so short that it is written out, without vectors, and slower.
+
+@inlined
+def turn_with(S, fx, sign):
+    """As `turn_motors`, with the function of a wheel's speed (rad/s) that gives the sign of rolling resistance.
+
+    Of all motors: a loop over the back ones only is so short that it is written out, without vectors, and slower.
     """
     for j in range(4 * LANES):
-        load, J = load_at(S, fx, j)
+        load, J = load_at(S, fx, j, sign)
         behind = S[AT.D_DOT + j] - S[AT.V_S + MOTORS + j]
         driven = J * (S[AT.D_DDOT + j] + S[AT.GAIN + j] * behind) + load
         M_m = driven if S[AT.MODE + j] == DRIVEN else S[AT.HELD + j]
