@@ -116,7 +116,7 @@ def fit_circle(x: ArrayLike, y: ArrayLike, iterations: int = 50) -> Circle:
         If there are fewer than three different points, or they lie on a line.
     """
     points = _finite_points(x, y)
-    if len(np.unique(points, axis=0)) < 3:
+    if not _three_differ(points):
         raise ArtibotError(f"fit_circle: {len(points)} usable points; expected at least 3 different ones")
     centre = points.mean(axis=0)
     scale = float(np.sqrt(((points - centre) ** 2).sum(axis=1).mean()))
@@ -132,7 +132,7 @@ def _taubin(u: Array, v: Array) -> tuple[float, float, float]:
     z = u * u + v * v
     z_mean = float(z.mean())
     rows = np.column_stack([(z - z_mean) / (2.0 * np.sqrt(z_mean)), u, v])
-    _, sizes, axes = np.linalg.svd(rows, full_matrices=False)
+    _, sizes, axes = np.linalg.svd(np.linalg.qr(rows, mode="r"))  # of the long matrix, without its long factor
     if sizes[1] < 1e-9 * sizes[0] or abs(axes[2, 0]) < 1e-12:
         raise ArtibotError("fit_circle: the points lie on a line; a circle needs a curve")
     p, q, s = axes[2]
@@ -143,19 +143,19 @@ def _taubin(u: Array, v: Array) -> tuple[float, float, float]:
 
 def _refine(u: Array, v: Array, a: float, b: float, r: float, iterations: int) -> tuple[float, float, float]:
     """Minimise the sum of (distance from (a, b) − r)², starting from an algebraic fit."""
-    x = np.array([a, b, r])
-    damping = 1e-3
-    cost = _cost(u, v, x)
+    x, damping = np.array([a, b, r]), 1e-3
+    away = _away(u, v, x)
+    cost = _cost(away, x)
+    jacobian = np.full((3, len(u)), -1.0)
     for _ in range(iterations):
-        du, dv = u - x[0], v - x[1]
-        distance = np.maximum(np.hypot(du, dv), 1e-300)
-        jacobian = np.column_stack([-du / distance, -dv / distance, -np.ones_like(u)])
-        gradient = jacobian.T @ (distance - x[2])
-        normal = jacobian.T @ jacobian
+        jacobian[:2] = away[:2] / -away[2]
+        normal = jacobian @ jacobian.T
+        gradient = jacobian @ (away[2] - x[2])
         step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)) + 1e-300 * np.eye(3), -gradient)
-        tried = _cost(u, v, x + step)
+        there = _away(u, v, x + step)
+        tried = _cost(there, x + step)
         if tried <= cost:
-            x, cost, damping = x + step, tried, damping / 10.0
+            x, cost, away, damping = x + step, tried, there, damping / 10.0
         else:
             damping *= 10.0
         if np.abs(step).max() < 1e-13 * max(1.0, np.abs(x).max()):
@@ -163,8 +163,25 @@ def _refine(u: Array, v: Array, a: float, b: float, r: float, iterations: int) -
     return float(x[0]), float(x[1]), float(abs(x[2]))
 
 
-def _cost(u: Array, v: Array, x: Array) -> float:
-    return float(((np.hypot(u - x[0], v - x[1]) - x[2]) ** 2).sum())
+def _away(u: Array, v: Array, x: Array) -> Array:
+    """Where points (n,) are from a centre x[:2]: along both axes, and how far; shape (3, n)."""
+    away = np.empty((3, len(u)))
+    np.subtract(u, x[0], out=away[0])
+    np.subtract(v, x[1], out=away[1])
+    np.sqrt(away[0] * away[0] + away[1] * away[1], out=away[2])
+    np.maximum(away[2], 1e-300, out=away[2])
+    return away
+
+
+def _cost(away: Array, x: Array) -> float:
+    residual = away[2] - x[2]
+    return float(residual @ residual)
+
+
+def _three_differ(points: Array) -> bool:
+    """Whether at least three of the points (n, 2) are different ones."""
+    others = points[(points != points[:1]).any(axis=1)]
+    return bool((others != others[:1]).any())
 
 
 def _finite_points(x: ArrayLike, y: ArrayLike) -> Array:
