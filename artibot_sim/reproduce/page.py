@@ -28,7 +28,7 @@ def render(sections: Sequence[Section], version: str) -> bytes:
     counter = iter(range(len(charts)))
     summary = "".join(
         f'<li><a href="#s{section.number}">Section {section.number}, {html.escape(section.title)}</a>: '
-        f"{html.escape(section.verdict)}</li>"
+        f"{html.escape(section.verdict)}{_short(section)}</li>"
         for section in sections
     )
     head = f"<h1>{html.escape(TITLE)}</h1><p>{html.escape(INTRO)}</p><ul>{summary}</ul>"
@@ -36,6 +36,10 @@ def render(sections: Sequence[Section], version: str) -> bytes:
     foot = f"<p>{html.escape(f'artibot {version}, `artibot reproduce`')}</p>"
     colours = {"GRID": style.GRID, "MUTED": style.MUTED, "GOOD": style.TRUE, "BAD": style.ODOMETRIC}
     return render_frame(TITLE, head, body, foot, charts, css=filled(_CSS, colours), script=_SCRIPT)
+
+
+def _short(section: Section) -> str:
+    return "".join(f"<p>{html.escape(sentence)}</p>" for sentence in section.short)
 
 
 def _section(section: Section, counter: Any) -> str:
@@ -153,6 +157,7 @@ ul.claims small { color: @MUTED@; font-size: .9em; }
 table.plain th { white-space: normal; vertical-align: bottom; max-width: 12em; }
 table.plain td:nth-child(2) { color: inherit; text-align: right; }
 table.plain td:first-child { text-align: left; }
+@media (max-width: 600px) { table.plain td:first-child { white-space: normal; min-width: 9em; } }
 @media (min-width: 980px) {
   .row.n2 { grid-template-columns: repeat(2, minmax(0, 1fr)); }
   .row.n3 { grid-template-columns: repeat(3, minmax(0, 1fr)); }

@@ -144,6 +144,8 @@ class Section:
     comparisons: tuple[Comparison, ...]
     statements: tuple[Statement, ...]
     notes: tuple[str, ...] = field(default=())
+    short: tuple[str, ...] = field(default=())
+    """What agrees, what does not and why, in a few sentences."""
 
     @property
     def verdict(self) -> str:

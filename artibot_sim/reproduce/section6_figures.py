@@ -120,7 +120,7 @@ def _angle_sheet(study: Study) -> Sheet:
             charts.level(f"Table 5: measured {printed.e_x[MEASURED]:g} %", printed.e_x[MEASURED]),
             charts.level(f"odometric {printed.e_x[ODOMETRIC]:g} %", printed.e_x[ODOMETRIC], "#d55e00"),
         ]
-        x = ("planned angle of the circle where the test ends", "°")
+        x = ("planned angle at the end", "°")
         rows.append(charts.panel(f"e_x_{test}", f"{NAMES[test]}: e_x", x, ("e_x", "%"), lines, levels))
     caption = (
         "The position error depends on where a test ends. The measured circle has the measured e_x at "

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from artibot_sim.experiment.metrics import position_error, yaw_error
-from artibot_sim.reproduce import section6_claims, section6_figures
+from artibot_sim.reproduce import in_short, section6_claims, section6_figures
 from artibot_sim.reproduce.circles import CircleRun, odometric_speed
 from artibot_sim.reproduce.paper import MEASURED, NAMES, ODOMETRIC, PLANNED, SIMULATED, TESTS
 from artibot_sim.reproduce.result import (
@@ -54,7 +54,8 @@ def written(study: Study) -> Section:
         + ".",
     )
     title, claims = "Numerical implementation and identification", section6_claims.statements(study)
-    return Section(6, title, section6_figures.sheets(study), tables, comparisons, claims, notes)
+    return Section(6, title, section6_figures.sheets(study), tables, comparisons, claims, notes,
+                   in_short.section6(comparisons, study))  # fmt: skip
 
 
 def _radii(study: Study) -> list[Comparison]:

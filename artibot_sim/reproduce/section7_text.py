@@ -8,7 +8,7 @@ import numpy as np
 
 from artibot_sim.model import load_robot
 from artibot_sim.report.panels import Panel
-from artibot_sim.reproduce import charts, suspects
+from artibot_sim.reproduce import charts, in_short, suspects
 from artibot_sim.reproduce import section7_claims as claims
 from artibot_sim.reproduce.calibration import PROBLEMS, overall_length
 from artibot_sim.reproduce.paper import KAPPAS, LENGTH, ROBOTS, TABLE_7
@@ -46,7 +46,8 @@ def written(study: Study) -> Section:
     )
     sheets = (*(_fig10(study, geometry) for geometry in ("shipped", "best fit")), _yaw_sheet(study),
               _length_sheet(study), _branch_sheet(study))  # fmt: skip
-    return Section(7, "Simulations", sheets, tables, tuple(comparisons), claims.statements(study), notes)
+    return Section(7, "Simulations", sheets, tables, tuple(comparisons), claims.statements(study), notes,
+                   in_short.section7(comparisons, study))  # fmt: skip
 
 
 def _comparisons(study: Study) -> list[Comparison]:

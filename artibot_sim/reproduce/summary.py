@@ -22,7 +22,7 @@ def lines(section: Section) -> list[Row]:
     """The section as lines of text."""
     title = f"Section {section.number}: {section.title}"
     out: list[Row] = [(title, style.INK, True), (section.verdict, style.INK, True)]
-    for note in section.notes:
+    for note in (*section.short, *section.notes):
         out += _wrapped(note, style.MUTED)
     for statement in section.statements:
         word, colour = ("holds", style.TRUE) if statement.holds else ("does not hold", style.ODOMETRIC)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import re
 import shutil
@@ -37,6 +38,7 @@ def charts(sections: list[Section]) -> list:
 def test_the_page_has_everything_and_needs_nothing(sections: list[Section], page: str) -> None:
     for section in sections:
         assert section.verdict in page
+        assert all(html.escape(sentence) in page for sentence in section.short)
         assert page.count("does not hold</b>") == sum(not s.holds for sec in sections for s in sec.statements)
     assert len(set(re.findall(r'id="plot(\d+)"', page))) == len(charts(sections))
     markup = re.sub(r"<script>.*?</script>", "", page, flags=re.S)
