@@ -16,9 +16,13 @@ from artibot_sim.identify.search import free_parameters
 from artibot_sim.identify.sensitivity import Sensitivity, clip
 
 Array = NDArray[np.float64]
+Follow = Callable[[Array], Array]
+"""From an effect's coordinates to the change of the baseline's free ones that goes with them."""
 
 _REACH = 3.0
 """Largest coordinate at which the estimate from sensitivities is tried."""
+_FARTHEST = 0.7
+"""Largest change of a coordinate of the baseline beside a probe."""
 _SCORE_STEP = 0.05
 """Coordinate by which an effect is turned on for its sensitivity."""
 
@@ -93,23 +97,30 @@ def screen(base: Around, found: Sequence[Hypothesis], tick: Callable[[], None] =
 
 def _screened(base: Around, hypothesis: Hypothesis) -> Trial:
     problem = with_effect(base.problem, hypothesis.extension)
-    estimate, sd = _score(base, problem, hypothesis)
+    estimate, sd, follow = _score(base, problem, hypothesis)
     probes = [hypothesis.extension.nearest(probe) for probe in hypothesis.probes]
     if estimate is not None:
         probes.append(hypothesis.extension.nearest(np.clip(estimate, -_REACH, _REACH)))
-    guesses = [guess for probe in probes for guess in _guesses(base, problem, hypothesis, probe)]
+    guesses = [guess for probe in probes for guess in _guesses(base, problem, hypothesis, probe, follow)]
     points = evaluate(problem, base.loss, guesses, base.point.starts)
     ends = [step(problem, base.loss, point, base.free, known=base.sensitivity, tries=2)[0] for point in points]
     return Trial(hypothesis, problem, min(ends, key=lambda point: point.cost), sd)
 
 
-def _guesses(base: Around, problem: Problem, hypothesis: Hypothesis, probe: Array) -> list[Array]:
-    """Coordinates of the whole fit at a probe: the baseline's soil, and the soil along the effect's valley."""
+def _guesses(
+    base: Around, problem: Problem, hypothesis: Hypothesis, probe: Array, follow: Follow | None
+) -> list[Array]:
+    """Coordinates of the whole fit at a probe: the baseline's soil, what it would become beside it, and its valley."""
     parameters, own = problem.parameters, base.point.coordinates
-    first = np.concatenate([own, probe])
+    guesses = [np.concatenate([own, probe])]
+    if follow is not None:
+        moved = own.copy()
+        moved[list(base.free)] += np.clip(follow(probe), -_FARTHEST, _FARTHEST)
+        guesses.append(parameters.inside(np.concatenate([moved, probe])))
     valley = hypothesis.extension.search.valley
     if not valley:
-        return [first]
+        return guesses
+    first = guesses[0]
     values = hypothesis.extension.values(probe)
     size = float(values[next(iter(hypothesis.extension.search.sizes))])
     soil = parameters.values(first)
@@ -117,15 +128,15 @@ def _guesses(base: Around, problem: Problem, hypothesis: Hypothesis, probe: Arra
         i = parameters.index(key)
         if i is not None:
             soil[i] *= size**power
-    return [first, parameters.inside(parameters.coordinates(soil, first[len(parameters.parameters) :]))]
+    return [*guesses, parameters.inside(parameters.coordinates(soil, first[len(parameters.parameters) :]))]
 
 
-def _score(base: Around, problem: Problem, hypothesis: Hypothesis) -> tuple[Array | None, Array]:
-    """One-step estimate of the effect's coordinates from the baseline, and their standard deviations."""
+def _score(base: Around, problem: Problem, hypothesis: Hypothesis) -> tuple[Array | None, Array, Follow | None]:
+    """One-step estimate of the effect's coordinates from the baseline, their standard deviations, and what follows."""
     extension = hypothesis.extension
     origin = np.maximum(np.zeros(len(extension)), extension.bounds[0])
     if extension.search.reference:
-        return None, np.full(len(extension), np.inf)  # neutral is infinitely far
+        return None, np.full(len(extension), np.inf), None  # neutral is infinitely far
     p = len(base.free)
     guesses = [np.concatenate([base.point.coordinates, origin + _SCORE_STEP * e]) for e in np.eye(len(extension))]
     own = (problem.flat_residuals(guesses, base.point.starts) - base.point.residuals.flat) / _SCORE_STEP
@@ -141,4 +152,9 @@ def _score(base: Around, problem: Problem, hypothesis: Hypothesis) -> tuple[Arra
     estimate = -(covariance @ gradient)[p:]
     information = np.diag(np.linalg.inv(covariance[p:, p:])) - np.diag(prior)[-len(extension) :]
     sd = np.where(information > 1e-9, 1.0 / np.sqrt(np.maximum(information, 1e-12)), np.inf)
-    return estimate, sd
+
+    def follow(own: Array) -> Array:
+        """Change of the free coordinates that goes best with the effect's."""
+        return np.asarray(-np.linalg.solve(H[:p, :p], gradient[:p] + H[:p, p:] @ (own - origin)), float)
+
+    return estimate, sd, follow

@@ -7,6 +7,7 @@ import pytest
 
 from artibot_sim.diagnose.hypotheses import hypotheses
 from artibot_sim.diagnose.screen import Around, around, screen
+from artibot_sim.identify.gauss_newton import evaluate
 from artibot_sim.identify.holdout import fitted_starts
 from artibot_sim.identify.parameters import parameter_set
 from artibot_sim.identify.problem import Problem
@@ -77,3 +78,28 @@ def test_the_direction_of_a_slope_turns_with_the_map() -> None:
         found.append(tried.hypothesis.extension.values(tried.own))
     assert found[1]["heading"] - found[0]["heading"] == pytest.approx(1.0, abs=0.5)
     assert found[1]["grade"] == pytest.approx(found[0]["grade"], rel=0.3)
+
+
+def test_a_soil_that_took_an_effect_for_its_own_gives_it_back() -> None:
+    """Rolling resistance that grows with speed is first taken for much rolling resistance."""
+    from dataclasses import replace
+
+    speeds = Manoeuvre(
+        "speeds",
+        (Dwell(0.5), Ramp(speed=0.4), Arc(radius=3.0, angle=0.8), Ramp(speed=0.9), Arc(radius=3.0, angle=-1.5), Stop()),
+        a_max=0.5, blend=0.15,
+    )  # fmt: skip
+    real = replace(ROBOT, effects={"rolling_resistance_speed": {"coefficient": 1.5}})
+    problem = problem_of([synthetic(real, speeds, kappa=0.8, seed=5)], parameter_set(ROBOT), 5.0, 2)
+    loss, starts = Loss(1.0, np.ones(len(CHANNEL_NAMES))), fitted_starts(problem, 2)
+    values = problem.parameters.values(starts.coordinates)
+    tried = []
+    for factor in (1.0, 1.3, 1.6, 1.8, 2.0, 2.2):
+        more = values.copy()
+        more[problem.parameters.index("contact.u_w")] *= factor
+        tried.append(problem.parameters.coordinates(more))
+    point = min(evaluate(problem, loss, tried, starts.starts), key=lambda p: p.cost)
+    assert not np.array_equal(point.coordinates, tried[0])
+    found = gains(around(problem, loss, point), ("rolling_resistance_speed", "slope", "motor_drag"))
+    best = max(found, key=lambda label: found[label])
+    assert best == "rolling_resistance_speed" and found[best] > LEAST
