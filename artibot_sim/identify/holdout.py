@@ -13,7 +13,7 @@ from artibot_sim.identify.gauss_newton import Point, evaluate, step
 from artibot_sim.identify.identification import ChannelFit, Prediction
 from artibot_sim.identify.parameters import ParameterSet
 from artibot_sim.identify.problem import Problem, predecessors
-from artibot_sim.identify.quality import channel_fits, deviations
+from artibot_sim.identify.quality import channel_fits, deviations, outliers
 from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.search import awake
 from artibot_sim.identify.sensing import HALF_WIDTH, Stretch, noise_levels, stretches
@@ -102,6 +102,7 @@ def hold_out(
         channel_fits([run.window for run in free], [run.residual for run in free], noise), left,
         "windows are separate: each starts from its measured pose" if short else "",
         {m.name: _rival(m, problem, carried, chosen, noise) for m in rivals},
+        outliers(predicted, errors) if short else (),
     )  # fmt: skip
     return Held(experiment, predicted, errors, free, summary)
 

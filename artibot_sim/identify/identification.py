@@ -102,6 +102,8 @@ class Prediction:
     left : float or None
         s, when the free run leaves the branch that was measured: other wheels slide from then on, and it goes astray.
     note : str
+    outliers : tuple of str
+        Which windows are predicted worst, where windows are separate.
     rivals : mapping of str to mapping
         For a rigid robot: the same as `final` of kinematic models fitted to the same recordings (see `skid`).
     """
@@ -115,6 +117,7 @@ class Prediction:
     left: float | None
     note: str = ""
     rivals: Mapping[str, Mapping[str, ChannelFit]] = field(default_factory=dict)
+    outliers: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -207,6 +210,7 @@ def _prediction(p: Prediction) -> dict[str, Any]:
     groups = {name: {k: vars(v) for k, v in getattr(p, name).items()} for name in ("channels", "final", "free_run")}
     rivals = {name: {k: vars(v) for k, v in fits.items()} for name, fits in p.rivals.items()}
     about = {"name": p.name, "horizon": p.horizon, "windows": p.windows, "left": p.left, "note": p.note}
+    about["outliers"] = list(p.outliers)
     return {**about, **groups, "rivals": rivals}
 
 
@@ -237,4 +241,4 @@ def _fits(entries: Mapping[str, Any]) -> dict[str, ChannelFit]:
 def _prediction_from(entry: Mapping[str, Any]) -> Prediction:
     rivals = {name: _fits(fits) for name, fits in entry["rivals"].items()}
     groups = {name: _fits(entry[name]) for name in ("channels", "final", "free_run")}
-    return Prediction(**{**entry, **groups, "rivals": rivals})
+    return Prediction(**{**entry, **groups, "rivals": rivals, "outliers": tuple(entry.get("outliers", ()))})

@@ -95,6 +95,8 @@ def prediction_lines(prediction: Prediction) -> Iterator[str]:
         yield f"{prediction.name}, at the ends, {name}: {errors}"
     if prediction.left is not None:
         yield f"{prediction.name}: its free run leaves the measured branch at {prediction.left:.1f} s"
+    for sentence in prediction.outliers:
+        yield f"{prediction.name}: {sentence}"
     if prediction.note:
         yield f"{prediction.name}: {prediction.note}"
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.experiment.local_fit import fresh
 from artibot_sim.identify.identification import ChannelFit
 from artibot_sim.identify.sensing import CHANNEL_UNITS
 from artibot_sim.identify.windows import CHANNEL_NAMES, Window
@@ -42,3 +43,42 @@ def channel_fits(
             float(np.quantile(error, 0.9)), len(error), float(np.median(means) / level),
         )  # fmt: skip
     return found
+
+
+_WORST = 0.05
+"""Share of windows that are named."""
+_LEAP = 2.0
+"""m/s from one measured position to the next, faster than any rover here drives."""
+_FEWEST = 20
+
+
+def outliers(windows: Sequence[Window], residuals: Sequence[Array]) -> tuple[str, ...]:
+    """Sentences that name the windows with the largest errors at their ends, and whether their positions leap."""
+    if len(windows) < _FEWEST:
+        return ()
+    count, said = round(_WORST * len(windows)), []
+    for name in ("position", "yaw"):
+        channel = CHANNEL_NAMES.index(name)
+        ends = [deviations(w, r, channel)[1][-1:] for w, r in zip(windows, residuals, strict=True)]
+        if not all(len(end) for end in ends):
+            continue
+        error = np.concatenate(ends)
+        worst = np.argsort(-error)[:count].tolist()
+        share = float((error[worst] ** 2).sum() / max(float((error**2).sum()), 1e-300))
+        listed = ", ".join(f"{error[i]:.2f} at {windows[i].t:.0f} s{'*' if _leaps(windows[i]) else ''}" for i in worst)
+        said.append(
+            f"the worst {count} of {len(windows)} windows hold {100 * share:.0f} % of the squared error of {name} at "
+            f"the ends: {listed} ({CHANNEL_UNITS[name]})"
+        )
+    if any("*" in sentence for sentence in said):
+        said.append(f"*: measured positions leap there, by more than {_LEAP:g} m/s from one to the next")
+    return tuple(said)
+
+
+def _leaps(window: Window) -> bool:
+    """Whether measured positions are further apart than a rover gets; held ones are left out."""
+    x, y, _ = window.places
+    points, t = np.column_stack([window.value[x], window.value[y]]), window.plan.t[x]
+    new = fresh(points)
+    away = np.hypot(*np.diff(points[new], axis=0).T)
+    return bool((away > _LEAP * np.maximum(np.diff(t[new]), 1e-3)).any())

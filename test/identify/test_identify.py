@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import Channel, Experiment, write_channels
 from artibot_sim.identify import Effort, Prior, Status, identify, parse_priors
+from artibot_sim.identify.holdout import hold_out
 from artibot_sim.identify.parameters import parameter_set
 from artibot_sim.identify.run import Work, problem_of
 from artibot_sim.identify.synthetic import Noise, synthetic
@@ -223,6 +224,24 @@ def test_a_rigid_rover_starts_no_faster_than_its_wheels() -> None:
     start = problem_of([jumped], parameter_set(husky, ("k_l",)), 2.0, 1).starts[0]
     assert abs(start[3]) < 1.11 * 0.165 * 3.0
     assert np.abs(start[4:6]).max() < 0.06
+
+
+def test_separate_windows_that_are_predicted_worst_are_named() -> None:
+    """Twenty-four straight drives of 2 s; in the sixth the measured position leaps by half a metre."""
+    starts = 3.0 * np.arange(24)
+    t = np.concatenate([start + np.arange(0.0, 2.01, 0.05) for start in starts])
+    x = 0.165 * 3.0 * (t - 3.0 * np.floor(t / 3.0))
+    x[(t > starts[5] + 1.0) & (t < starts[6])] += 0.5
+    pose = Channel("/ground_truth/odom", *_stamps(t), {"x": x, "y": 0.0 * t, "yaw": 0.0 * t})
+    angle = {f"{m}.velocity": np.full(len(t), 3.0) for m in ("front_right", "front_left")}
+    channels = {"motor_torques": Channel("/motor_torques", *_stamps(t), angle), "ground_truth_odom": pose}
+    segments = tuple((float(start), float(start + 2.0)) for start in starts)
+    held = hold_out(Experiment("leap", Path("leap"), {}, 0, channels, segments), load_robot("husky"), 2.0)
+    position = held.summary.outliers[0]
+    assert (
+        "the worst 1 of 24 windows hold 100 % of the squared error of position at the ends: 0.50 at 15 s*" in position
+    )
+    assert held.summary.outliers[-1].startswith("*: measured positions leap")
 
 
 def _stamps(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
