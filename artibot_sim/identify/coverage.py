@@ -107,6 +107,8 @@ def main(argv: list[str]) -> int:
     covered = np.array([trial.covered for trial in done])
     each = ", ".join(f"{name} {100 * share:.0f} %" for name, share in zip(SOIL, covered.mean(axis=0), strict=True))
     print(f"{len(done)} recordings: {100 * covered.mean():.1f} % of the intervals cover the truth ({each})")
+    off = 100.0 * np.median([trial.value / trial.truth - 1.0 for trial in done], axis=0)
+    print("median errors: " + ", ".join(f"{name} {error:+.2f} %" for name, error in zip(SOIL, off, strict=True)))
     return 0
 
 

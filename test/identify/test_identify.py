@@ -238,9 +238,8 @@ def test_separate_windows_that_are_predicted_worst_are_named() -> None:
     segments = tuple((float(start), float(start + 2.0)) for start in starts)
     held = hold_out(Experiment("leap", Path("leap"), {}, 0, channels, segments), load_robot("husky"), 2.0)
     position = held.summary.outliers[0]
-    assert (
-        "the worst 1 of 24 windows hold 100 % of the squared error of position at the ends: 0.50 at 15 s*" in position
-    )
+    assert position.startswith("the worst 1 of 24 windows hold 100 % of the squared error of position")
+    assert "0.50 at 15 s*" in position
     assert held.summary.outliers[-1].startswith("*: measured positions leap")
 
 
