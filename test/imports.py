@@ -54,6 +54,8 @@ OWNERS = {
     "canopen": (DRIVER,),
     "mujoco": ("bench",),
     "pinocchio": ("bench",),
+    "pydrake": ("bench",),
+    "pybullet": ("bench",),
     "pyarrow": ("sweep",),
     "distributed": ("cluster_dask",),
     "dask": ("cluster_dask",),

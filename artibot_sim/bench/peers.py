@@ -1,14 +1,18 @@
-"""MuJoCo and Pinocchio on an equivalent model in the same run."""
+"""MuJoCo, Pinocchio, Drake and PyBullet on an equivalent model in the same run."""
 
 from __future__ import annotations
 
 import importlib.util
 from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 from artibot_sim.bench.results import Peer, Result
 from artibot_sim.bench.scenario import Scenario
 from artibot_sim.bench.timing import repeat
 from artibot_sim.model import Commands, rollout
+
+if TYPE_CHECKING:
+    from artibot_sim.bench.law_bodies import LawOnBodies
 
 NO_MUJOCO = "MuJoCo is not installed; pip install 'artibot_sim[bench]'"
 
@@ -49,24 +53,55 @@ def no_pinocchio() -> str | None:
     return None if importlib.util.find_spec("pinocchio") else "Pinocchio is not installed; pip install pin"
 
 
+def no_drake() -> str | None:
+    """Why Drake cannot be measured here, or None."""
+    return None if importlib.util.find_spec("pydrake") else "Drake is not installed; pip install drake"
+
+
+def no_pybullet() -> str | None:
+    """Why PyBullet cannot be measured here, or None."""
+    return None if importlib.util.find_spec("pybullet") else "PyBullet is not installed; pip install pybullet"
+
+
 def pinocchio(scenario: Scenario) -> list[Result]:
     """Pinocchio's bodies with the paper's contact law, called from Python, over the first seconds of the trajectory."""
-    from artibot_sim.bench.accuracy import distance
     from artibot_sim.bench.pinocchio_runs import PinocchioRun
+
+    return _from_python(scenario, "pinocchio_law_rk4_1ms", PinocchioRun, "Pinocchio's ABA from Python, RK4 at 1 ms")
+
+
+def drake(scenario: Scenario) -> list[Result]:
+    """Drake's bodies, likewise."""
+    from artibot_sim.bench.drake_runs import DrakeRun
+
+    what = "Drake's articulated bodies from Python, RK4 at 1 ms"
+    return _from_python(scenario, "drake_law_rk4_1ms", DrakeRun, what)
+
+
+def pybullet(scenario: Scenario) -> list[Result]:
+    """PyBullet's bodies and its own step, likewise."""
+    from artibot_sim.bench.pybullet_runs import PybulletRun
+
+    what = "PyBullet's multi-body and its own step (symplectic Euler) of 1 ms from Python"
+    return _from_python(scenario, "pybullet_law_euler_1ms", PybulletRun, what)
+
+
+def _from_python(scenario: Scenario, name: str, kind: type[LawOnBodies], what: str) -> list[Result]:
+    from artibot_sim.bench.accuracy import distance
 
     whole = scenario.commands
     end = round((2.0 if scenario.quick else 8.0) / whole.dt) + 1
     commands = Commands(whole.dt, whole.velocity[:end], position=whole.position[:end])
-    run = PinocchioRun(scenario.robot, commands)
+    run: Any = kind(scenario.robot, commands)
     timing = repeat(run, scenario.runs(2), scenario.tick)
     apart = distance(run().pose, rollout(scenario.robot, commands).pose)
     note = (
-        "Pinocchio's ABA from Python, RK4 at 1 ms, the paper's contact law compiled, first "
-        f"{commands.duration:g} s; {apart[-1]:.2g} m from artibot's RK4 at the end"
+        f"{what}, the paper's contact law compiled, first {commands.duration:g} s; {apart[-1]:.2g} m from artibot's "
+        "RK4 at the end"
     )
     detail = {"pose_difference": float(apart[-1]), "pose_difference_largest": float(apart.max())}
     detail |= timing.per_second(run.steps)
-    return [Result("pinocchio_law_rk4_1ms", run.steps / timing.best, "steps/s", note, detail)]
+    return [Result(name, run.steps / timing.best, "steps/s", note, detail)]
 
 
 def attach(results: Sequence[Result]) -> list[Result]:

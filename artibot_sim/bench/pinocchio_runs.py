@@ -1,8 +1,4 @@
-"""The same rover in Pinocchio: its forward dynamics (ABA), the paper's contact law beside it, RK4 around both.
-
-Pinocchio has no integrator and no contact of this kind: like any user of its Python interface one calls `aba` stage by
-stage. The law is the compiled one that MuJoCo calls, so what differs is who solves the bodies, and the calls to it.
-"""
+"""The same rover in Pinocchio: its forward dynamics (ABA), the paper's contact law beside it (see `law_bodies`)."""
 
 from __future__ import annotations
 
@@ -11,10 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.bench import mujoco_law as law
-from artibot_sim.bench.mujoco_runs import MujocoRun, law_numbers
-from artibot_sim.model import Commands, Robot, initial_state
-from artibot_sim.model.params import ModuleParams, params
+from artibot_sim.bench.law_bodies import StagedRun
+from artibot_sim.model import Commands, Robot
+from artibot_sim.model.params import ModuleParams
 
 Array = NDArray[np.float64]
 
@@ -22,30 +17,20 @@ FRONT, BACK = 6, 8
 """Joints that carry the modules, as Pinocchio counts them."""
 
 
-class PinocchioRun:
-    """The paper's contact law on Pinocchio's bodies, RK4; call it for a rollout.
-
-    Equivalent and different as :class:`artibot_sim.bench.mujoco_runs.LawRun` says of MuJoCo.
-    """
+class PinocchioRun(StagedRun):
+    """The paper's contact law on Pinocchio's bodies, RK4."""
 
     def __init__(self, robot: Robot, commands: Commands, dt: float = 1e-3) -> None:
         import pinocchio
 
-        self._pin = pinocchio
-        self.dt, self.steps, self._every = dt, round(commands.duration / dt), round(commands.dt / dt)
-        p = params(robot)
+        super().__init__(robot, commands, dt)
+        self._pin, p = pinocchio, self.p
         self._to_back = np.array([-p.back.O_x, 0.0, -p.back.O_z])
         self.model = self._model(p.front, p.back, (p.g_x, p.g_y, p.g_z))
         self.data = self.model.createData()
-        self._start = initial_state(robot)
-        self._numbers = law_numbers(robot, commands, dt, 4)
-        self._command = np.ascontiguousarray(np.column_stack([commands.position[:, :2], commands.velocity[:, :2]]))
-        self._memory = np.zeros(law.MEMORY)
-        self._scratch = np.zeros((4, 2)), np.zeros(4)
-        shapes = {"xpos": (3, 3), "xmat": (3, 9), "cvel": (3, 6), "com": (3, 3), "qfrc": (12,), "xfrc": (3, 6)}
-        self._arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
         self._forces = pinocchio.StdVec_Force()
         self._forces.extend([pinocchio.Force.Zero()] * self.model.njoints)
+        self._arms: list[tuple[int, Array, Array]] = []
 
     def _model(self, front: ModuleParams, back: ModuleParams, gravity: tuple[float, float, float]) -> Any:
         """Six joints to the front module, two more to the back one, and four motors of unit inertia that turn alone."""
@@ -69,51 +54,23 @@ class PinocchioRun:
     def _inertia(self, module: ModuleParams, centre: Array) -> Any:
         return self._pin.Inertia(module.m, centre, np.diag([module.J_x, module.J_y, module.J_z]))
 
-    def _acceleration(self, q: Array, v: Array) -> Array:
-        pin, a = self._pin, self._arrays
+    def look(self, q: Array, v: Array) -> list[tuple[Array, Array, Array, Array]]:
+        """Origin, rotation, velocity and angular velocity of both modules in `map`."""
+        pin = self._pin
         pin.forwardKinematics(self.model, self.data, q, v)
-        a["qfrc"][:] = 0.0
-        arms = []
-        for body, joint, offset in ((1, FRONT, None), (2, BACK, self._to_back)):
+        places, self._arms = [], []
+        for joint, offset in ((FRONT, np.zeros(3)), (BACK, self._to_back)):
             place = self.data.oMi[joint]
             rotation = place.rotation
             speed = pin.getVelocity(self.model, self.data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-            linear, angular = speed.linear, speed.angular
-            arm = np.zeros(3) if offset is None else rotation @ offset
-            a["xpos"][body] = place.translation + arm
-            a["xmat"][body] = rotation.ravel()
-            common = self.data.oMi[FRONT].translation  # MuJoCo gives all velocities at one point
-            a["cvel"][body, :3], a["cvel"][body, 3:] = angular, linear + np.cross(angular, common - place.translation)
-            arms.append((body, joint, rotation, arm))
-        load, rims = self._scratch
-        a["com"][law.FRONT] = a["xpos"][law.FRONT]
-        law.apply(
-            self._numbers, self._memory, self._command, load, rims, q, v, a["xpos"], a["xmat"], a["cvel"], a["com"],
-            a["qfrc"], a["xfrc"],
-        )  # fmt: skip
-        for body, joint, rotation, arm in arms:
-            force, moment = a["xfrc"][body, :3], a["xfrc"][body, 3:]
-            self._forces[joint] = pin.Force(rotation.T @ force, rotation.T @ (moment + np.cross(arm, force)))
-        return np.array(pin.aba(self.model, self.data, q, v, a["qfrc"], self._forces))
+            arm, turn = rotation @ offset, speed.angular
+            places.append((place.translation + arm, rotation, speed.linear + np.cross(turn, arm), turn))
+            self._arms.append((joint, rotation, arm))
+        return places
 
-    def __call__(self) -> MujocoRun:
-        """One rollout from rest."""
-        q, v, h = np.zeros(12), np.zeros(12), self.dt
-        q[2] = self._start.q[2]
-        self._memory[:] = 0.0
-        n = self._numbers[0]
-        self._memory[law.ETA_NEXT : law.ETA_NEXT + 4] = [n["eta_d_f"]] * 2 + [n["eta_d_b"]] * 2
-        rows = [q[[0, 1, 3]]]
-        for step in range(1, self.steps + 1):
-            a1 = self._acceleration(q, v)
-            v2 = v + 0.5 * h * a1
-            a2 = self._acceleration(q + 0.5 * h * v, v2)
-            v3 = v + 0.5 * h * a2
-            a3 = self._acceleration(q + 0.5 * h * v2, v3)
-            v4 = v + h * a3
-            a4 = self._acceleration(q + h * v3, v4)
-            q = q + h / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4)
-            v = v + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
-            if step % self._every == 0:
-                rows.append(q[[0, 1, 3]])
-        return MujocoRun(np.arange(len(rows), dtype=np.float64) * self._every * h, np.array(rows), self.steps)
+    def solve(self, q: Array, v: Array, torque: Array, wrench: Array) -> Array:
+        """Accelerations at what `look` was given last."""
+        for (joint, rotation, arm), acting in zip(self._arms, wrench, strict=True):
+            force, moment = acting[:3], acting[3:]
+            self._forces[joint] = self._pin.Force(rotation.T @ force, rotation.T @ (moment + np.cross(arm, force)))
+        return np.array(self._pin.aba(self.model, self.data, q, v, torque, self._forces))

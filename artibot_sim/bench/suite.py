@@ -65,6 +65,8 @@ SUITE: dict[str, Benchmark] = {
         peers.mujoco, 15, peers.missing,
     ),
     "pinocchio": Benchmark(("pinocchio_law_rk4_1ms",), peers.pinocchio, 10, peers.no_pinocchio, in_quick=False),
+    "drake": Benchmark(("drake_law_rk4_1ms",), peers.drake, 45, peers.no_drake, in_quick=False),
+    "pybullet": Benchmark(("pybullet_law_euler_1ms",), peers.pybullet, 10, peers.no_pybullet, in_quick=False),
     "ripple": Benchmark(
         ("back_speed_ripple_rk4_1ms", "back_speed_ripple_semi_implicit_2ms", "back_speed_ripple_converged"),
         accuracy.ripples, 1,

@@ -26,6 +26,10 @@ _SIMULATED: dict[str, Callable[[Rollout, SensorErrors], Floats]] = {
 """What a robot's sensors would record of a rollout, at its rows."""
 
 
+_ROWS = 20_000
+"""Rows that are made of a simulation at a time: what they are made from has hundreds of columns."""
+
+
 def tables_of(experiment: Experiment, robot: Robot, pieces: list[Pieces]) -> dict[str, Table]:
     """Return the simulation's channels at the recorded stamps, as the robot's sensors would record them.
 
@@ -60,8 +64,18 @@ def tables_of(experiment: Experiment, robot: Robot, pieces: list[Pieces]) -> dic
     return tables
 
 
+def _slices(t: Floats) -> list[Floats]:
+    """Times (n,) in parts that fit into memory with all that is made of them."""
+    return [t[first : first + _ROWS] for first in range(0, len(t), _ROWS)]
+
+
 def _columns(key: str, piece: Pieces, t: Floats, robot: Robot, tracked: bool) -> dict[str, Floats]:
     """Return the columns of a channel at times (n,) that are simulated; `tracked` if it tells positions."""
+    parts = [_part_of_columns(key, piece, part, robot, tracked) for part in _slices(t)]
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def _part_of_columns(key: str, piece: Pieces, t: Floats, robot: Robot, tracked: bool) -> dict[str, Floats]:
     errors = sensor_errors(robot)
     columns = {} if key == "total_station" else rollout_columns(piece.at(t), robot)[key]
     if tracked:
@@ -87,6 +101,6 @@ def compare(experiment: Experiment, robot: Robot, pieces: list[Pieces]) -> dict[
             at = t - errors.delay if late else t
             rows = piece.covers(t) & piece.covers(at)
             if rows.any():
-                simulated = _SIMULATED[channel](piece.at(at[rows]), errors)
-                parts.setdefault(channel, []).append(Compared(t[rows], values[rows], simulated))
+                simulated = [_SIMULATED[channel](piece.at(part), errors) for part in _slices(at[rows])]
+                parts.setdefault(channel, []).append(Compared(t[rows], values[rows], np.concatenate(simulated)))
     return parts

@@ -85,7 +85,8 @@ class Pieces:
             rows = order[begin:end]
             if not len(rows):
                 continue
-            times, all_q, all_v, all_m = _joined(window)
+            window[:] = [_joined(window)]  # once; a recording is looked at piece by piece
+            times, all_q, all_v, all_m = window[0]
             at = np.clip(t[rows], times[0], times[-1])
             i = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
             q[rows], _ = hermite(times[i], times[i + 1], all_q[i], all_q[i + 1], all_v[i], all_v[i + 1], at)
@@ -96,9 +97,10 @@ class Pieces:
         return Rollout(self._robot, Status.OK, "interpolated", np.array(t), q, v, row, None, None, self._modes)
 
 
-def _joined(window: list[_Part]) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return times, coordinates, rates and motor torques of a window's rollouts; a shared instant stands once."""
+def _joined(window: list[_Part]) -> _Part:
+    """Return a window's rollouts as one; a shared instant stands once."""
+    if len(window) == 1:
+        return window[0]
     ends = [*(-1 for _ in window[1:]), None]
     parts = [tuple(array[:end] for array in part) for part, end in zip(window, ends, strict=True)]
-    t, q, v, m = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    return t, q, v, m
+    return _Part(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))

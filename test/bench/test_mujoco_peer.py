@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from artibot_sim.bench import peers
 from artibot_sim.bench.accuracy import distance
+from artibot_sim.bench.scenario import Scenario
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot, rollout
 from artibot_sim.planning import load_manoeuvre, plan
@@ -62,10 +64,15 @@ def test_a_rigid_robot_is_refused():
         law_model(load_robot("husky"), 1e-3, "RK4")
 
 
-def test_pinocchio_with_the_same_law_drives_the_same_path():
-    pytest.importorskip("pinocchio", reason="pip install pin")
-    from artibot_sim.bench import peers
-    from artibot_sim.bench.scenario import Scenario
-
-    (result,) = peers.pinocchio(Scenario(quick=True))
+@pytest.mark.parametrize(("module", "pip", "bench"), [("pinocchio", "pin", "pinocchio"), ("pydrake", "drake", "drake")])
+def test_other_bodies_with_the_same_law_drive_the_same_path(module, pip, bench):
+    pytest.importorskip(module, reason=f"pip install {pip}")
+    (result,) = getattr(peers, bench)(Scenario(quick=True))
     assert result.detail["pose_difference_largest"] < 1e-8
+
+
+def test_pybullet_with_the_same_law_drives_nearly_the_same_path():
+    """Its own step is of first order, so not to rounding."""
+    pytest.importorskip("pybullet", reason="pip install pybullet")
+    (result,) = peers.pybullet(Scenario(quick=True))
+    assert result.detail["pose_difference_largest"] < 1e-3
