@@ -100,14 +100,12 @@ def with_commands(
 
 def covariates(experiment: Experiment, robot: Robot) -> dict[str, Array]:
     """What the rover did, on one grid through all segments."""
-    rows: list[Sequence[float]] = []
+    rows = [np.empty((0, 7))]
     for t_start, t_end in experiment.segments:
-        measured = Measured(experiment, t_start, t_end)
-        for t in np.arange(t_start, t_end, _GRID).tolist():
-            m = measured.at(t)
-            forward = np.cos(m.yaw) * m.vx + np.sin(m.yaw) * m.vy
-            rows.append((t, forward, m.yaw_rate, m.yaw, m.articulation, m.x, m.y))
-    table = np.array(rows, float).reshape(-1, 7)
+        t = np.arange(t_start, t_end, _GRID)
+        x, y, yaw, vx, vy, rate, bend, _ = Measured(experiment, t_start, t_end).along(t).T
+        rows.append(np.column_stack([t, np.cos(yaw) * vx + np.sin(yaw) * vy, rate, yaw, bend, x, y]))
+    table = np.vstack(rows)
     names = ("t", "speed", "yaw_rate", "heading", "articulation_yaw", "x", "y")
     found = {name: table[:, i].copy() for i, name in enumerate(names)}
     return found | {"load": _load(experiment, robot, found["t"])}

@@ -13,6 +13,7 @@ from artibot_sim.experiment.local_fit import local_fit
 Samples = tuple[Floats, Floats]
 """Times (n,) in s, and values (n, k)."""
 
+_NODES = 1.0
 COURSE_SPAN = 30.0
 """s before and after an instant whose course and yaw rate give its heading."""
 COURSE_HALF_WIDTH = 0.3
@@ -68,6 +69,19 @@ class Compass:
         sigma = np.sqrt((_COURSE_NOISE / speed) ** 2 + (_SLIP * rate) ** 2 + _DRIFT**2 * away)
         bias, bound = self._bias
         return _fit_heading(times - t, rate, offset, 1.0 / sigma, (bias, bound))
+
+    def headings(self, times: Floats) -> Floats:
+        """Return headings at times (n,) that increase: fitted every `_NODES` s, the gyroscope's between."""
+        nodes = times[np.unique(np.searchsorted(times, np.arange(times[0], times[-1], _NODES)))]
+        nodes = np.unique(np.append(nodes, times[-1]))
+        fitted = np.array([self.heading(t) for t in nodes.tolist()])
+        if len(nodes) == len(times):
+            return fitted
+        gyro_t, _ = self.yaw_rate
+        if len(gyro_t) < 2:
+            return np.array([self.heading(t) for t in times.tolist()])
+        turned = self._turned[0]
+        return np.interp(times, nodes, fitted - np.interp(nodes, gyro_t, turned)) + np.interp(times, gyro_t, turned)
 
     @cached_property
     def _turned(self) -> tuple[Floats, Floats, Floats]:

@@ -101,19 +101,26 @@ class Measured:
 
     def at(self, t: float) -> Motion:
         """Return the motion at time `t`, by local fits to the measurements before and after it."""
+        return Motion(*self.along(np.array([t]))[0].tolist())
+
+    def along(self, times: Floats) -> Floats:
+        """Return the motion at times (n,) that increase, (n, 8) in the order of `Motion`."""
+        if not len(times):
+            return np.empty((0, len(Motion._fields)))
         of = self._local
-        bend, bend_rate = of["articulation"].at(t, RATE_HALF_WIDTH)
-        yaw, yaw_slope = of["yaw"].at(t, POSE_HALF_WIDTH)
-        rated = of["yaw_rate"]
-        rate = float(rated.at(t, RATE_HALF_WIDTH, degree=1)[0][0]) if len(rated.t) else float(yaw_slope[0])
-        heading = float(yaw[0]) if np.isfinite(yaw[0]) else self._compass.heading(t)
-        position, velocity = self._carried(t, heading) or of["position"].at(t, POSE_HALF_WIDTH)
+        bend, bend_rate = of["articulation"].at(times, RATE_HALF_WIDTH)
+        yaw, yaw_slope = of["yaw"].at(times, POSE_HALF_WIDTH)
+        rate = of["yaw_rate"].at(times, RATE_HALF_WIDTH, degree=1)[0] if len(of["yaw_rate"].t) else yaw_slope
+        heading = yaw[:, 0] if np.isfinite(yaw).all() else self._compass.headings(times)
+        position, velocity = of["position"].at(times, POSE_HALF_WIDTH)
+        for row, found in enumerate(map(self._carried, times.tolist(), heading.tolist())):
+            if found is not None:
+                position[row], velocity[row] = found
         if len(of["twist"].t):
-            twist = of["twist"].at(t, RATE_HALF_WIDTH)[0]
+            forward, left = of["twist"].at(times, RATE_HALF_WIDTH)[0].T
             c, s = np.cos(heading), np.sin(heading)
-            velocity = np.array([c * twist[0] - s * twist[1], s * twist[0] + c * twist[1]])
-        (x, y), (vx, vy) = position.tolist(), velocity.tolist()
-        return Motion(x, y, heading, vx, vy, rate, float(bend[0]), float(bend_rate[0]))
+            velocity = np.column_stack([c * forward - s * left, s * forward + c * left])
+        return np.column_stack([position, heading, velocity, rate, bend, bend_rate])
 
     @cached_property
     def _local(self) -> dict[str, Local]:
@@ -175,16 +182,14 @@ class Local:
     t: Floats
     values: Floats
 
-    def at(self, t: float, half_width: float, degree: int = 3) -> tuple[Floats, Floats]:
-        """Return values and rates (k,) at `t`: of a local fit, or of the samples themselves if they are exact."""
+    def at(self, at: Floats, half_width: float, degree: int = 3) -> tuple[Floats, Floats]:
+        """Return values and rates (m, k) at times (m,): of local fits, or of the samples if those are exact."""
         times, values = self.t, self.values
-        if not len(times):
-            nan = np.full(values.shape[1], np.nan)
-            return nan, nan
-        value, rate = local_fit(times, values, np.array([t]), half_width, degree)
-        if times[0] <= t <= times[-1] and self._exact(t, 20 * half_width):
-            value = np.array([[np.interp(t, times, column) for column in values.T]])
-        return value[0], rate[0]
+        value, rate = local_fit(times, values, at, half_width, degree)
+        for row, t in enumerate(at.tolist()):
+            if len(times) and times[0] <= t <= times[-1] and self._exact(t, 20 * half_width):
+                value[row] = [np.interp(t, times, column) for column in values.T]
+        return value, rate
 
     def _exact(self, t: float, reach: float) -> bool:
         """Whether samples as far as `reach` from `t` have next to no noise."""

@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 from artibot_sim.identify import kernels
 from artibot_sim.identify.layout import Parts, Samples
 from artibot_sim.identify.parameters import ParameterSet
+from artibot_sim.identify.past import Past, lagging_forces, past_of
 from artibot_sim.identify.sensing import Stretch
 from artibot_sim.identify.sensitivity import Sensitivity, clip, rigid
 from artibot_sim.identify.starts import postures, states
 from artibot_sim.identify.windows import Window
 from artibot_sim.model import Robot
+from artibot_sim.model.effects.tyre_relaxation import EFFECT
 from artibot_sim.model.sensors import measured_starts, sensor_errors
 from artibot_sim.model.windows import KINDS, Items, Plan, WindowBatch, window_step
 
@@ -147,7 +149,14 @@ class Problem:
         q, v = self._motors
         q, v = states(postures(robots), robot, q[window], v[window], guesses, self._late[window])
         stretch, first, knots = (column[window] for column in self._places)
-        return Items(robot, stretch, plan, first, knots, q, v, self._times[window])
+        late = any(EFFECT.id in one.effects for one in robots)
+        lateral = lagging_forces(robots, robot, window, q, v, self._past) if late else None
+        return Items(robot, stretch, plan, first, knots, q, v, self._times[window], lateral)
+
+    @cached_property
+    def _past(self) -> Past:
+        robot = self.parameters.robot
+        return past_of(self.stretches, self.windows, (robot.front.l, robot.back.l if robot.back else 0.0))
 
     @cached_property
     def _places(self) -> Indices:

@@ -56,6 +56,10 @@ MOTOR_GAP = 0.2
 """s without a motor sample through which no window runs."""
 
 
+PAST = 0.1
+"""s between two looks at how the rover came to where it is."""
+
+
 @dataclass(frozen=True)
 class Series:
     """One measured quantity of one stretch.
@@ -113,6 +117,12 @@ class Stretch:
     measured: Measured
     inputs: MotorInputs
     series: tuple[Series, ...]
+
+    @cached_property
+    def motion(self) -> tuple[Array, Array]:
+        """Times (m,), PAST s apart, and the motion then, (m, 8) in the order of `experiment.measured.Motion`."""
+        times = np.arange(self.inputs.t[0], self.inputs.t[-1], PAST)
+        return times, self.measured.along(times)
 
     def table(self, kappa: float | None) -> MotorTable:
         """How the motors turned, as the model takes it."""

@@ -55,6 +55,7 @@ class Work(NamedTuple):
         First knot in `position`, and how many intervals follow.
     q, v : array, shape (n, 16)
     t : array, shape (n,)
+    lateral : array, shape (n, 8)
     plan_first, plan_last : array of int, shape (n,)
         Where an item's samples stand in `at` and `kind`.
     at, kind : array, shape (m,)
@@ -77,6 +78,7 @@ class Work(NamedTuple):
     q: Array
     v: Array
     t: Array
+    lateral: Array
     plan_first: Indices
     plan_last: Indices
     at: Array
@@ -108,6 +110,8 @@ def load_block(S, work, order, block, fx):
             S[AT.EFFECTS + e] = work.t[i]
         load_motors(S, e, work.records[r], work.modes, i, work.eta, r, work.share[i])
         load_lane(S, e, work.records[r], effects_at(S, fx, e, 0.0), work.q, work.v, i)
+        for k in range(8):
+            S[AT.LAG + k * LANES + e] = S[AT.LAG_S + k * LANES + e] = work.lateral[i, k]
         next_knot(S, e, work.position, work.velocity, work.first[i], work.sensors[r, ENCODER_SCALE])
 
 

@@ -46,7 +46,7 @@ def run_window(
     if fleet.extended[r]:
         fx = fleet.effects[r].copy()
         fx["t"] = items.t[i]
-        extra = (fx, np.zeros(8))
+        extra = (fx, np.zeros(8) if items.lateral is None else items.lateral[i].copy())
     work, q, v, w, rows = buffers
     turned, pulled = fleet.sensors[r, :2]
     given = (

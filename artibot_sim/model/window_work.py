@@ -166,8 +166,13 @@ def lane_work(fleet: Fleet, items: Items, knots: Knots, looks: Looks, ends: Indi
         fleet.records, fleet.eta, flat(fleet.effects), fleet.sensors, knots.position, knots.velocity, knots.torque,
         knots.modes[items.table], fleet.share[items.robot, items.table], _whole(items.robot),
         knots.begin[items.table] + items.first, _whole(items.knots), _real(items.q), _real(items.v), _real(items.t),
-        begin, begin + sizes, looks.t, looks.kind, ends - sizes,
+        lagging(items), begin, begin + sizes, looks.t, looks.kind, ends - sizes,
     )  # fmt: skip
+
+
+def lagging(items: Items) -> Array:
+    """Lateral forces that lag, (n, 8), at the starts of all items."""
+    return np.zeros((len(items), 8)) if items.lateral is None else _real(items.lateral)
 
 
 def _whole(values: Indices) -> Indices:

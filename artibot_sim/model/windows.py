@@ -99,6 +99,8 @@ class Items:
         Start states: the rover's own, motors included, not as its sensors show them.
     t : array, shape (n,)
         When they are, s since the recording's start: some effects change with time.
+    lateral : array, shape (n, 8), optional
+        Lateral forces that lag (N, in the order of WHEELS) as they are then; zero by default.
     """
 
     robot: Indices
@@ -109,6 +111,7 @@ class Items:
     q: Array
     v: Array
     t: Array
+    lateral: Array | None = None
 
     def __len__(self) -> int:
         return len(self.robot)
@@ -116,7 +119,7 @@ class Items:
 
 @dataclass
 class WindowBatch:
-    """Runs items; keeps what it can between calls. Lagging tyre forces start from zero.
+    """Runs items; keeps what it can between calls.
 
     Rovers that stay on a plane run side by side in the processor's vector units (`window_lanes`); the others, and
     those of which it is asked how wheels slide or grip, one by one. Both give what `rollout` would, to rounding, and

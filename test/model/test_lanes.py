@@ -53,7 +53,8 @@ def items_of(robots: list[Robot], motors: MotorTable, seed: int, each: int = 1, 
 
 
 def chosen(items: Items, rows: np.ndarray) -> Items:
-    return Items(*(getattr(items, field.name)[rows] for field in dataclasses.fields(Items)))
+    known = {field.name: getattr(items, field.name) for field in dataclasses.fields(Items)}
+    return Items(**{name: values[rows] for name, values in known.items() if values is not None})
 
 
 def at_knots(knots: int) -> Plan:
