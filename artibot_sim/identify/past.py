@@ -41,7 +41,7 @@ class Past(NamedTuple):
 
 
 def past_of(stretches: Sequence[Stretch], windows: Sequence[Window], arms: tuple[float, float]) -> Past:
-    """The way before every window; before a stretch begins nothing moved. `arms` are l_f and l_b, m."""
+    """The way before every window; before a stretch begins all was as it starts. `arms` are l_f and l_b, m."""
     way, aside = np.zeros((len(windows), _SAMPLES + 1)), np.zeros((len(windows), _SAMPLES, 2, 2))
     for i, window in enumerate(windows):
         times, motion = stretches[window.stretch].motion
@@ -56,7 +56,7 @@ def past_of(stretches: Sequence[Stretch], windows: Sequence[Window], arms: tuple
         way[i, :] = steps.sum()
         way[i, _SAMPLES - n : -1] = np.cumsum(steps[::-1])[::-1]
         way[i, -1] = 0.0
-        aside[i, : _SAMPLES - n], aside[i, _SAMPLES - n :] = side[0], side
+        aside[i, _SAMPLES - n :] = side
     return Past(way, aside)
 
 

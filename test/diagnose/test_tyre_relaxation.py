@@ -1,0 +1,69 @@
+"""Lateral forces that lag: windows start with what the way before them built up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnose.hidden.cases import Case, case
+
+from artibot_sim.diagnose import Verdict, diagnose
+from artibot_sim.diagnose.remains import remains
+from artibot_sim.identify.holdout import fitted_starts
+from artibot_sim.identify.parameters import ParameterSet
+from artibot_sim.identify.past import Past, lagging_forces
+from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.run import problem_of
+from artibot_sim.model import load_robot
+from artibot_sim.model.params import params
+
+LENGTH = 0.3
+ROBOT = replace(load_robot("agriq"), effects={"tyre_relaxation": {"length": LENGTH}})
+
+
+@pytest.fixture(scope="module")
+def hidden() -> Case:
+    """Recordings of another simulator than ours."""
+    return case(
+        ("tyre_relaxation",), 1.0, 5, runs=2, held_out=1, duration=20.0, manoeuvres=("eight", "slalom", "stop_and_go")
+    )
+
+
+def known(hidden: Case) -> Problem:
+    """Its windows, soil and effect as they are."""
+    soil = {f"contact.{name}": value for name, value in hidden.truth.soil.items()}
+    robot = replace(ROBOT.replace(soil), effects={name: dict(v) for name, v in hidden.truth.effects.items()})
+    return problem_of(hidden.recordings, ParameterSet(robot, ()), 5.0, 2)
+
+
+def test_forces_are_a_mean_over_the_way_that_wheels_came() -> None:
+    """Of a wheel that drifted aside until `way` before the start, exp(−way / length) is left."""
+    way = 0.2
+    past = Past(np.array([[5.0, way, 0.0]]), np.zeros((1, 2, 2, 2)))
+    past.aside[0, 0, 0, 0] = 0.1
+    q, v = np.zeros((1, 16)), np.zeros((1, 16))
+    zero = np.zeros(1, np.int64)
+    forces = lagging_forces([ROBOT], zero, zero, q, v, past)[0]
+    expected = -params(ROBOT).front.k_t * 0.1 * np.exp(-way / LENGTH)
+    assert forces[:4] == pytest.approx(np.full(4, expected))
+    assert forces[4:] == pytest.approx(np.zeros(4))
+
+
+def test_without_the_effect_nothing_lags() -> None:
+    past = Past(np.array([[1.0, 0.0]]), np.ones((1, 1, 2, 2)))
+    zero = np.zeros(1, np.int64)
+    assert not lagging_forces([load_robot("agriq")], zero, zero, np.zeros((1, 16)), np.ones((1, 16)), past).any()
+
+
+def test_the_true_rover_leaves_noise(hidden: Case) -> None:
+    problem = known(hidden)
+    left = remains(problem, fitted_starts(problem, 2))
+    assert all(level.typical < level.limits[0] for level in left.channels.values()), left
+
+
+def test_it_is_named(hidden: Case) -> None:
+    found = diagnose(hidden.recordings, load_robot("agriq"), holdout=hidden.holdout)
+    assert found.verdict is Verdict.NAMED
+    assert [cause.effect for cause in found.causes] == ["tyre_relaxation"]
+    assert found.causes[0].parameters["length"].value == pytest.approx(LENGTH, rel=0.15)
