@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,7 @@ from artibot_sim.diagnose.other import Other
 from artibot_sim.diagnose.remains import Remains, remains
 from artibot_sim.diagnose.thresholds import Thresholds
 from artibot_sim.diagnose.unexplained import unexplained
-from artibot_sim.diagnose.views import others
+from artibot_sim.diagnose.views import others, together
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.search import Fit
 from artibot_sim.model.effects import EFFECTS
@@ -103,7 +103,7 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
     other = heard
     neutral = problem, fit = found.problem, found.fit
     while len(named) < thresholds.most:
-        best = _best(found, heard, least, thresholds, tuple(n.effect for n in named))
+        best = _best(found, _nats(found, view, named), heard, least, thresholds, tuple(n.effect for n in named))
         if best is None:
             break
         named.append(best)
@@ -148,24 +148,35 @@ def _leaves_more_than_noise(left: Remains) -> bool:
     return any(level.typical > level.limits[0] for name, level in left.channels.items() if name != "position")
 
 
+def _nats(found: Turn, view: CommandView, named: Sequence[Named]) -> dict[str, float]:
+    """Log Bayes factors of what was fitted, from both views."""
+    beside = {n.effect: {name: float(f.value) for name, f in n.found.items()} for n in named if n.found}
+    return {rival.id: together(view, rival, found.evidence[rival.id], beside) for rival in found.rivals}
+
+
 def _best(
-    found: Turn, heard: Mapping[str, Other], least: float, thresholds: Thresholds, without: tuple[str, ...]
+    found: Turn,
+    fitted: Mapping[str, float],
+    heard: Mapping[str, Other],
+    least: float,
+    thresholds: Thresholds,
+    without: tuple[str, ...],
 ) -> Named | None:
     """The effect with the most evidence, if it is enough, and those that tie with it."""
     good: dict[str, float] = {}
-    for rival in found.rivals:
-        own = found.evidence[rival.id]
-        nats = own.nats + (heard[rival.id].nats if rival.id in heard else 0.0)
-        if rival.id not in without and acceptable(own, nats, least + thresholds.more(rival.id), thresholds):
-            good[rival.id] = nats
+    for effect, nats in fitted.items():
+        enough = least + thresholds.more(effect)
+        if effect not in without and acceptable(found.evidence[effect], nats, enough, thresholds):
+            good[effect] = nats
     for effect, view in heard.items():
-        if effect not in good and effect not in without and view.nats >= least:
+        if effect in good or effect in without or fitted.get(effect, least) < least:
+            continue  # what rotations contradict is no cause, however well commands like it
+        if view.nats >= least:
             good[effect] = view.nats
     if not good:
         return None
     best = max(good, key=lambda effect: good[effect])
     margin = max(thresholds.tie, thresholds.tie_share * good[best])
     ties = sorted((e for e in good if e != best and good[e] >= good[best] - margin), key=lambda e: -good[e])
-    fitted = {rival.id for rival in found.rivals}
     values = heard[best].found if best in heard and best not in fitted else {}
     return Named(best, good[best], tuple(ties), values)

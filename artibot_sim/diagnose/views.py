@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from artibot_sim.diagnose.command_view import CommandView, ViewEvidence
+from artibot_sim.diagnose.contest import Rival
 from artibot_sim.diagnose.diagnosis import Found
+from artibot_sim.diagnose.evidence import Evidence
 from artibot_sim.diagnose.other import Other
 from artibot_sim.identify.extension import SPREAD, Extension
 from artibot_sim.model.effects import EFFECTS
@@ -28,17 +31,57 @@ def others(view: CommandView, named: tuple[str, ...] = ()) -> dict[str, Other]:
     return {effect: _other(effect, one) for effect, one in evidence.items() if effect in EFFECTS}
 
 
+def together(view: CommandView, rival: Rival, own: Evidence, beside: Mapping[str, Mapping[str, float]]) -> float:
+    """Log Bayes factor of a fitted effect from both views, at the value that is best for both.
+
+    The view driven by commands can speak against what rotations ask for. Each view at its own best would count the
+    data of both for an effect of which each says something else.
+
+    Parameters
+    ----------
+    own : Evidence
+        Of the view driven by rotations.
+    beside : mapping of str to mapping of str to float
+        Effects that only the view driven by commands knows.
+    """
+    extension, place = rival.trial.hypothesis.extension, float(own.own[0])
+    if "command" not in extension.search.views:
+        return own.nats
+    robot = rival.problem.parameters.robot_at(rival.fit.point.coordinates)
+    others_ = {name: values for name, values in {**robot.effects, **beside}.items() if name != rival.id}
+    before, precision = view.nats(replace(robot, effects=others_)), 1.0 / float(own.covariance[0, 0])
+
+    def gained(coordinate: float) -> float:
+        values = extension.values(extension.nearest(np.array([coordinate])))
+        seen = view.nats(replace(robot, effects={**others_, rival.id: values}))
+        return seen - before - 0.5 * precision * (coordinate - place) ** 2
+
+    tried = [place]
+    heard = view.given(*(name for name in others_ if name in view.evidence)).get(rival.id)
+    if heard is not None and heard.values:
+        best, width = float(extension.coordinates(heard.values)[0]), _widths(extension, heard)[0]
+        its = 1.0 / max(width, 1e-9) ** 2
+        tried += [best, (precision * place + its * best) / (precision + its)]
+    return own.nats + max(gained(coordinate) for coordinate in tried)
+
+
 def _other(effect: str, one: ViewEvidence) -> Other:
     if not one.values:
         return Other(0.0, {}, one.excluded_above, one.note)
-    extension, widths = Extension(effect), []
+    widths = np.minimum(_widths(Extension(effect), one), SPREAD) / SPREAD
+    occam = float(np.log(np.maximum(widths, 1e-12)).sum())
+    return Other(one.nats + min(0.0, occam), _found(effect, one), one.excluded_above, one.note)
+
+
+def _widths(extension: Extension, one: ViewEvidence) -> list[float]:
+    """Standard deviations of an effect's coordinates."""
+    widths = []
     for name, size in extension.search.sizes.items():
         sd = one.sd.get(name, np.inf)
         if extension.search.logarithmic:
             sd = sd / abs(one.values[name]) if one.values[name] else np.inf
-        widths.append(min(sd / size, SPREAD) / SPREAD)
-    occam = float(np.log(np.maximum(widths, 1e-12)).sum())
-    return Other(one.nats + min(0.0, occam), _found(effect, one), one.excluded_above, one.note)
+        widths.append(sd / size)
+    return widths
 
 
 def _found(effect: str, one: ViewEvidence) -> Mapping[str, Found]:

@@ -1,0 +1,72 @@
+"""Both views together: commands can speak for what rotations ask for, and against it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from artibot_sim.diagnose.command_view import CommandView, command_view
+from artibot_sim.diagnose.contest import Rival
+from artibot_sim.diagnose.evidence import Evidence
+from artibot_sim.diagnose.hypotheses import Hypothesis, with_effect
+from artibot_sim.diagnose.screen import Trial
+from artibot_sim.diagnose.views import together
+from artibot_sim.experiment import Experiment
+from artibot_sim.identify.extension import Extension
+from artibot_sim.identify.gauss_newton import evaluate
+from artibot_sim.identify.parameters import parameter_set
+from artibot_sim.identify.robust import Loss
+from artibot_sim.identify.run import problem_of
+from artibot_sim.identify.search import Fit
+from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
+from artibot_sim.identify.windows import CHANNEL_NAMES
+from artibot_sim.model import load_robot
+
+ROBOT = load_robot("agriq")
+SCALE = 0.99
+OWN = 40.0
+"""Nats that rotations are made to give."""
+
+
+@pytest.fixture(scope="module")
+def recordings() -> list[Experiment]:
+    real = replace(ROBOT, effects={"encoder_scale": {"scale": SCALE}})
+    return [synthetic(real, random_manoeuvre(np.random.default_rng(2), 10.0), duration=10.0, kappa=0.8, seed=3)]
+
+
+@pytest.fixture(scope="module")
+def view(recordings: list[Experiment]) -> CommandView:
+    return command_view(recordings, ROBOT)
+
+
+def claim(recordings: list[Experiment], scale: float, sd: float) -> tuple[Rival, Evidence]:
+    """What rotations would say: encoders have this scale, known to `sd` coordinates."""
+    extension = Extension("encoder_scale")
+    problem = with_effect(problem_of(recordings, parameter_set(ROBOT), 5.0, 1), extension)
+    own = extension.coordinates({"scale": scale})
+    loss = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
+    point = evaluate(problem, loss, [np.concatenate([np.zeros(5), own])], problem.starts)[0]
+    rival = Rival(Trial(Hypothesis(extension), problem, point, np.full(1, sd)), Fit(point, loss, None, (), True))  # type: ignore[arg-type]
+    return rival, Evidence(OWN, 0.0, own, np.array([[sd**2]]))
+
+
+def test_commands_speak_for_what_is_so(recordings: list[Experiment], view: CommandView) -> None:
+    assert together(view, *claim(recordings, SCALE, 0.02), {}) > OWN + 100.0
+
+
+def test_commands_speak_against_what_is_not(recordings: list[Experiment], view: CommandView) -> None:
+    """Rotations are sure of the contrary: each view at its own best would have counted both for the effect."""
+    assert view.evidence["encoder_scale"].nats > 100.0
+    assert together(view, *claim(recordings, 2.0 - SCALE, 0.001), {}) < 0.0
+
+
+def test_rotations_that_hardly_know_give_way(recordings: list[Experiment], view: CommandView) -> None:
+    rival, own = claim(recordings, 1.0005, 1.0)
+    assert together(view, rival, own, {}) > OWN + 100.0
+
+
+def test_without_commands_rotations_stand(recordings: list[Experiment]) -> None:
+    rival, own = claim(recordings, SCALE, 0.02)
+    assert together(CommandView(), rival, own, {}) == pytest.approx(OWN)
