@@ -41,9 +41,10 @@ def real() -> Robot:
 
 @pytest.fixture(scope="module")
 def found(real: Robot) -> Work:
-    """The soil identified from one recording, another one predicted."""
-    recordings = [synthetic(real, TURNS, kappa=kappa, seed=k, name=f"run{k}") for k, kappa in enumerate((0.7, 1.0))]
-    return identify(recordings[:1], load_robot("agriq"), holdout=recordings[1:], effort=QUICK)
+    """The soil identified from two recordings, another one predicted; speeds of motors do not jump, as in no real one."""
+    drive, shares = replace(TURNS, blend=0.3), (0.7, 0.85, 1.0)
+    recordings = [synthetic(real, drive, kappa=kappa, seed=k, name=f"run{k}") for k, kappa in enumerate(shares)]
+    return identify(recordings[:2], load_robot("agriq"), holdout=recordings[2:], effort=QUICK)
 
 
 def test_a_known_soil_is_found(found: Work) -> None:
@@ -88,7 +89,7 @@ def test_the_page_shows_what_was_found(found: Work) -> None:
     from artibot_sim.report.identification import page_of, panels
 
     page = page_of(found).decode()
-    assert all(said in page for said in ("k_l", "run1, held out", "free run", "error of torque front"))
+    assert all(said in page for said in ("k_l", "run2, held out", "free run", "error of torque front"))
     drawn = {panel.key for panel in panels(found)}
     assert {"run1_path", "run1_position", "run0_torque_back_fitted"} <= drawn
     for panel in panels(found):
