@@ -41,7 +41,7 @@ def real() -> Robot:
 
 @pytest.fixture(scope="module")
 def found(real: Robot) -> Work:
-    """The soil identified from two recordings, another one predicted; speeds of motors do not jump, as in no real one."""
+    """The soil identified from two recordings, another one predicted; no speed of a motor jumps, as in no real one."""
     drive, shares = replace(TURNS, blend=0.3), (0.7, 0.85, 1.0)
     recordings = [synthetic(real, drive, kappa=kappa, seed=k, name=f"run{k}") for k, kappa in enumerate(shares)]
     return identify(recordings[:2], load_robot("agriq"), holdout=recordings[2:], effort=QUICK)
@@ -91,7 +91,7 @@ def test_the_page_shows_what_was_found(found: Work) -> None:
     page = page_of(found).decode()
     assert all(said in page for said in ("k_l", "run2, held out", "free run", "error of torque front"))
     drawn = {panel.key for panel in panels(found)}
-    assert {"run1_path", "run1_position", "run0_torque_back_fitted"} <= drawn
+    assert {"run2_path", "run2_position", "run0_torque_back_fitted"} <= drawn
     for panel in panels(found):
         assert any(np.isfinite(line.y).any() for line in panel.lines)
 
