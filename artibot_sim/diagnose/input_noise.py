@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import trim_mean
 
 from artibot_sim.diagnose.contest import Rival
 from artibot_sim.diagnose.options import HALF_WIDTH
@@ -27,9 +28,8 @@ from artibot_sim.model import Robot
 
 Array = NDArray[np.float64]
 
-_MOST = 1.0
-"""Mean square of what noise changes in a window's channel, in units of its sensor's, beyond which it took another
-branch: that is chance."""
+_LARGEST = 2.0
+"""Change of a residual, in units of the sensor's noise, beyond which a wheel broke away at another instant: chance."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,8 @@ class NoisyInputs:
         other = replace(problem, stretches=self.stretches).residuals([point.coordinates], point.starts)[0]
         table = np.full((len(problem), len(CHANNEL_NAMES)), np.nan)
         for i, (window, a, b) in enumerate(zip(problem.windows, plain, other, strict=True)):
-            total = np.bincount(window.channel, (b - a) ** 2, minlength=len(CHANNEL_NAMES))
+            change = np.minimum(np.abs(b - a), _LARGEST)
+            total = np.bincount(window.channel, change**2, minlength=len(CHANNEL_NAMES))
             table[i] = np.where(window.counts > 0, total / np.maximum(window.counts, 1.0), np.nan)
         return table
 
@@ -59,13 +60,19 @@ class NoisyInputs:
         A rival that answers the noise more gets nothing for it: fits were not made to weigh that.
         """
         mine = self.blocks(problem, fit.point)
-        counts = np.array([window.counts for window in problem.windows]) / fit.loss.thinning
+        counts = np.sum([window.counts for window in problem.windows], axis=0) / fit.loss.thinning
         found = []
         for rival in rivals:
-            its = self.blocks(rival.problem, rival.fit.point)
-            alike = (mine < _MOST) & (its < _MOST)
-            found.append(max(0.0, float(np.where(alike, counts * (mine - its), 0.0).sum())))
+            less = mine - self.blocks(rival.problem, rival.fit.point)
+            total = sum(n * _usual(column) for n, column in zip(counts, less.T, strict=True) if n > 0.0)
+            found.append(max(0.0, float(total)))
         return found
+
+
+def _usual(values: Array) -> float:
+    """Mean (of numbers, NaN left out) without the largest and the smallest fifth: windows that took another branch."""
+    known = values[np.isfinite(values)]
+    return float(trim_mean(known, 0.2)) if len(known) else 0.0
 
 
 def noisy_inputs(stretches: Sequence[Stretch], robot: Robot, seed: int) -> NoisyInputs:

@@ -165,6 +165,14 @@ def _bodies(state, rover, out, rates):
 
 
 @njit(cache=True)
+def _drag(i, t, state, h):
+    """Torque against the rotation of motor i before its gear."""
+    if i != int(h.drag_motor):
+        return 0.0
+    return h.drag * exp(-t / h.drag_fades) * tanh(state[SPEED + i] / 0.5)
+
+
+@njit(cache=True)
 def _motors(t, state, rover, eta, held, wish, wish_rate, out, rates, torque):
     """Eq. 21 for each motor: the front ones follow their wish as their torque allows, the back ones have `held`."""
     h = rover.hidden
@@ -172,8 +180,7 @@ def _motors(t, state, rover, eta, held, wish, wish_rate, out, rates, torque):
         gear = rover.back_gear if i > 1 else rover.front_gear
         J = gear.J_m + gear.J_w * gear.tau**2 / eta[i]
         load = gear.tau / eta[i] * out[6 + i]
-        if i == int(h.drag_motor):
-            load += h.drag * exp(-t / h.drag_fades) * tanh(state[SPEED + i] / 0.5)
+        load += _drag(i, t, state, h)
         if i > 1:
             torque[i] = held
         else:
@@ -231,10 +238,11 @@ def drive(row, t, h, every, wish, rover):
         if not free:
             ahead[SPEED : SPEED + 2] = wish[k + 1]
         _rates(t + (k + 1) * h, ahead, rover, eta, held, wish[k + 1], slope, out, second, unused)
-        # eqs 23 and 30 of the next step run on this one's torques
+        # eqs 23 and 30 of the next step run on this one's torques; eq. 23 by what goes through the gear
         for i in range(4):
             gear = rover.back_gear if i > 1 else rover.front_gear
-            eta[i] = gear.eta_d if torque[i] * state[SPEED + i] >= 0.0 else 1.0 / gear.eta_r
+            through = torque[i] - _drag(i, t + k * h, state, rover.hidden)
+            eta[i] = gear.eta_d if through * state[SPEED + i] >= 0.0 else 1.0 / gear.eta_r
         before[:] = torque[:2]
         state += 0.5 * h * (first + second)
     return rows
