@@ -80,7 +80,7 @@ def _table(summary: Summary) -> str:
     """Least, median, greatest of every measure, and the parameter it follows most."""
     rows = []
     for name, values in summary.spread.items():
-        cells = "".join(f"<td>{value:.4g}</td>" for value in values)
+        cells = "".join(f"<td>{value:.4g}</td>" for value in values).replace("-", "−")
         rows.append(
             f"<tr><th>{html.escape(name)}</th><td>{html.escape(summary.unit(name))}</td>{cells}"
             f"<td>{html.escape(follows(summary, name))}</td></tr>"
@@ -97,6 +97,7 @@ def follows(summary: Summary, measure: str) -> str:
 
 _STYLE = """
 .choice { display: flex; flex-wrap: wrap; gap: 6px 18px; margin: 12px 0; }
+.choice label { max-width: 100%; }
 .choice select { font: inherit; max-width: 100%; }
 .plot.tall { height: 460px; }
 """
