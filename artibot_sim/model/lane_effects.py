@@ -23,8 +23,8 @@ def flat(record: Any) -> NDArray[np.float64]:
     return values
 
 
-SLOW_HOOKS = {"friction", "lead", "follow_rate"}
-"""Hooks whose answers cost more than all others together: an exponential, roots and quotients for every wheel."""
+SLOW_HOOKS = {"friction", "lead", "follow_rate", "resist"}
+"""Hooks whose answers cost more than all others together: exponentials, roots and quotients for every wheel."""
 
 LIGHT, FULL = (1.0,), (1.0, 1.0)
 """Stand for the extended model as `fx` of lanes: without effects that answer SLOW_HOOKS, and with them."""

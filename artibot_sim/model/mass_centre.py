@@ -27,7 +27,8 @@ def about_mass_centre(body, p, fx, forward, forces, s_g, c_g, module, w):
     push_x, push_y = hooks.push(fx, module)
     if module == 0:
         w[PUSH], w[PUSH + 1] = push_x, push_y
-    surge, sway, turn = hooks.load(fx, module, forward)
+    surge, sway, turn = hooks.load(fx, module)
+    surge -= hooks.resist(fx, module, forward)
     load_x, load_y = c_g * surge - s_g * sway, s_g * surge + c_g * sway
     o = LOAD + 3 * module
     w[o], w[o + 1], w[o + 2] = load_x, load_y, turn

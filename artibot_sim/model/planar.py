@@ -179,7 +179,8 @@ def module_forces(limited, body, ground, fx, module, at, s_g, c_g, rims, lags, s
     forces = x, y, turning
     if fx is not None:
         push_x, push_y = hooks.push(fx, module)
-        surge, sway, turn = hooks.load(fx, module, c_g * at.x_dot + s_g * at.y_dot)
+        surge, sway, turn = hooks.load(fx, module)
+        surge -= hooks.resist(fx, module, c_g * at.x_dot + s_g * at.y_dot)
         x, y = x + (push_x + (c_g * surge - s_g * sway)), y + (push_y + (s_g * surge + c_g * sway))
         turning += turn
         r_x, r_y = mass_centre(fx, module, s_g, c_g)

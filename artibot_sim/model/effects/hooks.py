@@ -92,8 +92,10 @@ push = reduce(_vector_sum, _all("push"))
 """(fx, module) → force on a module's origin along x and y of `map`, N."""
 
 load = reduce(_load_sum, _all("load"))
-"""(fx, module, forward) → force at a module's origin along and across its own frame, N, and yaw moment, N m; `forward`
-is the origin's speed along that frame, m/s."""
+"""(fx, module) → force at a module's origin along and across its own frame, N, and yaw moment, N m."""
+
+resist = reduce(_sum, _all("resist"))
+"""(fx, module, forward) → force against a module's forward motion, N, its origin moving forward at `forward` (m/s)."""
 
 centre = reduce(_vector_sum, _all("centre"))
 """(fx, module) → centre of mass of a module in its own frame, x and y, m."""

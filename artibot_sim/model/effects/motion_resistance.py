@@ -13,9 +13,10 @@ WIDTH = 0.05
 
 
 @inlined
-def load(fx, module, forward):
-    """Force along and across a module's own frame (N) and yaw moment (N m), at its forward speed (m/s)."""
-    return -fx.motion_resistance.force * tanh(forward / WIDTH), 0.0, 0.0
+def resist(fx, module, forward):
+    """Force against a module's forward motion at its forward speed (m/s), N."""
+    force = fx.motion_resistance.force
+    return force * tanh(forward * (1.0 / WIDTH)) if force > 0.0 else 0.0
 
 
 EFFECT = Effect(
@@ -24,5 +25,5 @@ EFFECT = Effect(
     doc="A force of constant size against each module's forward motion: loose ground in front of the wheels, a crust, "
     "high grass. Wheels that hold make up for it with little slip, wheels that slide in a turn with much.",
     parameters={"force": number("N", 0.0, math.inf, "against the forward motion of each module's origin")},
-    hooks={"load": load},
+    hooks={"resist": resist},
 )

@@ -12,8 +12,8 @@ FORCES = ("front_surge", "front_sway", "front_turn", "back_turn")
 
 
 @inlined
-def load(fx, module, forward):
-    """Force along and across a module's own frame (N) and yaw moment (N m), whatever its forward speed."""
+def load(fx, module):
+    """Force along and across a module's own frame (N) and yaw moment (N m)."""
     probe = fx.residual_force
     since = fx.t - probe.since
     if module == 0:
