@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from artibot_sim.experiment import Experiment
 from artibot_sim.identify.holdout import Held, hold_out
 from artibot_sim.identify.identification import ChannelFit
 from artibot_sim.identify.quality import deviations
-from artibot_sim.identify.sensing import CHANNEL_UNITS
+from artibot_sim.identify.sensing import CHANNEL_UNITS, Stretch, stretches
 from artibot_sim.identify.windows import CHANNEL_NAMES
 from artibot_sim.model import Robot
 
@@ -48,41 +48,17 @@ def predict(
     experiment: Experiment, held_out: bool, baseline: Robot, extended: Robot, horizon: float, workers: int | None
 ) -> Pair:
     """A recording by both models; once only where they are the same."""
-    before = hold_out(experiment, baseline, horizon, workers, steps=_STEPS, half_width=HALF_WIDTH)
+    seen = stretches(experiment, baseline, HALF_WIDTH)
+    before = predicted(experiment, baseline, horizon, workers, seen)
     same = extended.effects == baseline.effects and extended == baseline
-    return Pair(
-        held_out,
-        before,
-        before if same else hold_out(experiment, extended, horizon, workers, steps=_STEPS, half_width=HALF_WIDTH),
-    )
+    return Pair(held_out, before, before if same else predicted(experiment, extended, horizon, workers, seen))
 
 
-def improvement(pairs: Sequence[Pair], levels: Mapping[str, float], commanded: Sequence[Series] = ()) -> float:
-    """Fraction by which the noise-weighted mean squared error, less the noise's share, falls; 0 where there is none.
-
-    Parameters
-    ----------
-    pairs : sequence of Pair
-    levels : mapping of str to float
-        Factor on each channel's noise that residuals of the best fit show.
-    commanded : sequence of Series
-        How motors followed their commands, where there are any.
-    """
-    errors = []
-    for name in ("before", "after"):
-        driven = [((getattr(series, name) / series.noise) ** 2).ravel() for series in commanded]
-        every = np.concatenate([_weighted(pairs, name, levels), *driven])
-        errors.append(float(np.mean(every[np.isfinite(every)])) - 1.0)
-    before, after = errors
-    return 1.0 - max(after, 0.0) / before if before > 0.0 else 0.0
-
-
-def _weighted(pairs: Sequence[Pair], name: str, levels: Mapping[str, float]) -> Array:
-    """Squared errors of all samples in units of noise."""
-    factor = np.array([levels.get(channel, 1.0) for channel in CHANNEL_NAMES])
-    held = [getattr(pair, name) for pair in pairs]
-    parts = [(r / factor[w.channel]) ** 2 for h in held for w, r in zip(h.windows, h.residuals, strict=True)]
-    return np.concatenate(parts) if parts else np.ones(1)
+def predicted(
+    experiment: Experiment, robot: Robot, horizon: float, workers: int | None, seen: Sequence[Stretch] = ()
+) -> Held:
+    """A recording by one model; `seen` are its stretches, where they are known already."""
+    return hold_out(experiment, robot, horizon, workers, steps=_STEPS, half_width=HALF_WIDTH, seen=seen)
 
 
 def gains(pairs: Sequence[Pair], commanded: Sequence[Series], seed: int) -> dict[str, ChannelGain]:

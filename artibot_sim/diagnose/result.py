@@ -8,18 +8,18 @@ from dataclasses import replace
 from artibot_sim.diagnose.command_view import command_view
 from artibot_sim.diagnose.data_check import data_warnings
 from artibot_sim.diagnose.decision import Decision
-from artibot_sim.diagnose.diagnosis import Cause, ChannelBaseline, Diagnosis, Found, NextExperiment, Series
+from artibot_sim.diagnose.diagnosis import Cause, ChannelBaseline, Diagnosis, Found, NextExperiment
 from artibot_sim.diagnose.evidence import DECADE
 from artibot_sim.diagnose.extended import Uncertain, found_parameters, robot_of, uncertain
 from artibot_sim.diagnose.looks import COMMANDED, look, with_commands
 from artibot_sim.diagnose.next_experiment import next_experiment
 from artibot_sim.diagnose.options import Options
 from artibot_sim.diagnose.places import places
-from artibot_sim.diagnose.predictions import Pair, baseline_levels, gains, improvement, predict
+from artibot_sim.diagnose.predictions import Pair, baseline_levels, gains, predict
 from artibot_sim.diagnose.ranking import ranking
+from artibot_sim.diagnose.worth import improvements
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.problem import Problem
-from artibot_sim.identify.robust import channel_levels
 from artibot_sim.model import Robot
 
 Parameters = Mapping[str, Mapping[str, Found]]
@@ -40,15 +40,12 @@ def result_of(
     after = uncertain(decision.problem, decision.fit, options.seed)
     effects = _parameters(decision, after)
     extended = robot_of(decision.problem, after, effects, names) if effects else baseline
-    pairs = []
-    for experiment, out in [*((e, False) for e in fitted), *((e, True) for e in held)]:
-        pairs.append(predict(experiment, out, baseline, extended, options.horizon, options.workers))
-        tick()
-    commanded = command_view([*fitted, *held], robot, seed=options.seed).seen_by(extended)
+    pairs = _predictions(fitted, held, baseline, extended, options, tick)
+    view = command_view([*fitted, *held], robot, seed=options.seed)
+    commanded = view.seen_by(extended)
     channels, looks = with_commands(baseline_levels(pairs), [look(pair, robot) for pair in pairs], *commanded)
     held_out = [pair for pair in pairs if pair.held_out]
     driven = [one.channels[COMMANDED] for one in looks if one.held_out and COMMANDED in one.channels]
-    point = decision.neutral_fit.point
     return Diagnosis(
         verdict=decision.verdict,
         robot=robot,
@@ -59,18 +56,34 @@ def result_of(
         horizon=options.horizon,
         baseline=channels,
         where=places(looks, channels),
-        causes=_causes(decision, effects, held_out, driven),
+        causes=_causes(decision, effects, improvements(decision, held_out, extended, view, options)),
         ranking=ranking(decision),
         unexplained=decision.unexplained,
         gain=gains(held_out, driven, options.seed),
         next_experiment=_next(decision, extended, channels, options.seed),
-        warnings=data_warnings(fitted, robot, decision.neutral_problem, point),
+        warnings=data_warnings(fitted, robot, decision.neutral_problem, decision.neutral_fit.point),
         looks=tuple(looks),
         prior_odds=options.prior_odds,
         threshold=decision.least,
         seed=options.seed,
         left=decision.left,
     )
+
+
+def _predictions(
+    fitted: Sequence[Experiment],
+    held: Sequence[Experiment],
+    baseline: Robot,
+    extended: Robot,
+    options: Options,
+    tick: Callable[[], None],
+) -> list[Pair]:
+    """All recordings by both models."""
+    pairs = []
+    for experiment, out in [*((e, False) for e in fitted), *((e, True) for e in held)]:
+        pairs.append(predict(experiment, out, baseline, extended, options.horizon, options.workers))
+        tick()
+    return pairs
 
 
 def _parameters(decision: Decision, after: Uncertain) -> dict[str, Mapping[str, Found]]:
@@ -115,13 +128,10 @@ def _next(
     return next_experiment(robots, noise, seed=seed)
 
 
-def _causes(
-    decision: Decision, effects: Parameters, held_out: Sequence[Pair], driven: Sequence[Series]
-) -> tuple[Cause, ...]:
+def _causes(decision: Decision, effects: Parameters, gained: Mapping[str, float]) -> tuple[Cause, ...]:
     """The named effects, most probable first."""
-    levels = channel_levels(decision.problem.windows, decision.fit.point.residuals)
-    gained = improvement(held_out, levels, driven)
     found = [
-        Cause(named.effect, effects[named.effect], named.nats / DECADE, gained, named.ties) for named in decision.named
+        Cause(named.effect, effects[named.effect], named.nats / DECADE, gained[named.effect], named.ties)
+        for named in decision.named
     ]
     return tuple(sorted(found, key=lambda cause: -cause.log10_bayes_factor))

@@ -70,15 +70,17 @@ def hold_out(
     rivals: Sequence[Kinematic] = (),
     steps: int = _STEPS,
     half_width: float = HALF_WIDTH,
+    seen: Sequence[Stretch] = (),
 ) -> Held:
     """Predict a recording with a robot as it is; `rivals` predict it as well.
 
     Every window of `horizon` s starts from what the window before it measured: the start of that one is estimated
     from its own samples, and the model carries it to its end. Where there is none before (the first of a stretch,
     or a stretch no longer than a window) a prediction starts from the measured pose, rolling as its wheels say.
-    Starts are estimated by so many `steps`, motors smoothed over `half_width` s.
+    Starts are estimated by so many `steps`, motors smoothed over `half_width` s, unless the recording's stretches were
+    `seen` already.
     """
-    found = stretches(experiment, robot, half_width)
+    found = list(seen) or stretches(experiment, robot, half_width)
     windows = cut(found, robot, horizon)
     problem = Problem(ParameterSet(robot, ()), found, windows, workers)
     here = np.empty(0)

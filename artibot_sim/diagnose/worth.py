@@ -1,0 +1,80 @@
+"""What each named cause is worth on held-out data: by how much predictions err less once it is in the model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.diagnose.command_view import CommandView
+from artibot_sim.diagnose.decision import Decision
+from artibot_sim.diagnose.options import Options
+from artibot_sim.diagnose.predictions import Pair, predicted
+from artibot_sim.identify.holdout import Held
+from artibot_sim.identify.robust import channel_levels, merged
+from artibot_sim.model import Robot
+
+Array = NDArray[np.float64]
+
+
+def improvements(
+    decision: Decision, pairs: Sequence[Pair], extended: Robot, view: CommandView, options: Options
+) -> dict[str, float]:
+    """Fraction by which the noise-weighted mean squared error, less the noise's share, falls as each cause is added.
+
+    In the order in which they were found, the soil fitted again each time; 0 where there is no error to fall.
+
+    Parameters
+    ----------
+    pairs : sequence of Pair
+        Of what was held out.
+    extended : Robot
+        With all causes.
+    view : CommandView
+        Of the same recordings and others.
+    """
+    if not decision.named:
+        return {}
+    levels = merged(channel_levels(decision.problem.windows, decision.fit.point.residuals))
+    robots = [*_models(decision)[:-1], extended]
+    seen = [pair.before.experiment for pair in pairs]
+    held = [[predicted(one, robot, options.horizon, options.workers) for one in seen] for robot in robots[:-1]]
+    held.append([pair.after for pair in pairs])
+    names = [one.name for one in seen]
+    before = excess([pair.before for pair in pairs], _followed(view, extended, names, "before"), levels)
+    found = {}
+    for named, robot, one in zip(decision.named, robots, held, strict=True):
+        after = excess(one, _followed(view, robot, names, "after"), levels)
+        found[named.effect] = 1.0 - max(after, 0.0) / before if before > 0.0 else 0.0
+        before = after
+    return found
+
+
+def _models(decision: Decision) -> list[Robot]:
+    """The model once each of the named effects was added, in their order."""
+    fits = [(turn.problem, turn.fit) for turn in decision.turns[1:]] + [(decision.problem, decision.fit)]
+    robots, fitted, commanded = [], -1, {}
+    for named in decision.named:
+        if named.found:
+            commanded[named.effect] = {name: found.value for name, found in named.found.items()}
+        else:
+            fitted = min(fitted + 1, len(fits) - 1)
+        problem, fit = fits[fitted] if fitted >= 0 else (decision.neutral_problem, decision.neutral_fit)
+        robot = problem.parameters.robot_at(fit.point.coordinates)
+        robots.append(replace(robot, effects=dict(robot.effects) | commanded))
+    return robots
+
+
+def _followed(view: CommandView, robot: Robot, names: Sequence[str], which: str) -> list[Array]:
+    """Squared errors of the front motors' speeds in the recordings `names`, in units of noise."""
+    _, series = view.seen_by(robot)
+    return [((getattr(series[name], which) / series[name].noise) ** 2).ravel() for name in names if name in series]
+
+
+def excess(held: Sequence[Held], commanded: Sequence[Array], levels: Array) -> float:
+    """Mean squared error in units of noise, `levels` (channels,) times what sensors show, less the noise's share."""
+    parts = [(r / levels[w.channel]) ** 2 for h in held for w, r in zip(h.windows, h.residuals, strict=True)]
+    every = np.concatenate([*parts, *commanded]) if parts or commanded else np.ones(1)
+    return float(np.mean(every[np.isfinite(every)])) - 1.0

@@ -1,0 +1,60 @@
+"""What each of two causes is worth on held-out data."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from artibot_sim.diagnose.command_view import command_view
+from artibot_sim.diagnose.decision import Decision, Named
+from artibot_sim.diagnose.diagnosis import Found, Verdict
+from artibot_sim.diagnose.greedy import Turn
+from artibot_sim.diagnose.hypotheses import with_effect
+from artibot_sim.diagnose.options import Options
+from artibot_sim.diagnose.predictions import predict
+from artibot_sim.diagnose.worth import improvements
+from artibot_sim.identify.extension import Extension
+from artibot_sim.identify.gauss_newton import evaluate
+from artibot_sim.identify.parameters import parameter_set
+from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.robust import Loss
+from artibot_sim.identify.run import problem_of
+from artibot_sim.identify.search import Fit
+from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
+from artibot_sim.identify.windows import CHANNEL_NAMES
+from artibot_sim.model import load_robot
+
+ROBOT = load_robot("agriq")
+LAG, TORQUE = 0.25, 12.0
+REAL = replace(ROBOT, effects={"joint_friction": {"torque": TORQUE}, "speed_loop_lag": {"time_constant": LAG}})
+OPTIONS = Options(horizon=3.0)
+
+
+def turn_at(problem: Problem, own: np.ndarray) -> Turn:
+    loss = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
+    point = evaluate(problem, loss, [np.concatenate([np.zeros(5), own])], problem.starts)[0]
+    return Turn((), (), {}, problem, Fit(point, loss, None, (), True), loss, point.cost)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("lag_first", [False, True])
+def test_each_cause_takes_its_own_error_away(lag_first: bool) -> None:
+    run = synthetic(REAL, random_manoeuvre(np.random.default_rng(2), 12.0), duration=12.0, kappa=0.8, seed=3)
+    problem, friction = problem_of([run], parameter_set(ROBOT), 5.0, 1), Extension("joint_friction")
+    turns = (
+        turn_at(problem, np.empty(0)),
+        turn_at(with_effect(problem, friction), friction.coordinates({"torque": TORQUE})),
+    )
+    named = [Named("joint_friction", 500.0, ()), Named("speed_loop_lag", 400.0, (), {"time_constant": Found(LAG, "s")})]
+    decision = Decision(
+        Verdict.NAMED, tuple(named[::-1] if lag_first else named), 40.0, problem, turns[0].fit, turns[1].problem,
+        turns[1].fit, turns, {},
+    )  # fmt: skip
+    pair = predict(run, True, ROBOT, REAL, OPTIONS.horizon, 1)
+    found = improvements(decision, [pair], REAL, command_view([run], ROBOT), OPTIONS)
+    assert set(found) == {"joint_friction", "speed_loop_lag"}
+    assert all(0.0 < share <= 1.0 for share in found.values()), found
+    second = list(found)[1]
+    assert found[second] > 0.8, "after the second cause noise is left"
+    assert 1.0 - np.prod([1.0 - share for share in found.values()]) > 0.9
