@@ -12,7 +12,7 @@ from artibot_sim.diagnose.hypotheses import Hypothesis, with_effect
 from artibot_sim.identify.gauss_newton import Point, assess, evaluate, reduce, step
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss
-from artibot_sim.identify.search import free_parameters
+from artibot_sim.identify.search import SCAN, free_parameters, scan
 from artibot_sim.identify.sensitivity import Sensitivity, clip
 
 Array = NDArray[np.float64]
@@ -103,6 +103,8 @@ def _screened(base: Around, hypothesis: Hypothesis) -> Trial:
         probes.append(hypothesis.extension.nearest(np.clip(estimate, -_REACH, _REACH)))
     guesses = [guess for probe in probes for guess in _guesses(base, problem, hypothesis, probe, follow)]
     points = evaluate(problem, base.loss, guesses, base.point.starts)
+    # mu_s acts by switching, so no sensitivity tells where it goes
+    points = [scan(problem, base.loss, point, SCAN) for point in points]
     ends = [step(problem, base.loss, point, base.free, known=base.sensitivity, tries=2)[0] for point in points]
     return Trial(hypothesis, problem, min(ends, key=lambda point: point.cost), sd)
 
