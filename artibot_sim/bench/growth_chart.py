@@ -54,8 +54,14 @@ def chart(points: Sequence[Point]) -> bytes:
                 if kind not in ("effects", "cores"):
                     axes.set_xscale("log")
                     axes.set_yscale("log")
+                    if name == "bytes":
+                        axes.yaxis.set_major_formatter("{x:g}")
+                        axes.yaxis.set_minor_formatter("{x:g}")
                 else:
                     axes.set_ylim(bottom=0)
+                sizes = sorted({point.size for _, found in mine for point in found})
+                axes.set_xticks(sizes, [f"{size:g}" for size in sizes])
+                axes.set_xticks([], minor=True)
                 axes.set_xlabel(unit)
                 axes.set_ylabel(label)
                 axes.set_title(f"{title}: {WHAT[name]}")
