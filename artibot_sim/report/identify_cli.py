@@ -62,7 +62,8 @@ def command(
     Examples:
       artibot identify run0 run1 --robot agriq --holdout run2 --out field.yaml --report field.html
       artibot identify run0 --robot agriq --fit k_l,k_t,front.i_y --prior front.i_y=0.72±0.03 --out track.yaml
-      artibot identify husky_a --robot husky --fit k_l,k_t,mu_d,u_w,wheel.r_w --holdout husky_b --out husky_soil.yaml
+      artibot identify husky_a --robot husky --window 2 --fit k_l,k_t,mu_s,mu_d,effects.motion_resistance.force \\
+        --prior effects.motion_resistance.force=50±50 --holdout husky_b --out husky_soil.yaml
     """
     from rich.console import Console
 
