@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from artibot_sim.diagnose.hypotheses import without_last
 from artibot_sim.diagnose.patches import refined
 from artibot_sim.diagnose.screen import Trial
+from artibot_sim.diagnose.valley import walked
 from artibot_sim.identify.gauss_newton import Point, again, evaluate, step
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss
@@ -36,6 +37,8 @@ class Rounds:
         Fits from whose soil and starts the baseline is fitted again.
     few, many : int
         Steps.
+    walks : int
+        Along an effect's valley, at most, as long as each gains what `worth` says.
     worth : float
         Nats that an effect has to gain in the screen to be fitted at all.
     """
@@ -46,6 +49,7 @@ class Rounds:
     returns: int = 2
     few: int = 3
     many: int = 8
+    walks: int = 2
     worth: float = 12.0
 
     def through(self, number: int, gains: Sequence[float]) -> int:
@@ -147,6 +151,11 @@ def settled(problem: Problem, point: Point, loss: Loss, rounds: Rounds) -> Fit:
     """
     point = awake(problem, loss, again(problem, loss, point))
     fit = settle(problem, point, loss, rounds.many)
+    for _ in range(rounds.walks):
+        lower = walked(problem, loss, fit)
+        if lower.cost > fit.point.cost - rounds.worth:
+            break
+        fit = settle(problem, lower, loss, rounds.few)
     return settle(problem, fit.point, replace(loss, firm=True), rounds.few)
 
 

@@ -1,0 +1,56 @@
+"""A walk along an effect's valley: nearer to the truth, and never to a worse place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from artibot_sim.diagnose.hypotheses import with_effect
+from artibot_sim.diagnose.valley import walked
+from artibot_sim.identify.extension import Extension
+from artibot_sim.identify.gauss_newton import evaluate, reduce
+from artibot_sim.identify.parameters import parameter_set
+from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.robust import Loss
+from artibot_sim.identify.run import problem_of
+from artibot_sim.identify.search import Fit, free_parameters
+from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
+from artibot_sim.identify.windows import CHANNEL_NAMES
+from artibot_sim.model import load_robot
+
+ROBOT = load_robot("agriq")
+MASS = 15.0
+LOSS = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
+PAYLOAD = Extension("payload", {"module": "front"})
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    real = replace(ROBOT, effects={"payload": {"mass": MASS, "module": "front"}})
+    run = synthetic(real, random_manoeuvre(np.random.default_rng(2), 12.0), duration=12.0, kappa=0.8, seed=3)
+    return problem_of([run], parameter_set(ROBOT), 5.0, 2)
+
+
+def held_at(problem: Problem, coordinates: np.ndarray) -> Fit:
+    """A fit that stands at some place."""
+    point = evaluate(problem, LOSS, [coordinates], problem.starts)[0]
+    free = free_parameters(problem)
+    residuals, sensitivity = problem.linearised(point.coordinates, point.starts, free)
+    return Fit(point, LOSS, reduce(problem, LOSS, residuals, sensitivity, point.starts), free, False)
+
+
+@pytest.mark.parametrize("share", [0.55, 1.0, 1.6])
+def test_the_walk_ends_nearer_to_the_truth(problem: Problem, share: float) -> None:
+    beside = with_effect(problem, PAYLOAD)
+    fit = held_at(beside, np.append(np.zeros(5), share * PAYLOAD.coordinates({"mass": MASS, "module": "front"})))
+    found = walked(beside, LOSS, fit)
+    mass = PAYLOAD.values(found.coordinates[-1:])["mass"]
+    assert found.cost <= fit.point.cost
+    assert abs(mass - MASS) <= max(0.6 * abs(share * MASS - MASS), 0.15 * MASS)
+
+
+def test_without_an_effect_there_is_no_walk(problem: Problem) -> None:
+    fit = held_at(problem, np.zeros(5))
+    assert walked(problem, LOSS, fit) is fit.point
