@@ -19,7 +19,7 @@ BIN = 0.25
 """s over which residuals are averaged: noise averages out, what forces do stays."""
 LIMITS: dict[str, tuple[float, float]] = {
     "position": (2.6, 6.0), "yaw": (2.0, 5.0), "yaw_rate": (2.0, 5.0), "articulation_yaw": (2.0, 5.0),
-    "torque_front": (2.0, 5.0), "torque_back": (2.0, 5.0),
+    "torque_front": (3.0, 5.0), "torque_back": (3.0, 5.0),
 }  # fmt: skip
 """By channel: mean square of averaged residuals, 1 being the sensor's white noise, above which windows in the middle,
 and the tenth that is worst, are more than fits of recordings with nothing hidden leave."""
