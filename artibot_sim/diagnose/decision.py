@@ -96,7 +96,8 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
         What the view driven by commands says.
     """
     thresholds = options.thresholds
-    least = thresholds.least(options.prior_odds, options.false_alarm_rate, len(EFFECTS))
+    rivals = sum(effect.search is not None for effect in EFFECTS.values())
+    least = thresholds.least(options.prior_odds, options.false_alarm_rate, rivals)
     named: list[Named] = []
     found = turn(problem, fit, fit.loss, (), Rounds(), tick)
     turns, heard = [found], others(view)
