@@ -56,7 +56,7 @@ class SafetyContract:
         for number in range(TRIALS):
             outcome = campaign.live_trial(number, SEED, [name], rig, site, watchdog)
             print(f"seed {SEED}, trial {number}: {outcome}")
-            assert outcome.judged, f"{outcome.void} trials were held up: this machine is too busy"
+            assert outcome.judged, f"{outcome.void} trials were held up, the machine is too busy: {outcome.complaints}"
             assert not outcome.complaints, (f"seed {SEED}, trial {number}", outcome)
 
     def test_a_driver_that_is_killed_is_missed_by_the_drives(

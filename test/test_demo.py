@@ -79,7 +79,7 @@ def test_the_short_demo_leaves_results_and_no_process(start_demo: StartDemo, mar
 
 @pytest.mark.install
 @pytest.mark.parametrize(
-    ("number", "when"), [(signal.SIGTERM, "Simulator"), (signal.SIGINT, "Planner"), (signal.SIGHUP, "Replay")]
+    ("number", "when"), [(signal.SIGTERM, "Simulator"), (signal.SIGINT, "Planner"), (signal.SIGHUP, "Recorder")]
 )
 def test_a_signal_ends_everything_and_keeps_nothing(
     start_demo: StartDemo, mark: str, tmp_path: Path, number: signal.Signals, when: str

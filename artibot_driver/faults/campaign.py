@@ -72,7 +72,11 @@ def virtual_trial(number: int, seed: int, names: Sequence[str]) -> Outcome:
 
 
 def live_trial(number: int, seed: int, names: Sequence[str], rig: Rig, place: Place, watchdog: Watchdog) -> Outcome:
-    """One trial on a real bus; void, and made again, where the machine held something up meanwhile."""
+    """One trial on a real bus; void, and made again, where the machine held something up meanwhile.
+
+    Also where it did not come so far that the fault could be tried: nothing had happened yet.
+    """
+    complaints: list[str] = []
     for k in range(LIVE_TRIES):
         rng, fault, motor = draw(number, seed, [BY_NAME[name] for name in names])
         watchdog.longest()
@@ -80,12 +84,12 @@ def live_trial(number: int, seed: int, names: Sequence[str], rig: Rig, place: Pl
             try:
                 outcome = Trial(world, fault, motor).run()
             except NotReady as error:
-                complaint = f"could not be tried: {error}"
-                outcome = Outcome(fault.name, fault.group or fault.name, motor, complaints=[complaint])
+                complaints = [f"could not be tried: {error}"]
+                continue
         outcome.void = k
         if watchdog.longest().seconds <= HELD_UP:
             return outcome
-    return Outcome(fault.name, fault.group or fault.name, motor, void=LIVE_TRIES, judged=False)
+    return Outcome(fault.name, fault.group or fault.name, motor, complaints=complaints, void=LIVE_TRIES, judged=False)
 
 
 def live_rig(names: Sequence[str]) -> Rig:
