@@ -12,7 +12,7 @@ shift
 
 waiting=(test/nodes test/test_demo.py test/test_launch.py test/driver/test_safety_loopback.py)
 can=(test/can)
-reckoning=(test/diagnose/test_run.py test/diagnose/test_hidden_slice.py)  # about as long
+reckoning=(test/diagnose/test_run.py) # about as long
 begun=("${waiting[@]}" "${can[@]}" "${reckoning[@]}")
 failed=0
 report=$(mktemp)

@@ -34,6 +34,9 @@ SYNC_RATE = float(os.environ.get("ARTIBOT_SYNC_RATE", "100"))
 """Hz. A user-mode kernel has one slow processor: nothing in it has real-time priority, or the kernel's own thread that
 hands frames over would starve."""
 
+PARAMETERS = {"sync_rate": SYNC_RATE, "heartbeat.drive_timeout": 0.5, "heartbeat.driver_timeout": 0.5}
+"""What is too late, and stops a rover, is tested elsewhere."""
+
 
 def main(channel: str, manoeuvre: str, kappas: list[str]) -> None:
     """Drive `manoeuvre` once with each kappa, from standstill to standstill."""
@@ -43,7 +46,7 @@ def main(channel: str, manoeuvre: str, kappas: list[str]) -> None:
             start, log = NodeStarter(Path(folder), {}), Path(folder) / "candump.log"
             try:
                 params = Path(folder) / "driver.yaml"
-                params.write_text(f"/**: {{ros__parameters: {{sync_rate: {SYNC_RATE}}}}}", encoding="ascii")
+                params.write_text(json.dumps({"/**": {"ros__parameters": PARAMETERS}}), encoding="ascii")  # YAML, too
                 drives = start("drives", "--channel", channel, "--params", params, "--priority", 0, "--every", 1)
                 drives.wait_for("all switch on disabled", 120)
                 with open(log, "wb") as sink, subprocess.Popen(["candump", "-L", channel], stdout=sink) as dump:
@@ -64,7 +67,7 @@ def main(channel: str, manoeuvre: str, kappas: list[str]) -> None:
 
 def lead(channel: str, planned: Plan, kappa: float) -> dict[str, object]:
     """The driver without ROS: enable, follow the plan, disable."""
-    rig = load_rig(config_from_parameters({"bus.channel": channel, "sync_rate": SYNC_RATE}))
+    rig = load_rig(config_from_parameters({"bus.channel": channel, **PARAMETERS}))
     with open_bus("socketcan", channel) as bus:
         master = Master(bus, rig)
         period, due = round(1e9 / rig.config.sync_rate), time.monotonic_ns()
