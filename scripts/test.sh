@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # All tests in three parts: first those that watch the clock and mostly wait, two files at a time; then those on a kernel
 # with CAN, which may have to be emulated and then is slow, beside tests that only reckon and leave a processor free;
-# then the rest, two files at a time.
+# then the rest, three files at a time, for they wait for processes of their own.
 # With arguments they are pytest's, and it is one part.
 #
 #   scripts/test.sh PYTHON [PYTEST-ARGUMENT …]
@@ -32,5 +32,5 @@ else
 fi
 
 [ "$failed" = 0 ] || echo "tests have failed already: see the summaries above" >&2
-"$python" -m pytest -n 2 --dist loadfile "${begun[@]/#/--ignore=}" || failed=$?
+"$python" -m pytest -n 3 --dist loadfile "${begun[@]/#/--ignore=}" || failed=$?
 exit "$failed"
