@@ -6,17 +6,17 @@ The recording node itself is killed in `test/nodes/test_record.py`.
 from __future__ import annotations
 
 import mmap
+import multiprocessing
 import os
 import random
-import signal
 import struct
-import subprocess
-import sys
-import textwrap
 import time
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-from bag_helpers import ROOT, joint_state, mcap_file
+import killed_writer
+from bag_helpers import joint_state, mcap_file
 from click.testing import CliRunner
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
@@ -25,46 +25,24 @@ from artibot_sim.experiment import iter_messages
 from artibot_sim.experiment.recover_cli import command
 
 INSTANTS = 45
-TOGETHER = 5
+TOGETHER = 9
 LONGEST = 2.6
 MOST_LOST_NS = 1_000_000_000
 
-# Writes six topics at 100 Hz for two seconds, closes the bag, and waits to be killed. What it has handed to the
-# writer stands in a shared page, which outlives it: number of messages, log time of the last.
-CHILD = """
-    import mmap, struct, sys, time
-    from artibot_sim.experiment import BagWriter
-    folder, page, data = sys.argv[1], sys.argv[2], bytes.fromhex(sys.argv[3])
-    with open(page, "r+b") as stream:
-        shared = mmap.mmap(stream.fileno(), 16)
-    topics = [f"/topic{i}" for i in range(6)]
-    with BagWriter(folder, {"robot": "agriq"}, sync_period=1.0) as bag:
-        for topic in topics:
-            bag.register(topic, "sensor_msgs/msg/JointState")
-        print("ready", flush=True)
-        count, begin = 0, time.monotonic()
-        for tick in range(200):
-            for topic in topics:
-                now = time.time_ns()
-                bag.write(topic, data, now, now)
-                count += 1
-                shared[:] = struct.pack("<QQ", count, now)
-            time.sleep(max(0.0, begin + (tick + 1) * 0.01 - time.monotonic()))
-    time.sleep(60)
-"""
+# All writers come of one process that has imported the library; each then is a process of its own, forked from it.
+FORKS = multiprocessing.get_context("forkserver")
+FORKS.set_forkserver_preload(["artibot_sim.experiment"])
 
 
-def start(place: Path) -> subprocess.Popen[str]:
+def start(place: Path) -> tuple[BaseProcess, Connection]:
     place.mkdir()
     (place / "page").write_bytes(bytes(16))
     data = joint_state(1, ["a", "b", "c", "d"], [1.0] * 4, [2.0] * 4, [3.0] * 4)
-    arguments = [str(place / "run"), str(place / "page"), data.hex()]
-    return subprocess.Popen(
-        [sys.executable, "-c", textwrap.dedent(CHILD), *arguments],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+    hears, tells = FORKS.Pipe(duplex=False)
+    process = FORKS.Process(target=killed_writer.write, args=(str(place / "run"), str(place / "page"), data, tells))
+    process.start()
+    tells.close()
+    return process, hears
 
 
 def handed_over(place: Path) -> tuple[int, int]:
@@ -99,17 +77,17 @@ def test_a_writer_killed_at_random_instants(tmp_path: Path) -> None:
     for begin in range(0, INSTANTS, TOGETHER):
         batch = {k: start(tmp_path / f"{k}") for k in range(begin, min(begin + TOGETHER, INSTANTS))}
         try:
-            for process in batch.values():
-                assert process.stdout is not None
-                assert process.stdout.readline() == "ready\n", f"seed {seed}"
+            for _, hears in batch.values():
+                assert hears.recv() == "ready", f"seed {seed}"
             ready = time.monotonic()
             for k in sorted(batch, key=lambda k: instants[k]):
                 time.sleep(max(0.0, ready + instants[k] - time.monotonic()))
-                batch[k].send_signal(signal.SIGKILL)
+                batch[k][0].kill()
         finally:
-            for process in batch.values():
+            for process, hears in batch.values():
                 process.kill()
-                process.communicate()
+                process.join()
+                hears.close()
         for k in batch:
             what = f"seed {seed}, killed {instants[k]:.3f} s after the start"
             lost = check(tmp_path / f"{k}", what)
