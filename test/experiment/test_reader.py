@@ -46,6 +46,12 @@ def test_a_recording_made_elsewhere_is_read_in_full(name: str) -> None:
         assert (np.diff(channel.t_ns) > 0).all()
         assert set(channel.units) == set(channel.columns)
     assert experiment.require("motor_torques", "front_right.velocity", "front_left.velocity")
+
+
+def test_the_file_alone_is_read_as_its_folder_is() -> None:
+    path = foreign("field_examples/none/run0")
+    experiment = read_bag(path)
+    (file,) = path.glob("*.mcap")
     bare = read_bag(file)
     assert bare.name == experiment.name
     assert bare.channels.keys() == experiment.channels.keys()

@@ -48,7 +48,7 @@ def good(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
         return bag_helpers.small_bag(folder, 200, compression=request.param, metadata={"robot": "agriq"})
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(data=st.data())
 def test_a_recording_cut_anywhere_gives_its_first_messages(good: Path, data: st.DataObject) -> None:
     whole = messages(good)
@@ -82,7 +82,7 @@ def test_what_can_be_decompressed_of_a_truncated_chunk_is_saved(tmp_path: Path) 
     check_valid(report.out, whole[: report.messages])
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(garbage=st.binary(min_size=1, max_size=300))
 def test_garbage_after_the_end_is_left_out(good: Path, garbage: bytes) -> None:
     folder = good.parent / "tail"
@@ -95,7 +95,7 @@ def test_garbage_after_the_end_is_left_out(good: Path, garbage: bytes) -> None:
     check_valid(report.out, messages(good))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(data=st.data())
 def test_garbage_after_a_cut_adds_nothing(good: Path, data: st.DataObject) -> None:
     whole = messages(good)

@@ -67,7 +67,7 @@ def chunk_spans(file: Path) -> list[tuple[Span, Span]]:
     ]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(data=st.data(), finished=st.booleans())
 def test_everything_outside_the_damaged_chunks_comes_back(chunked: Path, data: st.DataObject, finished: bool) -> None:
     whole, file = messages(chunked), mcap_file(chunked)
@@ -120,7 +120,7 @@ def loose(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, list[Message
     return file.read_bytes(), sent, spans
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(data=st.data())
 def test_without_chunks_every_message_outside_the_damage_comes_back(
     loose: tuple[bytes, list[Message], list[Span]], tmp_path_factory: pytest.TempPathFactory, data: st.DataObject

@@ -166,7 +166,7 @@ def check_full(done: subprocess.CompletedProcess[str], folder: Path, size: int, 
 
 @pytest.mark.parametrize("live", [True, False])
 def test_a_file_that_may_not_grow(tmp_path: Path, live: bool) -> None:
-    size = 4 << 20
+    size = 5 << 19
     done = fill(tmp_path / "run", live, limit=size)
     assert "File too large" in done.stdout
     check_full(done, tmp_path / "run", size, tmp_path)

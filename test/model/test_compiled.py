@@ -42,7 +42,8 @@ def test_compilation_is_announced_once_and_a_cached_loop_never(tmp_path: Path) -
     code = (
         "from artibot_sim import progress; heard = []; progress.compiling.append(heard.append); "
         "import numpy as np; from artibot_sim.model import load_robot; "
-        "from artibot_sim.model.kinematics import constraint; constraint(load_robot('agriq'), np.zeros(16)); print(heard)"
+        "from artibot_sim.model.kinematics import constraint; "
+        "constraint(load_robot('agriq'), np.zeros(16)); print(heard)"
     )
     runs = [
         subprocess.run(

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from artibot_sim.errors import ArtibotError
@@ -21,6 +21,7 @@ def rows(plan, first, count):
     return list(zip(*columns.values(), strict=True))
 
 
+@settings(max_examples=50)
 @given(st.lists(st.integers(1, 5), min_size=1, max_size=4), st.data())
 def test_a_grid_has_every_combination_once_however_it_is_cut(sizes, data):
     keys = ["contact.mu_s", "contact.k_l", "front.m", "kappa"]
@@ -33,6 +34,7 @@ def test_a_grid_has_every_combination_once_however_it_is_cut(sizes, data):
     assert rows(plan, 0, cut) + rows(plan, cut, plan.count - cut) == everything
 
 
+@settings(max_examples=30)
 @given(st.integers(1, 60), st.integers(0, 5))
 def test_a_hypercube_has_one_run_in_every_slice_of_every_axis(count, seed):
     axes = {"contact.mu_s": {"from": 0.4, "to": 0.8}, "contact.k_l": {"from": 1e2, "to": 1e4, "scale": "log"}}
