@@ -49,7 +49,7 @@ fuzz: setup-run ## random frames into decoder and simulated drive (N=10000000 SE
 	@$(PY) -m artibot_driver.fuzz $(or $(N),10000000) $(or $(SEED),7)
 
 eq30: setup ## all of Table 6 through a real vcan, its candump log held to eq. 30 frame by frame
-	@ARTIBOT_TABLE6=full ARTIBOT_SYNC_RATE=$${ARTIBOT_SYNC_RATE:-100} $(PY) -m pytest -s -q test/can/test_eq30_vcan.py -k eq30
+	@ARTIBOT_TABLE6=full $(PY) -m pytest -s -q test/can/test_eq30_vcan.py -k eq30
 
 bench-can: setup-run ## driver and replayed frames on vcan0, an emulated machine's if need be (ARGS="--json FILE")
 	@scripts/on_vcan.sh $(PY) -m artibot_sim.cli bench --only driver --only replay_can $(ARGS)

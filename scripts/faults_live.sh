@@ -22,7 +22,7 @@ for where in "${@:-loopback vcan0}"; do
     echo "== $each: $trials trials of each fault, seed $seed"
     case $each in
       loopback) campaign loopback ;;
-      vcan0) campaign vcan0 "$here/on_vcan.sh" ;;
+      vcan0) campaign vcan0 "$here/on_vcan.sh" -s 8 ;;
       node) ARTIBOT_TRIALS=$trials ARTIBOT_SEED=$seed "$python" -m pytest -q -s test/nodes/test_driver_faults.py ;;
       node-vcan0) ARTIBOT_TRIALS=$trials ARTIBOT_SEED=$seed "$python" -m pytest -q -s test/can/test_driver_vcan.py ;;
       *) echo "faults_live.sh: found '$each', expected loopback, vcan0, node or node-vcan0" >&2; exit 2 ;;

@@ -1,22 +1,26 @@
 #!/usr/bin/env bash
-# Run a command on a machine whose kernel has no CAN: boots Linux as an ordinary process (user-mode Linux, about 3 s)
+# Run a command on a machine whose kernel has no CAN: boots Linux as an ordinary process (user-mode Linux, a second or two)
 # on this machine's own files, brings up vcan0 inside, and runs the command there.
 #
-#   scripts/in_uml.sh [-m MEMORY] [-r PRIORITY] COMMAND [ARGUMENT …]
+#   scripts/in_uml.sh [-m MEMORY] [-s FACTOR] [-r PRIORITY] COMMAND [ARGUMENT …]
 #
-# -r 10 has the kernel preferred to all ordinary processes, where that is allowed, for what must keep up with real time.
+# -s 8 is slow motion: the machine's clocks run 8 times slower than this machine's while it works, and what it sleeps
+# through is skipped (slow_motion.c). What must keep up with the clock then does, whatever else runs here: for trying how
+# programs behave, not how fast they are. -r 10 has the kernel preferred to all ordinary processes, where that is allowed.
 # The command sees the same files, working directory and environment; its output goes to standard output, and its
 # status is this script's. Status 125: the kernel did not come so far; what it said is on standard error.
-# Needs Debian's packages user-mode-linux, kmod and iproute2. One CPU; no network but the loopback.
+# Needs Debian's packages user-mode-linux, kmod and iproute2, and a C compiler for -s. One CPU; no network but the loopback.
 set -euo pipefail
 
 memory=256M
 preferred=()
-while getopts m:r: option; do
+slowness=
+while getopts m:r:s: option; do
   case $option in
     m) memory=$OPTARG ;;
+    s) slowness=$OPTARG ;;
     r) chrt -f "$OPTARG" true 2>/dev/null && preferred=(chrt -f "$OPTARG") ;;
-    *) sed -n '2,11s/^# \{0,1\}//p' "$0" >&2; exit 125 ;;
+    *) sed -n '2,14s/^# \{0,1\}//p' "$0" >&2; exit 125 ;;
   esac
 done
 shift $((OPTIND - 1))
@@ -32,6 +36,14 @@ work=$(mktemp -d)
 machine=
 trap '[ -z "$machine" ] || kill "$machine" 2>/dev/null || true; rm -rf "$work"' EXIT
 trap 'exit 130' INT TERM
+
+clock=()
+if [ -n "$slowness" ]; then
+  [[ $slowness =~ ^[1-9][0-9]{0,2}$ ]] || { echo "in_uml.sh: -s is '$slowness', expected a whole number from 1 to 999" >&2; exit 125; }
+  "${CC:-cc}" -O2 -shared -fPIC -o "$work/slow_motion.so" "$(dirname "$0")/slow_motion.c" -ldl >&2 ||
+    { echo "in_uml.sh: -s needs a C compiler; apt-get install gcc libc6-dev" >&2; exit 125; }
+  clock=(env LD_PRELOAD="$work/slow_motion.so" SLOW_MOTION="$slowness")
+fi
 
 # The first program of the new system: it gets the environment and the command as bash writes them down itself.
 {
@@ -63,9 +75,10 @@ BOOT
 chmod +x "$work/init"
 : >"$work/out"
 
-# The command writes to a file, shown as it grows: the kernel's console would mix in lines of its own.
-"${preferred[@]}" "$kernel" "mem=$memory" root=/dev/root rootfstype=hostfs rootflags=/ rw init="$work/init" \
-  con=null con0=fd:0,fd:1 quiet </dev/null >"$work/console" 2>&1 &
+# The command writes to a file, shown as it grows: the kernel's console would mix in lines of its own. What would be
+# timed at boot for the sake of file systems on RAID is left out.
+"${preferred[@]}" "${clock[@]}" "$kernel" "mem=$memory" root=/dev/root rootfstype=hostfs rootflags=/ rw init="$work/init" \
+  initcall_blacklist=raid6_select_algo,calibrate_xor_blocks con=null con0=fd:0,fd:1 quiet </dev/null >"$work/console" 2>&1 &
 machine=$!
 tail -f -c +1 -s 0.1 --pid="$machine" "$work/out" &
 wait "$machine" || true

@@ -119,6 +119,7 @@ install_test_packages() {
   command -v linux.uml >/dev/null || missing+=(user-mode-linux)
   command -v insmod >/dev/null || missing+=(kmod)
   command -v ip >/dev/null || missing+=(iproute2)
+  command -v cc >/dev/null || missing+=(gcc libc6-dev)
   command -v candump >/dev/null || missing+=(can-utils)
   command -v chromium >/dev/null || command -v chromium-browser >/dev/null || missing+=(chromium)
   [ ${#missing[@]} = 0 ] && return

@@ -31,10 +31,10 @@ class Cable:
         self._drive.power_on(time.monotonic_ns())
 
 
-def main(interface: str, channel: str, step_ms: str) -> None:
+def main(interface: str, channel: str) -> None:
     take_priority(0 if "IN_UML" in os.environ else 55)
     rig = load_rig(config_from_parameters({}))
-    with open_bus(interface, channel) as bus, running_drives(bus, rig, int(step_ms) * 1_000_000) as drives:
+    with open_bus(interface, channel) as bus, running_drives(bus, rig) as drives:
         cables = {motor: Cable(drive) for motor, drive in drives.items()}
         for line in sys.stdin:
             word, *rest = line.split()

@@ -95,13 +95,11 @@ class Drives:
     Parameters
     ----------
     interface, channel : str
-    step_ms : int
-        At most so long between two steps of a drive, ms.
     """
 
-    def __init__(self, interface: str, channel: str, step_ms: int = 2) -> None:
+    def __init__(self, interface: str, channel: str) -> None:
         script = str(Path(__file__).with_name("drive_bench_process.py"))
-        command = [sys.executable, script, interface, channel, str(step_ms)]
+        command = [sys.executable, script, interface, channel]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         assert self._ask("state")
 
@@ -152,9 +150,9 @@ def prompt() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def drives_on(interface: str, channel: str, step_ms: int = 2) -> Iterator[Drives]:
+def drives_on(interface: str, channel: str) -> Iterator[Drives]:
     """Drives for the length of a block."""
-    drives = Drives(interface, channel, step_ms)
+    drives = Drives(interface, channel)
     try:
         yield drives
     finally:

@@ -182,7 +182,7 @@ def used(answers: list[tuple[float, int, int]], until: float, before: int) -> tu
     return before, *(torque for _, _, torque in answers)
 
 
-def sync_jitter(lines: Iterable[str], period: float) -> tuple[float, float]:
+def sync_jitter(lines: Iterable[str], period: float = 0.01) -> tuple[float, float]:
     """How far the intervals between SYNC frames are from the period (s): 99 % of them at most, and the worst, ms."""
     found = [LINE.match(line) for line in lines]
     stamps = [float(each[1]) for each in found if each and int(each[2], 16) == SYNC]

@@ -44,12 +44,14 @@ and coasts when it is let go."""
 DECELERATION = 2.0
 PERIOD = 0.01
 REACTION = 0.15
+"""Longest time until the driver's reaction begins, s."""
+
+BY_DRIVES = 0.3
+"""And where only the drives can notice, s."""
+
 TIMEOUT = 0.1
 HELD_UP = 5
 """So many trials in a row may be void because the machine held up those who command."""
-
-STALL = 0.15 if "IN_UML" in os.environ else watchdog.HELD_UP
-"""A trial is void where something waited for so long, s; more where the limits are those for one slow processor."""
 
 ENABLED_WORD = 0x0F
 RIG = load_rig(config_from_parameters({}))
@@ -67,8 +69,6 @@ class Rover:
 
     Attributes
     ----------
-    rate : int
-        SYNC frames a second.
     held_up : float
         Longest wait that the watchdog has seen in this trial, s.
     """
@@ -81,7 +81,6 @@ class Rover:
     driver: NodeProcess
     watchdog: Watchdog
     rng: random.Random
-    rate: int
     reactions: list[float] = field(default_factory=list)
     void: int = 0
     held_up: float = 0.0
@@ -198,11 +197,10 @@ class Rover:
     def check_rest(self) -> None:
         """All four at standstill or without torque, and the front ones no faster than they may lag behind a ramp.
 
-        Longer periods and whoever was held up make the lag longer.
+        Whoever was held up makes the lag longer.
         """
         self.stall()
-        late = 1.0 / self.rate - PERIOD + self.held_up
-        coasts = STANDS + late * DECELERATION / METRES
+        coasts = STANDS + self.held_up * DECELERATION / METRES
         for motor, state in self.drives.states().items():
             assert state["free"] or abs(state["velocity"]) < STANDS, (motor, state)
             if motor.startswith("front"):
@@ -225,7 +223,7 @@ class Rover:
     def note(self, seconds: float, limit: float) -> None:
         """Keep how long a reaction took, which must be within the limit, unless the machine held something up."""
         stall = self.stall()
-        if stall.seconds > STALL:
+        if stall.seconds > watchdog.HELD_UP:
             print(f"void: {stall.whose} was held up for {1e3 * stall.seconds:.0f} ms", flush=True)
             self.void += 1
             return
@@ -242,43 +240,30 @@ class Rover:
         )
 
 
-def start_driver(start_node: NodeStarter, place: Place, rate: int) -> NodeProcess:
+def start_driver(start_node: NodeStarter, place: Place) -> NodeProcess:
     """A driver that listens to cmd_vel as impatiently as to live requests."""
-    parameters = ["--ros-args", "-p", "cmd_vel_timeout:=0.1", "-p", f"sync_rate:={rate}"]
+    parameters = ["--ros-args", "-p", "cmd_vel_timeout:=0.1"]
     parameters += [] if PRIORITY else ["-p", "realtime_priority:=0"]
     return start_node("driver", "--interface", place[0], "--channel", place[1], *parameters)
 
 
 class NodeFaults:
-    """The suite: derive, and give a fixture `place`.
-
-    Attributes
-    ----------
-    SYNC_RATE : int
-        Hz.
-    BY_DRIVER, BY_DRIVES : float
-        Longest time until a reaction begins, s: the driver's, and where only the drives can notice.
-    STEP_MS : int
-        At most so long between two steps of a drive, ms.
-    """
-
-    SYNC_RATE, STEP_MS = 100, 2
-    BY_DRIVER, BY_DRIVES = 0.15, 0.3
+    """The suite: derive, and give a fixture `place`."""
 
     @pytest.fixture
     def rover(self, place: Place, start_node: NodeStarter, ros_context: Any) -> Iterator[Rover]:
         """A rover whose drives are set up."""
-        driver = start_driver(start_node, place, self.SYNC_RATE)
+        driver = start_driver(start_node, place)
         with contextlib.ExitStack() as stack:
             watched = stack.enter_context(Watchdog(watchdog.WATCHING if PRIORITY else 0))
-            drives = stack.enter_context(drives_on(*place, self.STEP_MS))
+            drives = stack.enter_context(drives_on(*place))
             sniffer = stack.enter_context(Sniffer(*place, LOOKED_AT))
             stack.enter_context(prompt())
             probe = DriverProbe(ros_context, ["motor_torques"])
             probe.until(lambda: probe.got["motor_torques"] != [] or not driver.running, "the driver's topics", 120.0)
             assert driver.running, driver.output
             probe.listened()
-            yield Rover(place, start_node, probe, drives, sniffer, driver, watched, random.Random(SEED), self.SYNC_RATE)
+            yield Rover(place, start_node, probe, drives, sniffer, driver, watched, random.Random(SEED))
 
     def test_command_silence(self, rover: Rover) -> None:
         for source in rover.sources():
@@ -287,7 +272,7 @@ class NodeFaults:
             send()
             last = time.monotonic()
             rover.probe.spin(0.3)
-            rover.note(rover.reaction(last + 0.02, told) + 0.02, self.BY_DRIVER)
+            rover.note(rover.reaction(last + 0.02, told) + 0.02, REACTION)
             rover.check_stop(last, {"COMMAND_SILENCE"}, send, max(map(abs, told.values())))
         rover.report("commands silent")
 
@@ -298,7 +283,7 @@ class NodeFaults:
             bad = bad_command(rover, source)
             began = time.monotonic()
             rover.probe.repeat(bad, 0.3)
-            rover.note(rover.reaction(began, told), self.BY_DRIVER)
+            rover.note(rover.reaction(began, told), REACTION)
             assert "refused: " in rover.driver.output
             rover.check_stop(began, {"INVALID_COMMAND", "COMMAND_SILENCE"}, send, max(map(abs, told.values())))
         rover.report("commands not a number or out of range")
@@ -310,7 +295,7 @@ class NodeFaults:
             planner.send(signal.SIGKILL)
             killed = time.monotonic()
             probe.spin(0.3)
-            rover.note(braking_after(rover, killed), self.BY_DRIVER)
+            rover.note(braking_after(rover, killed), REACTION)
             rover.check_stop(killed, {"COMMAND_SILENCE"}, lambda: probe.send_twist(0.3, 0.0), 500.0)
         rover.report("planner killed")
 
@@ -320,19 +305,19 @@ class NodeFaults:
             rover.drive(send)
             rover.driver.send(signal.SIGKILL)
             killed = time.monotonic()
-            rover.probe.spin(self.BY_DRIVES + 0.1)
+            rover.probe.spin(BY_DRIVES + 0.1)
             noticed = {
                 each.node: at - killed
                 for at, each in rover.sniffer.decoded(RIG.codec, killed)
                 if isinstance(each, Emcy) and each.code == HEARTBEAT_LOST
             }
             assert set(noticed) == set(RIG.codec.nodes.values()), "all four together"
-            rover.note(max(noticed.values()), self.BY_DRIVES)
-            rest = killed + self.BY_DRIVES + max(map(abs, told.values())) * METRES / DECELERATION + 0.25
+            rover.note(max(noticed.values()), BY_DRIVES)
+            rest = killed + BY_DRIVES + max(map(abs, told.values())) * METRES / DECELERATION + 0.25
             rover.probe.spin(max(0.0, rest - time.monotonic()))
             rover.check_rest()
             rover.probe.diagnostics.clear()
-            rover.driver = start_driver(rover.start_node, rover.place, self.SYNC_RATE)
+            rover.driver = start_driver(rover.start_node, rover.place)
             rover.probe.until(lambda: rover.probe.part("driver") != {}, "the next driver", 60.0)
             rover.probe.repeat(send, 0.3)
             rover.check_rest()

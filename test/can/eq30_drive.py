@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import os
 import subprocess
 import sys
 import tempfile
@@ -30,11 +29,7 @@ from artibot_driver.rig import load_rig
 from artibot_sim.model import load_robot
 from artibot_sim.planning import Plan, load_manoeuvre, plan
 
-SYNC_RATE = float(os.environ.get("ARTIBOT_SYNC_RATE", "100"))
-"""Hz. A user-mode kernel has one slow processor: nothing in it has real-time priority, or the kernel's own thread that
-hands frames over would starve."""
-
-PARAMETERS = {"sync_rate": SYNC_RATE, "heartbeat.drive_timeout": 0.5, "heartbeat.driver_timeout": 0.5}
+PARAMETERS = {"heartbeat.drive_timeout": 0.5, "heartbeat.driver_timeout": 0.5}
 """What is too late, and stops a rover, is tested elsewhere."""
 
 
@@ -57,11 +52,9 @@ def main(channel: str, manoeuvre: str, kappas: list[str]) -> None:
             finally:
                 start.end()
             lines, robot = log.read_text(encoding="ascii").splitlines(), str(ROOT / "config" / "agriq.yaml")
-            verdict = check(lines, robot, kappa, 1.0 / SYNC_RATE)
+            verdict = check(lines, robot, kappa)
             shown = dataclasses.asdict(verdict) | {"wrong": verdict.wrong[:10], "wrongs": len(verdict.wrong)}
-            jitter = dict(
-                zip(("sync_jitter_p99_ms", "sync_jitter_max_ms"), sync_jitter(lines, 1.0 / SYNC_RATE), strict=True)
-            )
+            jitter = dict(zip(("sync_jitter_p99_ms", "sync_jitter_max_ms"), sync_jitter(lines), strict=True))
             print(json.dumps({"kappa": kappa, **shown, **jitter, **told}), flush=True)
 
 

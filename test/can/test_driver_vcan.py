@@ -6,12 +6,11 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from can_kernel import has_vcan, in_uml
+from can_kernel import on_vcan
 
 from ros_helpers import ROOT
 
@@ -26,10 +25,7 @@ def test_faults_around_the_node_on_a_real_vcan(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     command = [sys.executable, "-m", "pytest", "-q", "-s", "-p", "no:cacheprovider", "--no-header", str(SUITE)]
     timeout = 300.0 + 60.0 * 6 * int(TRIALS)
-    if has_vcan():
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=timeout, check=False)
-    else:
-        done = in_uml("-m", "1200M", "-r", "70", *command, timeout=timeout)
+    done = on_vcan(command, "1200M", timeout)
     print(done.stdout)
     assert done.returncode == 0, done.stdout + done.stderr
     assert " passed" in done.stdout

@@ -31,6 +31,14 @@ def test_in_uml_hands_over_arguments_environment_and_status(monkeypatch: pytest.
     assert done.stdout == repr((words, "a 'quoted'\nvalue", str(Path.cwd()))) + "\n"
 
 
+@pytest.mark.vcan
+def test_slow_motion_skips_what_is_slept_through() -> None:
+    code = "from time import *; a, b = monotonic(), time(); sleep(900); print(monotonic() - a, time() - b)"
+    done = in_uml("-s", "8", sys.executable, "-c", code, timeout=300.0)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert [float(word) for word in done.stdout.split()] == [pytest.approx(900.0, abs=0.5)] * 2
+
+
 def test_in_uml_without_a_command_says_so() -> None:
     done = subprocess.run([str(IN_UML)], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (125, "")
