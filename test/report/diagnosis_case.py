@@ -59,14 +59,11 @@ def look_at(experiment: Experiment, before: Held, after: Held, robot: Robot, hel
     """A recording with the predictions of two models."""
     motors = experiment.channels["motor_torques"]
     t = np.arange(0.0, experiment.duration, 0.2)
-    motions = [Measured(experiment, *experiment.segments[0]).at(x) for x in t.tolist()]
-    yaw = np.array([m.yaw for m in motions])
-    speed = np.cos(yaw) * [m.vx for m in motions] + np.sin(yaw) * [m.vy for m in motions]
+    x, y, yaw, vx, vy, yaw_rate, bend, _ = Measured(experiment, *experiment.segments[0]).along(t).T
     load = sum(np.abs(np.interp(t, motors.t, motors[f"{motor}.effort"])) for motor in MOTORS)
     covariates = {
-        "t": t, "speed": speed, "yaw_rate": np.array([m.yaw_rate for m in motions]), "heading": yaw,
-        "articulation_yaw": np.array([m.articulation for m in motions]), "x": np.array([m.x for m in motions]),
-        "y": np.array([m.y for m in motions]), "load": load,
+        "t": t, "speed": np.cos(yaw) * vx + np.sin(yaw) * vy, "yaw_rate": yaw_rate, "heading": yaw,
+        "articulation_yaw": bend, "x": x, "y": y, "load": load,
     }  # fmt: skip
     point = experiment.channels["total_station"]
     free = [tuple(_path(run.window, run.residual) for run in held.free) for held in (before, after)]
