@@ -77,7 +77,7 @@ class Commands:
 
     @staticmethod
     def _array(name: str, values: ArrayLike) -> Array:
-        array = np.array(values, dtype=float)
+        array = np.array(values, dtype=float, order="C")  # another order would be compiled for anew
         if array.ndim != 2 or array.shape[1] != 4 or len(array) < 1:
             raise ArtibotError(
                 f"commands.{name}: shape {array.shape}; expected (knots, 4), columns front_right, front_left, "

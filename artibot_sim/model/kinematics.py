@@ -150,6 +150,7 @@ def attitude(q):
 
 @kernel
 def _evaluate(q, v, p):
+    """For arrays that can be written, lest it is compiled twice."""
     return joint(q, v, p, attitude(q))
 
 
@@ -163,12 +164,12 @@ def articulation(q: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def constraint(robot: Robot, q: NDArray[np.float64]) -> NDArray[np.float64]:
     """Phi of eq. 13, shape (4,): the joint's gap in `map` (m) and the fourth row's cosine, at ``q`` (16,)."""
-    return np.array(_evaluate(q, np.zeros(16), packed(params(robot)))[0])
+    return np.array(_evaluate(np.array(q), np.zeros(16), packed(params(robot)))[0])
 
 
 def constraint_jacobian(robot: Robot, q: NDArray[np.float64]) -> NDArray[np.float64]:
     """Phi_x of eq. 14, shape (4, 16), at ``q`` (16,)."""
-    _, _, front, back = _evaluate(q, np.zeros(16), packed(params(robot)))
+    _, _, front, back = _evaluate(np.array(q), np.zeros(16), packed(params(robot)))
     jacobian = np.zeros((4, 16))
     jacobian[:3, X : Z + 1] = np.eye(3)
     jacobian[:3, BACK + X : BACK + Z + 1] = -np.eye(3)
@@ -181,4 +182,4 @@ def constraint_jacobian(robot: Robot, q: NDArray[np.float64]) -> NDArray[np.floa
 
 def constraint_bias(robot: Robot, q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
     """(d/dt Phi_x) x_dot, shape (4,): minus the right-hand side of eq. 25's lower rows."""
-    return np.array(_evaluate(q, v, packed(params(robot)))[1])
+    return np.array(_evaluate(np.array(q), np.array(v), packed(params(robot)))[1])

@@ -112,6 +112,10 @@ def prepare(
 
 
 def driven_by(commands: Commands) -> tuple[Array, Array, Array]:
-    """Positions, velocities and torques (n, 4) as the kernel takes them: zeros where none are commanded."""
+    """Positions, velocities and torques (n, 4) as the kernel takes them: zeros where none are commanded.
+
+    All can be written, as those of `Stepper` are: numba compiles anew for one that cannot.
+    """
     given = np.array(commands.commanded)
-    return np.where(given, commands.position, 0.0), np.where(given, commands.velocity, 0.0), commands.torque
+    position, velocity = np.where(given, commands.position, 0.0), np.where(given, commands.velocity, 0.0)
+    return position, velocity, commands.torque.copy()

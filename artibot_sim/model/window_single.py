@@ -42,6 +42,9 @@ def run_window(
     """Item `i`: what its plan asks for, into `out` (m,), which is left as it is from where the rollout diverged."""
     r, first, knots = int(items.robot[i]), int(items.first[i]), int(items.knots[i])
     part, knot_steps = slice(first, first + knots + 1), round(table.dt / dt)
+    position, velocity, torque = (
+        np.ascontiguousarray(array[part]) for array in (table.position, table.velocity, table.torque)
+    )  # as `rollout` has them: another order would be compiled for anew
     extra: tuple[Any, ...] = ()
     if fleet.extended[r]:
         fx = fleet.effects[r].copy()
@@ -51,9 +54,8 @@ def run_window(
     turned, pulled = fleet.sensors[r, :2]
     given = (
         items.q[i].copy(), items.v[i].copy(), fleet.eta[r].copy(), np.zeros(4), fleet.records[r],
-        np.array(table.modes, dtype=np.int64), dt, knots * knot_steps, knot_steps, table.position[part] / turned,
-        table.velocity[part] / turned, table.torque[part] / pulled, knot_steps, fleet.share[r, items.table[i]], work,
-        q, v, w, None,
+        np.array(table.modes, dtype=np.int64), dt, knots * knot_steps, knot_steps, position / turned,
+        velocity / turned, torque / pulled, knot_steps, fleet.share[r, items.table[i]], work, q, v, w, None,
     )  # fmt: skip
     _, kept = advance("rk4", given, extra)
     if kept > 1:

@@ -52,7 +52,7 @@ class Knots:
     def of(cls, tables: Sequence[MotorTable], dt: float) -> Knots:
         """Of tables, whose `dt` are whole multiples of the step `dt`, s."""
         position, velocity, torque = (
-            np.concatenate([np.empty((0, 4)), *(getattr(table, name) for table in tables)])
+            _real(np.concatenate([np.empty((0, 4)), *(getattr(table, name) for table in tables)]))
             for name in ("position", "velocity", "torque")
         )
         lengths = [len(table.position) for table in tables]
