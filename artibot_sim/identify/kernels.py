@@ -33,15 +33,27 @@ def compare(of, predicted, lost):
 
 @kernel
 def block_sums(of, residuals, inflation, bend, out):
-    """Huber's losses of residuals (sets, n), added up by window and channel, into `out` (sets, windows, channels)."""
-    for s in range(residuals.shape[0]):
-        for w in range(out.shape[1]):
+    """Huber's losses of residuals (sets, n), added up by window and channel, into `out` (sets, windows, channels).
+
+    Samples of one channel mostly stand together: their sum is kept at hand, not in memory.
+    """
+    for w in range(out.shape[1]):
+        for s in range(out.shape[0]):
             for c in range(out.shape[2]):
                 out[s, w, c] = 0.0
-            for j in range(of.begin[w], of.begin[w + 1]):
-                size = abs(residuals[s, j]) / inflation
-                near = min(size, bend)  # near² within the bend, and linear beyond it
-                out[s, w, of.channel[j]] += near * (2.0 * size - near)
+        j, end = of.begin[w], of.begin[w + 1]
+        while j < end:
+            c, last = of.channel[j], j + 1
+            while last < end and of.channel[last] == c:
+                last += 1
+            for s in range(out.shape[0]):
+                total = out[s, w, c]
+                for k in range(j, last):
+                    size = abs(residuals[s, k]) / inflation
+                    near = min(size, bend)  # near² within the bend, and linear beyond it
+                    total += near * (2.0 * size - near)
+                out[s, w, c] = total
+            j = last
 
 
 @kernel

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from diagnose.hidden import UNLISTED, Case, case
@@ -18,17 +20,22 @@ from artibot_sim.identify.windows import CHANNEL_NAMES
 from artibot_sim.model import load_robot
 
 SEED = 2
+SLOW = ("wandering_moment",)
+"""Half a minute does not show these."""
 WORDS = ACTS_ON | {"wheel_out_of_round": {"variable": "wheel angle", "form": "periodic, once a turn"}}
 """What an answer must say. A wheel's longitudinal force is nearly all torque to the sensors, and may be called that."""
 
 
-def hidden(*effects: str, severity: float = 1.0) -> tuple[Case, Problem, np.ndarray]:
+@cache
+def hidden(*effects: str) -> tuple[Case, Problem, np.ndarray]:
     """A case, its recordings as a problem, and the coordinates of its soil."""
-    found = case(effects, severity, SEED, runs=3, held_out=0, duration=45.0)
+    duration = 45.0 if effects == SLOW else 30.0
+    found = case(effects, 1.0, SEED, runs=3, held_out=0, duration=duration)
     problem = problem_of(found.recordings, parameter_set(load_robot("agriq"), SOIL), 5.0, 2)
     return found, problem, problem.parameters.coordinates([found.truth.soil[name] for name in SOIL])
 
 
+@cache
 def seen(*effects: str) -> tuple[Case, Finding]:
     found, problem, soil = hidden(*effects)
     return found, look(problem, soil, most=1, windows=150)
