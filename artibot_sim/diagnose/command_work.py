@@ -30,7 +30,9 @@ _SMALLEST = {"scale": 1e-3, "lag": 4e-3, "delay": 4e-3}
 _SLOWEST = 0.01
 """The same of a dead band, over the largest speed commanded."""
 _UNSEEN = 8.0
-"""Nats that a size of an effect has to lose to be excluded."""
+"""Nats below which an effect was not seen."""
+_EXCLUDED = 90.0
+"""Nats that a size of an effect has to lose to be excluded: what it takes to be named, and two deviations more."""
 
 
 @dataclass(frozen=True)
@@ -209,7 +211,7 @@ class Work:
         for size in first * 1.5 ** np.arange(26):
             ways = [best.way._replace(**{field_: neutral + sign * float(size)}) for sign in (1.0, -1.0)]
             tried = ways if field_ == "scale" else ways[:1]
-            if all(fitter.value(way) < best.value - _UNSEEN for way in tried):
+            if all(fitter.value(way) < best.value - _EXCLUDED for way in tried):
                 return {name: float(size)}
         return {}
 

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.diagnosis import Found
+from artibot_sim.diagnose.uncertain import Uncertain
 from artibot_sim.identify.extension import Extension
-from artibot_sim.identify.gauss_newton import Point, reduce
-from artibot_sim.identify.judgement import SYSTEMATIC
 from artibot_sim.identify.problem import Problem
-from artibot_sim.identify.search import Fit, free_parameters
-from artibot_sim.identify.uncertainty import Node, from_bootstrap
 from artibot_sim.model import Robot
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.effects.base import Choice
@@ -24,45 +21,6 @@ from artibot_sim.model.quantity import Quantity
 Array = NDArray[np.float64]
 
 _NORMAL = 1.96
-_OWN_SYSTEMATIC = 0.02
-"""Standard deviation, as a share of an effect's coordinate, of what no residual shows."""
-
-
-@dataclass(frozen=True)
-class Uncertain:
-    """A fit's coordinates with their covariance.
-
-    Attributes
-    ----------
-    point : Point
-    covariance : array, shape (p, p)
-        Of the values' logarithms and the effects' coordinates; the wider of curvature and bootstrap, and what neither
-        sees.
-    """
-
-    point: Point
-    covariance: Array
-
-
-def uncertain(problem: Problem, fit: Fit, seed: int) -> Uncertain:
-    """Covariances at a fit's end."""
-    parameters, point = problem.parameters, fit.point
-    free = free_parameters(problem)
-    residuals, sensitivity = problem.linearised(point.coordinates, point.starts, free)
-    reduced = reduce(problem, fit.loss, residuals, sensitivity, point.starts)
-    index = list(free)
-    own = np.zeros((len(parameters), len(parameters)))
-    information = reduced.matrix + parameters.prior_information[np.ix_(index, index)]
-    own[np.ix_(index, index)] = np.linalg.inv(information)
-    curvature = parameters.mixing @ own @ parameters.mixing.T
-    bootstrap = from_bootstrap(problem, [Node(point, reduced)], free, seed).covariance
-    wider = curvature if np.trace(curvature) > np.trace(bootstrap) else bootstrap
-    soil = len(parameters.parameters)
-    sd = np.sqrt(np.maximum(np.diag(curvature), np.diag(bootstrap)))
-    scale = np.maximum(sd / np.sqrt(np.maximum(np.diag(wider), 1e-30)), 1.0)
-    extra = np.full(len(parameters), SYSTEMATIC**2)
-    extra[soil:] = (_OWN_SYSTEMATIC * point.coordinates[soil:]) ** 2
-    return Uncertain(point, wider * np.outer(scale, scale) + np.diag(extra))
 
 
 def found_parameters(extension: Extension, own: Array, covariance: Array) -> dict[str, Found]:
@@ -106,7 +64,7 @@ def robot_of(
 ) -> Robot:
     """The robot of a fit with sources and intervals of what was fitted; `causes` are the effects' parameters."""
     parameters = problem.parameters
-    robot = parameters.robot_at(what.point.coordinates)
+    robot = parameters.robot_at(what.coordinates)
     where = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
     sources, intervals = dict(robot.sources), dict(robot.intervals)
     for i, parameter in enumerate(parameters.parameters):

@@ -10,16 +10,15 @@ import numpy as np
 from artibot_sim.diagnose.decision import Decision, Named
 from artibot_sim.diagnose.diagnosis import Candidate
 from artibot_sim.diagnose.evidence import DECADE
+from artibot_sim.diagnose.exclusion import excluded
 from artibot_sim.diagnose.greedy import Turn
 from artibot_sim.diagnose.other import Other
 from artibot_sim.diagnose.screen import Trial
+from artibot_sim.diagnose.thresholds import Thresholds
 from artibot_sim.model.effects import EFFECTS
 
-_EXCLUDED = 3.0
-"""Standard deviations beyond the best estimate from which a size is excluded: sensitivities are only nearly right."""
 
-
-def ranking(decision: Decision) -> tuple[Candidate, ...]:
+def ranking(decision: Decision, thresholds: Thresholds) -> tuple[Candidate, ...]:
     """All effects, best first: those named as they were found, others as the last turn saw them."""
     named = {n.effect: n for n in decision.named}
     found = []
@@ -29,28 +28,25 @@ def ranking(decision: Decision) -> tuple[Candidate, ...]:
             at = turns[list(named).index(effect)]
         else:
             at = turns[0] if effect in turns[0].evidence else turns[-1]
-        own = _candidate(effect, at, effect in named)
+        bounds = excluded([t for t in at.trials if t.id == effect], decision.least, thresholds)
+        own = _candidate(effect, at, {} if effect in named else bounds)
         found.append(_with_other(own, decision.other[effect], named) if effect in decision.other else own)
     return tuple(sorted(found, key=lambda c: -c.log10_bayes_factor if np.isfinite(c.log10_bayes_factor) else np.inf))
 
 
-def _candidate(effect: str, at: Turn, named: bool) -> Candidate:
+def _candidate(effect: str, at: Turn, bounds: Mapping[str, float]) -> Candidate:
     trials = [trial for trial in at.trials if trial.id == effect]
     rival = next((rival for rival in at.rivals if rival.id == effect), None)
     if rival is not None:
         evidence = at.evidence[effect]
         extension = rival.trial.hypothesis.extension
         values = extension.values(rival.own)
-        return Candidate(
-            effect, evidence.nats / DECADE, values, {} if named else _excluded(trials), _note(trials), True
-        )
+        return Candidate(effect, evidence.nats / DECADE, values, bounds, _note(trials), True)
     if not trials:
         return Candidate(effect, 0.0, {}, {}, "not looked for: these recordings cannot show it")
     best = min(trials, key=lambda trial: trial.point.cost)
     nats = 0.5 * (at.screened - best.point.cost)
-    return Candidate(
-        effect, nats / DECADE, best.hypothesis.extension.values(best.own), _excluded(trials), _note(trials), False
-    )
+    return Candidate(effect, nats / DECADE, best.hypothesis.extension.values(best.own), bounds, _note(trials), False)
 
 
 def _with_other(own: Candidate, other: Other, named: Mapping[str, Named]) -> Candidate:
@@ -59,25 +55,8 @@ def _with_other(own: Candidate, other: Other, named: Mapping[str, Named]) -> Can
     if own.values:
         return replace(own, log10_bayes_factor=nats)
     values = {name: found.value for name, found in other.found.items()}
-    excluded = {} if own.effect in named else other.excluded_above
-    return replace(own, log10_bayes_factor=nats, values=values, excluded_above=excluded, note=other.note, fitted=True)
-
-
-def _excluded(trials: list[Trial]) -> dict[str, float]:
-    """Departures from neutral that are excluded, by parameter; of several choices the weakest bound."""
-    found: dict[str, float] = {}
-    for trial in trials:
-        extension = trial.hypothesis.extension
-        if not np.isfinite(trial.sd).all() or extension.search.reference:
-            return {}
-        reach = _EXCLUDED * float(np.max(trial.sd))
-        for name, size in extension.search.sizes.items():
-            if extension.search.logarithmic:
-                bound = float(np.expm1(reach * size))
-            else:
-                bound = reach * size
-            found[name] = max(found.get(name, 0.0), bound)
-    return found
+    bounds = {} if own.effect in named else other.excluded_above
+    return replace(own, log10_bayes_factor=nats, values=values, excluded_above=bounds, note=other.note, fitted=True)
 
 
 def _note(trials: list[Trial]) -> str:

@@ -10,13 +10,14 @@ from artibot_sim.diagnose.data_check import data_warnings
 from artibot_sim.diagnose.decision import Decision
 from artibot_sim.diagnose.diagnosis import Cause, ChannelBaseline, Diagnosis, Found, NextExperiment
 from artibot_sim.diagnose.evidence import DECADE
-from artibot_sim.diagnose.extended import Uncertain, found_parameters, robot_of, uncertain
+from artibot_sim.diagnose.extended import found_parameters, robot_of
 from artibot_sim.diagnose.looks import COMMANDED, look, with_commands
 from artibot_sim.diagnose.next_experiment import next_experiment
 from artibot_sim.diagnose.options import Options
 from artibot_sim.diagnose.places import places
 from artibot_sim.diagnose.predictions import Pair, baseline_levels, gains, predict
 from artibot_sim.diagnose.ranking import ranking
+from artibot_sim.diagnose.uncertain import Uncertain, uncertain
 from artibot_sim.diagnose.worth import improvements
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.problem import Problem
@@ -37,7 +38,8 @@ def result_of(
     names = [e.name for e in fitted]
     neutral = uncertain(decision.neutral_problem, decision.neutral_fit, options.seed)
     baseline = robot_of(decision.neutral_problem, neutral, {}, names)
-    after = uncertain(decision.problem, decision.fit, options.seed)
+    heard = {effect: other.found for effect, other in decision.other.items()}
+    after = uncertain(decision.problem, decision.fit, options.seed, heard) if decision.named else neutral
     effects = _parameters(decision, after)
     extended = robot_of(decision.problem, after, effects, names) if effects else baseline
     pairs = _predictions(fitted, held, baseline, extended, options, tick)
@@ -57,7 +59,7 @@ def result_of(
         baseline=channels,
         where=places(looks, channels),
         causes=_causes(decision, effects, improvements(decision, held_out, extended, view, options)),
-        ranking=ranking(decision),
+        ranking=ranking(decision, options.thresholds),
         unexplained=decision.unexplained,
         gain=gains(held_out, driven, options.seed),
         next_experiment=_next(decision, extended, channels, options.seed),
@@ -93,18 +95,9 @@ def _parameters(decision: Decision, after: Uncertain) -> dict[str, Mapping[str, 
     place = len(problem.parameters.parameters)
     for extension in problem.parameters.extensions:
         part = slice(place, place + len(extension))
-        own = found_parameters(extension, after.point.coordinates[part], after.covariance[part, part])
-        other = decision.other[extension.id].found if extension.id in decision.other else {}
-        found[extension.id] = {name: _surer(one, other.get(name)) for name, one in own.items()}
+        found[extension.id] = found_parameters(extension, after.coordinates[part], after.covariance[part, part])
         place += len(extension)
     return found | {named.effect: named.found for named in decision.named if named.found}
-
-
-def _surer(one: Found, other: Found | None) -> Found:
-    """Of what two views say about a parameter what has the narrower interval."""
-    if other is None or other.ci95 is None or one.ci95 is None:
-        return one
-    return other if other.ci95[1] - other.ci95[0] < one.ci95[1] - one.ci95[0] else one
 
 
 def _next(

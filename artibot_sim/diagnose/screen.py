@@ -23,6 +23,8 @@ _REACH = 3.0
 """Largest coordinate at which the estimate from sensitivities is tried."""
 _FARTHEST = 0.7
 """Largest change of a coordinate of the baseline beside a probe."""
+_TEST = 0.5
+"""Coordinate at which effects are tried that need no probes: what it costs says how well they are told."""
 _SCORE_STEP = 0.05
 """Coordinate by which an effect is turned on for its sensitivity."""
 
@@ -39,12 +41,16 @@ class Trial:
     point : Point
     sd : array, shape (len(extension),)
         Standard deviations of the coordinates as sensitivities at neutral give them; infinite where nothing changes.
+    blur : float
+        The same as finite probes give it, soil and mu_s having had their say: a probe's size over the root of what it
+        costs. Infinite where some probe costs nothing, or none was tried.
     """
 
     hypothesis: Hypothesis
     problem: Problem
     point: Point
     sd: Array
+    blur: float = np.inf
 
     @property
     def id(self) -> str:
@@ -98,15 +104,26 @@ def screen(base: Around, found: Sequence[Hypothesis], tick: Callable[[], None] =
 def _screened(base: Around, hypothesis: Hypothesis) -> Trial:
     problem = with_effect(base.problem, hypothesis.extension)
     estimate, sd, follow = _score(base, problem, hypothesis)
-    probes = [hypothesis.extension.nearest(probe) for probe in hypothesis.probes]
-    if estimate is not None:
-        probes.append(hypothesis.extension.nearest(np.clip(estimate, -_REACH, _REACH)))
+    extension = hypothesis.extension
+    tests = [extension.nearest(probe) for probe in hypothesis.probes or _TEST * np.eye(len(extension))]
+    probes = [*tests, *([] if estimate is None else [extension.nearest(np.clip(estimate, -_REACH, _REACH))])]
     guesses = [guess for probe in probes for guess in _guesses(base, problem, hypothesis, probe, follow)]
     points = evaluate(problem, base.loss, guesses, base.point.starts)
     # mu_s acts by switching, so no sensitivity tells where it goes
     points = [scan(problem, base.loss, point, SCAN) for point in points]
     ends = [step(problem, base.loss, point, base.free, known=base.sensitivity, tries=2)[0] for point in points]
-    return Trial(hypothesis, problem, min(ends, key=lambda point: point.cost), sd)
+    best = min(ends, key=lambda point: point.cost)
+    return Trial(hypothesis, problem, best, sd, _blur(tests, ends, base.point.cost))
+
+
+def _blur(probes: Sequence[Array], ends: Sequence[Point], neutral: float) -> float:
+    """Standard deviation of the coordinates' length as the probe that tells least gives it."""
+    found = []
+    for own in probes:
+        costs = [end.cost for end in ends if np.array_equal(end.coordinates[-len(own) :], own)]
+        lost = min(costs, default=neutral) - neutral
+        found.append(float(np.linalg.norm(own) / np.sqrt(lost)) if lost > 0.0 else np.inf)
+    return max(found, default=np.inf)
 
 
 def _guesses(

@@ -19,8 +19,13 @@ Array = NDArray[np.float64]
 
 _FACTORS = (0.6, 0.75, 0.88, 1.14, 1.33, 1.7)
 """Of the effect's coordinates."""
+_SMALL = 0.2
+_STEPS = (-0.3, -0.16, -0.08, 0.08, 0.16, 0.3)
+"""Coordinates so near to neutral are changed by steps instead: the soil may have taken nearly all of an effect."""
 _GRIPS = np.log1p(np.array([-0.2, -0.12, -0.06, 0.0, 0.06, 0.12, 0.2]))
 """Changes of mu_s beside, as logarithms."""
+_FINE = np.array([-0.02, -0.01, -0.005, 0.0, 0.005, 0.01, 0.02])
+"""The same where the effect declares how mu_s goes with it."""
 _FARTHEST = 0.5
 """Largest change of a soil's logarithm."""
 _TRIED = 2
@@ -32,24 +37,59 @@ def walked(problem: Problem, loss: Loss, fit: Fit) -> Point:
     parameters, point, free = problem.parameters, fit.point, list(fit.free)
     if not parameters.extensions:
         return point
-    size = len(parameters.extensions[-1])
-    own = point.coordinates[-size:]
-    H = fit.reduced.matrix + parameters.prior_information[np.ix_(free, free)]
-    follow = -np.linalg.solve(H[:-size, :-size], H[:-size, -size:])
-    grip = parameters.index(MU_S)
-    coordinates, starts = [], []
-    for factor in _FACTORS:
-        away = (factor - 1.0) * own
-        beside = point.coordinates.copy()
-        beside[free] += np.concatenate([np.clip(follow @ away, -_FARTHEST, _FARTHEST), away])
-        for change in _GRIPS if grip is not None else (0.0,):
-            place = beside.copy()
-            if grip is not None:
-                place[grip] += change
-            place = parameters.inside(place)
-            moved = fit.reduced.back[:, :, :-1] @ (place - point.coordinates)[free]
-            coordinates.append(place)
-            starts.append(point.starts - np.clip(moved, -problem.start_sd, problem.start_sd))
-    found = sorted(evaluate(problem, loss, coordinates, np.array(starts)), key=lambda p: p.cost)
+    own = point.coordinates[-len(parameters.extensions[-1]) :]
+    length = float(np.linalg.norm(own))
+    if length > _SMALL:
+        moves = [(factor - 1.0) * own for factor in _FACTORS]
+    else:
+        direction = own / length if length else np.eye(len(own))[0]
+        moves = [change * direction for change in _STEPS]
+    grips = _FINE if parameters.extensions[-1].search.valley else _GRIPS
+    places = [place for move in moves for place in beside(problem, loss, fit, move, grips)]
+    found = sorted(places, key=lambda p: p.cost)
     ends = [step(problem, loss, place, free)[0] for place in found[:_TRIED]]
     return min([point, *ends], key=lambda p: p.cost)
+
+
+def beside(problem: Problem, loss: Loss, fit: Fit, move: Array, grips: Array) -> list[Point]:
+    """The fit with its last effect's coordinates moved (k,), the soil that goes with it, and some changes of mu_s."""
+    there, starts = _upon_the_soil(problem, fit, move) or _as_sensitivities_say(problem, fit, move)
+    grip = problem.parameters.index(MU_S)
+    places = []
+    for change in grips if grip is not None else np.zeros(1):
+        place = there.copy()
+        if grip is not None:
+            place[grip] += change
+        places.append(problem.parameters.inside(place))
+    return evaluate(problem, loss, places, starts)
+
+
+def _as_sensitivities_say(problem: Problem, fit: Fit, move: Array) -> tuple[Array, Array]:
+    """Coordinates and starts after a move, by the fit's normal equations; mu_s, of which they know nothing, stays."""
+    parameters, free, size = problem.parameters, list(fit.free), len(move)
+    H = fit.reduced.matrix + parameters.prior_information[np.ix_(free, free)]
+    follow = -np.linalg.solve(H[:-size, :-size], H[:-size, -size:])
+    taken = np.concatenate([np.clip(follow @ move, -_FARTHEST, _FARTHEST), move])
+    there = fit.point.coordinates.copy()
+    there[free] += taken
+    moved = fit.reduced.back[:, :, :-1] @ taken
+    return there, fit.point.starts - np.clip(moved, -problem.start_sd, problem.start_sd)
+
+
+def _upon_the_soil(problem: Problem, fit: Fit, move: Array) -> tuple[Array, Array] | None:
+    """The same where the effect declares how soil makes up for it (`Search.valley`): mu_s too, and starts stay."""
+    parameters, size = problem.parameters, len(move)
+    extension = parameters.extensions[-1]
+    if not extension.search.valley:
+        return None
+    beside_it, own = np.split(fit.point.coordinates, [-size])
+    name = next(iter(extension.search.sizes))
+    after = extension.nearest(own + move)
+    ratio = float(extension.values(after)[name]) / float(extension.values(own)[name])
+    soil = parameters.values(fit.point.coordinates)
+    for key, power in extension.search.valley.items():
+        i = parameters.index(key)
+        if i is not None:
+            soil[i] *= ratio**power
+    effects = np.concatenate([beside_it[len(parameters.parameters) :], after])
+    return parameters.coordinates(soil, effects), fit.point.starts

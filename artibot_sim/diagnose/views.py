@@ -18,7 +18,9 @@ from artibot_sim.model.quantity import Quantity
 
 _NORMAL = 1.96
 _SYSTEMATIC = 0.02
-"""Standard deviation, as a share of a value, of what no residual shows."""
+"""Standard deviation, as a share of a value's departure from neutral, of what no residual shows."""
+_FACTOR = 0.002
+"""The same of a factor, beside that: two sensors of the same thing agree no better."""
 
 
 def others(view: CommandView, named: tuple[str, ...] = ()) -> dict[str, Other]:
@@ -87,9 +89,12 @@ def _widths(extension: Extension, one: ViewEvidence) -> list[float]:
 def _found(effect: str, one: ViewEvidence) -> Mapping[str, Found]:
     found = {}
     for name, value in one.values.items():
-        quantity = EFFECTS[effect].parameters[name].quantity
+        parameter = EFFECTS[effect].parameters[name]
+        quantity, neutral = parameter.quantity, float(parameter.neutral)
         assert isinstance(quantity, Quantity)
-        half = _NORMAL * float(np.hypot(one.sd.get(name, 0.0), _SYSTEMATIC * value))
+        departure = value - neutral if np.isfinite(neutral) else value
+        unseen = np.hypot(_SYSTEMATIC * departure, _FACTOR * value if neutral == 1.0 else 0.0)
+        half = _NORMAL * float(np.hypot(one.sd.get(name, 0.0), unseen))
         ends = (float(max(value - half, quantity.low)), float(min(value + half, quantity.high)))
         found[name] = Found(float(value), quantity.unit, ends)
     return found

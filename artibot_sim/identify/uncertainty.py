@@ -79,7 +79,7 @@ def profile(problem: Problem, fit: Fit, tick: Tick = lambda: None) -> tuple[Node
         coordinates = begin.coordinates.copy()
         coordinates[i] = fit.point.coordinates[i] + change
         inside = problem.parameters.inside(coordinates)
-        nodes[change] = _refit(problem, fit.loss, begin, inside, fit.free)
+        nodes[change] = refitted(problem, fit.loss, begin, inside, fit.free)
         least = min(least, nodes[change].point.cost)
         if change and nodes[change].point.cost > least + _HOPELESS:
             ends[side] = abs(change)
@@ -87,12 +87,28 @@ def profile(problem: Problem, fit: Fit, tick: Tick = lambda: None) -> tuple[Node
     return _with_widths(nodes)
 
 
-def _refit(problem: Problem, loss: Loss, begin: Point, coordinates: Array, free: Sequence[int]) -> Node:
-    """A step of everything but mu_s, which is held, with starts that may follow the windows before."""
+def refitted(
+    problem: Problem,
+    loss: Loss,
+    begin: Point,
+    coordinates: Array,
+    free: Sequence[int],
+    all_free: Sequence[int] | None = None,
+) -> Node:
+    """A step of what is `free` (mu_s is not), with starts that may follow the windows before.
+
+    Parameters
+    ----------
+    begin : Point
+        Where the starts are taken from.
+    coordinates : array, shape (p,)
+    all_free : sequence of int, optional
+        What the node's normal equations are for, where more than was free for the step.
+    """
     point = evaluate(problem, loss, [coordinates], begin.starts)[0]
     point, _, _ = step(problem, loss, point, free)
     point = polished(problem, loss, point, problem.carried(point.coordinates, point.starts), steps=1)
-    return _node(problem, loss, point, free)
+    return _node(problem, loss, point, all_free or free)
 
 
 def _node(problem: Problem, loss: Loss, point: Point, free: Sequence[int]) -> Node:

@@ -1,0 +1,46 @@
+"""From which size on an effect that was not found is excluded: one of that size would have been named."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from artibot_sim.diagnose.screen import Trial
+from artibot_sim.diagnose.thresholds import Thresholds
+from artibot_sim.identify.extension import SPREAD
+
+_MARGIN = 2.0
+"""Standard deviations that chance may take from an effect of that size."""
+_FAITHFUL = 0.9
+"""Share of a size that is found at least."""
+
+
+def excluded(trials: Sequence[Trial], least: float, thresholds: Thresholds) -> dict[str, float]:
+    """Departures from neutral that are excluded, by parameter; of several choices the weakest bound.
+
+    With σ the standard deviation of the effect's coordinate x (the wider of what sensitivities and finite probes say,
+    soil free in both), the evidence grows as x²/2σ² less Occam's factor ln(1.5/σ). Excluded is where two deviations
+    less than x would still gain what it takes to be named, and be as large as it takes.
+
+    Parameters
+    ----------
+    trials : sequence of Trial
+        The effect's, one for each choice.
+    least : float
+        Nats that an effect has to gain.
+    """
+    found: dict[str, float] = {}
+    for trial in trials:
+        extension = trial.hypothesis.extension
+        sd = float(max(np.max(trial.sd), trial.blur))
+        if not np.isfinite(sd) or extension.search.reference:
+            return {}
+        occam = len(extension) * max(0.0, float(np.log(SPREAD / sd)))
+        needed = least + thresholds.more(trial.id) + occam
+        gained = sd * (float(np.sqrt(2.0 * needed)) + _MARGIN)
+        reach = max(gained, float((thresholds.size + _MARGIN * sd) / _FAITHFUL))
+        for name, size in extension.search.sizes.items():
+            bound = float(np.expm1(reach * size)) if extension.search.logarithmic else reach * size
+            found[name] = max(found.get(name, 0.0), bound)
+    return found

@@ -1,0 +1,92 @@
+"""How much of a fit's loss the encoders' noise makes, as a function of its coordinates.
+
+With x the rotations, n their noise and f what the model predicts from them, a sum of squares holds (f'(x) n)² beside
+what it should. That term falls where the model answers rotations less, so the least sum of squares lies there: back
+wheels with too little grip, forces too small. What is to be least is the sum of squares less that term (a corrected
+score; Carroll et al., Measurement Error in Nonlinear Models). (f' n)² is simulated with drawn noise, its logarithm
+taken as linear in the coordinates: forces go with stiffnesses, so it goes with their squares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.diagnose.input_noise import NoisyInputs, noisy_inputs
+from artibot_sim.identify.gauss_newton import evaluate
+from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.search import Fit
+
+Array = NDArray[np.float64]
+
+_DRAWS = 2
+"""Of noise."""
+_STEP = 0.03
+"""Change of a coordinate for a slope."""
+_USUAL = 3.0
+"""Times the middle window's, beyond which a wheel broke away at another instant: chance."""
+_STEEPEST = 6.0
+"""Largest slope of a logarithm: more is chance, too."""
+_FARTHEST = 0.7
+"""Change of the logarithm beyond which nothing is extrapolated."""
+
+
+@dataclass(frozen=True)
+class NoiseShare:
+    """The term around a fit.
+
+    Attributes
+    ----------
+    middle : array, shape (p,)
+        Coordinates of the fit.
+    sizes : array, shape (windows, channels)
+        What it adds to losses there.
+    slopes : array, shape (p, channels)
+        How its logarithm goes with the coordinates.
+    """
+
+    middle: Array
+    sizes: Array
+    slopes: Array
+
+    def _there(self, coordinates: Array) -> Array:
+        rise = np.clip((coordinates - self.middle) @ self.slopes, -_FARTHEST, _FARTHEST)
+        return np.asarray(self.sizes * np.exp(rise), float)
+
+    def losses(self, coordinates: Array) -> Array:
+        """What it adds to each window's loss, shape (windows,)."""
+        return np.asarray(self._there(coordinates).sum(axis=1), float)
+
+    def pull(self, coordinates: Array, free: Sequence[int]) -> Array:
+        """Its gradients by window, shape (windows, f), in the units of `Reduced.gradient`: half a loss's."""
+        return np.asarray(0.5 * self._there(coordinates) @ self.slopes[list(free)].T, float)
+
+
+def noise_share(problem: Problem, fit: Fit) -> NoiseShare:
+    """Simulate with noise drawn anew, at the fit and beside it in each coordinate."""
+    draws = [noisy_inputs(problem.stretches, problem.parameters.robot, seed) for seed in range(_DRAWS)]
+    middle = fit.point.coordinates
+    here = _blocks(draws, problem, fit, middle)
+    limit = _USUAL * np.median(here, axis=0)
+    slopes = np.zeros((len(middle), here.shape[1]))
+    for i in range(len(middle)):
+        sides = []
+        for side in (1.0, -1.0):
+            moved = middle.copy()
+            moved[i] += side * _STEP
+            sides.append(_blocks(draws, problem, fit, problem.parameters.inside(moved)))
+        sound = (sides[0] < limit) & (sides[1] < limit)
+        above, below = (np.where(sound, one, 0.0).sum(axis=0) for one in sides)
+        known = (above > 0.0) & (below > 0.0)
+        slopes[i, known] = np.log(above[known] / below[known]) / (2.0 * _STEP)
+    counts = np.array([window.counts for window in problem.windows]) / fit.loss.thinning
+    return NoiseShare(middle, np.minimum(here, limit) * counts, np.clip(slopes, -_STEEPEST, _STEEPEST))
+
+
+def _blocks(draws: Sequence[NoisyInputs], problem: Problem, fit: Fit, coordinates: Array) -> Array:
+    """Mean squares of what the noise changes in residuals, shape (windows, channels); 0 where nothing is measured."""
+    point = evaluate(problem, fit.loss, [coordinates], fit.point.starts)[0]
+    return np.nan_to_num(np.mean([draw.blocks(problem, point) for draw in draws], axis=0))

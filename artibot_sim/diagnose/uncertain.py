@@ -1,0 +1,145 @@
+"""A fit's values and how sure they are: where it could have ended as well, and what the other view says.
+
+A fit's curvature holds mu_s fixed, and the loss is jagged: it says too little. So the fit is made again at other values
+of mu_s and of the effect's size. Then windows are weighted at random many times (Rubin's bootstrap), each time the
+place with the least loss is taken, and one step from it. Losses and steps are those with the encoders' noise taken off
+(`diagnose/noise_share.py`). The mean of all draws is the value, for single places hold by chance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.diagnose.diagnosis import Found
+from artibot_sim.diagnose.noise_share import NoiseShare, noise_share
+from artibot_sim.diagnose.valley import beside
+from artibot_sim.identify.extension import Extension
+from artibot_sim.identify.gauss_newton import step
+from artibot_sim.identify.judgement import SYSTEMATIC
+from artibot_sim.identify.parameters import ParameterSet
+from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.search import FINE, Fit, scan
+from artibot_sim.identify.uncertainty import Node, profile, refitted
+
+Array = NDArray[np.float64]
+Heard = Mapping[str, Mapping[str, Found]]
+"""By effect, what another view says of its parameters."""
+
+_AWAY = (1.5, 3.0, 6.0)
+"""Changes of an effect's size that are tried, in standard deviations of the curvature, or in _LEAST of the size."""
+_LEAST = 0.01
+_FARTHEST = 0.3
+"""The largest, as a share of the size."""
+_GRIPS = np.array([-0.03, -0.02, -0.012, -0.006, 0.0, 0.006, 0.012, 0.02, 0.03])
+"""Changes of mu_s's coordinate beside each."""
+_DRAWS = 600
+_OWN_SYSTEMATIC = 0.02
+"""Standard deviation, as a share of an effect's coordinate, of what no residual shows."""
+_NORMAL = 1.96
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """A fit's coordinates with their covariance.
+
+    Attributes
+    ----------
+    coordinates : array, shape (p,)
+    covariance : array, shape (p, p)
+        Of the values' logarithms and the effects' coordinates.
+    """
+
+    coordinates: Array
+    covariance: Array
+
+
+def uncertain(problem: Problem, fit: Fit, seed: int, heard: Heard | None = None) -> Uncertain:
+    """Values and covariances of what was fitted: the wider of curvature and bootstrap, and what neither sees."""
+    parameters, index = problem.parameters, list(fit.free)
+    nodes, noise = [*profile(problem, fit), *along(problem, fit)], noise_share(problem, fit)
+    mean, spread = drawn(problem, nodes, index, noise, seed)
+    best = min(nodes, key=lambda node: node.point.cost - float(noise.losses(node.point.coordinates).sum()))
+    curvature = np.zeros_like(spread)
+    information = best.reduced.matrix + parameters.prior_information[np.ix_(index, index)]
+    curvature[np.ix_(index, index)] = np.linalg.inv(information)
+    both = [parameters.mixing @ one @ parameters.mixing.T for one in (curvature, spread)]
+    wider = max(both, key=np.trace)
+    sd = np.sqrt(np.maximum(np.diag(both[0]), np.diag(both[1])))
+    scale = np.maximum(sd / np.sqrt(np.maximum(np.diag(wider), 1e-30)), 1.0)
+    extra = np.full(len(parameters), SYSTEMATIC**2)
+    extra[len(parameters.parameters) :] = (_OWN_SYSTEMATIC * mean[len(parameters.parameters) :]) ** 2
+    return told(parameters, Uncertain(mean, wider * np.outer(scale, scale) + np.diag(extra)), heard or {})
+
+
+def along(problem: Problem, fit: Fit) -> list[Node]:
+    """Fits with other sizes of the last effect, mu_s scanned beside each; none where there is no effect."""
+    parameters, free = problem.parameters, list(fit.free)
+    if not parameters.extensions:
+        return []
+    size = len(parameters.extensions[-1])
+    own = fit.point.coordinates[-size:]
+    H = fit.reduced.matrix + parameters.prior_information[np.ix_(free, free)]
+    length = max(float(np.linalg.norm(own)), 1e-9)
+    direction = own / length
+    sd = float(np.sqrt(direction @ np.linalg.inv(H)[-size:, -size:] @ direction))
+    found = []
+    unit = max(sd, _LEAST * length)
+    for away in sorted({side * min(k * unit, _FARTHEST * length) for k in _AWAY for side in (-1.0, 1.0)}):
+        best = min(beside(problem, fit.loss, fit, away * direction, _GRIPS), key=lambda point: point.cost)
+        best = scan(problem, fit.loss, step(problem, fit.loss, best, fit.free[:-size])[0], FINE)
+        found.append(refitted(problem, fit.loss, best, best.coordinates, fit.free[:-size], fit.free))
+    return found
+
+
+def drawn(
+    problem: Problem, nodes: Sequence[Node], free: Sequence[int], noise: NoiseShare, seed: int
+) -> tuple[Array, Array]:
+    """Mean (p,) and covariance (p, p) of the coordinates that windows weighted at random would have given."""
+    index, rng = list(free), np.random.default_rng(seed)
+    prior = problem.parameters.prior_information
+    losses = np.array([node.point.losses - noise.losses(node.point.coordinates) for node in nodes])
+    pulls = [node.reduced.gradient - noise.pull(node.point.coordinates, index) for node in nodes]
+    table = []
+    for _ in range(_DRAWS):
+        weights = rng.exponential(size=len(problem))  # no window is left out: an effect may act in few of them
+        best = int(np.argmin(losses @ weights))
+        coordinates = nodes[best].point.coordinates.copy()
+        H = np.einsum("w,wij->ij", weights, nodes[best].reduced.matrices) + prior[np.ix_(index, index)]
+        coordinates[index] -= np.linalg.solve(H, weights @ pulls[best] + (prior @ coordinates)[index])
+        table.append(problem.parameters.inside(coordinates))
+    return np.mean(table, axis=0), np.atleast_2d(np.cov(np.array(table).T))
+
+
+def told(parameters: ParameterSet, what: Uncertain, heard: Heard) -> Uncertain:
+    """The same once another view has measured effects' sizes; the soil goes along as the covariance says.
+
+    Views that contradict each other are both less sure than they say (Birge's ratio).
+    """
+    mean, covariance = parameters.mixing @ what.coordinates, what.covariance
+    place = len(parameters.parameters)
+    for extension in parameters.extensions:
+        seen = _measured(extension, heard.get(extension.id, {}))
+        if seen is not None:
+            value, variance = seen
+            total = covariance[place, place] + variance
+            away = value - mean[place]
+            gain = covariance[:, place] / total
+            mean = mean + gain * away
+            covariance = (covariance - np.outer(gain, covariance[place])) * max(1.0, away**2 / total)
+        place += len(extension)
+    return Uncertain(np.asarray(np.linalg.solve(parameters.mixing, mean), float), covariance)
+
+
+def _measured(extension: Extension, found: Mapping[str, Found]) -> tuple[float, float] | None:
+    """The single coordinate of an effect and its variance as another view has them; None where it has none."""
+    names = list(extension.search.sizes)
+    if len(extension) != 1 or names[0] not in found or found[names[0]].ci95 is None:
+        return None
+    one = found[names[0]]
+    assert one.ci95 is not None
+    value, low, high = (float(extension.coordinates({names[0]: v})[0]) for v in (one.value, *one.ci95))
+    return value, max(((high - low) / (2.0 * _NORMAL)) ** 2, 1e-12)

@@ -1,0 +1,94 @@
+"""Values of a diagnosis and how sure they are: noise of encoders bends no value, views that differ are less sure."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from artibot_sim.diagnose.diagnosis import Found
+from artibot_sim.diagnose.hypotheses import with_effect
+from artibot_sim.diagnose.noise_share import noise_share
+from artibot_sim.diagnose.uncertain import Uncertain, told, uncertain
+from artibot_sim.identify.extension import Extension
+from artibot_sim.identify.gauss_newton import evaluate
+from artibot_sim.identify.parameters import ParameterSet, parameter_set
+from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.robust import Loss
+from artibot_sim.identify.run import problem_of
+from artibot_sim.identify.search import Fit, settle
+from artibot_sim.identify.synthetic import synthetic
+from artibot_sim.identify.windows import CHANNEL_NAMES
+from artibot_sim.model import load_robot
+from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Stop
+
+ROBOT = load_robot("agriq")
+TURN = Manoeuvre("turn", (Dwell(0.5), Ramp(speed=0.5), Arc(radius=2.0, angle=2.0), Stop()), a_max=0.5, blend=0.3)
+BACK = CHANNEL_NAMES.index("torque_back")
+SCALE = Extension("torque_scale")
+
+
+@pytest.fixture(scope="module")
+def fitted() -> tuple[Problem, Fit]:
+    """A recording with nothing hidden, and the fit of a back friction to it."""
+    problem = problem_of([synthetic(ROBOT, TURN, kappa=0.8, seed=6)], parameter_set(ROBOT), 5.0, 2)
+    beside = with_effect(problem, Extension("back_friction"))
+    loss = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
+    point = evaluate(beside, loss, [np.zeros(6)], beside.starts)[0]
+    return beside, settle(beside, point, loss, 3)
+
+
+def test_noise_goes_with_the_square_of_what_grips(fitted: tuple[Problem, Fit]) -> None:
+    problem, fit = fitted
+    slopes = noise_share(problem, fit).slopes[:, BACK]
+    names = problem.parameters.keys
+    grip = slopes[names.index("contact.k_l")]
+    assert 1.4 < grip < 3.0
+    # coordinate 1 is a factor exp(0.5)
+    assert 0.5 < slopes[names.index("effects.back_friction.scale")] < 1.5
+    assert abs(slopes[names.index("contact.u_w")]) < 0.5 * grip
+
+
+def test_what_the_noise_has_bent_is_straightened(fitted: tuple[Problem, Fit]) -> None:
+    problem, fit = fitted
+    bent = fit.point.coordinates[-1]
+    found = uncertain(problem, fit, seed=0)
+    own, sd = found.coordinates[-1], np.sqrt(found.covariance[-1, -1])
+    assert bent < -0.1  # wheels that are all alike seem to grip less at the back
+    assert abs(own) < 0.6 * abs(bent)
+    assert abs(own) < 1.96 * sd
+
+
+def scales(sd: float, along: float) -> tuple[ParameterSet, Uncertain]:
+    """A torque scale of 0.9, known to `sd` coordinates, with forces that make up for it."""
+    plain = parameter_set(ROBOT)
+    parameters = ParameterSet(ROBOT, plain.parameters, (SCALE,))
+    direction = np.array([along] * 5 + [1.0])
+    mean = np.concatenate([np.zeros(5), SCALE.coordinates({"scale": 0.9})])
+    return parameters, Uncertain(mean, sd**2 * np.outer(direction, direction) + 1e-8 * np.eye(6))
+
+
+def heard(scale: float, half: float) -> dict[str, dict[str, Found]]:
+    return {"torque_scale": {"scale": Found(scale, "1", (scale - half, scale + half))}}
+
+
+def test_what_commands_say_takes_the_soil_with_it() -> None:
+    parameters, what = scales(sd=0.2, along=-0.15)
+    found = told(parameters, what, heard(0.92, 0.002))
+    assert SCALE.values(found.coordinates[-1:])["scale"] == pytest.approx(0.92, abs=0.002)
+    ratio = parameters.values(found.coordinates) / parameters.values(what.coordinates)
+    assert ratio == pytest.approx(np.full(5, 0.9 / 0.92), rel=0.004)
+    assert found.covariance[-1, -1] < 0.05 * what.covariance[-1, -1]
+
+
+def test_views_that_contradict_each_other_are_less_sure() -> None:
+    parameters, what = scales(sd=0.01, along=-0.15)
+    agree, differ = (told(parameters, what, heard(scale, 0.003)) for scale in (0.9, 0.95))
+    assert differ.covariance[-1, -1] > 4.0 * agree.covariance[-1, -1]
+    low, high = (SCALE.coordinates({"scale": scale})[0] for scale in (0.9, 0.95))
+    sd = np.sqrt(differ.covariance[-1, -1])
+    assert differ.coordinates[-1] - 2.0 * sd < low < high < differ.coordinates[-1] + 2.0 * sd
+
+
+def test_what_no_other_view_knows_stays() -> None:
+    parameters, what = scales(sd=0.1, along=0.0)
+    assert np.allclose(told(parameters, what, {}).coordinates, what.coordinates)
