@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.hypotheses import Hypothesis, with_effect
-from artibot_sim.diagnose.screen import Around, Trial
+from artibot_sim.diagnose.screen import Around, Trial, faint
 from artibot_sim.identify.extension import Extension
 from artibot_sim.identify.gauss_newton import Point, evaluate, step
 from artibot_sim.identify.problem import Problem
@@ -57,11 +57,10 @@ def discs(base: Around) -> list[Trial]:
 
 def _discs(base: Around, effect: str, probes: Sequence[tuple[float, ...]]) -> list[Trial]:
     centres = candidates(base)
+    plain = tuple(np.array(probe) for probe in probes)
+    every = [*plain, *faint(Hypothesis(Extension(effect), plain))]
     tried = [
-        _gained(base, effect, _Disc(x, y, radius, np.array(probe)))
-        for x, y in centres
-        for radius in RADII
-        for probe in probes
+        _gained(base, effect, _Disc(x, y, radius, probe)) for x, y in centres for radius in RADII for probe in every
     ]
     tried = sorted(tried, key=lambda disc: -disc.gain)[:_KEPT]
     trials = []

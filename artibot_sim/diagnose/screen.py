@@ -25,6 +25,8 @@ _FARTHEST = 0.7
 """Largest change of a coordinate of the baseline beside a probe."""
 _TEST = 0.5
 """Coordinate at which effects are tried that need no probes: what it costs says how well they are told."""
+_FAINT, _PLAIN = 0.3, 0.6
+"""Share of a probe at which it is tried as well where all of an effect's probes are at least this plain."""
 _SCORE_STEP = 0.05
 """Coordinate by which an effect is turned on for its sensitivity."""
 
@@ -109,6 +111,9 @@ def _screened(base: Around, hypothesis: Hypothesis) -> Trial:
     probes = [*tests, *([] if estimate is None else [extension.nearest(np.clip(estimate, -_REACH, _REACH))])]
     guesses = [guess for probe in probes for guess in _guesses(base, problem, hypothesis, probe, follow)]
     points = evaluate(problem, base.loss, guesses, base.point.starts)
+    weak = [guess for probe in faint(hypothesis) for guess in _guesses(base, problem, hypothesis, probe, follow)]
+    if weak:
+        points.append(min(evaluate(problem, base.loss, weak, base.point.starts), key=lambda point: point.cost))
     # mu_s acts by switching, so no sensitivity tells where it goes
     points = [scan(problem, base.loss, point, SCAN) for point in points]
     ends = [step(problem, base.loss, point, base.free, known=base.sensitivity, tries=2)[0] for point in points]
@@ -124,6 +129,14 @@ def _blur(probes: Sequence[Array], ends: Sequence[Point], neutral: float) -> flo
         lost = min(costs, default=neutral) - neutral
         found.append(float(np.linalg.norm(own) / np.sqrt(lost)) if lost > 0.0 else np.inf)
     return max(found, default=np.inf)
+
+
+def faint(hypothesis: Hypothesis) -> list[Array]:
+    """Small probes of an effect that has none: between neutral and a plain size the loss may rise first."""
+    sizes = [float(np.abs(probe).max()) for probe in hypothesis.probes]
+    if not sizes or min(sizes) < _PLAIN:
+        return []
+    return [hypothesis.extension.nearest(_FAINT * probe) for probe in hypothesis.probes]
 
 
 def _guesses(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose.hypotheses import hypotheses
+from artibot_sim.diagnose.patches import discs
 from artibot_sim.diagnose.screen import Around, around, screen
 from artibot_sim.identify.gauss_newton import evaluate
 from artibot_sim.identify.holdout import fitted_starts
@@ -61,6 +62,14 @@ def test_what_is_hidden_gains_most(effect: str, values: dict[str, object], label
     found = gains(base({effect: values}), RIVALS)
     assert max(found, key=lambda name: found[name]) == label
     assert found[label] > LEAST
+
+
+def test_a_faint_patch_is_found_where_a_plain_one_would_fit_worse_than_none() -> None:
+    seen = base({"friction_patch": {"scale": 0.87, "x": 3.0, "y": 1.5, "radius": 1.5}})
+    best = min(discs(seen), key=lambda trial: trial.point.cost)
+    place = best.hypothesis.extension.fixed
+    assert 0.5 * (seen.point.cost - best.point.cost) > LEAST
+    assert np.hypot(place["x"] - 3.0, place["y"] - 1.5) < 1.5
 
 
 def test_nothing_gains_little() -> None:
