@@ -14,6 +14,7 @@ import random
 import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import cache
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -68,7 +69,13 @@ def draw(number: int, seed: int, faults: Sequence[Fault]) -> tuple[random.Random
 def virtual_trial(number: int, seed: int, names: Sequence[str]) -> Outcome:
     """One trial in time of its own."""
     rng, fault, motor = draw(number, seed, [BY_NAME[name] for name in names])
-    return Trial(VirtualWorld(load_rig(config_from_parameters({})), rng), fault, motor).run()
+    return Trial(VirtualWorld(_rig(), rng), fault, motor).run()
+
+
+@cache
+def _rig() -> Rig:
+    """The drives of all trials in time of its own."""
+    return load_rig(config_from_parameters({}))
 
 
 def live_trial(number: int, seed: int, names: Sequence[str], rig: Rig, place: Place, watchdog: Watchdog) -> Outcome:

@@ -27,6 +27,12 @@ _WALL_CLOCK = 10 * 365 * 86400 * 10**9
 """Stamps before 1980 are a simulation's own time, not a date."""
 
 
+def check_count(recordings: int) -> None:
+    """Refuse to draw so many on top of each other (ArtibotError)."""
+    if not 1 <= recordings <= len(BAGS):
+        raise ArtibotError(f"{recordings} recordings; expected 1 to {len(BAGS)}, else colours cannot be told apart")
+
+
 def experiment_figure(experiments: Sequence[Experiment], robots: Sequence[Robot | None] = ()) -> Figure:
     """Return everything there is to draw of one recording, or of several on top of each other.
 
@@ -49,10 +55,7 @@ def experiment_figure(experiments: Sequence[Experiment], robots: Sequence[Robot 
     ArtibotError
         If there is nothing to draw, or there are too many recordings.
     """
-    if not 1 <= len(experiments) <= len(BAGS):
-        raise ArtibotError(
-            f"{len(experiments)} recordings; expected 1 to {len(BAGS)}, else colours cannot be told apart"
-        )
+    check_count(len(experiments))
     sources = _sources(experiments, robots or [None] * len(experiments))
     first, missing = path_panel(sources)
     rest, also = time_panels(sources)

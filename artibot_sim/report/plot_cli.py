@@ -53,7 +53,9 @@ def command(
     """
     from artibot_sim.experiment.storage import recording_name
     from artibot_sim.progress import Bar
+    from artibot_sim.report.figures import check_count
 
+    check_count(len(recordings))
     sizes = [_bytes_of(path) for path in recordings]
     with Bar((1.0 + _DRAWING) * sum(sizes)) as bar:
         if png is None and html is None and as_json is None:
