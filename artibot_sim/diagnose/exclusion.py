@@ -40,6 +40,8 @@ def excluded(trials: Sequence[Trial], least: float, thresholds: Thresholds) -> d
         needed = least + thresholds.more(trial.id) + occam
         gained = sd * (float(np.sqrt(2.0 * needed)) + _MARGIN)
         reach = max(gained, float((thresholds.size + _MARGIN * sd) / _FAITHFUL))
+        if extension.search.least:  # not smooth at neutral: nothing smaller than its probes was looked for
+            reach = max(reach, min(float(np.linalg.norm(probe)) for probe in trial.hypothesis.probes))
         for name, size in extension.search.sizes.items():
             bound = float(np.expm1(reach * size)) if extension.search.logarithmic else reach * size
             found[name] = max(found.get(name, 0.0), bound)

@@ -35,13 +35,7 @@ def result_of(
     tick: Callable[[], None],
 ) -> Diagnosis:
     """The diagnosis that a decision comes to."""
-    names = [e.name for e in fitted]
-    neutral = uncertain(decision.neutral_problem, decision.neutral_fit, options.seed)
-    baseline = robot_of(decision.neutral_problem, neutral, {}, names)
-    heard = {effect: other.found for effect, other in decision.other.items()}
-    after = uncertain(decision.problem, decision.fit, options.seed, heard) if decision.named else neutral
-    effects = _parameters(decision, after)
-    extended = robot_of(decision.problem, after, effects, names) if effects else baseline
+    baseline, extended, effects = _robots([e.name for e in fitted], decision, options.seed)
     pairs = _predictions(fitted, held, baseline, extended, options, tick)
     view = command_view([*fitted, *held], robot, seed=options.seed)
     commanded = view.seen_by(extended)
@@ -53,7 +47,7 @@ def result_of(
         robot=robot,
         baseline_robot=baseline,
         extended=extended,
-        bags=tuple(names),
+        bags=tuple(e.name for e in fitted),
         holdout=tuple(e.name for e in held),
         horizon=options.horizon,
         baseline=channels,
@@ -70,6 +64,18 @@ def result_of(
         seed=options.seed,
         left=decision.left,
     )
+
+
+def _robots(names: Sequence[str], decision: Decision, seed: int) -> tuple[Robot, Robot, Parameters]:
+    """The paper's model and the extended one, and the named effects' parameters; what commands say weighs with fits."""
+    neutral = uncertain(decision.neutral_problem, decision.neutral_fit, seed)
+    baseline = robot_of(decision.neutral_problem, neutral, {}, names)
+    if not decision.named:
+        return baseline, baseline, {}
+    heard = {effect: other.found for effect, other in decision.other.items()}
+    after = uncertain(decision.problem, decision.fit, seed, heard)
+    effects = _parameters(decision, after)
+    return baseline, robot_of(decision.problem, after, effects, names), effects
 
 
 def _predictions(

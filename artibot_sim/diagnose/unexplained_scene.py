@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from artibot_sim.diagnose.unexplained_response import COMPONENTS, KNOTS, MOTOR, ends
 from artibot_sim.identify.problem import Problem
 from artibot_sim.model import MOTORS, WHEELS, Robot
+from artibot_sim.model.effects import motor_drag
 from artibot_sim.model.robot import Drive, Module
 from artibot_sim.model.windows import KINDS, Plan
 
@@ -202,11 +203,21 @@ def _add_wheel(
     found[f"lateral force at {wheel}"] = Acting(place.force(0.0, 1.0, x_w + robot.contact.u_w), own)
     if end == "front":
         along = place.force(1.0, 0.0, -y_w)
-        driving = motion[f"torque_{motor}"] * motion[f"rate_{motor}"] >= 0.0
+        driving = through_gear(robot, m, motion) * motion[f"rate_{motor}"] >= 0.0
         drive = _drive(robot, m)
         along[MOTOR + m] = robot.wheel.r_w * drive.tau * np.where(driving, 1.0 / drive.eta_d, drive.eta_r)
         middle = {"own x": place.x - y_w * s, "own y": place.y + y_w * c}
         found[f"longitudinal force of the {motor} wheels"] = Acting(along, own | middle)
+
+
+def through_gear(robot: Robot, motor: int, motion: Mapping[str, Array]) -> Array:
+    """What of a motor's torque reaches its gear, which is what eq. 23 goes by: not what drags at the motor itself."""
+    name = MOTORS[motor]
+    own = robot.effects.get(motor_drag.EFFECT.id, {})
+    if own.get("motor") != name:
+        return motion[f"torque_{name}"]
+    against = float(own["torque"]) * np.tanh(motion[f"rate_{name}"] / motor_drag.WIDTH)
+    return np.asarray(motion[f"torque_{name}"] - against, float)
 
 
 def _drive(robot: Robot, motor: int) -> Drive:

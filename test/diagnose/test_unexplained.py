@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,13 +12,14 @@ from diagnose.hidden.unlisted import ACTS_ON
 
 from artibot_sim.diagnose.remains import remains
 from artibot_sim.diagnose.unexplained import LEAST_NATS, Finding, look, unexplained_of
+from artibot_sim.diagnose.unexplained_scene import through_gear
 from artibot_sim.identify.gauss_newton import Point, evaluate, step
 from artibot_sim.identify.parameters import SOIL, parameter_set
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.windows import CHANNEL_NAMES
-from artibot_sim.model import load_robot
+from artibot_sim.model import MOTORS, load_robot
 
 SEED = 2
 SLOW = ("wandering_moment",)
@@ -86,3 +88,14 @@ def test_something_remains_only_where_something_is_hidden():
     _, problem, soil = hidden("yaw_drag")
     left = remains(problem, settled(problem, soil))
     assert left.significant and "yaw_rate" in left.where
+
+
+def test_eq_23_goes_by_what_reaches_the_gear():
+    """A motor that pushes less than drags at it is driven by its wheels."""
+    dragged = replace(load_robot("agriq"), effects={"motor_drag": {"torque": 0.25, "motor": "back_left"}})
+    motion = {f"torque_{motor}": np.full(3, 0.1) for motor in MOTORS} | {
+        f"rate_{motor}": np.array([40.0, -40.0, 0.0]) for motor in MOTORS
+    }
+    at = MOTORS.index("back_left")
+    assert through_gear(dragged, at, motion) == pytest.approx([-0.15, 0.35, 0.1])
+    assert through_gear(dragged, at - 1, motion) == pytest.approx([0.1, 0.1, 0.1])

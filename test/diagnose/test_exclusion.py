@@ -1,0 +1,63 @@
+"""Excluded sizes: what would have been named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from artibot_sim.diagnose.exclusion import excluded
+from artibot_sim.diagnose.hypotheses import Hypothesis
+from artibot_sim.diagnose.screen import Trial
+from artibot_sim.diagnose.thresholds import THRESHOLDS
+from artibot_sim.identify.extension import Extension
+
+LEAST = 58.0
+
+
+def trial(effect: str, sd: float, blur: float, probes: tuple[float, ...] = (0.5, 1.5)) -> Trial:
+    hypothesis = Hypothesis(Extension(effect), tuple(np.array([probe]) for probe in probes))
+    return Trial(hypothesis, None, None, np.full(1, sd), blur)  # type: ignore[arg-type]
+
+
+def coordinate(trials: list[Trial]) -> float:
+    """Of the bound, for an effect of one parameter."""
+    ((name, bound),) = excluded(trials, LEAST, THRESHOLDS).items()
+    return bound / trials[0].hypothesis.extension.search.sizes[name]
+
+
+@pytest.mark.parametrize("sd", [0.001, 0.02, 0.05])
+def test_what_is_excluded_would_have_been_named(sd: float) -> None:
+    x = coordinate([trial("joint_friction", sd, sd)])
+    unlucky = x - 2.0 * sd
+    assert unlucky**2 / (2.0 * sd**2) - np.log(1.5 / sd) >= LEAST - 1e-6
+    assert unlucky / sd > THRESHOLDS.away
+    assert unlucky >= THRESHOLDS.size
+
+
+def test_the_soil_s_freedom_counts() -> None:
+    """Sensitivities hold mu_s; finite probes, after which everything had its say, cost less."""
+    assert coordinate([trial("joint_friction", 0.002, 0.05)]) > 1.5 * coordinate([trial("joint_friction", 0.002, 0.02)])
+
+
+def test_an_effect_that_asks_for_more_evidence_is_excluded_from_a_larger_size_on() -> None:
+    name = "back_friction"
+    assert THRESHOLDS.more(name) > 0.0
+    lenient = replace(THRESHOLDS, biased={})
+    strict, plain = (excluded([trial(name, 0.02, 0.02)], LEAST, t)["scale"] for t in (THRESHOLDS, lenient))
+    assert strict > plain
+
+
+def test_the_weakest_of_several_choices_counts() -> None:
+    assert coordinate([trial("joint_friction", 0.02, 0.02), trial("joint_friction", 0.05, 0.05)]) == coordinate(
+        [trial("joint_friction", 0.05, 0.05)]
+    )
+
+
+def test_what_costs_nothing_is_not_excluded() -> None:
+    assert excluded([trial("joint_friction", 0.01, np.inf)], LEAST, THRESHOLDS) == {}
+
+
+def test_what_is_not_smooth_is_excluded_from_its_smallest_probe_on() -> None:
+    assert coordinate([trial("tyre_relaxation", 0.0004, 0.01, (0.3, 0.7))]) == pytest.approx(0.3)
