@@ -14,7 +14,9 @@ from artibot_sim.diagnose.other import Other
 from artibot_sim.diagnose.remains import Remains, remains
 from artibot_sim.diagnose.thresholds import Thresholds
 from artibot_sim.diagnose.unexplained import unexplained
+from artibot_sim.diagnose.valley import at_size
 from artibot_sim.diagnose.views import others, together
+from artibot_sim.identify.extension import Extension
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.search import Fit
 from artibot_sim.model.effects import EFFECTS
@@ -107,19 +109,34 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
         best = _best(found, _nats(found, view, named), heard, least, thresholds, tuple(n.effect for n in named))
         if best is None:
             break
-        named.append(best)
+        only_commanded = "rotation" not in _views(best.effect)
+        named.append(best if only_commanded else replace(best, found={}))
         if best.effect in heard:
             heard = others(view, tuple(n.effect for n in named))
-        if best.found:
+        if only_commanded:
             continue
-        winner = next(rival for rival in found.rivals if rival.id == best.effect)
-        problem, fit = winner.problem, winner.fit
+        problem, fit = _with_effect(problem, fit, found, best)
         if len(named) < thresholds.most:
             found = turn(problem, fit, found.loss, [n.effect for n in named], Rounds(), tick)
             turns.append(found)
             problem, fit = found.problem, found.fit
     tick()
     return _concluded(Decision(Verdict.NONE, tuple(named), least, *neutral, problem, fit, tuple(turns), other))
+
+
+def _views(effect: str) -> tuple[str, ...]:
+    search = EFFECTS[effect].search
+    return tuple(search.views) if search is not None else ()
+
+
+def _with_effect(problem: Problem, fit: Fit, found: Turn, best: Named) -> tuple[Problem, Fit]:
+    """The model with the effect that was named, as it was fitted, or begun at the size that commands tell."""
+    for rival in found.rivals:
+        if rival.id == best.effect:
+            return rival.problem, rival.fit
+    extension = Extension(best.effect)
+    own = extension.coordinates({name: one.value for name, one in best.found.items()})
+    return at_size(problem, fit, extension, own, Rounds().few)
 
 
 def _concluded(found: Decision) -> Decision:

@@ -20,7 +20,7 @@ from artibot_sim.experiment import Experiment
 from artibot_sim.identify.parameters import SOIL, parameter_set
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.run import WINDOW, Trust, best_fit, problem_of
-from artibot_sim.identify.search import Effort, Fit
+from artibot_sim.identify.search import Effort, Fit, Tick
 from artibot_sim.model import Robot
 from artibot_sim.progress import Report
 
@@ -95,7 +95,7 @@ def diagnose(
     options = Options(horizon, seed, workers, prior_odds, false_alarm_rate, thresholds)
     _check([*recordings, *holdout], robot, options)
     fitted, held = split(recordings, holdout)
-    problem, fit = _baseline(fitted, robot, options, ticks)
+    problem, fit = baseline(fitted, robot, options, ticks)
     view = command_view(fitted, robot, seed=options.seed)
     decision = decide(problem, fit, options, ticks, view)
     result = result_of(robot, fitted, held, decision, options, ticks)
@@ -143,7 +143,9 @@ def _order(experiment: Experiment) -> tuple[str, int, float, float]:
     return experiment.name, experiment.start_ns, experiment.duration, total
 
 
-def _baseline(fitted: Sequence[Experiment], robot: Robot, options: Options, ticks: _Ticks) -> tuple[Problem, Fit]:
+def baseline(
+    fitted: Sequence[Experiment], robot: Robot, options: Options, tick: Tick = lambda: None
+) -> tuple[Problem, Fit]:
     """The paper's model with its soil identified; all windows keep their say, for local effects hide in bad ones."""
     problem = problem_of(fitted, parameter_set(robot, SOIL), WINDOW, options.workers, HALF_WIDTH)
-    return best_fit(problem, Effort(seed=options.seed), ticks, TRUST)
+    return best_fit(problem, Effort(seed=options.seed), tick, TRUST)

@@ -9,11 +9,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.identify.gauss_newton import Point, evaluate, step
+from artibot_sim.diagnose.hypotheses import with_effect
+from artibot_sim.identify.extension import Extension
+from artibot_sim.identify.gauss_newton import Point, evaluate, reduce, step
 from artibot_sim.identify.parameters import MU_S
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss
-from artibot_sim.identify.search import Fit
+from artibot_sim.identify.search import Fit, free_parameters, settle
 
 Array = NDArray[np.float64]
 
@@ -49,6 +51,17 @@ def walked(problem: Problem, loss: Loss, fit: Fit) -> Point:
     found = sorted(places, key=lambda p: p.cost)
     ends = [step(problem, loss, place, free)[0] for place in found[:_TRIED]]
     return min([point, *ends], key=lambda p: p.cost)
+
+
+def at_size(problem: Problem, fit: Fit, extension: Extension, own: Array, steps: int) -> tuple[Problem, Fit]:
+    """The fit with one more effect, begun at its coordinates (k,) with the soil that goes with them."""
+    more = with_effect(problem, extension)
+    point = evaluate(more, fit.loss, [np.concatenate([fit.point.coordinates, np.zeros(len(own))])], fit.point.starts)[0]
+    free = free_parameters(more)
+    residuals, sensitivity = more.linearised(point.coordinates, point.starts, free)
+    neutral = Fit(point, fit.loss, reduce(more, fit.loss, residuals, sensitivity, point.starts), free, False)
+    begun = min(beside(more, fit.loss, neutral, own, _FINE), key=lambda place: place.cost)
+    return more, settle(more, begun, fit.loss, steps)
 
 
 def beside(problem: Problem, loss: Loss, fit: Fit, move: Array, grips: Array) -> list[Point]:

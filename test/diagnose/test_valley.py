@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose.hypotheses import with_effect
-from artibot_sim.diagnose.valley import walked
+from artibot_sim.diagnose.valley import at_size, walked
 from artibot_sim.identify.extension import Extension
 from artibot_sim.identify.gauss_newton import evaluate, reduce
 from artibot_sim.identify.parameters import parameter_set
@@ -54,3 +54,11 @@ def test_the_walk_ends_nearer_to_the_truth(problem: Problem, share: float) -> No
 def test_without_an_effect_there_is_no_walk(problem: Problem) -> None:
     fit = held_at(problem, np.zeros(5))
     assert walked(problem, LOSS, fit) is fit.point
+
+
+def test_an_effect_of_known_size_takes_its_share_from_the_soil(problem: Problem) -> None:
+    plain = held_at(problem, np.zeros(5))
+    more, fit = at_size(problem, plain, PAYLOAD, PAYLOAD.coordinates({"mass": MASS, "module": "front"}), 1)
+    assert fit.point.cost < plain.point.cost
+    assert PAYLOAD.values(fit.point.coordinates[-1:])["mass"] == pytest.approx(MASS, rel=0.15)
+    assert more.parameters.extensions == (PAYLOAD,)

@@ -1,0 +1,52 @@
+"""One case in full: what was hidden, what the fit alone says of it, and what the diagnosis makes of that.
+
+`PYTHONPATH=.:test python -m diagnose.hidden.one back_friction 0.3 101` (effect, severity, seed; two runs of 30 s).
+"""
+
+from __future__ import annotations
+
+import sys
+
+from diagnose.hidden.cases import case
+
+from artibot_sim.diagnose.command_view import command_view
+from artibot_sim.diagnose.decision import Decision, decide
+from artibot_sim.diagnose.extended import found_parameters
+from artibot_sim.diagnose.options import Options
+from artibot_sim.diagnose.ranking import ranking
+from artibot_sim.diagnose.run import baseline
+from artibot_sim.diagnose.uncertain import uncertain
+from artibot_sim.model import load_robot
+
+
+def main(effect: str, severity: str, seed: str) -> None:
+    """Diagnose and print."""
+    found = case((effect,) if effect != "none" else (), float(severity), int(seed), runs=2, duration=30.0)
+    robot, options = load_robot("agriq"), Options()
+    problem, fit = baseline(found.recordings, robot, options)
+    decision = decide(problem, fit, options, lambda: None, command_view(found.recordings, robot, seed=options.seed))
+    print("hidden:", {name: dict(values) for name, values in found.truth.effects.items()})
+    print("said:", decision.verdict.value, *(f"{n.effect} by {n.nats:.0f} nats" for n in decision.named))
+    for line in values(decision, options.seed):
+        print(line)
+    for one in ranking(decision, options.thresholds):
+        if one.effect == effect and one.excluded_above:
+            print("excluded from:", dict(one.excluded_above))
+
+
+def values(decision: Decision, seed: int) -> list[str]:
+    """Lines with each effect's values as fitted, and as they are given, with their intervals."""
+    parameters = decision.problem.parameters
+    heard = {effect: other.found for effect, other in decision.other.items()}
+    what, place, lines = uncertain(decision.problem, decision.fit, seed, heard), len(parameters.parameters), []
+    for extension in parameters.extensions:
+        part = slice(place, place + len(extension))
+        given = found_parameters(extension, what.coordinates[part], what.covariance[part, part])
+        lines.append(f"fit alone: {extension.values(decision.fit.point.coordinates[part])}")
+        lines.append(f"given: { {name: (one.value, one.ci95) for name, one in given.items()} }")
+        place += len(extension)
+    return lines
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:4])
