@@ -12,7 +12,7 @@ from diagnose.hidden import case
 from diagnose.hidden.score import score
 from diagnose.hidden.work import command_line
 
-SMALL = {"runs": 2, "held_out": 1, "duration": 20.0, "manoeuvres": ("eight", "stop_and_go", "slalom")}
+SMALL = {"runs": 2, "held_out": 1, "duration": 14.0, "manoeuvres": ("eight", "stop_and_go", "slalom")}
 
 
 def test_nothing_is_named_where_nothing_is_hidden():

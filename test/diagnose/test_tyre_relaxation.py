@@ -26,7 +26,7 @@ ROBOT = replace(load_robot("agriq"), effects={"tyre_relaxation": {"length": LENG
 def hidden() -> Case:
     """Recordings of another simulator than ours."""
     return case(
-        ("tyre_relaxation",), 1.0, 5, runs=2, held_out=1, duration=20.0, manoeuvres=("eight", "slalom", "stop_and_go")
+        ("tyre_relaxation",), 1.0, 5, runs=2, held_out=1, duration=14.0, manoeuvres=("eight", "slalom", "stop_and_go")
     )
 
 
