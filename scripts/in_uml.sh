@@ -77,7 +77,8 @@ chmod +x "$work/init"
 
 # The command writes to a file, shown as it grows: the kernel's console would mix in lines of its own. What would be
 # timed at boot for the sake of file systems on RAID is left out.
-"${preferred[@]}" "${clock[@]}" "$kernel" "mem=$memory" root=/dev/root rootfstype=hostfs rootflags=/ rw init="$work/init" \
+"${preferred[@]}" "${clock[@]}" setpriv --pdeathsig KILL \
+  "$kernel" "mem=$memory" root=/dev/root rootfstype=hostfs rootflags=/ rw init="$work/init" \
   initcall_blacklist=raid6_select_algo,calibrate_xor_blocks con=null con0=fd:0,fd:1 quiet </dev/null >"$work/console" 2>&1 &
 machine=$!
 tail -f -c +1 -s 0.1 --pid="$machine" "$work/out" &

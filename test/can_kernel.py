@@ -38,4 +38,9 @@ def in_uml(*command: str, timeout: float = 120.0) -> subprocess.CompletedProcess
     missing = sorted(package for tool, package in TOOLS.items() if shutil.which(tool, path=path) is None)
     if missing:
         skip(f"no user-mode kernel with CAN here: apt-get install {' '.join(missing)}")
-    return subprocess.run([str(IN_UML), *command], capture_output=True, text=True, timeout=timeout, check=False)
+    with subprocess.Popen([str(IN_UML), *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as done:
+        try:
+            output, errors = done.communicate(timeout=timeout)
+        finally:
+            done.terminate()  # not killed: it puts its kernel away
+    return subprocess.CompletedProcess(done.args, done.returncode, output, errors)

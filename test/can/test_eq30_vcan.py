@@ -21,11 +21,11 @@ AGRIQ = str(ROOT / "config" / "agriq.yaml")
 
 
 def table6(folder: Path) -> Path:
-    """Table 6 with both three-quarter circles cut to a sixth."""
+    """Table 6 with both three-quarter circles cut to a ninth."""
     text = (ROOT / "config" / "manoeuvres" / "table6_agriq.yaml").read_text(encoding="utf-8")
     assert text.count("270.0") == 2
     path = folder / "table6.yaml"
-    path.write_text(text if os.environ.get("ARTIBOT_TABLE6") == "full" else text.replace("270.0", "60.0"), "utf-8")
+    path.write_text(text if os.environ.get("ARTIBOT_TABLE6") == "full" else text.replace("270.0", "30.0"), "utf-8")
     return path
 
 
