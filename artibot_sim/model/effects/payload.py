@@ -32,5 +32,5 @@ EFFECT = Effect(
         "module": choice(("front", "back"), "which module carries it"),
     },
     adapt=_adapt,
-    search=Search({"mass": 15.0}, ((0.5,), (1.5,))),
+    search=Search({"mass": 15.0}, ((0.2,), (0.5,), (1.5,))),
 )
