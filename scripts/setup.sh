@@ -107,8 +107,10 @@ install_packages() {
   fi
   say "installing artibot_sim${extras:+[$extras]} (a few minutes the first time)"
   [ -t 2 ] || pip_options+=(--quiet)  # on a terminal its progress is seen
-  "$venv/bin/python" -m pip install "${pip_options[@]}" --disable-pip-version-check "${pins[@]}" --editable ".${extras:+[$extras]}" >&2 ||
+  "$venv/bin/python" -m pip install "${pip_options[@]}" --no-compile --disable-pip-version-check "${pins[@]}" --editable ".${extras:+[$extras]}" >&2 ||
     die "pip could not install what setup.py lists. The ROS wheels exist for x86-64 Linux only: elsewhere, source a ROS 2 Jazzy first"
+  # pip would compile modules on one processor, and others' tests with them: most of what an installation costs
+  "$venv/bin/python" -m compileall -qq -j 0 -x '/tests/' "$venv"/lib/python*/site-packages >&2 || true
   "$venv/bin/python" -c 'import rclpy' || die "rclpy does not import in $venv; remove $venv and try again"
 }
 

@@ -41,8 +41,9 @@ def command(path: Path | None, only: tuple[str, ...], quick: bool, show_list: bo
     from artibot_sim.bench.suite import SUITE, chosen
 
     if show_list:
+        width = max(map(len, SUITE)) + 2
         for key, benchmark in SUITE.items():
-            click.echo(f"{key:10}{', '.join(benchmark.names)}")
+            click.echo(f"{key:{width}}{', '.join(benchmark.names)}")
         return 0
     from artibot_sim.bench.compare import read_earlier
 

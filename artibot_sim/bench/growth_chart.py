@@ -33,6 +33,7 @@ def _time(kind: str) -> str:
 def chart(points: Sequence[Point]) -> bytes:
     """PNG: a row a kind, time at the left, the process's peak of memory at the right; grey is linear growth."""
     import matplotlib
+    from matplotlib.ticker import LogLocator
 
     from artibot_sim.bench.growth import lines
 
@@ -55,6 +56,7 @@ def chart(points: Sequence[Point]) -> bytes:
                     axes.set_xscale("log")
                     axes.set_yscale("log")
                     if name == "bytes":
+                        axes.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
                         axes.yaxis.set_major_formatter("{x:g}")
                         axes.yaxis.set_minor_formatter("{x:g}")
                 else:

@@ -58,10 +58,13 @@ def tables_of(experiment: Experiment, robot: Robot, pieces: list[Pieces]) -> dic
                 parts.append((stamps[rows], _columns(key, piece, t[rows], robot, key == tracked)))
         if not parts:
             continue
-        names = parts[0][1]
-        joined = {name: np.concatenate([columns[name] for _, columns in parts]) for name in names}
-        tables[key] = np.concatenate([kept for kept, _ in parts]), joined
+        tables[key] = np.concatenate([kept for kept, _ in parts]), _joined([columns for _, columns in parts])
     return tables
+
+
+def _joined(parts: list[dict[str, Floats]]) -> dict[str, Floats]:
+    """Columns one after the other, taken out of `parts` one by one: all of them twice would be hundreds of MB."""
+    return {name: np.concatenate([part.pop(name) for part in parts]) for name in list(parts[0])}
 
 
 def _slices(t: Floats) -> list[Floats]:
@@ -71,8 +74,7 @@ def _slices(t: Floats) -> list[Floats]:
 
 def _columns(key: str, piece: Pieces, t: Floats, robot: Robot, tracked: bool) -> dict[str, Floats]:
     """Return the columns of a channel at times (n,) that are simulated; `tracked` if it tells positions."""
-    parts = [_part_of_columns(key, piece, part, robot, tracked) for part in _slices(t)]
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return _joined([_part_of_columns(key, piece, part, robot, tracked) for part in _slices(t)])
 
 
 def _part_of_columns(key: str, piece: Pieces, t: Floats, robot: Robot, tracked: bool) -> dict[str, Floats]:
