@@ -14,6 +14,7 @@ from artibot_sim.model import Robot
 from artibot_sim.model.effects.tyre_relaxation import EFFECT, SLOWEST
 from artibot_sim.model.layout import BACK, GAMMA, X, Y
 from artibot_sim.model.params import params
+from artibot_sim.model.sensors import sensor_errors
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -31,9 +32,10 @@ class Past(NamedTuple):
     ----------
     way : array, shape (windows, m + 1)
         How far away each of m intervals before the start begins, m, the oldest first; 0 at the start.
-    aside : array, shape (windows, m, 2, 2)
+    aside : array, shape (windows, m, 2, 4)
         By how much each module's lateral velocity (m/s) and turn rate (rad/s) differed in those from what they are
-        at the start.
+        at the start; last, by how much what the place of the tracked point adds to that velocity did, for a metre
+        ahead of the front module's origin and for a metre to its left (m/s).
     """
 
     way: Array
@@ -42,7 +44,7 @@ class Past(NamedTuple):
 
 def past_of(stretches: Sequence[Stretch], windows: Sequence[Window], arms: tuple[float, float]) -> Past:
     """The way before every window; before a stretch begins all was as it starts. `arms` are l_f and l_b, m."""
-    way, aside = np.zeros((len(windows), _SAMPLES + 1)), np.zeros((len(windows), _SAMPLES, 2, 2))
+    way, aside = np.zeros((len(windows), _SAMPLES + 1)), np.zeros((len(windows), _SAMPLES, 2, 4))
     for i, window in enumerate(windows):
         times, motion = stretches[window.stretch].motion
         last = int(np.searchsorted(times, window.t, side="right"))
@@ -61,13 +63,13 @@ def past_of(stretches: Sequence[Stretch], windows: Sequence[Window], arms: tuple
 
 
 def _in_modules(motion: Array, arms: tuple[float, float]) -> tuple[Array, Array]:
-    """Forward speed (n,) of the front module; lateral velocities and turn rates (n, 2, 2) of both modules."""
+    """Forward speed (n,) of the tracked point; both modules' lateral velocities, turn rates and leverage (n, 2, 4)."""
     _, _, yaw, vx, vy, rate, bend, bend_rate = np.nan_to_num(motion).T
     forward, left = np.cos(yaw) * vx + np.sin(yaw) * vy, np.cos(yaw) * vy - np.sin(yaw) * vx
     c, s, rate_b = np.cos(bend), np.sin(bend), rate + bend_rate
     behind = -s * forward + c * (left - arms[0] * rate) - arms[1] * rate_b
-    front = np.column_stack([left, rate])
-    return forward, np.stack([front, np.column_stack([behind, rate_b])], axis=1)
+    front = np.column_stack([left, rate, rate, np.zeros_like(rate)])
+    return forward, np.stack([front, np.column_stack([behind, rate_b, c * rate, s * rate])], axis=1)
 
 
 def lagging_forces(robots: Sequence[Robot], robot: Indices, window: Indices, q: Array, v: Array, past: Past) -> Array:
@@ -81,7 +83,7 @@ def lagging_forces(robots: Sequence[Robot], robot: Indices, window: Indices, q: 
         length = float(one.effects.get(EFFECT.id, {}).get("length", 0.0))
         if not length or not len(rows):
             continue
-        p = params(one)
+        p, seen = params(one), sensor_errors(one)
         left = np.exp(-past.way[window[rows]] / length)
         weight = np.diff(left, axis=1)
         weight[:, 0] += left[:, 0]
@@ -90,6 +92,7 @@ def lagging_forces(robots: Sequence[Robot], robot: Indices, window: Indices, q: 
             b = BACK * module
             c, s = np.cos(q[rows, b + GAMMA]), np.sin(q[rows, b + GAMMA])
             aside = c * v[rows, b + Y] - s * v[rows, b + X] + behind[:, module, 0]
+            aside -= seen.arm_x * behind[:, module, 2] + seen.arm_y * behind[:, module, 3]
             sweep = body.half_x * (v[rows, b + GAMMA] + behind[:, module, 1])
             ends = -body.k_t * np.column_stack([aside + sweep, aside - sweep])
             found[rows, 4 * module : 4 * module + 4] = np.tile(ends, 2)
