@@ -28,8 +28,10 @@ _STEP = 0.03
 """Change of a coordinate for a slope."""
 _USUAL = 3.0
 """Times the middle window's, beyond which a wheel broke away at another instant: chance."""
-_STEEPEST = 6.0
-"""Largest slope of a logarithm: more is chance, too."""
+_STEEPEST = 3.0
+"""Largest slope of a logarithm: more than squares go is chance, too."""
+_MEDIAN = 1.4826 * 1.2533
+"""From a median's absolute deviation times the root of the number to its standard error."""
 _FARTHEST = 0.7
 """Change of the logarithm beyond which nothing is extrapolated."""
 
@@ -78,12 +80,27 @@ def noise_share(problem: Problem, fit: Fit) -> NoiseShare:
             moved = middle.copy()
             moved[i] += side * _STEP
             sides.append(_blocks(draws, problem, fit, problem.parameters.inside(moved)))
-        sound = (sides[0] < limit) & (sides[1] < limit)
-        above, below = (np.where(sound, one, 0.0).sum(axis=0) for one in sides)
-        known = (above > 0.0) & (below > 0.0)
-        slopes[i, known] = np.log(above[known] / below[known]) / (2.0 * _STEP)
+        slopes[i] = _slopes(sides[0], sides[1], limit)
     counts = np.array([window.counts for window in problem.windows]) / fit.loss.thinning
     return NoiseShare(middle, np.minimum(here, limit) * counts, np.clip(slopes, -_STEEPEST, _STEEPEST))
+
+
+def _slopes(above: Array, below: Array, limit: Array) -> Array:
+    """Slopes of logarithms by channel, (channels,), from blocks (windows, channels) on both sides.
+
+    The window in the middle says it, less what its scatter makes of nothing: in single windows a wheel breaks away on
+    one side and not on the other, and noise seems to grow with whatever was changed.
+    """
+    found = np.zeros(above.shape[1])
+    for c in range(len(found)):
+        sound = (above[:, c] > 0.0) & (below[:, c] > 0.0) & (above[:, c] < limit[c]) & (below[:, c] < limit[c])
+        if not sound.any():
+            continue
+        each = np.log(above[sound, c] / below[sound, c]) / (2.0 * _STEP)
+        middle = float(np.median(each))
+        error = _MEDIAN * float(np.median(np.abs(each - middle))) / np.sqrt(len(each))
+        found[c] = middle * max(0.0, 1.0 - (error / max(abs(middle), 1e-12)) ** 2)
+    return found
 
 
 def _blocks(draws: Sequence[NoisyInputs], problem: Problem, fit: Fit, coordinates: Array) -> Array:

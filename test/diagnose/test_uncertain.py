@@ -29,8 +29,9 @@ SCALE = Extension("torque_scale")
 
 @pytest.fixture(scope="module")
 def fitted() -> tuple[Problem, Fit]:
-    """A recording with nothing hidden, and the fit of a back friction to it."""
-    problem = problem_of([synthetic(ROBOT, TURN, kappa=0.8, seed=6)], parameter_set(ROBOT), 5.0, 2)
+    """Recordings with nothing hidden, and the fit of a back friction to them."""
+    runs = [synthetic(ROBOT, TURN, kappa=0.8, seed=seed) for seed in (6, 7)]
+    problem = problem_of(runs, parameter_set(ROBOT), 2.5, 2)
     beside = with_effect(problem, Extension("back_friction"))
     loss = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
     point = evaluate(beside, loss, [np.zeros(6)], beside.starts)[0]
@@ -54,8 +55,8 @@ def test_what_the_noise_has_bent_is_straightened(fitted: tuple[Problem, Fit]) ->
     found = uncertain(problem, fit, seed=0)
     own, sd = found.coordinates[-1], np.sqrt(found.covariance[-1, -1])
     assert bent < -0.1  # wheels that are all alike seem to grip less at the back
-    assert abs(own) < 0.6 * abs(bent)
-    assert abs(own) < 1.96 * sd
+    assert abs(own) < 0.4 * abs(bent)
+    assert abs(own) < 3.0 * sd
 
 
 def scales(sd: float, along: float) -> tuple[ParameterSet, Uncertain]:
