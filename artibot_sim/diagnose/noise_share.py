@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.input_noise import NoisyInputs, noisy_inputs
 from artibot_sim.identify.gauss_newton import evaluate
+from artibot_sim.identify.parameters import ParameterSet
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.search import Fit
 
@@ -74,7 +75,7 @@ def noise_share(problem: Problem, fit: Fit) -> NoiseShare:
     here = _blocks(draws, problem, fit, middle)
     limit = _USUAL * np.median(here, axis=0)
     slopes = np.zeros((len(middle), here.shape[1]))
-    for i in range(len(middle)):
+    for i in _felt(problem.parameters):
         sides = []
         for side in (1.0, -1.0):
             moved = middle.copy()
@@ -101,6 +102,14 @@ def _slopes(above: Array, below: Array, limit: Array) -> Array:
         error = _MEDIAN * float(np.median(np.abs(each - middle))) / np.sqrt(len(each))
         found[c] = middle * max(0.0, 1.0 - (error / max(abs(middle), 1e-12)) ** 2)
     return found
+
+
+def _felt(parameters: ParameterSet) -> list[int]:
+    """Coordinates that the rover feels: what only a sensor says makes the model answer rotations no more or less."""
+    own = len(parameters.parameters)
+    sizes = [(len(extension), extension.effect.sensor is None) for extension in parameters.extensions]
+    felt = np.repeat([real for _, real in sizes], [size for size, _ in sizes]).astype(bool)
+    return [*range(own), *(own + np.flatnonzero(felt)).tolist()]
 
 
 def _blocks(draws: Sequence[NoisyInputs], problem: Problem, fit: Fit, coordinates: Array) -> Array:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from artibot_sim.diagnose.diagnosis import Found
-from artibot_sim.diagnose.hypotheses import with_effect
+from artibot_sim.diagnose.hypotheses import with_effect, without_last
 from artibot_sim.diagnose.noise_share import noise_share
 from artibot_sim.diagnose.uncertain import Uncertain, told, uncertain
 from artibot_sim.identify.extension import Extension
@@ -47,6 +49,14 @@ def test_noise_goes_with_the_square_of_what_grips(fitted: tuple[Problem, Fit]) -
     # coordinate 1 is a factor exp(0.5)
     assert 0.5 < slopes[names.index("effects.back_friction.scale")] < 1.5
     assert abs(slopes[names.index("contact.u_w")]) < 0.5 * grip
+
+
+def test_what_only_a_sensor_says_answers_no_noise(fitted: tuple[Problem, Fit]) -> None:
+    problem, fit = fitted
+    beside = with_effect(without_last(problem), Extension("encoder_scale"))
+    point = evaluate(beside, fit.loss, [np.append(fit.point.coordinates[:5], -0.3)], fit.point.starts)[0]
+    slopes = noise_share(beside, replace(fit, point=point)).slopes
+    assert slopes[:5].any() and not slopes[-1].any()
 
 
 def test_what_the_noise_has_bent_is_straightened(fitted: tuple[Problem, Fit]) -> None:
