@@ -28,6 +28,7 @@ from artibot_driver.faults.place import LoopbackPlace, Place, SocketCanPlace
 from artibot_driver.faults.trial import Trial
 from artibot_driver.faults.watchdog import HELD_UP, Watchdog, attended
 from artibot_driver.faults.world import VirtualWorld
+from artibot_driver.master import Reason
 from artibot_driver.rig import Rig, load_rig
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS
@@ -81,7 +82,8 @@ def _rig() -> Rig:
 def live_trial(number: int, seed: int, names: Sequence[str], rig: Rig, place: Place, watchdog: Watchdog) -> Outcome:
     """One trial on a real bus; void, and made again, where the machine held something up meanwhile.
 
-    Also where it did not come so far that the fault could be tried: nothing had happened yet.
+    That is said by the watchdog, or by a driver whose loop nothing else had held up. Also void is what did not come so
+    far that the fault could be tried: nothing had happened yet.
     """
     complaints: list[str] = []
     for k in range(LIVE_TRIES):
@@ -94,7 +96,8 @@ def live_trial(number: int, seed: int, names: Sequence[str], rig: Rig, place: Pl
                 complaints = [f"could not be tried: {error}"]
                 continue
         outcome.void = k
-        if watchdog.longest().seconds <= HELD_UP:
+        late = outcome.reason is Reason.OVERRUN and Reason.OVERRUN not in fault.reasons
+        if not late and watchdog.longest().seconds <= HELD_UP:
             return outcome
     return Outcome(fault.name, fault.group or fault.name, motor, complaints=complaints, void=LIVE_TRIES, judged=False)
 
