@@ -35,7 +35,7 @@ def result_of(
     tick: Callable[[], None],
 ) -> Diagnosis:
     """The diagnosis that a decision comes to."""
-    baseline, extended, effects = _robots([e.name for e in fitted], decision, options.seed)
+    baseline, extended, effects = _robots([e.name for e in fitted], decision, options.seed, tick)
     pairs = _predictions(fitted, held, baseline, extended, options, tick)
     view = command_view([*fitted, *held], robot, seed=options.seed)
     commanded = view.seen_by(extended)
@@ -66,14 +66,16 @@ def result_of(
     )
 
 
-def _robots(names: Sequence[str], decision: Decision, seed: int) -> tuple[Robot, Robot, Parameters]:
+def _robots(
+    names: Sequence[str], decision: Decision, seed: int, tick: Callable[[], None]
+) -> tuple[Robot, Robot, Parameters]:
     """The paper's model and the extended one, and the named effects' parameters; what commands say weighs with fits."""
-    neutral = uncertain(decision.neutral_problem, decision.neutral_fit, seed)
+    neutral = uncertain(decision.neutral_problem, decision.neutral_fit, seed, tick=tick)
     baseline = robot_of(decision.neutral_problem, neutral, {}, names)
     if not decision.named:
         return baseline, baseline, {}
     heard = {effect: other.found for effect, other in decision.other.items()}
-    after = uncertain(decision.problem, decision.fit, seed, heard)
+    after = uncertain(decision.problem, decision.fit, seed, heard, tick)
     effects = _parameters(decision, after)
     return baseline, robot_of(decision.problem, after, effects, names), effects
 

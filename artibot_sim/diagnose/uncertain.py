@@ -22,7 +22,7 @@ from artibot_sim.identify.gauss_newton import step
 from artibot_sim.identify.judgement import SYSTEMATIC
 from artibot_sim.identify.parameters import ParameterSet
 from artibot_sim.identify.problem import Problem
-from artibot_sim.identify.search import FINE, Fit, scan
+from artibot_sim.identify.search import FINE, Fit, Tick, scan
 from artibot_sim.identify.uncertainty import Node, profile, refitted
 
 Array = NDArray[np.float64]
@@ -57,10 +57,13 @@ class Uncertain:
     covariance: Array
 
 
-def uncertain(problem: Problem, fit: Fit, seed: int, heard: Heard | None = None) -> Uncertain:
+def uncertain(
+    problem: Problem, fit: Fit, seed: int, heard: Heard | None = None, tick: Tick = lambda: None
+) -> Uncertain:
     """Values and covariances of what was fitted: the wider of curvature and bootstrap, and what neither sees."""
     parameters, index = problem.parameters, list(fit.free)
-    nodes, noise = [*profile(problem, fit), *along(problem, fit)], noise_share(problem, fit)
+    nodes = [*profile(problem, fit, tick), *along(problem, fit, tick)]
+    noise = noise_share(problem, fit)
     mean, spread = drawn(problem, nodes, index, noise, seed)
     best = min(nodes, key=lambda node: node.point.cost - float(noise.losses(node.point.coordinates).sum()))
     curvature = np.zeros_like(spread)
@@ -75,7 +78,7 @@ def uncertain(problem: Problem, fit: Fit, seed: int, heard: Heard | None = None)
     return told(parameters, Uncertain(mean, wider * np.outer(scale, scale) + np.diag(extra)), heard or {})
 
 
-def along(problem: Problem, fit: Fit) -> list[Node]:
+def along(problem: Problem, fit: Fit, tick: Tick = lambda: None) -> list[Node]:
     """Fits with other sizes of the last effect, mu_s scanned beside each; none where there is no effect."""
     parameters, free = problem.parameters, list(fit.free)
     if not parameters.extensions:
@@ -92,6 +95,7 @@ def along(problem: Problem, fit: Fit) -> list[Node]:
         best = min(beside(problem, fit.loss, fit, away * direction, _GRIPS), key=lambda point: point.cost)
         best = scan(problem, fit.loss, step(problem, fit.loss, best, fit.free[:-size])[0], FINE)
         found.append(refitted(problem, fit.loss, best, best.coordinates, fit.free[:-size], fit.free))
+        tick()
     return found
 
 
