@@ -208,13 +208,17 @@ def _mismatched(message: Any) -> bool:
 def _in_order(
     topic: str, stamps: np.ndarray, received: np.ndarray, columns: dict[str, Floats], remarks: list[str]
 ) -> tuple[np.ndarray, np.ndarray, dict[str, Floats]]:
-    """Sort by stamp and merge rows of equal stamp; where both carry a quantity the later one rules."""
-    late = int((np.diff(stamps) < 0).sum())
-    if late:
+    """Sort by stamp and merge rows of equal stamp; where both carry a quantity the later one rules.
+
+    Several who publish a part each may well come in another order than their stamps; one who does so is remarked on.
+    """
+    if (np.diff(stamps) < 0).any():
+        late = max(((np.diff(stamps[np.isfinite(each)]) < 0).sum() for each in columns.values()), default=0)
         order = np.argsort(stamps, kind="stable")
         stamps, received = stamps[order], received[order]
         columns = {name: values[order] for name, values in columns.items()}
-        remarks.append(f"{topic}: {late} messages out of order; sorted by stamp")
+        if late:
+            remarks.append(f"{topic}: {late} messages out of order; sorted by stamp")
     fresh = np.concatenate(([True], np.diff(stamps) > 0)) if len(stamps) else np.empty(0, bool)
     if fresh.all():
         return stamps, received, columns

@@ -71,7 +71,8 @@ main, header, footer { max-width: 1240px; margin: 0 auto; padding: 0 16px; }
 header { padding-top: 20px; }
 h1 { font-size: 1.5rem; margin: 0 0 4px; overflow-wrap: anywhere; }
 h2 { font-size: 1rem; margin: 18px 0 2px; }
-header p, footer { color: @MUTED@; margin: 2px 0; font-size: .93rem; }
+header p, footer { color: @MUTED@; font-size: .93rem; }
+header p { margin: 2px 0; }
 footer { padding-bottom: 24px; padding-top: 12px; }
 .key { display: flex; flex-wrap: wrap; gap: 4px 18px; }
 .key button { font: inherit; font-size: 1.15rem; color: inherit; background: none; border: 0; padding: 2px 0;

@@ -109,9 +109,12 @@ def test_joints_of_several_publishers_keep_their_own_times(tmp_path: Path) -> No
         ("/joint_states", JOINTS, joint_state(t, ["w1", "w2"], [float(i), -float(i)]), t) for i, t in enumerate(wheels)
     ]
     messages += [
-        ("/joint_states", JOINTS, joint_state(t, ["articulation_yaw"], [0.1 * i]), t) for i, t in enumerate(joint)
+        ("/joint_states", JOINTS, joint_state(t, ["articulation_yaw"], [0.1 * i]), t + 9_000_000)
+        for i, t in enumerate(joint)
     ]
-    channel = read_bag(write_bag(tmp_path / "run", messages)).channels["joint_states"]
+    experiment = read_bag(write_bag(tmp_path / "run", messages))
+    assert not experiment.remarks  # each is in order, though one comes later than the other
+    channel = experiment.channels["joint_states"]
     t, values = channel.series("articulation_yaw.position")
     assert np.allclose(t, (np.array(joint) - EPOCH) / 1e9, atol=1e-12)
     assert np.allclose(values, 0.1 * np.arange(9))
