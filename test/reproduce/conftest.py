@@ -9,7 +9,7 @@ from artibot_sim.reproduce import section6, section7
 
 
 @pytest.fixture(scope="session")
-def tests() -> section6.Study:
+def circles() -> section6.Study:
     """Section 6, quick."""
     return section6.study(load_robot("agriq"), quick=True)
 

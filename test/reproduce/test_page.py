@@ -22,8 +22,8 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stab
 
 
 @pytest.fixture(scope="module")
-def sections(tests: section6.Study, runs: section7.Study) -> list[Section]:
-    return [section5.section5(quick=True), section6_text.written(tests), section7_text.written(runs)]
+def sections(circles: section6.Study, runs: section7.Study) -> list[Section]:
+    return [section5.section5(quick=True), section6_text.written(circles), section7_text.written(runs)]
 
 
 @pytest.fixture(scope="module")

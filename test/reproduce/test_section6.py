@@ -13,8 +13,8 @@ from artibot_sim.reproduce.circles import circle_error, odometric_speed, ramp_le
 from artibot_sim.reproduce.section6_figures import odometric_path
 
 
-def test_rotations_turn_at_the_papers_odometric_radius_and_speed(tests: section6.Study) -> None:
-    for test, run in tests.smooth.items():
+def test_rotations_turn_at_the_papers_odometric_radius_and_speed(circles: section6.Study) -> None:
+    for test, run in circles.smooth.items():
         printed = paper.TESTS[test]
         assert run.odometric_radius == pytest.approx(printed.radius["odometric"], rel=1e-6)
         path = odometric_path(run)
@@ -27,21 +27,21 @@ def test_rotations_turn_at_the_papers_odometric_radius_and_speed(tests: section6
         assert 100 * (rate / planned - 1) == pytest.approx(printed.e_gamma["odometric"])
 
 
-def test_radii_are_within_the_tolerance_of_the_papers_model(tests: section6.Study) -> None:
+def test_radii_are_within_the_tolerance_of_the_papers_model(circles: section6.Study) -> None:
     for test, within in (("test1", 0.03), ("test2", 0.08)):
-        assert tests.smooth[test].radius == pytest.approx(paper.TESTS[test].radius["simulated"], rel=within)
-    assert all(run.radius > run.odometric_radius for run in tests.smooth.values())
+        assert circles.smooth[test].radius == pytest.approx(paper.TESTS[test].radius["simulated"], rel=within)
+    assert all(run.radius > run.odometric_radius for run in circles.smooth.values())
 
 
-def test_errors_are_of_the_papers_size(tests: section6.Study) -> None:
-    for test, run in tests.smooth.items():
-        e_gamma, e_x = run.errors(tests.angle[test])
+def test_errors_are_of_the_papers_size(circles: section6.Study) -> None:
+    for test, run in circles.smooth.items():
+        e_gamma, e_x = run.errors(circles.angle[test])
         assert 100 * e_gamma == pytest.approx(paper.TESTS[test].e_gamma["simulated"], abs=2.5)
         assert 100 * e_x == pytest.approx(paper.TESTS[test].e_x["simulated"], abs=2.5)
 
 
-def test_the_angle_is_where_the_measured_circle_has_the_measured_error(tests: section6.Study) -> None:
-    for test, angle in tests.angle.items():
+def test_the_angle_is_where_the_measured_circle_has_the_measured_error(circles: section6.Study) -> None:
+    for test, angle in circles.angle.items():
         there = circle_error(test, "measured", np.array([angle]), ramp_length(test) + 2.0)
         assert 100 * there[0] == pytest.approx(paper.TESTS[test].e_x["measured"], abs=0.05)
 
@@ -53,8 +53,8 @@ def test_a_perfect_circle_has_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_allclose(circle_error("test1", "measured", np.linspace(0, 6, 50), 2.0), 0.0, atol=1e-12)
 
 
-def test_the_entry_decides_between_two_steady_circles(tests: section6.Study) -> None:
-    held, slid = tests.smooth["test1"], tests.jump["test1"]
+def test_the_entry_decides_between_two_steady_circles(circles: section6.Study) -> None:
+    held, slid = circles.smooth["test1"], circles.jump["test1"]
     assert held.odometric_radius == pytest.approx(slid.odometric_radius, rel=1e-6)
     sliding = [max(run.steady_share(f"sat_front_{s}_back") for s in ("right", "left")) for run in (held, slid)]
     assert sliding == [0.0, 1.0]
@@ -63,8 +63,8 @@ def test_the_entry_decides_between_two_steady_circles(tests: section6.Study) -> 
     assert slower.radius == pytest.approx(held.radius, rel=1e-3)  # any entry that does not jump ends on the same one
 
 
-def test_driven_motors_stay_within_the_fitted_limit(tests: section6.Study) -> None:
-    best = tests.best
+def test_driven_motors_stay_within_the_fitted_limit(circles: section6.Study) -> None:
+    best = circles.best
     for run in (best.test1, best.test2):
         assert np.abs(run.result.motor_torque[:, :2]).max() <= best.limit * (1 + 1e-9)
     assert best.test1.torque[0] == pytest.approx(best.limit, rel=1e-6)  # the outer motor
@@ -88,14 +88,14 @@ def test_more_torque_makes_a_tighter_circle() -> None:
     assert radii[-1] == pytest.approx(paper.TESTS["test1"].radius["planned"], rel=1e-3)  # it no longer limits
 
 
-def test_the_section_says_what_the_numbers_say(tests: section6.Study) -> None:
-    section = section6_text.written(tests)
+def test_the_section_says_what_the_numbers_say(circles: section6.Study) -> None:
+    section = section6_text.written(circles)
     verdicts = {c.what: c.agrees for c in section.comparisons}
     assert verdicts["Test 1: radius, driven by rotations"] and verdicts["Test 2: radius, driven by rotations"]
-    two = tests.best.test2
+    two = circles.best.test2
     wanted = paper.TESTS["test2"].radius["measured"]
     assert verdicts["Test 2: radius, driven motors"] == (abs(two.radius / wanted - 1) <= 0.08)
     at_limit = next(s for s in section.statements if "reaches its limit" in s.claim)
-    assert at_limit.holds == all(run.torque[0] > 0.99 * tests.best.limit for run in (tests.best.test1, two))
+    assert at_limit.holds == all(run.torque[0] > 0.99 * circles.best.limit for run in (circles.best.test1, two))
     assert {sheet.key for sheet in section.sheets} == {"fig9", "angle", "limit"}
     assert all(math.isfinite(c.ours) for c in section.comparisons)
