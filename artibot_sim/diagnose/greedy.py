@@ -10,10 +10,11 @@ import numpy as np
 from artibot_sim.diagnose.contest import Rival, Rounds, contest, neutralised, renoised, settled
 from artibot_sim.diagnose.evidence import Evidence, evidence
 from artibot_sim.diagnose.hypotheses import hypotheses
-from artibot_sim.diagnose.input_noise import noisy_inputs
+from artibot_sim.diagnose.input_noise import excess_of
 from artibot_sim.diagnose.patches import discs
 from artibot_sim.diagnose.screen import Trial, around, screen
 from artibot_sim.diagnose.thresholds import Thresholds
+from artibot_sim.identify.noisy_inputs import noisy_inputs
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss, channel_levels, merged
 from artibot_sim.identify.search import Fit, thinned
@@ -79,7 +80,7 @@ def turn(
         tick()
     problem, best, rivals, loss = _with_honest_noise(problem, best, rivals, loss, rounds)
     noisy = noisy_inputs(problem.stretches, problem.parameters.robot, len(named))
-    excess = noisy.excess(problem, best, rivals)
+    excess = excess_of(noisy, problem, best, rivals)
     found = {r.id: evidence(r, best.point.cost - e) for r, e in zip(rivals, excess, strict=True)}
     return Turn(tuple(trials), tuple(rivals), found, problem, best, loss, base.point.cost)
 

@@ -3,7 +3,7 @@
 A fit's curvature holds mu_s fixed, and the loss is jagged: it says too little. So the fit is made again at other values
 of mu_s and of the effect's size. Then windows are weighted at random many times (Rubin's bootstrap), each time the
 place with the least loss is taken, and one step from it. Losses and steps are those with the encoders' noise taken off
-(`diagnose/noise_share.py`). The mean of all draws is the value, for single places hold by chance.
+(`identify/noise_share.py`). The mean of all draws is the value, for single places hold by chance.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.diagnosis import Found
-from artibot_sim.diagnose.noise_share import NoiseShare, noise_share
 from artibot_sim.diagnose.valley import beside
 from artibot_sim.identify.extension import Extension
 from artibot_sim.identify.gauss_newton import step
 from artibot_sim.identify.judgement import SYSTEMATIC
+from artibot_sim.identify.noise_share import NoiseShare, noise_share
 from artibot_sim.identify.parameters import ParameterSet
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.search import FINE, Fit, Tick, scan

@@ -111,12 +111,15 @@ class Stretch:
     inputs : MotorInputs
         Knots through the stretch.
     series : tuple of Series
+    half_width : float
+        s around an instant whose encoder positions gave the inputs.
     """
 
     experiment: Experiment
     measured: Measured
     inputs: MotorInputs
     series: tuple[Series, ...]
+    half_width: float = HALF_WIDTH
 
     @cached_property
     def motion(self) -> tuple[Array, Array]:
@@ -154,7 +157,8 @@ def stretches(experiment: Experiment, robot: Robot, half_width: float = HALF_WID
         for a, b in _unbroken(times):
             if not any(((s.t >= a) & (s.t <= b)).sum() >= 2 for s in series if s.channel == "position"):
                 continue
-            found.append(Stretch(experiment, measured, rotations(experiment, robot, a, b, half_width), tuple(series)))
+            inputs = rotations(experiment, robot, a, b, half_width)
+            found.append(Stretch(experiment, measured, inputs, tuple(series), half_width))
     if not found:
         raise ArtibotError(
             f"{experiment.path}: {motors.topic} and positions are never measured at the same time; "

@@ -9,10 +9,10 @@ import pytest
 
 from artibot_sim.diagnose.diagnosis import Found
 from artibot_sim.diagnose.hypotheses import with_effect, without_last
-from artibot_sim.diagnose.noise_share import noise_share
 from artibot_sim.diagnose.uncertain import Uncertain, told, uncertain
 from artibot_sim.identify.extension import Extension
 from artibot_sim.identify.gauss_newton import evaluate
+from artibot_sim.identify.noise_share import noise_share
 from artibot_sim.identify.parameters import ParameterSet, parameter_set
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.input_noise import NoisyInputs, noisy_inputs
 from artibot_sim.identify.gauss_newton import evaluate
+from artibot_sim.identify.noisy_inputs import NoisyInputs, noisy_inputs
 from artibot_sim.identify.parameters import ParameterSet
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.search import Fit

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.input_noise import NoisyInputs, noisy_inputs
 from artibot_sim.identify.gauss_newton import Point, evaluate
 from artibot_sim.identify.holdout import fitted_starts
+from artibot_sim.identify.noisy_inputs import NoisyInputs, noisy_inputs
 from artibot_sim.identify.parameters import parameter_set
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss
