@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import signal
@@ -32,6 +33,7 @@ from artibot_driver.rig import load_rig
 from artibot_sim.model import MOTORS, load_robot
 from artibot_sim.model.transmission import back_torque_factor
 from artibot_sim.nodes.inputs import PROFILE_QOS
+from artibot_sim.sharing import LAWS, Cycle, load_law
 from ros_helpers import NodeProcess
 
 NAN = math.nan
@@ -114,9 +116,52 @@ def test_back_torques_are_eq_30_of_the_front_ones_unless_requested(probe: Driver
         assert min(abs(message.effort[2] - each) for each in sums) <= 1.01 * abs(permille)
 
 
+OWN_LAW = """
+from artibot_sim.sharing import Law
+
+
+def share(robot, cycle, part=0.5):
+    right, left = cycle.front_torque
+    return part * right, -part * left
+
+
+LAW = Law("own", "Each back motor takes a part of the front motor's torque on its side.", share)
+"""
+
+
+def test_every_law_shares_the_torque_while_driving(probe: DriverProbe, tmp_path: Path) -> None:
+    """The commanded back torques are what the law makes of torques that were reported, to a step of the drives."""
+    robot, own = load_robot("agriq"), tmp_path / "own.py"
+    own.write_text(OWN_LAW)
+    step = abs(load_rig(config_from_parameters({})).scaling["back_left"].torque.step)
+    probe.enabled()
+    tried = ["constant:kappa=0.7", "by_curvature:turn=0.65", "relieve:limit=0.02", "vectoring:gain=2"]
+    assert {text.split(":")[0] for text in tried} == set(LAWS)
+    for text in (*tried, f"{own}:part=0.3"):
+        assert set_text(probe, "law", text).successful
+        law, largest = load_law(text), 0.0
+        for speed in (60.0, 100.0, 60.0):  # there is torque while speeds change
+            probe.clear()
+            probe.repeat(lambda v=speed: probe.send_request([v, 0.4 * v]), 0.25)
+            reported = [tuple(m.effort[:2]) for m in probe.got["motor_torques"]]
+            for before, told in itertools.pairwise(probe.got["motor_command"][3:]):
+                speeds, back = tuple(told.velocity[:2]), tuple(before.effort[2:])
+                due = [law.torques(robot, Cycle(speeds, front, back, robot.control.kappa)) for front in reported]
+                assert np.abs(np.subtract(due, told.effort[2:])).max(axis=1).min() <= 1.01 * step, text
+                largest = max(largest, *map(abs, told.effort[2:]))
+        assert largest > 5 * step, text
+
+
 def set_kappa(probe: DriverProbe, kappa: float) -> Any:
-    value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=kappa)
-    request = SetParameters.Request(parameters=[Parameter(name="kappa", value=value)])
+    return _set(probe, "kappa", ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=kappa))
+
+
+def set_text(probe: DriverProbe, name: str, text: str) -> Any:
+    return _set(probe, name, ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=text))
+
+
+def _set(probe: DriverProbe, name: str, value: ParameterValue) -> Any:
+    request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
     (result,) = probe.call(SetParameters, "driver/set_parameters", request).results
     return result
 
