@@ -19,7 +19,8 @@ Array = NDArray[np.float64]
 def sheet(found: Sequence[Actuation], robot: str, manoeuvre: str) -> Sheet:
     """Paths and yaw errors above, front and back torques below."""
     colours = style.BAGS
-    strokes = [style.Stroke(colours[i % len(colours)], 1.6) for i in range(len(found))]
+    widths = np.linspace(3.6, 1.2, len(found)).tolist()  # laws that drive alike lie on each other
+    strokes = [style.Stroke(colours[i % len(colours)], width) for i, width in enumerate(widths)]
 
     def curves(x: Callable[[Actuation], Array], y: Callable[[Actuation], Array]) -> list[Line]:
         return [curve(str(a.law), x(a), y(a), stroke) for a, stroke in zip(found, strokes, strict=True)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,13 +53,30 @@ class Free:
 
 @dataclass(frozen=True)
 class Held:
-    """Predictions of a held-out recording, in detail (for pictures); `summary` is what counts."""
+    """Predictions of a held-out recording, in detail (for pictures); `summary` is what counts.
+
+    Attributes
+    ----------
+    experiment : Experiment
+    windows : list of Window
+        Those that were predicted.
+    residuals : list of array
+        In units of noise, (n,) each.
+    free : list of Free
+    summary : Prediction
+    stretches : sequence of Stretch
+        What the windows are of.
+    rivals : mapping of str to list of array
+        Residuals of position and yaw by kinematic models.
+    """
 
     experiment: Experiment
     windows: list[Window]
     residuals: list[Array]
     free: list[Free]
     summary: Prediction
+    stretches: Sequence[Stretch] = ()
+    rivals: Mapping[str, list[Array]] = field(default_factory=dict)
 
 
 def hold_out(
@@ -97,24 +114,23 @@ def hold_out(
     free = _free_runs(problem, point, found, robot, workers)
     predicted = [windows[i] for i in chosen]
     errors = [residuals[i] for i in chosen]
+    rolled = {m.name: m.predict(problem, carried) for m in rivals}
+    others = {name: [own[i] for i in chosen] for name, own in rolled.items()}
     left = next((run.left for run in free if run.left is not None), None)
     summary = Prediction(
         experiment.name, horizon, len(chosen), channel_fits(predicted, errors, noise),
         channel_fits(predicted, errors, noise, last=True),
         channel_fits([run.window for run in free], [run.residual for run in free], noise), left,
         "windows are separate: each starts from its measured pose" if short else "",
-        {m.name: _rival(m, problem, carried, chosen, noise) for m in rivals},
+        {name: _ends(predicted, own, noise) for name, own in others.items()},
         outliers(predicted, errors) if short else (),
     )  # fmt: skip
-    return Held(experiment, predicted, errors, free, summary)
+    return Held(experiment, predicted, errors, free, summary, found, others)
 
 
-def _rival(
-    model: Kinematic, problem: Problem, starts: Array, chosen: Sequence[int], noise: Mapping[str, float]
-) -> dict[str, ChannelFit]:
-    """Errors of a kinematic model at the ends of the same predictions."""
-    residuals = model.predict(problem, starts)
-    fits = channel_fits([problem.windows[i] for i in chosen], [residuals[i] for i in chosen], noise, last=True)
+def _ends(windows: Sequence[Window], residuals: Sequence[Array], noise: Mapping[str, float]) -> dict[str, ChannelFit]:
+    """Errors of a kinematic model at the ends of predictions."""
+    fits = channel_fits(windows, residuals, noise, last=True)
     return {name: fit for name, fit in fits.items() if name in ("position", "yaw")}
 
 

@@ -52,23 +52,32 @@ _LEAP = 2.0
 _FEWEST = 20
 
 
+def end_errors(windows: Sequence[Window], residuals: Sequence[Array], name: str) -> Array:
+    """Absolute errors of a channel at the windows' ends, shape (windows,), SI; NaN where it was not measured."""
+    ends = [deviations(w, r, CHANNEL_NAMES.index(name))[1][-1:] for w, r in zip(windows, residuals, strict=True)]
+    return np.array([end[0] if len(end) else np.nan for end in ends])
+
+
+def worst_of(error: Array) -> NDArray[np.int64]:
+    """Which windows are named as the worst, the worst first."""
+    return np.argsort(-error)[: round(_WORST * len(error))]
+
+
 def outliers(windows: Sequence[Window], residuals: Sequence[Array]) -> tuple[str, ...]:
     """Sentences that name the windows with the largest errors at their ends, and whether their positions leap."""
     if len(windows) < _FEWEST:
         return ()
-    count, said = round(_WORST * len(windows)), []
+    said = []
     for name in ("position", "yaw"):
-        channel = CHANNEL_NAMES.index(name)
-        ends = [deviations(w, r, channel)[1][-1:] for w, r in zip(windows, residuals, strict=True)]
-        if not all(len(end) for end in ends):
+        error = end_errors(windows, residuals, name)
+        if not np.isfinite(error).all():
             continue
-        error = np.concatenate(ends)
-        worst = np.argsort(-error)[:count].tolist()
+        worst = worst_of(error).tolist()
         share = float((error[worst] ** 2).sum() / max(float((error**2).sum()), 1e-300))
         listed = ", ".join(f"{error[i]:.2f} at {windows[i].t:.0f} s{'*' if _leaps(windows[i]) else ''}" for i in worst)
         said.append(
-            f"the worst {count} of {len(windows)} windows hold {100 * share:.0f} % of the squared error of {name} at "
-            f"the ends: {listed} ({CHANNEL_UNITS[name]})"
+            f"the worst {len(worst)} of {len(windows)} windows hold {100 * share:.0f} % of the squared error of {name} "
+            f"at the ends: {listed} ({CHANNEL_UNITS[name]})"
         )
     if any("*" in sentence for sentence in said):
         said.append(f"*: measured positions leap there, by more than {_LEAP:g} m/s from one to the next")

@@ -13,6 +13,7 @@ from artibot_sim.identify.identification import from_dict
 from artibot_sim.identify.printing import number, prediction_lines
 from artibot_sim.identify.quality import deviations
 from artibot_sim.identify.windows import CHANNEL_NAMES
+from artibot_sim.report.identification_windows import window_panels
 from artibot_sim.report.page import Section, render_page
 from artibot_sim.report.panels import Figure, Floats, Level, Line, Panel
 from artibot_sim.report.style import LEFT, MUTED, POINTS, RIGHT, TRUE, Stroke
@@ -108,6 +109,10 @@ def _tables(
         said = f"{prediction.name}, held out: {prediction.windows} predictions of {prediction.horizon:g} s: {_ERRORS}"
         sections.append((said, _errors(prediction.channels)))
         sections.append((f"{prediction.name}: at the ends of the predictions", _errors(prediction.final)))
+        sections += [
+            (f"{prediction.name}: at the ends, {name} (a kinematic model fitted to the same windows)", _errors(fits))
+            for name, fits in prediction.rivals.items()
+        ]
         if prediction.free_run:
             left = "" if prediction.left is None else f", which leaves the measured branch at {prediction.left:.1f} s"
             sections.append((f"{prediction.name}: free run{left}", _errors(prediction.free_run)))
@@ -129,6 +134,8 @@ def panels(work: Work) -> Iterator[Panel]:
     """What is drawn: of held-out recordings if there are any, else of the fitted windows."""
     for held in work.held:
         name = held.summary.name
+        if held.rivals:
+            yield from window_panels(held)
         if any(run.window.channel.tolist().count(0) for run in held.free):
             yield _path(held)
         for c, channel in enumerate(CHANNEL_NAMES):

@@ -37,7 +37,7 @@ def render_page(
         Sentences at the end.
     """
     hints = (THINNED, HINT) if any(map(is_thinned, figure.panels)) else (HINT,)
-    charts = [chart(panel, figure.time_span) | {"time": not panel.equal} for panel in figure.panels]
+    charts = [chart(panel, figure.time_span) | {"time": panel.timed} for panel in figure.panels]
     return render_frame(
         figure.title,
         _head(figure),

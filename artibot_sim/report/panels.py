@@ -125,6 +125,11 @@ class Panel:
     equal: bool = False
 
     @property
+    def timed(self) -> bool:
+        """Whether it is over time: such panels share their axis."""
+        return self.x == ("time", "s")
+
+    @property
     def legend(self) -> tuple[Entry, ...]:
         """What the strokes mean.
 
@@ -177,7 +182,7 @@ class Figure:
     @property
     def time_span(self) -> tuple[float, float]:
         """First and last time of all panels over time, s: they share their axis."""
-        return extent([line.x for panel in self.panels if not panel.equal for line in panel.lines])
+        return extent([line.x for panel in self.panels if panel.timed for line in panel.lines])
 
     def __getitem__(self, key: str) -> Panel:
         """The panel with this key; KeyError if it is absent."""

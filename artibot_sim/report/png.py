@@ -34,7 +34,7 @@ def render_png(figure: Figure) -> bytes:
         canvas, places = _layout(figure)
         for panel, axes in zip(figure.panels, places, strict=True):
             draw_panel(axes, panel)
-            if not panel.equal and figure.time_span[0] < figure.time_span[1]:
+            if panel.timed and figure.time_span[0] < figure.time_span[1]:
                 axes.set_xlim(*figure.time_span)
         _legends(canvas, figure, places)
         _heading(canvas, figure)

@@ -159,7 +159,7 @@ def _layout(panel: Panel, time_span: tuple[float, float]) -> dict[str, Any]:
         x |= {"range": _span([corners[:, 0]], 0.05)}
         y |= {"range": _span([corners[:, 1]], 0.05), "scaleanchor": "x", "scaleratio": 1, "showline": True}
     else:
-        x |= {"range": _span([np.array(time_span)])}
+        x |= {"range": _span([np.array(time_span)] if panel.timed else [line.x for line in panel.lines])}
     return {
         "font": {"family": style.WEB_FONTS, "size": 13, "color": style.INK}, "paper_bgcolor": style.PAPER,
         "plot_bgcolor": style.PAPER, "margin": {"l": 56, "r": 12, "t": 8, "b": 44}, "autosize": True,

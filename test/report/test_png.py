@@ -65,7 +65,7 @@ def test_panels_hold_the_lines_and_nothing_covers_them(
             x, y = curves[f"_{line.name}"].get_data()
             assert np.array_equal(x, line.x, equal_nan=True)
             assert np.array_equal(y, line.y, equal_nan=True)
-        assert panel.equal or axes.get_xlim() == figure.time_span
+        assert not panel.timed or axes.get_xlim() == figure.time_span
         assert (axes.get_xlabel(), axes.get_ylabel()) == (panel.x_label, panel.y_label)
         legend, title = axes.get_legend(), axes._left_title.get_window_extent()
         assert not any(title.overlaps(box) for box in [*boxes, *heading])
