@@ -127,8 +127,8 @@ def fit_circle(x: ArrayLike, y: ArrayLike, iterations: int = 50) -> Circle:
     return Circle(float(a * scale + centre[0]), float(b * scale + centre[1]), float(r * scale), rmse * scale)
 
 
-def _taubin(u: Array, v: Array) -> tuple[float, float, float]:
-    """Return centre and radius of Taubin's algebraic fit to centred, scaled points (n,)."""
+def _taubin(u: Array, v: Array) -> tuple[float, float]:
+    """Return the centre of Taubin's algebraic fit to centred, scaled points (n,)."""
     z = u * u + v * v
     z_mean = float(z.mean())
     rows = np.column_stack([(z - z_mean) / (2.0 * np.sqrt(z_mean)), u, v])
@@ -137,45 +137,41 @@ def _taubin(u: Array, v: Array) -> tuple[float, float, float]:
         raise ArtibotError("fit_circle: the points lie on a line; a circle needs a curve")
     p, q, s = axes[2]
     p /= 2.0 * np.sqrt(z_mean)
-    a, b = -q / (2.0 * p), -s / (2.0 * p)
-    return float(a), float(b), float(np.sqrt(a * a + b * b + z_mean))
+    return float(-q / (2.0 * p)), float(-s / (2.0 * p))
 
 
-def _refine(u: Array, v: Array, a: float, b: float, r: float, iterations: int) -> tuple[float, float, float]:
-    """Minimise the sum of (distance from (a, b) − r)², starting from an algebraic fit."""
-    x, damping = np.array([a, b, r]), 1e-3
-    away = _away(u, v, x)
-    cost = _cost(away, x)
-    jacobian = np.full((3, len(u)), -1.0)
+def _refine(u: Array, v: Array, a: float, b: float, iterations: int) -> tuple[float, float, float]:
+    """Minimise the sum of (distance from (a, b) − r)², starting from an algebraic fit; r is the mean distance."""
+    damping = 1e-3
+    away, distance, cost = _away(u, v, a, b)
     for _ in range(iterations):
-        jacobian[:2] = away[:2] / -away[2]
-        normal = jacobian @ jacobian.T
-        gradient = jacobian @ (away[2] - x[2])
-        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)) + 1e-300 * np.eye(3), -gradient)
-        there = _away(u, v, x + step)
-        tried = _cost(there, x + step)
-        if tried <= cost:
-            x, cost, away, damping = x + step, tried, there, damping / 10.0
-        else:
-            damping *= 10.0
-        if np.abs(step).max() < 1e-13 * max(1.0, np.abs(x).max()):
+        slope = away / distance
+        slope -= slope.mean(axis=1)[:, None]
+        (aa, ab), (_, bb) = (slope @ slope.T).tolist()
+        to_a, to_b = (slope @ distance).tolist()
+        aa, bb = aa * (1.0 + damping), bb * (1.0 + damping)
+        det = aa * bb - ab * ab + 1e-300
+        step_a, step_b = (to_a * bb - to_b * ab) / det, (to_b * aa - to_a * ab) / det
+        there = _away(u, v, a + step_a, b + step_b)
+        better = there[2] <= cost
+        if better:
+            a, b = a + step_a, b + step_b
+            away, distance, cost = there
+        damping *= 0.1 if better else 10.0
+        size = max(abs(step_a), abs(step_b)) / max(1.0, abs(a), abs(b))
+        if size < (1e-13 if better else 1e-8):  # where so small a step makes nothing better, only rounding is left
             break
-    return float(x[0]), float(x[1]), float(abs(x[2]))
+    return a, b, float(distance.mean())
 
 
-def _away(u: Array, v: Array, x: Array) -> Array:
-    """Where points (n,) are from a centre x[:2]: along both axes, and how far; shape (3, n)."""
-    away = np.empty((3, len(u)))
-    np.subtract(u, x[0], out=away[0])
-    np.subtract(v, x[1], out=away[1])
-    np.sqrt(away[0] * away[0] + away[1] * away[1], out=away[2])
-    np.maximum(away[2], 1e-300, out=away[2])
-    return away
-
-
-def _cost(away: Array, x: Array) -> float:
-    residual = away[2] - x[2]
-    return float(residual @ residual)
+def _away(u: Array, v: Array, a: float, b: float) -> tuple[Array, Array, float]:
+    """Where points (n,) are from (a, b): along both axes (2, n), how far (n,), and the squares' sum about its mean."""
+    away = np.empty((2, len(u)))
+    np.subtract(u, a, out=away[0])
+    np.subtract(v, b, out=away[1])
+    distance = np.maximum(np.sqrt(away[0] * away[0] + away[1] * away[1]), 1e-300)
+    residual = distance - distance.mean()
+    return away, distance, float(residual @ residual)
 
 
 def _three_differ(points: Array) -> bool:

@@ -18,8 +18,8 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.model.batch_lanes import Lanes, in_lanes
 from artibot_sim.model.commands import Commands
 from artibot_sim.model.robot import Robot
-from artibot_sim.model.rollout import Rollout, rollout
-from artibot_sim.model.rollout_checks import prepare
+from artibot_sim.model.rollout import Rollout, simulate
+from artibot_sim.model.rollout_checks import Setup, prepare
 from artibot_sim.model.state import State
 from artibot_sim.model.transmission import Mode
 
@@ -38,12 +38,11 @@ class _Single:
     """A rollout that runs alone."""
 
     places: tuple[int]
-    robot: Robot
-    commands: Commands
-    options: dict[str, Any]
+    setup: Setup
+    options: tuple[float, str, int, bool]
 
     def run(self) -> list[Rollout]:
-        return [rollout(self.robot, self.commands, **self.options)]
+        return [simulate(self.setup, *self.options)]
 
 
 def rollout_batch(
@@ -99,8 +98,6 @@ def rollout_batch(
         raise ArtibotError(f"keep: '{keep}'; expected one of {', '.join(KEEP)}")
     if workers is not None and workers < 1:
         raise ArtibotError(f"workers: {workers}; expected at least 1, or None for all cores")
-    shared = {"dt": dt, "integrator": integrator, "modes": modes, "kappa": kappa, "duration": duration}
-    shared |= {"energy": energy}
     lists = {
         "robots": _listed("robots", robots, Robot),
         "commands": _listed("commands", commands, Commands),
@@ -119,11 +116,7 @@ def rollout_batch(
     each = [every if keep == "rows" else max(setup.steps, 1) for setup in setups]
     together = list(in_lanes(setups, dt, each)) if integrator == "rk4" and not energy else []
     done = {place for lanes in together for place in lanes.places}
-    alone = [
-        _Single((i,), setup.robot, setup.commands, {**shared, "state": setup.start, "every": each[i]})
-        for i, setup in enumerate(setups)
-        if i not in done
-    ]
+    alone = [_Single((i,), setup, (dt, integrator, each[i], energy)) for i, setup in enumerate(setups) if i not in done]
     jobs: list[Lanes | _Single] = [*together, *alone]
     return _run(jobs, len(setups), min(workers or available_cores(), max(len(jobs), 1)), progress)
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
 from artibot_sim import progress
-from artibot_sim.model.numba_import import config, event, numba
+from artibot_sim.model.numba_import import FunctionCache, config, event, numba
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -34,6 +36,10 @@ def cache_folder() -> Path:
 
 _CACHE = str(cache_folder())
 
+_PATIENCE = 300.0
+"""How long a process waits for another that compiles the same loop, s; then it compiles for itself."""
+_PAUSE = 0.05
+
 
 class _Compiling(event.Listener):
     """Tells those who want to know when numba compiles something that the model's folder does not have."""
@@ -41,13 +47,13 @@ class _Compiling(event.Listener):
     def __init__(self) -> None:
         self._depth = 0
 
-    def on_start(self, event: event.Event) -> None:
+    def on_start(self, event: event.Event | None) -> None:
         """Called for a loop, and for every piece that is compiled into it."""
         self._depth += 1
         if self._depth == 1:
             self._tell(True)
 
-    def on_end(self, event: event.Event) -> None:
+    def on_end(self, event: event.Event | None) -> None:
         """Called in the reverse order."""
         self._depth -= 1
         if self._depth == 0:
@@ -58,14 +64,82 @@ class _Compiling(event.Listener):
             hear(begins)
 
 
-event.register("numba:compile", _Compiling())
+_COMPILING = _Compiling()
+event.register("numba:compile", _COMPILING)
 
 
-def _jit(function: Function, **options: Any) -> Function:
+class _Shared(FunctionCache):
+    """Numba's cache of one loop: of several processes that miss it one compiles, the others wait and load.
+
+    The kernel lets go of the lock of a process that is killed. Within a process numba lets one thread compile at once.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self._lock = -1
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """What is on disk, or None where this process is to compile: then it holds the lock."""
+        found = super().load_overload(sig, target_context)
+        if found is None and self._held():
+            found = super().load_overload(sig, target_context)  # another may have been at it
+            if found is not None:
+                self._let_go()
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep what was compiled, and let the others load it."""
+        try:
+            super().save_overload(sig, data)
+        finally:
+            self._let_go()
+
+    def _held(self) -> bool:
+        """Take the lock, or wait for it; False where there can be none, or whoever has it takes too long."""
+        if self._lock >= 0:  # of a compilation that failed
+            return True
+        try:
+            Path(self.cache_path).mkdir(parents=True, exist_ok=True)
+            self._lock = os.open(f"{self.cache_path}/{self._py_func.__name__}.lock", os.O_RDWR | os.O_CREAT, 0o666)
+            if not self._taken() and not self._waited():
+                self._let_go()
+        except OSError:  # a file system without locks
+            self._let_go()
+        return self._lock >= 0
+
+    def _taken(self) -> bool:
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        return True
+
+    def _waited(self) -> bool:
+        """Wait for the lock; whoever wants to know hears that somebody compiles."""
+        until = time.monotonic() + _PATIENCE
+        _COMPILING.on_start(None)
+        try:
+            while time.monotonic() < until:
+                time.sleep(_PAUSE)
+                if self._taken():
+                    return True
+            return False
+        finally:
+            _COMPILING.on_end(None)
+
+    def _let_go(self) -> None:
+        if self._lock >= 0:
+            os.close(self._lock)
+            self._lock = -1
+
+
+def _jit(function: Function, cache: bool = False, **options: Any) -> Function:
     saved = config.CACHE_DIR  # type: ignore[attr-defined]  # numba sets its options when it is imported
     config.CACHE_DIR = _CACHE  # type: ignore[attr-defined]  # read when the function is decorated, so other users of numba keep their own
     try:
-        compiled: Function = numba.njit(error_model="numpy", fastmath=_FAST, **options)(function)
+        compiled: Any = numba.njit(error_model="numpy", fastmath=_FAST, **options)(function)
+        if cache and compiled is not function:  # as it is where numba is told to compile nothing
+            compiled._cache = _Shared(function)  # what numba's own option `cache` sets
         return compiled
     finally:
         config.CACHE_DIR = saved  # type: ignore[attr-defined]

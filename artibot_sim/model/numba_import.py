@@ -9,7 +9,7 @@ import types
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-__all__ = ["config", "event", "numba"]
+__all__ = ["FunctionCache", "config", "event", "numba"]
 
 
 @contextmanager
@@ -58,5 +58,6 @@ def _spare_scipy() -> None:
 with _undisturbed():
     import numba
     from numba.core import config, event
+    from numba.core.caching import FunctionCache
 
     _spare_scipy()

@@ -10,6 +10,7 @@ import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from types import MappingProxyType
 from typing import Any
 
@@ -224,13 +225,18 @@ class Robot:
 
 
 def _walk(node: Any, path: str) -> Iterator[tuple[str, Quantity, float]]:
-    for entry in dataclasses.fields(node):
-        value = getattr(node, entry.name)
-        key = f"{path}{entry.name}"
-        if "quantity" in entry.metadata:
-            yield key, entry.metadata["quantity"], value
+    for name, declared in _entries(node.__class__):
+        value, key = getattr(node, name), f"{path}{name}"
+        if declared is not None:
+            yield key, declared, value
         elif dataclasses.is_dataclass(value):
             yield from _walk(value, f"{key}.")
+
+
+@cache
+def _entries(kind: type) -> tuple[tuple[str, Quantity | None], ...]:
+    """Names of a dataclass's fields, each with its declaration where it is a physical parameter."""
+    return tuple((entry.name, entry.metadata.get("quantity")) for entry in dataclasses.fields(kind))
 
 
 def _look_up(values: Mapping[str, float], key: str) -> float:

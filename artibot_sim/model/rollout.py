@@ -216,10 +216,11 @@ def rollout(
     `final_state` at a knot equals one that was never cut, bit for bit.
     """
     setup = prepare(robot, commands, dt, integrator, every, modes, kappa, state, duration)
-    return _run(setup, dt, integrator, every, energy)
+    return simulate(setup, dt, integrator, every, energy)
 
 
-def _run(setup: Setup, dt: float, integrator: str, every: int, energy: bool) -> Rollout:
+def simulate(setup: Setup, dt: float, integrator: str, every: int, energy: bool) -> Rollout:
+    """As `rollout`, of what was checked already."""
     from artibot_sim.model import loop
     from artibot_sim.model.advance import advance
 

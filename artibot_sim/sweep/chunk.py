@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -67,7 +68,7 @@ def run_chunk(task: Task) -> bytes:
     bytes
         A Parquet table, one row a run in their order: the same whatever runs are together in a chunk.
     """
-    chunk = _Chunk(task["plan"])
+    chunk = _chunk_of(task["plan"])
     columns = task["values"]
     rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
     runs: list[_Run] = []
@@ -77,6 +78,18 @@ def run_chunk(task: Task) -> bytes:
         task["first"], columns, task["plan"]["text"], task["plan"]["measures"],
         [run.measures for run in runs], [run.status for run in runs], [run.message for run in runs],
     )  # fmt: skip
+
+
+_KNOWN = threading.local()
+
+
+def _chunk_of(plan: Mapping[str, Any]) -> _Chunk:
+    """What this thread had for its last task, where that was of the same plan: reading a robot takes milliseconds."""
+    key = json.dumps(plan, sort_keys=True)
+    if getattr(_KNOWN, "key", None) != key:
+        _KNOWN.key, _KNOWN.chunk = key, _Chunk(plan)
+    chunk: _Chunk = _KNOWN.chunk
+    return chunk
 
 
 class _Chunk:

@@ -37,21 +37,32 @@ def test_other_libraries_are_whole_after_a_rollout() -> None:
     assert done.stdout.splitlines() == [f"{name}: 0" for name in LATER], done.stderr
 
 
-def test_compilation_is_announced_once_and_a_cached_loop_never(tmp_path: Path) -> None:
-    """Of the smallest loop: all are compiled in the same way."""
-    code = (
-        "from artibot_sim import progress; heard = []; progress.compiling.append(heard.append); "
-        "import numpy as np; from artibot_sim.model import load_robot; "
-        "from artibot_sim.model.kinematics import constraint; "
-        "constraint(load_robot('agriq'), np.zeros(16)); print(heard)"
+USER = (
+    "import time; from artibot_sim import progress; heard = []; progress.compiling.append({hear}); "
+    "import numpy as np; from artibot_sim.model import kinematics, load_robot; "
+    "kinematics.constraint(load_robot('agriq'), np.zeros(16)); "
+    "print(heard, sum(sum(f.stats.cache_misses.values()) for f in vars(kinematics).values() if hasattr(f, 'stats')))"
+)
+"""Needs the smallest loop, and prints what it heard of compiling and how many functions it compiled."""
+STUCK = "lambda begins: (print('compiling', flush=True), time.sleep(600))"
+
+
+def started(folder: Path, hear: str = "heard.append") -> subprocess.Popen[str]:
+    environment = os.environ | {"ARTIBOT_CACHE_DIR": str(folder)}
+    return subprocess.Popen(
+        [sys.executable, "-c", USER.format(hear=hear)], stdout=subprocess.PIPE, text=True, env=environment
     )
-    runs = [
-        subprocess.run(
-            [sys.executable, "-c", code],
-            capture_output=True,
-            text=True,
-            env=os.environ | {"ARTIBOT_CACHE_DIR": str(tmp_path)},
-        )
-        for _ in range(2)
-    ]
-    assert [run.stdout.split() for run in runs] == [["[True,", "False]"], ["[]"]], [run.stderr for run in runs]
+
+
+def test_one_process_compiles_for_all_and_one_that_is_killed_holds_up_nobody(tmp_path: Path) -> None:
+    killed = started(tmp_path, STUCK)
+    assert killed.stdout is not None and killed.stdout.readline() == "compiling\n"
+    together = [started(tmp_path) for _ in range(2)]
+    killed.kill()
+    killed.communicate()
+    said = [process.communicate(timeout=120)[0].rsplit(maxsplit=1) for process in together]
+    (_, none), (heard, some) = sorted(said, key=lambda words: int(words[1]))
+    assert int(none) == 0 < int(some)
+    assert heard == "[True, False]"  # who compiles says so
+    later = started(tmp_path).communicate(timeout=120)[0]
+    assert later == "[] 0\n"  # and who finds it says nothing
