@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 from artibot_driver.frames import Emcy, Heartbeat, Malformed, Nmt, Sdo, Sync, Unknown
@@ -16,8 +16,24 @@ SECOND_DRIVER_TIME: Final = 1_000_000_000
 """So long after somebody else's commands the bus is not taken to be ours, ns."""
 
 LISTEN_TIME: Final = 200_000_000
-"""A driver says nothing before it has heard no other for so long, ns: several periods of SYNC at any usual rate, and
-longer than drives put up with a driver that has fallen silent."""
+"""A driver says nothing before it has heard no other for at least so long, ns: several periods of SYNC at any usual
+rate."""
+
+LONGER_THAN_DRIVES: Final = 50_000_000
+"""It also listens for so much longer than drives put up with a driver that has fallen silent, ns: whatever it finds on
+the bus then, none still follows what another one has commanded."""
+
+SPREAD: Final = 200_000_000
+"""By so much at most, as chance has it, one driver listens longer than another that was started with it, ns."""
+
+Chance = Callable[[], float]
+"""A number from 0 to 1, anew at each call."""
+
+
+def no_chance() -> float:
+    """Always the same: a run can be repeated."""
+    return 0.0
+
 
 KINDS: Final = (
     "malformed", "unknown_frames", "unknown_nodes", "duplicate", "out_of_order", "missed_feedback",
@@ -29,15 +45,34 @@ KINDS: Final = (
 
 
 class Hearing:
-    """Reads frames for the drives of a rig."""
+    """Reads frames for the drives of a rig.
 
-    def __init__(self, rig: Rig, links: Sequence[Link], tally: Counter[str]) -> None:
+    Parameters
+    ----------
+    rig : Rig
+    links : sequence of Link
+        Of its drives.
+    tally : Counter
+        Gets what is counted.
+    chance : Chance
+        How much of :data:`SPREAD` it listens longer.
+
+    Attributes
+    ----------
+    alone : bool
+        Whether no other driver was heard for long enough to speak.
+    """
+
+    def __init__(self, rig: Rig, links: Sequence[Link], tally: Counter[str], chance: Chance = no_chance) -> None:
         self._codec, self._driver = rig.codec, rig.config.driver_id
         self._links = {link.node: link for link in links}
         self._tally = tally
         self._second: tuple[int, str] | None = None
-        self._other: tuple[int, str] | None = None
-        self._quiet_since: int | None = None
+        self._least = max(LISTEN_TIME, round(1e9 * rig.config.driver_timeout) + LONGER_THAN_DRIVES)
+        self._chance = chance
+        self._other: tuple[int, str] | None
+        self._quiet_since: int | None
+        self.begin()
 
     def take(self, message: Message, now: int, sampled: int) -> None:
         """Take a frame; feedback in it was sampled with the SYNC at `sampled`."""
@@ -90,18 +125,35 @@ class Hearing:
     # Before the first word.
 
     def begin(self) -> None:
-        """Listen whether somebody else leads the drives, from the next :meth:`is_alone` on."""
+        """Listen whether somebody else leads the drives, which are to be set up anew."""
+        self.alone = self._led = False
         self._other = self._quiet_since = None
+        self._patience = self._least + round(self._chance() * SPREAD)
+        for link in self._links.values():
+            link.forget()
 
-    def is_alone(self, now: int, carries: bool) -> bool:
-        """Whether no other driver has been heard for long enough; a bus that carries nothing tells nothing."""
-        if self._quiet_since is None or not carries:
+    def listen(self, now: int, carries: bool, led: bool) -> None:
+        """Be alone once no other driver has been heard for long enough; a bus that carries nothing tells nothing.
+
+        Two that were started together may both have found the bus quiet, so whoever hears another one before it has
+        `led` all drives listens again. After that they are its own: its silence would be taken for its death.
+        """
+        self._led = self._led or led
+        if self.alone:
+            other = self._other
+            if other is not None and not self._led:
+                self.begin()
+                self._other = other
+        elif self._quiet_since is None or not carries:
             self._quiet_since = now
-        elif self._other is not None:
-            self._quiet_since = max(self._quiet_since, self._other[0])
-        return now - self._quiet_since >= LISTEN_TIME
+        else:
+            self._quiet_since = max(self._quiet_since, self._other[0] if self._other else 0)
+            if now - self._quiet_since >= self._patience:
+                self.alone, self._other, self._second = True, None, None
 
     @property
     def rival(self) -> str:
-        """Another driver that was heard since :meth:`begin`, one clause with the mend; empty where none was."""
-        return f"somebody else leads the drives: heard {self._other[1]}; end that driver" if self._other else ""
+        """Another driver that was heard while listening, one clause with the mend; empty where none was."""
+        if self.alone or self._other is None:
+            return ""
+        return f"somebody else leads the drives: heard {self._other[1]}; end that driver"

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable
 from types import MappingProxyType
 from typing import Final
 
@@ -16,12 +15,12 @@ from artibot_driver.bus_health import BusState
 from artibot_driver.cia402 import State
 from artibot_driver.frames import NmtCommand, NmtState, heartbeat, nmt
 from artibot_driver.master import report, setup, watch
-from artibot_driver.master.hearing import KINDS, Hearing
+from artibot_driver.master.hearing import KINDS, Chance, Hearing, no_chance
 from artibot_driver.master.link import POWERED, TORQUE, VELOCITY, Link
 from artibot_driver.master.phases import Facts, Phase, next_phase
 from artibot_driver.master.requests import Request, Requests, Wishes
 from artibot_driver.master.targets import STANDING, Integers, Targets
-from artibot_driver.master.traffic import AnyBus, Traffic
+from artibot_driver.master.traffic import AnyBus, Clock, Traffic
 from artibot_driver.master.values import Commanded, Cycle, Reason, Setpoints, Stage, Status, Stop
 from artibot_driver.rig import Rig
 from artibot_sim.model import MOTORS
@@ -50,20 +49,22 @@ class Master:
     bus : AnyBus
         Open; the caller closes it, after :meth:`close`.
     rig : Rig
-    clock : callable
-        Steady time in ns, to bound the time that reading takes.
+    clock : Clock
+        To bound the time that reading takes.
+    chance : Chance
+        So that of two drivers started together one is first on the bus.
     """
 
-    def __init__(self, bus: AnyBus, rig: Rig, clock: Callable[[], int] = time.monotonic_ns) -> None:
+    def __init__(self, bus: AnyBus, rig: Rig, clock: Clock = time.monotonic_ns, chance: Chance = no_chance) -> None:
         config = rig.config
         self._rig, self._config, self._clock = rig, config, clock
         self._period = 1000 * config.sync_period_us
         self._tally: Counter[str] = Counter(dict.fromkeys(KINDS, 0))
         self._links = tuple(Link(rig, motor, self._tally) for motor in MOTORS)
-        self._hearing = Hearing(rig, self._links, self._tally)
+        self._hearing = Hearing(rig, self._links, self._tally, chance)
         self._targets = Targets(rig, self._tally)
         self._requests, self._answered, self._notice = Requests(), 0, ""
-        self._phase = Phase.OFFLINE
+        self._phase, self._bus_state = Phase.OFFLINE, BusState.ACTIVE
         self._stop: Stop | None = None
         self._armed: int | None = None
         self._following = False
@@ -71,7 +72,6 @@ class Master:
         self._rested: int | None = None
         self._released: int | None = None
         self._last: int | None = None
-        self._bus_state = BusState.ACTIVE
         self.use_bus(bus)
 
     # Requests, from any thread.
@@ -93,7 +93,7 @@ class Master:
         self._requests.ask(Request.STOP, reason, text or reason.value)
 
     def reset_fault(self) -> None:
-        """Ask for faults to be reset, and for refused drives to be tried again; nothing is enabled by it."""
+        """Ask for faults to be reset, and for refused drives to be tried again, where nothing turns."""
         self._requests.ask(Request.RESET)
 
     # The loop's thread.
@@ -102,15 +102,12 @@ class Master:
         """Go on with another bus where the old one is lost: listen first, then set all drives up again."""
         self._traffic = Traffic(bus, self._config.bitrate, self._period, self._tally, self._clock)
         self._hearing.begin()
-        self._alone = False
-        for link in self._links:
-            link.forget()
 
     def poll(self, now_ns: int) -> None:
         """Read what has come and go on with setting up, without set-points and SYNC."""
         for message in self._traffic.read():
             self._hearing.take(message, now_ns, self._sync)
-        if self._alone:
+        if self._hearing.alone:
             self._polls += 1
             setups = [link.setup for link in self._links]
             self._traffic.send(setup.due(setups, now_ns, self._rig.requests_a_cycle, self._polls))
@@ -129,7 +126,7 @@ class Master:
         self._last = now_ns
         self.poll(now_ns)
         self._bus_state = self._traffic.look(now_ns, HEALTH_PERIOD)
-        self._alone = self._alone or self._hearing.is_alone(now_ns, self._bus_state.carries_frames)
+        self._hearing.listen(now_ns, self._bus_state.carries_frames, self._phase in (Phase.READY, Phase.LOCKED))
         wishes = self._requests.take(now_ns)
         if self._phase in (Phase.ENABLING, Phase.ENABLED):
             self._stop = self._trouble(now_ns, last, wishes.stop) or self._take_setpoints(now_ns, setpoints)
@@ -146,7 +143,7 @@ class Master:
         frames = [frame for link in self._links for frame in link.frames(State.SWITCH_ON_DISABLED, 0, 0, False)]
         frames.append(self._rig.codec.sync())
         frames += [nmt(NmtCommand.RESET_COMMUNICATION, link.node) for link in self._links]
-        if self._alone:  # one that only listened leaves the drives to whoever leads them
+        if self._hearing.alone:  # one that only listened leaves the drives to whoever leads them
             self._traffic.send(frames)
         self._phase, self._armed, self._following = Phase.CONFIGURING, None, False
         for link in self._links:
@@ -190,11 +187,7 @@ class Master:
         refused = ""
         self._answered += wishes.number
         if wishes.reset:
-            self._reset_until = now + RESET_TIME
-            for link in self._links:
-                if link.setup.stage is Stage.REFUSED:
-                    link.forget()
-            self._notice = "faults are being reset"
+            self._notice = self._reset(now)
         if wishes.enable:
             refused = "a stop was asked for as well" if wishes.stop else self._enable_refused(now)
             self._notice = f"enable refused: {refused}" if refused else "the drives are being enabled"
@@ -202,11 +195,19 @@ class Master:
             self._notice = f"stop: {wishes.stop.text}"
         return wishes.enable and not refused
 
+    def _reset(self, now: int) -> str:
+        """Begin to reset faults, but none that is still to come while the rover moves; what became of it."""
+        if self._phase.moves:
+            return f"reset refused: the drives are {self._phase.name.lower()}"
+        self._reset_until = now + RESET_TIME
+        watch.retry(self._links)
+        return "faults are being reset"
+
     def _enable_refused(self, now: int) -> str:
         """Why the drives cannot be enabled now; empty where they can."""
         if self._phase.moves:
             return f"they are {self._phase.name.lower()}"
-        if not self._alone:
+        if not self._hearing.alone:
             return self._hearing.rival or Phase.LISTENING.value
         trouble = watch.first(watch.bus_trouble(now, self._bus_state, self._traffic), self._hearing.trouble(now))
         if trouble is not None:
@@ -221,7 +222,7 @@ class Master:
         since = None if self._released is None else now - self._released
         return Facts(
             carries=self._bus_state.carries_frames,
-            alone=self._alone,
+            alone=self._hearing.alone,
             complete=len(heard) == len(self._links),
             faulted=any(link.in_fault for link in running),
             enable=enable,
@@ -268,7 +269,7 @@ class Master:
         return State.OPERATION_ENABLED if powered else State.SWITCH_ON_DISABLED
 
     def _send(self, now: int, sent: Integers) -> None:
-        if not self._alone:
+        if not self._hearing.alone:
             return
         reset = not self._phase.moves and now < self._reset_until
         targets = ((sent.velocity[0], 0), (sent.velocity[1], 0), (0, sent.torque[0]), (0, sent.torque[1]))
@@ -296,5 +297,5 @@ class Master:
             drives=report.drives(self._links, now, self._config),
             bus=self._traffic.status(),
             counters=MappingProxyType(dict(self._tally)),
-            rival="" if self._alone else self._hearing.rival,
+            rival=self._hearing.rival,
         )

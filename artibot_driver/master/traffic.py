@@ -31,6 +31,9 @@ CUT_SHORT_MOST: Final = 5
 
 _CLOCK_EVERY = 16
 
+Clock = Callable[[], int]
+"""Steady time, ns."""
+
 
 class AnyBus(Protocol):
     """What the master asks of a bus; :class:`artibot_driver.bus.Bus` has it."""
@@ -55,11 +58,10 @@ class Traffic:
         bit/s.
     period : int
         Of SYNC, ns.
-    clock : callable
-        Steady time, ns.
+    clock : Clock
     """
 
-    def __init__(self, bus: AnyBus, bitrate: int, period: int, tally: Counter[str], clock: Callable[[], int]) -> None:
+    def __init__(self, bus: AnyBus, bitrate: int, period: int, tally: Counter[str], clock: Clock) -> None:
         self.bus = bus
         self._bitrate, self._tally, self._clock = bitrate, tally, clock
         self._time_to_read = round(SHARE_OF_PERIOD * period)

@@ -110,6 +110,13 @@ def rest(links: Sequence[Link], now: int, config: DriverConfig) -> None:
             link.forget()
 
 
+def retry(links: Sequence[Link]) -> None:
+    """Seek drives anew that were refused: a person says that something was changed."""
+    for link in links:
+        if link.setup.stage is Stage.REFUSED:
+            link.forget()
+
+
 def enable_refused(links: Sequence[Link], now: int, config: DriverConfig) -> str:
     """Why drives cannot be enabled, naming the first that keeps from it."""
     for link in links:

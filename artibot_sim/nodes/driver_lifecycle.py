@@ -130,6 +130,7 @@ class DriverNode(LifecycleNode):
             self.get_logger().error("cannot be cleaned up: the rover is still coming to standstill")
             return FAILED
         self._wish.end()
+        self._requests.end("the bus was closed")
         self.loop.close()
         return DONE
 

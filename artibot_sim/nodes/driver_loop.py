@@ -6,6 +6,7 @@ profiles follow the system clock as it stood when the rover last stood.
 
 from __future__ import annotations
 
+import random
 import time
 from typing import Any
 
@@ -61,7 +62,8 @@ class DriverLoop:
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
         self._stop: Stop | None = None
         self._logged: tuple[Phase, bool] | None = None
-        self._law = parameters.law_of(settings["law"])
+        self._law_name = settings["law"]
+        self._law = parameters.law_of(self._law_name)
 
     @property
     def config(self) -> DriverConfig:
@@ -81,7 +83,7 @@ class DriverLoop:
         ArtibotError
             When it cannot be opened, with the mend.
         """
-        self.master = Master(self._keeper.open(), self._rig)
+        self.master = Master(self._keeper.open(), self._rig, chance=random.random)
         self._periods = 1
         self.pacer.start()
 
@@ -95,7 +97,9 @@ class DriverLoop:
     def refresh_rules(self) -> None:
         """Have arbitration and torque sharing go by the parameters as they are now."""
         self.desk.inputs.rules = parameters.rules(self._settings, self._rig.robot, self.config)
-        self._law = parameters.law_of(self._settings["law"])
+        if self._settings["law"] != self._law_name:  # a file's law is run anew by reading it: not for another kappa
+            self._law_name = self._settings["law"]
+            self._law = parameters.law_of(self._law_name)
 
     def step(self, master: Master, listen: bool) -> Status:
         """One SYNC period, at its deadline; with `listen` commands are followed."""

@@ -365,6 +365,18 @@ def test_the_first_reason_is_kept_until_the_next_enable() -> None:
     assert w.last.status.stop is None
 
 
+def test_a_reset_asked_for_under_way_resets_no_fault_that_is_still_to_come() -> None:
+    w = Logged().enabled()
+    w.command = lambda now: Setpoints((60.0, 60.0), now)
+    w.run(0.2)
+    w.master.reset_fault()
+    w.run(0.02)
+    assert w.last.status.notice == "reset refused: the drives are enabled"
+    w.crew.drives["back_left"].fail(0x2310)
+    w.run(0.9)
+    assert w.last.status.phase is Phase.LOCKED
+
+
 def test_warnings_of_a_drive_do_not_stop_but_are_shown() -> None:
     w = Logged().enabled()
     w.command = lambda now: Setpoints((60.0, 60.0), now)

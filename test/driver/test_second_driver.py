@@ -11,6 +11,7 @@ import pytest
 
 from artibot_driver.bus import Health
 from artibot_driver.bus_health import BusState
+from artibot_driver.cia402 import State
 from artibot_driver.config import config_from_parameters
 from artibot_driver.faults.wire import message_of
 from artibot_driver.faults.world import VirtualWorld
@@ -151,3 +152,37 @@ def test_the_first_word_comes_after_listening_and_again_after_another_bus() -> N
     w.run(1e-9 * LISTEN_TIME - 0.01)
     assert not any(frame.can_id == RIG.codec.sync_id for frame in tap.inbox)
     assert w.run_until(Phase.LOCKED, 2.0)  # meanwhile the drives have missed it
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_of_two_started_at_once_one_leads_and_the_other_is_silent(seed: int) -> None:
+    rng = random.Random(seed)
+    w = VirtualWorld(RIG, rng)
+    w.master = Master(w.unreliable, RIG, clock=lambda: w.now, chance=rng.random)
+    tap = Tap(w)
+    other = Master(tap, RIG, clock=lambda: w.now, chance=rng.random)
+    for _ in range(300):
+        phases = {other.cycle(w.now, None).status.phase, w.last.status.phase if w.trace else Phase.OFFLINE}
+        w.run(0.01)
+        assert {*w.trace[-1].seen.state} <= {State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED}
+    assert phases == {Phase.READY, Phase.LISTENING}
+    first = w.master if w.last.status.phase is Phase.READY else other
+    first.enable()
+    for _ in range(20):
+        other.cycle(w.now, None)
+        w.run(0.01)
+    assert {*w.trace[-1].seen.state} == {State.OPERATION_ENABLED}
+
+
+def test_listening_outlasts_drives_that_wait_long_for_their_driver() -> None:
+    """Whoever takes over finds no drive that still follows the driver before."""
+    rig = load_rig(config_from_parameters({"heartbeat.driver_timeout": 1.0}))
+    w = VirtualWorld(rig, random.Random(1))
+    assert w.run_until(Phase.READY, 5.0)
+    w.master.enable()
+    assert w.run_until(Phase.ENABLED, 1.0)
+    w.command = lambda now: Setpoints((60.0, 60.0), now)
+    w.run(0.3)
+    w.new_master()
+    assert w.run_until(Phase.CONFIGURING, 3.0)
+    assert State.OPERATION_ENABLED not in w.trace[-2].seen.state  # before its first word
