@@ -28,7 +28,7 @@ TORQUE_MODES = tuple(name for name, mode in MODES.items() if not mode.is_velocit
 MODULES = ("front", "back")
 
 _TABLE = (
-    Spec("robot", "agriq", "Robot: a name (agriq, epiq, husky) or the path of a robot file. Its drives' rated torque, "
+    Spec("robot", "agriq", "Robot: a name (agriq, epiq) or the path of a robot file. Its drives' rated torque, "
          "limits and polarity are taken from there."),
     Spec("eds", "drive", "Object dictionary of the drives: a name (drive) or the path of an EDS file."),
     Spec("bus.interface", "socketcan", "python-can's name of the CAN interface: socketcan, or remote for a loopback "
@@ -185,8 +185,8 @@ def config_from_parameters(given: Mapping[str, Any]) -> DriverConfig:
     for name, found in given.items():
         if name not in ALL_SPECS:
             near = difflib.get_close_matches(name, ALL_SPECS, n=1, cutoff=0.5)
-            hint = f"; did you mean '{near[0]}'?" if near else ""
-            raise ArtibotError(f"parameter {name}: unknown{hint}; expected one of {', '.join(ALL_SPECS)}")
+            mend = f"did you mean '{near[0]}'?" if near else f"expected one of {', '.join(ALL_SPECS)}"
+            raise ArtibotError(f"parameter {name}: unknown; {mend}")
         ALL_SPECS[name].check(found)
     value: dict[str, Any] = {name: spec.check(given.get(name, spec.default)) for name, spec in SPECS.items()}
     config = DriverConfig(

@@ -32,7 +32,7 @@ from artibot_sim.nodes.driver_loop import DriverLoop
 from artibot_sim.nodes.driver_services import Services
 from artibot_sim.nodes.driver_start import StartWish
 from artibot_sim.nodes.pacer import check_stats
-from artibot_sim.nodes.parameters import warn_of_unknown
+from artibot_sim.nodes.parameters import refuse_unknown
 
 SERVE_EVERY = 0.02
 """How often services and parameters are served, s."""
@@ -72,8 +72,8 @@ class DriverNode(LifecycleNode):
         given = {**overrides, "use_sim_time": False}  # drives know one time only
         super().__init__("driver", parameter_overrides=[Parameter(name, value=value) for name, value in given.items()])
         self.robot, self.settings = parameters.declare_all(self)
+        refuse_unknown(self)
         rig = load_rig(config_from_parameters(parameters.of_drives(self.settings)))
-        warn_of_unknown(self)
         check_stats(self.settings["stats"])
         self.loop = DriverLoop(self, rig, self.settings)
         self._fault, self._started = "", False

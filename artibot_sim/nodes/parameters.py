@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Iterator
 from typing import Any
 
 from artibot_sim.errors import ArtibotError
@@ -42,9 +43,23 @@ def declare(node: Any, spec: Spec, default: Value | None = None) -> Value:
 
 def warn_of_unknown(node: Any) -> None:
     """Warn of parameters that were given but that the node has not declared: ROS ignores them in silence."""
+    for name, mend in _unknown(node):
+        node.get_logger().warning(f"parameter {name} is unknown and ignored; {mend}")
+
+
+def refuse_unknown(node: Any) -> None:
+    """Raise :class:`ArtibotError` for a parameter that was given but that the node has not declared.
+
+    For a node that moves a real rover: a limit that is written wrongly would not hold.
+    """
+    for name, mend in _unknown(node):
+        raise ArtibotError(f"parameter {name}: unknown; {mend}")
+
+
+def _unknown(node: Any) -> Iterator[tuple[str, str]]:
+    """Parameters that were given and not declared, each with the mend."""
     known = [name for name in node._parameters if name != "use_sim_time"]
     for name in node._parameter_overrides:
         if not node.has_parameter(name) and not name.startswith("qos_overrides."):
             near = difflib.get_close_matches(name, known, n=1)
-            mend = f"did you mean {near[0]}?" if near else f"{node.get_name()} has {', '.join(sorted(known))}"
-            node.get_logger().warning(f"parameter {name} is unknown and ignored; {mend}")
+            yield name, f"did you mean {near[0]}?" if near else f"{node.get_name()} has {', '.join(sorted(known))}"

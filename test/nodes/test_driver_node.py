@@ -434,7 +434,7 @@ def test_a_signal_brings_it_to_standstill_before_it_ends(
         (["--channel", "ws://127.0.0.1:9/"], "artibot_driver.loopback"),
         (["--interface", "socketcan", "--channel", "nocan0"], "nocan0"),
         (["--robot", "husky"], "husky"),
-        (["--robot", "nobody"], "nobody"),
+        (["--ros-args", "-p", "max_speeed:=0.3"], "max_speeed: unknown; did you mean max_speed?"),
         (["--kappa", "0.5"], "0.622"),
         (["--command-source", "joystick"], "joystick"),
         (["--ros-args", "-p", "command_timeout:=-1.0"], "command_timeout"),
