@@ -1,16 +1,17 @@
 """A field test: a rover drives a manoeuvre over CAN and all is recorded; everything ends with the planner.
 
 ros2 launch artibot_sim field_test.launch.py manoeuvre:=slalom out:=run7
-ros2 launch artibot_sim field_test.launch.py simulated:=false enable:=false channel:=can0 driver_params:=rover.yaml
+ros2 launch artibot_sim field_test.launch.py simulated:=false channel:=can0 driver_params:=rover.yaml
 
-The second is a real rover: look that all is well, then `ros2 service call /driver/enable std_srvs/srv/Trigger`; the
+The second is a real rover, described by the `robot` of its driver's parameter file; one that is no Agri.q is given as
+`robot:=` too, for the plan. Look that all is well, then `ros2 service call /driver/enable std_srvs/srv/Trigger`; the
 planner waits for that and begins.
 """
 
 from datetime import datetime
 
 from launch.actions import DeclareLaunchArgument, Shutdown
-from launch.conditions import IfCondition
+from launch.conditions import IfCondition, UnlessCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
@@ -20,6 +21,9 @@ from launch import LaunchDescription
 def generate_launch_description():
     robot, manoeuvre = LaunchConfiguration("robot"), LaunchConfiguration("manoeuvre")
     channel, driver_params = LaunchConfiguration("channel"), LaunchConfiguration("driver_params")
+    simulated, enable = LaunchConfiguration("simulated"), LaunchConfiguration("enable")
+    driver = {"package": "artibot_sim", "executable": "driver", "output": "screen"}
+    driver["arguments"] = ["--params", driver_params, "--channel", channel]
     folder = datetime.now().strftime("run_%Y%m%d_%H%M%S")
     return LaunchDescription(
         [
@@ -29,28 +33,35 @@ def generate_launch_description():
             DeclareLaunchArgument("channel", default_value="vcan0", description="CAN channel: vcan0, can0, ws://…"),
             DeclareLaunchArgument("driver_params", default_value="driver", description="the driver's parameter file"),
             DeclareLaunchArgument("simulated", default_value="true", description="false: the rover is a real one"),
-            DeclareLaunchArgument("enable", default_value="true", description="false: wait for ~/enable"),
+            DeclareLaunchArgument(
+                "enable",
+                default_value=simulated,
+                description="false: wait for ~/enable, as real rovers do unless told otherwise",
+            ),
             Node(
                 package="artibot_sim",
                 executable="record",
                 output="screen",
-                arguments=["--out", LaunchConfiguration("out"), "--robot", robot, "--description", manoeuvre],
+                arguments=[
+                    *("--out", LaunchConfiguration("out"), "--can", channel),
+                    *("--robot", robot, "--description", manoeuvre),
+                ],
             ),
             Node(
                 package="artibot_sim",
                 executable="sim",
                 output="screen",
-                condition=IfCondition(LaunchConfiguration("simulated")),
+                condition=IfCondition(simulated),
                 arguments=["--driver-params", driver_params, "--channel", channel],
                 parameters=[{"robot": robot, "with_driver": True}],
             ),
             Node(
-                package="artibot_sim",
-                executable="driver",
-                output="screen",
-                arguments=["--params", driver_params, "--channel", channel],
-                parameters=[{"robot": robot, "enable_on_start": LaunchConfiguration("enable")}],
+                **driver,
+                condition=IfCondition(simulated),
+                parameters=[{"robot": robot, "enable_on_start": enable}],
             ),
+            # a default of this file must not change whose motors a real rover's driver believes to drive
+            Node(**driver, condition=UnlessCondition(simulated), parameters=[{"enable_on_start": enable}]),
             Node(
                 package="artibot_sim",
                 executable="planner",

@@ -32,12 +32,17 @@ class LaunchConfiguration:
 @dataclass(frozen=True)
 class DeclareLaunchArgument:
     name: str
-    default_value: str | None = None
+    default_value: str | LaunchConfiguration | None = None
     description: str = ""
 
 
 @dataclass(frozen=True)
 class IfCondition:
+    predicate_expression: Any
+
+
+@dataclass(frozen=True)
+class UnlessCondition:
     predicate_expression: Any
 
 
@@ -65,7 +70,7 @@ def described(path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     modules: dict[str, dict[str, Any]] = {
         "launch": {"LaunchDescription": list},
         "launch.actions": {"DeclareLaunchArgument": DeclareLaunchArgument, "Shutdown": Shutdown},
-        "launch.conditions": {"IfCondition": IfCondition},
+        "launch.conditions": {"IfCondition": IfCondition, "UnlessCondition": UnlessCondition},
         "launch.substitutions": {"LaunchConfiguration": LaunchConfiguration},
         "launch_ros": {},
         "launch_ros.actions": {"Node": Node},
@@ -82,7 +87,7 @@ def nodes_of(entities: list[Any], **given: str) -> list[Node]:
     values = {e.name: e.default_value or BAG for e in entities if isinstance(e, DeclareLaunchArgument)} | given
 
     def resolve(value: Any) -> Any:
-        return values[value.variable_name] if isinstance(value, LaunchConfiguration) else value
+        return resolve(values[value.variable_name]) if isinstance(value, LaunchConfiguration) else value
 
     nodes = [e for e in entities if isinstance(e, Node)]
     for node in nodes:
@@ -120,6 +125,15 @@ def test_executables_and_their_options_exist(path: Path, monkeypatch: pytest.Mon
         assert done.returncode == 0, done.stderr
 
 
+def test_a_real_rover_is_the_one_of_its_driver_s_parameters_and_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What this file has for a default changes neither polarity nor gears of motors that really turn, nor enables."""
+    path = next(path for path in LAUNCH_FILES if path.name.startswith("field_test"))
+    drivers = [n for n in nodes_of(described(path, monkeypatch), simulated="false") if n.executable == "driver"]
+    (real,) = [node for node in drivers if isinstance(node.condition, UnlessCondition)]
+    assert real.parameters == [{"enable_on_start": "false"}]
+    assert "--robot" not in real.arguments and "--enable" not in real.arguments
+
+
 @pytest.fixture
 def bus_channel() -> Iterator[str]:
     with loopback_bus() as channel:
@@ -135,9 +149,9 @@ def test_parameters_exist(
 
     with monkeypatch.context() as patch:
         entities = described(path, patch)
-    nodes = [node for node in nodes_of(entities, channel=bus_channel) if node.parameters]
+    nodes = {node.executable: node for node in reversed(nodes_of(entities, channel=bus_channel)) if node.parameters}
     probe = rclpy.node.Node("probe", context=ros_context)
-    for node in nodes:
+    for node in nodes.values():
         given = {key: value for group in node.parameters for key, value in group.items()}
         settings = [word for key, value in given.items() for word in ("-p", f"{key}:={value}")]
         process = start_node(node.executable, *node.arguments, "--ros-args", *settings)
