@@ -79,7 +79,7 @@ class Words(click.Group):
 @click.group(cls=Words, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="artibot")
 def artibot() -> None:
-    """Simulate, record and replay articulated eight-wheel rovers.
+    """Simulate, drive, record, identify and diagnose articulated eight-wheel rovers.
 
     \b
     artibot demo                        the whole tour in a minute
