@@ -98,6 +98,14 @@ def test_a_clock_that_runs_away_is_said(good: Experiment, agriq: Robot) -> None:
     assert "the clock of /imu/data gains" in text
 
 
+def test_a_simulator_that_runs_faster_than_time_has_one_clock(good: Experiment, agriq: Robot) -> None:
+    hasty = {
+        key: replace(channel, received_ns=good.start_ns + (channel.t_ns - good.start_ns) // 4)
+        for key, channel in good.channels.items()
+    }
+    assert "the clock of" not in said(replace(good, channels=hasty), agriq)
+
+
 def test_a_saturated_gyroscope_is_said(good: Experiment, agriq: Robot) -> None:
     rate = good.channels["imu"]["yaw_rate"]
     limit = 0.6 * float(np.abs(rate).max())
