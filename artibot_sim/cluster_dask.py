@@ -34,6 +34,12 @@ def on_cluster(function: Callable[[Task], Result], tasks: Iterable[Task], addres
     ArtibotError
         As :func:`artibot_sim.cluster.map_tasks` says.
     """
+    try:
+        import distributed  # noqa: F401 - sets its loggers when it is imported first
+    except ModuleNotFoundError as error:
+        raise ArtibotError(
+            "--scheduler needs Dask, which is not installed; pip install 'artibot_sim[cluster]'"
+        ) from error
     with _quiet(), _connected(address) as client:
         _check_workers(client, address)
         yield from _spread(client, function, tasks, address)
@@ -41,24 +47,22 @@ def on_cluster(function: Callable[[Task], Result], tasks: Iterable[Task], addres
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """What goes wrong is said once, by us."""
-    logger = logging.getLogger("distributed")
-    level = logger.level
-    logger.setLevel(logging.CRITICAL + 1)
+    """What goes wrong is said once, by us; Dask gives some of its loggers levels and outputs of their own."""
+    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]
+    loggers = [logger for logger in map(logging.getLogger, names) if not logger.disabled]
+    for logger in loggers:
+        logger.disabled = True
     try:
         yield
     finally:
-        logger.setLevel(level)
+        for logger in loggers:
+            logger.disabled = False
 
 
 @contextmanager
 def _connected(address: str) -> Iterator[Any]:
-    try:
-        from distributed import Client
-    except ModuleNotFoundError as error:
-        raise ArtibotError(
-            "--scheduler needs Dask, which is not installed; pip install 'artibot_sim[cluster]'"
-        ) from error
+    from distributed import Client
+
     try:
         client = Client(address, timeout=CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:
@@ -140,8 +144,8 @@ def _spread(
         ) from error
     except (OSError, *_GONE) as error:
         raise ArtibotError(
-            f"--scheduler {address}: lost after {finished} tasks; what was finished is not, start it and its workers "
-            "again and repeat the command, or leave --scheduler out"
+            f"--scheduler {address}: lost after {finished} tasks, which a sweep or a campaign has kept; start it and "
+            "its workers again and repeat the command, or leave --scheduler out"
         ) from error
     finally:
         if client.status == "running":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib.util
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,13 +13,21 @@ from artibot_sim.bench.results import Result
 from artibot_sim.bench.scenario import Scenario
 from artibot_sim.model.batch import available_cores
 
+if TYPE_CHECKING:
+    from artibot_sim.experiment import Experiment
+    from artibot_sim.model import Robot
+
 WHERE = "artibot_sim.diagnose.run"
 SEED = 5
 DURATION = 45.0
 """s of each recording."""
 KAPPA = (1.0, 0.85, 0.75, 0.65)
-HIDDEN = {"slope": {"grade": 0.05, "heading": 0.7}}
-"""What is wrong with the rover of these recordings."""
+HIDDEN: dict[str, dict[str, Any]] = {
+    "slope": {"grade": 0.05, "heading": 0.7},
+    "joint_friction": {"torque": 10.0},
+    "bulldozing": {"coefficient": 900.0},
+}
+"""What may be wrong with the rover of these recordings; of a diagnosis on the clock the first."""
 
 
 def missing() -> str | None:
@@ -27,16 +35,24 @@ def missing() -> str | None:
     return None if importlib.util.find_spec(WHERE) else "this version has no diagnosis"
 
 
-def diagnose_4x45s(scenario: Scenario) -> list[Result]:
-    """Wall time of a diagnosis of four recordings in memory, made on a slope that the model does not know of."""
+def recordings(robot: Robot, count: int, duration: float, effects: int) -> list[Experiment]:
+    """So many recordings of different manoeuvres (s each) with as many of HIDDEN at work."""
     from artibot_sim.identify.synthetic import random_manoeuvre, random_soil, synthetic
 
     rng = np.random.default_rng(SEED)
-    real = dataclasses.replace(random_soil(scenario.robot, rng), effects=HIDDEN)
-    drives = [
-        synthetic(real, random_manoeuvre(rng, DURATION), duration=DURATION, kappa=kappa, seed=i, name=f"run{i}")
-        for i, kappa in enumerate(KAPPA)
-    ]
+    real = dataclasses.replace(random_soil(robot, rng), effects=dict(list(HIDDEN.items())[:effects]))
+    return [
+        synthetic(
+            real, random_manoeuvre(rng, duration), duration=duration, kappa=KAPPA[i % len(KAPPA)], seed=i,
+            name=f"run{i:02d}",
+        )
+        for i in range(count)
+    ]  # fmt: skip
+
+
+def diagnose_4x45s(scenario: Scenario) -> list[Result]:
+    """Wall time of a diagnosis of four recordings in memory, made on a slope that the model does not know of."""
+    drives = recordings(scenario.robot, len(KAPPA), DURATION, 1)
     diagnose: Any = importlib.import_module(WHERE).diagnose
     scenario.tick()
     wall, cpu = time.perf_counter(), time.process_time()

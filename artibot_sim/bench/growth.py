@@ -30,19 +30,24 @@ SIZES: dict[str, tuple[float, ...]] = {
     "table": (10_000, 100_000, 1_000_000),
     "length": (1, 4, 15, 60, 120),
     "identification": (1, 4, 15),
+    "diagnosis": (1, 2, 4),
+    "hidden": (0, 1, 2, 3),
     "effects": (0, 1, 2, 5, 10, 21),
     "cores": (),
 }
-"""Kind → sizes: runs, runs, minutes, minutes, effects; cores are those there are."""
+"""Kind → sizes: runs, runs, minutes three times, effects twice; cores are those there are."""
 QUICK: dict[str, tuple[float, ...]] = {
-    "runs": (50, 200), "table": (5_000, 20_000), "length": (0.5, 2), "identification": (0.5, 1), "effects": (0, 3, 21),
-    "cores": (),
+    "runs": (50, 200), "table": (5_000, 20_000), "length": (0.5, 2), "identification": (0.5, 1), "diagnosis": (0.5, 1),
+    "hidden": (0, 1), "effects": (0, 3, 21), "cores": (),
 }  # fmt: skip
-SECONDS = {"runs": 0.01, "table": 4e-5, "length": 6.0, "identification": 40.0, "effects": 0.3, "cores": 8.0}
+SECONDS = {
+    "runs": 3e-3, "table": 4e-5, "length": 6.0, "identification": 8.0, "diagnosis": 30.0, "hidden": 15.0,
+    "effects": 0.3, "cores": 10.0,
+}  # fmt: skip
 """About how long a measurement takes for one of its size, for the progress bar."""
 UNITS = {
-    "runs": "runs", "table": "runs", "length": "minutes", "identification": "minutes", "effects": "effects",
-    "cores": "cores",
+    "runs": "runs", "table": "runs", "length": "minutes", "identification": "minutes", "diagnosis": "minutes",
+    "hidden": "effects", "effects": "effects", "cores": "cores",
 }  # fmt: skip
 LINEAR = 1.15
 """Greatest power of the size that counts as linear."""

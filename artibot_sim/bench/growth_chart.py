@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from artibot_sim.report import style
 from artibot_sim.report.png import new_canvas, to_png
@@ -17,23 +17,23 @@ TITLES = {
     "table": ("Its table and summary", "runs"),
     "length": ("A recording", "minutes"),
     "identification": ("Identification of two parameters", "minutes recorded"),
+    "diagnosis": ("Diagnosis with one effect at work", "minutes recorded"),
+    "hidden": ("Diagnosis of two recordings of 30 s", "effects at work"),
     "effects": ("A rollout of 28.85 s, RK4 at 1 ms", "effects"),
-    "cores": ("A sweep of 512 runs", "processes"),
+    "cores": ("Sweep of 512 runs, identification of 60 s", "processes, threads"),
 }
+FEW = ("hidden", "effects", "cores")
+"""Kinds whose sizes are small numbers, 0 among them."""
 
-
-WHAT = {"seconds": "time", "cpu": "processor time", "bytes": "peak of memory"}
-
-
-def _time(kind: str) -> str:
-    """Processor time, which others on the machine disturb least; the clock's where several processes share the work."""
-    return "seconds" if kind == "cores" else "cpu"
+WHAT = {"cpu": "processor time", "bytes": "peak of memory"}
 
 
 def chart(points: Sequence[Point]) -> bytes:
-    """PNG: a row a kind, time at the left, the process's peak of memory at the right; grey is linear growth."""
+    """PNG: a row a kind, time at the left, the process's peak of memory at the right; grey is linear growth.
+
+    Time is the processor's, which others on the machine disturb least; where several share the work the clock's beside.
+    """
     import matplotlib
-    from matplotlib.ticker import LogLocator
 
     from artibot_sim.bench.growth import lines
 
@@ -43,29 +43,45 @@ def chart(points: Sequence[Point]) -> bytes:
         grid = canvas.add_gridspec(len(kinds), 2)
         for row, kind in enumerate(kinds):
             title, unit = TITLES[kind]
-            for column, (name, label, scale) in enumerate(((_time(kind), "s", 1.0), ("bytes", "MB", 1e-6))):
+            mine = [(operation, found) for of, operation, found in lines(points) if of == kind]
+            for column, name in enumerate(("cpu", "bytes")):
                 axes = canvas.add_subplot(grid[row, column])
-                mine = [(operation, found) for of, operation, found in lines(points) if of == kind]
-                for colour, (operation, found) in zip(COLOURS, mine, strict=False):
-                    x = [point.size for point in found]
-                    y = [scale * getattr(point, name) for point in found]
-                    axes.plot(x, y, "o-", color=colour, ms=4, label=operation)
-                    if kind not in ("effects", "cores") and name != "bytes":
-                        axes.plot(x, [y[0] * size / x[0] for size in x], color=style.GRID, zorder=0)
-                if kind not in ("effects", "cores"):
-                    axes.set_xscale("log")
-                    axes.set_yscale("log")
-                    if name == "bytes":
-                        axes.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
-                        axes.yaxis.set_major_formatter("{x:g}")
-                        axes.yaxis.set_minor_formatter("{x:g}")
-                else:
-                    axes.set_ylim(bottom=0)
-                sizes = sorted({point.size for _, found in mine for point in found})
-                axes.set_xticks(sizes, [f"{size:g}" for size in sizes])
-                axes.set_xticks([], minor=True)
+                _draw(axes, kind, mine, name)
                 axes.set_xlabel(unit)
-                axes.set_ylabel(label)
                 axes.set_title(f"{title}: {WHAT[name]}")
-                axes.legend(ncols=3)
+                axes.legend(ncols=3 if kind == "length" else 2)
         return to_png(canvas, 110)
+
+
+def _draw(axes: Any, kind: str, mine: Sequence[tuple[str, Sequence[Point]]], name: str) -> None:
+    """The lines of a kind's operations."""
+    scale, label = (1.0, "s") if name == "cpu" else (1e-6, "MB")
+    for colour, (operation, found) in zip(COLOURS, mine, strict=False):
+        x = [point.size for point in found]
+        y = [scale * getattr(point, name) for point in found]
+        axes.plot(x, y, "o-", color=colour, ms=4, label=operation)
+        if kind == "cores" and name == "cpu":
+            clock = [point.seconds for point in found]
+            axes.plot(x, clock, "o:", color=colour, ms=4, mfc="none", label=f"{operation}, by the clock")
+        if kind not in FEW and name == "cpu":
+            axes.plot(x, [y[0] * size / x[0] for size in x], color=style.GRID, zorder=0)
+    axes.set_ylabel(label)
+    if kind in FEW:
+        axes.set_ylim(bottom=0)
+    else:
+        _logarithmic(axes, name == "bytes")
+    sizes = sorted({point.size for _, found in mine for point in found})
+    axes.set_xticks(sizes, [f"{size:g}" for size in sizes])
+    axes.set_xticks([], minor=True)
+
+
+def _logarithmic(axes: Any, plain: bool) -> None:
+    """Both axes; with `plain` numbers at 1, 2 and 5 of every decade of y."""
+    from matplotlib.ticker import LogLocator
+
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    if plain:
+        axes.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter("{x:g}")

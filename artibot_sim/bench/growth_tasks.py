@@ -7,6 +7,7 @@ had until its end (bytes).
 from __future__ import annotations
 
 import json
+import os
 import resource
 import sys
 import time
@@ -109,6 +110,27 @@ def identification(size: float, folder: Path) -> Figures:
     return watch.figures
 
 
+def diagnosis(size: float, folder: Path) -> Figures:
+    """A diagnosis of so many minutes on a slope, in recordings of half a minute."""
+    return _diagnosed(round(2 * size), 1)
+
+
+def hidden(size: float, folder: Path) -> Figures:
+    """A diagnosis of two recordings of half a minute in which so many effects are at work."""
+    return _diagnosed(2, int(size))
+
+
+def _diagnosed(count: int, effects: int) -> Figures:
+    from artibot_sim.bench.diagnosis import recordings
+    from artibot_sim.diagnose import diagnose
+    from artibot_sim.model import load_robot
+
+    watch, robot = Watch(), load_robot("agriq")
+    given = recordings(robot, count + 1, 30.0, effects)  # the last one is held out
+    watch("diagnose", lambda: diagnose(given, robot))
+    return watch.figures
+
+
 def pieces(duration: float) -> Iterator[tuple[float, Any]]:
     """A drive of figures of eight, simulated a minute at a time: start (s) and rollout of each piece."""
     from artibot_sim.model import Commands, load_robot, rollout
@@ -163,7 +185,10 @@ def effects(size: float, folder: Path) -> Figures:
 
 
 def cores(size: float, folder: Path) -> Figures:
-    """A sweep in so many processes, their start included."""
+    """A sweep in so many processes, their start included; an identification in so many threads."""
+    from artibot_sim.bench.diagnosis import recordings
+    from artibot_sim.identify import identify
+    from artibot_sim.model import load_robot
     from artibot_sim.sweep import plan_from_dict, sweep
 
     axes = {"contact.k_l": {"from": 1500, "to": 3500}, "contact.mu_s": {"from": 0.45, "to": 0.9}}
@@ -172,12 +197,17 @@ def cores(size: float, folder: Path) -> Figures:
     watch("sweep", lambda: sweep(plan, folder / "sweep", workers=int(size)))
     children = 1024.0 * resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
     watch.figures["sweep"]["bytes"] += size * children if size > 1 else 0.0
+    watch.figures["sweep"]["cpu"] += sum(os.times()[2:4])  # of processes that are over
+    robot = load_robot("agriq")
+    drives = recordings(robot, 2, 30.0, 0)
+    identify(drives[:1], robot, fit=["k_l"], workers=int(size))
+    watch("identify", lambda: identify(drives, robot, workers=int(size)))
     return watch.figures
 
 
 KINDS: dict[str, Callable[[float, Path], Figures]] = {
-    "runs": runs, "table": table, "length": length, "identification": identification, "effects": effects,
-    "cores": cores,
+    "runs": runs, "table": table, "length": length, "identification": identification, "diagnosis": diagnosis,
+    "hidden": hidden, "effects": effects, "cores": cores,
 }  # fmt: skip
 
 
