@@ -97,12 +97,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     from can_remote import RemoteServer
 
-    logging.getLogger("can_remote").setLevel(logging.ERROR)
+    for name in ("can", "can_remote"):  # a node that was killed leaves its end open: no news for whoever has the bus
+        logging.getLogger(name).setLevel(logging.ERROR)
     try:
         server = RemoteServer(HOST, options.port, interface="virtual", channel=f"artibot-{os.getpid()}")
     except (OSError, OverflowError) as error:
         print(f"port {options.port} on {HOST}: {error}", file=sys.stderr)
         return 2
+    server.handle_error = _say_gone
     # Waited for by the main thread, blocked in all: a handler may be kept waiting while the main thread sleeps
     ends = {signal.SIGTERM} if options.while_stdin else {signal.SIGTERM, signal.SIGINT}
     signal.pthread_sigmask(signal.SIG_BLOCK, ends)
@@ -117,6 +119,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     server.shutdown()
     server.server_close()
     return 0
+
+
+def _say_gone(_request: object, address: object) -> None:
+    """In place of socketserver's traceback."""
+    print(f"{address}: has gone without leaving the bus", file=sys.stderr)
 
 
 def _end_with_input() -> None:

@@ -22,6 +22,9 @@ from artibot_sim.nodes.stamps import SECOND, stamp_of
 IN_FLIGHT = 1.0
 """For so long after a reset (s) a command may still arrive that was sent before it."""
 
+MOST_AT_ONCE = 20
+"""Messages of a topic that are taken at most before the loop goes on: more than a queue holds, unless it is flooded."""
+
 SHORTEST = 12
 """A serialised message with a stamp has so many bytes at least."""
 
@@ -119,7 +122,10 @@ class Inputs:
         for subscription in (*self._subscriptions, *([self._profiles] if self._profiles else [])):
             handle = subscription.handle
             with handle:
-                while (taken := handle.take_message(subscription.msg_type, subscription.raw)) is not None:
+                for _ in range(MOST_AT_ONCE):
+                    taken = handle.take_message(subscription.msg_type, subscription.raw)
+                    if taken is None:
+                        break
                     subscription.callback(*taken)
         self._take_profiles()
 
