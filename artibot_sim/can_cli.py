@@ -173,7 +173,7 @@ def load(bag: str, params: str | None, robot: str | None, bitrate: int | None, *
     Example:
       artibot can load run7 --start 10 --end 20
     """
-    from artibot_driver.explain import Explainer
+    from artibot_driver.explain import ALL, Explainer
     from artibot_driver.traffic import Traffic
     from artibot_sim.experiment.frame_source import open_frames
 
@@ -185,7 +185,8 @@ def load(bag: str, params: str | None, robot: str | None, bitrate: int | None, *
         traffic.add(frame, frame.stamp_ns)
         if len(what) < len(traffic.series):
             found = explainer.explain(frame)
-            what[frame.can_id, frame.is_extended, frame.is_error] = (found.node, _service(found))
+            node = ALL if found.kind == "nmt" else found.node  # commands to single nodes have one identifier
+            what[frame.can_id, frame.is_extended, frame.is_error] = (node, _service(found))
     if not traffic.count:
         raise ArtibotError(f"{bag}: no CAN frame in that time")
     with quiet_pipe():

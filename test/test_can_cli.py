@@ -152,6 +152,12 @@ def test_the_load(bag: Path, log: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert percent[1] == pytest.approx(2 * percent[0], abs=0.11)
 
 
+def test_commands_to_single_nodes_are_one_identifier_of_all(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = [line_of(CanFrame(EPOCH, *nmt(NmtCommand.START, node), 2)) for node in (2, 3)]
+    (tmp_path / "nmt.log").write_text("\n".join(lines) + "\n")
+    assert output(capsys, "load", tmp_path / "nmt.log").splitlines()[1].split()[:4] == ["000", "all", "NMT", "2"]
+
+
 def test_a_reader_that_goes_away_is_no_error(bag: Path) -> None:
     """Standard output's other end closes after the first line, as `| head -1` does."""
     for words in (("decode", str(bag)), ("decode", str(bag), "--json"), ("dbc",)):
