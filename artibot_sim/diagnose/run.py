@@ -17,8 +17,9 @@ from artibot_sim.diagnose.result import result_of
 from artibot_sim.diagnose.thresholds import THRESHOLDS, Thresholds
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import Experiment
-from artibot_sim.identify.parameters import SOIL, parameter_set
+from artibot_sim.identify.parameters import SOIL
 from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import WINDOW, Trust, best_fit, problem_of
 from artibot_sim.identify.search import Effort, Fit, Tick
 from artibot_sim.model import Robot

@@ -9,7 +9,8 @@
 """
 
 from artibot_sim.identify.identification import ChannelFit, Estimate, Identification, Prediction, Status
-from artibot_sim.identify.parameters import SOIL, Prior, parse_priors
+from artibot_sim.identify.parameters import SOIL, Prior
+from artibot_sim.identify.requested import parse_priors
 from artibot_sim.identify.run import WINDOW, Work, identify
 from artibot_sim.identify.search import Effort
 

@@ -15,9 +15,10 @@ from artibot_sim.identify.gauss_newton import evaluate
 from artibot_sim.identify.holdout import Held, hold_out
 from artibot_sim.identify.identification import Estimate, Identification, Status
 from artibot_sim.identify.judgement import Motion, estimates, motion_of, overall, weakest
-from artibot_sim.identify.parameters import SOIL, ParameterSet, Prior, parameter_set
+from artibot_sim.identify.parameters import SOIL, ParameterSet, Prior
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.quality import channel_fits
+from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.robust import Loss, channel_levels, merged
 from artibot_sim.identify.search import Effort, Fit, Tick, awake, search, settle, thinned
 from artibot_sim.identify.sensing import HALF_WIDTH, Stretch, missing, noise_levels, stretches, with_pooled_noise

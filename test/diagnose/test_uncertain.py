@@ -13,8 +13,9 @@ from artibot_sim.diagnose.uncertain import Uncertain, told, uncertain
 from artibot_sim.identify.extension import Extension
 from artibot_sim.identify.gauss_newton import evaluate
 from artibot_sim.identify.noise_share import noise_share
-from artibot_sim.identify.parameters import ParameterSet, parameter_set
+from artibot_sim.identify.parameters import ParameterSet
 from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.search import Fit, settle

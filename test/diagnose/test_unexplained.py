@@ -14,8 +14,9 @@ from artibot_sim.diagnose.remains import remains
 from artibot_sim.diagnose.unexplained import LEAST_NATS, Finding, look, unexplained_of
 from artibot_sim.diagnose.unexplained_scene import through_gear
 from artibot_sim.identify.gauss_newton import Point, evaluate, step
-from artibot_sim.identify.parameters import SOIL, parameter_set
+from artibot_sim.identify.parameters import SOIL
 from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.windows import CHANNEL_NAMES

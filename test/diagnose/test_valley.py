@@ -11,8 +11,8 @@ from artibot_sim.diagnose.hypotheses import with_effect
 from artibot_sim.diagnose.valley import at_size, walked
 from artibot_sim.identify.extension import Extension
 from artibot_sim.identify.gauss_newton import evaluate, reduce
-from artibot_sim.identify.parameters import parameter_set
 from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.search import Fit, free_parameters

@@ -16,7 +16,7 @@ from artibot_sim.diagnose.views import together
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.extension import Extension
 from artibot_sim.identify.gauss_newton import evaluate
-from artibot_sim.identify.parameters import parameter_set
+from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.search import Fit

@@ -17,8 +17,8 @@ from artibot_sim.diagnose.predictions import predict
 from artibot_sim.diagnose.worth import improvements
 from artibot_sim.identify.extension import Extension
 from artibot_sim.identify.gauss_newton import evaluate
-from artibot_sim.identify.parameters import parameter_set
 from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.search import Fit

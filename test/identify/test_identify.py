@@ -13,7 +13,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import Channel, Experiment, write_channels
 from artibot_sim.identify import Effort, Prior, Status, identify, parse_priors
 from artibot_sim.identify.holdout import hold_out
-from artibot_sim.identify.parameters import parameter_set
+from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import Work, problem_of
 from artibot_sim.identify.synthetic import Noise, synthetic
 from artibot_sim.model import Robot, load_robot, save_robot

@@ -8,8 +8,8 @@ import pytest
 from artibot_sim.identify.gauss_newton import Point, evaluate
 from artibot_sim.identify.holdout import fitted_starts
 from artibot_sim.identify.noisy_inputs import NoisyInputs, noisy_inputs
-from artibot_sim.identify.parameters import parameter_set
 from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import synthetic

@@ -120,8 +120,8 @@ def test_an_identification_searches_from_its_starts_on_the_cluster(cluster: Clus
 
     import numpy as np
 
-    from artibot_sim.identify.parameters import parameter_set
     from artibot_sim.identify.problem import Problem
+    from artibot_sim.identify.requested import parameter_set
     from artibot_sim.identify.search import Effort, search
     from artibot_sim.identify.sensing import stretches
     from artibot_sim.identify.synthetic import random_manoeuvre, synthetic

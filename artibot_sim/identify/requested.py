@@ -1,0 +1,125 @@
+"""Which parameters are to be fitted: those that somebody names, with what is known of them beforehand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from artibot_sim.documents import did_you_mean
+from artibot_sim.errors import ArtibotError
+from artibot_sim.identify.parameters import SOIL, Parameter, ParameterSet, Prior
+from artibot_sim.model import Robot
+from artibot_sim.model.effects import EFFECTS
+
+_SPREAD = {"contact": 0.4, "wheel.r_w": 0.05, "front.m": 0.3, "back.m": 0.3}
+"""Standard deviation of the prior over its middle, by key or by section; a guess in a robot file is a wide prior."""
+_GEOMETRY_SPREAD = 0.15
+_WIDEST = 5.0
+"""Bounds lie this many prior deviations from the middle, in the logarithm."""
+
+
+def parameter_set(robot: Robot, fit: Sequence[str] = SOIL, priors: Mapping[str, Prior] | None = None) -> ParameterSet:
+    """The parameters named by `fit`.
+
+    Parameters
+    ----------
+    robot : Robot
+        Whose values are the priors' middles unless `priors` says otherwise.
+    fit : sequence of str
+        Names as in a robot file (``contact.k_l``, ``front.i_x``, ``effects.pose_lever_arm.x``), or the soil's short
+        ones (``k_l``). An effect that the robot does not have begins at its prior's middle.
+    priors : mapping of str to Prior, optional
+        By the same names.
+
+    Raises
+    ------
+    ArtibotError
+        For an unknown name, one that stands twice, or a prior of nothing that is fitted.
+    """
+    robot = _with_effects(robot, fit, priors or {})
+    found = (*robot.quantities(), *robot.effect_quantities())
+    quantities = {key: (quantity, value) for key, quantity, value in found}
+    keys = [_key(name, quantities) for name in fit]
+    if not keys:
+        raise ArtibotError("fit: nothing named; expected at least one parameter, such as k_l")
+    for key in keys:
+        if keys.count(key) > 1:
+            raise ArtibotError(f"fit: {key} stands there twice; name each parameter once")
+    known = {_key(name, quantities): prior for name, prior in (priors or {}).items()}
+    for key in known:
+        if key not in keys:
+            raise ArtibotError(f"prior: {key} is not fitted; name it in --fit as well, or leave its prior out")
+    parameters = []
+    for key in keys:
+        quantity, value = quantities[key]
+        prior = known.get(key) or Prior(value, _spread(key) * abs(value))
+        if not (prior.value > 0 and np.isfinite(prior.value)):
+            raise ArtibotError(
+                f"prior: {key} has the middle {prior.value:g} {quantity.unit}; a fit needs one that is finite and "
+                f"greater than 0, such as --prior {_short(key)}=1±0.3"
+            )
+        width = _WIDEST * prior.sd / prior.value
+        low = max(prior.value * np.exp(-width), quantity.low)
+        high = min(prior.value * np.exp(width), quantity.high)
+        parameters.append(Parameter(key, _short(key), quantity.unit, prior, low, high))
+    return ParameterSet(robot, tuple(parameters))
+
+
+def _with_effects(robot: Robot, fit: Sequence[str], priors: Mapping[str, Prior]) -> Robot:
+    """The robot with the effects that are to be fitted."""
+    effects = {name: dict(values) for name, values in robot.effects.items()}
+    for name in fit:
+        section, _, rest = name.strip().partition(".")
+        effect, _, parameter = rest.partition(".")
+        if section != "effects" or effect in robot.effects or effect not in EFFECTS:
+            continue
+        if parameter in EFFECTS[effect].parameters and name not in priors:
+            raise ArtibotError(
+                f"fit: {name}: robot '{robot.name}' has no such effect to begin with; say about how large it is, "
+                f"such as --prior {name}=0.1±0.05"
+            )
+        effects.setdefault(effect, {})[parameter] = priors[name].value if name in priors else 0.0
+    return replace(robot, effects=effects) if set(effects) != set(robot.effects) else robot
+
+
+def parse_priors(texts: Sequence[str]) -> dict[str, Prior]:
+    """Priors from ``NAME=MIDDLE±SD`` (or ``+-`` for ±), in SI units.
+
+    Raises
+    ------
+    ArtibotError
+        For anything else.
+    """
+    found: dict[str, Prior] = {}
+    for text in texts:
+        name, _, rest = text.partition("=")
+        middle, _, sd = rest.replace("+-", "±").partition("±")
+        try:
+            prior = Prior(float(middle), float(sd))
+        except ValueError:
+            prior = Prior(np.nan, np.nan)
+        if not (name and prior.sd > 0 and np.isfinite([prior.value, prior.sd]).all()):
+            raise ArtibotError(f"prior: '{text}'; expected NAME=MIDDLE±SD in SI units, such as front.i_x=0.45±0.05")
+        found[name.strip()] = prior
+    return found
+
+
+def _key(name: str, quantities: Mapping[str, object]) -> str:
+    name = name.strip()
+    full = f"contact.{name}" if "." not in name else name
+    if full in quantities:
+        return full
+    short = [_short(key) for key in quantities]
+    raise ArtibotError(
+        f"fit: '{name}' is no parameter of the robot{did_you_mean(name, short)}; expected one of {', '.join(short)}"
+    )
+
+
+def _short(key: str) -> str:
+    return key.removeprefix("contact.")
+
+
+def _spread(key: str) -> float:
+    return _SPREAD.get(key, _SPREAD.get(key.partition(".")[0], _GEOMETRY_SPREAD))
