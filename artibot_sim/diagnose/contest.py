@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.cluster import map_tasks
 from artibot_sim.diagnose.hypotheses import without_last
 from artibot_sim.diagnose.patches import refined
 from artibot_sim.diagnose.screen import Trial
@@ -19,6 +22,8 @@ from artibot_sim.identify.search import SCAN, Fit, awake, free_parameters, scan,
 
 Array = NDArray[np.float64]
 Tick = Callable[[], None]
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -41,6 +46,8 @@ class Rounds:
         Along an effect's valley, at most, as long as each gains what `worth` says.
     worth : float
         Nats that an effect has to gain in the screen to be fitted at all.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers fit one effect each.
     """
 
     most: tuple[int, int, int] = (12, 6, 4)
@@ -51,6 +58,7 @@ class Rounds:
     many: int = 8
     walks: int = 2
     worth: float = 12.0
+    scheduler: str | None = None
 
     def through(self, number: int, gains: Sequence[float]) -> int:
         """How many go on into a round, of gains in falling order."""
@@ -103,22 +111,23 @@ def contest(
         The baseline's.
     rounds : Rounds
     """
-    begun = []
     worthy = [trial for trial in trials if 0.5 * (baseline - trial.point.cost) > rounds.worth]
-    for trial in _through(worthy, 0, baseline, rounds):
-        begun.append(_begun(trial, loss))
-        tick()
-    fitted = []
-    for trial in _through(_one_each(sorted(begun, key=lambda t: t.point.cost)), 1, baseline, rounds):
-        fitted.append(Rival(trial, settle(trial.problem, trial.point, loss, rounds.few)))
-        tick()
-    fitted.sort(key=lambda rival: rival.fit.point.cost)
+    begun = _all(_begun, _through(worthy, 0, baseline, rounds), loss, rounds, tick)
+    tried = _through(_one_each(sorted(begun, key=lambda t: t.point.cost)), 1, baseline, rounds)
+    fitted = sorted(_all(_fitted, tried, loss, rounds, tick), key=lambda rival: rival.fit.point.cost)
     number = rounds.through(2, [baseline - rival.fit.point.cost for rival in fitted])
-    last = []
-    for rival in fitted[:number]:
-        last.append(replace(rival, fit=settled(rival.problem, rival.fit.point, loss, rounds)))
+    return sorted(_all(_finished, fitted[:number], loss, rounds, tick), key=lambda rival: rival.fit.point.cost)
+
+
+def _all(
+    do: Callable[[Loss, Rounds, Item], Result], items: Sequence[Item], loss: Loss, rounds: Rounds, tick: Tick
+) -> list[Result]:
+    """What `do` makes of each, in their order; on a cluster where the rounds name one."""
+    found = {}
+    for number, result in map_tasks(partial(do, loss, rounds), items, workers=1, scheduler=rounds.scheduler):
+        found[number] = result
         tick()
-    return sorted(last, key=lambda rival: rival.fit.point.cost)
+    return [found[number] for number in range(len(items))]
 
 
 def _through(trials: Sequence[Trial], number: int, baseline: float, rounds: Rounds) -> list[Trial]:
@@ -133,7 +142,15 @@ def _one_each(trials: Sequence[Trial]) -> list[Trial]:
     return [trial for trial in trials if not (trial.id in seen or seen.add(trial.id))]  # type: ignore[func-returns-value]
 
 
-def _begun(trial: Trial, loss: Loss) -> Trial:
+def _fitted(loss: Loss, rounds: Rounds, trial: Trial) -> Rival:
+    return Rival(trial, settle(trial.problem, trial.point, loss, rounds.few))
+
+
+def _finished(loss: Loss, rounds: Rounds, rival: Rival) -> Rival:
+    return replace(rival, fit=settled(rival.problem, rival.fit.point, loss, rounds))
+
+
+def _begun(loss: Loss, rounds: Rounds, trial: Trial) -> Trial:
     """Two steps of everything, mu_s scanned before each, and discs moved to where they explain most."""
     free, damping = free_parameters(trial.problem), 1e-3
     for _ in range(2):

@@ -99,9 +99,10 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
     """
     thresholds = options.thresholds
     rivals = sum(effect.search is not None for effect in EFFECTS.values())
+    rounds = Rounds(scheduler=options.scheduler)
     least = thresholds.least(options.prior_odds, options.false_alarm_rate, rivals)
     named: list[Named] = []
-    found = turn(problem, fit, fit.loss, (), Rounds(), tick)
+    found = turn(problem, fit, fit.loss, (), rounds, tick)
     turns, heard = [found], others(view)
     other = heard
     neutral = problem, fit = found.problem, found.fit
@@ -117,7 +118,7 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
             continue
         problem, fit = _with_effect(problem, fit, found, best)
         if len(named) < thresholds.most:
-            found = turn(problem, fit, found.loss, [n.effect for n in named], Rounds(), tick)
+            found = turn(problem, fit, found.loss, [n.effect for n in named], rounds, tick)
             turns.append(found)
             problem, fit = found.problem, found.fit
     tick()

@@ -27,3 +27,4 @@ class Options:
     prior_odds: float = PRIOR_ODDS
     false_alarm_rate: float = FALSE_ALARM_RATE
     thresholds: Thresholds = THRESHOLDS
+    scheduler: str | None = None

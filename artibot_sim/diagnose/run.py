@@ -58,6 +58,7 @@ def diagnose(
     prior_odds: float = PRIOR_ODDS,
     false_alarm_rate: float = FALSE_ALARM_RATE,
     thresholds: Thresholds = THRESHOLDS,
+    scheduler: str | None = None,
 ) -> Diagnosis:
     """What the simulation of these recordings gets wrong, and why.
 
@@ -86,6 +87,9 @@ def diagnose(
         Of some effect being there beforehand.
     false_alarm_rate : float
         Share of the cases with nothing hidden in which something may be named.
+    scheduler : str, optional
+        Address of a Dask scheduler (:mod:`artibot_sim.cluster`) whose workers fit one effect each, which is half of
+        the work; the result is the same.
 
     Raises
     ------
@@ -93,7 +97,7 @@ def diagnose(
         For recordings that lack what is needed.
     """
     begun, ticks = time.perf_counter(), _Ticks(progress)
-    options = Options(horizon, seed, workers, prior_odds, false_alarm_rate, thresholds)
+    options = Options(horizon, seed, workers, prior_odds, false_alarm_rate, thresholds, scheduler)
     _check([*recordings, *holdout], robot, options)
     fitted, held = split(recordings, holdout)
     problem, fit = baseline(fitted, robot, options, ticks)

@@ -34,6 +34,7 @@ _READING = 0.05
 )
 @click.option("--seed", default=0, show_default=True, help="Of the searches; the same data and seed, the same answer.")
 @click.option("--workers", type=click.IntRange(1), help="Threads [as many as cores]; the result is the same.")
+@click.option("--scheduler", metavar="tcp://HOST:PORT", help="Fit effects on the workers of this Dask cluster.")
 @click.option(
     "--prior-odds", type=click.FloatRange(0.0, min_open=True),
     help="Odds assumed beforehand that some effect is at work [1].",
@@ -44,7 +45,8 @@ _READING = 0.05
 )  # fmt: skip
 def command(
     recordings: tuple[Path, ...], robot: str, out: Path, holdout: tuple[Path, ...], horizon: float,
-    topics: tuple[str, ...], seed: int, workers: int | None, prior_odds: float | None, false_alarms: float | None,
+    topics: tuple[str, ...], seed: int, workers: int | None, scheduler: str | None, prior_odds: float | None,
+    false_alarms: float | None,
 ) -> int:  # fmt: skip
     """Find what the simulation gets wrong on recordings, where and when, which physical effect it is, how sure that
     is, and what it gains.
@@ -63,6 +65,7 @@ def command(
     """
     from rich.console import Console
 
+    from artibot_sim.cluster import check_address
     from artibot_sim.diagnose import diagnose
     from artibot_sim.diagnose.run import FALSE_ALARM_RATE, PRIOR_ODDS
     from artibot_sim.model import load_robot
@@ -80,7 +83,7 @@ def command(
         found = diagnose(
             used, rover, holdout=held, horizon=horizon, seed=seed, workers=workers,
             progress=bar.stage("diagnosing", 1.0), prior_odds=prior_odds or PRIOR_ODDS,
-            false_alarm_rate=false_alarms or FALSE_ALARM_RATE,
+            false_alarm_rate=false_alarms or FALSE_ALARM_RATE, scheduler=scheduler and check_address(scheduler),
         )  # fmt: skip
     write_folder(out, files_of(found, page_of(found, __version__)))
     console = Console(highlight=False)

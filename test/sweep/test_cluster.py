@@ -115,11 +115,14 @@ def test_results_are_those_of_this_machine_to_the_bit(
     )
 
 
-def test_an_identification_searches_from_its_starts_on_the_cluster(cluster: Cluster) -> None:
+def test_an_identification_and_a_diagnosis_fit_on_the_cluster(cluster: Cluster) -> None:
     import dataclasses
 
     import numpy as np
 
+    from artibot_sim.diagnose.contest import Rounds, contest
+    from artibot_sim.diagnose.hypotheses import hypotheses
+    from artibot_sim.diagnose.screen import around, screen
     from artibot_sim.identify.problem import Problem
     from artibot_sim.identify.requested import parameter_set
     from artibot_sim.identify.search import Effort, search
@@ -138,6 +141,15 @@ def test_an_identification_searches_from_its_starts_on_the_cluster(cluster: Clus
     assert here.point.cost == there.point.cost and len(here.others) == len(there.others) == 1
     np.testing.assert_array_equal(here.point.coordinates, there.point.coordinates)
     np.testing.assert_array_equal(here.point.starts, there.point.starts)
+    base = around(problem, here.loss, here.point)
+    tried = screen(base, [one for one in hypotheses(robot, found) if one.extension.id == "joint_friction"])
+    fitted = [
+        contest(tried, 1e9, here.loss, Rounds(few=1, many=1, walks=0, scheduler=address))
+        for address in (None, cluster.address)
+    ]  # against a baseline that any effect beats
+    (one,), (other,) = fitted
+    assert one.id == other.id == "joint_friction" and one.fit.point.cost == other.fit.point.cost
+    np.testing.assert_array_equal(one.fit.point.coordinates, other.fit.point.coordinates)
 
 
 def test_a_task_that_is_refused_says_why(cluster: Cluster) -> None:
