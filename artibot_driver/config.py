@@ -231,12 +231,15 @@ def _check_together(config: DriverConfig, value: Mapping[str, Value]) -> None:
                 f"parameter heartbeat.{who}_timeout: {timeout:g} s is less than two periods of {period:g} s; one late "
                 "heartbeat would stop the rover"
             )
-    if config.drive_timeout * config.sync_rate < 2:
-        raise ArtibotError(
-            f"parameter sync_rate: {config.sync_rate:g} Hz leaves less than two periods in heartbeat.drive_timeout "
-            f"({config.drive_timeout:g} s), in which feedback has to come; expected at least "
-            f"{2 / config.drive_timeout:g} Hz"
-        )
+    for name, seconds, what in (
+        ("drive_timeout", config.drive_timeout, "in which feedback has to come"),
+        ("driver_timeout", config.driver_timeout, "in which the driver's heartbeat has to, one a period at most"),
+    ):
+        if seconds * config.sync_rate < 2:
+            raise ArtibotError(
+                f"parameter sync_rate: {config.sync_rate:g} Hz leaves less than two periods in heartbeat.{name} "
+                f"({seconds:g} s), {what}; expected at least {2 / seconds:g} Hz"
+            )
     config.interpolation_period()  # raises where 60C2h cannot hold it
 
 

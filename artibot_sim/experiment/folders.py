@@ -28,12 +28,17 @@ def whole_folder(folder: Path) -> Iterator[Path]:
     Raises
     ------
     ArtibotError
-        If `folder` exists.
+        If `folder` exists, or its folder cannot be written to.
     """
     if folder.exists():
         raise ArtibotError(f"{folder}: exists already; recordings are never overwritten, give another name")
     partial = folder.with_name(f".{folder.name}.{os.getpid()}.partial")
     shutil.rmtree(partial, ignore_errors=True)
+    try:
+        partial.mkdir(parents=True)
+        partial.rmdir()  # who writes makes it: tried here, where an error can name the folder that was asked for
+    except OSError as error:
+        raise ArtibotError(f"{folder}: cannot be made: {error.strerror}") from error
     try:
         yield partial
         partial.rename(folder)

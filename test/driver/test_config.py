@@ -57,6 +57,10 @@ def test_names_may_be_nested_as_ros_takes_them(tmp_path: Path) -> None:
         ({"sync_rate": float("nan")}, "parameter sync_rate: found nan"),
         ({"sync_rate": 10.0}, "parameter sync_rate: 10 Hz leaves less than two periods in heartbeat.drive_timeout"),
         (
+            {"sync_rate": 10.0, "heartbeat.drive_timeout": 1.0},
+            "parameter sync_rate: 10 Hz leaves less than two periods in heartbeat.driver_timeout",
+        ),
+        (
             {"sync_rate": 333.0},
             "parameter sync_rate: found 333 Hz, a period of 3003 µs, which object 60C2h",
         ),
