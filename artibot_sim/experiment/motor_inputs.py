@@ -8,6 +8,7 @@ import numpy as np
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.columns import Channel, Experiment, Floats
+from artibot_sim.experiment.kinks import fit_beside
 from artibot_sim.experiment.local_fit import bridge, fresh, local_fit
 from artibot_sim.model import MOTORS, Commands, Mode, Robot
 from artibot_sim.model.rollout_checks import default_modes
@@ -165,7 +166,8 @@ def _rotation(
 
 
 def _from_positions(times: Floats, values: Floats, t: Floats, half_width: float) -> tuple[Floats, Floats]:
-    value, rate = local_fit(times, values[:, None], t, half_width)
+    value, rate = fit_beside(times, values, t, half_width, local_fit(times, values, t, half_width))
+    value, rate = value[:, None], rate[:, None]
     spacing = float(np.median(np.diff(times)))
     value, rate = bridge(times, t, value, rate, max(0.1, 4.0 * spacing))
     return value[:, 0], rate[:, 0]

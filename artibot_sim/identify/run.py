@@ -15,6 +15,7 @@ from artibot_sim.identify.gauss_newton import evaluate
 from artibot_sim.identify.holdout import Held, hold_out
 from artibot_sim.identify.identification import Estimate, Identification, Status
 from artibot_sim.identify.judgement import Motion, estimates, motion_of, overall, weakest
+from artibot_sim.identify.noise_share import noise_share
 from artibot_sim.identify.parameters import SOIL, ParameterSet, Prior
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.quality import channel_fits
@@ -250,13 +251,14 @@ def _result(
     recordings: Sequence[Experiment], problem: Problem, found: Fit, nodes: Sequence[Node], motion: Motion
 ) -> Identification:
     parameters = problem.parameters
-    curvature = from_curvature(problem, nodes, found.free)
-    bootstrap = from_bootstrap(problem, nodes, found.free)
+    noise = noise_share(problem, found)
+    curvature = from_curvature(problem, nodes, found.free, noise)
+    bootstrap = from_bootstrap(problem, nodes, found.free, noise)
     text, share, _ = weakest(parameters, curvature.covariance)
     all_ = estimates(parameters, found.point.coordinates, curvature, bootstrap, motion)
     status, message = overall(all_, found.converged, text, share)
     sd = np.sqrt(np.diag(curvature.covariance))
-    noise = noise_levels(problem.stretches)
+    levels = noise_levels(problem.stretches)
     lacking = missing(problem.stretches, parameters.robot)
     remarks = [f"not measured: {', '.join(lacking)}"] if lacking else []
     remarks += [f"{e.name}: {remark}" for e in recordings for remark in e.remarks]
@@ -264,7 +266,7 @@ def _result(
     return Identification(
         identified_robot(parameters, all_, names), all_, curvature.covariance / np.outer(sd, sd),
         f"{text} (to {100 * share:.2g} % of its prior's width)", status, message, tuple(names), len(problem),
-        sum(len(w) for w in problem.windows), channel_fits(problem.windows, found.point.residuals, noise), (),
+        sum(len(w) for w in problem.windows), channel_fits(problem.windows, found.point.residuals, levels), (),
         tuple(remarks),
     )  # fmt: skip
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from artibot_sim.identify.gauss_newton import Point, Reduced, evaluate, polished, reduce, step
+from artibot_sim.identify.noise_share import NoiseShare
 from artibot_sim.identify.parameters import MU_S
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss
@@ -125,15 +126,16 @@ def _with_widths(nodes: dict[float, Node]) -> tuple[Node, ...]:
     )
 
 
-def from_curvature(problem: Problem, nodes: Sequence[Node], free: Sequence[int]) -> Spread:
-    """What curvature at the nodes and the loss along them say: a mixture of normal distributions."""
+def from_curvature(problem: Problem, nodes: Sequence[Node], free: Sequence[int], noise: NoiseShare) -> Spread:
+    """What curvature at the nodes and the loss along them say, `noise` taken off: a mixture of normal distributions."""
     index = list(free)
     prior = problem.parameters.prior_information
-    loss = np.array([node.point.cost for node in nodes])
+    loss = np.array([node.point.cost - float(noise.losses(node.point.coordinates).sum()) for node in nodes])
     means, covariances, logs = [], [], []
     for node in nodes:
         H = node.reduced.matrix + prior[np.ix_(index, index)]
-        gradient = node.reduced.gradient.sum(axis=0) + (prior @ node.point.coordinates)[index]
+        pull = node.reduced.gradient - noise.pull(node.point.coordinates, index)
+        gradient = pull.sum(axis=0) + (prior @ node.point.coordinates)[index]
         cov = np.zeros((len(prior), len(prior)))
         inverse = np.linalg.inv(H) if index else H
         cov[np.ix_(index, index)] = inverse
@@ -163,19 +165,23 @@ def _mixture(weight: Array, means: Array, covariances: Array, widths: Array) -> 
     return Spread(mean, covariance, low, high)
 
 
-def from_bootstrap(problem: Problem, nodes: Sequence[Node], free: Sequence[int], seed: int = 0) -> Spread:
-    """What windows drawn anew, with replacement, would have given: the best node, and one step from it."""
+def from_bootstrap(
+    problem: Problem, nodes: Sequence[Node], free: Sequence[int], noise: NoiseShare, seed: int = 0
+) -> Spread:
+    """What windows drawn anew, with replacement, would have given, `noise` taken off: the best node, and one step."""
     index, rng = list(free), np.random.default_rng(seed)
     count = len(problem)
     prior = problem.parameters.prior_information
-    losses = np.array([node.point.losses for node in nodes])
+    losses = np.array([node.point.losses - noise.losses(node.point.coordinates) for node in nodes])
+    pulls = [node.reduced.gradient - noise.pull(node.point.coordinates, index) for node in nodes]
     draws = []
     for _ in range(_DRAWS):
         times = np.bincount(rng.integers(0, count, count), minlength=count).astype(float)
-        node = nodes[int(np.argmin(losses @ times))]
+        best = int(np.argmin(losses @ times))
+        node = nodes[best]
         coordinates = node.point.coordinates.copy()
         H = np.einsum("w,wij->ij", times, node.reduced.matrices) + prior[np.ix_(index, index)]
-        gradient = times @ node.reduced.gradient + (prior @ coordinates)[index]
+        gradient = times @ pulls[best] + (prior @ coordinates)[index]
         if index:
             coordinates[index] -= np.linalg.solve(H, gradient)
         draws.append(problem.parameters.mixing @ coordinates)
