@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from artibot_sim.progress import Bar
 
 SIZES: dict[str, tuple[float, ...]] = {
-    "runs": (100, 400, 1600, 6400),
+    "runs": (100, 1_000, 10_000, 100_000),
     "table": (10_000, 100_000, 1_000_000),
     "length": (1, 4, 15, 60, 120),
     "identification": (1, 4, 15),
@@ -41,7 +41,7 @@ QUICK: dict[str, tuple[float, ...]] = {
     "hidden": (0, 1), "effects": (0, 3, 21), "cores": (),
 }  # fmt: skip
 SECONDS = {
-    "runs": 3e-3, "table": 4e-5, "length": 6.0, "identification": 8.0, "diagnosis": 30.0, "hidden": 15.0,
+    "runs": 2e-3, "table": 4e-5, "length": 6.0, "identification": 8.0, "diagnosis": 30.0, "hidden": 15.0,
     "effects": 0.3, "cores": 10.0,
 }  # fmt: skip
 """About how long a measurement takes for one of its size, for the progress bar."""

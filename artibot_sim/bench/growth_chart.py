@@ -17,15 +17,15 @@ TITLES = {
     "table": ("Its table and summary", "runs"),
     "length": ("A recording", "minutes"),
     "identification": ("Identification of two parameters", "minutes recorded"),
-    "diagnosis": ("Diagnosis with one effect at work", "minutes recorded"),
-    "hidden": ("Diagnosis of two recordings of 30 s", "effects at work"),
-    "effects": ("A rollout of 28.85 s, RK4 at 1 ms", "effects"),
-    "cores": ("Sweep of 512 runs, identification of 60 s", "processes, threads"),
+    "diagnosis": ("Diagnosis, one effect at work", "minutes recorded"),
+    "hidden": ("Diagnosis of 2 × 30 s", "effects at work"),
+    "effects": ("A rollout of 28.85 s", "effects"),
+    "cores": ("512 runs, identification", "processes of a sweep, threads of an identification"),
 }
 FEW = ("hidden", "effects", "cores")
 """Kinds whose sizes are small numbers, 0 among them."""
 
-WHAT = {"cpu": "processor time", "bytes": "peak of memory"}
+WHAT = {"cpu": "processor time", "bytes": "memory"}
 
 
 def chart(points: Sequence[Point]) -> bytes:
@@ -49,7 +49,7 @@ def chart(points: Sequence[Point]) -> bytes:
                 _draw(axes, kind, mine, name)
                 axes.set_xlabel(unit)
                 axes.set_title(f"{title}: {WHAT[name]}")
-                axes.legend(ncols=3 if kind == "length" else 2)
+                axes.legend(ncols=3 if kind == "length" else 2, loc="upper left")
         return to_png(canvas, 110)
 
 
@@ -67,21 +67,24 @@ def _draw(axes: Any, kind: str, mine: Sequence[tuple[str, Sequence[Point]]], nam
             axes.plot(x, [y[0] * size / x[0] for size in x], color=style.GRID, zorder=0)
     axes.set_ylabel(label)
     if kind in FEW:
-        axes.set_ylim(bottom=0)
+        axes.set_ylim(0.0, 1.25 * axes.get_ylim()[1])  # the legend stands above
     else:
-        _logarithmic(axes, name == "bytes")
+        _logarithmic(axes, name)
     sizes = sorted({point.size for _, found in mine for point in found})
     axes.set_xticks(sizes, [f"{size:g}" for size in sizes])
     axes.set_xticks([], minor=True)
 
 
-def _logarithmic(axes: Any, plain: bool) -> None:
-    """Both axes; with `plain` numbers at 1, 2 and 5 of every decade of y."""
+def _logarithmic(axes: Any, name: str) -> None:
+    """Both axes, with numbers that people read; memory from what an interpreter takes to a gigabyte at least."""
     from matplotlib.ticker import LogLocator
 
     axes.set_xscale("log")
     axes.set_yscale("log")
-    if plain:
-        axes.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
-        axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter("{x:g}")
+    low, high = axes.get_ylim()
+    if name == "bytes":
+        axes.set_ylim(100.0, max(high, 1000.0))
+    wide = high > 30.0 * low and name != "bytes"
+    axes.yaxis.set_minor_locator(LogLocator(subs=() if wide else (2.0, 5.0)))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("{x:g}")
