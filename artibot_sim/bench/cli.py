@@ -61,7 +61,7 @@ def _measure(keys: list[str], quick: bool, path: Path | None, earlier: Earlier |
     console = Console(highlight=False)
     if not console.is_terminal:
         console.width = WIDTH  # a file or a pipe has no width of its own
-    host = machine()
+    host = machine() | {"quick": quick}
     results, skipped = _with_progress(keys, quick)
     if path is not None:
         write_json(path, host, results, skipped)

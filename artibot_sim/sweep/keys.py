@@ -84,9 +84,13 @@ def check_value(key: str, value: Value, base: Base) -> None:
     if isinstance(declared, Choice):
         declared.read(value, key)
     elif isinstance(value, str):
-        raise ArtibotError(f"{key}: found '{value}', expected a number in {declared.unit}")
+        raise ArtibotError(f"{key}: found '{value}', expected a number{_in(declared)}")
     else:
         declared.check(key, value)
+
+
+def _in(declared: Quantity) -> str:
+    return "" if declared.unit == "-" else f" in {declared.unit}"
 
 
 def _declared(key: str, base: Base) -> Quantity | Choice | None:

@@ -57,6 +57,10 @@ def test_the_command_prints_ratios_and_its_status_says_whether_something_got_wor
     path = earlier(tmp_path, [Result("speed", 100.0, "steps/s")], cpu="another")
     assert cli.main(["bench", "--compare", str(path)]) == 0
     assert "is from another machine (another" in capsys.readouterr().out
+    path = earlier(tmp_path, [Result("speed", 100.0, "steps/s")], quick=True)
+    assert cli.main(["bench", "--compare", str(path)]) == 0
+    assert "was measured with --quick" in capsys.readouterr().out
+    assert cli.main(["bench", "--quick", "--compare", str(path)]) == 1
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", json.dumps({"machine": {}, "results": [{"name": "a"}]})])
