@@ -56,9 +56,8 @@ class Master:
     """
 
     def __init__(self, bus: AnyBus, rig: Rig, clock: Clock = time.monotonic_ns, chance: Chance = no_chance) -> None:
-        config = rig.config
-        self._rig, self._config, self._clock = rig, config, clock
-        self._period = 1000 * config.sync_period_us
+        self._rig, self._config, self._clock = rig, rig.config, clock
+        self._period = 1000 * rig.config.sync_period_us
         self._tally: Counter[str] = Counter(dict.fromkeys(KINDS, 0))
         self._links = tuple(Link(rig, motor, self._tally) for motor in MOTORS)
         self._hearing = Hearing(rig, self._links, self._tally, chance)
