@@ -164,6 +164,9 @@ class _Run:
         self.pieces: list[Pieces] = []
         self.windows = 0
         self.remarks: dict[str, int] = {}
+        named = experiment.metadata.get("robot")
+        if named and Path(named).stem != robot.name:
+            self._remark(f"recorded with robot '{named}', simulated as '{robot.name}'")
         self.kappa = _kappa(experiment)
         self.errors = sensor_errors(robot)
 

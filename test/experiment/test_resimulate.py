@@ -210,6 +210,11 @@ def test_what_is_missing_is_said(tmp_path: Path, agriq: tuple) -> None:
         resimulate(read_bag(write_channels(tmp_path / "kappa", bad, {"kappa": "1.5"})), robot)
 
 
+def test_another_robot_than_the_recording_names_is_said(agriq: tuple) -> None:
+    (remark,) = resimulate(agriq[0], load_robot("epiq"), "rotations").remarks
+    assert remark == "recorded with robot 'agriq', simulated as 'epiq'"
+
+
 def test_the_command_needs_no_ros(tmp_path: Path, agriq: tuple) -> None:
     experiment, _, _ = agriq
     code = (
