@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import concurrent.futures
+import importlib
 import logging
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -41,7 +42,7 @@ def on_cluster(function: Callable[[Task], Result], tasks: Iterable[Task], addres
             "--scheduler needs Dask, which is not installed; pip install 'artibot_sim[cluster]'"
         ) from error
     with _quiet(), _connected(address) as client:
-        _check_workers(client, address)
+        _check_workers(client, address, _module_of(function))
         yield from _spread(client, function, tasks, address)
 
 
@@ -79,8 +80,14 @@ def _connected(address: str) -> Iterator[Any]:
             pass  # a scheduler that is gone cannot be told
 
 
-def _check_workers(client: Any, address: str) -> None:
-    """There are workers, and all of them run this very artibot."""
+def _module_of(function: Callable[..., Any]) -> str:
+    """Where workers find a function; "" for one that travels by itself."""
+    module = str(getattr(function, "func", function).__module__)  # of a partial one: what it is part of
+    return "" if module == "__main__" else module
+
+
+def _check_workers(client: Any, address: str, module: str) -> None:
+    """There are workers, all of them run this very artibot, and have the module with the task."""
     try:
         client.wait_for_workers(1, timeout=CONNECT)
     except (concurrent.futures.TimeoutError, asyncio.TimeoutError, TimeoutError) as error:
@@ -91,6 +98,22 @@ def _check_workers(client: Any, address: str) -> None:
     for worker, there in sorted(found.items()):
         if there != identity():
             raise _mismatch(worker, there)
+    for worker, why in sorted(client.run(_missing, module).items()):
+        if why:
+            raise ArtibotError(
+                f"worker {worker} cannot import {module} ({why}); put the folder that holds it on the PYTHONPATH of "
+                "the workers as well, and restart them"
+            )
+
+
+def _missing(module: str) -> str:
+    """In a worker: why a module cannot be imported, "" where it can."""
+    try:
+        if module:
+            importlib.import_module(module)
+    except ImportError as error:
+        return str(error)
+    return ""
 
 
 def _mismatch(worker: str, there: Any) -> ArtibotError:

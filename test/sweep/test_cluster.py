@@ -152,6 +152,17 @@ def test_an_identification_and_a_diagnosis_fit_on_the_cluster(cluster: Cluster) 
     np.testing.assert_array_equal(one.fit.point.coordinates, other.fit.point.coordinates)
 
 
+def test_workers_that_lack_the_task_are_refused_with_the_mend(
+    cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "only_here.py").write_text("def twice(x):\n    return 2 * x\n", encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    import only_here  # type: ignore[import-not-found]
+
+    with pytest.raises(ArtibotError, match="cannot import only_here"):
+        list(map_tasks(only_here.twice, [1], scheduler=cluster.address))
+
+
 def test_a_task_that_is_refused_says_why(cluster: Cluster) -> None:
     with pytest.raises(ArtibotError, match="expected an address"):
         list(map_tasks(check_address, ["nowhere"], scheduler=cluster.address))
