@@ -13,7 +13,6 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 import numpy as np
@@ -21,9 +20,6 @@ import numpy as np
 from artibot_sim.bench.results import machine
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.batch import available_cores
-
-if TYPE_CHECKING:
-    from artibot_sim.progress import Bar
 
 SIZES: dict[str, tuple[float, ...]] = {
     "runs": (100, 1_000, 10_000, 100_000),
@@ -49,6 +45,7 @@ UNITS = {
     "runs": "runs", "table": "runs", "length": "minutes", "identification": "minutes", "diagnosis": "minutes",
     "hidden": "effects", "effects": "effects", "cores": "cores",
 }  # fmt: skip
+FILE, PICTURE = "growth.json", "growth.png"
 LINEAR = 1.15
 """Greatest power of the size that counts as linear."""
 
@@ -103,6 +100,8 @@ def power(mine: Sequence[Point], name: str = "cpu") -> float:
 def command(out: Path, only: tuple[str, ...], most: float, quick: bool) -> None:
     """Measure how time and memory grow; writes OUT/growth.json and OUT/growth.png.
 
+    What OUT holds of other sizes stays, and all that was measured before somebody stops it.
+
     \b
     Example:
       python -m artibot_sim.bench.growth growth --only length
@@ -115,34 +114,45 @@ def command(out: Path, only: tuple[str, ...], most: float, quick: bool) -> None:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ArtibotError(f"{out}: cannot be made: {error.strerror}") from error
+    known = read(out / FILE)
     jobs = [(kind, size) for kind in SIZES if not only or kind in only for size in _sizes(kind, quick) if size <= most]
-    host = machine()
     with Bar(sum(SECONDS[kind] * size + 3.0 for kind, size in jobs)) as bar:
-        points = _measured_all(jobs, bar)
-    content = {"machine": host, "points": [asdict(point) for point in points]}
-    text = json.dumps(content, indent=1) + "\n"
-    write_files({out / "growth.json": text.encode(), out / "growth.png": chart(points)})
-    for kind, operation, mine in lines(points):
+        for kind, size in jobs:
+            bar.stage(f"{kind} {size:g}", SECONDS[kind] * size + 3.0)
+            known = joined(known, measured(kind, size))
+            content = {"machine": machine(), "points": [asdict(point) for point in known]}
+            write_files({out / FILE: (json.dumps(content, indent=1) + "\n").encode()})
+    write_files({out / PICTURE: chart(known)})
+    for kind, operation, mine in lines(known):
         last, by = mine[-1], power(mine)
         what = f"{kind:15} {operation:11} {last.size:9g} {UNITS[kind]:8}"
         said = f"{what} {last.seconds:9.2f} s ({last.cpu:.2f} s CPU) {last.bytes / 1e6:7.0f} MB"
         grows = "" if np.isnan(by) else f"  time ~ size^{by:.2f}, memory ~ size^{power(mine, 'bytes'):.2f}"
         print(said + grows + ("  MORE THAN LINEAR" if by > LINEAR else ""))
-    print(f"wrote {out}/growth.json, {out}/growth.png")
+    print(f"wrote {out / FILE}, {out / PICTURE}")
+
+
+def read(path: Path) -> list[Point]:
+    """What a file of `command` holds; nothing where there is none."""
+    if not path.exists():
+        return []
+    try:
+        return [Point(**entry) for entry in json.loads(path.read_text(encoding="utf-8"))["points"]]
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise ArtibotError(f"{path}: not what `make growth` writes; remove it, or give another OUT") from error
+
+
+def joined(known: Sequence[Point], new: Sequence[Point]) -> list[Point]:
+    """Measurements with others over them, kinds in the order of SIZES."""
+    again = {(point.kind, point.operation, point.size) for point in new}
+    both = [point for point in known if (point.kind, point.operation, point.size) not in again] + list(new)
+    return sorted(both, key=lambda point: list(SIZES).index(point.kind))
 
 
 def _sizes(kind: str, quick: bool) -> tuple[float, ...]:
     if kind == "cores":
         return tuple(float(2**i) for i in range(available_cores().bit_length()) if 2**i <= available_cores())
     return (QUICK if quick else SIZES)[kind]
-
-
-def _measured_all(jobs: Sequence[tuple[str, float]], bar: Bar) -> list[Point]:
-    points: list[Point] = []
-    for kind, size in jobs:
-        bar.stage(f"{kind} {size:g}", SECONDS[kind] * size + 3.0)
-        points += measured(kind, size)
-    return points
 
 
 if __name__ == "__main__":

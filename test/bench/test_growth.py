@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from artibot_sim.bench.growth import LINEAR, Point, lines, measured, power
+from artibot_sim.bench.growth import LINEAR, Point, joined, lines, measured, power, read
 from artibot_sim.bench.growth_chart import TITLES, chart
 from artibot_sim.bench.growth_tasks import KINDS
 from artibot_sim.errors import ArtibotError
@@ -29,6 +32,22 @@ def test_a_measurement_is_made_in_a_process_of_its_own():
     assert [(kind, operation) for kind, operation, _ in lines(points)] == [("table", "merge"), ("table", "summary")]
     assert all(point.seconds > 0 and point.cpu > 0 and 2e7 < point.bytes < 2e9 for point in points)
     assert chart(points).startswith(b"\x89PNG")
+
+
+def test_a_new_measurement_takes_the_old_ones_place_and_no_other(tmp_path):
+    def point(kind, size, seconds):
+        return Point(kind, "o", size, seconds, seconds, 1e8)
+
+    known = [point("runs", 1.0, 1.0), point("cores", 1.0, 1.0)]
+    both = joined(known, [point("runs", 2.0, 2.0), point("cores", 1.0, 3.0)])
+    assert both == [point("runs", 1.0, 1.0), point("runs", 2.0, 2.0), point("cores", 1.0, 3.0)]
+    path = tmp_path / "growth.json"
+    assert read(path) == []
+    path.write_text(json.dumps({"points": [asdict(one) for one in both]}), encoding="utf-8")
+    assert read(path) == both
+    path.write_text("[]", encoding="utf-8")
+    with pytest.raises(ArtibotError, match="not what `make growth` writes"):
+        read(path)
 
 
 def test_what_fails_is_said():
