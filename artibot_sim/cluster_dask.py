@@ -94,16 +94,23 @@ def _check_workers(client: Any, address: str, module: str) -> None:
         raise ArtibotError(
             f"--scheduler {address}: it has no workers; start some with 'dask worker {address}'"
         ) from error
-    found = client.run(identity, on_error="return")
-    for worker, there in sorted(found.items()):
+    for worker, there in _asked(client, address, identity):
         if there != identity():
             raise _mismatch(worker, there)
-    for worker, why in sorted(client.run(_missing, module).items()):
+    for worker, why in _asked(client, address, _missing, module):
         if why:
             raise ArtibotError(
                 f"worker {worker} cannot import {module} ({why}); put the folder that holds it on the PYTHONPATH of "
                 "the workers as well, and restart them"
             )
+
+
+def _asked(client: Any, address: str, function: Callable[..., Any], *arguments: Any) -> list[tuple[str, Any]]:
+    """What every worker says, by its address; an exception where it cannot."""
+    try:
+        return sorted(client.run(function, *arguments, on_error="return").items())
+    except (OSError, *_GONE) as error:
+        raise ArtibotError(f"--scheduler {address}: lost while its workers were asked what they are") from error
 
 
 def _missing(module: str) -> str:
