@@ -30,7 +30,9 @@ INTERRUPTED = 130
 @click.option("--seed", type=int, help="Of the hypercube [0].")
 @click.option("--dt", type=float, help="Integration step, s [0.001].")
 @click.option("--integrator", help="rk4 or semi_implicit [rk4].")
-@click.option("--no-energy", is_flag=True, help="Leave the energies out, which are a fifth to a half of the time.")
+@click.option(
+    "--no-energy", is_flag=True, help="Leave the energies out, which are an eighth to three fifths of the time."
+)
 @click.option("--out", type=click.Path(path_type=Path), default=Path("sweep"), show_default=True, help="Folder.")
 @click.option("--workers", type=click.IntRange(1), help="Processes [as many as cores]; results are the same.")
 @click.option("--scheduler", metavar="tcp://HOST:PORT", help="Run on this Dask cluster; results are the same.")
