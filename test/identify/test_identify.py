@@ -15,9 +15,11 @@ from artibot_sim.identify import Effort, Prior, Status, identify, parse_priors
 from artibot_sim.identify.holdout import hold_out
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import Work, problem_of
+from artibot_sim.identify.skid import ideal
 from artibot_sim.identify.synthetic import Noise, synthetic
 from artibot_sim.model import Robot, load_robot, save_robot
 from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop, Straight
+from artibot_sim.report.identification_windows import window_panels
 from artibot_sim.report.identify_cli import command
 
 QUICK = Effort(starts=1, finalists=1)
@@ -237,11 +239,20 @@ def test_separate_windows_that_are_predicted_worst_are_named() -> None:
     angle = {f"{m}.velocity": np.full(len(t), 3.0) for m in ("front_right", "front_left")}
     channels = {"motor_torques": Channel("/motor_torques", *_stamps(t), angle), "ground_truth_odom": pose}
     segments = tuple((float(start), float(start + 2.0)) for start in starts)
-    held = hold_out(Experiment("leap", Path("leap"), {}, 0, channels, segments), load_robot("husky"), 2.0)
+    husky, leap = load_robot("husky"), Experiment("leap", Path("leap"), {}, 0, channels, segments)
+    held = hold_out(leap, husky, 2.0, rivals=[ideal(husky)])
     position = held.summary.outliers[0]
     assert position.startswith("the worst 1 of 24 windows hold 100 % of the squared error of position")
     assert "0.50 at 15 s*" in position
     assert held.summary.outliers[-1].startswith("*: measured positions leap")
+    drawn = {panel.key: panel for panel in window_panels(held)}
+    assert list(drawn) == ["leap_map", "leap_wheels", "leap_position_ends", "leap_yaw_ends"]
+    assert {line.name for line in drawn["leap_position_ends"].lines} == {"ideal", "this model"}
+    (worst,) = (line for line in drawn["leap_map"].lines if line.name == "measured, the worst 1")
+    assert np.nanmax(worst.x) - np.nanmin(worst.x) == pytest.approx(
+        0.165 * 3.0 * 1.95 + 0.5
+    )  # the first sample is the start
+    assert np.allclose(drawn["leap_wheels"].lines[0].x, 3.0, atol=0.01)
 
 
 def _stamps(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
