@@ -100,11 +100,8 @@ def _parameters(decision: Decision, after: Uncertain) -> dict[str, Mapping[str, 
     """Parameters of all named effects with their intervals."""
     problem: Problem = decision.problem
     found: dict[str, Mapping[str, Found]] = {}
-    place = len(problem.parameters.parameters)
-    for extension in problem.parameters.extensions:
-        part = slice(place, place + len(extension))
+    for extension, part in zip(problem.parameters.extensions, problem.parameters.places, strict=True):
         found[extension.id] = found_parameters(extension, after.coordinates[part], after.covariance[part, part])
-        place += len(extension)
     return found | {named.effect: named.found for named in decision.named if named.found}
 
 

@@ -13,7 +13,7 @@ from artibot_sim.identify.gauss_newton import Point, assess, evaluate, reduce, s
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.search import SCAN, free_parameters, scan
-from artibot_sim.identify.sensitivity import Sensitivity, clip
+from artibot_sim.identify.sensitivity import Sensitivity, clip, moved_along
 
 Array = NDArray[np.float64]
 Follow = Callable[[Array], Array]
@@ -27,6 +27,8 @@ _TEST = 0.5
 """Coordinate at which effects are tried that need no probes: what it costs says how well they are told."""
 _FAINT, _PLAIN = 0.3, 0.6
 """Share of a probe at which it is tried as well where all of an effect's probes are at least this plain."""
+_RESUMED = 3
+"""Probes of a sensor's effect whose starts take steps of their own."""
 _SCORE_STEP = 0.05
 """Coordinate by which an effect is turned on for its sensitivity."""
 
@@ -110,15 +112,34 @@ def _screened(base: Around, hypothesis: Hypothesis) -> Trial:
     tests = [extension.nearest(probe) for probe in hypothesis.probes or _TEST * np.eye(len(extension))]
     probes = [*tests, *([] if estimate is None else [extension.nearest(np.clip(estimate, -_REACH, _REACH))])]
     guesses = [guess for probe in probes for guess in _guesses(base, problem, hypothesis, probe, follow)]
-    points = evaluate(problem, base.loss, guesses, base.point.starts)
+    points = evaluate(problem, base.loss, guesses, _starts(base, problem, guesses))
     weak = [guess for probe in faint(hypothesis) for guess in _guesses(base, problem, hypothesis, probe, follow)]
     if weak:
-        points.append(min(evaluate(problem, base.loss, weak, base.point.starts), key=lambda point: point.cost))
+        faints = evaluate(problem, base.loss, weak, _starts(base, problem, weak))
+        points.append(min(faints, key=lambda point: point.cost))
     # mu_s acts by switching, so no sensitivity tells where it goes
     points = [scan(problem, base.loss, point, SCAN) for point in points]
+    if extension.effect.sensor is not None:
+        points = _resumed(base, problem, points)
     ends = [step(problem, base.loss, point, base.free, known=base.sensitivity, tries=2)[0] for point in points]
     best = min(ends, key=lambda point: point.cost)
     return Trial(hypothesis, problem, best, sd, _blur(tests, ends, base.point.cost))
+
+
+def _resumed(base: Around, problem: Problem, points: Sequence[Point]) -> list[Point]:
+    """The points, those with the least cost after steps of their starts alone: other sensors saw other starts."""
+    ordered = sorted(points, key=lambda point: point.cost)
+    for i, point in enumerate(ordered[:_RESUMED]):
+        for _ in range(2):
+            point, _, _ = step(problem, base.loss, point, ())
+        ordered[i] = point
+    return ordered
+
+
+def _starts(base: Around, problem: Problem, guesses: Sequence[Array]) -> Array:
+    """The baseline's starts as each guess's sensors see them, shape (guesses, windows, 8 or 6)."""
+    now = base.problem.parameters.robot_at(base.point.coordinates)
+    return np.array([problem.held(now, problem.parameters.robot_at(c), base.point.starts) for c in guesses])
 
 
 def _blur(probes: Sequence[Array], ends: Sequence[Point], neutral: float) -> float:
@@ -171,8 +192,10 @@ def _score(base: Around, problem: Problem, hypothesis: Hypothesis) -> tuple[Arra
         return None, np.full(len(extension), np.inf), None  # neutral is infinitely far
     p = len(base.free)
     guesses = [np.concatenate([base.point.coordinates, origin + _SCORE_STEP * e]) for e in np.eye(len(extension))]
-    own = (problem.flat_residuals(guesses, base.point.starts) - base.point.residuals.flat) / _SCORE_STEP
+    starts = _starts(base, problem, guesses)
+    own = (problem.flat_residuals(guesses, starts) - base.point.residuals.flat) / _SCORE_STEP
     clip(problem.samples, own)
+    moved_along(problem.samples, own, base.sensitivity.starts, (starts - base.point.starts) / _SCORE_STEP)
     combined = Sensitivity(np.concatenate([base.sensitivity.parameters, own]), base.sensitivity.starts)
     reduced = reduce(problem, base.loss, base.point.residuals, combined, base.point.starts)
     index = [*base.free, *range(len(base.point.coordinates), len(problem.parameters))]

@@ -62,7 +62,9 @@ def uncertain(
 ) -> Uncertain:
     """Values and covariances of what was fitted: the wider of curvature and bootstrap, and what neither sees."""
     parameters, index = problem.parameters, list(fit.free)
-    nodes = [*profile(problem, fit, tick), *along(problem, fit, tick)]
+    nodes = list(profile(problem, fit, tick))
+    for which in range(len(parameters.extensions)):
+        nodes += along(problem, fit, which, tick)
     noise = noise_share(problem, fit)
     mean, spread = drawn(problem, nodes, index, noise, seed)
     best = min(nodes, key=lambda node: node.point.cost - float(noise.losses(node.point.coordinates).sum()))
@@ -78,23 +80,23 @@ def uncertain(
     return told(parameters, Uncertain(mean, wider * np.outer(scale, scale) + np.diag(extra)), heard or {})
 
 
-def along(problem: Problem, fit: Fit, tick: Tick = lambda: None) -> list[Node]:
-    """Fits with other sizes of the last effect, mu_s scanned beside each; none where there is no effect."""
+def along(problem: Problem, fit: Fit, which: int, tick: Tick = lambda: None) -> list[Node]:
+    """Fits with other sizes of the effect numbered `which`, mu_s scanned beside each."""
     parameters, free = problem.parameters, list(fit.free)
-    if not parameters.extensions:
-        return []
-    size = len(parameters.extensions[-1])
-    own = fit.point.coordinates[-size:]
+    place = parameters.places[which]
+    own = fit.point.coordinates[place]
+    mine = [k for k, i in enumerate(free) if place.start <= i < place.stop]
+    rest = tuple(i for i in free if not place.start <= i < place.stop)
     H = fit.reduced.matrix + parameters.prior_information[np.ix_(free, free)]
     length = max(float(np.linalg.norm(own)), 1e-9)
     direction = own / length
-    sd = float(np.sqrt(direction @ np.linalg.inv(H)[-size:, -size:] @ direction))
+    sd = float(np.sqrt(direction @ np.linalg.inv(H)[np.ix_(mine, mine)] @ direction))
     found = []
     unit = max(sd, _LEAST * length)
     for away in sorted({side * min(k * unit, _FARTHEST * length) for k in _AWAY for side in (-1.0, 1.0)}):
-        best = min(beside(problem, fit.loss, fit, away * direction, _GRIPS), key=lambda point: point.cost)
-        best = scan(problem, fit.loss, step(problem, fit.loss, best, fit.free[:-size])[0], FINE)
-        found.append(refitted(problem, fit.loss, best, best.coordinates, fit.free[:-size], fit.free))
+        best = min(beside(problem, fit.loss, fit, away * direction, _GRIPS, which), key=lambda point: point.cost)
+        best = scan(problem, fit.loss, step(problem, fit.loss, best, rest)[0], FINE)
+        found.append(refitted(problem, fit.loss, best, best.coordinates, rest, fit.free))
         tick()
     return found
 
@@ -124,17 +126,15 @@ def told(parameters: ParameterSet, what: Uncertain, heard: Heard) -> Uncertain:
     Views that contradict each other are both less sure than they say (Birge's ratio).
     """
     mean, covariance = parameters.mixing @ what.coordinates, what.covariance
-    place = len(parameters.parameters)
-    for extension in parameters.extensions:
+    for extension, part in zip(parameters.extensions, parameters.places, strict=True):
         seen = _measured(extension, heard.get(extension.id, {}))
         if seen is not None:
-            value, variance = seen
+            (value, variance), place = seen, part.start
             total = covariance[place, place] + variance
             away = value - mean[place]
             gain = covariance[:, place] / total
             mean = mean + gain * away
             covariance = (covariance - np.outer(gain, covariance[place])) * max(1.0, away**2 / total)
-        place += len(extension)
     return Uncertain(np.asarray(np.linalg.solve(parameters.mixing, mean), float), covariance)
 
 

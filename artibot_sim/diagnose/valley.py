@@ -64,9 +64,9 @@ def at_size(problem: Problem, fit: Fit, extension: Extension, own: Array, steps:
     return more, settle(more, begun, fit.loss, steps)
 
 
-def beside(problem: Problem, loss: Loss, fit: Fit, move: Array, grips: Array) -> list[Point]:
-    """The fit with its last effect's coordinates moved (k,), the soil that goes with it, and some changes of mu_s."""
-    there, starts = _upon_the_soil(problem, fit, move) or _as_sensitivities_say(problem, fit, move)
+def beside(problem: Problem, loss: Loss, fit: Fit, move: Array, grips: Array, which: int = -1) -> list[Point]:
+    """The fit with one effect's coordinates moved (k,), the soil that goes with it, and some changes of mu_s."""
+    there, starts = _upon_the_soil(problem, fit, move, which) or _as_sensitivities_say(problem, fit, move, which)
     grip = problem.parameters.index(MU_S)
     places = []
     for change in grips if grip is not None else np.zeros(1):
@@ -77,25 +77,27 @@ def beside(problem: Problem, loss: Loss, fit: Fit, move: Array, grips: Array) ->
     return evaluate(problem, loss, places, starts)
 
 
-def _as_sensitivities_say(problem: Problem, fit: Fit, move: Array) -> tuple[Array, Array]:
+def _as_sensitivities_say(problem: Problem, fit: Fit, move: Array, which: int) -> tuple[Array, Array]:
     """Coordinates and starts after a move, by the fit's normal equations; mu_s, of which they know nothing, stays."""
-    parameters, free, size = problem.parameters, list(fit.free), len(move)
+    parameters, free, place = problem.parameters, list(fit.free), problem.parameters.places[which]
+    mine = np.array([place.start <= i < place.stop for i in free])
     H = fit.reduced.matrix + parameters.prior_information[np.ix_(free, free)]
-    follow = -np.linalg.solve(H[:-size, :-size], H[:-size, -size:])
-    taken = np.concatenate([np.clip(follow @ move, -_FARTHEST, _FARTHEST), move])
+    follow = -np.linalg.solve(H[np.ix_(~mine, ~mine)], H[np.ix_(~mine, mine)])
+    taken = np.empty(len(free))
+    taken[mine], taken[~mine] = move, np.clip(follow @ move, -_FARTHEST, _FARTHEST)
     there = fit.point.coordinates.copy()
     there[free] += taken
     moved = fit.reduced.back[:, :, :-1] @ taken
     return there, fit.point.starts - np.clip(moved, -problem.start_sd, problem.start_sd)
 
 
-def _upon_the_soil(problem: Problem, fit: Fit, move: Array) -> tuple[Array, Array] | None:
+def _upon_the_soil(problem: Problem, fit: Fit, move: Array, which: int) -> tuple[Array, Array] | None:
     """The same where the effect declares how soil makes up for it (`Search.valley`): mu_s too, and starts stay."""
-    parameters, size = problem.parameters, len(move)
-    extension = parameters.extensions[-1]
+    parameters = problem.parameters
+    extension, place = parameters.extensions[which], parameters.places[which]
     if not extension.search.valley:
         return None
-    beside_it, own = np.split(fit.point.coordinates, [-size])
+    own = fit.point.coordinates[place]
     name = next(iter(extension.search.sizes))
     after = extension.nearest(own + move)
     ratio = float(extension.values(after)[name]) / float(extension.values(own)[name])
@@ -104,5 +106,6 @@ def _upon_the_soil(problem: Problem, fit: Fit, move: Array) -> tuple[Array, Arra
         i = parameters.index(key)
         if i is not None:
             soil[i] *= ratio**power
-    effects = np.concatenate([beside_it[len(parameters.parameters) :], after])
-    return parameters.coordinates(soil, effects), fit.point.starts
+    moved = fit.point.coordinates.copy()
+    moved[place] = after
+    return parameters.coordinates(soil, moved[len(parameters.parameters) :]), fit.point.starts

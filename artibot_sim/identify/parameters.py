@@ -147,10 +147,15 @@ class ParameterSet:
         rest = np.zeros(len(self) - own) if extended is None else extended
         return np.concatenate([mine, rest])
 
+    @property
+    def places(self) -> list[slice]:
+        """Where the coordinates of each effect stand among all."""
+        ends = np.cumsum([len(self.parameters), *(len(extension) for extension in self.extensions)]).tolist()
+        return [slice(a, b) for a, b in zip(ends, ends[1:], strict=False)]
+
     def extended(self, coordinates: Array) -> list[Array]:
         """The coordinates of each effect."""
-        ends = np.cumsum([len(self.parameters), *(len(extension) for extension in self.extensions)])
-        return [coordinates[a:b] for a, b in zip(ends, ends[1:], strict=False)]
+        return [coordinates[place] for place in self.places]
 
     def inside(self, coordinates: Array) -> Array:
         """The nearest coordinates whose values are within bounds, mu_d not above mu_s."""

@@ -15,12 +15,12 @@ from artibot_sim.identify.layout import Parts, Samples
 from artibot_sim.identify.parameters import ParameterSet
 from artibot_sim.identify.past import Past, lagging_forces, past_of
 from artibot_sim.identify.sensing import Stretch
-from artibot_sim.identify.sensitivity import Sensitivity, clip, rigid
+from artibot_sim.identify.sensitivity import Sensitivity, clip, moved_along, rigid
 from artibot_sim.identify.starts import postures, states
 from artibot_sim.identify.windows import Window
 from artibot_sim.model import Robot
 from artibot_sim.model.effects.tyre_relaxation import EFFECT
-from artibot_sim.model.sensors import measured_starts, sensor_errors
+from artibot_sim.model.sensors import measured_starts, sensor_errors, true_starts
 from artibot_sim.model.windows import KINDS, Items, Plan, WindowBatch, window_step
 
 Array = NDArray[np.float64]
@@ -186,6 +186,18 @@ class Problem:
         followed = [b is not None and bool(np.isfinite(ends[b]).all()) for b in self._before]
         return np.where(np.array(followed)[:, None], seen, starts)
 
+    def held(self, before: Robot, after: Robot, starts: Array) -> Array:
+        """Starts as the sensors of `after` see the rover move as `starts` did to those of `before`, places as they are.
+
+        A tracked point that is taken to be elsewhere would otherwise change the rover's motion, and all its forces.
+        """
+        old, new = sensor_errors(before), sensor_errors(after)
+        if old == new:
+            return starts
+        seen = measured_starts(np.array([new]), true_starts(np.array([old]), starts, self._late), self._late)
+        seen[:, :2] = starts[:, :2]
+        return seen
+
     def residuals(self, coordinates: Sequence[Array], starts: Array) -> list[Parts]:
         """Residuals in units of noise for several sets of coordinates (p,), window by window.
 
@@ -239,6 +251,8 @@ class Problem:
         whole = range(_RIGID, self.size) if self.parameters.uniform else range(self.size)
         robot = np.repeat([*range(1 + p), *(0 for _ in whole)], count).reshape(-1, count)
         guesses = np.tile(starts, (len(robot), 1, 1))
+        for k in range(1, 1 + p):
+            guesses[k] = self.held(robots[0], robots[k], starts)
         for k, column in enumerate(whole):
             guesses[1 + p + k, :, column] += _START_STEP[column]
         flat = self.predictions(robots, robot, guesses)
@@ -250,6 +264,7 @@ class Problem:
         rows = [*range(p), *(p + column for column in whole)]
         table[rows] = (flat[1:] - flat[0]) / steps[:, None]
         clip(self.samples, table)
+        moved_along(self.samples, table[:p], table[p:], (guesses[1 : 1 + p] - starts) / steps[:p, None, None])
         return self.parts(flat[0].copy()), Sensitivity(table[:p], table[p:])
 
 

@@ -45,6 +45,17 @@ def clip(of: Samples, table: Array) -> None:
     kernels.limit(of, table, largest)
 
 
+def moved_along(of: Samples, table: Array, starts: Array, moves: Array) -> None:
+    """Sensitivities (p, n), taken with starts that moved along by `moves` (p, windows, 8 or 6), as if these had stayed.
+
+    `starts` (8 or 6, n) are the sensitivities to them, limited already: so a step that takes the starts along cancels
+    them exactly. Differences with starts that stay would be limited themselves where a start's forces die away.
+    """
+    for row, move in zip(table, moves, strict=True):
+        if move.any():
+            row -= np.einsum("nk,kn->n", of.of_window(move), starts)
+
+
 def _high(values: Array) -> Array:
     """What _SHARE of each row (c, n) is below, (c,)."""
     place = _SHARE * (values.shape[1] - 1)

@@ -1,6 +1,7 @@
 """One case in full: what was hidden, what the fit alone says of it, and what the diagnosis makes of that.
 
 `PYTHONPATH=.:test python -m diagnose.hidden.one back_friction 0.3 101` (effect, severity, seed; two runs of 30 s).
+Several effects stand with + between them; `none` hides nothing.
 """
 
 from __future__ import annotations
@@ -21,16 +22,21 @@ from artibot_sim.model import load_robot
 
 def main(effect: str, severity: str, seed: str) -> None:
     """Diagnose and print."""
-    found = case((effect,) if effect != "none" else (), float(severity), int(seed), runs=2, duration=30.0)
+    hidden = effect.split("+") if effect != "none" else ()
+    found = case(hidden, float(severity), int(seed), runs=2, duration=30.0)
     robot, options = load_robot("agriq"), Options()
     problem, fit = baseline(found.recordings, robot, options)
     decision = decide(problem, fit, options, lambda: None, command_view(found.recordings, robot, seed=options.seed))
-    print("hidden:", {name: dict(values) for name, values in found.truth.effects.items()})
+    acting = {**found.truth.effects, **found.truth.unlisted}
+    print("hidden:", {name: dict(values) for name, values in acting.items()})
     print("said:", decision.verdict.value, *(f"{n.effect} by {n.nats:.0f} nats" for n in decision.named))
+    if decision.unexplained is not None:
+        print("unexplained:", decision.unexplained)
+    print("left:", {name: round(one.typical, 2) for name, one in decision.left.items()})
     for line in values(decision, options.seed):
         print(line)
     for one in ranking(decision, options.thresholds):
-        if one.effect == effect and one.excluded_above:
+        if one.effect in hidden and one.excluded_above:
             print("excluded from:", dict(one.excluded_above))
 
 
@@ -38,13 +44,11 @@ def values(decision: Decision, seed: int) -> list[str]:
     """Lines with each effect's values as fitted, and as they are given, with their intervals."""
     parameters = decision.problem.parameters
     heard = {effect: other.found for effect, other in decision.other.items()}
-    what, place, lines = uncertain(decision.problem, decision.fit, seed, heard), len(parameters.parameters), []
-    for extension in parameters.extensions:
-        part = slice(place, place + len(extension))
+    what, lines = uncertain(decision.problem, decision.fit, seed, heard), []
+    for extension, part in zip(parameters.extensions, parameters.places, strict=True):
         given = found_parameters(extension, what.coordinates[part], what.covariance[part, part])
         lines.append(f"fit alone: {extension.values(decision.fit.point.coordinates[part])}")
         lines.append(f"given: { {name: (one.value, one.ci95) for name, one in given.items()} }")
-        place += len(extension)
     return lines
 
 
