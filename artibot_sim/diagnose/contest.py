@@ -15,7 +15,7 @@ from artibot_sim.diagnose.hypotheses import without_last
 from artibot_sim.diagnose.patches import refined
 from artibot_sim.diagnose.screen import Trial
 from artibot_sim.diagnose.valley import walked
-from artibot_sim.identify.gauss_newton import Point, again, evaluate, step
+from artibot_sim.identify.gauss_newton import Point, again, evaluate, polished, step
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.search import SCAN, Fit, awake, free_parameters, scan, settle
@@ -183,6 +183,18 @@ def neutralised(rival: Rival, loss: Loss, rounds: Rounds) -> Fit:
     point = rival.fit.point
     begin = evaluate(problem, loss, [problem.parameters.inside(point.coordinates[:-size])], point.starts)[0]
     return settled(problem, begin, loss, rounds)
+
+
+def adopted(problem: Problem, fit: Fit, other: Problem, theirs: Fit, rounds: Rounds) -> Fit:
+    """The fit with another model's starts wherever these explain a window better, fitted again if that is worth it.
+
+    Two models are compared, not which of them happened upon a window's right branch.
+    """
+    seen = (other.parameters.robot_at(theirs.point.coordinates), problem.parameters.robot_at(fit.point.coordinates))
+    point = polished(problem, fit.loss, fit.point, problem.held(*seen, theirs.point.starts))
+    if point.cost > fit.point.cost - 2.0 * rounds.worth:
+        return fit
+    return settle(problem, point, fit.loss, rounds.few)
 
 
 def renoised(problem: Problem, fit: Fit, levels: Array, loss: Loss, rounds: Rounds) -> tuple[Problem, Fit]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from artibot_sim.diagnose.contest import Rival, Rounds, contest, neutralised, renoised, settled
+from artibot_sim.diagnose.contest import Rival, Rounds, adopted, contest, neutralised, renoised, settled
 from artibot_sim.diagnose.evidence import Evidence, evidence
 from artibot_sim.diagnose.hypotheses import hypotheses
 from artibot_sim.diagnose.input_noise import excess_of
@@ -78,6 +78,7 @@ def turn(
         other = neutralised(rival, loss, rounds)
         best = other if other.point.cost < best.point.cost else best
         tick()
+    rivals = _with_starts_of(problem, best, rivals, rounds)
     problem, best, rivals, loss = _with_honest_noise(problem, best, rivals, loss, rounds)
     noisy = noisy_inputs(problem.stretches, problem.parameters.robot, len(named))
     excess = excess_of(noisy, problem, best, rivals)
@@ -102,7 +103,15 @@ def _with_honest_noise(
         own, fit = renoised(rival.problem, rival.fit, levels, firm, rounds)
         again.append(replace(rival, trial=replace(rival.trial, problem=own), fit=fit))
     problem, best = renoised(problem, best, levels, firm, rounds)
-    return problem, best, sorted(again, key=lambda rival: rival.fit.point.cost), new
+    rivals = _with_starts_of(problem, best, again, rounds)
+    best = adopted(problem, best, rivals[0].problem, rivals[0].fit, rounds)
+    return problem, best, rivals, new
+
+
+def _with_starts_of(problem: Problem, best: Fit, rivals: Sequence[Rival], rounds: Rounds) -> list[Rival]:
+    """The rivals, each with the baseline's starts where these are better; the least cost first."""
+    found = [replace(rival, fit=adopted(rival.problem, rival.fit, problem, best, rounds)) for rival in rivals]
+    return sorted(found, key=lambda rival: rival.fit.point.cost)
 
 
 def acceptable(found: Evidence, nats: float, least: float, thresholds: Thresholds) -> bool:

@@ -15,7 +15,7 @@ from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.sensing import Stretch
 from artibot_sim.model import Robot
 from artibot_sim.model.effects import EFFECTS
-from artibot_sim.model.effects.base import Choice, Effect
+from artibot_sim.model.effects.base import Choice, Effect, Search
 
 Array = NDArray[np.float64]
 
@@ -81,10 +81,16 @@ def _choices(effect: Effect, robot: Robot, bend: float) -> list[Hypothesis]:
     return [
         Hypothesis(
             Extension(effect.id, dict(zip(names, chosen, strict=True)), reference),
-            tuple(np.array(probe) for probe in effect.search.probes), len(combinations),
+            tuple(np.array(probe) for probe in effect.search.probes or _corners(effect.search)), len(combinations),
         )
         for chosen in combinations
     ]  # fmt: skip
+
+
+def _corners(search: Search) -> list[tuple[float, ...]]:
+    """Plain sizes with all signs, for several sizes that declare no probes: one alone may fit worse than none."""
+    several = len(search.sizes) > 1 and not search.direction
+    return list(itertools.product((1.0, -1.0), repeat=len(search.sizes))) if several else []
 
 
 def _names(effect: Effect, name: str) -> tuple[str, ...]:

@@ -27,8 +27,6 @@ _TEST = 0.5
 """Coordinate at which effects are tried that need no probes: what it costs says how well they are told."""
 _FAINT, _PLAIN = 0.3, 0.6
 """Share of a probe at which it is tried as well where all of an effect's probes are at least this plain."""
-_RESUMED = 3
-"""Probes of a sensor's effect whose starts take steps of their own."""
 _SCORE_STEP = 0.05
 """Coordinate by which an effect is turned on for its sensitivity."""
 
@@ -120,20 +118,23 @@ def _screened(base: Around, hypothesis: Hypothesis) -> Trial:
     # mu_s acts by switching, so no sensitivity tells where it goes
     points = [scan(problem, base.loss, point, SCAN) for point in points]
     if extension.effect.sensor is not None:
-        points = _resumed(base, problem, points)
+        points = _resumed(base, problem, points, len(extension))
     ends = [step(problem, base.loss, point, base.free, known=base.sensitivity, tries=2)[0] for point in points]
     best = min(ends, key=lambda point: point.cost)
     return Trial(hypothesis, problem, best, sd, _blur(tests, ends, base.point.cost))
 
 
-def _resumed(base: Around, problem: Problem, points: Sequence[Point]) -> list[Point]:
-    """The points, those with the least cost after steps of their starts alone: other sensors saw other starts."""
-    ordered = sorted(points, key=lambda point: point.cost)
-    for i, point in enumerate(ordered[:_RESUMED]):
+def _resumed(base: Around, problem: Problem, points: Sequence[Point], size: int) -> list[Point]:
+    """The best point for each size of an effect after steps of its starts alone: other sensors saw other starts."""
+    best: dict[bytes, Point] = {}
+    for point in sorted(points, key=lambda point: point.cost):
+        best.setdefault(point.coordinates[-size:].tobytes(), point)
+    found = []
+    for point in best.values():
         for _ in range(2):
             point, _, _ = step(problem, base.loss, point, ())
-        ordered[i] = point
-    return ordered
+        found.append(point)
+    return found
 
 
 def _starts(base: Around, problem: Problem, guesses: Sequence[Array]) -> Array:

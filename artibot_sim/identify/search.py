@@ -27,6 +27,8 @@ _DRAWS = 0.6
 """Further starts are drawn with this share of the prior's width."""
 _SHAKEN = np.array([0.1, 0.1, 0.3, 0.7, 0.7, 0.7, 0.3, 1.0])
 """Sizes of random changes of a start, in its prior deviations: what a window's own samples leave open."""
+_DRAWN = np.array([0.1, 0.1, 0.3, 1.0, 1.0, 1.0, 1.0, 1.0])
+"""The same around a measured start: places and headings are aligned to the window's path anyway."""
 _JOSTLES = 8
 _FARTHEST = 0.12
 """Random changes of all parameters: how many at every step, and the largest as a share of the longest step."""
@@ -230,7 +232,11 @@ def awake(problem: Problem, loss: Loss, point: Point) -> Point:
 
 
 def shaken(problem: Problem, loss: Loss, point: Point, tries: int = 12) -> Point:
-    """The windows that are explained worst try random starts around theirs, in three sizes, the best one polished."""
+    """The windows that are explained worst try random starts, around theirs in three sizes and around the measured one.
+
+    The best one is polished. A start that made up for what the model lacked is far from the measured one, and on a
+    branch of its own once the model has it.
+    """
     size = np.array([len(window) for window in problem.windows])
     poor = point.losses / size
     worst = np.flatnonzero(poor > 1.08 * np.median(poor))
@@ -241,7 +247,10 @@ def shaken(problem: Problem, loss: Loss, point: Point, tries: int = 12) -> Point
     some = problem.part(worst.tolist())
     scale = np.tile([0.15, 0.4, 1.0], -(-tries // 3))[:tries, None, None]
     moves = rng.normal(size=(tries, len(worst), problem.size)) * problem.start_sd[worst] * scale
-    starts = point.starts[worst] + moves * _SHAKEN[: problem.size]
+    near = point.starts[worst] + moves * _SHAKEN[: problem.size]
+    anew = rng.normal(size=(2 * tries, len(worst), problem.size)) * problem.start_sd[worst] * _DRAWN[: problem.size]
+    anew *= np.tile([0.5, 1.0], tries)[:, None, None]
+    starts = np.concatenate([near, problem.starts[worst] + anew])
     tried = best_of(some, loss, point.coordinates, list(starts))
     kept = some.parts(np.concatenate([point.residuals[k] for k in worst.tolist()]))
     mine = Point(point.coordinates, point.starts[worst], kept, point.losses[worst], 0.0)

@@ -9,16 +9,16 @@ import pytest
 
 from artibot_sim.diagnose.diagnosis import Found
 from artibot_sim.diagnose.hypotheses import with_effect, without_last
-from artibot_sim.diagnose.uncertain import Uncertain, told, uncertain
+from artibot_sim.diagnose.uncertain import Uncertain, along, told, uncertain
 from artibot_sim.identify.extension import Extension
-from artibot_sim.identify.gauss_newton import evaluate
+from artibot_sim.identify.gauss_newton import evaluate, reduce
 from artibot_sim.identify.noise_share import noise_share
 from artibot_sim.identify.parameters import ParameterSet
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.run import problem_of
-from artibot_sim.identify.search import Fit, settle
+from artibot_sim.identify.search import Fit, free_parameters, settle
 from artibot_sim.identify.synthetic import synthetic
 from artibot_sim.identify.windows import CHANNEL_NAMES
 from artibot_sim.model import load_robot
@@ -68,6 +68,22 @@ def test_what_the_noise_has_bent_is_straightened(fitted: tuple[Problem, Fit]) ->
     assert bent < -0.1  # wheels that are all alike seem to grip less at the back
     assert abs(own) < 0.4 * abs(bent)
     assert abs(own) < 3.0 * sd
+
+
+def test_the_walk_goes_along_each_effect(fitted: tuple[Problem, Fit]) -> None:
+    problem, fit = fitted
+    both = with_effect(problem, SCALE)
+    point = evaluate(both, fit.loss, [np.append(fit.point.coordinates, 0.1)], fit.point.starts)[0]
+    free = free_parameters(both)
+    residuals, sensitivity = both.linearised(point.coordinates, point.starts, free)
+    stands = Fit(point, fit.loss, reduce(both, fit.loss, residuals, sensitivity, point.starts), free, False)
+    for which, place in enumerate((5, 6)):
+        nodes = along(both, stands, which)
+        sizes = np.array([node.point.coordinates[place] for node in nodes]) - point.coordinates[place]
+        assert sizes == pytest.approx(-sizes[::-1]) and np.abs(sizes).min() > 0.01
+        beside_it = {float(node.point.coordinates[11 - place]) for node in nodes}
+        assert len(beside_it) == len(nodes), "the other effect follows"
+        assert all(len(node.reduced.matrix) == len(free) for node in nodes)
 
 
 def scales(sd: float, along: float) -> tuple[ParameterSet, Uncertain]:

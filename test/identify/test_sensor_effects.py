@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from model.effects import SENSORS_1
 
+from artibot_sim.identify.extension import Extension
 from artibot_sim.identify.holdout import fitted_starts
 from artibot_sim.identify.parameters import ParameterSet
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import channel_levels
 from artibot_sim.identify.sensing import stretches
 from artibot_sim.identify.synthetic import synthetic
-from artibot_sim.identify.windows import cut
+from artibot_sim.identify.windows import CHANNEL_NAMES, cut
 from artibot_sim.model import Robot, load_robot
 from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop
 
@@ -51,3 +52,41 @@ def test_the_robot_that_has_the_errors_explains_them(name: str) -> None:
     carried = own.carried(np.empty(0), best.starts)
     followed = [i for i, before in enumerate(own._before) if before is not None]
     assert np.abs((carried - best.starts)[followed][:, :3]).max() < 0.08
+
+
+ARM = Extension("pose_lever_arm")
+OWN = [CHANNEL_NAMES.index(name) for name in ("yaw_rate", "articulation_yaw", "torque_front", "torque_back")]
+
+
+@pytest.fixture(scope="module")
+def turns() -> Problem:
+    plain = load_robot("agriq")
+    recording = synthetic(plain, TURNS, kappa=0.7, seed=1, start=(3.0, -2.0, 2.0))
+    seen = seen_by(plain, recording)
+    return seen.with_parameters(ParameterSet(plain, (), (ARM,)))
+
+
+def test_a_motion_that_is_held_is_the_same_to_all_other_sensors(turns: Problem) -> None:
+    there = np.array([1.0, -1.0])
+    before, after = (turns.parameters.robot_at(c) for c in (np.zeros(2), there))
+    held = turns.held(before, after, turns.starts)
+    assert np.array_equal(held[:, :2], turns.starts[:, :2])
+    assert turns.held(after, before, held) == pytest.approx(turns.starts, abs=1e-12)
+    of = turns.samples
+    own = np.isin(of.channel, OWN)
+    plain, with_arm = (turns.residuals([c], s)[0].flat for c, s in ((np.zeros(2), turns.starts), (there, held)))
+    assert np.abs(with_arm - plain)[own].max() < 1e-6
+    assert np.abs(with_arm - plain)[of.x].max() > 10.0
+    as_seen = turns.residuals([there], turns.starts)[0].flat
+    assert np.abs(as_seen - plain)[own].max() > 1.0
+
+
+def test_sensitivities_with_the_motion_held_are_those_of_starts_that_stay(turns: Problem) -> None:
+    residuals, found = turns.linearised(np.zeros(2), turns.starts, (0, 1))
+    step = 1e-4
+    for k in range(2):
+        moved = turns.residuals([step * np.eye(2)[k]], turns.starts)[0]
+        plainly = (moved.flat - residuals.flat) / step
+        away = np.abs(found.parameters[k] - plainly)
+        assert np.median(away) < 0.02 * np.sqrt(np.mean(plainly**2))
+        assert np.corrcoef(found.parameters[k], np.clip(plainly, -100.0, 100.0))[0, 1] > 0.9
