@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 _FOLDS = 4
 _PRICE = 3.0
 """Nats that a coefficient costs: half the logarithm of the number of windows."""
+_CHOSEN = 2
+"""So many coefficients at most are paid for in what was proven."""
 _RIDGE = 1e-9
 
 
@@ -90,8 +92,12 @@ class Candidate:
 
     @property
     def worth(self) -> float:
-        """Nats that count: what was gained, and proven, less what as many free coefficients gain by chance."""
-        return min(self.gain, self.proven) - _PRICE * len(self.coefficients)
+        """Nats that count: what was gained less what as many free coefficients gain by chance, or what was proven.
+
+        There coefficients gain nothing by chance; what is left to chance is the choice among so many forces.
+        """
+        count = len(self.coefficients)
+        return min(self.gain - _PRICE * count, self.proven - _PRICE * min(count, _CHOSEN))
 
 
 @dataclass(frozen=True)
