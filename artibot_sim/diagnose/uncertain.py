@@ -9,7 +9,7 @@ place with the least loss is taken, and one step from it. Losses and steps are t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,10 @@ Array = NDArray[np.float64]
 Heard = Mapping[str, Mapping[str, Found]]
 """By effect, what another view says of its parameters."""
 
-_AWAY = (1.5, 3.0, 6.0)
+_AWAY = (1.5, 3.0, 6.0, 12.0, 24.0)
 """Changes of an effect's size that are tried, in standard deviations of the curvature, or in _LEAST of the size."""
+_ALWAYS, _FLAT = 3, 30.0
+"""So many of them on both sides in any case; the others as long as the loss has not risen by this much."""
 _LEAST = 0.01
 _FARTHEST = 0.3
 """The largest, as a share of the size."""
@@ -86,19 +88,32 @@ def along(problem: Problem, fit: Fit, which: int, tick: Tick = lambda: None) -> 
     place = parameters.places[which]
     own = fit.point.coordinates[place]
     mine = [k for k, i in enumerate(free) if place.start <= i < place.stop]
-    rest = tuple(i for i in free if not place.start <= i < place.stop)
     H = fit.reduced.matrix + parameters.prior_information[np.ix_(free, free)]
     length = max(float(np.linalg.norm(own)), 1e-9)
     direction = own / length
     sd = float(np.sqrt(direction @ np.linalg.inv(H)[np.ix_(mine, mine)] @ direction))
-    found = []
     unit = max(sd, _LEAST * length)
-    for away in sorted({side * min(k * unit, _FARTHEST * length) for k in _AWAY for side in (-1.0, 1.0)}):
-        best = min(beside(problem, fit.loss, fit, away * direction, _GRIPS, which), key=lambda point: point.cost)
-        best = scan(problem, fit.loss, step(problem, fit.loss, best, rest)[0], FINE)
-        found.append(refitted(problem, fit.loss, best, best.coordinates, rest, fit.free))
-        tick()
-    return found
+    sizes = sorted({min(k * unit, _FARTHEST * length) for k in _AWAY})
+    found: list[Node] = []
+    for side in (-1.0, 1.0):
+        here, at = fit, 0.0
+        for number, size in enumerate(sizes):
+            if number >= _ALWAYS and here.point.cost > fit.point.cost + _FLAT:
+                break
+            node = _moved(problem, here, side * (size - at) * direction, which)
+            here, at = replace(fit, point=node.point, reduced=node.reduced), size
+            found.append(node)
+            tick()
+    return sorted(found, key=lambda node: float(direction @ node.point.coordinates[place]))
+
+
+def _moved(problem: Problem, fit: Fit, move: Array, which: int) -> Node:
+    """The fit with an effect's coordinates changed by `move` (k,), all others fitted again, mu_s scanned."""
+    place = problem.parameters.places[which]
+    rest = tuple(i for i in fit.free if not place.start <= i < place.stop)
+    best = min(beside(problem, fit.loss, fit, move, _GRIPS, which), key=lambda point: point.cost)
+    best = scan(problem, fit.loss, step(problem, fit.loss, best, rest)[0], FINE)
+    return refitted(problem, fit.loss, best, best.coordinates, rest, fit.free)
 
 
 def drawn(
