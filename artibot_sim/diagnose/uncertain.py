@@ -83,14 +83,20 @@ def uncertain(
 
 
 def along(problem: Problem, fit: Fit, which: int, tick: Tick = lambda: None) -> list[Node]:
-    """Fits with other sizes of the effect numbered `which`, mu_s scanned beside each."""
-    parameters, free = problem.parameters, list(fit.free)
-    place = parameters.places[which]
-    own = fit.point.coordinates[place]
+    """Fits with other sizes of the effect numbered `which`, mu_s scanned beside each; across, too, where it has two."""
+    own = fit.point.coordinates[problem.parameters.places[which]]
+    length = max(float(np.linalg.norm(own)), 1e-9)
+    directions = [own / length]
+    if len(own) == 2:
+        directions.append(np.array([-own[1], own[0]]) / length)
+    return [node for direction in directions for node in _line(problem, fit, which, direction, length, tick)]
+
+
+def _line(problem: Problem, fit: Fit, which: int, direction: Array, length: float, tick: Tick) -> list[Node]:
+    """Fits at both sides along a direction (k,) of an effect's coordinates, as far as the loss is flat."""
+    parameters, free, place = problem.parameters, list(fit.free), problem.parameters.places[which]
     mine = [k for k, i in enumerate(free) if place.start <= i < place.stop]
     H = fit.reduced.matrix + parameters.prior_information[np.ix_(free, free)]
-    length = max(float(np.linalg.norm(own)), 1e-9)
-    direction = own / length
     sd = float(np.sqrt(direction @ np.linalg.inv(H)[np.ix_(mine, mine)] @ direction))
     unit = max(sd, _LEAST * length)
     sizes = sorted({min(k * unit, _FARTHEST * length) for k in _AWAY})
