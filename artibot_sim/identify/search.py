@@ -232,10 +232,10 @@ def awake(problem: Problem, loss: Loss, point: Point) -> Point:
 
 
 def shaken(problem: Problem, loss: Loss, point: Point, tries: int = 12) -> Point:
-    """The windows that are explained worst try random starts, around theirs in three sizes and around the measured one.
+    """The windows that are explained worst try random starts around theirs, in three sizes, the best one polished.
 
-    The best one is polished. A start that made up for what the model lacked is far from the measured one, and on a
-    branch of its own once the model has it.
+    With effects in the fit around the measured one as well: a start that made up for what the model lacked is far from
+    that, and on a branch of its own once the model has it.
     """
     size = np.array([len(window) for window in problem.windows])
     poor = point.losses / size
@@ -247,10 +247,11 @@ def shaken(problem: Problem, loss: Loss, point: Point, tries: int = 12) -> Point
     some = problem.part(worst.tolist())
     scale = np.tile([0.15, 0.4, 1.0], -(-tries // 3))[:tries, None, None]
     moves = rng.normal(size=(tries, len(worst), problem.size)) * problem.start_sd[worst] * scale
-    near = point.starts[worst] + moves * _SHAKEN[: problem.size]
-    anew = rng.normal(size=(2 * tries, len(worst), problem.size)) * problem.start_sd[worst] * _DRAWN[: problem.size]
-    anew *= np.tile([0.5, 1.0], tries)[:, None, None]
-    starts = np.concatenate([near, problem.starts[worst] + anew])
+    starts = point.starts[worst] + moves * _SHAKEN[: problem.size]
+    if problem.parameters.extensions:
+        anew = rng.normal(size=(2 * tries, len(worst), problem.size)) * problem.start_sd[worst] * _DRAWN[: problem.size]
+        anew *= np.tile([0.5, 1.0], tries)[:, None, None]
+        starts = np.concatenate([starts, problem.starts[worst] + anew])
     tried = best_of(some, loss, point.coordinates, list(starts))
     kept = some.parts(np.concatenate([point.residuals[k] for k in worst.tolist()]))
     mine = Point(point.coordinates, point.starts[worst], kept, point.losses[worst], 0.0)
