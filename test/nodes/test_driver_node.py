@@ -373,10 +373,13 @@ def test_the_lifecycle_opens_enables_disables_and_closes(
 ) -> None:
     node = start_node("driver", "--channel", channel, "--unconfigured", *PATIENT)
     probe = DriverProbe(ros_context)
+    changes = probe.node.create_client(ChangeState, "driver/change_state")  # one: to be found takes longer than a ramp
+    probe.until(changes.service_is_ready, "the lifecycle")
 
     def change(transition: int) -> bool:
-        request = ChangeState.Request(transition=Transition(id=transition))
-        return probe.call(ChangeState, "driver/change_state", request).success
+        answer = changes.call_async(ChangeState.Request(transition=Transition(id=transition)))
+        probe.until(answer.done, "an answer of the lifecycle")
+        return answer.result().success
 
     def state() -> int:
         return probe.call(GetState, "driver/get_state", GetState.Request()).current_state.id
@@ -393,7 +396,7 @@ def test_the_lifecycle_opens_enables_disables_and_closes(
     probe.spin(1.5)
     assert state() == State.PRIMARY_STATE_INACTIVE, "silence has stopped it"
     assert change(Transition.TRANSITION_ACTIVATE)
-    probe.repeat(lambda: probe.send_request([400.0, 400.0]), 0.5)  # a ramp that outlasts two calls on a busy machine
+    probe.repeat(lambda: probe.send_request([400.0, 400.0]), 0.5)
     assert change(Transition.TRANSITION_DEACTIVATE)
     assert not change(Transition.TRANSITION_CLEANUP), "still coming to rest"
     probe.until(lambda: probe.part("driver")["phase"] == "READY", "standstill")
