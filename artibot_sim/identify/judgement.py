@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 OPEN = 0.5
 """A combination whose standard deviation the data do not bring below this share of the prior's is not identified."""
 SYSTEMATIC = 0.005
-"""Standard deviation, of a logarithm, of what no residual shows: smoothed rotations make forces some tenths of a percent
+"""Standard deviation, of a logarithm, of what no residual shows: smoothed rotations make forces some tenths of 1 %
 too large, and when wheels break away is known to a few milliseconds. Chosen with `coverage 60 7` before the encoders'
 noise was taken off: 95 % of the intervals then covered; 87 % with 0.3 %, 98 % with 0.75 %."""
 _PART = 0.3
