@@ -80,14 +80,16 @@ def test_the_drives_turn_the_rover_and_tell_what_its_motors_do(start_node, ros_c
         turned = {motor: master.si(motor, "position") - begin[motor] for motor in MOTORS}
         speed = {motor: master.si(motor, "velocity") for motor in MOTORS}
         torque = {motor: master.si(motor, "torque") for motor in MOTORS}
-        assert master.unanswered < 40, "of 400 cycles: the drives answer a SYNC within its period"
+        unanswered = master.unanswered
+        assert unanswered < 40, "of 400 cycles: the drives answer a SYNC within its period"
         master.run(1.0, lambda t: bend(1.0 - t, master))
         master.run(0.3, lambda _: {})
     listen_up(probe)
     assert speed["front_right"] == pytest.approx(0.5 / METRES, rel=1e-3)
     assert speed["front_left"] == pytest.approx(0.45 / METRES, rel=1e-3)
-    # a driver's period behind the master's clock, and the time of interpolation
-    assert turned["front_right"] == pytest.approx(0.5 / METRES * 3.5, abs=0.05 * 0.5 / METRES)
+    # a driver's period behind the master's clock, the time of interpolation, and answers that did not come in time
+    behind = 0.05 + unanswered / 100.0
+    assert turned["front_right"] == pytest.approx(0.5 / METRES * 3.5, abs=behind * 0.5 / METRES)
     assert torque["front_right"] > torque["front_left"], "the outer side pushes harder in a bend"
     assert torque["back_right"] == torque["back_left"]
     assert torque["back_right"] == pytest.approx(SHARE * (torque["front_right"] + torque["front_left"]), abs=3e-3)

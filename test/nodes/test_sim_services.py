@@ -129,6 +129,7 @@ def test_a_machine_that_stands_still_makes_time_slip_not_race(start_node, ros_co
     node = start_node("sim", "--ros-args", "-p", f"publish_clock:='{str(clock).lower()}'")
     probe = Probe(ros_context)
     probe.ready()
+    probe.until(lambda: len(probe.got["ground_truth/odom"]) > 20, "time going on", 10.0)
     slips = node.output.count("the schedule slips")  # the machine may have been late already
     node.send(signal.SIGSTOP)
     time.sleep(1.0)
