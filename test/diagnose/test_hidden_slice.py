@@ -22,7 +22,7 @@ def test_nothing_is_named_where_nothing_is_hidden():
 
 @pytest.mark.parametrize(
     ("effect", "seed"),
-    [("speed_loop_lag", 21), ("joint_damping", 24), ("gyro_bias", 25), ("back_friction", 26), ("motor_drag", 27)],
+    [("speed_loop_lag", 21), ("encoder_scale", 24), ("gyro_bias", 25), ("back_friction", 26), ("motor_drag", 27)],
 )
 def test_what_is_hidden_is_named(effect, seed):
     found = case((effect,), seed=seed, **SMALL)
