@@ -88,8 +88,8 @@ def diagnose(
     false_alarm_rate : float
         Share of the cases with nothing hidden in which something may be named.
     scheduler : str, optional
-        Address of a Dask scheduler (:mod:`artibot_sim.cluster`) whose workers fit one effect each, which is half of
-        the work; the result is the same.
+        Address of a Dask scheduler (:mod:`artibot_sim.cluster`) whose workers fit one effect each; the rest of the
+        work stays here, and the result is the same.
 
     Raises
     ------

@@ -23,7 +23,7 @@ from artibot_sim.identify.noise_share import NoiseShare, noise_share
 from artibot_sim.identify.parameters import ParameterSet
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.search import FINE, Fit, Tick, scan
-from artibot_sim.identify.uncertainty import Node, profile, refitted
+from artibot_sim.identify.uncertainty import Node, profile, refitted, reweighted
 
 Array = NDArray[np.float64]
 Heard = Mapping[str, Mapping[str, Found]]
@@ -69,7 +69,7 @@ def uncertain(
         nodes += along(problem, fit, which, tick)
     noise = noise_share(problem, fit)
     mean, spread = drawn(problem, nodes, index, noise, seed)
-    best = min(nodes, key=lambda node: node.point.cost - float(noise.losses(node.point.coordinates).sum()))
+    best = min(nodes, key=lambda node: noise.cost_without(node.point))
     curvature = np.zeros_like(spread)
     information = best.reduced.matrix + parameters.prior_information[np.ix_(index, index)]
     curvature[np.ix_(index, index)] = np.linalg.inv(information)
@@ -126,18 +126,10 @@ def drawn(
     problem: Problem, nodes: Sequence[Node], free: Sequence[int], noise: NoiseShare, seed: int
 ) -> tuple[Array, Array]:
     """Mean (p,) and covariance (p, p) of the coordinates that windows weighted at random would have given."""
-    index, rng = list(free), np.random.default_rng(seed)
-    prior = problem.parameters.prior_information
-    losses = np.array([node.point.losses - noise.losses(node.point.coordinates) for node in nodes])
-    pulls = [node.reduced.gradient - noise.pull(node.point.coordinates, index) for node in nodes]
-    table = []
-    for _ in range(_DRAWS):
-        weights = rng.exponential(size=len(problem))  # no window is left out: an effect may act in few of them
-        best = int(np.argmin(losses @ weights))
-        coordinates = nodes[best].point.coordinates.copy()
-        H = np.einsum("w,wij->ij", weights, nodes[best].reduced.matrices) + prior[np.ix_(index, index)]
-        coordinates[index] -= np.linalg.solve(H, weights @ pulls[best] + (prior @ coordinates)[index])
-        table.append(problem.parameters.inside(coordinates))
+    rng = np.random.default_rng(seed)
+    # no window is left out: an effect may act in few of them
+    weights = (rng.exponential(size=len(problem)) for _ in range(_DRAWS))
+    table = [problem.parameters.inside(one) for one in reweighted(problem, nodes, free, noise, weights)]
     return np.mean(table, axis=0), np.atleast_2d(np.cov(np.array(table).T))
 
 

@@ -62,19 +62,16 @@ def _place(t: Floats, y: Floats, near: int) -> float:
     return place
 
 
-def fit_beside(
-    t: Floats, y: Floats, at: Floats, half_width: float, fitted: tuple[Floats, Floats]
-) -> tuple[Floats, Floats]:
-    """A local fit's values and rates (m,) where no kink is near, one-sided fits where one is.
+def fit_beside(t: Floats, y: Floats, at: Floats, half_width: float) -> tuple[Floats, Floats]:
+    """A local fit's values and rates (m,): of samples on both sides where no kink is near, of one side where one is.
 
     Parameters
     ----------
     t, y : (n,) samples.
     at : (m,) times wanted, s.
     half_width : of the fit, s.
-    fitted : what `local_fit` gave.
     """
-    value, rate = fitted[0].copy(), fitted[1].copy()
+    value, rate = local_fit(t, y, at, half_width)
     places = kinks(t, y)
     if not len(places):
         return value, rate

@@ -166,7 +166,7 @@ def _rotation(
 
 
 def _from_positions(times: Floats, values: Floats, t: Floats, half_width: float) -> tuple[Floats, Floats]:
-    value, rate = fit_beside(times, values, t, half_width, local_fit(times, values, t, half_width))
+    value, rate = fit_beside(times, values, t, half_width)
     value, rate = value[:, None], rate[:, None]
     spacing = float(np.median(np.diff(times)))
     value, rate = bridge(times, t, value, rate, max(0.1, 4.0 * spacing))

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.identify.gauss_newton import evaluate
+from artibot_sim.identify.gauss_newton import Point, evaluate
 from artibot_sim.identify.noisy_inputs import NoisyInputs, noisy_inputs
 from artibot_sim.identify.parameters import ParameterSet
 from artibot_sim.identify.problem import Problem
@@ -62,6 +62,10 @@ class NoiseShare:
     def losses(self, coordinates: Array) -> Array:
         """What it adds to each window's loss, shape (windows,)."""
         return np.asarray(self._there(coordinates).sum(axis=1), float)
+
+    def cost_without(self, point: Point) -> float:
+        """The cost of a point, less what it adds."""
+        return point.cost - float(self.losses(point.coordinates).sum())
 
     def pull(self, coordinates: Array, free: Sequence[int]) -> Array:
         """Its gradients by window, shape (windows, f), in the units of `Reduced.gradient`: half a loss's."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -130,7 +130,7 @@ def from_curvature(problem: Problem, nodes: Sequence[Node], free: Sequence[int],
     """What curvature at the nodes and the loss along them say, `noise` taken off: a mixture of normal distributions."""
     index = list(free)
     prior = problem.parameters.prior_information
-    loss = np.array([node.point.cost - float(noise.losses(node.point.coordinates).sum()) for node in nodes])
+    loss = np.array([noise.cost_without(node.point) for node in nodes])
     means, covariances, logs = [], [], []
     for node in nodes:
         H = node.reduced.matrix + prior[np.ix_(index, index)]
@@ -169,22 +169,24 @@ def from_bootstrap(
     problem: Problem, nodes: Sequence[Node], free: Sequence[int], noise: NoiseShare, seed: int = 0
 ) -> Spread:
     """What windows drawn anew, with replacement, would have given, `noise` taken off: the best node, and one step."""
-    index, rng = list(free), np.random.default_rng(seed)
-    count = len(problem)
-    prior = problem.parameters.prior_information
-    losses = np.array([node.point.losses - noise.losses(node.point.coordinates) for node in nodes])
-    pulls = [node.reduced.gradient - noise.pull(node.point.coordinates, index) for node in nodes]
-    draws = []
-    for _ in range(_DRAWS):
-        times = np.bincount(rng.integers(0, count, count), minlength=count).astype(float)
-        best = int(np.argmin(losses @ times))
-        node = nodes[best]
-        coordinates = node.point.coordinates.copy()
-        H = np.einsum("w,wij->ij", times, node.reduced.matrices) + prior[np.ix_(index, index)]
-        gradient = times @ pulls[best] + (prior @ coordinates)[index]
-        if index:
-            coordinates[index] -= np.linalg.solve(H, gradient)
-        draws.append(problem.parameters.mixing @ coordinates)
-    table = np.array(draws)
+    rng, count = np.random.default_rng(seed), len(problem)
+    weights = (np.bincount(rng.integers(0, count, count), minlength=count).astype(float) for _ in range(_DRAWS))
+    table = np.array([problem.parameters.mixing @ one for one in reweighted(problem, nodes, free, noise, weights)])
     low, high = np.quantile(table, _TAILS, axis=0)
     return Spread(table.mean(axis=0), np.atleast_2d(np.cov(table.T)), low, high)
+
+
+def reweighted(
+    problem: Problem, nodes: Sequence[Node], free: Sequence[int], noise: NoiseShare, weights: Iterable[Array]
+) -> Iterator[Array]:
+    """Coordinates (p,) that windows of other weights (windows,) would have given: the best node, one step on."""
+    index, prior = list(free), problem.parameters.prior_information
+    losses = np.array([node.point.losses - noise.losses(node.point.coordinates) for node in nodes])
+    pulls = [node.reduced.gradient - noise.pull(node.point.coordinates, index) for node in nodes]
+    for weight in weights:
+        best = int(np.argmin(losses @ weight))
+        coordinates = nodes[best].point.coordinates.copy()
+        H = np.einsum("w,wij->ij", weight, nodes[best].reduced.matrices) + prior[np.ix_(index, index)]
+        if index:
+            coordinates[index] -= np.linalg.solve(H, weight @ pulls[best] + (prior @ coordinates)[index])
+        yield coordinates
