@@ -22,7 +22,7 @@ setup-run:
 demo: setup-run ## plan, simulate, record, replay and plot the paper's trajectory (ARGS=... for options)
 	@$(PY) -m artibot_sim.cli demo $(ARGS)
 
-test: setup lint types ## everything: lint, types, and all tests (ARGS="-k planner" for some of them)
+test: setup lint ## everything: lint, types, and all tests (ARGS="-k planner" for some of them)
 	@scripts/test.sh $(PY) $(ARGS)
 
 lint: setup ## ruff: rules and format

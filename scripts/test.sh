@@ -1,15 +1,21 @@
 #!/usr/bin/env bash
-# All tests in two parts: first those that watch the clock and mostly wait, two files at a time, and beside them, with
-# what they leave of the processors, those on a kernel with CAN, if that is emulated, for then its clock waits for them;
-# after that the rest, three files at a time, for they wait for processes of their own. The summaries come last.
-# With arguments they are pytest's, and it is one part.
+# Types and all tests in two rows: in front those that watch the clock and mostly wait, two files at a time; behind, with
+# what they leave of the processors, the types, the tests on a kernel with CAN, if that is emulated, for then its clock
+# waits for them, and then all others, three files at a time, for some wait for processes of their own. The summaries
+# come last.
+# With arguments they are pytest's, and it is one row.
 #
 #   scripts/test.sh PYTHON [PYTEST-ARGUMENT …]
 set -uo pipefail
 python=$1
 shift
-[ $# -eq 0 ] || exec "$python" -m pytest "$@"
+if [ $# -gt 0 ]; then
+  "$python" -m mypy && exec "$python" -m pytest "$@"
+  exit 1
+fi
 
+# Whole files to each process, those that take longest first (test/conftest.py): none is left alone with one at the end.
+files=(--dist loadfile --no-loadscope-reorder)
 waiting=(test/nodes test/test_demo.py test/test_launch.py test/driver/test_safety_loopback.py)
 can=(test/can)
 rest=("${waiting[@]/#/--ignore=}" "${can[@]/#/--ignore=}")
@@ -19,13 +25,31 @@ if [ -e /sys/class/net/vcan0 ]; then
 fi
 
 reports=$(mktemp -d)
-trap 'kill $(jobs -p) 2>/dev/null; rm -rf "$reports"' EXIT
-failed=0
+trap 'kill $(jobs -p) 2>/dev/null; kill -- "-$(cat "$reports/session")" 2>/dev/null; rm -rf "$reports"' EXIT
 
-[ ${#can[@]} = 0 ] || nice -n 19 "$python" -m pytest "${can[@]}" >"$reports/can" 2>&1 &
-"$python" -m pytest -n 2 --dist loadfile "${waiting[@]}" 2>&1 | tee "$reports/waiting" || failed=$?
-nice -n 19 "$python" -m pytest -n 3 --dist loadfile "${rest[@]}" 2>&1 | tee "$reports/rest" || failed=$?
-wait $! || failed=$?
+# To the kernel a session is a group of processes: within one, nice says who is preferred, and beside others, autogroup.
+quietly() {
+  setsid --wait bash -c 'echo $$ >"$0"; { echo 19 >/proc/self/autogroup; } 2>/dev/null; exec nice -n 19 "$@"' \
+    "$reports/session" "$@"
+}
+
+behind() {
+  local failed=0
+  quietly "$python" -m mypy >"$reports/types" 2>&1 || failed=1
+  [ ${#can[@]} = 0 ] || quietly "$python" -m pytest "${can[@]}" >"$reports/can" 2>&1 || failed=1
+  quietly "$python" -m pytest -n 3 "${files[@]}" "${rest[@]}" >"$reports/rest" 2>&1 || failed=1
+  return "$failed"
+}
+
+touch "$reports"/{rest,session}
+failed=0
+behind &
+row=$!
+"$python" -m pytest -n 2 "${files[@]}" "${waiting[@]}" 2>&1 | tee "$reports/waiting" || failed=1
+tail -f -n +1 -s 0.2 --pid="$row" "$reports/rest" &
+wait "$row" || failed=1
+wait # for tail, which ends by itself once all is shown
 [ ! -e "$reports/can" ] || cat "$reports/can"
+cat "$reports/types"
 grep -hE '^=+ .* in [0-9.]+s' "$reports"/*
 exit "$failed"

@@ -19,6 +19,36 @@ if TYPE_CHECKING:
 settings.register_profile("artibot", deadline=None, max_examples=40)
 settings.load_profile("artibot")
 
+LONGEST = (
+    "test_demo.py",
+    "nodes/test_driver_node.py",
+    "nodes/test_sim_services.py",
+    "driver/test_safety_loopback.py",
+    "nodes/test_closed_loop.py",
+    "nodes/test_record.py",
+    "nodes/test_replay.py",
+    "diagnose/test_hidden_slice.py",
+    "diagnose/test_elsewhere.py",
+    "diagnose/test_run.py",
+    "diagnose/test_unexplained.py",
+    "diagnose/test_command_view.py",
+    "diagnose/test_tyre_relaxation.py",
+    "diagnose/test_handbook.py",
+    "model/test_batch.py",
+    "model/test_effects.py",
+    "model/test_lanes.py",
+    "experiment/test_kill.py",
+    "test_install.py",
+)
+"""Files whose tests take longest together, in `test`."""
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Where files are shared out among processes the longest come first, so that none is left over at the end."""
+    if hasattr(config, "workerinput"):
+        rank = {Path(__file__).parent / name: place for place, name in enumerate(LONGEST)}
+        items.sort(key=lambda item: rank.get(item.path, len(rank)))
+
 
 @pytest.fixture
 def ros_domain(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:

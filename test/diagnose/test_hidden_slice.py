@@ -1,6 +1,6 @@
 """Hidden effects found in real bags by the command: a slice of the campaign that a test run has time for.
 
-Beside it stand tyre_relaxation (test_tyre_relaxation.py) and what others recorded (test_run.py).
+Beside it stand tyre_relaxation (test_tyre_relaxation.py) and what others recorded (test_elsewhere.py).
 """
 
 from __future__ import annotations
