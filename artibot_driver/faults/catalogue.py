@@ -41,6 +41,8 @@ class Fault:
         The same as `within` for the drive concerned, where it is left to itself, s.
     held : float
         By so much later the rover may be at rest, s.
+    silent : bool
+        Whether the driver says nothing for so long that another one may lead the drives: at its end it has to listen.
     group : str
         Under which name it is summed up, where not under its own.
     """
@@ -53,6 +55,7 @@ class Fault:
     reasons: tuple[Reason, ...]
     own: float = 0.0
     held: float = 0.0
+    silent: bool = False
     group: str = ""
 
 
@@ -230,10 +233,10 @@ CATALOGUE: Final = (
     Fault("lasting drive fault", _fail_for_long, _mend_drive, True, ON_THE_BUS, (_R.DRIVE_FAULT,)),
     Fault("emergency message", _emergency, _nothing, True, ON_THE_BUS, (_R.DRIVE_FAULT,)),
     Fault("driver hangs", _hang, _wake, True, BY_THE_DRIVES, (_R.OVERRUN,)),
-    Fault("driver killed", _hang, _replace_driver, True, BY_THE_DRIVES, ()),
-    Fault("bus down", _down, _up, True, BY_THE_DRIVES, (_R.BUS_LOST, _R.CANNOT_SEND)),
-    Fault("bus-off", _off, _on, True, BY_THE_DRIVES, (_R.BUS_LOST, _R.CANNOT_SEND)),
-    Fault("bus flooded", _flood, _end_flood, True, ON_THE_BUS, (_R.BUS_OVERLOADED, *_DRIVE)),
+    Fault("driver killed", _hang, _replace_driver, True, BY_THE_DRIVES, (), silent=True),
+    Fault("bus down", _down, _up, True, BY_THE_DRIVES, (_R.BUS_LOST, _R.CANNOT_SEND), silent=True),
+    Fault("bus-off", _off, _on, True, BY_THE_DRIVES, (_R.BUS_LOST, _R.CANNOT_SEND), silent=True),
+    Fault("bus flooded", _flood, _end_flood, True, ON_THE_BUS, (_R.BUS_OVERLOADED, _R.CANNOT_SEND, *_DRIVE)),
     Fault("somebody stops all nodes", _stop_nodes, _nothing, True, ON_THE_BUS, _DRIVE),
     Fault("somebody resets a node", _reset_node, _nothing, True, ON_THE_BUS, _DRIVE),
     Fault("second driver", _second_driver, _nothing, True, ON_THE_BUS, (_R.SECOND_DRIVER,)),

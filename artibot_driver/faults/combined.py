@@ -64,5 +64,6 @@ def briefly(fault: Fault, time: float) -> Fault:
         stops=False,
         reasons=(),
         held=HELD,
+        silent=False,
         group=BRIEFLY,
     )

@@ -173,6 +173,8 @@ class Trial:
         self.outcome.rejoined = 1e-9 * (world.now - begin)
         self.expect(world.last.status.phase in resting, f"is still {world.last.status.phase.name}")
         self.expect(self.outcome.rejoined <= REJOIN, f"took {self.outcome.rejoined:.2f} s to be back")
+        phases = {sample.cycle.status.phase for sample in world.trace[mark:] if sample.cycle}
+        self.expect(Phase.LISTENING in phases or not fault.silent, "did not listen before it spoke again")
         world.run(0.2)
         if fault.reasons and fault.stops:
             kept, known = world.last.status.stop, self.outcome.reason

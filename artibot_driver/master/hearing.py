@@ -61,6 +61,8 @@ class Hearing:
     ----------
     alone : bool
         Whether no other driver was heard for long enough to speak.
+    leads : bool
+        Whether its first word since then has gone out, and no other driver has answered it.
     """
 
     def __init__(self, rig: Rig, links: Sequence[Link], tally: Counter[str], chance: Chance = no_chance) -> None:
@@ -70,6 +72,7 @@ class Hearing:
         self._second: tuple[int, str] | None = None
         self._least = max(LISTEN_TIME, round(1e9 * rig.config.driver_timeout) + LONGER_THAN_DRIVES)
         self._chance = chance
+        self.alone = self.leads = self._led = False
         self._other: tuple[int, str] | None
         self._quiet_since: int | None
         self.begin()
@@ -116,17 +119,19 @@ class Hearing:
     def _note_other(self, what: str, now: int) -> None:
         """Somebody else leads drives; what was heard of it first is kept."""
         self._other = (now, self._other[1] if self._other else what)
+        self.leads = self.leads and self._led
 
     def trouble(self, now: int) -> Iterator[Stop]:
         """That there is a second driver on the bus."""
         if self._second is not None and now - self._second[0] < SECOND_DRIVER_TIME:
             yield Stop(Reason.SECOND_DRIVER, f"somebody else commands the drives: heard {self._second[1]}", now)
 
-    # Before the first word.
+    # Before the first word, and the first after a silence.
 
     def begin(self) -> None:
         """Listen whether somebody else leads the drives, which are to be set up anew."""
-        self.alone = self._led = False
+        self.alone = self.leads = self._led = False
+        self._spoke = 0
         self._other = self._quiet_since = None
         self._patience = self._least + round(self._chance() * SPREAD)
         for link in self._links.values():
@@ -150,6 +155,21 @@ class Hearing:
             self._quiet_since = max(self._quiet_since, self._other[0] if self._other else 0)
             if now - self._quiet_since >= self._patience:
                 self.alone, self._other, self._second = True, None, None
+                self._spoke = now
+
+    def spoke(self, now: int, heard: bool) -> None:
+        """A cycle has said what it had to say; `heard` where the bus has taken something of it."""
+        if heard:
+            self.leads, self._spoke = True, now
+
+    def resume(self, now: int) -> None:
+        """Listen again after a silence of one's own, before anything that came in it is read.
+
+        Whatever the reason (a bus that is down or takes no frames, a loop that was held up): after so long no drive
+        follows any more, and another driver may have begun to lead them. Before that nobody else has begun.
+        """
+        if self.alone and now - self._spoke >= self._least:
+            self.begin()
 
     @property
     def rival(self) -> str:

@@ -104,11 +104,11 @@ class Master:
 
     def poll(self, now_ns: int) -> None:
         """Read what has come and go on with setting up, without set-points and SYNC."""
+        self._hearing.resume(now_ns)
         for message in self._traffic.read():
             self._hearing.take(message, now_ns, self._sync)
-        if self._hearing.alone:
-            self._polls += 1
-            setups = [link.setup for link in self._links]
+        if self._hearing.leads:
+            self._polls, setups = self._polls + 1, [link.setup for link in self._links]
             self._traffic.send(setup.due(setups, now_ns, self._rig.requests_a_cycle, self._polls))
 
     def cycle(self, now_ns: int, setpoints: Setpoints | None) -> Cycle:
@@ -121,8 +121,7 @@ class Master:
         setpoints : Setpoints or None
             What the rover is to do; None where nobody rules.
         """
-        last = now_ns if self._last is None else self._last
-        self._last = now_ns
+        last, self._last = now_ns if self._last is None else self._last, now_ns
         self.poll(now_ns)
         self._bus_state = self._traffic.look(now_ns, HEALTH_PERIOD)
         self._hearing.listen(now_ns, self._bus_state.carries_frames, self._phase in (Phase.READY, Phase.LOCKED))
@@ -142,7 +141,7 @@ class Master:
         frames = [frame for link in self._links for frame in link.frames(State.SWITCH_ON_DISABLED, 0, 0, False)]
         frames.append(self._rig.codec.sync())
         frames += [nmt(NmtCommand.RESET_COMMUNICATION, link.node) for link in self._links]
-        if self._hearing.alone:  # one that only listened leaves the drives to whoever leads them
+        if self._hearing.leads:  # one that only listened leaves the drives to whoever leads them
             self._traffic.send(frames)
         self._phase, self._armed, self._following = Phase.CONFIGURING, None, False
         for link in self._links:
@@ -221,7 +220,7 @@ class Master:
         since = None if self._released is None else now - self._released
         return Facts(
             carries=self._bus_state.carries_frames,
-            alone=self._hearing.alone,
+            alone=self._hearing.leads,
             complete=len(heard) == len(self._links),
             faulted=any(link.in_fault for link in running),
             enable=enable,
@@ -268,7 +267,8 @@ class Master:
         return State.OPERATION_ENABLED if powered else State.SWITCH_ON_DISABLED
 
     def _send(self, now: int, sent: Integers) -> None:
-        if not self._hearing.alone:
+        if not self._hearing.leads:  # its first word moves nothing, and stops no other driver
+            self._hearing.spoke(now, self._traffic.send([self._rig.codec.sync()] * self._hearing.alone))
             return
         reset = not self._phase.moves and now < self._reset_until
         targets = ((sent.velocity[0], 0), (sent.velocity[1], 0), (0, sent.torque[0]), (0, sent.torque[1]))
@@ -281,7 +281,7 @@ class Master:
         if now >= self._beat_due:
             frames.append(heartbeat(self._config.driver_id, NmtState.OPERATIONAL))
             self._beat_due = now + round(1e9 * self._config.driver_period) - self._period // 2
-        self._traffic.send(frames)
+        self._hearing.spoke(now, self._traffic.send(frames))
         self._sync = now
 
     def _status(self, now: int) -> Status:

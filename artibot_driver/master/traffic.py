@@ -87,8 +87,16 @@ class Traffic:
         self.cut_short += 1
         self._tally["reads_cut_short"] += 1
 
-    def send(self, frames: list[Frame]) -> None:
-        """Send what a cycle has to say; `failed` counts the cycles in a row in which something could not be sent."""
+    def send(self, frames: list[Frame]) -> bool:
+        """Send what a cycle has to say; `failed` counts how often in a row something could not be sent.
+
+        Returns
+        -------
+        bool
+            Whether anything could, as far as is known of the bus.
+        """
+        if not frames:  # which says nothing of the bus
+            return False
         failures = 0
         for frame in frames:
             if self.bus.send(frame):
@@ -97,6 +105,7 @@ class Traffic:
                 failures += 1
         self._tally["not_sent"] += failures
         self.failed = self.failed + 1 if failures else 0
+        return failures < len(frames) and self._health.state.carries_frames
 
     def look(self, now: int, every: int) -> BusState:
         """The bus's state, asked for anew after `every` ns, or at once where sending fails."""

@@ -117,6 +117,14 @@ class Stubborn(Master):
         return State.OPERATION_ENABLED if powered else State.SWITCH_ON_DISABLED
 
 
+class Hasty(Master):
+    """A master that speaks again without listening."""
+
+    def poll(self, now_ns):  # type: ignore[no-untyped-def]
+        self._hearing.spoke(now_ns, self._hearing.alone)
+        super().poll(now_ns)
+
+
 @pytest.mark.parametrize(
     ("master", "fault", "complaint"),
     [
@@ -124,6 +132,7 @@ class Stubborn(Master):
         (Eager, BY_NAME["drive fault"], "moved on a command from before the enable"),
         (Abrupt, BY_NAME["emergency message"], "was not at rest"),
         (Stubborn, BY_NAME["drive lets go"], "was enabled again"),
+        (Hasty, BY_NAME["bus-off"], "did not listen"),
     ],
 )
 def test_a_trial_notices_a_driver_that_is_at_fault(master: type[Master], fault: Fault, complaint: str) -> None:

@@ -399,6 +399,17 @@ def test_a_flood_takes_no_more_than_its_share_of_a_cycle() -> None:
     assert w.master.cycle(w.now + w.period, None).status.counters["reads_cut_short"] == 2
 
 
+def test_frames_that_the_bus_does_not_take_are_a_reason_to_stop_before_the_drives_fall_silent() -> None:
+    w = Logged().enabled()
+    w.command = lambda now: Setpoints((40.0, 40.0), now)
+    w.run(0.2)
+    w.unreliable.send = lambda frame: False  # type: ignore[method-assign]
+    w.run(0.05)
+    stop = w.last.status.stop
+    assert stop is not None and stop.reason is Reason.CANNOT_SEND
+    assert w.last.status.phase is Phase.STOPPING
+
+
 def test_reading_ends_when_its_time_is_over_whatever_waits() -> None:
     now = [1_000_000_000]
 

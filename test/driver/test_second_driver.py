@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import random
 from collections import deque
+from collections.abc import Callable
 from itertools import pairwise
+from typing import NamedTuple
 
 import can
 import pytest
@@ -35,8 +37,9 @@ class Tap:
 
     def _heard(self, send):  # type: ignore[no-untyped-def]
         def also(frame: Frame) -> bool:
-            self.inbox.append(frame)
-            return send(frame)
+            sent = send(frame)
+            self.inbox.extend([frame] * sent)
+            return sent
 
         return also
 
@@ -78,6 +81,25 @@ def two() -> Two:
     return Two()
 
 
+class Silence(NamedTuple):
+    """How a driver comes to say nothing, and to speak again."""
+
+    begin: Callable[[VirtualWorld], object]
+    end: Callable[[VirtualWorld], object]
+
+
+SILENCES = {
+    "bus-off": Silence(VirtualWorld.bus_off, VirtualWorld.bus_on),
+    "hangs": Silence(lambda w: setattr(w, "hung", True), lambda w: setattr(w, "hung", False)),
+    "cannot send": Silence(lambda w: setattr(w.unreliable, "cut", True), lambda w: setattr(w.unreliable, "cut", False)),
+}
+
+
+@pytest.fixture(params=SILENCES)
+def silence(request: pytest.FixtureRequest) -> Silence:
+    return SILENCES[request.param]
+
+
 def test_the_second_says_nothing_and_the_first_drives_on(two: Two) -> None:
     status = two.run(1.0).status
     assert status.phase is Phase.LISTENING
@@ -105,6 +127,58 @@ def test_the_second_takes_over_once_the_drives_have_missed_the_first(two: Two) -
     assert two.run(1.5).status.phase is Phase.READY
     two.second.enable()
     assert two.run(1.0).status.phase is Phase.ENABLED
+
+
+def test_one_that_was_silent_leaves_the_drives_to_who_leads_them_now(two: Two, silence: Silence) -> None:
+    silence.begin(two.first)
+    assert two.run(2.0).status.phase is Phase.LOCKED
+    two.second.reset_fault()
+    assert two.run(1.5).status.phase is Phase.READY
+    two.second.enable()
+    assert two.run(0.5).status.phase is Phase.ENABLED
+    silence.end(two.first)
+    first = len(two.first.trace)
+    cycle = two.run(1.5)
+    assert cycle.status.phase is Phase.ENABLED
+    assert not cycle.status.counters["foreign_commands"]
+    assert cycle.status.counters["foreign_sync"] <= 1  # where it could not know that its first word would get through
+    status = two.first.last.status
+    assert status.phase is Phase.LISTENING
+    assert status.rival.startswith("somebody else leads the drives: heard ")
+    assert all({*sample.seen.state} == {State.OPERATION_ENABLED} for sample in two.first.trace[first:])
+
+
+def test_one_that_was_silent_for_long_listens_first_and_is_soon_back(silence: Silence) -> None:
+    w = VirtualWorld(RIG, random.Random(1))
+    assert w.run_until(Phase.READY, 3.0)
+    silence.begin(w)
+    w.run(5.0)
+    silence.end(w)
+    begin = w.now
+    assert w.run_until(Phase.LISTENING, 0.1)
+    assert w.run_until(Phase.LOCKED, 2.0 - 1e-9 * (w.now - begin))  # the drives have missed it
+
+
+def test_one_that_was_silent_for_less_than_others_listen_goes_on(silence: Silence) -> None:
+    w = VirtualWorld(RIG, random.Random(1))
+    assert w.run_until(Phase.READY, 3.0)
+    silence.begin(w)
+    w.run(1e-9 * LISTEN_TIME - 2e-9 * w.period)
+    silence.end(w)
+    first = len(w.trace)
+    w.run(0.5)
+    assert Phase.LISTENING not in {sample.cycle.status.phase for sample in w.trace[first:] if sample.cycle}
+
+
+def test_one_that_cannot_send_listens_without_end() -> None:
+    """A cable that is unplugged: the controller takes no frames any more, and says nothing of that."""
+    w = VirtualWorld(RIG, random.Random(1))
+    assert w.run_until(Phase.READY, 3.0)
+    w.unreliable.cut = True
+    w.run(1.0)
+    first = len(w.trace)
+    w.run(3.0)
+    assert {sample.cycle.status.phase for sample in w.trace[first:] if sample.cycle} == {Phase.LISTENING}
 
 
 @pytest.mark.parametrize(
