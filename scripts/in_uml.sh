@@ -9,6 +9,7 @@
 # programs behave, not how fast they are. -r 10 has the kernel preferred to all ordinary processes, where that is allowed.
 # The command sees the same files, working directory and environment; its output goes to standard output, and its
 # status is this script's. Status 125: the kernel did not come so far; what it said is on standard error.
+# It stays on one processor, which one is left to chance: its processes hand over to each other at every system call.
 # Needs Debian's packages user-mode-linux, kmod and iproute2, and a C compiler for -s. One CPU; no network but the loopback.
 set -euo pipefail
 
@@ -20,7 +21,7 @@ while getopts m:r:s: option; do
     m) memory=$OPTARG ;;
     s) slowness=$OPTARG ;;
     r) chrt -f "$OPTARG" true 2>/dev/null && preferred=(chrt -f "$OPTARG") ;;
-    *) sed -n '2,14s/^# \{0,1\}//p' "$0" >&2; exit 125 ;;
+    *) sed -n '2,15s/^# \{0,1\}//p' "$0" >&2; exit 125 ;;
   esac
 done
 shift $((OPTIND - 1))
@@ -36,6 +37,10 @@ work=$(mktemp -d)
 machine=
 trap '[ -z "$machine" ] || kill "$machine" 2>/dev/null || true; rm -rf "$work"' EXIT
 trap 'exit 130' INT TERM
+
+pinned=()
+core=$((RANDOM % $(nproc)))
+taskset -c "$core" true 2>/dev/null && pinned=(taskset -c "$core")
 
 clock=()
 if [ -n "$slowness" ]; then
@@ -77,7 +82,7 @@ chmod +x "$work/init"
 
 # The command writes to a file, shown as it grows: the kernel's console would mix in lines of its own. What would be
 # timed at boot for the sake of file systems on RAID is left out.
-"${preferred[@]}" "${clock[@]}" setpriv --pdeathsig KILL \
+"${pinned[@]}" "${preferred[@]}" "${clock[@]}" setpriv --pdeathsig KILL \
   "$kernel" "mem=$memory" root=/dev/root rootfstype=hostfs rootflags=/ rw init="$work/init" \
   initcall_blacklist=raid6_select_algo,calibrate_xor_blocks con=null con0=fd:0,fd:1 quiet </dev/null >"$work/console" 2>&1 &
 machine=$!
