@@ -90,6 +90,10 @@ class Rig:
         yield Setting(0x608F, 2, 1, False)
         yield Setting(0x607E, 0, 0, False)  # the sign is turned here, not a second time in the drive
         yield Setting(0x60A9, 0, si_unit_velocity(scale.velocity_exponent), False)
+        for ratio in (0x6091, 0x6096):  # gear ratio, velocity factor: a drive that has them reckons with them, too
+            yield Setting(ratio, 1, 1, False)
+            yield Setting(ratio, 2, 1, False)
+        yield Setting(0x1019, 0, 0, False)  # SYNC without a counter
 
     def _communication(self, motor: str) -> Iterator[Setting]:
         config, node = self.config, self.config.node_ids[motor]

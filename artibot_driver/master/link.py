@@ -46,6 +46,7 @@ class Heard:
     nmt: NmtState | None = None
     feedback_ns: int | None = None
     sampled_ns: int | None = None
+    position_ns: int | None = None
     objects: dict[int, int] = field(default_factory=dict)
     emergency: Emcy | None = None
     odd: int = 0
@@ -104,6 +105,7 @@ class Link:
             self.heard.feedback_ns, self.heard.sampled_ns = now, sampled
             self.setup.started()
         if POSITION in indices:
+            self.heard.position_ns = now
             self._count_on(self.heard.objects[POSITION])
 
     def _count_on(self, raw: int) -> None:
@@ -190,9 +192,14 @@ class Link:
             return emergency.text
         return error_text(code) if code else "no error code"
 
-    def position(self) -> float:
-        """Turn since it was first heard, rad; NaN before."""
-        return math.nan if self._total is None else self.scaling.position.si(self._total - self._origin)
+    def position(self, now: int, timeout: float) -> float:
+        """Turn since it was first heard, rad; NaN before, and once it has not been told for `timeout` seconds.
+
+        It may come in another PDO than the statusword, and be lost alone.
+        """
+        if self._total is None or _age(self.heard.position_ns, now) > timeout:
+            return math.nan
+        return self.scaling.position.si(self._total - self._origin)
 
     def quantity(self, index: int) -> float:
         """Velocity (606Ch) or torque (6077h) actual value, SI; NaN before it was heard."""

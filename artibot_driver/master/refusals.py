@@ -16,6 +16,9 @@ _MENDS: Final = {
     0x6076: "put the motor's rated torque into the robot file (drive.{module}.rated_torque), or into the drive",
     0x608F: "set counts_per_turn.{module} to the encoder's increments, or commission the drive anew",
     0x607E: "set it to {expected} in the drive: the motors' polarity belongs into the robot file",
+    0x1019: "set it to {expected} in the drive: the driver's SYNC has no counter",
+    0x6091: "set it to {expected} in the drive: gears belong into the robot file (drive.{module}.tau)",
+    0x6096: "set it to {expected} in the drive: its unit of velocity is the parameter velocity_exponent",
     0x60A9: "set velocity_exponent to the drive's, or its unit of velocity to {expected:#x}",
 }
 _SWAPPED = "are two node ids swapped (node_ids.*)? "

@@ -21,7 +21,7 @@ def feedback(links: Sequence[Link], now: int, config: DriverConfig) -> Feedback:
 
     one, two, three, last = (each.heard.sampled_ns if there else None for each, there in zip(links, known, strict=True))
     return Feedback(
-        four([each.position() for each in links]),
+        four([each.position(now, config.drive_timeout) for each in links]),
         four([each.quantity(VELOCITY) for each in links]),
         four([each.quantity(TORQUE) for each in links]),
         (one, two, three, last),

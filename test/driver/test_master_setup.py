@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import random
+import re
+from pathlib import Path
 
 import pytest
 
@@ -14,6 +16,7 @@ from artibot_driver.frames import Frame, NmtState
 from artibot_driver.master import Phase, Reason, Setpoints, Stage
 from artibot_driver.rig import load_rig
 from artibot_sim.model import MOTORS
+from artibot_sim.resources import config_path
 
 
 def world(seed: int = 1, **given: object) -> VirtualWorld:
@@ -189,6 +192,59 @@ def test_a_silent_drive_s_feedback_is_not_known() -> None:
     assert math.isnan(feedback.velocity[3])
     assert feedback.stamp_ns[3] is None
     assert not any(math.isnan(feedback.velocity[k]) for k in range(3))
+
+
+def test_a_position_that_is_told_no_more_is_not_known_though_all_else_is() -> None:
+    w = driving()
+    receive = w.unreliable.receive
+    lost = w.rig.codec.maps["TPDO2"].id_of(w.rig.codec.nodes["front_left"])
+
+    def without_it(timeout: float = 0.0):  # type: ignore[no-untyped-def]
+        message = receive(timeout)
+        return without_it(timeout) if message is not None and message.arbitration_id == lost else message
+
+    w.unreliable.receive = without_it  # type: ignore[method-assign]
+    w.run(0.3)
+    feedback = w.last.feedback
+    assert [math.isnan(position) for position in feedback.position] == [False, True, False, False]
+    assert not any(map(math.isnan, feedback.velocity))
+    w.unreliable.receive = receive  # type: ignore[method-assign]
+    w.run(0.02)
+    assert not any(map(math.isnan, w.last.feedback.position))
+
+
+RATIO = """
+[{index}]
+ParameterName=A ratio
+ObjectType=0x8
+SubNumber=3
+"""
+PART = """
+[{index}sub{k}]
+ParameterName=A part
+ObjectType=0x7
+DataType=0x0007
+AccessType=rw
+DefaultValue={value}
+PDOMapping=0
+"""
+
+
+@pytest.mark.parametrize(
+    ("index", "said"), [("6091", r"found 10, expected 1; .*drive.back.tau"), ("6096", "velocity_exponent")]
+)
+def test_a_drive_that_reckons_with_a_ratio_of_its_own_is_refused(tmp_path: Path, index: str, said: str) -> None:
+    own = RATIO.format(index=index) + "".join(PART.format(index=index, k=k, value=1 + (k == 0)) for k in range(3))
+    eds = tmp_path / "other.eds"
+    eds.write_text(config_path("eds", "drive").read_text(encoding="utf-8") + own, encoding="utf-8")
+    w = world(eds=str(eds))
+    assert w.run_until(Phase.READY, 2.0)
+    w = world(eds=str(eds))
+    w.run(0.01)
+    w.crew.drives["back_left"].objects.values[int(index, 16), 1] = 10
+    w.run(1.0)
+    assert w.last.status.phase is Phase.CONFIGURING
+    assert re.search(said, w.last.status.refusal)
 
 
 def test_answers_that_nobody_asked_for_change_nothing() -> None:
