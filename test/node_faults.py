@@ -15,7 +15,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ from artibot_driver.frames import Emcy
 from artibot_driver.pdo import Pdo
 from artibot_driver.rig import load_rig
 from artibot_driver.simulated.node import HEARTBEAT_LOST
-from ros_helpers import NodeProcess, NodeStarter
+from ros_helpers import NodeProcess, NodeStarter, ros_processes
 
 TRIALS = int(os.environ.get("ARTIBOT_TRIALS", "1"))
 SEED = int(os.environ.get("ARTIBOT_SEED", secrets.randbits(31)))
@@ -71,6 +71,8 @@ class Rover:
     ----------
     held_up : float
         Longest wait that the watchdog has seen in this trial, s.
+    said : int
+        Characters that the driver had printed when the trial began.
     """
 
     place: Place
@@ -84,6 +86,12 @@ class Rover:
     reactions: list[float] = field(default_factory=list)
     void: int = 0
     held_up: float = 0.0
+    said: int = 0
+
+    @property
+    def news(self) -> str:
+        """What the driver has printed in this trial."""
+        return self.driver.output[self.said :]
 
     def enable(self) -> None:
         """Whatever the last trial has left: disabled drives without a fault, then enabled."""
@@ -140,9 +148,9 @@ class Rover:
         pytest.fail(f"this machine is too busy: {HELD_UP} planners were not followed")
 
     def begin(self) -> None:
-        """From now on it counts who has to wait."""
+        """From now on it counts who has to wait, and what is said."""
         self.watchdog.longest()
-        self.held_up = 0.0
+        self.held_up, self.said = 0.0, len(self.driver.output)
 
     def stall(self) -> Stall:
         """The longest wait since this was asked last."""
@@ -187,7 +195,7 @@ class Rover:
         probe.spin(max(0.0, rest - time.monotonic()))
         self.check_rest()
         probe.until(lambda: any(map(probe.is_stopped_by, reasons)), f"{reasons} in /diagnostics", 5.0)
-        assert probe.part("driver")["message"].removeprefix("stopped: ") in self.driver.output
+        assert probe.part("driver")["message"].removeprefix("stopped: ") in self.news
         later = time.monotonic()
         probe.repeat(fresh, 0.3)
         assert all(word != ENABLED_WORD for *_, word in self.commands(later)), "enabled without being asked to"
@@ -246,23 +254,31 @@ def start_driver(start_node: NodeStarter, place: Place) -> NodeProcess:
     return start_node("driver", "--interface", place[0], "--channel", place[1], *parameters)
 
 
+@contextlib.contextmanager
+def running_rover(place: Place, folder: Path) -> Iterator[Rover]:
+    """A rover whose drives are set up: for several tests, for it takes long to start; its files go into `folder`."""
+    with contextlib.ExitStack() as stack:
+        start_node, context = stack.enter_context(ros_processes("faults", folder))
+        driver = start_driver(start_node, place)
+        watched = stack.enter_context(Watchdog(watchdog.WATCHING if PRIORITY else 0))
+        drives = stack.enter_context(drives_on(*place))
+        sniffer = stack.enter_context(Sniffer(*place, LOOKED_AT))
+        stack.enter_context(prompt())
+        probe = DriverProbe(context, ["motor_torques"])
+        probe.until(lambda: probe.got["motor_torques"] != [] or not driver.running, "the driver's topics", 120.0)
+        assert driver.running, driver.output
+        probe.listened()
+        yield Rover(place, start_node, probe, drives, sniffer, driver, watched, random.Random(SEED))
+
+
 class NodeFaults:
-    """The suite: derive, and give a fixture `place`."""
+    """The suite: derive, and give a fixture `running` with one rover for all tests."""
 
     @pytest.fixture
-    def rover(self, place: Place, start_node: NodeStarter, ros_context: Any) -> Iterator[Rover]:
-        """A rover whose drives are set up."""
-        driver = start_driver(start_node, place)
-        with contextlib.ExitStack() as stack:
-            watched = stack.enter_context(Watchdog(watchdog.WATCHING if PRIORITY else 0))
-            drives = stack.enter_context(drives_on(*place))
-            sniffer = stack.enter_context(Sniffer(*place, LOOKED_AT))
-            stack.enter_context(prompt())
-            probe = DriverProbe(ros_context, ["motor_torques"])
-            probe.until(lambda: probe.got["motor_torques"] != [] or not driver.running, "the driver's topics", 120.0)
-            assert driver.running, driver.output
-            probe.listened()
-            yield Rover(place, start_node, probe, drives, sniffer, driver, watched, random.Random(SEED))
+    def rover(self, running: Rover) -> Rover:
+        """It, without trials."""
+        running.reactions, running.void, running.rng = [], 0, random.Random(SEED)
+        return running
 
     def test_command_silence(self, rover: Rover) -> None:
         for source in rover.sources():
@@ -283,7 +299,7 @@ class NodeFaults:
             began = time.monotonic()
             rover.probe.repeat(bad, 0.3)
             rover.note(rover.reaction(began, told), REACTION)
-            assert "refused: " in rover.driver.output
+            assert "refused: " in rover.news
             rover.check_stop(began, {"INVALID_COMMAND", "COMMAND_SILENCE"}, send, max(map(abs, told.values())))
         rover.report("commands not a number or out of range")
 

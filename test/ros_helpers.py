@@ -215,3 +215,18 @@ def rclpy_context(domain: int) -> Iterator[Context]:
         yield context
     finally:
         rclpy.try_shutdown(context=context)
+
+
+@contextlib.contextmanager
+def ros_processes(name: str, folder: Path) -> Iterator[tuple[NodeStarter, Context]]:
+    """What the fixtures `start_node` and `ros_context` give, for several tests together that `name` stands for."""
+    with reserved_domain(name) as domain, pytest.MonkeyPatch.context() as patch:
+        environment = ros_environment(domain, folder / "ros_log")
+        for key, value in environment.items():
+            patch.setenv(key, value)
+        starter = NodeStarter(folder, environment)
+        try:
+            with rclpy_context(domain) as context:
+                yield starter, context
+        finally:
+            starter.end()

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import pytest
-from node_faults import NodeFaults, Place
+from node_faults import NodeFaults, Rover, running_rover
 
 
-@pytest.fixture
-def place() -> Place:
-    return "socketcan", "vcan0"
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rover]:
+    with running_rover(("socketcan", "vcan0"), tmp_path_factory.mktemp("faults")) as rover:
+        yield rover
 
 
 class TestVcan(NodeFaults):

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from node_faults import NodeFaults, Place
+from node_faults import NodeFaults, Rover, running_rover
 
 from artibot_driver.loopback import loopback_bus
 
 
-@pytest.fixture
-def place() -> Iterator[Place]:
-    with loopback_bus() as channel:
-        yield "remote", channel
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rover]:
+    folder = tmp_path_factory.mktemp("faults")
+    with loopback_bus() as channel, running_rover(("remote", channel), folder) as rover:
+        yield rover
 
 
 class TestLoopback(NodeFaults):
