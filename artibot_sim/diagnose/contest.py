@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from artibot_sim.cluster import map_tasks
 from artibot_sim.diagnose.hypotheses import without_last
 from artibot_sim.diagnose.patches import refined
-from artibot_sim.diagnose.screen import Trial
+from artibot_sim.diagnose.screen import Around, Trial
 from artibot_sim.diagnose.valley import walked
 from artibot_sim.identify.gauss_newton import Point, again, evaluate, polished, step
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss
-from artibot_sim.identify.search import SCAN, Fit, awake, free_parameters, scan, settle
+from artibot_sim.identify.search import Fit, awake, free_parameters, settle, sounded
+from artibot_sim.identify.side_by_side import all_side_by_side
 
 Array = NDArray[np.float64]
 Tick = Callable[[], None]
@@ -46,6 +47,8 @@ class Rounds:
         Along an effect's valley, at most, as long as each gains what `worth` says.
     worth : float
         Nats that an effect has to gain in the screen to be fitted at all.
+    plain : float
+        Nats between two fits that no further steps make up for.
     scheduler : str, optional
         Address of a Dask scheduler whose workers fit one effect each.
     """
@@ -58,6 +61,7 @@ class Rounds:
     many: int = 8
     walks: int = 2
     worth: float = 12.0
+    plain: float = 1000.0
     scheduler: str | None = None
 
     def through(self, number: int, gains: Sequence[float]) -> int:
@@ -99,7 +103,7 @@ class Rival:
 def contest(
     trials: Sequence[Trial], baseline: float, loss: Loss, rounds: Rounds, tick: Tick = lambda: None
 ) -> list[Rival]:
-    """The best hypotheses, each fitted with the soil and the starts; the least cost first.
+    """The best hypotheses, each fitted with the soil and the starts by a few steps; the least cost first.
 
     Parameters
     ----------
@@ -111,20 +115,38 @@ def contest(
         The baseline's.
     rounds : Rounds
     """
+    workers = trials[0].problem.workers if trials else None
     worthy = [trial for trial in trials if 0.5 * (baseline - trial.point.cost) > rounds.worth]
-    begun = _all(_begun, _through(worthy, 0, baseline, rounds), loss, rounds, tick)
+    begun = _all(_begun, _through(worthy, 0, baseline, rounds), loss, rounds, tick, workers)
     tried = _through(_one_each(sorted(begun, key=lambda t: t.point.cost)), 1, baseline, rounds)
-    fitted = sorted(_all(_fitted, tried, loss, rounds, tick), key=lambda rival: rival.fit.point.cost)
-    number = rounds.through(2, [baseline - rival.fit.point.cost for rival in fitted])
-    return sorted(_all(_finished, fitted[:number], loss, rounds, tick), key=lambda rival: rival.fit.point.cost)
+    fitted = sorted(_all(_fitted, tried, loss, rounds, tick, workers), key=lambda rival: rival.fit.point.cost)
+    return fitted[: rounds.through(2, [baseline - rival.fit.point.cost for rival in fitted])]
+
+
+def finished(
+    base: Around, rivals: Sequence[Rival], rounds: Rounds, tick: Tick = lambda: None
+) -> tuple[Fit, list[Rival]]:
+    """The baseline and the rivals fitted to the end, all with the same effort; the least cost first."""
+    begun = [(base.problem, base.point), *((rival.problem, rival.fit.point) for rival in rivals)]
+    best, *fits = _all(_settled, begun, base.loss, rounds, tick, base.problem.workers)
+    found = [replace(rival, fit=fit) for rival, fit in zip(rivals, fits, strict=True)]
+    return best, sorted(found, key=lambda rival: rival.fit.point.cost)
 
 
 def _all(
-    do: Callable[[Loss, Rounds, Item], Result], items: Sequence[Item], loss: Loss, rounds: Rounds, tick: Tick
+    do: Callable[[Loss, Rounds, Item], Result],
+    items: Sequence[Item],
+    loss: Loss,
+    rounds: Rounds,
+    tick: Tick,
+    workers: int | None,
 ) -> list[Result]:
     """What `do` makes of each, in their order; on a cluster where the rounds name one."""
+    one = partial(do, loss, rounds)
+    if rounds.scheduler is None:
+        return all_side_by_side(one, items, workers, tick)
     found = {}
-    for number, result in map_tasks(partial(do, loss, rounds), items, workers=1, scheduler=rounds.scheduler):
+    for number, result in map_tasks(one, items, scheduler=rounds.scheduler):
         found[number] = result
         tick()
     return [found[number] for number in range(len(items))]
@@ -146,8 +168,8 @@ def _fitted(loss: Loss, rounds: Rounds, trial: Trial) -> Rival:
     return Rival(trial, settle(trial.problem, trial.point, loss, rounds.few))
 
 
-def _finished(loss: Loss, rounds: Rounds, rival: Rival) -> Rival:
-    return replace(rival, fit=settled(rival.problem, rival.fit.point, loss, rounds))
+def _settled(loss: Loss, rounds: Rounds, begun: tuple[Problem, Point]) -> Fit:
+    return settled(*begun, loss, rounds)
 
 
 def _begun(loss: Loss, rounds: Rounds, trial: Trial) -> Trial:
@@ -155,7 +177,7 @@ def _begun(loss: Loss, rounds: Rounds, trial: Trial) -> Trial:
     free, damping = free_parameters(trial.problem), 1e-3
     for _ in range(2):
         trial = refined(trial, loss)
-        point = scan(trial.problem, loss, trial.point, SCAN)
+        point = sounded(trial.problem, loss, trial.point)
         point, _, damping = step(trial.problem, loss, point, free, damping)
         trial = replace(trial, point=point)
     return refined(trial, loss)
@@ -176,12 +198,21 @@ def settled(problem: Problem, point: Point, loss: Loss, rounds: Rounds) -> Fit:
     return settle(problem, fit.point, replace(loss, firm=True), rounds.few)
 
 
-def neutralised(rival: Rival, loss: Loss, rounds: Rounds) -> Fit:
-    """The baseline fitted from a rival's soil and starts, the rival's effect left out."""
+def neutralised(rival: Rival, best: Fit, loss: Loss, rounds: Rounds) -> Fit:
+    """The baseline fitted from a rival's soil and starts, the rival's effect left out.
+
+    To the end only if that may be better than the `best` baseline after some steps, or if the rival's evidence is not
+    so much that it does not matter.
+    """
     problem = without_last(rival.problem)
     size = len(rival.trial.hypothesis.extension)
     point = rival.fit.point
     begin = evaluate(problem, loss, [problem.parameters.inside(point.coordinates[:-size])], point.starts)[0]
+    if best.point.cost - point.cost > 2.0 * rounds.plain:
+        some = settle(problem, awake(problem, loss, begin), loss, rounds.few)
+        begin = some.point
+        if again(problem, best.loss, begin).cost > best.point.cost:
+            return best
     return settled(problem, begin, loss, rounds)
 
 
@@ -197,8 +228,8 @@ def adopted(problem: Problem, fit: Fit, other: Problem, theirs: Fit, rounds: Rou
     return settle(problem, point, fit.loss, rounds.few)
 
 
-def renoised(problem: Problem, fit: Fit, levels: Array, loss: Loss, rounds: Rounds) -> tuple[Problem, Fit]:
+def renoised(problem: Problem, fit: Fit, levels: Array, loss: Loss, steps: int) -> tuple[Problem, Fit]:
     """A problem with other noise `levels` (channels,) and its fit under another firm loss."""
     new = problem.rescaled(levels)
     point = evaluate(new, loss, [fit.point.coordinates], fit.point.starts)[0]
-    return new, settle(new, point, loss, rounds.few)
+    return new, settle(new, point, loss, steps)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from artibot_sim.diagnose.contest import Rival, Rounds, adopted, contest, neutralised, renoised, settled
+from artibot_sim.diagnose.contest import Rival, Rounds, adopted, contest, finished, neutralised, renoised
 from artibot_sim.diagnose.evidence import Evidence, evidence
 from artibot_sim.diagnose.hypotheses import hypotheses
 from artibot_sim.diagnose.input_noise import excess_of
@@ -18,6 +18,7 @@ from artibot_sim.identify.noisy_inputs import noisy_inputs
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss, channel_levels, merged
 from artibot_sim.identify.search import Fit, thinned
+from artibot_sim.identify.side_by_side import all_side_by_side
 
 Tick = Callable[[], None]
 
@@ -71,18 +72,17 @@ def turn(
     rivals = contest(trials, base.point.cost, loss, rounds, tick)
     if not rivals:
         return Turn(tuple(trials), (), {}, problem, fit, loss, base.point.cost)
-    best = settled(problem, base.point, loss, rounds)
-    for rival in rivals[: rounds.returns]:
-        if best.point.cost - rival.fit.point.cost < 2.0 * rounds.worth:
-            continue
-        other = neutralised(rival, loss, rounds)
-        best = other if other.point.cost < best.point.cost else best
-        tick()
+    best, rivals = finished(base, rivals, rounds, tick)
+    near = [r for r in rivals[: rounds.returns] if best.point.cost - r.fit.point.cost >= 2.0 * rounds.worth]
+    others = all_side_by_side(lambda rival: neutralised(rival, best, loss, rounds), near, problem.workers, tick)
+    best = min([best, *others], key=lambda fit: fit.point.cost)
     rivals = _with_starts_of(problem, best, rivals, rounds)
     problem, best, rivals, loss = _with_honest_noise(problem, best, rivals, loss, rounds)
     noisy = noisy_inputs(problem.stretches, problem.parameters.robot, len(named))
     excess = excess_of(noisy, problem, best, rivals)
-    found = {r.id: evidence(r, best.point.cost - e) for r, e in zip(rivals, excess, strict=True)}
+    costs = [best.point.cost - one for one in excess]
+    told = all_side_by_side(lambda one: evidence(*one), list(zip(rivals, costs, strict=True)), problem.workers)
+    found = {rival.id: one for rival, one in zip(rivals, told, strict=True)}
     return Turn(tuple(trials), tuple(rivals), found, problem, best, loss, base.point.cost)
 
 
@@ -98,11 +98,19 @@ def _with_honest_noise(
     ratio = np.concatenate([levels, np.sqrt(new.thinning / loss.thinning)])
     if np.abs(np.log(ratio)).max() < _SAME:
         return problem, best, rivals, loss
-    firm, again = replace(new, firm=True), []
-    for rival in rivals:
-        own, fit = renoised(rival.problem, rival.fit, levels, firm, rounds)
-        again.append(replace(rival, trial=replace(rival.trial, problem=own), fit=fit))
-    problem, best = renoised(problem, best, levels, firm, rounds)
+
+    def steps(fit: Fit) -> int:
+        """As many as close fits need, one for those that are far behind."""
+        return rounds.few if fit.point.cost - first.fit.point.cost < 2.0 * rounds.plain else 1
+
+    firm, fits = replace(new, firm=True), [(problem, best), *((rival.problem, rival.fit) for rival in rivals)]
+    (problem, best), *anew = all_side_by_side(
+        lambda one: renoised(*one, levels, firm, steps(one[1])), fits, problem.workers
+    )
+    again = [
+        replace(rival, trial=replace(rival.trial, problem=own), fit=fit)
+        for rival, (own, fit) in zip(rivals, anew, strict=True)
+    ]
     rivals = _with_starts_of(problem, best, again, rounds)
     best = adopted(problem, best, rivals[0].problem, rivals[0].fit, rounds)
     return problem, best, rivals, new
@@ -110,7 +118,10 @@ def _with_honest_noise(
 
 def _with_starts_of(problem: Problem, best: Fit, rivals: Sequence[Rival], rounds: Rounds) -> list[Rival]:
     """The rivals, each with the baseline's starts where these are better; the least cost first."""
-    found = [replace(rival, fit=adopted(rival.problem, rival.fit, problem, best, rounds)) for rival in rivals]
+    fits = all_side_by_side(
+        lambda rival: adopted(rival.problem, rival.fit, problem, best, rounds), rivals, problem.workers
+    )
+    found = [replace(rival, fit=fit) for rival, fit in zip(rivals, fits, strict=True)]
     return sorted(found, key=lambda rival: rival.fit.point.cost)
 
 

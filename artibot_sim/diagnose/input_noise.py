@@ -25,11 +25,13 @@ def excess_of(noisy: NoisyInputs, problem: Problem, fit: Fit, rivals: Sequence[R
 
     A rival that answers the noise more gets nothing for it: fits were not made to weigh that.
     """
-    mine = noisy.blocks(problem, fit.point)
+    other = noisy.upon(problem)
+    mine = noisy.blocks(problem, fit.point, other)
     counts = np.sum([window.counts for window in problem.windows], axis=0) / fit.loss.thinning
     found = []
     for rival in rivals:
-        less = mine - noisy.blocks(rival.problem, rival.fit.point)
+        own = other.with_parameters(rival.problem.parameters)
+        less = mine - noisy.blocks(rival.problem, rival.fit.point, own)
         total = sum(n * _usual(column) for n, column in zip(counts, less.T, strict=True) if n > 0.0)
         found.append(max(0.0, float(total)))
     return found

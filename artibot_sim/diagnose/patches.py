@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from artibot_sim.diagnose.hypotheses import Hypothesis, with_effect
 from artibot_sim.diagnose.screen import Around, Trial, faint
 from artibot_sim.identify.extension import Extension
-from artibot_sim.identify.gauss_newton import Point, evaluate, step
+from artibot_sim.identify.gauss_newton import Point, assess, evaluate, step
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss
+from artibot_sim.identify.side_by_side import all_side_by_side
 from artibot_sim.model.effects import EFFECTS
 
 Array = NDArray[np.float64]
@@ -29,6 +30,8 @@ _BAD = 1.15
 _MOST = 60
 """Candidates at most for centres, the worst explained first."""
 _KEPT = 6
+_AT_ONCE = 200
+"""Windows that are simulated together."""
 _MOVES = (0.4, 0.2, 0.1)
 """m by which centre and radius are moved when a disc is refined."""
 
@@ -59,18 +62,17 @@ def _discs(base: Around, effect: str, probes: Sequence[tuple[float, ...]]) -> li
     centres = candidates(base)
     plain = tuple(np.array(probe) for probe in probes)
     every = [*plain, *faint(Hypothesis(Extension(effect), plain))]
-    tried = [
-        _gained(base, effect, _Disc(x, y, radius, probe)) for x, y in centres for radius in RADII for probe in every
-    ]
-    tried = sorted(tried, key=lambda disc: -disc.gain)[:_KEPT]
-    trials = []
-    for disc in tried:
+    tried = [_Disc(x, y, radius, probe) for x, y in centres for radius in RADII for probe in every]
+    tried = sorted(gained(base, effect, tried), key=lambda disc: -disc.gain)[:_KEPT]
+
+    def trial(disc: _Disc) -> Trial:
         hypothesis = Hypothesis(_extension(effect, disc), (disc.probe,), max(1, len(tried) * len(centres)))
         problem = with_effect(base.problem, hypothesis.extension)
         first = evaluate(problem, base.loss, [np.concatenate([base.point.coordinates, disc.probe])], base.point.starts)
         point, _, _ = step(problem, base.loss, first[0], base.free, known=base.sensitivity, tries=2)
-        trials.append(Trial(hypothesis, problem, point, np.full(1, np.inf)))
-    return trials
+        return Trial(hypothesis, problem, point, np.full(1, np.inf))
+
+    return all_side_by_side(trial, tried, base.problem.workers)
 
 
 def candidates(base: Around) -> list[tuple[float, float]]:
@@ -99,21 +101,47 @@ def _extension(effect: str, disc: _Disc) -> Extension:
     return Extension(effect, dict(zip(search.disc, (disc.x, disc.y, disc.radius), strict=True)))
 
 
-def touched(problem: Problem, x: float, y: float, radius: float) -> list[int]:
-    """Windows whose wheels may come onto a disc."""
-    return [i for i in range(len(problem)) if (np.hypot(*(path(problem, i) - (x, y)).T) < radius + _REACH).any()]
+def touched(paths: Sequence[Array], disc: _Disc) -> list[int]:
+    """Windows whose wheels may come onto a disc, by their paths (n, 2)."""
+    near = disc.radius + _REACH
+    return [i for i, path in enumerate(paths) if (np.hypot(*(path - (disc.x, disc.y)).T) < near).any()]
 
 
-def _gained(base: Around, effect: str, disc: _Disc) -> _Disc:
-    """The disc with the loss that it takes from the windows which touch it, their starts corrected by one step."""
-    rows = touched(base.problem, disc.x, disc.y, disc.radius)
-    if not rows:
-        return disc
-    part = with_effect(base.problem.part(rows), _extension(effect, disc))
-    coordinates = np.concatenate([base.point.coordinates, disc.probe])
-    point = evaluate(part, base.loss, [coordinates], base.point.starts[rows])[0]
-    before = float(base.point.losses[rows].sum())
-    return replace(disc, gain=before - float(point.losses.sum()))
+def gained(base: Around, effect: str, discs: Sequence[_Disc]) -> list[_Disc]:
+    """The discs with the loss that each takes from the windows which touch it, soil and starts as they are.
+
+    Many are simulated at once, each window with the robot of its disc: one by one they fill no processor.
+    """
+    problem, point = base.problem, base.point
+    paths = [path(problem, i) for i in range(len(problem))]
+    found, rows = list(discs), [touched(paths, disc) for disc in discs]
+    for some in _together([len(mine) for mine in rows]):
+        every = np.concatenate([rows[k] for k in some])
+        which = np.repeat(np.arange(len(some)), [len(rows[k]) for k in some])
+        robots = []
+        for k in some:
+            parameters = with_effect(problem, _extension(effect, discs[k])).parameters
+            robots.append(parameters.robot_at(np.concatenate([point.coordinates, discs[k].probe])))
+        part = problem.part(every.tolist())
+        starts = point.starts[every][None]
+        residuals = part.compare(part.predictions(robots, which[None], starts))
+        losses = assess(part, base.loss, [point.coordinates], starts, residuals)[0].losses
+        gains = np.bincount(which, point.losses[every] - losses, minlength=len(some))
+        for k, gain in zip(some, gains.tolist(), strict=True):
+            found[k] = replace(discs[k], gain=gain)
+    return found
+
+
+def _together(counts: Sequence[int]) -> Iterator[list[int]]:
+    """Numbers of discs, of which so many windows each are touched, in groups that memory holds; none without any."""
+    group: list[int] = []
+    for k in np.flatnonzero(counts).tolist():
+        group.append(k)
+        if sum(counts[i] for i in group) >= _AT_ONCE:
+            yield group
+            group = []
+    if group:
+        yield group
 
 
 def refined(trial: Trial, loss: Loss) -> Trial:

@@ -17,10 +17,11 @@ from artibot_sim.diagnose.options import Options
 from artibot_sim.diagnose.places import places
 from artibot_sim.diagnose.predictions import Pair, baseline_levels, gains, predict
 from artibot_sim.diagnose.ranking import ranking
-from artibot_sim.diagnose.uncertain import Uncertain, uncertain
+from artibot_sim.diagnose.uncertain import Uncertain, judged, surroundings
 from artibot_sim.diagnose.worth import improvements
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.side_by_side import all_side_by_side
 from artibot_sim.model import Robot
 
 Parameters = Mapping[str, Mapping[str, Found]]
@@ -70,12 +71,14 @@ def _robots(
     names: Sequence[str], decision: Decision, seed: int, tick: Callable[[], None]
 ) -> tuple[Robot, Robot, Parameters]:
     """The paper's model and the extended one, and the named effects' parameters; what commands say weighs with fits."""
-    neutral = uncertain(decision.neutral_problem, decision.neutral_fit, seed, tick=tick)
+    fits = [(decision.neutral_problem, decision.neutral_fit), (decision.problem, decision.fit)]
+    around = surroundings(fits if decision.named else fits[:1], tick)
+    neutral = judged(*fits[0], around[0], seed)
     baseline = robot_of(decision.neutral_problem, neutral, {}, names)
     if not decision.named:
         return baseline, baseline, {}
     heard = {effect: other.found for effect, other in decision.other.items()}
-    after = uncertain(decision.problem, decision.fit, seed, heard, tick)
+    after = judged(*fits[1], around[1], seed, heard)
     effects = _parameters(decision, after)
     return baseline, robot_of(decision.problem, after, effects, names), effects
 
@@ -89,11 +92,10 @@ def _predictions(
     tick: Callable[[], None],
 ) -> list[Pair]:
     """All recordings by both models."""
-    pairs = []
-    for experiment, out in [*((e, False) for e in fitted), *((e, True) for e in held)]:
-        pairs.append(predict(experiment, out, baseline, extended, options.horizon, options.workers))
-        tick()
-    return pairs
+    return all_side_by_side(
+        lambda one: predict(*one, baseline, extended, options.horizon, options.workers),
+        [*((e, False) for e in fitted), *((e, True) for e in held)], options.workers, tick,
+    )  # fmt: skip
 
 
 def _parameters(decision: Decision, after: Uncertain) -> dict[str, Mapping[str, Found]]:

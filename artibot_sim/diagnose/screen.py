@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,9 @@ from artibot_sim.diagnose.hypotheses import Hypothesis, with_effect
 from artibot_sim.identify.gauss_newton import Point, assess, evaluate, reduce, step
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss
-from artibot_sim.identify.search import SCAN, free_parameters, scan
+from artibot_sim.identify.search import free_parameters, sounded
 from artibot_sim.identify.sensitivity import Sensitivity, clip, moved_along
+from artibot_sim.identify.side_by_side import all_side_by_side
 
 Array = NDArray[np.float64]
 Follow = Callable[[Array], Array]
@@ -96,11 +98,7 @@ def around(problem: Problem, loss: Loss, point: Point) -> Around:
 
 def screen(base: Around, found: Sequence[Hypothesis], tick: Callable[[], None] = lambda: None) -> list[Trial]:
     """Every hypothesis at the best of its probes, soil and starts corrected by one step with known sensitivities."""
-    trials = []
-    for hypothesis in found:
-        trials.append(_screened(base, hypothesis))
-        tick()
-    return trials
+    return all_side_by_side(partial(_screened, base), found, base.problem.workers, tick)
 
 
 def _screened(base: Around, hypothesis: Hypothesis) -> Trial:
@@ -109,14 +107,14 @@ def _screened(base: Around, hypothesis: Hypothesis) -> Trial:
     extension = hypothesis.extension
     tests = [extension.nearest(probe) for probe in hypothesis.probes or _TEST * np.eye(len(extension))]
     probes = [*tests, *([] if estimate is None else [extension.nearest(np.clip(estimate, -_REACH, _REACH))])]
-    guesses = [guess for probe in probes for guess in _guesses(base, problem, hypothesis, probe, follow)]
-    points = evaluate(problem, base.loss, guesses, _starts(base, problem, guesses))
-    weak = [guess for probe in faint(hypothesis) for guess in _guesses(base, problem, hypothesis, probe, follow)]
-    if weak:
-        faints = evaluate(problem, base.loss, weak, _starts(base, problem, weak))
-        points.append(min(faints, key=lambda point: point.cost))
+    guesses = [_guesses(base, problem, hypothesis, probe, follow) for probe in (*probes, *faint(hypothesis))]
+    every = [guess for some in guesses for guess in some]
+    tried = iter(evaluate(problem, base.loss, every, _starts(base, problem, every)))
+    points = [min((next(tried) for _ in some), key=lambda point: point.cost) for some in guesses]
+    if len(points) > len(probes):
+        points = [*points[: len(probes)], min(points[len(probes) :], key=lambda point: point.cost)]
     # mu_s acts by switching, so no sensitivity tells where it goes
-    points = [scan(problem, base.loss, point, SCAN) for point in points]
+    points = [sounded(problem, base.loss, point) for point in points]
     if extension.effect.sensor is not None:
         points = _resumed(base, problem, points, len(extension))
     ends = [step(problem, base.loss, point, base.free, known=base.sensitivity, tries=2)[0] for point in points]

@@ -8,8 +8,9 @@ place with the least loss is taken, and one step from it. Losses and steps are t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from artibot_sim.identify.noise_share import NoiseShare, noise_share
 from artibot_sim.identify.parameters import ParameterSet
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.search import FINE, Fit, Tick, scan
+from artibot_sim.identify.side_by_side import all_side_by_side
 from artibot_sim.identify.uncertainty import Node, profile, refitted, reweighted
 
 Array = NDArray[np.float64]
@@ -59,15 +61,50 @@ class Uncertain:
     covariance: Array
 
 
+@dataclass(frozen=True)
+class Around:
+    """What is known around a fit.
+
+    Attributes
+    ----------
+    nodes : tuple of Node
+        Other fits beside it.
+    noise : NoiseShare
+    """
+
+    nodes: tuple[Node, ...]
+    noise: NoiseShare
+
+
 def uncertain(
     problem: Problem, fit: Fit, seed: int, heard: Heard | None = None, tick: Tick = lambda: None
 ) -> Uncertain:
     """Values and covariances of what was fitted: the wider of curvature and bootstrap, and what neither sees."""
+    return judged(problem, fit, surroundings([(problem, fit)], tick)[0], seed, heard)
+
+
+def surroundings(fits: Sequence[tuple[Problem, Fit]], tick: Tick = lambda: None) -> list[Around]:
+    """What is around some fits, all of it side by side."""
+    works: list[tuple[int, Callable[[], Sequence[Node] | NoiseShare]]] = []
+    for number, (problem, fit) in enumerate(fits):
+        for which in range(len(problem.parameters.extensions)):
+            works += [(number, work) for work in along(problem, fit, which)]
+        works += [(number, partial(profile, problem, fit)), (number, partial(noise_share, problem, fit))]
+    workers = fits[0][0].workers if fits else None
+    done = all_side_by_side(lambda work: work[1](), works, workers, tick)
+    found = []
+    for number in range(len(fits)):
+        mine = [result for (whose, _), result in zip(works, done, strict=True) if whose == number]
+        nodes = [node for result in mine if not isinstance(result, NoiseShare) for node in result]
+        noise = next(result for result in mine if isinstance(result, NoiseShare))
+        found.append(Around(tuple(nodes), noise))
+    return found
+
+
+def judged(problem: Problem, fit: Fit, around: Around, seed: int, heard: Heard | None = None) -> Uncertain:
+    """The same from what is around the fit."""
     parameters, index = problem.parameters, list(fit.free)
-    nodes = list(profile(problem, fit, tick))
-    for which in range(len(parameters.extensions)):
-        nodes += along(problem, fit, which, tick)
-    noise = noise_share(problem, fit)
+    nodes, noise = around.nodes, around.noise
     mean, spread = drawn(problem, nodes, index, noise, seed)
     best = min(nodes, key=lambda node: noise.cost_without(node.point))
     curvature = np.zeros_like(spread)
@@ -82,18 +119,18 @@ def uncertain(
     return told(parameters, Uncertain(mean, wider * np.outer(scale, scale) + np.diag(extra)), heard or {})
 
 
-def along(problem: Problem, fit: Fit, which: int, tick: Tick = lambda: None) -> list[Node]:
-    """Fits with other sizes of the effect numbered `which`, mu_s scanned beside each; across, too, where it has two."""
+def along(problem: Problem, fit: Fit, which: int) -> list[Callable[[], list[Node]]]:
+    """What fits the effect numbered `which` with other sizes, to either side; across, too, where it has two."""
     own = fit.point.coordinates[problem.parameters.places[which]]
     length = max(float(np.linalg.norm(own)), 1e-9)
     directions = [own / length]
     if len(own) == 2:
         directions.append(np.array([-own[1], own[0]]) / length)
-    return [node for direction in directions for node in _line(problem, fit, which, direction, length, tick)]
+    return [partial(_line, problem, fit, which, s * one, length) for one in directions for s in (-1.0, 1.0)]
 
 
-def _line(problem: Problem, fit: Fit, which: int, direction: Array, length: float, tick: Tick) -> list[Node]:
-    """Fits at both sides along a direction (k,) of an effect's coordinates, as far as the loss is flat."""
+def _line(problem: Problem, fit: Fit, which: int, direction: Array, length: float) -> list[Node]:
+    """Fits along a direction (k,) of an effect's coordinates, mu_s scanned beside each, as far as the loss is flat."""
     parameters, free, place = problem.parameters, list(fit.free), problem.parameters.places[which]
     mine = [k for k, i in enumerate(free) if place.start <= i < place.stop]
     H = fit.reduced.matrix + parameters.prior_information[np.ix_(free, free)]
@@ -101,16 +138,14 @@ def _line(problem: Problem, fit: Fit, which: int, direction: Array, length: floa
     unit = max(sd, _LEAST * length)
     sizes = sorted({min(k * unit, _FARTHEST * length) for k in _AWAY})
     found: list[Node] = []
-    for side in (-1.0, 1.0):
-        here, at = fit, 0.0
-        for number, size in enumerate(sizes):
-            if number >= _ALWAYS and here.point.cost > fit.point.cost + _FLAT:
-                break
-            node = _moved(problem, here, side * (size - at) * direction, which)
-            here, at = replace(fit, point=node.point, reduced=node.reduced), size
-            found.append(node)
-            tick()
-    return sorted(found, key=lambda node: float(direction @ node.point.coordinates[place]))
+    here, at = fit, 0.0
+    for number, size in enumerate(sizes):
+        if number >= _ALWAYS and here.point.cost > fit.point.cost + _FLAT:
+            break
+        node = _moved(problem, here, (size - at) * direction, which)
+        here, at = replace(fit, point=node.point, reduced=node.reduced), size
+        found.append(node)
+    return found
 
 
 def _moved(problem: Problem, fit: Fit, move: Array, which: int) -> Node:

@@ -74,7 +74,10 @@ class NoiseShare:
 
 def noise_share(problem: Problem, fit: Fit) -> NoiseShare:
     """Simulate with noise drawn anew, at the fit and beside it in each coordinate."""
-    draws = [noisy_inputs(problem.stretches, problem.parameters.robot, seed) for seed in range(_DRAWS)]
+    draws = []
+    for seed in range(_DRAWS):
+        draw = noisy_inputs(problem.stretches, problem.parameters.robot, seed)
+        draws.append((draw, draw.upon(problem)))
     middle = fit.point.coordinates
     here = _blocks(draws, problem, fit, middle)
     limit = _USUAL * np.median(here, axis=0)
@@ -116,7 +119,7 @@ def _felt(parameters: ParameterSet) -> list[int]:
     return [*range(own), *(own + np.flatnonzero(felt)).tolist()]
 
 
-def _blocks(draws: Sequence[NoisyInputs], problem: Problem, fit: Fit, coordinates: Array) -> Array:
+def _blocks(draws: Sequence[tuple[NoisyInputs, Problem]], problem: Problem, fit: Fit, coordinates: Array) -> Array:
     """Mean squares of what the noise changes in residuals, shape (windows, channels); 0 where nothing is measured."""
     point = evaluate(problem, fit.loss, [coordinates], fit.point.starts)[0]
-    return np.nan_to_num(np.mean([draw.blocks(problem, point) for draw in draws], axis=0))
+    return np.nan_to_num(np.mean([draw.blocks(problem, point, noisy) for draw, noisy in draws], axis=0))

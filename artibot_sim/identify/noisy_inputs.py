@@ -38,9 +38,17 @@ class NoisyInputs:
 
     stretches: tuple[Stretch, ...]
 
-    def blocks(self, problem: Problem, point: Point) -> Array:
-        """Mean squares of what the noise changes in residuals, shape (windows, channels); NaN where nothing is."""
-        other = replace(problem, stretches=self.stretches).residuals([point.coordinates], point.starts)[0]
+    def upon(self, problem: Problem) -> Problem:
+        """The same windows of these recordings."""
+        return replace(problem, stretches=self.stretches)
+
+    def blocks(self, problem: Problem, point: Point, noisy: Problem | None = None) -> Array:
+        """Mean squares of what the noise changes in residuals, shape (windows, channels); NaN where nothing is.
+
+        `noisy` is the problem upon these recordings, where it is known already.
+        """
+        noisy = noisy or self.upon(problem)
+        other = noisy.residuals([point.coordinates], point.starts)[0]
         table = np.full((len(problem), len(CHANNEL_NAMES)), np.nan)
         for i, (window, a, b) in enumerate(zip(problem.windows, point.residuals, other, strict=True)):
             change = np.minimum(np.abs(b - a), _LARGEST)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +14,7 @@ from numpy.typing import NDArray
 from artibot_sim.identify.extension import SPREAD, Extension
 from artibot_sim.identify.extension import STEP as EFFECT_STEP
 from artibot_sim.model import Robot
-from artibot_sim.model.effects import EFFECTS
+from artibot_sim.model.effects import EFFECTS, effects_from_dict
 
 Array = NDArray[np.float64]
 
@@ -186,6 +188,25 @@ class ParameterSet:
             return robot
         parts = zip(self.extensions, self.extended(coordinates), strict=True)
         return replace(robot, effects=dict(robot.effects) | {e.id: e.values(part) for e, part in parts})
+
+    def candidate(self, coordinates: Array) -> Robot:
+        """The same for a simulation: where only soil changes, the rest of a robot that was checked is not again.
+
+        A fit makes thousands; to check a hundred numbers of each takes as long as to simulate a second of driving.
+        """
+        keys = [parameter.key.split(".") for parameter in self.parameters]
+        if not all(key[0] == "contact" for key in keys):
+            return self.robot_at(coordinates)
+        soil = dict(zip([name for _, name in keys], self.values(coordinates).tolist(), strict=True))
+        mu_s, mu_d = (soil.get(name, getattr(self.robot.contact, name)) for name in ("mu_s", "mu_d"))
+        if mu_d > mu_s:
+            return self.robot_at(coordinates)
+        parts = zip(self.extensions, self.extended(coordinates), strict=True)
+        effects = dict(self.robot.effects) | effects_from_dict({e.id: e.values(part) for e, part in parts})
+        robot = copy.copy(self.robot)
+        object.__setattr__(robot, "contact", replace(self.robot.contact, **soil))
+        object.__setattr__(robot, "effects", MappingProxyType(effects))
+        return robot
 
     @property
     def uniform(self) -> bool:

@@ -16,6 +16,7 @@ from artibot_sim.identify.parameters import ParameterSet
 from artibot_sim.identify.past import Past, lagging_forces, past_of
 from artibot_sim.identify.sensing import Stretch
 from artibot_sim.identify.sensitivity import Sensitivity, clip, moved_along, rigid
+from artibot_sim.identify.side_by_side import threads
 from artibot_sim.identify.starts import postures, states
 from artibot_sim.identify.windows import Window
 from artibot_sim.model import Robot
@@ -136,14 +137,24 @@ class Problem:
     ) -> list[Array]:
         """Predictions of windows, (n,) each, for rows of (which robot, window, start); or the states at their ends."""
         plan = window + len(self.windows) if ends else window
-        return self._batch.run(robots, self._items(robots, robot, window, guesses, plan))
+        return self._shared.run(robots, self._items(robots, robot, window, guesses, plan))
 
     def predictions(self, robots: Sequence[Robot], robot: Indices, starts: Array) -> Array:
         """Predictions of all samples, shape (sets, n), for sets of which `robot` (sets, windows) and starts."""
         count = len(self.windows)
         window, guesses = np.tile(np.arange(count), len(robot)), starts.reshape(-1, self.size)
         items = self._items(robots, np.ascontiguousarray(robot).ravel(), window, guesses, window)
-        return self._batch.run_flat(robots, items).reshape(len(robot), -1)
+        return self._shared.run_flat(robots, items).reshape(len(robot), -1)
+
+    @property
+    def _shared(self) -> WindowBatch:
+        """The batch, in as many threads as are free here."""
+        count = threads(self.workers)
+        if count == self._batch.workers:
+            return self._batch
+        batch = copy.copy(self._batch)
+        batch.workers = count
+        return batch
 
     def _items(self, robots: Sequence[Robot], robot: Indices, window: Indices, guesses: Array, plan: Indices) -> Items:
         q, v = self._motors
@@ -169,11 +180,8 @@ class Problem:
 
     def look(self, coordinates: Array, starts: Array, plans: Sequence[Plan]) -> list[Array]:
         """Whatever `plans` (one a window) ask for, (m,) each."""
-        batch = WindowBatch(self._batch.tables, list(plans), self._batch.dt, self.workers)
-        return self._run(batch, [self.parameters.robot_at(coordinates)], starts)
-
-    def _run(self, batch: WindowBatch, robots: Sequence[Robot], starts: Array) -> list[Array]:
-        count = np.arange(len(self.windows))
+        batch = WindowBatch(self._batch.tables, list(plans), self._batch.dt, threads(self.workers))
+        robots, count = [self.parameters.robot_at(coordinates)], np.arange(len(self.windows))
         return batch.run(robots, self._items(robots, np.zeros_like(count), count, starts, count))
 
     def carried(self, coordinates: Array, starts: Array) -> Array:
@@ -211,7 +219,7 @@ class Problem:
         """The same one after the other, shape (sets, n)."""
         places: dict[bytes, int] = {}
         which = [places.setdefault(c.tobytes(), len(places)) for c in coordinates]
-        robots = [self.parameters.robot_at(np.frombuffer(c)) for c in places]
+        robots = [self.parameters.candidate(np.frombuffer(c)) for c in places]
         count = len(self.windows)
         guesses = np.broadcast_to(starts, (len(which), count, self.size))
         return self.compare(self.predictions(robots, np.repeat(which, count).reshape(-1, count), guesses))
@@ -242,11 +250,11 @@ class Problem:
 
     def linearised(self, coordinates: Array, starts: Array, free: Sequence[int]) -> tuple[Parts, Sensitivity]:
         """Residuals and their sensitivities to the parameters numbered `free` and to the starts."""
-        robots = [self.parameters.robot_at(coordinates)]
+        robots = [self.parameters.candidate(coordinates)]
         for i in free:
             moved = coordinates.copy()
             moved[i] += self.parameters.steps[i]
-            robots.append(self.parameters.robot_at(moved))
+            robots.append(self.parameters.candidate(moved))
         count, p = len(self.windows), len(free)
         whole = range(_RIGID, self.size) if self.parameters.uniform else range(self.size)
         robot = np.repeat([*range(1 + p), *(0 for _ in whole)], count).reshape(-1, count)

@@ -14,6 +14,7 @@ from artibot_sim.identify.gauss_newton import Point, Reduced, again, align, best
 from artibot_sim.identify.parameters import MU_S
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss, spread, thinning
+from artibot_sim.identify.side_by_side import all_side_by_side, side_by_side
 from artibot_sim.identify.starts import turned
 from artibot_sim.identify.windows import CHANNEL_NAMES
 
@@ -23,6 +24,8 @@ SCAN = np.log1p(np.array([-0.35, -0.27, -0.2, -0.14, -0.09, -0.05, -0.025, 0.025
 """Changes of mu_s tried at every step, as logarithms: its gradient is zero almost everywhere (eq. 16 switches)."""
 FINE = np.array([-0.015, -0.008, -0.004, -0.002, 0.002, 0.004, 0.008, 0.015])
 """The same near the end."""
+_WIDE = (1, 3, 5, 8, 10, 12)
+"""Places in SCAN, by which a wide look begins."""
 _DRAWS = 0.6
 """Further starts are drawn with this share of the prior's width."""
 _SHAKEN = np.array([0.1, 0.1, 0.3, 0.7, 0.7, 0.7, 0.3, 1.0])
@@ -105,17 +108,19 @@ def search(problem: Problem, effort: Effort, tick: Tick = lambda: None) -> Fit:
     even = np.ones(len(CHANNEL_NAMES))
     ends: list[Any] = []
     tasks = [(problem, coordinates, even, effort.first) for coordinates in first_guesses(problem, effort)]
-    for number, fit in map_tasks(_descended, tasks, workers=1, scheduler=effort.scheduler):
+    if effort.scheduler is None:
+        done = side_by_side(_descended, tasks, problem.workers)
+    else:
+        done = map_tasks(_descended, tasks, scheduler=effort.scheduler)
+    for number, fit in done:
         ends.append((number, fit))
         tick()
     ends = [fit for _, fit in sorted(ends, key=lambda end: end[0])]  # a cluster finishes them in any order
     ends.sort(key=lambda fit: fit.point.cost)
-    finals = []
-    for fit in ends[: effort.finalists]:
-        if fit.point.cost > _CLOSE * ends[0].point.cost:
-            continue
-        finals.append(settle(problem, fit.point, fit.loss, effort.last))
-        tick()
+    near = [fit for fit in ends[: effort.finalists] if fit.point.cost <= _CLOSE * ends[0].point.cost]
+    finals = all_side_by_side(
+        lambda fit: settle(problem, fit.point, fit.loss, effort.last), near, problem.workers, tick
+    )
     finals.sort(key=lambda fit: fit.point.cost)
     best = finals[0]
     others = tuple(fit.point for fit in [*finals[1:], *ends[effort.finalists :]])
@@ -203,18 +208,34 @@ def jostled(problem: Problem, loss: Loss, point: Point, reduced: Reduced, free: 
 
 
 def scan(problem: Problem, loss: Loss, point: Point, changes: Array) -> Point:
-    """The best of the same point with other mu_s; each window may go back to its measured start."""
+    """The best of the same point with other mu_s."""
+    points = _gripping(problem, loss, point, changes)
+    return min([point, *points], key=lambda p: p.cost)
+
+
+def sounded(problem: Problem, loss: Loss, point: Point) -> Point:
+    """The same by every other place of SCAN, then beside the best one: mostly the same end for half the work."""
+    tried = dict(zip(_WIDE, _gripping(problem, loss, point, SCAN[list(_WIDE)]), strict=False))
+    if not tried:
+        return point
+    least = min(tried, key=lambda k: tried[k].cost)
+    middle = len(SCAN) // 2
+    near = (least - 1, least + 1) if tried[least].cost < point.cost else (middle - 1, middle)
+    more = _gripping(problem, loss, point, SCAN[[k for k in near if 0 <= k < len(SCAN) and k not in tried]])
+    return min([point, *tried.values(), *more], key=lambda p: p.cost)
+
+
+def _gripping(problem: Problem, loss: Loss, point: Point, changes: Array) -> list[Point]:
+    """The point with other mu_s, none where it is not fitted."""
     i = problem.parameters.index(MU_S)
     if i is None:
-        return point
+        return []
     candidates = []
     for change in changes:
         coordinates = point.coordinates.copy()
         coordinates[i] += change
         candidates.append(problem.parameters.inside(coordinates))
-    points = evaluate(problem, loss, candidates, point.starts)
-    best = min(points, key=lambda p: p.cost)
-    return best if best.cost < point.cost else point
+    return evaluate(problem, loss, candidates, point.starts)
 
 
 def awake(problem: Problem, loss: Loss, point: Point) -> Point:

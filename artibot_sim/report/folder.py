@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.report.output import write_files
+from artibot_sim.report.output import closed, write_files
 
 
 def fault_of_folder(folder: Path) -> str | None:
     """Say what keeps results from being written into a folder, which need not be there yet; None if nothing does."""
-    if folder.exists() and not folder.is_dir():
-        return "it is a file; name a folder"
     there = folder.absolute()
-    while not there.exists():
-        there = there.parent
-    if not there.is_dir():
-        return f"{there} is a file; name another folder"
-    return None if os.access(there, os.W_OK | os.X_OK) else f"the folder {there} may not be written to"
+    try:
+        if folder.exists():
+            return closed(folder) if folder.is_dir() else "it is a file; name a folder"
+        while not there.parent.exists():
+            there = there.parent
+        if not there.parent.is_dir():
+            return f"{there.parent} is a file; name another folder"
+        there.mkdir()
+        there.rmdir()
+    except OSError as error:
+        return f"{there} cannot be made: {error.strerror}; name another folder"
+    return None
 
 
 def write_folder(folder: Path, contents: Mapping[str, bytes]) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.report.output import fault
 
 if TYPE_CHECKING:
     from artibot_sim.experiment import Experiment
@@ -99,8 +100,8 @@ def _check_outputs(paths: Sequence[Path]) -> None:
     for path in paths:
         if list(paths).count(path) > 1:
             raise ArtibotError(f"{path}: asked for twice; give each output its own name")
-        if path.is_dir() or not path.absolute().parent.is_dir():
-            raise ArtibotError(f"{path}: cannot be written: its folder is not there, or it is a folder itself")
+        if why := fault(path):
+            raise ArtibotError(f"{path}: cannot be written: {why}")
 
 
 def _read(path: Path, topics: Sequence[str], bar: Bar) -> Experiment:

@@ -33,7 +33,19 @@ def fault(path: Path) -> str | None:
     folder = path.absolute().parent
     if not folder.is_dir():
         return f"there is no folder {path.parent}; make it first"
-    return None if os.access(folder, os.W_OK | os.X_OK) else f"the folder {path.parent} may not be written to"
+    return closed(folder)
+
+
+def closed(folder: Path) -> str | None:
+    """Say what keeps files from being made in a folder that is there, None if nothing does.
+
+    By trying: a file system may be read-only or hold no files, whatever its rights say, and root has them all.
+    """
+    try:
+        with tempfile.NamedTemporaryFile(dir=folder, prefix=".artibot."):
+            return None
+    except OSError as error:
+        return f"no file can be made in the folder {folder}: {error.strerror}; name another one"
 
 
 def write_files(contents: Mapping[Path, bytes]) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.report.folder import fault_of_folder
 
 if TYPE_CHECKING:
     from artibot_sim.reproduce.calibration import Calibration
@@ -41,6 +42,8 @@ def command(sections: tuple[str, ...], out: Path, calibrate: bool, quick: bool) 
       artibot reproduce --calibrate --out calibrated
     """
     wanted = [name for name in SECTIONS if name in (sections or SECTIONS)]
+    if why := fault_of_folder(out):
+        raise ArtibotError(f"--out {out}: cannot be written: {why}")
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

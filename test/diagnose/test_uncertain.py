@@ -78,7 +78,8 @@ def test_the_walk_goes_along_each_effect(fitted: tuple[Problem, Fit]) -> None:
     residuals, sensitivity = both.linearised(point.coordinates, point.starts, free)
     stands = Fit(point, fit.loss, reduce(both, fit.loss, residuals, sensitivity, point.starts), free, False)
     for which, place in enumerate((5, 6)):
-        nodes = along(both, stands, which)
+        nodes = [node for line in along(both, stands, which) for node in line()]
+        nodes.sort(key=lambda node: float(node.point.coordinates[place]))
         sizes = np.array([node.point.coordinates[place] for node in nodes]) - point.coordinates[place]
         assert (sizes < -0.01).any() and (sizes > 0.01).any() and np.abs(sizes).min() > 0.01
         beside_it = {float(node.point.coordinates[11 - place]) for node in nodes}
