@@ -15,7 +15,7 @@ from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.local_fit import fresh
 from artibot_sim.experiment.measured import Measured
 from artibot_sim.identify.printing import number
-from artibot_sim.identify.sensing import missing, stretches
+from artibot_sim.identify.sensing import missing, other_robot, stretches
 from artibot_sim.model import MOTORS
 
 if TYPE_CHECKING:
@@ -82,7 +82,11 @@ def wrong_robot(way: Rolled, robot: Robot) -> str:
 
 
 def data_warnings(
-    recordings: Sequence[Experiment], robot: Robot, problem: Problem | None = None, point: Point | None = None
+    recordings: Sequence[Experiment],
+    robot: Robot,
+    problem: Problem | None = None,
+    point: Point | None = None,
+    held: Sequence[Experiment] = (),
 ) -> tuple[str, ...]:
     """What is doubtful about recordings, one sentence each.
 
@@ -92,6 +96,8 @@ def data_warnings(
     robot : Robot
     problem, point : optional
         A fit to them: with it, whether any wheel slides is known.
+    held : sequence of Experiment, optional
+        Held out: of these only that they are of another robot.
     """
     said: list[str] = []
     for experiment in recordings:
@@ -99,15 +105,14 @@ def data_warnings(
     said += _together(recordings, robot)
     if problem is not None and point is not None:
         said += _excitation(problem, point)
+    said += [f"{experiment.name}: {word}" for experiment in held for word in other_robot(experiment, robot)]
     return tuple(dict.fromkeys(said))
 
 
 def _faults(experiment: Experiment, robot: Robot) -> Iterator[str]:
     """Of one recording."""
     yield from experiment.remarks
-    named = experiment.metadata.get("robot")
-    if named and named != robot.name:
-        yield f"was recorded with robot '{named}', and is diagnosed as '{robot.name}'"
+    yield from other_robot(experiment, robot)
     if len(experiment.segments) > 1:
         yield f"{len(experiment.segments)} segments; a pose says nothing about the one before the gap"
     for key in USED:

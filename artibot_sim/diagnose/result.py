@@ -58,7 +58,7 @@ def result_of(
         unexplained=decision.unexplained,
         gain=gains(held_out, driven, options.seed),
         next_experiment=_next(decision, extended, channels, options.seed),
-        warnings=data_warnings(fitted, robot, decision.neutral_problem, decision.neutral_fit.point),
+        warnings=data_warnings(fitted, robot, decision.neutral_problem, decision.neutral_fit.point, held),
         looks=tuple(looks),
         prior_odds=options.prior_odds,
         threshold=decision.least,

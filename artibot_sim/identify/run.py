@@ -22,7 +22,15 @@ from artibot_sim.identify.quality import channel_fits
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.robust import Loss, channel_levels, merged
 from artibot_sim.identify.search import Effort, Fit, Tick, awake, search, settle, thinned
-from artibot_sim.identify.sensing import HALF_WIDTH, Stretch, missing, noise_levels, stretches, with_pooled_noise
+from artibot_sim.identify.sensing import (
+    HALF_WIDTH,
+    Stretch,
+    missing,
+    noise_levels,
+    other_robot,
+    stretches,
+    with_pooled_noise,
+)
 from artibot_sim.identify.skid import fitted
 from artibot_sim.identify.uncertainty import Node, from_bootstrap, from_curvature, profile
 from artibot_sim.identify.windows import CHANNEL_NAMES, cut
@@ -121,7 +129,7 @@ def identify(
     problem, found = best_fit(problem, effort or Effort(), ticks)
     found, nodes = _profiled(problem, found, 2, ticks)
     motion = motion_of(problem, found.point.coordinates, found.point.starts, _has_torques(problem))
-    result = _result(recordings, problem, found, nodes, motion)
+    result = _result(recordings, holdout, problem, found, nodes, motion)
     held = []
     rivals = fitted(problem) if holdout and not robot.articulated else ()
     for experiment in holdout:
@@ -248,7 +256,12 @@ def _has_torques(problem: Problem) -> bool:
 
 
 def _result(
-    recordings: Sequence[Experiment], problem: Problem, found: Fit, nodes: Sequence[Node], motion: Motion
+    recordings: Sequence[Experiment],
+    held: Sequence[Experiment],
+    problem: Problem,
+    found: Fit,
+    nodes: Sequence[Node],
+    motion: Motion,
 ) -> Identification:
     parameters = problem.parameters
     noise = noise_share(problem, found)
@@ -262,6 +275,7 @@ def _result(
     lacking = missing(problem.stretches, parameters.robot)
     remarks = [f"not measured: {', '.join(lacking)}"] if lacking else []
     remarks += [f"{e.name}: {remark}" for e in recordings for remark in e.remarks]
+    remarks += [f"{e.name}: {word}" for e in (*recordings, *held) for word in other_robot(e, parameters.robot)]
     names = [e.name for e in recordings]
     return Identification(
         identified_robot(parameters, all_, names), all_, curvature.covariance / np.outer(sd, sd),

@@ -225,4 +225,14 @@ def missing(found: Sequence[Stretch], robot: Robot) -> list[str]:
     return [channel for channel in wanted if channel not in present]
 
 
+def other_robot(experiment: Experiment, robot: Robot) -> list[str]:
+    """A sentence where a recording says that it is of another robot than `robot`."""
+    named = experiment.metadata.get("robot")
+    return (
+        [f"was recorded with robot '{named}', and is taken for '{robot.name}'"]
+        if named not in (None, "", robot.name)
+        else []
+    )
+
+
 assert all(len(names) <= len(MOTORS) for names in CHANNELS.values())

@@ -21,15 +21,22 @@ _here = threading.local()
 """Of a thread that does one of several tasks: `tasks`, which it belongs to."""
 
 
+class _GivenUp(Exception):
+    """Ends a task at its next simulation: another one failed, or the user wants no more."""
+
+
 class _Tasks:
     """How many cores the simulations of one task may take, as long as so many are not done yet."""
 
     def __init__(self, count: int, workers: int) -> None:
         self._left, self._workers, self._lock = count, workers, threading.Lock()
+        self.over = False
 
     @property
     def share(self) -> int:
         """Threads of one of them."""
+        if self.over:
+            raise _GivenUp
         return max(1, self._workers // max(1, self._left))
 
     def done(self) -> None:
@@ -76,6 +83,7 @@ def side_by_side(
         for future in as_completed(numbers):
             yield numbers[future], future.result()
     finally:
+        tasks.over = True
         pool.shutdown(wait=True, cancel_futures=True)
 
 

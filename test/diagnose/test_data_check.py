@@ -142,7 +142,9 @@ def test_units_that_contradict_each_other_are_said(good: Experiment, agriq: Robo
 
 
 def test_another_robots_name_is_said(good: Experiment, agriq: Robot) -> None:
-    assert "recorded with robot 'epiq'" in said(replace(good, metadata={"robot": "epiq"}), agriq)
+    other = replace(good, metadata={"robot": "epiq"})
+    assert "recorded with robot 'epiq'" in said(other, agriq)
+    assert "recorded with robot 'epiq'" in " ".join(data_warnings([good], agriq, held=[other]))
 
 
 @pytest.mark.parametrize(("factor", "words"), [(60 / (2 * np.pi), "rpm"), (None, "gear ratio")])

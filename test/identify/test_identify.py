@@ -101,21 +101,22 @@ def test_the_page_shows_what_was_found(found: Work) -> None:
 def test_the_command_writes_its_files(real: Robot, tmp_path: Path) -> None:
     drive = synthetic(real, TURNS, kappa=0.7, seed=8, duration=8.0)
     tables = {key: (channel.t_ns, dict(channel.columns)) for key, channel in drive.channels.items()}
-    write_channels(tmp_path / "run", tables, dict(drive.metadata))
+    write_channels(tmp_path / "run", tables, {**drive.metadata, "robot": "epiq"})
     names = {"--out": "soil.yaml", "--json": "soil.json", "--report": "soil.html"}
     wanted = [word for option, name in names.items() for word in (option, str(tmp_path / name))]
     given = [str(tmp_path / "run"), "--robot", "agriq", "--fit", "k_t", *wanted]
     done = CliRunner().invoke(command, given, catch_exceptions=False)
     assert done.exit_code == 0
     assert load_robot(tmp_path / "soil.yaml").contact.k_t != load_robot("agriq").contact.k_t
-    assert "k_t" in done.output
+    assert "k_t" in done.output and "recorded with robot 'epiq', and is taken for 'agriq'" in done.output
     assert (tmp_path / "soil.json").stat().st_size > 100
     assert (tmp_path / "soil.html").stat().st_size > 10_000
     assert (tmp_path / "soil.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_command_refuses_before_the_work(tmp_path: Path) -> None:
-    given = [str(tmp_path / "absent"), "--robot", "agriq", "--out", str(tmp_path / "no" / "soil.yaml")]
+@pytest.mark.parametrize("folder", ["no", "/proc"])
+def test_the_command_refuses_before_the_work(tmp_path: Path, folder: str) -> None:
+    given = [str(tmp_path / "absent"), "--robot", "agriq", "--out", str(tmp_path / folder / "soil.yaml")]
     with pytest.raises(ArtibotError, match="cannot be written"):
         CliRunner().invoke(command, given, catch_exceptions=False)
 

@@ -64,6 +64,8 @@ def test_a_diagnosis_is_a_whole_folder(drives: list[Path], tmp_path: Path, capsy
     [
         ({"--out": "drives/run0/metadata.yaml"}, "it is a file"),
         ({"--out": "drives/run0/metadata.yaml/x"}, "name another folder"),
+        ({"--out": "/proc/none/found"}, "/proc/none cannot be made"),
+        ({"--out": "drives/" + 300 * "n"}, "File name too long"),
         ({"--robot": "nobody"}, "nobody"),
         ({"--topic": "/odom"}, "expected WANTED=FOUND"),
         ({"--topic": "/imu/data=/nowhere"}, "/nowhere"),
