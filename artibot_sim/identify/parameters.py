@@ -192,7 +192,7 @@ class ParameterSet:
     def candidate(self, coordinates: Array) -> Robot:
         """The same for a simulation: where only soil changes, the rest of a robot that was checked is not again.
 
-        A fit makes thousands; to check a hundred numbers of each takes as long as to simulate a second of driving.
+        A fit makes thousands; to check a hundred numbers of each takes as long as to simulate seconds of driving.
         """
         keys = [parameter.key.split(".") for parameter in self.parameters]
         if not all(key[0] == "contact" for key in keys):
