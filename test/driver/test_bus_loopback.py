@@ -20,7 +20,7 @@ from artibot_sim.errors import ArtibotError
 from ros_helpers import ROOT
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def place() -> Iterator[Place]:
     with loopback_bus() as channel:
         yield "remote", channel

@@ -10,7 +10,7 @@ from safety_contract import SafetyContract
 from artibot_driver.faults.place import LoopbackPlace
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def site() -> Iterator[LoopbackPlace]:
     place = LoopbackPlace()
     yield place

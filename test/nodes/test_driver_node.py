@@ -42,7 +42,7 @@ STANDS = 5.0
 """Slower than this (rad/s, 0.02 m/s over ground) a flywheel that was switched off may still turn."""
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def channel() -> Iterator[str]:
     with loopback_bus() as found:
         yield found

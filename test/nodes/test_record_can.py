@@ -70,7 +70,7 @@ def rig() -> Rig:
     return load_rig(config_from_parameters({}))
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def channel() -> Iterator[str]:
     with loopback_bus() as channel:
         yield channel

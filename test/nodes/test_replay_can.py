@@ -77,7 +77,7 @@ def from_drives(pairs: list[Pair]) -> list[Pair]:
     return [pair for pair in pairs if pair[0] not in COMMANDS and pair[0] != 0x3FF]
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def channel() -> Iterator[str]:
     with loopback_bus() as channel:
         yield channel
