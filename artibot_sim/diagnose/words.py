@@ -171,7 +171,11 @@ def sureness(found: Diagnosis) -> str:
     if rival is not None:
         parts.append(f"The best other effect is {_rival(rival)}.")
     if np.isfinite(cause.holdout_improvement):
-        parts.append(f"Of the error beyond noise on held-out data it removes {100 * cause.holdout_improvement:.0f} %.")
+        share = 100 * cause.holdout_improvement
+        worse = f"On held-out data it predicts worse: the error beyond noise grows by {-share:.0f} %."
+        parts.append(
+            worse if share <= -0.5 else f"Of the error beyond noise on held-out data it removes {share:.0f} %."
+        )
     return " ".join(parts)
 
 

@@ -49,6 +49,13 @@ def markup(found: Diagnosis) -> str:
     return re.sub(r"<script>.*?</script>", "", page_of(found, "0").decode(), flags=re.S)
 
 
+def test_a_cause_that_predicts_worse_is_said_to(named: Diagnosis) -> None:
+    (cause, *others) = named.causes
+    worse = replace(named, causes=(replace(cause, holdout_improvement=-2.29), *others))
+    assert "the error beyond noise grows by 229 %" in words.sureness(worse)
+    assert "removes" in words.sureness(named) and "removes" not in words.sureness(worse)
+
+
 def test_the_first_sentence_names_cause_size_and_gain(every: dict[Verdict, Diagnosis]) -> None:
     said = {verdict: words.headline(found) for verdict, found in every.items()}
     assert said[Verdict.NAMED].startswith("Slope: grade 0.0500 rad (2.9°), heading 1.20 rad (69°). With it, ")
