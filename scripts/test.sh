@@ -28,9 +28,13 @@ reports=$(mktemp -d)
 trap 'kill $(jobs -p) 2>/dev/null; kill -- "-$(cat "$reports/session")" 2>/dev/null; rm -rf "$reports"' EXIT
 
 # To the kernel a session is a group of processes: within one, nice says who is preferred, and beside others, autogroup.
+# What is behind yields to the front only, not to whatever else this machine does.
+yields() { { echo "$1" >"/proc/$(cat "$reports/session")/autogroup"; } 2>/dev/null || true; }
 quietly() {
-  setsid --wait bash -c 'echo $$ >"$0"; { echo 19 >/proc/self/autogroup; } 2>/dev/null; exec nice -n 19 "$@"' \
-    "$reports/session" "$@"
+  setsid --wait bash -c 'echo $$ >"$0/session"; exec nice -n 19 "$@"' "$reports" "$@" &
+  sleep 1
+  [ -e "$reports/alone" ] || yields 10
+  wait $!
 }
 
 behind() {
@@ -46,6 +50,8 @@ failed=0
 behind &
 row=$!
 "$python" -m pytest -n 2 "${files[@]}" "${waiting[@]}" 2>&1 | tee "$reports/waiting" || failed=1
+touch "$reports/alone"
+yields 0
 tail -f -n +1 -s 0.2 --pid="$row" "$reports/rest" &
 wait "$row" || failed=1
 wait # for tail, which ends by itself once all is shown
