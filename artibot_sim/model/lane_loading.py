@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 from artibot_sim.model.compiled import inlined, kernel
 from artibot_sim.model.integrators import motor_of
 from artibot_sim.model.lane_layout import AT, LANES, SIZE
 from artibot_sim.model.layout import BACK, BEHIND, FRONT, GAMMA, MOTOR_COORDINATES, X, Y, Z
 from artibot_sim.model.level import level, standing
+from artibot_sim.model.transmission import PRESCRIBED
 
 PLACES = (X, Y, GAMMA, BACK + X, BACK + Y, BACK + GAMMA, *MOTOR_COORDINATES)
 """Where the coordinates that move on a plane stand in q."""
@@ -32,14 +35,17 @@ def find_level(records, effects, robot, q, v, out):
 
 
 @inlined
-def load_module(S, at, body, p, fx, module, z):
-    """A module's numbers (`planar.Body`) into the lane that begins at `at`."""
-    of = standing(body, p, fx, module, z)
+def load_module(S, e, place, body, p, fx, module, z):
+    """A module's numbers (`planar.Body`), which begin at `place` in a block, into lane `e`."""
+    of, at = standing(body, p, fx, module, z), place + e
     S[at], S[at + LANES], S[at + 2 * LANES] = of.inv_m, of.inv_J, of.half_x
     S[at + 3 * LANES], S[at + 4 * LANES] = of.half_y, of.O_x
     S[at + 5 * LANES], S[at + 6 * LANES] = of.k_l, of.k_t
     S[at + 7 * LANES], S[at + 8 * LANES] = of.mu_s, of.mu_d
     S[at + 9 * LANES], S[at + 10 * LANES], S[at + 11 * LANES], S[at + 12 * LANES] = of.F_rf, of.F_rb, of.F_lf, of.F_lb
+    right = AT.U_F_N + 2 * module * LANES + e  # what stays so, unless an effect moves the forces
+    S[right], S[right + LANES] = p.u_w * (of.F_rf + of.F_rb), p.u_w * (of.F_lf + of.F_lb)
+    S[AT.FACING + module * LANES + e] = 0.0
 
 
 @inlined
@@ -50,8 +56,12 @@ def load_motors(S, e, p, modes, i, eta, r, share):
         S[AT.MODE + j], S[AT.TAU + j], S[AT.R_W + j] = modes[i, motor], unit.tau, unit.r_w
         S[AT.J_M + j], S[AT.J_W + j], S[AT.TORQUE_MAX + j] = unit.J_m, unit.J_w, unit.torque_max
         S[AT.DRIVING + j], S[AT.BRAKING + j], S[AT.GEAR + j] = 1.0 / unit.eta_d, unit.eta_r, 1.0 / eta[r, motor]
-        S[AT.A_MOTOR + j], S[AT.GAIN + j] = p.A_motor, p.velocity_gain
-        S[AT.LITERAL + j] = p.u_w if p.literal_eq22 else 0.0
+        S[AT.DAMPING + j], S[AT.STIFFNESS + j] = p.velocity_gain, 0.0
+        if modes[i, motor] == PRESCRIBED:
+            S[AT.TORQUE_MAX + j], S[AT.DAMPING + j], S[AT.STIFFNESS + j] = math.inf, 2.0 * p.A_motor, p.A_motor**2
+        S[AT.LEVER + j], S[AT.ROLLS + j] = unit.r_w, 1.0
+        if p.literal_eq22:
+            S[AT.LEVER + j], S[AT.ROLLS + j] = unit.r_w + p.u_w, 0.0
         S[AT.PREVIOUS + j] = S[AT.TORQUE + j] = 0.0
     S[AT.SHARE + e] = share
 
@@ -66,8 +76,8 @@ def load_lane(S, e, p, fx, q, v, i):
         S[AT.SOUND + j], S[AT.KEPT + j] = 1.0, 0.0
     for k in range(8):
         S[AT.LAG + k * LANES + e] = S[AT.LAG_S + k * LANES + e] = 0.0
-    load_module(S, AT.BODY_F + e, p.front, p, fx, FRONT, q[i, Z])
-    load_module(S, AT.BODY_B + e, p.back, p, fx, BEHIND, q[i, BACK + Z])
+    load_module(S, e, AT.BODY_F, p.front, p, fx, FRONT, q[i, Z])
+    load_module(S, e, AT.BODY_B, p.back, p, fx, BEHIND, q[i, BACK + Z])
     g = AT.GROUND + e
     S[g], S[g + LANES], S[g + 2 * LANES], S[g + 3 * LANES] = p.u_w, p.g_x, p.g_y, p.A_joint
     S[g + 4 * LANES] = 1.0 if p.two else 0.0

@@ -11,25 +11,25 @@ from artibot_sim.model.compiled import inlined
 from artibot_sim.model.effects import hooks
 from artibot_sim.model.lane_layout import AT, LANES, MOTORS, effects_at, four, put4
 from artibot_sim.model.layout import MOTOR
-from artibot_sim.model.transmission import DRIVEN, PRESCRIBED, ROLLING_WIDTH, follow, rolling_sign
+from artibot_sim.model.transmission import TORQUE, rolling_sign
 
 
 @inlined
-def follow_commands(S, s, free):
-    """Commands `s` seconds after the knot, and what prescribed motors do (eqs 26 to 28)."""
-    for j in range(4 * LANES):
-        c_0, c_1, c_2, c_3 = S[AT.P_0 + j], S[AT.V_0 + j], S[AT.C_2 + j], S[AT.C_3 + j]
-        d = c_0 + s * (c_1 + s * (c_2 + s * c_3))
-        d_dot = c_1 + s * (2.0 * c_2 + 3.0 * s * c_3)
-        speed = S[AT.V_S + MOTORS + j]
-        d_ddot = 2.0 * c_2 + 6.0 * s * c_3
-        S[AT.ACC + MOTORS + j] = follow(S[AT.A_MOTOR + j], S[AT.Q_S + MOTORS + j], speed, d, d_dot, d_ddot)
-        S[AT.RIM + j] = S[AT.R_W + j] * (S[AT.TAU + j] * speed)
-    if free:
-        for j in range(4 * LANES):
-            c_2, c_3 = S[AT.C_2 + j], S[AT.C_3 + j]
-            S[AT.D_DOT + j] = S[AT.V_0 + j] + s * (2.0 * c_2 + 3.0 * s * c_3)
-            S[AT.D_DDOT + j] = 2.0 * c_2 + 6.0 * s * c_3
+def follow_command(S, j, s):
+    """A motor's command `s` seconds after the knot, and what it does if it follows (eqs 26 to 28, or a velocity loop).
+
+    Returns the speed of its wheels, rad/s.
+    """
+    c_0, c_1, c_2, c_3 = S[AT.P_0 + j], S[AT.V_0 + j], S[AT.C_2 + j], S[AT.C_3 + j]
+    d = c_0 + s * (c_1 + s * (c_2 + s * c_3))
+    d_dot = c_1 + s * (2.0 * c_2 + 3.0 * s * c_3)
+    d_ddot = 2.0 * c_2 + 6.0 * s * c_3
+    speed = S[AT.V_S + MOTORS + j]
+    behind, back = d_dot - speed, d - S[AT.Q_S + MOTORS + j]
+    S[AT.ACC + MOTORS + j] = d_ddot + S[AT.DAMPING + j] * behind + S[AT.STIFFNESS + j] * back
+    omega = S[AT.TAU + j] * speed
+    S[AT.RIM + j] = S[AT.R_W + j] * omega
+    return omega
 
 
 @inlined
@@ -45,44 +45,18 @@ def drag_motors(S, fx, t):
 
 
 @inlined
-def all_roll(S):
-    """Whether all wheels turn so fast that `rolling_sign` is ±1 to the bit, which spares an exponential for each."""
-    count = 0
-    for j in range(4 * LANES):
-        count += abs(S[AT.TAU + j] * S[AT.V_S + MOTORS + j]) > 20.0 * ROLLING_WIDTH
-    return count == 4 * LANES
-
-
-@inlined
 def plain_sign(omega):
     """`rolling_sign` of a wheel that turns."""
     return math.copysign(1.0, omega)
 
 
 @inlined
-def load_at(S, fx, j, sign):
-    """Load on a motor of a lane (eq. 22 and drag, motor side), N m, and its inertia, kg m²."""
-    F_l, gear = S[AT.PULL + j], S[AT.TAU + j] * S[AT.GEAR + j]
-    rolling = S[AT.U_F_N + j] * sign(S[AT.TAU + j] * S[AT.V_S + MOTORS + j])
-    literal = S[AT.LITERAL + j]
-    load = gear * (S[AT.R_W + j] * F_l + (literal * F_l if literal != 0.0 else rolling))
-    if fx is not None:
-        load += S[AT.DRAG + j]
-    return load, S[AT.J_M + j] + S[AT.J_W + j] * S[AT.TAU + j] * gear
+def turn_motors(S, fx, rolls):
+    """Torques of all motors (eq. 21), and what those that are not prescribed do, at the stage.
 
-
-@inlined
-def measure_motors(S, fx):
-    """Torques that it takes to turn prescribed motors (eq. 21)."""
-    for j in range(4 * LANES):
-        load, J = load_at(S, fx, j, rolling_sign)
-        S[AT.TORQUE + j] = J * S[AT.ACC + MOTORS + j] + load
-
-
-@inlined
-def turn_motors(S, fx):
-    """Torques of all motors (eq. 21), and what those that are not prescribed do, at the stage."""
-    if all_roll(S):
+    `rolls` as `begin_stage` has it.
+    """
+    if rolls:
         turn_with(S, fx, plain_sign)
     else:
         turn_with(S, fx, rolling_sign)
@@ -95,15 +69,15 @@ def turn_with(S, fx, sign):
     Of all motors: a loop over the back ones only is so short that it is written out, without vectors, and slower.
     """
     for j in range(4 * LANES):
-        load, J = load_at(S, fx, j, sign)
-        behind = S[AT.D_DOT + j] - S[AT.V_S + MOTORS + j]
-        driven = J * (S[AT.D_DDOT + j] + S[AT.GAIN + j] * behind) + load
-        M_m = driven if S[AT.MODE + j] == DRIVEN else S[AT.HELD + j]
-        M_m = min(max(M_m, -S[AT.TORQUE_MAX + j]), S[AT.TORQUE_MAX + j])
-        acceleration = S[AT.ACC + MOTORS + j]
-        follows = S[AT.MODE + j] == PRESCRIBED
-        S[AT.ACC + MOTORS + j] = acceleration if follows else (M_m - load) * S[AT.INV_J + j]
-        S[AT.TORQUE + j] = J * acceleration + load if follows else M_m
+        rolling = S[AT.ROLLS + j] * S[AT.U_F_N + j] * sign(S[AT.TAU + j] * S[AT.V_S + MOTORS + j])
+        load = S[AT.GEARED + j] * (S[AT.LEVER + j] * S[AT.PULL + j] + rolling)  # eq. 22, motor side
+        if fx is not None:
+            load += S[AT.DRAG + j]
+        wish, limit, held = S[AT.ACC + MOTORS + j], S[AT.TORQUE_MAX + j], S[AT.HELD + j]
+        needed = S[AT.INERTIA + j] * wish + load
+        M_m = min(max(held if held == held else needed, -limit), limit)
+        S[AT.ACC + MOTORS + j] = wish if M_m == needed else (M_m - load) * S[AT.INV_J + j]
+        S[AT.TORQUE + j] = M_m
 
 
 @inlined
@@ -111,14 +85,20 @@ def hold_torques(S):
     """Held through a step: torques, commanded ones or eq. 30 from the step before (NaN commands it), and inertias."""
     for e in range(LANES):
         shared = S[AT.SHARE + e] * (S[AT.PREVIOUS + e] + S[AT.PREVIOUS + LANES + e])
-        S[AT.SHARED + e] = S[AT.SHARED + LANES + e] = shared
-    for j in range(2 * LANES):
-        front, back = S[AT.GIVEN + j], S[AT.GIVEN + 2 * LANES + j]
-        S[AT.HELD + j] = front if front == front else 0.0
-        S[AT.HELD + 2 * LANES + j] = back if back == back else S[AT.SHARED + j]
-    for j in range(4 * LANES):
-        gear = S[AT.TAU + j] * S[AT.GEAR + j]
-        S[AT.INV_J + j] = 1.0 / (S[AT.J_M + j] + S[AT.J_W + j] * S[AT.TAU + j] * gear)
+        hold_motor(S, e, 0.0)
+        hold_motor(S, e + LANES, 0.0)
+        hold_motor(S, e + 2 * LANES, shared)
+        hold_motor(S, e + 3 * LANES, shared)
+
+
+@inlined
+def hold_motor(S, j, shared):
+    """As `hold_torques` for one motor of a lane."""
+    given, tau = S[AT.GIVEN + j], S[AT.TAU + j]
+    torque, gear = given if given == given else shared, tau * S[AT.GEAR + j]
+    inertia = S[AT.J_M + j] + S[AT.J_W + j] * tau * gear
+    S[AT.HELD + j] = torque if S[AT.MODE + j] == TORQUE else math.nan
+    S[AT.GEARED + j], S[AT.INERTIA + j], S[AT.INV_J + j] = gear, inertia, 1.0 / inertia
 
 
 @inlined
@@ -127,8 +107,9 @@ def feed_back(S, fx):
     for j in range(4 * LANES):
         torque = S[AT.TORQUE + j]
         through_gear = torque - S[AT.DRAG + j] if fx is not None else torque
-        driving = through_gear * S[AT.V + MOTORS + j] >= 0.0
-        S[AT.PREVIOUS + j], S[AT.NEXT_GEAR + j] = torque, S[AT.DRIVING + j] if driving else S[AT.BRAKING + j]
+        drives = 1.0 if through_gear * S[AT.V + MOTORS + j] >= 0.0 else 0.0  # a choice of places is no vector code
+        S[AT.PREVIOUS + j] = torque
+        S[AT.GEAR + j] = drives * S[AT.DRIVING + j] + (1.0 - drives) * S[AT.BRAKING + j]
 
 
 @inlined

@@ -13,17 +13,20 @@ knows, and effects' parameters are in `S`.
 from __future__ import annotations
 
 from artibot_sim.model.compiled import inlined
-from artibot_sim.model.elementary import sincos
+from artibot_sim.model.elementary import sincos, turn_by
 from artibot_sim.model.lane_layout import AT, LANES, LIMIT_Q, LIMIT_V, SIZE, effects_at, four, put4
 from artibot_sim.model.lane_motors import (
     drag_motors,
     feed_back,
-    follow_commands,
+    follow_command,
     hold_torques,
-    measure_motors,
     turn_motors,
 )
 from artibot_sim.model.planar import Body, Ground, Motion, planar_accelerations, within_friction
+from artibot_sim.model.transmission import ROLLING_WIDTH
+
+NEAR = 0.05
+"""How far a module may turn (rad) until sine and cosine of its yaw are taken anew: what `turn_by` knows."""
 
 
 @inlined
@@ -43,6 +46,43 @@ def motion_of(S, q, v):
 
 
 @inlined
+def face(S, least):
+    """Sines and cosines of yaws that have turned by `least` (rad) since they were last taken.
+
+    In between, `turn_by` does the rest. A lane's depend on its own yaws only, whoever else has turned.
+    """
+    for e in range(LANES):
+        for module in range(2):
+            j, yaw = module * LANES + e, S[AT.Q_S + (3 * module + 2) * LANES + e]
+            s, c = sincos(yaw)
+            before, s_0, c_0 = S[AT.FACING + j], S[AT.SINE + j], S[AT.COSINE + j]
+            turned = abs(yaw - before) >= least
+            S[AT.FACING + j] = yaw if turned else before
+            S[AT.SINE + j], S[AT.COSINE + j] = s if turned else s_0, c if turned else c_0
+
+
+@inlined
+def begin_stage(S, s):
+    """Motors' commands `s` seconds after the knot, and what motors do that follow them.
+
+    Returns
+    -------
+    rolls : bool
+        Whether all wheels turn so fast that `rolling_sign` is ±1 to the bit, which spares an exponential for each.
+    near : bool
+        Whether no module has turned too far for `turn_by` since its sine and cosine were last taken.
+    """
+    rolls, near = 0, 0
+    for e in range(LANES):
+        for motor in range(4):
+            rolls += abs(follow_command(S, motor * LANES + e, s)) > 20.0 * ROLLING_WIDTH
+        for module in range(2):
+            yaw = S[AT.Q_S + (3 * module + 2) * LANES + e]
+            near += abs(yaw - S[AT.FACING + module * LANES + e]) < NEAR
+    return rolls == 4 * LANES, near == 2 * LANES
+
+
+@inlined
 def move_modules(S, fx, t):
     """Accelerations of both modules, and what the motors' wheels meet, at the stage."""
     for e in range(LANES):
@@ -50,8 +90,9 @@ def move_modules(S, fx, t):
         ground = Ground(S[g], S[g + LANES], S[g + 2 * LANES], S[g + 3 * LANES], S[g + 4 * LANES])
         q, v, lag = AT.Q_S + e, AT.V_S + e, AT.LAG_S + e
         f, b = motion_of(S, q, v), motion_of(S, q + 3 * LANES, v + 3 * LANES)
-        s_f, c_f = sincos(f.gamma)
-        s_b, c_b = sincos(b.gamma)
+        turn_f, turn_b = f.gamma - S[AT.FACING + e], b.gamma - S[AT.FACING + LANES + e]
+        s_f, c_f = turn_by(turn_f, S[AT.SINE + e], S[AT.COSINE + e])
+        s_b, c_b = turn_by(turn_b, S[AT.SINE + LANES + e], S[AT.COSINE + LANES + e])
         on_f, on_b, pulls, _, _ = planar_accelerations(
             within_friction, body_of(S, AT.BODY_F + e), body_of(S, AT.BODY_B + e), ground, effects_at(S, fx, e, t),
             f, b, (s_f, c_f, s_b, c_b), four(S, AT.RIM + e), four(S, lag), four(S, lag + 4 * LANES),
@@ -61,8 +102,8 @@ def move_modules(S, fx, t):
         S[a + 3 * LANES], S[a + 4 * LANES], S[a + 5 * LANES] = on_b
         right_f, left_f, right_b, left_b = pulls
         put4(S, AT.PULL + e, right_f.F_l, left_f.F_l, right_b.F_l, left_b.F_l)
-        put4(S, AT.U_F_N + e, right_f.u_F_n, left_f.u_F_n, right_b.u_F_n, left_b.u_F_n)
         if fx is not None and len(fx) > 1:
+            put4(S, AT.U_F_N + e, right_f.u_F_n, left_f.u_F_n, right_b.u_F_n, left_b.u_F_n)
             lag = AT.LAG_RATE + e
             put4(S, lag, right_f.rate_f, right_f.rate_b, left_f.rate_f, left_f.rate_b)
             put4(S, lag + 4 * LANES, right_b.rate_f, right_b.rate_b, left_b.rate_f, left_b.rate_b)
@@ -70,23 +111,26 @@ def move_modules(S, fx, t):
 
 @inlined
 def next_stage(S, k, dt):
-    """From stage `k` of the classical Runge-Kutta method to the next; after the last one, advance the state."""
+    """From stage `k` of the classical Runge-Kutta method to the next; after the last one, advance the state.
+
+    Speeds at the stages come of accelerations at those before, so only these are summed.
+    """
     h = dt if k == 2 else 0.5 * dt
     if k == 0:
         for j in range(SIZE * LANES):
             speed, acceleration = S[AT.V_S + j], S[AT.ACC + j]
-            S[AT.SUM_Q + j], S[AT.SUM_V + j] = speed, acceleration
+            S[AT.FIRST + j] = S[AT.SUM + j] = acceleration
             S[AT.Q_S + j], S[AT.V_S + j] = S[AT.Q + j] + h * speed, S[AT.V + j] + h * acceleration
     elif k < 3:
         for j in range(SIZE * LANES):
             speed, acceleration = S[AT.V_S + j], S[AT.ACC + j]
-            S[AT.SUM_Q + j] += 2.0 * speed
-            S[AT.SUM_V + j] += 2.0 * acceleration
+            S[AT.SUM + j] += acceleration
             S[AT.Q_S + j], S[AT.V_S + j] = S[AT.Q + j] + h * speed, S[AT.V + j] + h * acceleration
     else:
         for j in range(SIZE * LANES):
-            q = S[AT.Q + j] + dt / 6.0 * (S[AT.SUM_Q + j] + S[AT.V_S + j])
-            v = S[AT.V + j] + dt / 6.0 * (S[AT.SUM_V + j] + S[AT.ACC + j])
+            total = S[AT.SUM + j]
+            q = S[AT.Q + j] + dt * (S[AT.V + j] + dt / 6.0 * total)
+            v = S[AT.V + j] + dt / 6.0 * (2.0 * total - S[AT.FIRST + j] + S[AT.ACC + j])
             S[AT.Q + j], S[AT.Q_S + j], S[AT.V + j], S[AT.V_S + j] = q, q, v, v
 
 
@@ -104,9 +148,9 @@ def next_lag(S, k, dt):
 
 
 @inlined
-def begin_step(S, free):
-    """What is held through a step."""
-    if free:
+def begin_step(S, geared):
+    """What is held through a step; `geared` where torques are computed."""
+    if geared:
         hold_torques(S)
 
 
@@ -117,27 +161,25 @@ def stage(S, fx, k, s, elapsed, dt, free, torques):
     `free` says whether any motor is not prescribed, `torques` whether anybody asks for torques.
     """
     late = 0.0 if k == 0 else 1.0 if k == 3 else 0.5
-    follow_commands(S, s + late * dt, free)
+    rolls, near = begin_stage(S, s + late * dt)
+    at_knot = k == 0 and s == 0.0
+    if at_knot or not near:
+        face(S, 0.0 if at_knot else NEAR)
     move_modules(S, fx, elapsed + late * dt)
-    if fx is not None and (free or (k == 0 and torques)):
-        drag_motors(S, fx, elapsed + late * dt)
-    if free:
-        turn_motors(S, fx)
-    elif k == 0 and torques:
-        measure_motors(S, fx)
-    if k == 0 and (free or torques):
-        feed_back(S, fx)
+    if free or (k == 0 and torques):
+        if fx is not None:
+            drag_motors(S, fx, elapsed + late * dt)
+        turn_motors(S, fx, rolls)
+        if k == 0:
+            feed_back(S, fx)
 
 
 @inlined
-def end_stage(S, fx, k, dt, geared):
-    """To the next stage, and after the last one to the next step; `geared` where torques are computed."""
+def end_stage(S, fx, k, dt):
+    """To the next stage, and after the last one to the next step."""
     next_stage(S, k, dt)
     if fx is not None and len(fx) > 1:
         next_lag(S, k, dt)
-    if k == 3 and geared:
-        for j in range(4 * LANES):
-            S[AT.GEAR + j] = S[AT.NEXT_GEAR + j]
 
 
 @inlined

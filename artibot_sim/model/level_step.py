@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from artibot_sim.model.compiled import inlined
 from artibot_sim.model.contact import saturated
-from artibot_sim.model.elementary import sincos
+from artibot_sim.model.elementary import sincos, turn_by
 from artibot_sim.model.integrators import D_DDOT, D_DOT, GEAR, INERTIA, TORQUE_D, D, next_speed
 from artibot_sim.model.layout import BACK, BEHIND, FRONT, MOTOR, Z
 from artibot_sim.model.level import standing
@@ -63,15 +63,6 @@ def turned(trig, begun, q):
 def near(begun, q):
     """Whether no module has turned by more than `turn_by` knows."""
     return abs(q[2] - begun[2]) < 0.02 and abs(q[5] - begun[5]) < 0.02
-
-
-@inlined
-def turn_by(angle, s, c):
-    """Sine and cosine after an angle of at most 0.02 rad, to rounding."""
-    y = angle * angle
-    sine = angle + angle * y * (-1 / 6 + y * (1 / 120 + y * (-1 / 5040)))
-    less = y * (-1 / 2 + y * (1 / 24 + y * (-1 / 720 + y * (1 / 40320))))  # cosine − 1
-    return s + (s * less + c * sine), c + (c * less - s * sine)
 
 
 @inlined

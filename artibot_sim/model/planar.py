@@ -18,6 +18,7 @@ from typing import NamedTuple
 from artibot_sim.model.compiled import inlined
 from artibot_sim.model.contact import Pair, soil_under
 from artibot_sim.model.effects import hooks
+from artibot_sim.model.elementary import inverse_root
 from artibot_sim.model.layout import BEHIND, FRONT
 from artibot_sim.model.mass_centre import mass_centre
 
@@ -91,12 +92,12 @@ class Pull(NamedTuple):
 @inlined
 def within_friction(body, fx, F_l, F_t, F_n, mu_s, mu_d, slip_l, slip_t):
     """Eq. 16 as `contact.saturated`, without a branch."""
-    F_h2 = F_l * F_l + F_t * F_t
+    F_h2 = F_l * F_l + (F_t * F_t + 1e-30)  # so that there is a root to divide by
     limit = mu_s * F_n
     slides = F_h2 > limit * limit
     if fx is not None:
         mu_d = hooks.friction(fx, mu_s, mu_d, math.sqrt(slip_l * slip_l + slip_t * slip_t))
-    held = mu_d * F_n / math.sqrt(F_h2)
+    held = mu_d * F_n * inverse_root(F_h2)
     held = held if slides else 1.0
     return F_l * held, F_t * held, held
 

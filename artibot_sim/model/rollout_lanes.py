@@ -126,10 +126,10 @@ def run_lot(lot, dt, steps, every, knot_steps, settings, S, kept, rows, fx=None)
             load_knot(S, lot, step // knot_steps, knot_steps * dt)
         if step % every == 0:
             keep_state(S, step // every, kept)
-        begin_step(S, settings[1])
+        begin_step(S, settings[1] or settings[2])
         for k in range(settings[0]):
             stage(S, fx, k, phase * dt, dt * step, dt, settings[1], settings[2])
-            end_stage(S, fx, k, dt, True)
+            end_stage(S, fx, k, dt)
     keep_state(S, (steps + every - 1) // every, kept)
     for e in range(LANES):
         rows[e] = sound_rows(S, e)

@@ -169,12 +169,12 @@ def simulate(S, rows, work, order, block, fx, dt, knot_steps, settings):
         knot, phase = step // knot_steps, step % knot_steps
         if phase == 0:
             load_knot(S, work, order, block, knot, knot_steps * dt, settings[FREE])
-        begin_step(S, settings[FREE])
+        begin_step(S, settings[FREE] or settings[TORQUES])
         for k in range(settings[STAGES] if step < steps else 1):
             stage(S, fx, k, phase * dt, dt * step, dt, settings[FREE], settings[TORQUES])
             if k == 0 and phase == 0:
                 keep_rows(S, knot, rows)
-            end_stage(S, fx, k, dt, settings[FREE] or settings[TORQUES])
+            end_stage(S, fx, k, dt)
 
 
 @inlined
