@@ -41,16 +41,16 @@ class Lanes:
     def run(self) -> list[Rollout]:
         """All of them, in order."""
         from artibot_sim.model import rollout_lanes
-        from artibot_sim.model.lane_layout import BLOCK, LANES
+        from artibot_sim.model.lane_layout import BLOCK, LANES, aligned
 
         records, effects, extended = _packed(self.setups)
         tables = {id(setup.commands): driven_by(setup.commands) for setup in self.setups}
         lot = self._lot(records, effects, tables)
         steps, knot_steps = self.setups[0].steps, round(self.setups[0].commands.dt / self.dt)
         count = -(-steps // self.every) + 1
-        kept, rows = np.empty(count * rollout_lanes.KEPT_SIZE * LANES), np.zeros(LANES, np.int64)
+        kept, rows = aligned(count * rollout_lanes.KEPT_SIZE * LANES), np.zeros(LANES, np.int64)
         rollout_lanes.run_lot(
-            lot, self.dt, steps, self.every, knot_steps, np.array([4, 1, 1]), np.zeros(BLOCK), kept, rows,
+            lot, self.dt, steps, self.every, knot_steps, np.array([4, 1, 1]), aligned(BLOCK), kept, rows,
             *(() if extended is None else (extended,)),
         )  # fmt: skip
         return [

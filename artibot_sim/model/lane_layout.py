@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections import namedtuple
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from artibot_sim.model.compiled import inlined
 from artibot_sim.model.lane_effects import EFFECT_VALUES, reader
 from artibot_sim.model.planar import Body, Ground
@@ -52,6 +55,15 @@ BLOCK = LANES * sum(_SIZES.values())
 
 LIMIT_V, LIMIT_Q = 1e6, 1e12
 """Beyond, a rover has diverged, as in `loop`."""
+
+
+def aligned(size: int) -> NDArray[np.float64]:
+    """So many zeros that begin where a line of the cache does: else each access to eight numbers is to two lines."""
+    line = 64
+    room = np.zeros(size + line // 8)
+    first = -room.ctypes.data % line // 8
+    return room[first : first + size]
+
 
 light_effects, all_effects = reader(LANES, full=False), reader(LANES, full=True)
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.model.compiled import inlined, kernel
 from artibot_sim.model.lane_effects import EFFECT_VALUES
-from artibot_sim.model.lane_layout import AT, BLOCK, LANES, effects_at
+from artibot_sim.model.lane_layout import AT, BLOCK, LANES, aligned, effects_at
 from artibot_sim.model.lane_loading import load_lane, load_motors
 from artibot_sim.model.lane_motors import cubics, leave_knot, next_knot
 from artibot_sim.model.lanes import begin_step, check, end_stage, sound_rows, stage
@@ -95,7 +95,7 @@ class Buffers(NamedTuple):
 
 def buffers(rows: int) -> Buffers:
     """Fresh ones, for items of at most `rows` rows."""
-    return Buffers(np.zeros(BLOCK), np.zeros(rows * COLUMNS * LANES))
+    return Buffers(aligned(BLOCK), aligned(rows * COLUMNS * LANES))
 
 
 @inlined
