@@ -50,7 +50,7 @@ class Lanes:
         count = -(-steps // self.every) + 1
         kept, rows = aligned(count * rollout_lanes.KEPT_SIZE * LANES), np.zeros(LANES, np.int64)
         rollout_lanes.run_lot(
-            lot, self.dt, steps, self.every, knot_steps, np.array([4, 1, 1]), aligned(BLOCK), kept, rows,
+            lot, self.dt, steps, self.every, knot_steps, np.array([4, 4]), aligned(BLOCK), kept, rows,
             *(() if extended is None else (extended,)),
         )  # fmt: skip
         return [

@@ -148,25 +148,21 @@ def next_lag(S, k, dt):
 
 
 @inlined
-def begin_step(S, geared):
-    """What is held through a step; `geared` where torques are computed."""
-    if geared:
-        hold_torques(S)
-
-
-@inlined
-def stage(S, fx, k, s, elapsed, dt, free, torques):
+def stage(S, fx, k, s, elapsed, dt, turning):
     """Stage `k` of a step that begins `s` seconds after a knot and `elapsed` seconds after the start.
 
-    `free` says whether any motor is not prescribed, `torques` whether anybody asks for torques.
+    Motors' torques are computed at the first `turning` stages: at all where one is not prescribed, at the first where
+    anybody asks for torques.
     """
+    if k == 0:  # whoever turns: of what it knows to stay, the compiler makes a version of everything
+        hold_torques(S)
     late = 0.0 if k == 0 else 1.0 if k == 3 else 0.5
     rolls, near = begin_stage(S, s + late * dt)
     at_knot = k == 0 and s == 0.0
     if at_knot or not near:
         face(S, 0.0 if at_knot else NEAR)
     move_modules(S, fx, elapsed + late * dt)
-    if free or (k == 0 and torques):
+    if k < turning:
         if fx is not None:
             drag_motors(S, fx, elapsed + late * dt)
         turn_motors(S, fx, rolls)

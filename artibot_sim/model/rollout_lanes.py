@@ -14,7 +14,7 @@ from artibot_sim.model.lane_effects import EFFECT_VALUES
 from artibot_sim.model.lane_layout import AT, LANES, SIZE, effects_at
 from artibot_sim.model.lane_loading import PLACES, load_lane, load_motors
 from artibot_sim.model.lane_motors import cubics, leave_knot, next_knot
-from artibot_sim.model.lanes import begin_step, check, end_stage, sound_rows, stage
+from artibot_sim.model.lanes import check, end_stage, sound_rows, stage
 from artibot_sim.model.layout import BACK, BEHIND, FRONT
 from artibot_sim.model.loop import command_at, commanded_torques, hermite, keep
 
@@ -112,7 +112,7 @@ def run_lot(lot, dt, steps, every, knot_steps, settings, S, kept, rows, fx=None)
     Parameters
     ----------
     lot : Lot
-    settings : array of int, shape (3,)
+    settings : array of int, shape (2,)
         As in `window_lanes.run_windows`.
     S : array, shape (BLOCK,)
     kept : array, shape (rows · KEPT_SIZE · LANES,)
@@ -126,9 +126,8 @@ def run_lot(lot, dt, steps, every, knot_steps, settings, S, kept, rows, fx=None)
             load_knot(S, lot, step // knot_steps, knot_steps * dt)
         if step % every == 0:
             keep_state(S, step // every, kept)
-        begin_step(S, settings[1] or settings[2])
         for k in range(settings[0]):
-            stage(S, fx, k, phase * dt, dt * step, dt, settings[1], settings[2])
+            stage(S, fx, k, phase * dt, dt * step, dt, settings[1])
             end_stage(S, fx, k, dt)
     keep_state(S, (steps + every - 1) // every, kept)
     for e in range(LANES):

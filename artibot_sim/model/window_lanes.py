@@ -12,7 +12,7 @@ from artibot_sim.model.lane_effects import EFFECT_VALUES
 from artibot_sim.model.lane_layout import AT, BLOCK, LANES, aligned, effects_at
 from artibot_sim.model.lane_loading import load_lane, load_motors
 from artibot_sim.model.lane_motors import cubics, leave_knot, next_knot
-from artibot_sim.model.lanes import begin_step, check, end_stage, sound_rows, stage
+from artibot_sim.model.lanes import check, end_stage, sound_rows, stage
 from artibot_sim.model.sampling import (
     COLUMNS,
     ENCODER_SCALE,
@@ -25,12 +25,13 @@ from artibot_sim.model.sampling import (
     YAW_BACK_AT,
     sample_lane,
 )
+from artibot_sim.model.transmission import TORQUE
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-STAGES, FREE, TORQUES = range(3)
+STAGES, TURNING = range(2)
 """Places in the settings of `run_windows`."""
 
 
@@ -123,7 +124,7 @@ def item_of(order, block, e):
 
 
 @inlined
-def load_knot(S, work, order, block, knot, h, free):
+def load_knot(S, work, order, block, knot, h):
     """All lanes' commands from a knot to the next, `h` seconds later; lanes that have ended stay at their last."""
     leave_knot(S)
     for e in range(LANES):
@@ -135,9 +136,9 @@ def load_knot(S, work, order, block, knot, h, free):
         going = 1.0 / h if knot < last else 0.0
         for motor in range(4):
             S[AT.GOING + motor * LANES + e] = going
-        if free:
-            row = work.first[i] + min(knot, last)
-            for motor in range(4):
+        row = work.first[i] + min(knot, last)
+        for motor in range(4):
+            if work.modes[i, motor] == TORQUE:
                 S[AT.GIVEN + motor * LANES + e] = work.torque[row, motor] / work.sensors[r, TORQUE_SCALE]
     cubics(S)
 
@@ -160,19 +161,15 @@ def keep_rows(S, row, rows):
 
 @inlined
 def simulate(S, rows, work, order, block, fx, dt, knot_steps, settings):
-    """Run a block, a row at each knot.
-
-    `settings` are read as they are needed: of what it knows to stay, the compiler makes a version of everything.
-    """
+    """Run a block, a row at each knot."""
     steps = work.knots[order[block * LANES]] * knot_steps
     for step in range(steps + 1):
         knot, phase = step // knot_steps, step % knot_steps
         if phase == 0:
-            load_knot(S, work, order, block, knot, knot_steps * dt, settings[FREE])
-        begin_step(S, settings[FREE] or settings[TORQUES])
+            load_knot(S, work, order, block, knot, knot_steps * dt)
         for k in range(settings[STAGES] if step < steps else 1):
-            stage(S, fx, k, phase * dt, dt * step, dt, settings[FREE], settings[TORQUES])
-            if k == 0 and phase == 0:
+            stage(S, fx, k, phase * dt, dt * step, dt, settings[TURNING])
+            if k + phase == 0:  # asked apart, the compiler would make a version for each answer
                 keep_rows(S, knot, rows)
             end_stage(S, fx, k, dt)
 
@@ -203,8 +200,8 @@ def run_windows(work, order, first, stride, dt, knot_steps, settings, buffer, ou
     work : Work
     knot_steps : int
         Steps of `dt` (s) from a knot to the next, for all items in `order`.
-    settings : array of int, shape (3,)
-        4, the stages of a step; whether any motor is not prescribed; whether torques are asked for.
+    settings : array of int, shape (2,)
+        4, the stages of a step; at how many of them torques are computed, see `lanes.stage`.
     fx : tuple, optional
         LIGHT or FULL for the extended model (`lane_effects`).
     """

@@ -154,7 +154,9 @@ class WindowBatch:
         """What each item's plan asks for, (m,) each; NaN from where a rollout diverged."""
         if not len(items):
             return []
-        return np.split(self.run_flat(robots, items), np.cumsum(self._looks.sizes[items.plan])[:-1])
+        sizes = self._looks.sizes[items.plan]
+        found, ends = self.run_flat(robots, items), np.cumsum(sizes)
+        return [found[begin:end] for begin, end in zip(ends - sizes, ends, strict=True)]
 
     def run_flat(self, robots: Sequence[Robot], items: Items) -> Array:
         """The same one after the other."""
@@ -192,7 +194,7 @@ class WindowBatch:
 
         extra = ((), (LIGHT,), (FULL,))[group.extended]
         count, buffers = self._borrow(window_lanes.buffers, group.most + 1)
-        settings = np.array([4, group.free, group.torques], dtype=np.int64)
+        settings = np.array([4, 4 if group.free else int(group.torques)], dtype=np.int64)
         window_lanes.run_windows(work, group.order, part, parts, self.dt, group.steps, settings, buffers, out, *extra)
         self._spare[window_lanes.buffers].append((count, buffers))
 

@@ -15,9 +15,8 @@ WIDTH = 0.5
 @inlined
 def drag(fx, motor, theta_dot):
     """Torque against the rotation of a motor, motor-side, N m."""
-    if motor != int(fx.motor_drag.motor):
-        return 0.0
-    return fx.motor_drag.torque * tanh(theta_dot / WIDTH)
+    torque = fx.motor_drag.torque if motor == fx.motor_drag.motor else 0.0  # no branch: many lanes at once
+    return torque * tanh(theta_dot / WIDTH)
 
 
 EFFECT = Effect(
