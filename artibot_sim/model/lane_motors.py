@@ -28,7 +28,7 @@ def follow_command(S, j, s):
     behind, back = d_dot - speed, d - S[AT.Q_S + MOTORS + j]
     S[AT.ACC + MOTORS + j] = d_ddot + S[AT.DAMPING + j] * behind + S[AT.STIFFNESS + j] * back
     omega = S[AT.TAU + j] * speed
-    S[AT.RIM + j] = S[AT.R_W + j] * omega
+    S[AT.RIM + j], S[AT.SIGN + j] = S[AT.R_W + j] * omega, math.copysign(1.0, omega)
     return omega
 
 
@@ -45,31 +45,20 @@ def drag_motors(S, fx, t):
 
 
 @inlined
-def plain_sign(omega):
-    """`rolling_sign` of a wheel that turns."""
-    return math.copysign(1.0, omega)
+def smooth_signs(S):
+    """Signs of rolling resistance where not all wheels turn fast, by an exponential for each."""
+    for j in range(4 * LANES):
+        S[AT.SIGN + j] = rolling_sign(S[AT.TAU + j] * S[AT.V_S + MOTORS + j])
 
 
 @inlined
-def turn_motors(S, fx, rolls):
+def turn_motors(S, fx):
     """Torques of all motors (eq. 21), and what those that are not prescribed do, at the stage.
-
-    `rolls` as `begin_stage` has it.
-    """
-    if rolls:
-        turn_with(S, fx, plain_sign)
-    else:
-        turn_with(S, fx, rolling_sign)
-
-
-@inlined
-def turn_with(S, fx, sign):
-    """As `turn_motors`, with the function of a wheel's speed (rad/s) that gives the sign of rolling resistance.
 
     Of all motors: a loop over the back ones only is so short that it is written out, without vectors, and slower.
     """
     for j in range(4 * LANES):
-        rolling = S[AT.ROLLS + j] * S[AT.U_F_N + j] * sign(S[AT.TAU + j] * S[AT.V_S + MOTORS + j])
+        rolling = S[AT.ROLLS + j] * S[AT.U_F_N + j] * S[AT.SIGN + j]
         load = S[AT.GEARED + j] * (S[AT.LEVER + j] * S[AT.PULL + j] + rolling)  # eq. 22, motor side
         if fx is not None:
             load += S[AT.DRAG + j]

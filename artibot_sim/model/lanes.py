@@ -20,6 +20,7 @@ from artibot_sim.model.lane_motors import (
     feed_back,
     follow_command,
     hold_torques,
+    smooth_signs,
     turn_motors,
 )
 from artibot_sim.model.planar import Body, Ground, Motion, planar_accelerations, within_friction
@@ -165,7 +166,9 @@ def stage(S, fx, k, s, elapsed, dt, turning):
     if k < turning:
         if fx is not None:
             drag_motors(S, fx, elapsed + late * dt)
-        turn_motors(S, fx, rolls)
+        if not rolls:
+            smooth_signs(S)
+        turn_motors(S, fx)
         if k == 0:
             feed_back(S, fx)
 

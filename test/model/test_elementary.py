@@ -15,6 +15,12 @@ mp.prec = 200
 
 
 @kernel
+def _roots(x, out):
+    for i in range(x.shape[0]):
+        out[i] = elementary.inverse_root(x[i])
+
+
+@kernel
 def _every(x, sine, cosine, exp, tanh):
     for i in range(x.shape[0]):
         sine[i], cosine[i] = elementary.sincos(x[i])
@@ -70,3 +76,10 @@ def test_quadrants_join():
     sine, cosine, _, _ = of(x)
     np.testing.assert_allclose(sine, np.sin(x), rtol=0, atol=3e-16)
     np.testing.assert_allclose(cosine, np.cos(x), rtol=0, atol=3e-16)
+
+
+def test_inverse_roots_to_rounding() -> None:
+    x = 10.0 ** np.random.default_rng(0).uniform(-30.0, 37.0, 20000)
+    found = np.empty_like(x)
+    _roots(x, found)
+    np.testing.assert_allclose(found, 1.0 / np.sqrt(x), rtol=5e-16)

@@ -13,7 +13,7 @@ from artibot_sim.identify.starts import postures, states
 from artibot_sim.model import Commands, Mode, Robot, State, rollout
 from artibot_sim.model import windows as windows_module
 from artibot_sim.model.effects import EFFECTS
-from artibot_sim.model.layout import MOTOR_COORDINATES
+from artibot_sim.model.layout import BACK, GAMMA, MOTOR_COORDINATES
 from artibot_sim.model.window_work import Fleet
 from artibot_sim.model.windows import KINDS, Items, MotorTable, Plan, WindowBatch, level
 
@@ -105,6 +105,14 @@ def test_random_robots(agriq) -> None:
     robots = random_robots(agriq, 12, 0)
     motors = table(agriq)
     assert_like_rollouts(robots, motors, items_of(robots, motors, 1, each=2), 1e-3)
+
+
+def test_rovers_that_spin(agriq) -> None:
+    """So fast that sines and cosines of yaw are taken anew between two knots."""
+    motors = table(agriq)
+    items = items_of([agriq], motors, 12, each=6, longest=40)
+    items.v[:, [GAMMA, BACK + GAMMA]] = np.linspace(-9.0, 9.0, 6)[:, None]
+    assert_like_rollouts([agriq], motors, items, 1e-3)
 
 
 def test_rigid_robots(husky) -> None:
