@@ -11,7 +11,7 @@ from artibot_sim.model.compiled import inlined, kernel
 from artibot_sim.model.dynamics import module_gravity
 from artibot_sim.model.integrators import hold_efficiencies, right_hand_side
 from artibot_sim.model.lane_effects import EFFECT_VALUES
-from artibot_sim.model.lane_layout import AT, LANES, SIZE, effects_at
+from artibot_sim.model.lane_layout import AT, LANES, SIZE, effects_at, line_up_stack
 from artibot_sim.model.lane_loading import PLACES, load_lane, load_motors
 from artibot_sim.model.lane_motors import cubics, leave_knot, next_knot
 from artibot_sim.model.lanes import check, end_stage, sound_rows, stage
@@ -119,6 +119,7 @@ def run_lot(lot, dt, steps, every, knot_steps, settings, S, kept, rows, fx=None)
     rows : array of int, shape (LANES,)
         How many rows of each are sound: an output.
     """
+    line_up_stack()
     load_lot(S, lot, fx)
     for step in range(steps):
         phase = step % knot_steps

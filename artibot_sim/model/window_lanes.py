@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.model.compiled import inlined, kernel
 from artibot_sim.model.lane_effects import EFFECT_VALUES
-from artibot_sim.model.lane_layout import AT, BLOCK, LANES, aligned, effects_at
+from artibot_sim.model.lane_layout import AT, BLOCK, LANES, aligned, effects_at, line_up_stack
 from artibot_sim.model.lane_loading import load_lane, load_motors
 from artibot_sim.model.lane_motors import cubics, leave_knot, next_knot
 from artibot_sim.model.lanes import check, end_stage, sound_rows, stage
@@ -205,6 +205,7 @@ def run_windows(work, order, first, stride, dt, knot_steps, settings, buffer, ou
     fx : tuple, optional
         LIGHT or FULL for the extended model (`lane_effects`).
     """
+    line_up_stack()
     S, rows = buffer
     for block in range(first, (order.shape[0] + LANES - 1) // LANES, stride):
         load_block(S, work, order, block, fx)
