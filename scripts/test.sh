@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# Types and all tests in two rows: in front those that watch the clock and mostly wait, two files at a time; behind, with
-# what they leave of the processors, the types, the tests on a kernel with CAN, if that is emulated, for then its clock
-# waits for them, and then all others, three files at a time, for some wait for processes of their own. The summaries
-# come last.
-# With arguments they are pytest's, and it is one row.
+# Types and all tests: first those that watch the clock and mostly wait, two files at a time, and behind them, with what
+# they leave of the processors, the types and the tests on a kernel with CAN, if that is emulated, for then its clock waits
+# for them; after that all others, three files at a time, for some wait for processes of their own: they calculate, and
+# even behind they would disturb the clock. The summaries come last.
+# With arguments they are pytest's, and it is one part.
 #
 #   scripts/test.sh PYTHON [PYTEST-ARGUMENT …]
 set -uo pipefail
@@ -41,20 +41,18 @@ behind() {
   local failed=0
   quietly "$python" -m mypy >"$reports/types" 2>&1 || failed=1
   [ ${#can[@]} = 0 ] || quietly "$python" -m pytest "${can[@]}" >"$reports/can" 2>&1 || failed=1
-  quietly "$python" -m pytest -n 3 "${files[@]}" "${rest[@]}" >"$reports/rest" 2>&1 || failed=1
   return "$failed"
 }
 
-touch "$reports"/{rest,session}
+touch "$reports/session"
 failed=0
 behind &
 row=$!
 "$python" -m pytest -n 2 "${files[@]}" "${waiting[@]}" 2>&1 | tee "$reports/waiting" || failed=1
 touch "$reports/alone"
 yields 0
-tail -f -n +1 -s 0.2 --pid="$row" "$reports/rest" &
+"$python" -m pytest -n 3 "${files[@]}" "${rest[@]}" 2>&1 | tee "$reports/rest" || failed=1
 wait "$row" || failed=1
-wait # for tail, which ends by itself once all is shown
 [ ! -e "$reports/can" ] || cat "$reports/can"
 cat "$reports/types"
 grep -hE '^=+ .* in [0-9.]+s' "$reports"/*
