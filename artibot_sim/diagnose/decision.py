@@ -69,7 +69,7 @@ class Decision:
     left : mapping of str to Left
         What the model with all that was named leaves.
     unexplained : Unexplained or None
-        The force that no effect explains.
+        The force that no effect explains, if one was found.
     """
 
     verdict: Verdict
@@ -143,18 +143,31 @@ def _with_effect(problem: Problem, fit: Fit, found: Turn, best: Named) -> tuple[
 def _concluded(found: Decision) -> Decision:
     """The verdict: nothing is named where a force follows something beside all that would be."""
     remaining = remains(found.problem, found.fit.point)
-    left = {name: Left(level.typical, level.worst) for name, level in remaining.channels.items()}
-    found = replace(found, left=left)
+    found = replace(found, left=_left(remaining))
     if _leaves_more_than_noise(remaining) and unexplained(found.problem, found.fit.point.coordinates) is not None:
         # that is not the cause, or not all of it
-        neutral = found.neutral_problem, found.neutral_fit
-        force = unexplained(neutral[0], neutral[1].point.coordinates)
+        force = unexplained(found.neutral_problem, found.neutral_fit.point.coordinates)
         if force is not None:
-            problem, fit = neutral
-            return replace(found, verdict=Verdict.UNEXPLAINED, named=(), problem=problem, fit=fit, unexplained=force)
+            return _on_no_list(found, force)
     if not found.named:
         return found
     return replace(found, verdict=Verdict.AMBIGUOUS if found.named[0].ties else Verdict.NAMED)
+
+
+def refuted(found: Decision) -> Decision:
+    """Nothing is named: what was does not hold beyond the recordings it was fitted to."""
+    neutral = found.neutral_problem, found.neutral_fit.point
+    return replace(_on_no_list(found, unexplained(neutral[0], neutral[1].coordinates)), left=_left(remains(*neutral)))
+
+
+def _on_no_list(found: Decision, force: Unexplained | None) -> Decision:
+    """The paper's model, and a force that no effect explains, where one was found."""
+    problem, fit = found.neutral_problem, found.neutral_fit
+    return replace(found, verdict=Verdict.UNEXPLAINED, named=(), problem=problem, fit=fit, unexplained=force)
+
+
+def _left(remaining: Remains) -> dict[str, Left]:
+    return {name: Left(level.typical, level.worst) for name, level in remaining.channels.items()}
 
 
 def _leaves_more_than_noise(left: Remains) -> bool:

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from artibot_sim.diagnose.command_view import command_view
 from artibot_sim.diagnose.data_check import data_warnings
-from artibot_sim.diagnose.decision import Decision
-from artibot_sim.diagnose.diagnosis import Cause, ChannelBaseline, Diagnosis, Found, NextExperiment
+from artibot_sim.diagnose.decision import Decision, refuted
+from artibot_sim.diagnose.diagnosis import Cause, ChannelBaseline, ChannelGain, Diagnosis, Found, NextExperiment
 from artibot_sim.diagnose.evidence import DECADE
 from artibot_sim.diagnose.extended import found_parameters, robot_of
 from artibot_sim.diagnose.looks import COMMANDED, look, with_commands
@@ -18,7 +18,8 @@ from artibot_sim.diagnose.places import places
 from artibot_sim.diagnose.predictions import Pair, baseline_levels, gains, predict
 from artibot_sim.diagnose.ranking import ranking
 from artibot_sim.diagnose.uncertain import Uncertain, judged, surroundings
-from artibot_sim.diagnose.worth import improvements
+from artibot_sim.diagnose.words import amount, channel_words, effect_words, joined
+from artibot_sim.diagnose.worth import improvements, is_refuted
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.side_by_side import all_side_by_side
@@ -43,6 +44,10 @@ def result_of(
     channels, looks = with_commands(baseline_levels(pairs), [look(pair, robot) for pair in pairs], *commanded)
     held_out = [pair for pair in pairs if pair.held_out]
     driven = [one.channels[COMMANDED] for one in looks if one.held_out and COMMANDED in one.channels]
+    gained, gain = improvements(decision, held_out, extended, view, options), gains(held_out, driven, options.seed)
+    if is_refuted(gained, gain):
+        found = result_of(robot, fitted, held, refuted(decision), options, tick)
+        return replace(found, warnings=(_refutation(decision, gain), *found.warnings))
     return Diagnosis(
         verdict=decision.verdict,
         robot=robot,
@@ -53,10 +58,10 @@ def result_of(
         horizon=options.horizon,
         baseline=channels,
         where=places(looks, channels),
-        causes=_causes(decision, effects, improvements(decision, held_out, extended, view, options)),
+        causes=_causes(decision, effects, gained),
         ranking=ranking(decision, options.thresholds),
         unexplained=decision.unexplained,
-        gain=gains(held_out, driven, options.seed),
+        gain=gain,
         next_experiment=_next(decision, extended, channels, options.seed),
         warnings=data_warnings(fitted, robot, decision.neutral_problem, decision.neutral_fit.point, held),
         looks=tuple(looks),
@@ -126,6 +131,19 @@ def _next(
             robots[effect] = replace(neutral, effects=dict(neutral.effects) | {effect: values})
     noise = {name: one.noise / (2.0**0.5 if name == "position" else 1.0) for name, one in channels.items()}
     return next_experiment(robots, noise, seed=seed)
+
+
+def _refutation(decision: Decision, gain: Mapping[str, ChannelGain]) -> str:
+    """Why what was fitted best is not named."""
+    effects = joined([effect_words(named.effect) for named in decision.named])
+    errors = [
+        f"{channel_words(name)} {amount(one.before, one.unit)} to {amount(one.after, one.unit)}"
+        for name, one in gain.items()
+    ]
+    return (
+        f"{effects} would explain the fitted recordings, but held-out ones are predicted worse with that: "
+        f"RMSE of {joined(errors)}; so it is not named"
+    )
 
 
 def _causes(decision: Decision, effects: Parameters, gained: Mapping[str, float]) -> tuple[Cause, ...]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.command_view import CommandView
 from artibot_sim.diagnose.decision import Decision
+from artibot_sim.diagnose.diagnosis import ChannelGain
 from artibot_sim.diagnose.options import Options
 from artibot_sim.diagnose.predictions import Pair, predicted
 from artibot_sim.identify.holdout import Held
@@ -17,6 +19,10 @@ from artibot_sim.identify.robust import channel_levels, merged
 from artibot_sim.model import Robot
 
 Array = NDArray[np.float64]
+
+_WORSE = 0.1
+"""Growth of the held-out error beyond noise from which data speak against a cause: one that happens not to act in them
+adds a few hundredths."""
 
 
 def improvements(
@@ -50,6 +56,20 @@ def improvements(
         found[named.effect] = 1.0 - max(after, 0.0) / before if before > 0.0 else 0.0
         before = after
     return found
+
+
+def is_refuted(gained: Mapping[str, float], gain: Mapping[str, ChannelGain]) -> bool:
+    """Whether held-out data are predicted worse with all that was named: in sum by `_WORSE`, and surely in one channel.
+
+    Parameters
+    ----------
+    gained : mapping of str to float
+        What `improvements` gives.
+    gain : mapping of str to ChannelGain
+        By channel, with intervals.
+    """
+    left = math.prod(1.0 - share for share in gained.values())
+    return left > 1.0 + _WORSE and any(one.ci95[1] < 0.0 for one in gain.values())
 
 
 def _models(decision: Decision) -> list[Robot]:

@@ -1,0 +1,51 @@
+"""A cause that held-out recordings speak against is not named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from artibot_sim.diagnose import Verdict, diagnose
+from artibot_sim.diagnose.diagnosis import ChannelGain
+from artibot_sim.diagnose.worth import is_refuted
+from artibot_sim.experiment import Experiment
+from artibot_sim.identify.synthetic import random_manoeuvre, random_soil, synthetic
+from artibot_sim.model import Robot, load_robot
+
+ROBOT = load_robot("agriq")
+BETTER, WORSE = ChannelGain("m", 0.03, 0.01, (0.01, 0.03)), ChannelGain("rad", 0.01, 0.02, (-0.02, -0.005))
+
+
+@pytest.mark.parametrize(
+    ("gained", "gain", "refuted"),
+    [
+        ({}, {}, False),
+        ({"slope": 0.9}, {"position": BETTER}, False),
+        ({"slope": 0.9}, {"position": BETTER, "yaw": WORSE}, False),  # one channel pays for what the others gain
+        ({"slope": -0.02}, {"yaw": WORSE}, False),  # does not act there
+        ({"slope": -0.5}, {"yaw": ChannelGain("rad", 0.01, 0.02, (-0.02, 0.005))}, False),  # perhaps by chance
+        ({"slope": -0.5}, {"yaw": WORSE}, True),
+        ({"slope": 0.5, "stribeck": -1.5}, {"position": BETTER, "yaw": WORSE}, True),  # both together
+    ],
+)
+def test_held_out_data_speak_against_what_they_are_predicted_worse_with(gained, gain, refuted) -> None:  # type: ignore[no-untyped-def]
+    assert is_refuted(gained, gain) is refuted
+
+
+def test_what_acts_in_the_fitted_recordings_only_is_not_named() -> None:
+    rng = np.random.default_rng(3)
+    soil = random_soil(ROBOT, rng)
+
+    def drive(robot: Robot, seed: int) -> Experiment:
+        return synthetic(robot, random_manoeuvre(rng, 12.0), duration=12.0, seed=seed, name=f"run{seed}")
+
+    warm = replace(soil, effects={"gyro_bias": {"bias": 0.03}})
+    found = diagnose([drive(warm, 1), drive(warm, 2)], ROBOT, holdout=[drive(soil, 3)])
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert found.causes == ()
+    assert "gyro bias" in found.warnings[0]
+    assert "held-out ones are predicted worse" in found.warnings[0]
+    assert "gyro_bias" in {candidate.effect for candidate in found.ranking}
+    assert found.extended.effects == {}
