@@ -142,7 +142,7 @@ def _refutation(decision: Decision, gain: Mapping[str, ChannelGain]) -> str:
     ]
     return (
         f"{effects} would explain the fitted recordings, but held-out ones are predicted worse with that: "
-        f"RMSE of {joined(errors)}; so it is not named"
+        f"RMSE of {joined(errors)}; so nothing is named"
     )
 
 
