@@ -2,26 +2,29 @@
 # Run a command on a machine whose kernel has no CAN: boots Linux as an ordinary process (user-mode Linux, a second or two)
 # on this machine's own files, brings up vcan0 inside, and runs the command there.
 #
-#   scripts/in_uml.sh [-m MEMORY] [-s FACTOR] [-r PRIORITY] COMMAND [ARGUMENT …]
+#   scripts/in_uml.sh [-1] [-m MEMORY] [-s FACTOR] [-r PRIORITY] COMMAND [ARGUMENT …]
 #
 # -s 8 is slow motion: the machine's clocks run 8 times slower than this machine's while it works, and what it sleeps
 # through is skipped (slow_motion.c). What must keep up with the clock then does, whatever else runs here: for trying how
 # programs behave, not how fast they are. -r 10 has the kernel preferred to all ordinary processes, where that is allowed.
 # The command sees the same files, working directory and environment; its output goes to standard output, and its
 # status is this script's. Status 125: the kernel did not come so far; what it said is on standard error.
-# It stays on one processor, which one is left to chance: its processes hand over to each other at every system call.
+# -1 keeps it on one processor, which one is left to chance: beside other work it is then twice as fast, for its processes
+# hand over to each other at every system call, and whatever else watches the clock there waits longer.
 # Needs Debian's packages user-mode-linux, kmod and iproute2, and a C compiler for -s. One CPU; no network but the loopback.
 set -euo pipefail
 
 memory=256M
 preferred=()
+pinned=()
 slowness=
-while getopts m:r:s: option; do
+while getopts 1m:r:s: option; do
   case $option in
+    1) pin=(taskset -c $((RANDOM % $(nproc)))) && "${pin[@]}" true 2>/dev/null && pinned=("${pin[@]}") ;;
     m) memory=$OPTARG ;;
     s) slowness=$OPTARG ;;
     r) chrt -f "$OPTARG" true 2>/dev/null && preferred=(chrt -f "$OPTARG") ;;
-    *) sed -n '2,15s/^# \{0,1\}//p' "$0" >&2; exit 125 ;;
+    *) sed -n '2,16s/^# \{0,1\}//p' "$0" >&2; exit 125 ;;
   esac
 done
 shift $((OPTIND - 1))
@@ -37,10 +40,6 @@ work=$(mktemp -d)
 machine=
 trap '[ -z "$machine" ] || kill "$machine" 2>/dev/null || true; rm -rf "$work"' EXIT
 trap 'exit 130' INT TERM
-
-pinned=()
-core=$((RANDOM % $(nproc)))
-taskset -c "$core" true 2>/dev/null && pinned=(taskset -c "$core")
 
 clock=()
 if [ -n "$slowness" ]; then
