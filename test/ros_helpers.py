@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, NoReturn
 
 import pytest
 
-from artibot_sim.nodes.domain import clear_shared_memory
 from artibot_sim.resources import local_environment
 
 if TYPE_CHECKING:
@@ -64,7 +63,6 @@ def reserved_domain(seed: str) -> Iterator[int]:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 continue
-            clear_shared_memory(domain)
             yield domain
             return
     raise RuntimeError(f"all {len(DOMAINS)} ROS domains are in use by other tests")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
-import re
 import socket
 import tempfile
 from collections.abc import Iterator
@@ -15,11 +14,6 @@ from artibot_sim.errors import ArtibotError
 
 DOMAINS = range(1, 102)
 """Domains whose ports lie below Linux's ephemeral range; 0 is everybody's."""
-
-_PORTS = 250
-"""Of each domain."""
-
-_SHARED = Path("/dev/shm")
 
 
 @contextlib.contextmanager
@@ -49,27 +43,9 @@ def reserved_domain(wanted: int | None = None) -> Iterator[int]:
         with contextlib.ExitStack() as held:
             if not _silent(domain) or not _lock(domain, held):
                 continue
-            clear_shared_memory(domain)
             yield domain
             return
     raise ArtibotError("ROS domains 1 to 101 are all in use on this machine; name one to share with --domain")
-
-
-def clear_shared_memory(domain: int) -> None:
-    """Remove what killed nodes have left in a domain that nobody is in.
-
-    Fast DDS keeps its ports as files: a node that comes later would read there what was said to the dead.
-    """
-    for name in os.listdir(_SHARED) if _SHARED.is_dir() else ():
-        port = re.search(r"fastrtps_port(\d+)", name)
-        if port and 0 <= int(port[1]) - _port(domain) < _PORTS:
-            with contextlib.suppress(OSError):  # gone already, or another user's
-                (_SHARED / name).unlink()
-
-
-def _port(domain: int) -> int:
-    """The first port of a domain (RTPS 2.x, 9.6.1.1)."""
-    return 7400 + _PORTS * domain
 
 
 def _lock(domain: int, held: contextlib.ExitStack) -> bool:
@@ -85,10 +61,10 @@ def _lock(domain: int, held: contextlib.ExitStack) -> bool:
 
 
 def _silent(domain: int) -> bool:
-    """Whether no DDS participant has the first unicast port of the domain."""
+    """Whether no DDS participant has the first unicast port of the domain (RTPS 2.x, 9.6.1.1)."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.bind(("0.0.0.0", _port(domain) + 10))
+            probe.bind(("0.0.0.0", 7400 + 250 * domain + 10))
         except OSError:
             return False
     return True
