@@ -3,7 +3,8 @@
 #
 #   scripts/on_vcan.sh [-s FACTOR] COMMAND [ARGUMENT …]
 #
-# -s has the emulated machine work in slow motion on one processor, as for in_uml.sh; without it, it is preferred to all ordinary processes.
+# -s has the emulated machine work in slow motion on one processor, as for in_uml.sh; without it, it is preferred to all
+# ordinary processes.
 set -euo pipefail
 how=(-r 70)
 [ "${1:-}" != -s ] || { how=(-1 "${@:1:2}"); shift 2; }
