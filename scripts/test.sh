@@ -1,8 +1,7 @@
 #!/usr/bin/env bash
-# Types and all tests: first those that watch the clock and mostly wait, two files at a time, and behind them, with what
-# they leave of the processors, the types and the tests on a kernel with CAN, if that is emulated, for then its clock waits
-# for them; after that all others, three files at a time, for some wait for processes of their own: they calculate, and
-# even behind they would disturb the clock. The summaries come last.
+# Types and all tests: first those that watch the clock and mostly wait, two files at a time, with nothing beside them; then
+# all others, three files at a time, for some wait for processes of their own, and behind these the types and the tests on
+# a kernel with CAN, if that is emulated, for then its clock waits for them. The summaries come last.
 # With arguments they are pytest's, and it is one part.
 #
 #   scripts/test.sh PYTHON [PYTEST-ARGUMENT …]
@@ -35,9 +34,9 @@ behind() {
 }
 
 failed=0
+"$python" -m pytest -n 2 "${files[@]}" "${waiting[@]}" 2>&1 | tee "$reports/waiting" || failed=1
 behind &
 row=$!
-"$python" -m pytest -n 2 "${files[@]}" "${waiting[@]}" 2>&1 | tee "$reports/waiting" || failed=1
 "$python" -m pytest -n 3 "${files[@]}" "${rest[@]}" 2>&1 | tee "$reports/rest" || failed=1
 wait "$row" || failed=1
 [ ! -e "$reports/can" ] || cat "$reports/can"
