@@ -23,7 +23,7 @@ from artibot_driver.listener import interface_of
 from artibot_driver.priority import take_priority
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS
-from artibot_sim.nodes.process import ros_process
+from artibot_sim.nodes.process import destroyed, ros_process
 
 SYNC_ID = 0x080
 REQUESTS = 50.0
@@ -97,14 +97,12 @@ def services(node: Any) -> Iterator[tuple[Any, Any]]:
     return itertools.cycle([(clients[name], request) for _, name, request in calls])
 
 
-def exercise(channel: str, seconds: float) -> dict[str, Any]:
+def exercise(node: Any, channel: str, seconds: float) -> dict[str, Any]:
     """Keep the driver busy for so long; what was seen."""
-    import rclpy
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.qos import qos_profile_sensor_data
     from sensor_msgs.msg import JointState
 
-    node = rclpy.create_node("exercise")
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     publisher = node.create_publisher(JointState, "motor_command_request", qos_profile_sensor_data)
@@ -144,8 +142,10 @@ def jitter(stamps: np.ndarray) -> dict[str, float]:
 
 def main() -> int:
     """Run, and print what was seen."""
-    with ros_process("exercise", ()):
-        print(json.dumps(exercise(sys.argv[1], float(sys.argv[2]))))
+    import rclpy
+
+    with ros_process("exercise", ()), destroyed(rclpy.create_node("exercise")) as node:
+        print(json.dumps(exercise(node, sys.argv[1], float(sys.argv[2]))))
     return 0
 
 

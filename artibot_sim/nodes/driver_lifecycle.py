@@ -203,6 +203,11 @@ class DriverNode(LifecycleNode):
     def finish(self) -> None:
         """Nothing is left open: :meth:`run` closes the bus."""
 
+    def destroy_node(self) -> None:
+        """Destroy the lifecycle's services with the rest."""
+        self._state_machine.destroy_when_not_in_use()
+        super().destroy_node()
+
     def statistics(self) -> dict[str, Any]:
         """How late the loop was, and how long callbacks held it up."""
         return self.loop.pacer.statistics() | self._server.statistics()

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from artibot_sim.nodes.process import ros_process
+from artibot_sim.nodes.process import destroyed, ros_process
 from artibot_sim.nodes.run import node_main
 
 
@@ -78,10 +78,10 @@ def run(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
 
         from artibot_sim.nodes.planner_publisher import PlannerNode
 
-        node = PlannerNode(overrides, asked)
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        return node.run(executor)
+        with destroyed(PlannerNode(overrides, asked)) as node:
+            executor = SingleThreadedExecutor()
+            executor.add_node(node)
+            return node.run(executor)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

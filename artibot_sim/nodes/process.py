@@ -7,14 +7,25 @@ import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import Protocol, TypeVar
 
 from artibot_driver.priority import drop_priority, take_priority
 from artibot_sim.errors import ArtibotError
 from artibot_sim.nodes.ros_args import split_ros_args
 
-__all__ = ["asked_to_end", "ros_process", "split_ros_args", "undisturbed"]
+__all__ = ["asked_to_end", "destroyed", "ros_process", "split_ros_args", "undisturbed"]
 
 _SWITCH = 5e-4  # s: a thread hands over to the one that waits after so long; Python's own 5 ms are too many
+
+
+class Destructible(Protocol):
+    """An rclpy node."""
+
+    def destroy_node(self) -> None:
+        """Give back all that it has."""
+
+
+Node = TypeVar("Node", bound=Destructible)
 
 
 @contextmanager
@@ -91,6 +102,19 @@ def ros_process(name: str, ros_args: Sequence[str]) -> Iterator[list[int]]:
             raise ArtibotError(f"--ros-args: {reason}; expected a name such as /rover1/odom") from error
         finally:
             rclpy.try_shutdown()
+
+
+@contextmanager
+def destroyed(node: Node) -> Iterator[Node]:
+    """A node that is there to the end of this, and no longer.
+
+    One that the process leaves behind keeps the threads of its middleware, and they go on in memory that is being given
+    back: now and then such a process ends with SIGSEGV or SIGABRT instead of its status.
+    """
+    try:
+        yield node
+    finally:
+        node.destroy_node()
 
 
 @contextmanager

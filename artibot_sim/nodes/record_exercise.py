@@ -15,7 +15,7 @@ from typing import Any
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS
-from artibot_sim.nodes.process import ros_process
+from artibot_sim.nodes.process import destroyed, ros_process
 
 TOPICS = tuple(f"/bench/motors_{i}" for i in range(4))
 DEPTH = 1000
@@ -55,13 +55,11 @@ def publish(publishers: Sequence[Any], encoded: Sequence[bytes], rate: float) ->
     return time.monotonic() - begin
 
 
-def exercise(seconds: float, rates: Sequence[float]) -> list[dict[str, float]]:
+def exercise(node: Any, seconds: float, rates: Sequence[float]) -> list[dict[str, float]]:
     """All rates in turn."""
-    import rclpy
     from rclpy.qos import QoSProfile, ReliabilityPolicy
     from sensor_msgs.msg import JointState
 
-    node = rclpy.create_node("exercise")
     qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
     publishers = [node.create_publisher(JointState, topic, qos) for topic in TOPICS]
     stages = [messages(stage, round(rate * seconds)) for stage, rate in enumerate(rates)]
@@ -81,8 +79,10 @@ def exercise(seconds: float, rates: Sequence[float]) -> list[dict[str, float]]:
 
 def main() -> int:
     """Run, and print what was sent."""
-    with ros_process("exercise", ()):
-        print(json.dumps(exercise(float(sys.argv[1]), [float(rate) for rate in sys.argv[2:]])), flush=True)
+    import rclpy
+
+    with ros_process("exercise", ()), destroyed(rclpy.create_node("exercise")) as node:
+        print(json.dumps(exercise(node, float(sys.argv[1]), [float(rate) for rate in sys.argv[2:]])), flush=True)
         time.sleep(1.0)  # what was sent last is still on its way to those who listen
     return 0
 

@@ -99,14 +99,16 @@ def run(
     import rclpy
 
     from artibot_sim.experiment.writer import BagWriter
-    from artibot_sim.nodes.process import ros_process
+    from artibot_sim.nodes.process import destroyed, ros_process
     from artibot_sim.nodes.record_can import CanTap, open_listener
     from artibot_sim.nodes.recorder import Recorder, Selection
 
     if folder.exists():
         raise ArtibotError(f"{folder}: exists already; recordings are never overwritten, give another name with -o")
-    with ros_process("record", ros_args) as asked:
-        node = rclpy.create_node("record", start_parameter_services=False)
+    with (
+        ros_process("record", ros_args) as asked,
+        destroyed(rclpy.create_node("record", start_parameter_services=False)) as node,
+    ):
         selection = Selection(patterns, exclude, everything, node.resolve_topic_name)
         listener = open_listener(node, *bus)
         metadata = {"can": f"{listener.interface} {listener.channel}", **metadata} if listener else metadata

@@ -150,7 +150,7 @@ def run(bag: Path, given: dict[str, Any], *, drive: bool, ros_args: Sequence[str
         If the recording cannot be read, has nothing to publish, or subscribers do not come.
     """
     from artibot_sim.experiment.reader import bag_info
-    from artibot_sim.nodes.process import ros_process
+    from artibot_sim.nodes.process import destroyed, ros_process
     from artibot_sim.nodes.replay_selection import Wish
 
     info = bag_info(bag)
@@ -159,9 +159,12 @@ def run(bag: Path, given: dict[str, Any], *, drive: bool, ros_args: Sequence[str
     wish = Wish(_split(given["topics"]), _split(given["exclude"]), given["remap"], drive, given["request_from"])
     sim_time = ["--ros-args", "-p", "use_sim_time:=true", "--"] if given["use_sim_time"] else []
     with ros_process("replay", [*sim_time, *ros_args]) as asked:
+        import rclpy
+
         from artibot_sim.nodes.replay_run import drive_again, play
 
-        return (drive_again if drive else play)(info, wish, given, asked)
+        with destroyed(rclpy.create_node("replay", start_parameter_services=False)) as node:
+            return (drive_again if drive else play)(node, info, wish, given, asked)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -6,7 +6,6 @@ import time
 from contextlib import nullcontext
 from typing import Any
 
-import rclpy
 from rclpy.node import Node
 
 from artibot_sim.errors import ArtibotError
@@ -22,17 +21,17 @@ from artibot_sim.nodes.replay_source import RecordedTime, Source, Stretch, write
 _DISCOVERY = 0.3
 
 
-def play(info: BagInfo, wish: Wish, given: dict[str, Any], asked: list[int]) -> int:
+def play(node: Node, info: BagInfo, wish: Wish, given: dict[str, Any], asked: list[int]) -> int:
     """Publish a recording with its own timing; return the exit status.
 
     Parameters
     ----------
+    node : publishes.
     info : of the recording.
     wish : which topics.
     given : options of the command line.
     asked : grows by each SIGINT and SIGTERM.
     """
-    node = rclpy.create_node("replay", start_parameter_services=False)
     warn = node.get_logger().warning
     with frame_outlet(info, given, warn) if given["can"] else nullcontext(None) as frames:
         return _play(node, info, wish, given, asked, frames)
@@ -100,12 +99,11 @@ def _clock_rate(node: Node, wanted: float | None) -> float:
     return 100.0 if wanted is None else wanted
 
 
-def drive_again(info: BagInfo, wish: Wish, given: dict[str, Any], asked: list[int]) -> int:
+def drive_again(node: Node, info: BagInfo, wish: Wish, given: dict[str, Any], asked: list[int]) -> int:
     """Publish a recording's inputs anew; return the exit status: 0, or 1 when `/clock` was lost.
 
     Parameters and errors are those of `play`.
     """
-    node = rclpy.create_node("replay", start_parameter_services=False)
     selection = _selected(node, info, wish)
     outlets = make_outlets(node, info, selection.names)
     request = None

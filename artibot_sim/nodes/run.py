@@ -9,10 +9,10 @@ from typing import Any, Protocol
 
 import click
 
-from artibot_sim.nodes.process import ros_process, split_ros_args
+from artibot_sim.nodes.process import Destructible, destroyed, ros_process, split_ros_args
 
 
-class LoopNode(Protocol):
+class LoopNode(Destructible, Protocol):
     """An rclpy node whose ``run`` paces itself."""
 
     settings: dict[str, Any]
@@ -61,20 +61,21 @@ def run_loop(name: str, ros_args: Sequence[str], make: Callable[[list[int]], Loo
 
         from artibot_sim.nodes.pacer import write_statistics
 
-        node = make(asked)
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        try:
-            status = node.run(executor)
-        except ExternalShutdownException:
-            status = 0
-        finally:
-            node.finish()
-        statistics = node.statistics()
-        if node.settings["stats"]:
-            write_statistics(Path(node.settings["stats"]), statistics)
-        node.get_logger().info(summary(statistics))
-        return status
+        with destroyed(make(asked)) as node:
+            executor = SingleThreadedExecutor()
+            executor.add_node(node)
+            try:
+                status = node.run(executor)
+            except ExternalShutdownException:
+                status = 0
+            finally:
+                node.finish()
+                executor.shutdown()
+            statistics = node.statistics()
+            if node.settings["stats"]:
+                write_statistics(Path(node.settings["stats"]), statistics)
+            node.get_logger().info(summary(statistics))
+            return status
 
 
 def summary(statistics: dict[str, Any]) -> str:

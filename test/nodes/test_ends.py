@@ -1,0 +1,49 @@
+"""A node that has ended leaves no thread of the middleware to go on while the process takes itself down."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+from bag_helpers import small_bag
+
+from artibot_driver.loopback import loopback_bus
+from ros_helpers import NodeStarter
+
+LISTED = """
+import sys
+from pathlib import Path
+from artibot_sim.cli import main
+
+status = main(sys.argv[1:])
+print("left:", *{path.read_text().strip() for path in Path("/proc/self/task").glob("*/comm")})
+sys.exit(status)
+"""
+"""Does what `artibot` does, and says which threads are left."""
+
+PROCESS_S = {"dds.shm.wdog", "dds.log"}
+"""Those that belong to the library, which ends them itself, and to no node."""
+
+STARTED = {"sim": "is ready", "driver": "driver on", "record": "recording to"}
+"""What a node says once it runs, where it has to be told to end."""
+
+
+@pytest.mark.parametrize("word", ["sim", "driver", "planner", "record", "replay"])
+def test_no_thread_of_the_middleware_is_left(start_node: NodeStarter, tmp_path: Path, word: str) -> None:
+    with loopback_bus() as channel:
+        given = {
+            "sim": [],
+            "driver": ["--channel", channel],
+            "planner": ["--subscriber-timeout", "0.1"],
+            "record": ["-o", str(tmp_path / "run")],
+            "replay": [str(small_bag(tmp_path / "made", 2))],
+        }
+        node = start_node.run([sys.executable, "-c", LISTED, word, *given[word]], name=word)
+        if word in STARTED:
+            node.wait_for(STARTED[word])
+            node.stop()
+        node.wait()
+    left = set(node.output.partition("left: ")[2].split())
+    assert left
+    assert not {name for name in left if name.startswith("dds.")} - PROCESS_S
