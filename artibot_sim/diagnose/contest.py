@@ -10,7 +10,6 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.cluster import map_tasks
 from artibot_sim.diagnose.hypotheses import without_last
 from artibot_sim.diagnose.patches import refined
 from artibot_sim.diagnose.screen import Around, Trial
@@ -19,7 +18,7 @@ from artibot_sim.identify.gauss_newton import Point, again, evaluate, polished, 
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.search import Fit, awake, free_parameters, settle, sounded
-from artibot_sim.identify.side_by_side import all_side_by_side
+from artibot_sim.identify.side_by_side import side_by_side
 
 Array = NDArray[np.float64]
 Tick = Callable[[], None]
@@ -142,14 +141,7 @@ def _all(
     workers: int | None,
 ) -> list[Result]:
     """What `do` makes of each, in their order; on a cluster where the rounds name one."""
-    one = partial(do, loss, rounds)
-    if rounds.scheduler is None:
-        return all_side_by_side(one, items, workers, tick)
-    found = {}
-    for number, result in map_tasks(one, items, scheduler=rounds.scheduler):
-        found[number] = result
-        tick()
-    return [found[number] for number in range(len(items))]
+    return side_by_side(partial(do, loss, rounds), items, workers, tick, rounds.scheduler)
 
 
 def _through(trials: Sequence[Trial], number: int, baseline: float, rounds: Rounds) -> list[Trial]:

@@ -14,11 +14,10 @@ from artibot_sim.diagnose.input_noise import excess_of
 from artibot_sim.diagnose.patches import discs
 from artibot_sim.diagnose.screen import Trial, around, screen
 from artibot_sim.diagnose.thresholds import Thresholds
-from artibot_sim.identify.noisy_inputs import noisy_inputs
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss, channel_levels, merged
 from artibot_sim.identify.search import Fit, thinned
-from artibot_sim.identify.side_by_side import all_side_by_side
+from artibot_sim.identify.side_by_side import side_by_side
 
 Tick = Callable[[], None]
 
@@ -74,14 +73,13 @@ def turn(
         return Turn(tuple(trials), (), {}, problem, fit, loss, base.point.cost)
     best, rivals = finished(base, rivals, rounds, tick)
     near = [r for r in rivals[: rounds.returns] if best.point.cost - r.fit.point.cost >= 2.0 * rounds.worth]
-    others = all_side_by_side(lambda rival: neutralised(rival, best, loss, rounds), near, problem.workers, tick)
+    others = side_by_side(lambda rival: neutralised(rival, best, loss, rounds), near, problem.workers, tick)
     best = min([best, *others], key=lambda fit: fit.point.cost)
     rivals = _with_starts_of(problem, best, rivals, rounds)
     problem, best, rivals, loss = _with_honest_noise(problem, best, rivals, loss, rounds)
-    noisy = noisy_inputs(problem.stretches, problem.parameters.robot, len(named))
-    excess = excess_of(noisy, problem, best, rivals)
+    excess = excess_of(problem, best, rivals, seed=len(named))
     costs = [best.point.cost - one for one in excess]
-    told = all_side_by_side(lambda one: evidence(*one), list(zip(rivals, costs, strict=True)), problem.workers)
+    told = side_by_side(lambda one: evidence(*one), list(zip(rivals, costs, strict=True)), problem.workers)
     found = {rival.id: one for rival, one in zip(rivals, told, strict=True)}
     return Turn(tuple(trials), tuple(rivals), found, problem, best, loss, base.point.cost)
 
@@ -104,7 +102,7 @@ def _with_honest_noise(
         return rounds.few if fit.point.cost - first.fit.point.cost < 2.0 * rounds.plain else 1
 
     firm, fits = replace(new, firm=True), [(problem, best), *((rival.problem, rival.fit) for rival in rivals)]
-    (problem, best), *anew = all_side_by_side(
+    (problem, best), *anew = side_by_side(
         lambda one: renoised(*one, levels, firm, steps(one[1])), fits, problem.workers
     )
     again = [
@@ -118,9 +116,7 @@ def _with_honest_noise(
 
 def _with_starts_of(problem: Problem, best: Fit, rivals: Sequence[Rival], rounds: Rounds) -> list[Rival]:
     """The rivals, each with the baseline's starts where these are better; the least cost first."""
-    fits = all_side_by_side(
-        lambda rival: adopted(rival.problem, rival.fit, problem, best, rounds), rivals, problem.workers
-    )
+    fits = side_by_side(lambda rival: adopted(rival.problem, rival.fit, problem, best, rounds), rivals, problem.workers)
     found = [replace(rival, fit=fit) for rival, fit in zip(rivals, fits, strict=True)]
     return sorted(found, key=lambda rival: rival.fit.point.cost)
 

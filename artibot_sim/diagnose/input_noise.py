@@ -13,25 +13,25 @@ from numpy.typing import NDArray
 from scipy.stats import trim_mean
 
 from artibot_sim.diagnose.contest import Rival
-from artibot_sim.identify.noisy_inputs import NoisyInputs
+from artibot_sim.identify.noisy_inputs import answers, with_noisy_inputs
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.search import Fit
 
 Array = NDArray[np.float64]
 
 
-def excess_of(noisy: NoisyInputs, problem: Problem, fit: Fit, rivals: Sequence[Rival]) -> list[float]:
+def excess_of(problem: Problem, fit: Fit, rivals: Sequence[Rival], seed: int) -> list[float]:
     """Cost that the noise makes in `fit` and not in each rival, all fitted under the same loss; never negative.
 
     A rival that answers the noise more gets nothing for it: fits were not made to weigh that.
     """
-    other = noisy.upon(problem)
-    mine = noisy.blocks(problem, fit.point, other)
+    noisy = with_noisy_inputs(problem, seed)
+    mine = answers(problem, noisy, fit.point)
     counts = np.sum([window.counts for window in problem.windows], axis=0) / fit.loss.thinning
     found = []
     for rival in rivals:
-        own = other.with_parameters(rival.problem.parameters)
-        less = mine - noisy.blocks(rival.problem, rival.fit.point, own)
+        theirs = noisy.with_parameters(rival.problem.parameters)
+        less = mine - answers(rival.problem, theirs, rival.fit.point)
         total = sum(n * _usual(column) for n, column in zip(counts, less.T, strict=True) if n > 0.0)
         found.append(max(0.0, float(total)))
     return found

@@ -14,7 +14,7 @@ from artibot_sim.identify.extension import Extension
 from artibot_sim.identify.gauss_newton import Point, assess, evaluate, step
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss
-from artibot_sim.identify.side_by_side import all_side_by_side
+from artibot_sim.identify.side_by_side import side_by_side
 from artibot_sim.model.effects import EFFECTS
 
 Array = NDArray[np.float64]
@@ -72,7 +72,7 @@ def _discs(base: Around, effect: str, probes: Sequence[tuple[float, ...]]) -> li
         point, _, _ = step(problem, base.loss, first[0], base.free, known=base.sensitivity, tries=2)
         return Trial(hypothesis, problem, point, np.full(1, np.inf))
 
-    return all_side_by_side(trial, tried, base.problem.workers)
+    return side_by_side(trial, tried, base.problem.workers)
 
 
 def candidates(base: Around) -> list[tuple[float, float]]:

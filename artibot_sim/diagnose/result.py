@@ -8,7 +8,7 @@ from dataclasses import replace
 from artibot_sim.diagnose.command_view import command_view
 from artibot_sim.diagnose.data_check import data_warnings
 from artibot_sim.diagnose.decision import Decision, refuted
-from artibot_sim.diagnose.diagnosis import Cause, ChannelBaseline, ChannelGain, Diagnosis, Found, NextExperiment
+from artibot_sim.diagnose.diagnosis import Cause, ChannelBaseline, Diagnosis, Found, NextExperiment
 from artibot_sim.diagnose.evidence import DECADE
 from artibot_sim.diagnose.extended import found_parameters, robot_of
 from artibot_sim.diagnose.looks import COMMANDED, look, with_commands
@@ -18,11 +18,11 @@ from artibot_sim.diagnose.places import places
 from artibot_sim.diagnose.predictions import Pair, baseline_levels, gains, predict
 from artibot_sim.diagnose.ranking import ranking
 from artibot_sim.diagnose.uncertain import Uncertain, judged, surroundings
-from artibot_sim.diagnose.words import amount, channel_words, effect_words, joined
+from artibot_sim.diagnose.words import refutation
 from artibot_sim.diagnose.worth import improvements, is_refuted
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.problem import Problem
-from artibot_sim.identify.side_by_side import all_side_by_side
+from artibot_sim.identify.side_by_side import side_by_side
 from artibot_sim.model import Robot
 
 Parameters = Mapping[str, Mapping[str, Found]]
@@ -47,7 +47,7 @@ def result_of(
     gained, gain = improvements(decision, held_out, extended, view, options), gains(held_out, driven, options.seed)
     if is_refuted(gained, gain):
         found = result_of(robot, fitted, held, refuted(decision), options, tick)
-        return replace(found, warnings=(_refutation(decision, gain), *found.warnings))
+        return replace(found, warnings=(refutation([named.effect for named in decision.named], gain), *found.warnings))
     return Diagnosis(
         verdict=decision.verdict,
         robot=robot,
@@ -97,7 +97,7 @@ def _predictions(
     tick: Callable[[], None],
 ) -> list[Pair]:
     """All recordings by both models."""
-    return all_side_by_side(
+    return side_by_side(
         lambda one: predict(*one, baseline, extended, options.horizon, options.workers),
         [*((e, False) for e in fitted), *((e, True) for e in held)], options.workers, tick,
     )  # fmt: skip
@@ -131,19 +131,6 @@ def _next(
             robots[effect] = replace(neutral, effects=dict(neutral.effects) | {effect: values})
     noise = {name: one.noise / (2.0**0.5 if name == "position" else 1.0) for name, one in channels.items()}
     return next_experiment(robots, noise, seed=seed)
-
-
-def _refutation(decision: Decision, gain: Mapping[str, ChannelGain]) -> str:
-    """Why what was fitted best is not named."""
-    effects = joined([effect_words(named.effect) for named in decision.named])
-    errors = [
-        f"{channel_words(name)} {amount(one.before, one.unit)} to {amount(one.after, one.unit)}"
-        for name, one in gain.items()
-    ]
-    return (
-        f"{effects} would explain the fitted recordings, but held-out ones are predicted worse with that: "
-        f"RMSE of {joined(errors)}; so nothing is named"
-    )
 
 
 def _causes(decision: Decision, effects: Parameters, gained: Mapping[str, float]) -> tuple[Cause, ...]:

@@ -15,7 +15,7 @@ from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.search import free_parameters, sounded
 from artibot_sim.identify.sensitivity import Sensitivity, clip, moved_along
-from artibot_sim.identify.side_by_side import all_side_by_side
+from artibot_sim.identify.side_by_side import side_by_side
 
 Array = NDArray[np.float64]
 Follow = Callable[[Array], Array]
@@ -98,7 +98,7 @@ def around(problem: Problem, loss: Loss, point: Point) -> Around:
 
 def screen(base: Around, found: Sequence[Hypothesis], tick: Callable[[], None] = lambda: None) -> list[Trial]:
     """Every hypothesis at the best of its probes, soil and starts corrected by one step with known sensitivities."""
-    return all_side_by_side(partial(_screened, base), found, base.problem.workers, tick)
+    return side_by_side(partial(_screened, base), found, base.problem.workers, tick)
 
 
 def _screened(base: Around, hypothesis: Hypothesis) -> Trial:

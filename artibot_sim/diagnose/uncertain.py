@@ -24,7 +24,7 @@ from artibot_sim.identify.noise_share import NoiseShare, noise_share
 from artibot_sim.identify.parameters import ParameterSet
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.search import FINE, Fit, Tick, scan
-from artibot_sim.identify.side_by_side import all_side_by_side
+from artibot_sim.identify.side_by_side import side_by_side
 from artibot_sim.identify.uncertainty import Node, profile, refitted, reweighted
 
 Array = NDArray[np.float64]
@@ -62,7 +62,7 @@ class Uncertain:
 
 
 @dataclass(frozen=True)
-class Around:
+class Surroundings:
     """What is known around a fit.
 
     Attributes
@@ -83,7 +83,7 @@ def uncertain(
     return judged(problem, fit, surroundings([(problem, fit)], tick)[0], seed, heard)
 
 
-def surroundings(fits: Sequence[tuple[Problem, Fit]], tick: Tick = lambda: None) -> list[Around]:
+def surroundings(fits: Sequence[tuple[Problem, Fit]], tick: Tick = lambda: None) -> list[Surroundings]:
     """What is around some fits, all of it side by side."""
     works: list[tuple[int, Callable[[], Sequence[Node] | NoiseShare]]] = []
     for number, (problem, fit) in enumerate(fits):
@@ -91,17 +91,17 @@ def surroundings(fits: Sequence[tuple[Problem, Fit]], tick: Tick = lambda: None)
             works += [(number, work) for work in along(problem, fit, which)]
         works += [(number, partial(profile, problem, fit)), (number, partial(noise_share, problem, fit))]
     workers = fits[0][0].workers if fits else None
-    done = all_side_by_side(lambda work: work[1](), works, workers, tick)
+    done = side_by_side(lambda work: work[1](), works, workers, tick)
     found = []
     for number in range(len(fits)):
         mine = [result for (whose, _), result in zip(works, done, strict=True) if whose == number]
         nodes = [node for result in mine if not isinstance(result, NoiseShare) for node in result]
         noise = next(result for result in mine if isinstance(result, NoiseShare))
-        found.append(Around(tuple(nodes), noise))
+        found.append(Surroundings(tuple(nodes), noise))
     return found
 
 
-def judged(problem: Problem, fit: Fit, around: Around, seed: int, heard: Heard | None = None) -> Uncertain:
+def judged(problem: Problem, fit: Fit, around: Surroundings, seed: int, heard: Heard | None = None) -> Uncertain:
     """The same from what is around the fit."""
     parameters, index = problem.parameters, list(fit.free)
     nodes, noise = around.nodes, around.noise

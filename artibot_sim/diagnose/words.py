@@ -172,11 +172,23 @@ def sureness(found: Diagnosis) -> str:
         parts.append(f"The best other effect is {_rival(rival)}.")
     if np.isfinite(cause.holdout_improvement):
         share = 100 * cause.holdout_improvement
-        worse = f"On held-out data it predicts worse: the error beyond noise grows by {-share:.0f} %."
-        parts.append(
-            worse if share <= -0.5 else f"Of the error beyond noise on held-out data it removes {share:.0f} %."
-        )
+        if share <= -0.5:
+            parts.append(f"On held-out data it predicts worse: the error beyond noise grows by {-share:.0f} %.")
+        else:
+            parts.append(f"Of the error beyond noise on held-out data it removes {share:.0f} %.")
     return " ".join(parts)
+
+
+def refutation(effects: Sequence[str], gain: Mapping[str, ChannelGain]) -> str:
+    """Why effects that were fitted best are not named: with them, held-out data are predicted worse."""
+    errors = [
+        f"{channel_words(name)} {amount(one.before, one.unit)} to {amount(one.after, one.unit)}"
+        for name, one in gain.items()
+    ]
+    return (
+        f"{joined([effect_words(name) for name in effects])} would explain the fitted recordings, but held-out ones "
+        f"are predicted worse with that: RMSE of {joined(errors)}; so nothing is named"
+    )
 
 
 def best_rival(found: Diagnosis) -> Candidate | None:

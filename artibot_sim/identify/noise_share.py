@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.identify.gauss_newton import Point, evaluate
-from artibot_sim.identify.noisy_inputs import NoisyInputs, noisy_inputs
+from artibot_sim.identify.noisy_inputs import answers, with_noisy_inputs
 from artibot_sim.identify.parameters import ParameterSet
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.search import Fit
@@ -74,10 +74,7 @@ class NoiseShare:
 
 def noise_share(problem: Problem, fit: Fit) -> NoiseShare:
     """Simulate with noise drawn anew, at the fit and beside it in each coordinate."""
-    draws = []
-    for seed in range(_DRAWS):
-        draw = noisy_inputs(problem.stretches, problem.parameters.robot, seed)
-        draws.append((draw, draw.upon(problem)))
+    draws = [with_noisy_inputs(problem, seed) for seed in range(_DRAWS)]
     middle = fit.point.coordinates
     here = _blocks(draws, problem, fit, middle)
     limit = _USUAL * np.median(here, axis=0)
@@ -119,7 +116,7 @@ def _felt(parameters: ParameterSet) -> list[int]:
     return [*range(own), *(own + np.flatnonzero(felt)).tolist()]
 
 
-def _blocks(draws: Sequence[tuple[NoisyInputs, Problem]], problem: Problem, fit: Fit, coordinates: Array) -> Array:
+def _blocks(draws: Sequence[Problem], problem: Problem, fit: Fit, coordinates: Array) -> Array:
     """Mean squares of what the noise changes in residuals, shape (windows, channels); 0 where nothing is measured."""
     point = evaluate(problem, fit.loss, [coordinates], fit.point.starts)[0]
-    return np.nan_to_num(np.mean([draw.blocks(problem, point, noisy) for draw, noisy in draws], axis=0))
+    return np.nan_to_num(np.mean([answers(problem, noisy, point) for noisy in draws], axis=0))

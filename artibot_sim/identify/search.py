@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.cluster import map_tasks
 from artibot_sim.identify.gauss_newton import Point, Reduced, again, align, best_of, evaluate, polished, step
 from artibot_sim.identify.parameters import MU_S
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss, spread, thinning
-from artibot_sim.identify.side_by_side import all_side_by_side, side_by_side
+from artibot_sim.identify.side_by_side import side_by_side
 from artibot_sim.identify.starts import turned
 from artibot_sim.identify.windows import CHANNEL_NAMES
 
@@ -106,21 +104,11 @@ def free_parameters(problem: Problem) -> tuple[int, ...]:
 def search(problem: Problem, effort: Effort, tick: Tick = lambda: None) -> Fit:
     """The best fit from several starts, noise levels as they stand."""
     even = np.ones(len(CHANNEL_NAMES))
-    ends: list[Any] = []
     tasks = [(problem, coordinates, even, effort.first) for coordinates in first_guesses(problem, effort)]
-    if effort.scheduler is None:
-        done = side_by_side(_descended, tasks, problem.workers)
-    else:
-        done = map_tasks(_descended, tasks, scheduler=effort.scheduler)
-    for number, fit in done:
-        ends.append((number, fit))
-        tick()
-    ends = [fit for _, fit in sorted(ends, key=lambda end: end[0])]  # a cluster finishes them in any order
+    ends = side_by_side(_descended, tasks, problem.workers, tick, effort.scheduler)
     ends.sort(key=lambda fit: fit.point.cost)
     near = [fit for fit in ends[: effort.finalists] if fit.point.cost <= _CLOSE * ends[0].point.cost]
-    finals = all_side_by_side(
-        lambda fit: settle(problem, fit.point, fit.loss, effort.last), near, problem.workers, tick
-    )
+    finals = side_by_side(lambda fit: settle(problem, fit.point, fit.loss, effort.last), near, problem.workers, tick)
     finals.sort(key=lambda fit: fit.point.cost)
     best = finals[0]
     others = tuple(fit.point for fit in [*finals[1:], *ends[effort.finalists :]])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -225,14 +225,11 @@ def missing(found: Sequence[Stretch], robot: Robot) -> list[str]:
     return [channel for channel in wanted if channel not in present]
 
 
-def other_robot(experiment: Experiment, robot: Robot) -> list[str]:
+def other_robot(experiment: Experiment, robot: Robot) -> Iterator[str]:
     """A sentence where a recording says that it is of another robot than `robot`."""
     named = experiment.metadata.get("robot")
-    return (
-        [f"was recorded with robot '{named}', and is taken for '{robot.name}'"]
-        if named not in (None, "", robot.name)
-        else []
-    )
+    if named and named != robot.name:
+        yield f"was recorded with robot '{named}', and is taken for '{robot.name}'"
 
 
 assert all(len(names) <= len(MOTORS) for names in CHANNELS.values())

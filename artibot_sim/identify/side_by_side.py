@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import TypeVar
 
-from artibot_sim.cluster import cores
+from artibot_sim.cluster import cores, map_tasks
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -52,9 +52,13 @@ def threads(workers: int | None) -> int | None:
 
 
 def side_by_side(
-    do: Callable[[Item], Result], items: Sequence[Item], workers: int | None = None
-) -> Iterator[tuple[int, Result]]:
-    """What `do` makes of each item, with its number, in the order in which they are done.
+    do: Callable[[Item], Result],
+    items: Sequence[Item],
+    workers: int | None = None,
+    tick: Callable[[], None] = lambda: None,
+    scheduler: str | None = None,
+) -> list[Result]:
+    """What `do` makes of each item, in their order.
 
     Parameters
     ----------
@@ -63,14 +67,28 @@ def side_by_side(
     items : sequence
     workers : int, optional
         Cores; all by default. Tasks within a task are done one after the other.
+    tick : callable, optional
+        Hears of each that is done.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers do them instead; `do` and the items must then be picklable.
     """
+    done = _done(do, items, workers) if scheduler is None else map_tasks(do, items, scheduler=scheduler)
+    found = {}
+    for number, result in done:
+        found[number] = result
+        tick()
+    return [found[number] for number in range(len(items))]
+
+
+def _done(do: Callable[[Item], Result], items: Sequence[Item], workers: int | None) -> Iterator[tuple[int, Result]]:
+    """The number and result of each, as they come."""
     count = min(workers or cores(), len(items))
     if count < 2 or getattr(_here, "tasks", None) is not None:
         yield from ((number, do(item)) for number, item in enumerate(items))
         return
     tasks = _Tasks(len(items), workers or cores())
 
-    def done(item: Item) -> Result:
+    def within(item: Item) -> Result:
         _here.tasks = tasks
         try:
             return do(item)
@@ -79,23 +97,9 @@ def side_by_side(
 
     pool = ThreadPoolExecutor(count, "fits")
     try:
-        numbers = {pool.submit(done, item): number for number, item in enumerate(items)}
+        numbers = {pool.submit(within, item): number for number, item in enumerate(items)}
         for future in as_completed(numbers):
             yield numbers[future], future.result()
     finally:
         tasks.over = True
         pool.shutdown(wait=True, cancel_futures=True)
-
-
-def all_side_by_side(
-    do: Callable[[Item], Result],
-    items: Sequence[Item],
-    workers: int | None = None,
-    tick: Callable[[], None] = lambda: None,
-) -> list[Result]:
-    """The same in the order of the items; `tick` hears of each that is done."""
-    found = {}
-    for number, result in side_by_side(do, items, workers):
-        found[number] = result
-        tick()
-    return [found[number] for number in range(len(items))]

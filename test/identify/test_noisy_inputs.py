@@ -7,7 +7,7 @@ import pytest
 
 from artibot_sim.identify.gauss_newton import Point, evaluate
 from artibot_sim.identify.holdout import fitted_starts
-from artibot_sim.identify.noisy_inputs import NoisyInputs, noisy_inputs
+from artibot_sim.identify.noisy_inputs import answers, with_noisy_inputs
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.robust import Loss
@@ -28,16 +28,16 @@ def problem() -> Problem:
 
 
 @pytest.fixture(scope="module")
-def noisy(problem: Problem) -> NoisyInputs:
-    return noisy_inputs(problem.stretches, ROBOT, 0)
+def noisy(problem: Problem) -> Problem:
+    return with_noisy_inputs(problem, 0)
 
 
-def typical(noisy: NoisyInputs, problem: Problem, point: Point) -> float:
+def typical(noisy: Problem, problem: Problem, point: Point) -> float:
     """Share of the noise of back torques that comes from the rotations."""
-    return float(np.nanmedian(noisy.blocks(problem, point)[:, BACK]))
+    return float(np.nanmedian(answers(problem, noisy, point)[:, BACK]))
 
 
-def test_rotations_err_as_neighbouring_samples_show(problem: Problem, noisy: NoisyInputs) -> None:
+def test_rotations_err_as_neighbouring_samples_show(problem: Problem, noisy: Problem) -> None:
     for old, new in zip(problem.stretches, noisy.stretches, strict=True):
         assert len(old.inputs.t) == len(new.inputs.t)
         turning = np.abs(old.inputs.velocity).min(axis=1) > 20.0
@@ -47,7 +47,7 @@ def test_rotations_err_as_neighbouring_samples_show(problem: Problem, noisy: Noi
         assert np.abs((new.inputs.velocity - old.inputs.velocity)[standing]).max(initial=0.0) < 1e-9
 
 
-def test_what_grips_more_answers_more(problem: Problem, noisy: NoisyInputs) -> None:
+def test_what_grips_more_answers_more(problem: Problem, noisy: Problem) -> None:
     point = fitted_starts(problem, 2)
     values = problem.parameters.values(point.coordinates)
     values[problem.parameters.index("contact.k_l")] *= 0.7
@@ -56,6 +56,6 @@ def test_what_grips_more_answers_more(problem: Problem, noisy: NoisyInputs) -> N
     assert 0.0 < typical(noisy, problem, softer) < 0.8 * typical(noisy, problem, point) < 1.0
 
 
-def test_the_same_seed_draws_the_same(problem: Problem, noisy: NoisyInputs) -> None:
-    again = noisy_inputs(problem.stretches, ROBOT, 0)
+def test_the_same_seed_draws_the_same(problem: Problem, noisy: Problem) -> None:
+    again = with_noisy_inputs(problem, 0)
     assert np.array_equal(again.stretches[0].inputs.velocity, noisy.stretches[0].inputs.velocity)

@@ -12,15 +12,15 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.identify.extension import Extension
 from artibot_sim.identify.parameters import MU_D, MU_S, ParameterSet
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.side_by_side import all_side_by_side, threads
+from artibot_sim.identify.side_by_side import side_by_side, threads
 from artibot_sim.model import load_robot
 
 
 def test_results_stand_in_the_order_of_the_items_and_each_is_told() -> None:
     heard: list[int] = []
-    assert all_side_by_side(lambda k: k * k, range(7), 3, lambda: heard.append(1)) == [k * k for k in range(7)]
+    assert side_by_side(lambda k: k * k, range(7), 3, lambda: heard.append(1)) == [k * k for k in range(7)]
     assert len(heard) == 7
-    assert all_side_by_side(abs, [], 2) == []
+    assert side_by_side(abs, [], 2) == []
 
 
 def test_cores_are_shared_while_several_are_at_work_and_the_last_has_them_all() -> None:
@@ -35,11 +35,9 @@ def test_cores_are_shared_while_several_are_at_work_and_the_last_has_them_all() 
             time.sleep(0.01)  # until the other one's end is noticed
         return early, threads(4) or 0
 
-    (early, _), (other, late) = all_side_by_side(share, [0, 1], 4)
+    (early, _), (other, late) = side_by_side(share, [0, 1], 4)
     assert (early, other, late) == (2, 2, 4)
-    inner = all_side_by_side(
-        lambda _: all_side_by_side(lambda k: threading.current_thread().name, [0, 1], 4), [0, 1], 4
-    )
+    inner = side_by_side(lambda _: side_by_side(lambda k: threading.current_thread().name, [0, 1], 4), [0, 1], 4)
     assert all(len(set(names)) == 1 for names in inner), "tasks of a task stay in its thread"
 
 
@@ -59,7 +57,7 @@ def test_an_error_ends_the_others_at_their_next_simulation() -> None:
         return k
 
     with pytest.raises(ArtibotError, match="no"):
-        all_side_by_side(fails, [0, 1, 2, 3], 2)
+        side_by_side(fails, [0, 1, 2, 3], 2)
     assert ended and set(ended) <= {0, 2}, "and no other is begun"
 
 
