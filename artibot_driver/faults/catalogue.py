@@ -137,6 +137,14 @@ def _on(world: World, motor: str) -> None:
     world.bus_on()
 
 
+def _cable_off(world: World, motor: str) -> None:
+    world.cable_off()
+
+
+def _cable_on(world: World, motor: str) -> None:
+    world.cable_on()
+
+
 def _flood(world: World, motor: str) -> None:
     world.flood = world.full
 
@@ -236,6 +244,7 @@ CATALOGUE: Final = (
     Fault("driver killed", _hang, _replace_driver, True, BY_THE_DRIVES, (), silent=True),
     Fault("bus down", _down, _up, True, BY_THE_DRIVES, (_R.BUS_LOST, _R.CANNOT_SEND), silent=True),
     Fault("bus-off", _off, _on, True, BY_THE_DRIVES, (_R.BUS_LOST, _R.CANNOT_SEND), silent=True),
+    Fault("cable off", _cable_off, _cable_on, True, BY_THE_DRIVES, (_R.DRIVE_SILENT, _R.CANNOT_SEND), silent=True),
     Fault("bus flooded", _flood, _end_flood, True, ON_THE_BUS, (_R.BUS_OVERLOADED, _R.CANNOT_SEND, *_DRIVE)),
     Fault("somebody stops all nodes", _stop_nodes, _nothing, True, ON_THE_BUS, _DRIVE),
     Fault("somebody resets a node", _reset_node, _nothing, True, ON_THE_BUS, _DRIVE),

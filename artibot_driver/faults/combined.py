@@ -16,7 +16,14 @@ HELD: Final = 0.3
 
 CAN_PASS: Final = tuple(
     BY_NAME[name]
-    for name in ("drive unplugged", "drive without supply", "driver hangs", "bus flooded", "all of these together")
+    for name in (
+        "drive unplugged",
+        "drive without supply",
+        "driver hangs",
+        "cable off",
+        "bus flooded",
+        "all of these together",
+    )
 )
 """Those that can be over soon."""
 

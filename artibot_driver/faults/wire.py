@@ -77,11 +77,15 @@ class UnreliableBus:
         What has happened, by kind.
     cut : bool
         Whether nothing passes at all, as with a controller that has left the bus.
+    room : int
+        So many frames are taken all the same and wait, as in the queue of an interface whose cable is off.
     """
 
     def __init__(self, bus: AnyBus, rng: random.Random) -> None:
         self.bus = bus
         self.cut = False
+        self.room = 0
+        self._waiting: list[Frame] = []
         self.interference = Interference()
         self.done: Counter[str] = Counter()
         self._rng = rng
@@ -98,7 +102,9 @@ class UnreliableBus:
     def send(self, frame: Frame) -> bool:
         """Send a frame, or what becomes of it."""
         if self.cut:
-            return False
+            taken = len(self._waiting) < self.room
+            self._waiting += [frame] * taken
+            return taken
         if self._happens("lost"):
             return True
         if self._happens("truncated"):
@@ -113,6 +119,13 @@ class UnreliableBus:
             kept, self._kept = self._kept, None
             self.bus.send(kept)
         return sent
+
+    def join(self) -> None:
+        """No longer cut: what waits goes out at once."""
+        self.cut = False
+        for frame in self._waiting:
+            self.bus.send(frame)
+        self._waiting = []
 
     def receive(self, timeout: float = 0.0) -> can.Message | None:
         """The next frame, or what has become of it."""

@@ -24,6 +24,9 @@ DRIVE_STEP: Final = 2_000_000
 STRANGERS: Final = 10
 """Frames in a period from nodes that are none of ours, where there is a noise."""
 
+QUEUE: Final = (10, 100)
+"""Frames that may wait in an interface: what Linux gives it by default, and what docs/field.md does."""
+
 _FLOOD_FRAME = Frame(0x7F0, bytes(8))
 
 
@@ -102,6 +105,14 @@ class World(ABC):
     @abstractmethod
     def bus_on(self) -> None:
         """Have it come back, and say so."""
+
+    def cable_off(self) -> None:
+        """Take the cable off the master's adapter: nobody confirms a frame, and so they wait, as many as there may."""
+        self.unreliable.cut, self.unreliable.room = True, self.rng.randint(*QUEUE)
+
+    def cable_on(self) -> None:
+        """Put it back: what has waited goes out."""
+        self.unreliable.join()
 
     @property
     def last(self) -> Cycle:

@@ -18,7 +18,7 @@ from artibot_driver.config import config_from_parameters
 from artibot_driver.faults.wire import message_of
 from artibot_driver.faults.world import VirtualWorld
 from artibot_driver.frames import Frame, NmtState, heartbeat
-from artibot_driver.master import Cycle, Master, Phase, Setpoints
+from artibot_driver.master import Cycle, Master, Phase, Reason, Setpoints
 from artibot_driver.master.hearing import LISTEN_TIME
 from artibot_driver.rig import load_rig
 
@@ -146,6 +146,27 @@ def test_one_that_was_silent_leaves_the_drives_to_who_leads_them_now(two: Two, s
     assert status.phase is Phase.LISTENING
     assert status.rival.startswith("somebody else leads the drives: heard ")
     assert all({*sample.seen.state} == {State.OPERATION_ENABLED} for sample in two.first.trace[first:])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_still_waited_in_the_interface_of_one_whose_cable_was_off_stops_another(two: Two, seed: int) -> None:
+    """Nobody can take such frames back: they are set-points of long ago, among those of who leads the drives now."""
+    two.first.rng.seed(seed)
+    two.first.cable_off()
+    assert two.run(2.0).status.phase is Phase.LOCKED
+    two.second.reset_fault()
+    assert two.run(1.5).status.phase is Phase.READY
+    two.second.enable()
+    assert two.run(0.5).status.phase is Phase.ENABLED
+    first = len(two.first.trace)
+    two.first.cable_on()
+    stop = two.run(0.01).status.stop
+    assert stop is not None and stop.reason is Reason.SECOND_DRIVER
+    assert two.run(0.5).status.counters["foreign_commands"] >= 4
+    asked = [abs(sample.seen.asked[0].velocity or 0.0) for sample in two.first.trace[first:]]
+    assert asked[0] < 30.0 and asked[-1] == 0.0
+    assert all(b <= a for a, b in pairwise(asked))
+    assert two.first.last.status.phase is Phase.LISTENING
 
 
 def test_one_that_was_silent_for_long_listens_first_and_is_soon_back(silence: Silence) -> None:
