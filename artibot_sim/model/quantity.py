@@ -36,9 +36,10 @@ class Quantity:
         above = value >= self.high if self.high_open else value > self.high
         if math.isnan(value) or below or above:
             left, right = "(" if self.low_open else "[", ")" if self.high_open else "]"
+            unit = "" if self.unit == "-" else f" {self.unit}"
             raise ArtibotError(
-                f"{key}: {value:g} {self.unit} is out of bounds; expected a value in "
-                f"{left}{self.low:g}, {self.high:g}{right} {self.unit} ({self.doc})"
+                f"{key}: {value:g}{unit} is out of bounds; expected a value in "
+                f"{left}{self.low:g}, {self.high:g}{right}{unit} ({self.doc})"
             )
 
 
