@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from artibot_driver.bus_health import BusState
-from artibot_driver.cia402 import State
+from artibot_driver.cia402 import State, StatusBit
 from artibot_driver.config import DriverConfig
 from artibot_driver.master import DriveStatus, Phase, Stage, Status
 from artibot_sim.nodes.driver_answers import obstacles, stop_text
@@ -112,11 +112,15 @@ def _drive(robot: str, drive: DriveStatus) -> DiagnosticStatus:
         level, text = ERROR, _joined((state, drive.emergency, drive.trouble))
     elif drive.trouble or drive.emergency or drive.stage is not Stage.RUNNING:
         level, text = WARN, _joined((drive.trouble or drive.stage.value, drive.emergency))
+    elif drive.statusword & StatusBit.WARNING:
+        level, text = WARN, _joined((state, "the drive warns, and says no more"))
     values = {
         "node id": drive.node,
         "stage": drive.stage.name,
         "state": state,
         "statusword": f"{drive.statusword:#06x}",
+        "motor supply": bool(drive.statusword & StatusBit.VOLTAGE_ENABLED),
+        "at a limit": bool(drive.statusword & StatusBit.INTERNAL_LIMIT),
         "emergency": drive.emergency,
         "error code": f"{drive.error_code:#06x}",
         "since heartbeat (s)": drive.heartbeat_age,

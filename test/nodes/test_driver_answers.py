@@ -88,6 +88,7 @@ def test_what_is_in_the_way_names_motor_node_and_trouble() -> None:
         (with_drive(0, stage=Stage.SEEKING, state=None, heartbeat_age=math.inf), [OK, OK, STALE, OK, OK, OK]),
         (with_drive(3, state=State.FAULT, emergency="2310h over-current"), [OK, OK, OK, OK, OK, ERROR]),
         (with_drive(1, trouble="late"), [OK, OK, OK, WARN, OK, OK]),
+        (with_drive(2, statusword=0xC0), [OK, OK, OK, OK, WARN, OK]),
         (replace(READY, stop=STOP), [ERROR, OK, OK, OK, OK, OK]),
         (replace(READY, stop=replace(STOP, reason=Reason.DISABLE)), [OK, OK, OK, OK, OK, OK]),
         (replace(READY, phase=Phase.LISTENING), [WARN, OK, OK, OK, OK, OK]),
@@ -109,6 +110,13 @@ def test_levels_of_diagnostics(status: Status, levels: list[bytes]) -> None:
     if status.stop:
         assert status.stop.text in message.status[0].message
         assert values["stop motor"] == "back_left"
+
+
+@pytest.mark.parametrize(("word", "supply", "limit"), [(0x40, False, False), (0x50, True, False), (0x0C50, True, True)])
+def test_supply_and_limit_are_told_by_the_statusword(word: int, supply: bool, limit: bool) -> None:
+    message = diagnostics(1, CONFIG, "agriq", with_drive(3, statusword=word), {})
+    values = {pair.key: pair.value for pair in message.status[-1].values}
+    assert (values["motor supply"], values["at a limit"]) == (str(supply), str(limit))
 
 
 def test_news_is_what_a_person_would_want_to_know() -> None:
