@@ -96,6 +96,8 @@ class Rover:
     def enable(self) -> None:
         """Whatever the last trial has left: disabled drives without a fault, then enabled."""
         probe = self.probe
+        probe.forget()
+        self.sniffer.frames.clear()
         if probe.part("driver").get("phase") == "ENABLED":
             assert probe.call_driver("disable").success
         probe.until(lambda: probe.part("driver").get("phase") in ("READY", "LOCKED"), "drives that are set up", 60.0)

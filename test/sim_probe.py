@@ -36,6 +36,9 @@ TYPES: dict[str, Any] = {
     "imu/data": Imu,
     "total_station/point": PointStamped,
 }
+RECENT = 100
+"""Messages of a topic that are kept where all others are forgotten."""
+
 MEASURED = ("odom", "ground_truth/odom", "joint_states", "motor_torques", "motor_command")
 
 
@@ -89,6 +92,11 @@ class Probe:
 
     def last(self, topic: str = "ground_truth/odom") -> Any:
         return self.got[topic][-1]
+
+    def forget(self) -> None:
+        """All but the newest messages: hours of them fill the memory."""
+        for messages in self.got.values():
+            del messages[:-RECENT]
 
     def clear(self) -> None:
         for messages in self.got.values():
