@@ -21,9 +21,9 @@ settings.load_profile("artibot")
 
 LONGEST = (
     "test_demo.py",
+    "driver/test_safety_loopback.py",
     "nodes/test_driver_node.py",
     "nodes/test_sim_services.py",
-    "driver/test_safety_loopback.py",
     "nodes/test_closed_loop.py",
     "nodes/test_record.py",
     "nodes/test_replay.py",
@@ -40,7 +40,8 @@ LONGEST = (
     "experiment/test_kill.py",
     "test_install.py",
 )
-"""Files whose tests take longest together, in `test`."""
+"""Files whose tests take longest together, in `test`. Beside the demo, a processor's worth of work, stands what notices
+that the machine held it up, and tries again."""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
