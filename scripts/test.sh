@@ -28,8 +28,8 @@ trap 'kill $(jobs -p) 2>/dev/null; rm -rf "$reports"' EXIT
 
 behind() {
   local failed=0
-  nice -n 19 "$python" -m mypy >"$reports/types" 2>&1 || failed=1
-  [ ${#can[@]} = 0 ] || nice -n 19 "$python" -m pytest "${can[@]}" >"$reports/can" 2>&1 || failed=1
+  nice -n 5 "$python" -m mypy >"$reports/types" 2>&1 || failed=1
+  [ ${#can[@]} = 0 ] || nice -n 5 "$python" -m pytest "${can[@]}" >"$reports/can" 2>&1 || failed=1
   return "$failed"
 }
 
