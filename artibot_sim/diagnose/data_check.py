@@ -12,7 +12,7 @@ from artibot_sim.diagnose.data_clock import clock_faults
 from artibot_sim.diagnose.data_wheels import FACTOR_REFUSED, Rolled, rolled, wheel_faults
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import Channel, Experiment
-from artibot_sim.experiment.local_fit import fresh
+from artibot_sim.experiment.local_fit import fresh, noise_of
 from artibot_sim.experiment.measured import Measured
 from artibot_sim.identify.printing import number
 from artibot_sim.identify.sensing import missing, other_robot, stretches
@@ -42,7 +42,9 @@ _NOISY = 0.05
 _STILL = 1.0
 """rad/s below which a motor stands."""
 _CREEP = 0.01
-"""m/s of a wheel's rim, below which it stands."""
+"""m/s of a wheel's rim, below which it stands,"""
+_ABOVE_NOISE = 4.0
+"""or so many standard deviations of its speed's noise."""
 
 USED = ("motor_torques", "total_station", "ground_truth_odom", "imu", "joint_states", "motor_command")
 """Channels that a diagnosis looks at."""
@@ -219,9 +221,12 @@ def _moving(recordings: Sequence[Experiment], robot: Robot) -> tuple[float, floa
         names = [f"{motor}.velocity" for motor in MOTORS if f"{motor}.velocity" in motors]
         duration = sum(last - first for first, last in experiment.segments)
         total += duration
-        speeds = [np.abs(motors.series(name)[1]) for name in names]
-        noise = max((float(np.quantile(speed, 0.02)) for speed in speeds if len(speed)), default=0.0)
-        shares = [float(np.mean(speed > max(still, 4 * noise))) for speed in speeds if len(speed)]
+        found = [motors.series(name) for name in names]
+        shares = [
+            float(np.mean(np.abs(speed) > max(still, _ABOVE_NOISE * noise_of(t, speed))))
+            for t, speed in found
+            if len(t)
+        ]
         moving += duration * max(shares, default=1.0)
     return moving, total
 

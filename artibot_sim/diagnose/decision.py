@@ -26,6 +26,11 @@ if TYPE_CHECKING:
 
 Tick = Callable[[], None]
 
+_SEARCHES = 2
+"""So often at most effects are looked for beside the same ones."""
+_BETTER = 100.0
+"""Nats by which a search in which nothing is found must better the baseline for another one around the better."""
+
 
 @dataclass(frozen=True)
 class Named:
@@ -103,11 +108,17 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
     least = thresholds.least(options.prior_odds, options.false_alarm_rate, rivals)
     named: list[Named] = []
     found = turn(problem, fit, fit.loss, (), rounds, tick)
-    turns, heard = [found], others(view)
-    other = heard
+    turns, searches = [found], 1
+    heard = other = others(view)
     neutral = problem, fit = found.problem, found.fit
     while len(named) < thresholds.most:
         best = _best(found, _nats(found, view, named), heard, least, thresholds, tuple(n.effect for n in named))
+        if best is None and searches < _SEARCHES and found.fallen > _BETTER:
+            # effects were screened around a soil that was none
+            found = turns[-1] = turn(problem, fit, found.loss, [n.effect for n in named], rounds, tick)
+            problem, fit, searches = found.problem, found.fit, searches + 1
+            neutral = (problem, fit) if len(turns) == 1 else neutral
+            continue
         if best is None:
             break
         only_commanded = "rotation" not in _views(best.effect)
@@ -120,7 +131,7 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
         if len(named) < thresholds.most:
             found = turn(problem, fit, found.loss, [n.effect for n in named], rounds, tick)
             turns.append(found)
-            problem, fit = found.problem, found.fit
+            problem, fit, searches = found.problem, found.fit, 1
     tick()
     return _concluded(Decision(Verdict.NONE, tuple(named), least, *neutral, problem, fit, tuple(turns), other))
 

@@ -14,6 +14,7 @@ from artibot_sim.diagnose.input_noise import excess_of
 from artibot_sim.diagnose.patches import discs
 from artibot_sim.diagnose.screen import Trial, around, screen
 from artibot_sim.diagnose.thresholds import Thresholds
+from artibot_sim.identify.gauss_newton import again
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss, channel_levels, merged
 from artibot_sim.identify.search import Fit, thinned
@@ -47,6 +48,8 @@ class Turn:
         With that noise's colour.
     screened : float
         Cost that the trials are to be held against.
+    fallen : float
+        Nats by which the baseline is better than the one around which it was searched.
     """
 
     trials: tuple[Trial, ...]
@@ -56,6 +59,7 @@ class Turn:
     fit: Fit
     loss: Loss
     screened: float
+    fallen: float = 0.0
 
 
 def turn(
@@ -75,13 +79,14 @@ def turn(
     near = [r for r in rivals[: rounds.returns] if best.point.cost - r.fit.point.cost >= 2.0 * rounds.worth]
     others = side_by_side(lambda rival: neutralised(rival, best, loss, rounds), near, problem.workers, tick)
     best = min([best, *others], key=lambda fit: fit.point.cost)
+    fallen = 0.5 * (again(problem, best.loss, base.point).cost - best.point.cost)
     rivals = _with_starts_of(problem, best, rivals, rounds)
     problem, best, rivals, loss = _with_honest_noise(problem, best, rivals, loss, rounds)
     excess = excess_of(problem, best, rivals, seed=len(named))
     costs = [best.point.cost - one for one in excess]
     told = side_by_side(lambda one: evidence(*one), list(zip(rivals, costs, strict=True)), problem.workers)
     found = {rival.id: one for rival, one in zip(rivals, told, strict=True)}
-    return Turn(tuple(trials), tuple(rivals), found, problem, best, loss, base.point.cost)
+    return Turn(tuple(trials), tuple(rivals), found, problem, best, loss, base.point.cost, fallen)
 
 
 def _with_honest_noise(
@@ -105,11 +110,11 @@ def _with_honest_noise(
     (problem, best), *anew = side_by_side(
         lambda one: renoised(*one, levels, firm, steps(one[1])), fits, problem.workers
     )
-    again = [
+    honest = [
         replace(rival, trial=replace(rival.trial, problem=own), fit=fit)
         for rival, (own, fit) in zip(rivals, anew, strict=True)
     ]
-    rivals = _with_starts_of(problem, best, again, rounds)
+    rivals = _with_starts_of(problem, best, honest, rounds)
     best = adopted(problem, best, rivals[0].problem, rivals[0].fit, rounds)
     return problem, best, rivals, new
 

@@ -1,4 +1,4 @@
-"""A walk along the valley of an effect: its size changed, with the soil that goes with it.
+"""A walk along the valley of an effect: its sizes changed, with the soil that goes with them.
 
 Some effects and the soil explain nearly the same, a payload and less friction for one: their steps end where the jagged
 loss holds them, far from the valley's lowest place.
@@ -40,17 +40,29 @@ def walked(problem: Problem, loss: Loss, fit: Fit) -> Point:
     if not parameters.extensions:
         return point
     own = point.coordinates[-len(parameters.extensions[-1]) :]
-    length = float(np.linalg.norm(own))
-    if length > _SMALL:
-        moves = [(factor - 1.0) * own for factor in _FACTORS]
-    else:
-        direction = own / length if length else np.eye(len(own))[0]
-        moves = [change * direction for change in _STEPS]
     grips = _FINE if parameters.extensions[-1].search.valley else _GRIPS
-    places = [place for move in moves for place in beside(problem, loss, fit, move, grips)]
+    places = [place for move in _moves(own) for place in beside(problem, loss, fit, move, grips)]
     found = sorted(places, key=lambda p: p.cost)
     ends = [step(problem, loss, place, free)[0] for place in found[:_TRIED]]
     return min([point, *ends], key=lambda p: p.cost)
+
+
+def _moves(own: Array) -> list[Array]:
+    """Changes of an effect's coordinates (k,): of all together, and of each alone where there are several."""
+    if len(own) == 1:
+        return _along(own, np.ones(1))
+    eye = np.eye(len(own))
+    alone = [move for size, axis in zip(own, eye, strict=True) for move in _along(size * axis, axis)]
+    return _along(own, eye[0]) + alone
+
+
+def _along(part: Array, axis: Array) -> list[Array]:
+    """Changes along a part of the coordinates (k,), or along an axis (k,) where that is none."""
+    length = float(np.linalg.norm(part))
+    if length > _SMALL:
+        return [(factor - 1.0) * part for factor in _FACTORS]
+    direction = part / length if length else axis
+    return [change * direction for change in _STEPS]
 
 
 def at_size(problem: Problem, fit: Fit, extension: Extension, own: Array, steps: int) -> tuple[Problem, Fit]:
