@@ -105,7 +105,7 @@ class Rover:
             answer = probe.call_driver("reset_fault")
             assert answer.success, answer.message
         probe.enabled()
-        probe.until(lambda: probe.part("driver")["phase"] != "READY", "news of that", 5.0)
+        probe.until(lambda: probe.part("driver")["phase"] == "ENABLED", "news of that", 5.0)
 
     def drive(self, send: Callable[[], None]) -> None:
         """Enable and command for a random while; anew where commands or drives were held up: that is silence."""

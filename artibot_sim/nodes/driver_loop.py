@@ -51,7 +51,7 @@ class DriverLoop:
     def __init__(self, node: Node, rig: Rig, settings: dict[str, Any]) -> None:
         self._rig, self._settings, self._log = rig, settings, node.get_logger()
         rules = parameters.rules(settings, rig.robot, rig.config)
-        self.desk = CommandDesk(Inputs(node, rules, settings["cmd_vel_stamped"], beside=True))
+        self.desk = CommandDesk(Inputs(node, rules, settings["cmd_vel_stamped"], beside=True, aged=True))
         self._out = DriverPublishers(node, rig.robot, settings["odom_frame"], settings["base_frame"])
         self._keeper = BusKeeper(rig.config)
         self._period_ns = 1_000 * rig.config.sync_period_us
@@ -171,6 +171,7 @@ class DriverLoop:
             "loop late p99 (ms)": 1e3 * self.pacer.recent(1000, 99),
             "loop late most (ms)": 1e3 * self.pacer.recent(1000, 100),
             "periods missed": self.pacer.overruns,
+            "commands late most (ms)": 1e3 * self.desk.inputs.latest,
             "callback most (ms)": held_up,
         }
         t_ns = time.monotonic_ns() + self._epoch_ns

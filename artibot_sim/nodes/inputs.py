@@ -15,6 +15,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from artibot_sim.nodes import arbiter
 from artibot_sim.nodes.command_messages import TOPICS, Rules, Source, parse_request, parse_twist
+from artibot_sim.nodes.lateness import Lateness
 from artibot_sim.nodes.profile import Profile, Refused
 from artibot_sim.nodes.profile_reader import ProfileReader
 from artibot_sim.nodes.stamps import SECOND, stamp_of
@@ -27,6 +28,9 @@ MOST_AT_ONCE = 20
 
 SHORTEST = 12
 """A serialised message with a stamp has so many bytes at least."""
+
+SIGN_OF_LIFE = "planned/odom"
+"""A planner's, while its profile is followed."""
 
 PROFILE_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -43,6 +47,8 @@ class Inputs:
         Whether `cmd_vel` is a TwistStamped.
     beside : bool
         Whether profiles are read in a thread of their own, so that nothing else waits for them.
+    aged : bool
+        Whether a message that was held up on its way counts as old as it is, not as fresh as its arrival.
 
     Attributes
     ----------
@@ -54,9 +60,11 @@ class Inputs:
         Why no command is taken at the moment, or empty; a command that comes then is lost.
     refusals : dict of Source to str
         Why the last message of a source was refused; nothing where it was not.
+    latest : float
+        For how long (s) a message was held up on its way at most, since commands were dropped last; 0 unless `aged`.
     """
 
-    def __init__(self, node: Node, rules: Rules, stamped: bool, beside: bool = False) -> None:
+    def __init__(self, node: Node, rules: Rules, stamped: bool, beside: bool = False, aged: bool = False) -> None:
         self.rules = rules
         self.t_ns = 0
         self.state = arbiter.Commanding()
@@ -68,13 +76,15 @@ class Inputs:
         self.deaf = ""
         self.refusals: dict[Source, str] = {}
         self._warned: dict[Source, float] = {}
+        self._aged, self.latest = aged, 0.0
+        self._ways: dict[str, Lateness] = {}
         sensor = qos_profile_sensor_data
         self._subscriptions = [
             node.create_subscription(JointState, TOPICS[Source.LIVE], self._on_request, sensor),
             node.create_subscription(
                 TwistStamped if stamped else Twist, TOPICS[Source.CMD_VEL], self._on_twist, sensor
             ),
-            node.create_subscription(Odometry, "planned/odom", self._on_planner, sensor, raw=True),
+            node.create_subscription(Odometry, SIGN_OF_LIFE, self._on_planner, sensor, raw=True),
         ]
         self._stamped = stamped
         self._reader = ProfileReader(beside)
@@ -115,6 +125,8 @@ class Inputs:
         self.state = arbiter.Commanding(position=position)
         self.refusals.clear()
         self._reader.drop()
+        self._ways.clear()
+        self.latest = 0.0
         self._reset_wall_ns, self._reset_at = time.time_ns(), time.monotonic()
 
     def take(self) -> None:
@@ -157,6 +169,15 @@ class Inputs:
     def _unheard(self, source: Source, info: dict[str, Any]) -> bool:
         """Whether a command is none, because of when it was sent or comes."""
         return self._is_deaf(source) or self._outdated(info)
+
+    def _said_at(self, topic: str, info: dict[str, Any]) -> float:
+        """When a message counts as heard, in terms of `now`: earlier by as much as it was held up on its way."""
+        sent_ns = info["source_timestamp"]
+        if not self._aged or not sent_ns:
+            return self.now
+        late = self._ways.setdefault(topic, Lateness()).of(sent_ns, time.time_ns(), time.monotonic())
+        self.latest = max(self.latest, late)
+        return self.now - late
 
     def _refuse(self, source: Source, reason: Refused) -> None:
         self._warn_of(source, f"refused: {reason}", 1.0)
@@ -204,7 +225,7 @@ class Inputs:
         if remark:
             self._log.warning(f"{TOPICS[Source.LIVE]}: {remark}", throttle_duration_sec=1.0)
         self.refusals.pop(Source.LIVE, None)
-        self.state = arbiter.hear_live(self.state, velocity, effort, self.now)
+        self.state = arbiter.hear_live(self.state, velocity, effort, self._said_at(TOPICS[Source.LIVE], info))
 
     def _on_twist(self, message: TwistStamped | Twist, info: dict[str, Any]) -> None:
         if self._unheard(Source.CMD_VEL, info):
@@ -215,7 +236,7 @@ class Inputs:
             self._refuse(Source.CMD_VEL, reason)
             return
         self.refusals.pop(Source.CMD_VEL, None)
-        self.state = arbiter.hear_twist(self.state, velocity, self.now)
+        self.state = arbiter.hear_twist(self.state, velocity, self._said_at(TOPICS[Source.CMD_VEL], info))
 
     def _on_planner(self, message: bytes, info: dict[str, Any]) -> None:
         if self._outdated(info) or len(message) < SHORTEST:
@@ -229,4 +250,4 @@ class Inputs:
                 throttle_duration_sec=5.0,
             )
             return
-        self.state = arbiter.hear_planner(self.state, self.now)
+        self.state = arbiter.hear_planner(self.state, self._said_at(SIGN_OF_LIFE, info))
