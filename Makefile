@@ -51,8 +51,8 @@ fuzz: setup-run ## random frames into decoder and simulated drive (N=10000000 SE
 eq30: setup ## all of Table 6 through a real vcan, its candump log held to eq. 30 frame by frame
 	@ARTIBOT_TABLE6=full $(PY) -m pytest -s -q test/can/test_eq30_vcan.py -k eq30
 
-bench-can: setup-run ## driver and replayed frames on vcan0, an emulated machine's if need be (ARGS="--json FILE")
-	@scripts/on_vcan.sh $(PY) -m artibot_sim.cli bench --only driver --only replay_can $(ARGS)
+bench-can: setup-run ## driver and replayed frames on vcan0, an emulated machine's if need be (SLOW=8: in slow motion)
+	@scripts/on_vcan.sh $(if $(SLOW),-s $(SLOW)) $(PY) -m artibot_sim.cli bench --only driver --only replay_can $(ARGS)
 
 diagnose-campaign: setup-run ## diagnoses scored on hidden effects (SEED SEVERITY=1,0.3 CASES NOISE KINDS=none:12,single RUNS DURATION WORKERS OUT)
 	@PYTHONPATH=.:test $(PY) -m diagnose.hidden --seed $(or $(SEED),1) --severity $(or $(SEVERITY),1) \

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 from artibot_sim.diagnose.command_view import CommandView
 from artibot_sim.diagnose.contest import Rounds
-from artibot_sim.diagnose.diagnosis import Found, Left, Unexplained, Verdict
+from artibot_sim.diagnose.diagnosis import Found, Left, Verdict
 from artibot_sim.diagnose.greedy import Turn, acceptable, turn
 from artibot_sim.diagnose.other import Other
 from artibot_sim.diagnose.remains import Remains, remains
 from artibot_sim.diagnose.thresholds import Thresholds
-from artibot_sim.diagnose.unexplained import unexplained
+from artibot_sim.diagnose.unexplained import Finding, unexplained
 from artibot_sim.diagnose.valley import at_size
 from artibot_sim.diagnose.views import others, together
 from artibot_sim.identify.extension import Extension
@@ -73,7 +73,7 @@ class Decision:
         What the view driven by commands says.
     left : mapping of str to Left
         What the model with all that was named leaves.
-    unexplained : Unexplained or None
+    unexplained : Finding or None
         The force that no effect explains, if one was found.
     """
 
@@ -87,7 +87,7 @@ class Decision:
     turns: tuple[Turn, ...]
     other: Mapping[str, Other]
     left: Mapping[str, Left] = field(default_factory=dict)
-    unexplained: Unexplained | None = None
+    unexplained: Finding | None = None
 
 
 def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: CommandView) -> Decision:
@@ -171,7 +171,7 @@ def refuted(found: Decision) -> Decision:
     return replace(_on_no_list(found, unexplained(neutral[0], neutral[1].coordinates)), left=_left(remains(*neutral)))
 
 
-def _on_no_list(found: Decision, force: Unexplained | None) -> Decision:
+def _on_no_list(found: Decision, force: Finding | None) -> Decision:
     """The paper's model, and a force that no effect explains, where one was found."""
     problem, fit = found.neutral_problem, found.neutral_fit
     return replace(found, verdict=Verdict.UNEXPLAINED, named=(), problem=problem, fit=fit, unexplained=force)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import permutations
 
 import numpy as np
@@ -65,15 +65,45 @@ def next_experiment(
     levels = {c: v for c, v in (dict(noise) if noise else {c: USUAL[c] for c in _MEASURED}).items() if v > 0.0}
     place = _place(robots)
     some = next(iter(robots.values()))
+    nats, entry = cheapest(library, some, lambda entry, least: hardest(robots, entry, levels, place, least))
+    names = list(robots)
+    apart = f"{', '.join(names[:-1])} from {names[-1]}" if len(names) == 2 else f"{', '.join(names)} from one another"
+    return advice(entry, some, place, apart, names, nats)
+
+
+def cheapest(library: Sequence[Entry], robot: Robot, nats: Callable[[Entry, float], float]) -> tuple[float, Entry]:
+    """The shortest manoeuvre that is worth enough, else the one that is worth most, and how much that is.
+
+    Parameters
+    ----------
+    library : sequence of Entry
+    robot : Robot
+        That drives it.
+    nats : callable
+        What a manoeuvre is worth; at less than its second argument it need not be known how much.
+    """
     best: tuple[float, Entry] | None = None
-    for entry in sorted(library, key=lambda entry: duration(entry, some)):
-        nats = hardest(robots, entry, levels, place, best[0] if best else 0.0)
-        if best is None or nats > best[0]:
-            best = nats, entry
-        if nats >= ENOUGH:
+    for entry in sorted(library, key=lambda entry: duration(entry, robot)):
+        worth = nats(entry, best[0] if best else 0.0)
+        if best is None or worth > best[0]:
+            best = worth, entry
+        if worth >= ENOUGH:
             break
     assert best is not None
-    return _described(robots, *best, duration(best[1], some), place)
+    return best
+
+
+def advice(
+    entry: Entry, robot: Robot, place: tuple[float, float], apart: str, names: Sequence[str], nats: float
+) -> NextExperiment:
+    """What to drive, from where, and what that is expected to tell `apart`, by so many nats."""
+    where = f", starting at x = {place[0]:.1f} m, y = {place[1]:.1f} m" if place != (0.0, 0.0) else ""
+    sure = "" if nats >= ENOUGH else "; the best of the library, yet hardly enough to be sure"
+    said = (
+        f"Drive {entry.what} ({duration(entry, robot):.0f} s, kappa {KAPPA:g}){where}: "
+        f"expected to tell {apart} by {nats:.0f} nats{sure}."
+    )
+    return NextExperiment(said, entry.name, tuple(names), float(nats))
 
 
 def duration(entry: Entry, robot: Robot) -> float:
@@ -145,17 +175,3 @@ def _place(robots: Mapping[str, Robot]) -> tuple[float, float]:
             if {"x", "y", "radius"} <= set(values):
                 return float(values["x"]) - _BEFORE, float(values["y"])
     return 0.0, 0.0
-
-
-def _described(
-    robots: Mapping[str, Robot], nats: float, entry: Entry, seconds: float, place: tuple[float, float]
-) -> NextExperiment:
-    where = f", starting at x = {place[0]:.1f} m, y = {place[1]:.1f} m" if place != (0.0, 0.0) else ""
-    names = list(robots)
-    apart = f"{', '.join(names[:-1])} from {names[-1]}" if len(names) == 2 else f"{', '.join(names)} from one another"
-    sure = "" if nats >= ENOUGH else "; the best of the library, yet hardly enough to be sure"
-    said = (
-        f"Drive {entry.what} ({seconds:.0f} s, kappa {KAPPA:g}){where}: "
-        f"expected to tell {apart} by {nats:.0f} nats{sure}."
-    )
-    return NextExperiment(said, entry.name, tuple(names), float(nats))

@@ -13,11 +13,13 @@ from artibot_sim.diagnose.evidence import DECADE
 from artibot_sim.diagnose.extended import found_parameters, robot_of
 from artibot_sim.diagnose.looks import COMMANDED, look, with_commands
 from artibot_sim.diagnose.next_experiment import next_experiment
+from artibot_sim.diagnose.next_force import next_for_force
 from artibot_sim.diagnose.options import Options
 from artibot_sim.diagnose.places import places
 from artibot_sim.diagnose.predictions import Pair, baseline_levels, gains, predict
 from artibot_sim.diagnose.ranking import ranking
 from artibot_sim.diagnose.uncertain import Uncertain, judged, surroundings
+from artibot_sim.diagnose.unexplained import unexplained_of
 from artibot_sim.diagnose.words import refutation
 from artibot_sim.diagnose.worth import improvements, is_refuted
 from artibot_sim.experiment import Experiment
@@ -60,7 +62,7 @@ def result_of(
         where=places(looks, channels),
         causes=_causes(decision, effects, gained),
         ranking=ranking(decision, options.thresholds),
-        unexplained=decision.unexplained,
+        unexplained=unexplained_of(decision.unexplained) if decision.unexplained else None,
         gain=gain,
         next_experiment=_next(decision, extended, channels, options.seed),
         warnings=data_warnings(fitted, robot, decision.neutral_problem, decision.neutral_fit.point, held),
@@ -115,7 +117,10 @@ def _parameters(decision: Decision, after: Uncertain) -> dict[str, Mapping[str, 
 def _next(
     decision: Decision, extended: Robot, channels: Mapping[str, ChannelBaseline], seed: int
 ) -> NextExperiment | None:
-    """What would tell the first cause from those that tie with it; None where none do."""
+    """What would tell the first cause from those that tie with it, or a force on no list from the next best ones."""
+    noise = {name: one.noise / (2.0**0.5 if name == "position" else 1.0) for name, one in channels.items()}
+    if decision.unexplained is not None:
+        return next_for_force(decision.neutral_problem, decision.unexplained, noise)
     if not decision.named or not decision.named[0].ties:
         return None
     first = decision.named[0]
@@ -129,7 +134,6 @@ def _next(
             values = {name: found.value for name, found in decision.other[effect].found.items()}
             neutral = decision.neutral_problem.parameters.robot_at(decision.neutral_fit.point.coordinates)
             robots[effect] = replace(neutral, effects=dict(neutral.effects) | {effect: values})
-    noise = {name: one.noise / (2.0**0.5 if name == "position" else 1.0) for name, one in channels.items()}
     return next_experiment(robots, noise, seed=seed)
 
 

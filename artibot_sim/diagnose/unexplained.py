@@ -64,7 +64,7 @@ class Finding:
     soil: Array
 
 
-def unexplained(problem: Problem, coordinates: Array, looks: int = _LOOKS) -> Unexplained | None:
+def unexplained(problem: Problem, coordinates: Array, looks: int = _LOOKS) -> Finding | None:
     """The force that a fit does not explain; None if nothing is left that a force would.
 
     A force that the fit does not know of has bent the soil to its own ends. So the soil is taken back as far as the
@@ -85,7 +85,7 @@ def unexplained(problem: Problem, coordinates: Array, looks: int = _LOOKS) -> Un
         now = look(problem, now.soil)
         if now.chosen and now.chosen[0].worth > best.chosen[0].worth:
             best = now
-    return unexplained_of(best) if best.chosen else None
+    return best if best.chosen else None
 
 
 def unexplained_of(found: Finding) -> Unexplained:
@@ -101,12 +101,7 @@ def unexplained_of(found: Finding) -> Unexplained:
 def look(problem: Problem, coordinates: Array, most: int = _MOST, windows: int = WINDOWS) -> Finding:
     """What forces explain at `coordinates` (p,), with all that was weighed; so many forces and windows at most."""
     few = short(problem, windows)
-    found, of = answers(few, coordinates), scene(few, coordinates)
-    names, recording = _recordings(few)
-    information = problem.parameters.prior_information
-    equations = scattered(found, recording, information, information @ coordinates)
-    for force, form in _law_of_contact(of):
-        equations = equations.with_columns(_columns(equations, of, families(of)[force], form))
+    equations, of = regression(few, coordinates)
     chosen: list[Candidate] = []
     first: list[Candidate] = []
     for _ in range(most):
@@ -116,8 +111,26 @@ def look(problem: Problem, coordinates: Array, most: int = _MOST, windows: int =
             break
         chosen.append(ranked[0])
         equations = equations.with_columns(_columns(equations, of, ranked[0].parts, ranked[0].form))
-    typical, each = _sizes(of, chosen[0], names, recording) if chosen else (0.0, ())
+    typical, each = _sizes(of, chosen[0], *_recordings(few)) if chosen else (0.0, ())
     return Finding(tuple(chosen), tuple(first), typical, each, _taken_back(problem, coordinates, equations))
+
+
+def regression(few: Problem, coordinates: Array) -> tuple[Equations, Scene]:
+    """What recordings in short windows say of forces at `coordinates` (p,), and what forces may follow there.
+
+    Fitted beside any force are the parameters and what a wrong law of contact looks like.
+    """
+    found, of = answers(few, coordinates), scene(few, coordinates)
+    information = few.parameters.prior_information
+    equations = scattered(found, _recordings(few)[1], information, information @ coordinates)
+    for force, form in _law_of_contact(of):
+        equations = equations.with_columns(_columns(equations, of, families(of)[force], form))
+    return equations, of
+
+
+def acting(equations: Equations, of: Scene, candidate: Candidate) -> Array:
+    """A force as it was found, in the components' terms, shape (windows, 16)."""
+    return np.asarray(_columns(equations, of, candidate.parts, candidate.form) @ candidate.coefficients)
 
 
 def _taken_back(problem: Problem, coordinates: Array, equations: Equations) -> Array:

@@ -22,6 +22,8 @@ UNITS = {
 _PER = {"m/s": ("s/m", "s^2/m^2"), "rad/s": ("s/rad", "s^2/rad^2"), "rad": ("1/rad", "1/rad^2")}
 TIME = "time since the start"
 NOTHING = "nothing"
+WANDERING = "wandering in time"
+"""A form that says nothing of another day."""
 _KNOTS = 2.5
 """s between the corners of a force that wanders in time."""
 _FADES = (4.0, 8.0, 16.0, 32.0)
@@ -105,7 +107,7 @@ def forms(variable: str, every: Array, recordings: int) -> Iterator[Form]:
             )  # fmt: skip
     elif variable == TIME:
         corners = np.arange(every.min(), every.max() + _KNOTS, _KNOTS)
-        yield Form(variable, "wandering in time", lambda u, r: _linear_between(u, corners), rms, across=recordings > 1)
+        yield Form(variable, WANDERING, lambda u, r: _linear_between(u, corners), rms, across=recordings > 1)
 
 
 def _signed(variable: str, usual: float) -> Iterator[Form]:

@@ -125,6 +125,25 @@ def test_too_little_motion_is_said(agriq: Robot) -> None:
     assert "s of motion; little can be told apart" in said(synthetic(agriq, SHORT, seed=2), agriq)
 
 
+def test_a_rover_that_stands_most_of_the_time_is_said_so(good: Experiment, agriq: Robot) -> None:
+    """Whatever the noise of its motors' speeds: one that never stands is not said to, be it now fast and now slow."""
+    motors = good.channels["motor_torques"]
+    rng = np.random.default_rng(4)
+
+    def turning(speed: np.ndarray, noise: float) -> str:
+        columns = {f"{name}.velocity": speed + noise * rng.standard_normal(len(speed))
+                   for name in ("front_right", "front_left", "back_right", "back_left")}  # fmt: skip
+        return said(changed(good, "motor_torques", **columns), agriq)
+
+    phase = np.linspace(0.0, 12.0, len(motors))
+    slow_and_fast = 30.0 + 90.0 * np.sin(phase) ** 8
+    mostly_still = np.where(np.linspace(0.0, 1.0, len(motors)) > 0.56, 100.0, 0.0)
+    for noise in (0.0, 0.25, 4.0):
+        assert "stands for" not in turning(slow_and_fast, noise)
+        share = float(turning(mostly_still, noise).partition("the rover stands for ")[2].split()[0])
+        assert share == pytest.approx(56.0, abs=1.0)
+
+
 def test_sides_taken_for_each_other_are_said(good: Experiment, agriq: Robot) -> None:
     motors = good.channels["motor_torques"]
     swapped = {
