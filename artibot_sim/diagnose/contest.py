@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from artibot_sim.diagnose.hypotheses import without_last
 from artibot_sim.diagnose.patches import refined
 from artibot_sim.diagnose.screen import Around, Trial
-from artibot_sim.diagnose.valley import walked
+from artibot_sim.diagnose.valley import leapt, walked
 from artibot_sim.identify.gauss_newton import Point, again, evaluate, polished, step
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss
@@ -181,7 +181,7 @@ def settled(problem: Problem, point: Point, loss: Loss, rounds: Rounds) -> Fit:
     The last steps are under the firm loss, which is what evidence counts: a window that lost its branch says little.
     """
     point = awake(problem, loss, again(problem, loss, point))
-    fit = settle(problem, point, loss, rounds.many)
+    fit = leapt(problem, loss, settle(problem, point, loss, rounds.many), rounds.few)
     for _ in range(rounds.walks):
         lower = walked(problem, loss, fit)
         if lower.cost > fit.point.cost - rounds.worth:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from artibot_sim.diagnose.contest import Rival, Rounds, adopted, contest, finished, neutralised, renoised
 from artibot_sim.diagnose.evidence import Evidence, evidence
@@ -13,13 +14,15 @@ from artibot_sim.diagnose.hypotheses import hypotheses
 from artibot_sim.diagnose.input_noise import excess_of
 from artibot_sim.diagnose.patches import discs
 from artibot_sim.diagnose.screen import Trial, around, screen
-from artibot_sim.diagnose.thresholds import Thresholds
+from artibot_sim.diagnose.thresholds import TRUST, Thresholds
 from artibot_sim.identify.gauss_newton import again
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss, channel_levels, merged
 from artibot_sim.identify.search import Fit, thinned
 from artibot_sim.identify.side_by_side import side_by_side
+from artibot_sim.identify.windows import CHANNEL_NAMES
 
+Array = NDArray[np.float64]
 Tick = Callable[[], None]
 
 _LOWEST = 0.7
@@ -92,12 +95,20 @@ def turn(
 def _with_honest_noise(
     problem: Problem, best: Fit, rivals: list[Rival], loss: Loss, rounds: Rounds
 ) -> tuple[Problem, Fit, list[Rival], Loss]:
-    """All fits again with the noise that the least cost leaves, if it is another than was assumed."""
+    """All fits again with the noise that the least cost leaves, if it is another than was assumed.
+
+    Positions alone may err as much and as slowly as they seem to: with the other sensors that is another effect, still
+    to be found, and no noise.
+    """
     if not rivals:
         return problem, best, rivals, loss
     first = rivals[0]
-    levels = np.maximum(merged(channel_levels(problem.windows, first.fit.point.residuals)), _LOWEST)
+    found = channel_levels(problem.windows, first.fit.point.residuals)
+    levels = np.maximum(merged(found), _LOWEST)
     new = Loss(1.0, np.clip(thinned(problem, first.fit).thinning, 1.0, None))
+    known = np.array([name != "position" for name in CHANNEL_NAMES])
+    levels[known] = TRUST.levels(found, _widened(problem))[known]
+    new.thinning[known] = TRUST.loss(new).thinning[known]
     ratio = np.concatenate([levels, np.sqrt(new.thinning / loss.thinning)])
     if np.abs(np.log(ratio)).max() < _SAME:
         return problem, best, rivals, loss
@@ -117,6 +128,18 @@ def _with_honest_noise(
     rivals = _with_starts_of(problem, best, honest, rounds)
     best = adopted(problem, best, rivals[0].problem, rivals[0].fit, rounds)
     return problem, best, rivals, new
+
+
+def _widened(problem: Problem) -> Array:
+    """By how much each channel's noise is taken to be more than its sensor's own, shape (channels,)."""
+    factor = np.full(len(CHANNEL_NAMES), np.inf)
+    for window in problem.windows:
+        sensor = {s.channel: s.sigma for s in problem.stretches[window.stretch].series}
+        for c in np.unique(window.channel):
+            # samples beside a jump have a wider sigma
+            least = float(window.sigma[window.channel == c].min()) / sensor[CHANNEL_NAMES[c]]
+            factor[c] = min(factor[c], least)
+    return np.where(np.isfinite(factor), factor, 1.0)
 
 
 def _with_starts_of(problem: Problem, best: Fit, rivals: Sequence[Rival], rounds: Rounds) -> list[Rival]:

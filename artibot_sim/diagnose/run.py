@@ -14,19 +14,17 @@ from artibot_sim.diagnose.decision import decide
 from artibot_sim.diagnose.diagnosis import Diagnosis
 from artibot_sim.diagnose.options import FALSE_ALARM_RATE, HALF_WIDTH, HORIZON, PRIOR_ODDS, Options
 from artibot_sim.diagnose.result import result_of
-from artibot_sim.diagnose.thresholds import THRESHOLDS, Thresholds
+from artibot_sim.diagnose.thresholds import THRESHOLDS, TRUST, Thresholds
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.parameters import SOIL
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.run import WINDOW, Trust, best_fit, problem_of
+from artibot_sim.identify.run import WINDOW, best_fit, problem_of
 from artibot_sim.identify.search import Effort, Fit, Tick
 from artibot_sim.model import Robot
 from artibot_sim.progress import Report
 
-TRUST = Trust(level=1.6, thinning=4.0)
-"""Of residuals to be noise, before anything is known of what is missing: as slow and large as a total station errs."""
 _TICKS = 60
 """Parts of the work after which half of the bar is drawn: how many there will be is not known beforehand."""
 

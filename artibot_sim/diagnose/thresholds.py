@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from artibot_sim.identify.run import Trust
+
 
 @dataclass(frozen=True)
 class Thresholds:
@@ -55,3 +57,5 @@ class Thresholds:
 
 
 THRESHOLDS = Thresholds()
+TRUST = Trust(level=1.6, thinning=4.0)
+"""Of residuals to be noise while something may be missing in the model: as slow and large as a total station errs."""

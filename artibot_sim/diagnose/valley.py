@@ -28,6 +28,10 @@ _GRIPS = np.log1p(np.array([-0.2, -0.12, -0.06, 0.0, 0.06, 0.12, 0.2]))
 """Changes of mu_s beside, as logarithms."""
 _FINE = np.array([-0.02, -0.01, -0.005, 0.0, 0.005, 0.01, 0.02])
 """The same where the effect declares how mu_s goes with it."""
+_FAR = (0.5, 1.7, 3.0)
+"""Factors on an effect's coordinates for leaps,"""
+_WIDE = np.linspace(-0.3, 0.3, 13)
+"""and changes of mu_s beside."""
 _FARTHEST = 0.5
 """Largest change of a soil's logarithm."""
 _TRIED = 2
@@ -45,6 +49,22 @@ def walked(problem: Problem, loss: Loss, fit: Fit) -> Point:
     found = sorted(places, key=lambda p: p.cost)
     ends = [step(problem, loss, place, free)[0] for place in found[:_TRIED]]
     return min([point, *ends], key=lambda p: p.cost)
+
+
+def leapt(problem: Problem, loss: Loss, fit: Fit, steps: int) -> Fit:
+    """The best of the fit and others that begin at far other sizes of the last effect, some steps each.
+
+    Where the loss is jagged no place on the way is better, and none of the far ones before it has been fitted.
+    """
+    extensions = problem.parameters.extensions
+    if not extensions:
+        return fit
+    own = fit.point.coordinates[-len(extensions[-1]) :]
+    fits = [fit]
+    for factor in _FAR:
+        places = beside(problem, loss, fit, (factor - 1.0) * own, _WIDE)
+        fits.append(settle(problem, min(places, key=lambda p: p.cost), loss, steps))
+    return min(fits, key=lambda one: one.point.cost)
 
 
 def _moves(own: Array) -> list[Array]:
