@@ -26,10 +26,8 @@ if TYPE_CHECKING:
 
 Tick = Callable[[], None]
 
-_SEARCHES = 2
-"""So often at most effects are looked for beside the same ones."""
 _BETTER = 100.0
-"""Nats by which a search in which nothing is found must better the baseline for another one around the better."""
+"""Nats by which a search must better its own baseline, and by more than what it finds is worth, to be made again."""
 
 
 @dataclass(frozen=True)
@@ -107,17 +105,18 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
     rounds = Rounds(scheduler=options.scheduler)
     least = thresholds.least(options.prior_odds, options.false_alarm_rate, rivals)
     named: list[Named] = []
+    again = False
     found = turn(problem, fit, fit.loss, (), rounds, tick)
-    turns, searches = [found], 1
+    turns = [found]
     heard = other = others(view)
     neutral = problem, fit = found.problem, found.fit
     while len(named) < thresholds.most:
         best = _best(found, _nats(found, view, named), heard, least, thresholds, tuple(n.effect for n in named))
-        if best is None and searches < _SEARCHES and found.fallen > _BETTER:
+        if not (named or again) and found.fallen > max(_BETTER, best.nats if best else 0.0):
             # effects were screened around a soil that was none
-            found = turns[-1] = turn(problem, fit, found.loss, [n.effect for n in named], rounds, tick)
-            problem, fit, searches = found.problem, found.fit, searches + 1
-            neutral = (problem, fit) if len(turns) == 1 else neutral
+            again = True
+            found = turns[0] = turn(problem, fit, found.loss, (), rounds, tick)
+            neutral = problem, fit = found.problem, found.fit
             continue
         if best is None:
             break
@@ -131,7 +130,7 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
         if len(named) < thresholds.most:
             found = turn(problem, fit, found.loss, [n.effect for n in named], rounds, tick)
             turns.append(found)
-            problem, fit, searches = found.problem, found.fit, 1
+            problem, fit = found.problem, found.fit
     tick()
     return _concluded(Decision(Verdict.NONE, tuple(named), least, *neutral, problem, fit, tuple(turns), other))
 

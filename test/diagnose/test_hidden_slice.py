@@ -29,3 +29,12 @@ def test_what_is_hidden_is_named(effect, seed):
     result = score(command_line(found), asdict(found.truth))
     assert result.answer == effect, result
     assert all(error < 0.15 for error in result.errors.values()), result
+
+
+def test_noise_of_a_sensor_does_not_swallow_a_second_effect():
+    """What the first one leaves in the yaw rates is as slow as a bias is: taken for noise, nothing would be named."""
+    found = case(("gyro_bias", "encoder_scale"), 3.0, seed=31, **SMALL)
+    answer = command_line(found)
+    assert {cause["effect"] for cause in answer["causes"]} == set(found.truth.effects)
+    result = score(answer, asdict(found.truth))
+    assert all(error < 0.05 for error in result.errors.values()), result

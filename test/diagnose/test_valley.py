@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose.hypotheses import with_effect
-from artibot_sim.diagnose.valley import at_size, walked
+from artibot_sim.diagnose.valley import at_size, leapt, walked
 from artibot_sim.identify.extension import Extension
 from artibot_sim.identify.gauss_newton import evaluate, reduce
 from artibot_sim.identify.problem import Problem
@@ -51,9 +51,33 @@ def test_the_walk_ends_nearer_to_the_truth(problem: Problem, share: float) -> No
     assert abs(mass - MASS) <= max(0.6 * abs(share * MASS - MASS), 0.15 * MASS)
 
 
+@pytest.mark.parametrize("share", [0.3, 1.0, 2.5])
+def test_a_leap_reaches_a_size_that_is_far_away(problem: Problem, share: float) -> None:
+    beside = with_effect(problem, PAYLOAD)
+    fit = held_at(beside, np.append(np.zeros(5), share * PAYLOAD.coordinates({"mass": MASS, "module": "front"})))
+    found = leapt(beside, LOSS, fit, 2)
+    mass = PAYLOAD.values(found.point.coordinates[-1:])["mass"]
+    assert found.point.cost <= fit.point.cost
+    assert abs(mass - MASS) <= max(0.4 * abs(share * MASS - MASS), 0.15 * MASS)
+
+
+def test_a_size_is_walked_along_by_itself_too() -> None:
+    """One size is right and the other is not: together they would have to get worse first."""
+    offset = Extension("com_offset")
+    truth = {"x": -0.06, "y": -0.04}
+    real = replace(ROBOT, effects={"com_offset": truth})
+    run = synthetic(real, random_manoeuvre(np.random.default_rng(2), 12.0), duration=12.0, kappa=0.8, seed=3)
+    beside = with_effect(problem_of([run], parameter_set(ROBOT), 5.0, 2), offset)
+    begun = offset.coordinates(truth | {"x": -0.024})
+    found = walked(beside, LOSS, held_at(beside, np.append(np.zeros(5), begun)))
+    away = np.abs(found.coordinates[-2:] - offset.coordinates(truth))
+    assert away.max() < 0.7 * 0.6
+
+
 def test_without_an_effect_there_is_no_walk(problem: Problem) -> None:
     fit = held_at(problem, np.zeros(5))
     assert walked(problem, LOSS, fit) is fit.point
+    assert leapt(problem, LOSS, fit, 2) is fit
 
 
 def test_an_effect_of_known_size_takes_its_share_from_the_soil(problem: Problem) -> None:

@@ -1,0 +1,32 @@
+"""A baseline on a soil that is none: once a search has bettered it another one is made, and the right effect named."""
+
+from __future__ import annotations
+
+import numpy as np
+from diagnose.hidden import case
+
+from artibot_sim.diagnose.command_view import command_view
+from artibot_sim.diagnose.decision import decide
+from artibot_sim.diagnose.options import Options
+from artibot_sim.diagnose.run import baseline
+from artibot_sim.identify.gauss_newton import evaluate, reduce
+from artibot_sim.identify.search import Fit, free_parameters
+from artibot_sim.model import load_robot
+
+AWAY = np.array([0.5, -0.5, 0.35, 0.35, 0.0])
+"""Of the soil's logarithms. With one search alone joint_friction is named first."""
+
+
+def test_the_right_effect_is_named_from_a_baseline_that_is_none() -> None:
+    hidden = case(("joint_damping",), seed=31, runs=2, held_out=0, duration=14.0, manoeuvres=("eight", "stop_and_go"))
+    robot, options = load_robot("agriq"), Options()
+    problem, fit = baseline(hidden.recordings, robot, options)
+    there = problem.parameters.inside(fit.point.coordinates + AWAY)
+    point = evaluate(problem, fit.loss, [there], problem.starts)[0]
+    free = free_parameters(problem)
+    residuals, sensitivity = problem.linearised(point.coordinates, point.starts, free)
+    far = Fit(point, fit.loss, reduce(problem, fit.loss, residuals, sensitivity, point.starts), free, False)
+    found = decide(problem, far, options, lambda: None, command_view(hidden.recordings, robot, seed=options.seed))
+    assert [named.effect for named in found.named] == ["joint_damping"]
+    assert np.abs(found.neutral_fit.point.coordinates - fit.point.coordinates).max() < 0.2 * np.abs(AWAY).max()
+    assert found.turns[0].fallen < 100.0, "the search that counts began at its own baseline"
