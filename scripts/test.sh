@@ -2,6 +2,8 @@
 # Types and all tests: first those that watch the clock and mostly wait, two files at a time, with nothing beside them; then
 # all others, three files at a time, for some wait for processes of their own, and behind these the types and the tests on
 # a kernel with CAN, if that is emulated, for then its clock waits for them. The summaries come last.
+# What watches the clock fails where the machine stands still for a moment: a few such tests are tried again, one by one,
+# twice at most. Who fails each time has failed.
 # With arguments they are pytest's, and it is one part.
 #
 #   scripts/test.sh PYTHON [PYTEST-ARGUMENT …]
@@ -29,17 +31,31 @@ trap 'kill $(jobs -p) 2>/dev/null; rm -rf "$reports"' EXIT
 behind() {
   local failed=0
   nice -n 5 "$python" -m mypy >"$reports/types" 2>&1 || failed=1
-  [ ${#can[@]} = 0 ] || nice -n 5 "$python" -m pytest "${can[@]}" >"$reports/can" 2>&1 || failed=1
+  [ ${#can[@]} = 0 ] || nice -n 5 "$python" -m pytest "${can[@]}" >"$reports/2-can" 2>&1 || failed=1
   return "$failed"
 }
 
+few=12
+again() {
+  local cache=(-o "cache_dir=$reports/cache") round count
+  for round in 1 2; do
+    count=$("$python" -c 'import json, sys; print(len(json.load(open(sys.argv[1]))))' \
+      "$reports/cache/v/cache/lastfailed" 2>/dev/null) || return 1
+    [ "$count" -gt 0 ] && [ "$count" -le "$few" ] || return 1
+    echo "tried again, with nothing beside: $count of the tests that watch the clock"
+    "$python" -m pytest "${cache[@]}" --last-failed "${waiting[@]}" 2>&1 | tee "$reports/1-again-$round" && return 0
+  done
+  return 1
+}
+
 failed=0
-"$python" -m pytest -n 2 "${files[@]}" "${waiting[@]}" 2>&1 | tee "$reports/waiting" || failed=1
+"$python" -m pytest -n 2 "${files[@]}" -o "cache_dir=$reports/cache" "${waiting[@]}" 2>&1 | tee "$reports/0-waiting" ||
+  again || failed=1
 behind &
 row=$!
-"$python" -m pytest -n 3 "${files[@]}" "${rest[@]}" 2>&1 | tee "$reports/rest" || failed=1
+"$python" -m pytest -n 3 "${files[@]}" "${rest[@]}" 2>&1 | tee "$reports/3-rest" || failed=1
 wait "$row" || failed=1
-[ ! -e "$reports/can" ] || cat "$reports/can"
+[ ! -e "$reports/2-can" ] || cat "$reports/2-can"
 cat "$reports/types"
 grep -hE '^=+ .* in [0-9.]+s' "$reports"/*
 exit "$failed"

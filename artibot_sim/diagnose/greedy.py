@@ -104,11 +104,10 @@ def _with_honest_noise(
         return problem, best, rivals, loss
     first = rivals[0]
     found = channel_levels(problem.windows, first.fit.point.residuals)
-    levels = np.maximum(merged(found), _LOWEST)
-    new = Loss(1.0, np.clip(thinned(problem, first.fit).thinning, 1.0, None))
+    thinning = np.clip(thinned(problem, first.fit).thinning, 1.0, None)
     known = np.array([name != "position" for name in CHANNEL_NAMES])
-    levels[known] = TRUST.levels(found, _widened(problem))[known]
-    new.thinning[known] = TRUST.loss(new).thinning[known]
+    levels = np.where(known, TRUST.levels(found, _widened(problem)), np.maximum(merged(found), _LOWEST))
+    new = Loss(1.0, np.where(known, np.minimum(thinning, TRUST.thinning), thinning))
     ratio = np.concatenate([levels, np.sqrt(new.thinning / loss.thinning)])
     if np.abs(np.log(ratio)).max() < _SAME:
         return problem, best, rivals, loss

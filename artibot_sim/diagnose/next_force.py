@@ -90,7 +90,7 @@ def rivals(found: Finding) -> list[Candidate]:
 
 def recording(robot: Robot, entry: Entry, place: tuple[float, float], noise: Mapping[str, float]) -> Experiment:
     """What the sensors of a robot would record on a manoeuvre, begun at a place in `map` (m)."""
-    level = {channel: noise.get(channel) or usual for channel, usual in USUAL.items()}
+    level = USUAL | {channel: sigma for channel, sigma in noise.items() if sigma > 0.0}
     sensors = Noise(
         torque=level["torque_front"], torque_share=0.0, articulation=level["articulation_yaw"], gyro=level["yaw_rate"],
         station=level["position"], lost=0.0,
