@@ -57,5 +57,5 @@ row=$!
 wait "$row" || failed=1
 [ ! -e "$reports/2-can" ] || cat "$reports/2-can"
 cat "$reports/types"
-grep -hE '^=+ .* in [0-9.]+s' "$reports"/*
+grep -hE '^=+ .* in [0-9.]+s' "$reports"/[0-9]*
 exit "$failed"
