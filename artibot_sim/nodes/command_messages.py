@@ -30,6 +30,9 @@ TOPICS = {
     Source.CMD_VEL: "cmd_vel",
 }
 
+SIGN_OF_LIFE = "planned/odom"
+"""A planner's, while its profile is followed."""
+
 
 def parse_sources(text: str) -> tuple[Source, ...]:
     """Sources in order of precedence from ``auto``, ``none`` or names with commas between.

@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from artibot_sim.nodes import arbiter
-from artibot_sim.nodes.command_messages import TOPICS, Rules, Source, parse_request, parse_twist
+from artibot_sim.nodes.command_messages import SIGN_OF_LIFE, TOPICS, Rules, Source, parse_request, parse_twist
 from artibot_sim.nodes.lateness import Lateness
 from artibot_sim.nodes.profile import Profile, Refused
 from artibot_sim.nodes.profile_reader import ProfileReader
@@ -28,9 +28,6 @@ MOST_AT_ONCE = 20
 
 SHORTEST = 12
 """A serialised message with a stamp has so many bytes at least."""
-
-SIGN_OF_LIFE = "planned/odom"
-"""A planner's, while its profile is followed."""
 
 PROFILE_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 

@@ -9,10 +9,10 @@ from fnmatch import fnmatchcase
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.messages import CAN_FRAME
 from artibot_sim.experiment.storage import BagInfo, ChannelInfo
+from artibot_sim.nodes.command_messages import SIGN_OF_LIFE
 
 REQUEST = "motor_command_request"
 PROFILE = "planned/front_velocity"
-SIGN_OF_LIFE = "planned/odom"
 INPUTS = (PROFILE, REQUEST, "cmd_vel")
 """What moves a rover, under any namespace (contract)."""
 _MOVING_TYPES = ("trajectory_msgs/msg/JointTrajectory", CAN_FRAME, "ackermann_msgs/")
