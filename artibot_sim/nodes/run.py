@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 import click
 
+from artibot_sim.nodes.output import never_held_up
 from artibot_sim.nodes.process import Destructible, destroyed, ros_process, split_ros_args
 
 
@@ -61,7 +62,7 @@ def run_loop(name: str, ros_args: Sequence[str], make: Callable[[list[int]], Loo
 
         from artibot_sim.nodes.pacer import write_statistics
 
-        with destroyed(make(asked)) as node:
+        with destroyed(make(asked)) as node, never_held_up():
             executor = SingleThreadedExecutor()
             executor.add_node(node)
             try:

@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 import signal
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -337,6 +338,34 @@ def test_the_loop_is_not_held_up_by_services(
     assert found["callback_cpu_max_ms"] > 0 and found["callback_wall_p99_ms"] <= found["callback_wall_max_ms"]
     assert found["callback_turns"] > 10
     assert found["steps"] > 30 and found["late_max_ms"] >= found["late_p99_ms"] >= found["late_p50_ms"] > 0.0
+
+
+UNREAD = """
+import fcntl, os, sys
+kept, full = os.pipe()
+fcntl.fcntl(full, fcntl.F_SETPIPE_SZ, 4096)
+os.set_inheritable(kept, True)
+os.dup2(full, 2)
+os.execv(sys.executable, [sys.executable, "-m", "artibot_sim.cli", *sys.argv[1:]])
+"""
+"""Runs artibot with log lines that nobody reads, of which few wait to be read."""
+
+
+def test_log_lines_that_nobody_reads_do_not_hold_the_loop_up(
+    start_node: Any, channel: str, drives: Drives, ros_context: Any, tmp_path: Path
+) -> None:
+    node = start_node.run(
+        [sys.executable, "-c", UNREAD, "driver", "--channel", channel, "--enable", *PATIENT], name="unread"
+    )
+    probe = DriverProbe(ros_context)
+    probe.listened()
+    probe.until(lambda: probe.part("driver").get("phase") == "ENABLED", "drives that are enabled by themselves")
+    for _ in range(60):  # each a line of some hundred characters
+        probe.call_driver("enable")
+    assert probe.part("driver")["phase"] == "ENABLED"
+    probe.repeat(lambda: probe.send_request([60.0, 40.0]), 0.5)
+    assert probe.commanded() == pytest.approx((60.0, 40.0), abs=1e-3)
+    assert node.stop(timeout=20.0) == 0
 
 
 def test_diagnostics_name_every_part(probe: DriverProbe) -> None:
