@@ -13,7 +13,7 @@ from artibot_sim.diagnose.evidence import Evidence, evidence
 from artibot_sim.diagnose.hypotheses import hypotheses
 from artibot_sim.diagnose.input_noise import excess_of
 from artibot_sim.diagnose.patches import discs
-from artibot_sim.diagnose.screen import Trial, around, screen
+from artibot_sim.diagnose.screen import Trial, at_rest, screen
 from artibot_sim.diagnose.thresholds import TRUST, Thresholds
 from artibot_sim.identify.gauss_newton import again
 from artibot_sim.identify.problem import Problem
@@ -73,11 +73,11 @@ def turn(
     The baseline is fitted again from the best rivals' soil and starts: what they found there without their effect
     is none of its evidence.
     """
-    base = around(problem, loss, fit.point)
+    base, control = at_rest(problem, loss, fit.point, rounds.few)
     trials = screen(base, hypotheses(problem.parameters.robot, problem.stretches, named), tick) + discs(base)
-    rivals = contest(trials, base.point.cost, loss, rounds, tick)
+    rivals = contest(trials, control.cost, loss, rounds, tick)
     if not rivals:
-        return Turn(tuple(trials), (), {}, problem, fit, loss, base.point.cost)
+        return Turn(tuple(trials), (), {}, problem, fit, loss, control.cost)
     best, rivals = finished(base, rivals, rounds, tick)
     near = [r for r in rivals[: rounds.returns] if best.point.cost - r.fit.point.cost >= 2.0 * rounds.worth]
     others = side_by_side(lambda rival: neutralised(rival, best, loss, rounds), near, problem.workers, tick)
@@ -89,7 +89,7 @@ def turn(
     costs = [best.point.cost - one for one in excess]
     told = side_by_side(lambda one: evidence(*one), list(zip(rivals, costs, strict=True)), problem.workers)
     found = {rival.id: one for rival, one in zip(rivals, told, strict=True)}
-    return Turn(tuple(trials), tuple(rivals), found, problem, best, loss, base.point.cost, fallen)
+    return Turn(tuple(trials), tuple(rivals), found, problem, best, loss, control.cost, fallen)
 
 
 def _with_honest_noise(

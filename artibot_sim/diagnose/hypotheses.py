@@ -60,11 +60,14 @@ def hypotheses(robot: Robot, stretches: Sequence[Stretch], without: Sequence[str
         Ids that are left out.
     """
     bend = largest_bend(stretches)
+    measured = {series.channel for stretch in stretches for series in stretch.series}
     found: list[Hypothesis] = []
     for effect in EFFECTS.values():
         if effect.id in without or effect.search is None or "rotation" not in effect.search.views:
             continue
         if effect.search.disc or (not robot.articulated and effect.id in _BACK):
+            continue
+        if effect.search.channels and measured.isdisjoint(effect.search.channels):
             continue
         if effect.search.reference == "articulation" and not np.isfinite(bend):
             continue

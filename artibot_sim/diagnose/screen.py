@@ -13,7 +13,7 @@ from artibot_sim.diagnose.hypotheses import Hypothesis, with_effect
 from artibot_sim.identify.gauss_newton import Point, assess, evaluate, reduce, step
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss
-from artibot_sim.identify.search import free_parameters, sounded
+from artibot_sim.identify.search import free_parameters, settle, sounded
 from artibot_sim.identify.sensitivity import Sensitivity, clip, moved_along
 from artibot_sim.identify.side_by_side import side_by_side
 
@@ -29,6 +29,10 @@ _TEST = 0.5
 """Coordinate at which effects are tried that need no probes: what it costs says how well they are told."""
 _FAINT, _PLAIN = 0.3, 0.6
 """Share of a probe at which it is tried as well where all of an effect's probes are at least this plain."""
+_RESTS = 4
+"""Fits at most of a baseline that is not at rest."""
+_QUIET = 24.0
+"""Fall of the loss, by what trials go through, of a baseline that is."""
 _SCORE_STEP = 0.05
 """Coordinate by which an effect is turned on for its sensitivity."""
 
@@ -96,6 +100,29 @@ def around(problem: Problem, loss: Loss, point: Point) -> Around:
     return Around(problem, loss, exact, free, sensitivity)
 
 
+def at_rest(problem: Problem, loss: Loss, point: Point, steps: int) -> tuple[Around, Point]:
+    """A baseline to screen from, and where it gets by what every trial goes through: effects are held against that.
+
+    Fitted further, by so many steps at a time, where it gets far: what an effect adds is not seen beside that.
+    """
+    base = around(problem, loss, point)
+    for _ in range(_RESTS):
+        control = _control(base)
+        if base.point.cost - control.cost < _QUIET:
+            break
+        base = around(problem, loss, settle(problem, control, loss, steps).point)
+    else:
+        control = _control(base)
+    return base, control
+
+
+def _control(base: Around) -> Point:
+    """The baseline as a trial without any effect."""
+    problem, loss = base.problem, base.loss
+    (point,) = _resumed(base, problem, [sounded(problem, loss, base.point)], 0)
+    return step(problem, loss, point, base.free, known=base.sensitivity, tries=2)[0]
+
+
 def screen(base: Around, found: Sequence[Hypothesis], tick: Callable[[], None] = lambda: None) -> list[Trial]:
     """Every hypothesis at the best of its probes, soil and starts corrected by one step with known sensitivities."""
     return side_by_side(partial(_screened, base), found, base.problem.workers, tick)
@@ -126,7 +153,7 @@ def _resumed(base: Around, problem: Problem, points: Sequence[Point], size: int)
     """The best point for each size of an effect after steps of its starts alone: other sensors saw other starts."""
     best: dict[bytes, Point] = {}
     for point in sorted(points, key=lambda point: point.cost):
-        best.setdefault(point.coordinates[-size:].tobytes(), point)
+        best.setdefault(point.coordinates[len(point.coordinates) - size :].tobytes(), point)
     found = []
     for point in best.values():
         for _ in range(2):

@@ -15,9 +15,9 @@ _STDERR = 2
 def never_held_up(descriptor: int = _STDERR) -> Iterator[None]:
     """Meanwhile nothing that is written to a pipe or a terminal waits for its reader.
 
-    A terminal that was stopped (Ctrl-S), or a launcher that hangs, would else stop a loop at one of its log lines as soon
-    as what waits to be read is full. The pipe is opened anew for that: flags of one that was inherited are everybody's
-    who has it, the shell among them. Files and what cannot be opened anew (a socket) stay as they are.
+    A terminal that was stopped (Ctrl-S), or a launcher that hangs, would else stop a loop at one of its log lines as
+    soon as what waits to be read is full. The pipe is opened anew for that: flags of one that was inherited are those
+    of everybody who has it, the shell among them. Files and what cannot be opened anew (a socket) stay as they are.
 
     Parameters
     ----------

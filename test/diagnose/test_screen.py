@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from artibot_sim.diagnose.hypotheses import hypotheses
 from artibot_sim.diagnose.patches import discs
-from artibot_sim.diagnose.screen import Around, around, screen
+from artibot_sim.diagnose.screen import Around, around, at_rest, screen
 from artibot_sim.identify.gauss_newton import evaluate
 from artibot_sim.identify.holdout import fitted_starts
 from artibot_sim.identify.problem import Problem
@@ -28,15 +30,15 @@ TURNS = Manoeuvre(
 ROBOT = load_robot("agriq")
 
 
+EVEN = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
+
+
 def base(effects: dict[str, dict[str, object]], start: tuple[float, float, float] = (0.0, 0.0, 0.4)) -> Around:
     """A recording with something hidden, seen from the right soil."""
-    from dataclasses import replace
-
     real: Robot = replace(ROBOT, effects=effects)
     recording = synthetic(real, TURNS, kappa=0.8, seed=4, start=start)
     problem: Problem = problem_of([recording], parameter_set(ROBOT), 5.0, 2)
-    point = fitted_starts(problem, 2)
-    return around(problem, Loss(1.0, np.ones(len(CHANNEL_NAMES))), point)
+    return around(problem, EVEN, fitted_starts(problem, 2))
 
 
 def gains(seen: Around, names: tuple[str, ...]) -> dict[str, float]:
@@ -91,8 +93,6 @@ def test_the_direction_of_a_slope_turns_with_the_map() -> None:
 
 def test_a_soil_that_took_an_effect_for_its_own_gives_it_back() -> None:
     """Rolling resistance that grows with speed is first taken for much rolling resistance."""
-    from dataclasses import replace
-
     speeds = Manoeuvre(
         "speeds",
         (Dwell(0.5), Ramp(speed=0.4), Arc(radius=3.0, angle=0.8), Ramp(speed=0.9), Arc(radius=3.0, angle=-1.5), Stop()),
@@ -100,15 +100,35 @@ def test_a_soil_that_took_an_effect_for_its_own_gives_it_back() -> None:
     )  # fmt: skip
     real = replace(ROBOT, effects={"rolling_resistance_speed": {"coefficient": 1.5}})
     problem = problem_of([synthetic(real, speeds, kappa=0.8, seed=5)], parameter_set(ROBOT), 5.0, 2)
-    loss, starts = Loss(1.0, np.ones(len(CHANNEL_NAMES))), fitted_starts(problem, 2)
+    starts = fitted_starts(problem, 2)
     values = problem.parameters.values(starts.coordinates)
     tried = []
     for factor in (1.0, 1.3, 1.6, 1.8, 2.0, 2.2):
         more = values.copy()
         more[problem.parameters.index("contact.u_w")] *= factor
         tried.append(problem.parameters.coordinates(more))
-    point = min(evaluate(problem, loss, tried, starts.starts), key=lambda p: p.cost)
+    point = min(evaluate(problem, EVEN, tried, starts.starts), key=lambda p: p.cost)
     assert not np.array_equal(point.coordinates, tried[0])
-    found = gains(around(problem, loss, point), ("rolling_resistance_speed", "slope", "motor_drag"))
+    found = gains(around(problem, EVEN, point), ("rolling_resistance_speed", "slope", "motor_drag"))
     best = max(found, key=lambda label: found[label])
     assert best == "rolling_resistance_speed" and found[best] > LEAST
+
+
+def test_what_nothing_measures_is_not_tried_and_steps_of_the_baseline_are_nobody_s_gain() -> None:
+    """Without torques a gear's efficiency changes nothing: what it gains is what its trial's steps do."""
+    recording = synthetic(ROBOT, TURNS, kappa=0.8, seed=4)
+    motors = recording.channels["motor_torques"]
+    silent = {name: column for name, column in motors.columns.items() if not name.endswith("effort")}
+    channels = {key: channel for key, channel in recording.channels.items() if key != "imu"}
+    channels["motor_torques"] = replace(motors, columns=silent)
+    bare = replace(recording, channels=channels)
+    problem = problem_of([bare], parameter_set(ROBOT), 5.0, 2)
+    names = {hypothesis.id for hypothesis in hypotheses(ROBOT, problem.stretches)}
+    assert names.isdisjoint({"gyro_bias", "torque_scale"}) and "gear_efficiency" in names
+    point = fitted_starts(problem, 2)
+    rng = np.random.default_rng(2)
+    (off,) = evaluate(problem, EVEN, [point.coordinates], point.starts + 0.3 * problem.start_sd * rng.normal(size=8))
+    assert gains(around(problem, EVEN, off), ("gear_efficiency",))["gear_efficiency"] > 12.0
+    base, control = at_rest(problem, EVEN, off, 2)
+    gained = gains(base, ("gear_efficiency",))["gear_efficiency"]
+    assert gained < 12.0 and gained <= 0.5 * (base.point.cost - control.cost) + 1e-6

@@ -78,6 +78,8 @@ class Search:
         Soil parameters that hide the effect best: key to the power of the value with which they change along.
     least : float
         Coordinate up to which the effect cannot be simulated or told from neutral.
+    channels : tuple of str
+        What is measured of it, where it does not change how the rover moves: without any of these it is not looked for.
     views : tuple of str
         Where it shows: ``"rotation"`` (measured rotations in, motion and torques out), ``"command"`` (commands in,
         motor speeds out).
@@ -91,6 +93,7 @@ class Search:
     disc: tuple[str, ...] = ()
     valley: Mapping[str, float] = field(default_factory=dict)
     least: float = 0.0
+    channels: tuple[str, ...] = ()
     views: tuple[str, ...] = ("rotation",)
 
 

@@ -20,5 +20,5 @@ EFFECT = Effect(
     doc="Recorded yaw rates are off by a constant.",
     parameters={"bias": number("rad/s", -1.0, 1.0, "recorded less true yaw rate")},
     sensor=_sensor,
-    search=Search({"bias": 0.01}),
+    search=Search({"bias": 0.01}, channels=("yaw_rate",)),
 )
