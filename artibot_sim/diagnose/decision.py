@@ -11,7 +11,7 @@ from artibot_sim.diagnose.contest import Rounds
 from artibot_sim.diagnose.diagnosis import Found, Left, Verdict
 from artibot_sim.diagnose.greedy import Turn, acceptable, turn
 from artibot_sim.diagnose.other import Other
-from artibot_sim.diagnose.remains import Remains, remains
+from artibot_sim.diagnose.remains import LIMITS, Remains, remains
 from artibot_sim.diagnose.thresholds import Thresholds
 from artibot_sim.diagnose.unexplained import Finding, unexplained
 from artibot_sim.diagnose.valley import at_size
@@ -154,7 +154,7 @@ def _concluded(found: Decision) -> Decision:
     """The verdict: nothing is named where a force follows something beside all that would be."""
     remaining = remains(found.problem, found.fit.point)
     found = replace(found, left=_left(remaining))
-    if _leaves_more_than_noise(remaining) and unexplained(found.problem, found.fit.point.coordinates) is not None:
+    if leaves_more_than_noise(found.left) and unexplained(found.problem, found.fit.point.coordinates) is not None:
         # that is not the cause, or not all of it
         force = unexplained(found.neutral_problem, found.neutral_fit.point.coordinates)
         if force is not None:
@@ -180,14 +180,14 @@ def _left(remaining: Remains) -> dict[str, Left]:
     return {name: Left(level.typical, level.worst) for name, level in remaining.channels.items()}
 
 
-def _leaves_more_than_noise(left: Remains) -> bool:
+def leaves_more_than_noise(left: Mapping[str, Left]) -> bool:
     """Whether a force may be at work that the fit does not know.
 
     The window in the middle decides: single ones that began on another branch are no force. Positions have no say, for
     how slow a total station's own errors are is not known, and with nothing hidden they leave up to three times what
     white noise would.
     """
-    return any(level.typical > level.limits[0] for name, level in left.channels.items() if name != "position")
+    return any(one.typical > LIMITS[name][0] for name, one in left.items() if name != "position")
 
 
 def _nats(found: Turn, view: CommandView, named: Sequence[Named]) -> dict[str, float]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.diagnosis import Found
+from artibot_sim.diagnose.disc_place import Place
 from artibot_sim.diagnose.uncertain import Uncertain
 from artibot_sim.identify.extension import Extension
 from artibot_sim.identify.problem import Problem
@@ -23,8 +24,10 @@ Array = NDArray[np.float64]
 _NORMAL = 1.96
 
 
-def found_parameters(extension: Extension, own: Array, covariance: Array) -> dict[str, Found]:
-    """Values with intervals of one effect, its choices included."""
+def found_parameters(
+    extension: Extension, own: Array, covariance: Array, places: Mapping[str, Place] | None = None
+) -> dict[str, Found]:
+    """Values with intervals of one effect, its choices included; `places` has where on the ground it is."""
     values = extension.values(own)
     low, high = _interval(extension, own, covariance)
     found: dict[str, Found] = {}
@@ -35,7 +38,8 @@ def found_parameters(extension: Extension, own: Array, covariance: Array) -> dic
         elif name in low:
             found[name] = Found(float(values[name]), quantity.unit, (low[name], high[name]))
         else:
-            found[name] = Found(float(values[name]), quantity.unit, None)
+            value, interval = (places or {}).get(name, (float(values[name]), None))
+            found[name] = Found(value, quantity.unit, interval)
     return found
 
 

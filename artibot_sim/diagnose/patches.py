@@ -101,10 +101,9 @@ def _extension(effect: str, disc: _Disc) -> Extension:
     return Extension(effect, dict(zip(search.disc, (disc.x, disc.y, disc.radius), strict=True)))
 
 
-def touched(paths: Sequence[Array], disc: _Disc) -> list[int]:
+def touched(paths: Sequence[Array], x: float, y: float, radius: float) -> list[int]:
     """Windows whose wheels may come onto a disc, by their paths (n, 2)."""
-    near = disc.radius + _REACH
-    return [i for i, path in enumerate(paths) if (np.hypot(*(path - (disc.x, disc.y)).T) < near).any()]
+    return [i for i, path in enumerate(paths) if (np.hypot(*(path - (x, y)).T) < radius + _REACH).any()]
 
 
 def gained(base: Around, effect: str, discs: Sequence[_Disc]) -> list[_Disc]:
@@ -114,7 +113,7 @@ def gained(base: Around, effect: str, discs: Sequence[_Disc]) -> list[_Disc]:
     """
     problem, point = base.problem, base.point
     paths = [path(problem, i) for i in range(len(problem))]
-    found, rows = list(discs), [touched(paths, disc) for disc in discs]
+    found, rows = list(discs), [touched(paths, disc.x, disc.y, disc.radius) for disc in discs]
     for some in _together([len(mine) for mine in rows]):
         every = np.concatenate([rows[k] for k in some])
         which = np.repeat(np.arange(len(some)), [len(rows[k]) for k in some])

@@ -19,7 +19,7 @@ from artibot_sim.model.effects import EFFECTS
 
 
 def ranking(decision: Decision, thresholds: Thresholds) -> tuple[Candidate, ...]:
-    """All effects, best first: those named as they were found, others as the last turn saw them."""
+    """All effects, best first: those named as they were found, others as the last turn that tried them saw them."""
     named = {n.effect: n for n in decision.named}
     found = []
     for effect in (name for name, declared in EFFECTS.items() if declared.search is not None):
@@ -27,7 +27,8 @@ def ranking(decision: Decision, thresholds: Thresholds) -> tuple[Candidate, ...]
         if effect in named:
             at = turns[list(named).index(effect)]
         else:
-            at = turns[0] if effect in turns[0].evidence else turns[-1]
+            tried = [turn for turn in turns if any(trial.id == effect for trial in turn.trials)]
+            at = turns[0] if effect in turns[0].evidence or not tried else tried[-1]
         bounds = excluded([t for t in at.trials if t.id == effect], decision.least, thresholds)
         own = _candidate(effect, at, {} if effect in named else bounds)
         found.append(_with_other(own, decision.other[effect], named) if effect in decision.other else own)

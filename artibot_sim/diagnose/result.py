@@ -9,6 +9,7 @@ from artibot_sim.diagnose.command_view import command_view
 from artibot_sim.diagnose.data_check import data_warnings
 from artibot_sim.diagnose.decision import Decision, refuted
 from artibot_sim.diagnose.diagnosis import Cause, ChannelBaseline, Diagnosis, Found, NextExperiment
+from artibot_sim.diagnose.disc_place import disc_place
 from artibot_sim.diagnose.evidence import DECADE
 from artibot_sim.diagnose.extended import found_parameters, robot_of
 from artibot_sim.diagnose.looks import COMMANDED, look, with_commands
@@ -20,8 +21,8 @@ from artibot_sim.diagnose.predictions import Pair, baseline_levels, gains, predi
 from artibot_sim.diagnose.ranking import ranking
 from artibot_sim.diagnose.uncertain import Uncertain, judged, surroundings
 from artibot_sim.diagnose.unexplained import unexplained_of
-from artibot_sim.diagnose.words import refutation
-from artibot_sim.diagnose.worth import improvements, is_refuted
+from artibot_sim.diagnose.words import refutation, shortfall
+from artibot_sim.diagnose.worth import improvements, is_minor, is_refuted
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.side_by_side import side_by_side
@@ -46,10 +47,12 @@ def result_of(
     channels, looks = with_commands(baseline_levels(pairs), [look(pair, robot) for pair in pairs], *commanded)
     held_out = [pair for pair in pairs if pair.held_out]
     driven = [one.channels[COMMANDED] for one in looks if one.held_out and COMMANDED in one.channels]
+    driven = driven if view.followed else []
     gained, gain = improvements(decision, held_out, extended, view, options), gains(held_out, driven, options.seed)
-    if is_refuted(gained, gain):
+    if (refuting := is_refuted(gained, gain)) or is_minor(gained, decision.left):
         found = result_of(robot, fitted, held, refuted(decision), options, tick)
-        return replace(found, warnings=(refutation([named.effect for named in decision.named], gain), *found.warnings))
+        said = (refutation if refuting else shortfall)([named.effect for named in decision.named], gain)
+        return replace(found, warnings=(said, *found.warnings))
     return Diagnosis(
         verdict=decision.verdict,
         robot=robot,
@@ -86,7 +89,7 @@ def _robots(
         return baseline, baseline, {}
     heard = {effect: other.found for effect, other in decision.other.items()}
     after = judged(*fits[1], around[1], seed, heard)
-    effects = _parameters(decision, after)
+    effects = _parameters(decision, after, seed)
     return baseline, robot_of(decision.problem, after, effects, names), effects
 
 
@@ -105,12 +108,14 @@ def _predictions(
     )  # fmt: skip
 
 
-def _parameters(decision: Decision, after: Uncertain) -> dict[str, Mapping[str, Found]]:
+def _parameters(decision: Decision, after: Uncertain, seed: int) -> dict[str, Mapping[str, Found]]:
     """Parameters of all named effects with their intervals."""
     problem: Problem = decision.problem
     found: dict[str, Mapping[str, Found]] = {}
-    for extension, part in zip(problem.parameters.extensions, problem.parameters.places, strict=True):
-        found[extension.id] = found_parameters(extension, after.coordinates[part], after.covariance[part, part])
+    for which, part in enumerate(problem.parameters.places):
+        extension = problem.parameters.extensions[which]
+        where = disc_place(problem, decision.fit, which, seed)
+        found[extension.id] = found_parameters(extension, after.coordinates[part], after.covariance[part, part], where)
     return found | {named.effect: named.found for named in decision.named if named.found}
 
 

@@ -181,14 +181,26 @@ def sureness(found: Diagnosis) -> str:
 
 def refutation(effects: Sequence[str], gain: Mapping[str, ChannelGain]) -> str:
     """Why effects that were fitted best are not named: with them, held-out data are predicted worse."""
+    return (
+        f"{joined([effect_words(name) for name in effects])} would explain the fitted recordings, but held-out ones "
+        f"are predicted worse with that: {_errors(gain)}; so nothing is named"
+    )
+
+
+def shortfall(effects: Sequence[str], gain: Mapping[str, ChannelGain]) -> str:
+    """Why effects that were fitted best are not named: most of the error is still there with them."""
+    return (
+        f"{joined([effect_words(name) for name in effects])} would explain the recordings best, but with that most "
+        f"of the error is left in held-out ones: {_errors(gain)}; so nothing is named"
+    )
+
+
+def _errors(gain: Mapping[str, ChannelGain]) -> str:
     errors = [
         f"{channel_words(name)} {amount(one.before, one.unit)} to {amount(one.after, one.unit)}"
         for name, one in gain.items()
     ]
-    return (
-        f"{joined([effect_words(name) for name in effects])} would explain the fitted recordings, but held-out ones "
-        f"are predicted worse with that: RMSE of {joined(errors)}; so nothing is named"
-    )
+    return f"RMSE of {joined(errors)}"
 
 
 def best_rival(found: Diagnosis) -> Candidate | None:

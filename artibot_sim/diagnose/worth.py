@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.command_view import CommandView
-from artibot_sim.diagnose.decision import Decision
-from artibot_sim.diagnose.diagnosis import ChannelGain
+from artibot_sim.diagnose.decision import Decision, leaves_more_than_noise
+from artibot_sim.diagnose.diagnosis import ChannelGain, Left
 from artibot_sim.diagnose.options import Options
 from artibot_sim.diagnose.predictions import Pair, predicted
 from artibot_sim.identify.holdout import Held
@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 _WORSE = 0.1
 """Growth of the held-out error beyond noise from which data speak against a cause: one that happens not to act in them
 adds a few hundredths."""
+_LITTLE = 0.5
+"""Share of that error which causes leave at most, where the fitted recordings show that there is something else."""
 
 
 def improvements(
@@ -68,8 +70,27 @@ def is_refuted(gained: Mapping[str, float], gain: Mapping[str, ChannelGain]) -> 
     gain : mapping of str to ChannelGain
         By channel, with intervals.
     """
-    left = math.prod(1.0 - share for share in gained.values())
-    return left > 1.0 + _WORSE and any(one.ci95[1] < 0.0 for one in gain.values())
+    return _left(gained) > 1.0 + _WORSE and any(one.ci95[1] < 0.0 for one in gain.values())
+
+
+def is_minor(gained: Mapping[str, float], left: Mapping[str, Left]) -> bool:
+    """Whether all that was named takes little of the held-out error, and more than noise is left of the fitted one.
+
+    The cause of most of it is another one then, of which what was named may be no more than a part or the shadow.
+
+    Parameters
+    ----------
+    gained : mapping of str to float
+        What `improvements` gives.
+    left : mapping of str to Left
+        What the fit with all causes leaves.
+    """
+    return bool(gained) and leaves_more_than_noise(left) and _left(gained) > _LITTLE
+
+
+def _left(gained: Mapping[str, float]) -> float:
+    """Share of the held-out error that all causes together leave."""
+    return math.prod(1.0 - share for share in gained.values())
 
 
 def _models(decision: Decision) -> list[Robot]:
@@ -88,7 +109,9 @@ def _models(decision: Decision) -> list[Robot]:
 
 
 def _followed(view: CommandView, robot: Robot, names: Sequence[str], which: str) -> list[Array]:
-    """Squared errors of the front motors' speeds in the recordings `names`, in units of noise."""
+    """Squared errors of the front motors' speeds in the recordings `names`, in units of noise, if commands say any."""
+    if not view.followed:
+        return []
     _, series = view.seen_by(robot)
     return [((getattr(series[name], which) / series[name].noise) ** 2).ravel() for name in names if name in series]
 

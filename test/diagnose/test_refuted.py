@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose import Verdict, diagnose
-from artibot_sim.diagnose.diagnosis import ChannelGain
-from artibot_sim.diagnose.worth import is_refuted
+from artibot_sim.diagnose.diagnosis import ChannelGain, Left
+from artibot_sim.diagnose.worth import is_minor, is_refuted
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.synthetic import random_manoeuvre, random_soil, synthetic
 from artibot_sim.model import Robot, load_robot
@@ -32,6 +32,20 @@ BETTER, WORSE = ChannelGain("m", 0.03, 0.01, (0.01, 0.03)), ChannelGain("rad", 0
 )
 def test_held_out_data_speak_against_what_they_are_predicted_worse_with(gained, gain, refuted) -> None:  # type: ignore[no-untyped-def]
     assert is_refuted(gained, gain) is refuted
+
+
+@pytest.mark.parametrize(
+    ("gained", "typical", "minor"),
+    [
+        ({"slope": 0.9}, 30.0, False),
+        ({"slope": 0.3}, 1.0, False),  # acts little in what was held out
+        ({"slope": 0.3}, 30.0, True),
+        ({"slope": 0.3, "stribeck": 0.4}, 30.0, False),  # both together
+        ({}, 30.0, False),
+    ],
+)
+def test_a_cause_of_little_of_what_is_wrong_is_not_named(gained, typical, minor) -> None:  # type: ignore[no-untyped-def]
+    assert is_minor(gained, {"position": Left(100.0, 900.0), "yaw": Left(typical, 900.0)}) is minor
 
 
 def test_what_acts_in_the_fitted_recordings_only_is_not_named() -> None:

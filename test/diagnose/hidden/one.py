@@ -12,6 +12,7 @@ from diagnose.hidden.cases import case
 
 from artibot_sim.diagnose.command_view import command_view
 from artibot_sim.diagnose.decision import Decision, decide
+from artibot_sim.diagnose.disc_place import disc_place
 from artibot_sim.diagnose.extended import found_parameters
 from artibot_sim.diagnose.options import Options
 from artibot_sim.diagnose.ranking import ranking
@@ -45,8 +46,9 @@ def values(decision: Decision, seed: int) -> list[str]:
     parameters = decision.problem.parameters
     heard = {effect: other.found for effect, other in decision.other.items()}
     what, lines = uncertain(decision.problem, decision.fit, seed, heard), []
-    for extension, part in zip(parameters.extensions, parameters.places, strict=True):
-        given = found_parameters(extension, what.coordinates[part], what.covariance[part, part])
+    for which, (extension, part) in enumerate(zip(parameters.extensions, parameters.places, strict=True)):
+        places = disc_place(decision.problem, decision.fit, which, seed)
+        given = found_parameters(extension, what.coordinates[part], what.covariance[part, part], places)
         lines.append(f"fit alone: {extension.values(decision.fit.point.coordinates[part])}")
         lines.append(f"given: { {name: (one.value, one.ci95) for name, one in given.items()} }")
     return lines

@@ -1,0 +1,170 @@
+"""How surely the place of a disc of ground is known: other discs beside the fitted one, and how well they explain.
+
+Where a disc is cannot be fitted by gradients: predictions jump as its edge comes under another wheel. So many discs
+around it are tried, each with the effect's size, the soil and the starts fitted anew; of windows that a disc does not
+touch the fit's normal equations tell what another soil costs. Then windows are weighted at random, as for all other
+values (`uncertain`), each time the disc with the least loss is taken, and the interval holds what comes out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.diagnose.patches import path, touched
+from artibot_sim.identify.extension import Extension
+from artibot_sim.identify.gauss_newton import Point, best_of, evaluate, prior, reduce, step
+from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.search import Fit
+from artibot_sim.identify.side_by_side import side_by_side
+
+Array = NDArray[np.float64]
+Place = tuple[float, tuple[float, float]]
+"""A value and its 95 % interval, m."""
+
+_ROUNDS, _TRIED = 5, 20
+"""Rounds, and discs in each."""
+_FIRST = 0.2
+"""Standard deviation of the first round's centres and radii, m."""
+_FARTHEST = 0.8
+"""Farthest that centre and radius are moved, m."""
+_SMALLEST = 0.3
+"""Radius of the smallest disc, m."""
+_BLUNT = 4.0
+"""Losses over this say around which discs the next ones are drawn: wider than what is known."""
+_WIDER = 1.5
+_LEAST = 0.05
+"""Standard deviation of what no residual shows, and of what lies between discs that were tried, m."""
+_STEPS = 2
+_SHARES = (1.0, 0.3, 0.0)
+"""How much of its own step a window's start takes: the best of these."""
+_DRAWS = 600
+_ENDS = (0.025, 0.975)
+
+
+@dataclass(frozen=True)
+class _Apart:
+    """A fit's windows, those apart that a disc may touch.
+
+    Attributes
+    ----------
+    part : Problem
+        Of the windows that it may touch.
+    rows : list of int
+        Their numbers among all.
+    starts : array, shape (rows, 8 or 6)
+    fit : Fit
+        Of all windows.
+    which : int
+        The effect's place among all.
+    """
+
+    part: Problem
+    rows: list[int]
+    starts: Array
+    fit: Fit
+    which: int
+
+    @cached_property
+    def others(self) -> Array:
+        """Numbers of the other windows."""
+        return np.setdiff1d(np.arange(len(self.fit.point.losses)), self.rows)
+
+    @cached_property
+    def pull(self) -> tuple[Array, Array]:
+        """Gradient (f,) and information (f, f) of the other windows together."""
+        reduced = self.fit.reduced
+        return reduced.gradient[self.others].sum(axis=0), reduced.matrices[self.others].sum(axis=0)
+
+    def rise(self, moved: Array) -> Array:
+        """What the free coordinates moved (f,) add to each other window's loss."""
+        reduced = self.fit.reduced
+        quadratic = np.einsum("wij,i,j->w", reduced.matrices[self.others], moved, moved)
+        return np.asarray(2.0 * reduced.gradient[self.others] @ moved + quadratic, float)
+
+    def losses(self, place: Array) -> Array:
+        """Of all windows (windows,), and last of the prior, with the disc elsewhere (3,) and all else fitted anew."""
+        problem, free = self._moved_to(place), list(self.fit.free)
+        now = self.fit.point.coordinates[free]
+        point = evaluate(problem, self.fit.loss, [self.fit.point.coordinates], self.starts)[0]
+        rise = np.zeros(len(self.others))
+        for _ in range(_STEPS):
+            new = self._step(problem, point, free)
+            more = self.rise(new.coordinates[free] - now)
+            if new.cost + more.sum() >= point.cost + rise.sum():
+                point, _, _ = step(problem, self.fit.loss, point, ())
+                break
+            point, rise = new, more
+        found = np.empty(len(self.rows) + len(self.others) + 1)
+        found[self.rows], found[self.others] = point.losses, self.fit.point.losses[self.others] + rise
+        found[-1] = prior(problem, point.coordinates)
+        return found
+
+    def _step(self, problem: Problem, point: Point, free: list[int]) -> Point:
+        """One step of soil, size and starts, as `gauss_newton.step` makes it, the other windows pulling along."""
+        parameters, loss = problem.parameters, self.fit.loss
+        residuals, sensitivity = problem.linearised(point.coordinates, point.starts, free)
+        reduced = reduce(problem, loss, residuals, sensitivity, point.starts)
+        gradient, matrix = self.pull
+        moved = point.coordinates[free] - self.fit.point.coordinates[free]
+        information = parameters.prior_information
+        pull = reduced.gradient.sum(axis=0) + gradient + matrix @ moved + (information @ point.coordinates)[free]
+        move = -np.linalg.solve(reduced.matrix + matrix + information[np.ix_(free, free)], pull)
+        move *= min(1.0, 1.0 / max((np.abs(move) / parameters.longest[free]).max(initial=0.0), 1e-12))
+        coordinates = point.coordinates.copy()
+        coordinates[free] += move
+        coordinates = parameters.inside(coordinates)
+        back = reduced.back[:, :, -1] + reduced.back[:, :, :-1] @ (coordinates[free] - point.coordinates[free])
+        back = np.clip(back, -3.0 * problem.start_sd, 3.0 * problem.start_sd)
+        return best_of(problem, loss, coordinates, [point.starts - share * back for share in _SHARES])
+
+    def _moved_to(self, place: Array) -> Problem:
+        parameters = self.part.parameters
+        extension = parameters.extensions[self.which]
+        there = dict(zip(extension.search.disc, place.tolist(), strict=True))
+        moved: list[Extension] = list(parameters.extensions)
+        moved[self.which] = replace(extension, fixed=dict(extension.fixed) | there)
+        return self.part.with_parameters(replace(parameters, extensions=tuple(moved)))
+
+
+def disc_place(problem: Problem, fit: Fit, which: int, seed: int) -> dict[str, Place]:
+    """Centre and radius (m) of the disc numbered `which` among the effects, with 95 % intervals; none for others."""
+    extension = problem.parameters.extensions[which]
+    names = extension.search.disc
+    if not names:
+        return {}
+    here = np.array([float(extension.fixed[name]) for name in names])
+    x, y, radius = here.tolist()
+    rows = touched([path(problem, i) for i in range(len(problem))], x, y, radius + _FARTHEST)
+    if not rows:
+        return {}
+    rng, apart = np.random.default_rng(seed), _Apart(problem.part(rows), rows, fit.point.starts[rows], fit, which)
+    table, losses = here[None], apart.losses(here)[None]
+    middle, width = here, np.full(3, _FIRST)
+    for _ in range(_ROUNDS):
+        tried = _inside(here, middle + width * rng.normal(size=(_TRIED, 3)))
+        found = side_by_side(apart.losses, list(tried), problem.workers)
+        table, losses = np.concatenate([table, tried]), np.concatenate([losses, found])
+        total = losses.sum(axis=1)
+        share = np.exp(-0.5 / _BLUNT * (total - total.min()))
+        middle = np.average(table, axis=0, weights=share)
+        width = _WIDER * np.sqrt(np.average((table - middle) ** 2, axis=0, weights=share))
+        width = np.clip(width, _LEAST, _FIRST)
+    weights = np.ones((_DRAWS, losses.shape[1]))
+    weights[:, :-1] = rng.exponential(size=(_DRAWS, losses.shape[1] - 1))  # the prior stays
+    drawn = table[np.argmin(weights @ losses.T, axis=1)] + rng.normal(scale=_LEAST, size=(_DRAWS, 3))
+    low, high = np.quantile(drawn, _ENDS, axis=0)
+    return {
+        name: (float(value), (float(a), float(b)))
+        for name, value, a, b in zip(names, drawn.mean(axis=0), low, high, strict=True)
+    }
+
+
+def _inside(here: Array, places: Array) -> Array:
+    """Places (n, 3) no farther from one than they may be, their radii no smaller."""
+    places = here + np.clip(places - here, -_FARTHEST, _FARTHEST)
+    places[:, 2] = np.maximum(places[:, 2], _SMALLEST)
+    return places
