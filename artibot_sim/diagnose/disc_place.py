@@ -1,4 +1,4 @@
-"""How surely the place of a disc of ground is known: other discs beside the fitted one, and how well they explain.
+"""Where a disc of ground is, and how surely: other discs beside the fitted one, and how well they explain.
 
 Where a disc is cannot be fitted by gradients: predictions jump as its edge comes under another wheel. So many discs
 around it are tried, each with the effect's size, the soil and the starts fitted anew; of windows that a disc does not
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.patches import path, touched
 from artibot_sim.identify.extension import Extension
-from artibot_sim.identify.gauss_newton import Point, best_of, evaluate, prior, reduce, step
+from artibot_sim.identify.gauss_newton import Beside, evaluate, prior, step
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.search import Fit
 from artibot_sim.identify.side_by_side import side_by_side
@@ -39,8 +39,6 @@ _WIDER = 1.5
 _LEAST = 0.05
 """Standard deviation of what no residual shows, and of what lies between discs that were tried, m."""
 _STEPS = 2
-_SHARES = (1.0, 0.3, 0.0)
-"""How much of its own step a window's start takes: the best of these."""
 _DRAWS = 600
 _ENDS = (0.025, 0.975)
 
@@ -55,7 +53,6 @@ class _Apart:
         Of the windows that it may touch.
     rows : list of int
         Their numbers among all.
-    starts : array, shape (rows, 8 or 6)
     fit : Fit
         Of all windows.
     which : int
@@ -64,62 +61,32 @@ class _Apart:
 
     part: Problem
     rows: list[int]
-    starts: Array
     fit: Fit
     which: int
 
     @cached_property
-    def others(self) -> Array:
+    def others(self) -> NDArray[np.int64]:
         """Numbers of the other windows."""
         return np.setdiff1d(np.arange(len(self.fit.point.losses)), self.rows)
 
     @cached_property
-    def pull(self) -> tuple[Array, Array]:
-        """Gradient (f,) and information (f, f) of the other windows together."""
-        reduced = self.fit.reduced
-        return reduced.gradient[self.others].sum(axis=0), reduced.matrices[self.others].sum(axis=0)
-
-    def rise(self, moved: Array) -> Array:
-        """What the free coordinates moved (f,) add to each other window's loss."""
-        reduced = self.fit.reduced
-        quadratic = np.einsum("wij,i,j->w", reduced.matrices[self.others], moved, moved)
-        return np.asarray(2.0 * reduced.gradient[self.others] @ moved + quadratic, float)
+    def beside(self) -> Beside:
+        """What the other windows lose with another soil."""
+        reduced, free = self.fit.reduced, list(self.fit.free)
+        middle = self.fit.point.coordinates[free]
+        return Beside(middle, reduced.gradient[self.others], reduced.matrices[self.others])
 
     def losses(self, place: Array) -> Array:
         """Of all windows (windows,), and last of the prior, with the disc elsewhere (3,) and all else fitted anew."""
-        problem, free = self._moved_to(place), list(self.fit.free)
-        now = self.fit.point.coordinates[free]
-        point = evaluate(problem, self.fit.loss, [self.fit.point.coordinates], self.starts)[0]
-        rise = np.zeros(len(self.others))
+        problem, fit = self._moved_to(place), self.fit
+        point = evaluate(problem, fit.loss, [fit.point.coordinates], fit.point.starts[self.rows])[0]
         for _ in range(_STEPS):
-            new = self._step(problem, point, free)
-            more = self.rise(new.coordinates[free] - now)
-            if new.cost + more.sum() >= point.cost + rise.sum():
-                point, _, _ = step(problem, self.fit.loss, point, ())
-                break
-            point, rise = new, more
-        found = np.empty(len(self.rows) + len(self.others) + 1)
-        found[self.rows], found[self.others] = point.losses, self.fit.point.losses[self.others] + rise
+            point, _, _ = step(problem, fit.loss, point, fit.free, tries=2, beside=self.beside)
+        found = np.empty(len(fit.point.losses) + 1)
+        found[self.rows] = point.losses
+        found[self.others] = fit.point.losses[self.others] + self.beside.losses(point.coordinates[list(fit.free)])
         found[-1] = prior(problem, point.coordinates)
         return found
-
-    def _step(self, problem: Problem, point: Point, free: list[int]) -> Point:
-        """One step of soil, size and starts, as `gauss_newton.step` makes it, the other windows pulling along."""
-        parameters, loss = problem.parameters, self.fit.loss
-        residuals, sensitivity = problem.linearised(point.coordinates, point.starts, free)
-        reduced = reduce(problem, loss, residuals, sensitivity, point.starts)
-        gradient, matrix = self.pull
-        moved = point.coordinates[free] - self.fit.point.coordinates[free]
-        information = parameters.prior_information
-        pull = reduced.gradient.sum(axis=0) + gradient + matrix @ moved + (information @ point.coordinates)[free]
-        move = -np.linalg.solve(reduced.matrix + matrix + information[np.ix_(free, free)], pull)
-        move *= min(1.0, 1.0 / max((np.abs(move) / parameters.longest[free]).max(initial=0.0), 1e-12))
-        coordinates = point.coordinates.copy()
-        coordinates[free] += move
-        coordinates = parameters.inside(coordinates)
-        back = reduced.back[:, :, -1] + reduced.back[:, :, :-1] @ (coordinates[free] - point.coordinates[free])
-        back = np.clip(back, -3.0 * problem.start_sd, 3.0 * problem.start_sd)
-        return best_of(problem, loss, coordinates, [point.starts - share * back for share in _SHARES])
 
     def _moved_to(self, place: Array) -> Problem:
         parameters = self.part.parameters
@@ -141,7 +108,7 @@ def disc_place(problem: Problem, fit: Fit, which: int, seed: int) -> dict[str, P
     rows = touched([path(problem, i) for i in range(len(problem))], x, y, radius + _FARTHEST)
     if not rows:
         return {}
-    rng, apart = np.random.default_rng(seed), _Apart(problem.part(rows), rows, fit.point.starts[rows], fit, which)
+    rng, apart = np.random.default_rng(seed), _Apart(problem.part(rows), rows, fit, which)
     table, losses = here[None], apart.losses(here)[None]
     middle, width = here, np.full(3, _FIRST)
     for _ in range(_ROUNDS):

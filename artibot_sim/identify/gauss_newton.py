@@ -67,6 +67,34 @@ class Reduced:
     back: Array
 
 
+@dataclass(frozen=True)
+class Beside:
+    """Windows that are not simulated: what they lose as the free coordinates move, by their normal equations.
+
+    Attributes
+    ----------
+    middle : array, shape (f,)
+        Where these are known.
+    gradient : array, shape (windows, f)
+    matrices : array, shape (windows, f, f)
+        As in `Reduced`.
+    """
+
+    middle: Array
+    gradient: Array
+    matrices: Array
+
+    def losses(self, free: Array) -> Array:
+        """What each window loses more than in the middle, (windows,)."""
+        moved = free - self.middle
+        return np.asarray(2.0 * self.gradient @ moved + np.einsum("wij,i,j->w", self.matrices, moved, moved), float)
+
+    def pull(self, free: Array) -> tuple[Array, Array]:
+        """Gradient (f,) and information (f, f) of all of them."""
+        matrix = self.matrices.sum(axis=0)
+        return self.gradient.sum(axis=0) + matrix @ (free - self.middle), matrix
+
+
 def evaluate(problem: Problem, loss: Loss, coordinates: Sequence[Array], starts: Array) -> list[Point]:
     """The loss at several sets of coordinates; `starts` as in `Problem.residuals`."""
     every = np.broadcast_to(starts, (len(coordinates), len(problem), problem.size))
@@ -116,11 +144,13 @@ def step(
     damping: float = _DAMPING,
     known: Sensitivity | None = None,
     tries: int = 4,
+    beside: Beside | None = None,
 ) -> tuple[Point, Reduced, float]:
     """One step: the new point (the old one if nothing is gained), what it was computed from, and the next damping.
 
     A window whose start gets worse by its own step keeps the old one: a start that slips over a switch of eq. 16
-    must not hold back all others. Sensitivities to `free` that are `known` from near by save computing them.
+    must not hold back all others. Sensitivities to `free` that are `known` from near by save computing them. Windows
+    `beside` the problem's have their say in where the parameters go.
     """
     residuals, sensitivity = point.residuals, known
     if sensitivity is None:
@@ -130,6 +160,13 @@ def step(
     information = problem.parameters.prior_information
     gradient = reduced.gradient.sum(axis=0) + (information @ point.coordinates)[index]
     H = reduced.matrix + information[np.ix_(index, index)]
+    if beside is not None:
+        pull, matrix = beside.pull(point.coordinates[index])
+        gradient, H = gradient + pull, H + matrix
+
+    def cost(of: Point) -> float:
+        return of.cost + (0.0 if beside is None else float(beside.losses(of.coordinates[index]).sum()))
+
     for _ in range(tries):
         move = np.linalg.solve(H + damping * np.diag(np.diag(H)), -gradient) if index else np.empty(0)
         move *= min(1.0, 1.0 / max((np.abs(move) / problem.parameters.longest[index]).max(initial=0.0), 1e-12))
@@ -141,7 +178,7 @@ def step(
         limit = _START_STEPS * problem.start_sd
         moved = np.clip(moved, -limit, limit)
         new = best_of(problem, loss, coordinates, [point.starts + share * moved for share in _SHARES])
-        if new.cost < point.cost:
+        if cost(new) < cost(point):
             return new, reduced, max(damping / 5.0, 1e-6)
         damping = max(damping, 1e-3) * 10.0
     return point, reduced, damping
