@@ -62,7 +62,8 @@ def _with_other(own: Candidate, other: Other, named: Mapping[str, Named]) -> Can
 
 def _note(trials: list[Trial]) -> str:
     if trials and all(not np.isfinite(trial.sd).all() for trial in trials):
-        if trials[0].hypothesis.extension.search.reference:
+        search = trials[0].hypothesis.extension.search
+        if search.reference or search.disc:  # no sensitivities are known
             return ""
         return "it never acts in these recordings"
     return ""
