@@ -72,15 +72,16 @@ def _parameters(found: Diagnosis) -> Any:
 
 
 def _gain(found: Diagnosis) -> Any:
-    where = "held-out data" if found.holdout else "the fitted data"
-    title = f"RMSE of predictions {number(found.horizon, 2)} s ahead; before and after: {where}"
-    table = _table(
-        title, "channel", "unit", "noise", "paper's model", "before", "after", "before − after, 95 %", left=2
-    )
+    title = f"RMSE of predictions {number(found.horizon, 2)} s ahead"
+    columns = ["channel", "unit", "noise", "paper's model"]
+    if found.causes:
+        title += f"; before and after: {'held-out data' if found.holdout else 'the fitted data'}"
+        columns += ["before", "after", "before − after, 95 %"]
+    table = _table(title, *columns, left=2)
     for channel, base in found.baseline.items():
         gain = found.gain.get(channel)
-        after = ("", "", "")
-        if gain is not None:
+        after = ("", "", "") if found.causes else ()
+        if gain is not None and found.causes:
             low, high = gain.ci95
             after = number(gain.before, 3), number(gain.after, 3), f"{number(low, 3)} … {number(high, 3)}"
         noise, rmse = number(base.noise, 3), number(base.rmse, 3)

@@ -231,17 +231,17 @@ def branch_words(found: Diagnosis) -> list[str]:
     """Sentences on free runs: which branch each took."""
     said = []
     for look in found.looks:
-        ways = []
-        for name, runs, left in (
-            ("the paper's model", look.free_before, look.left_before),
-            ("the extended model", look.free_after, look.left_after),
-        ):
-            if runs:
-                way = "stays on the measured branch" if left is None else f"leaves the measured branch at {left:.1f} s"
-                ways.append(f"{name} {way}")
+        runs = [("the paper's model", look.free_before, look.left_before)]
+        if found.causes:  # else both models are one
+            runs.append(("the extended model", look.free_after, look.left_after))
+        ways = [f"{name} {_way(left)}" for name, run, left in runs if run]
         if ways:
             said.append(f"{look.name}: {joined(ways)}.")
     return said
+
+
+def _way(left: float | None) -> str:
+    return "stays on the measured branch" if left is None else f"leaves the measured branch at {left:.1f} s"
 
 
 def excluded_words(candidate: Candidate, units: Mapping[str, str]) -> str:

@@ -54,7 +54,9 @@ def before_and_after(found: Diagnosis) -> dict[str, Any]:
     ]  # fmt: skip
     noise = {"type": "line", "x0": 1, "x1": 1, "yref": "paper", "y0": 0, "y1": 1, "layer": "below",
              "line": {"color": style.MUTED, "width": 1.5, "dash": "dot"}}  # fmt: skip
-    data = [_dots(NAMES[1], before, names, style.ODOMETRIC, "circle-open"), _dots(NAMES[2], after, names, style.TRUE)]
+    data = [_dots(NAMES[1], before, names, style.ODOMETRIC, "circle-open")]
+    if joins:
+        data.append(_dots(NAMES[2], after, names, style.TRUE))
     x = {"type": "log", "title": {"text": "error ÷ noise", "font": {"size": 13}},
          "range": span, "dtick": 1 if span[1] - span[0] > 1.2 else "D2"}  # fmt: skip
     y = {"autorange": "reversed", "type": "category", "categoryarray": names, "gridcolor": style.PAPER}

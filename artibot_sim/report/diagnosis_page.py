@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import html
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
+
+import numpy as np
 
 from artibot_sim.diagnose import words
 from artibot_sim.diagnose.diagnosis import Diagnosis, Verdict
@@ -29,7 +32,7 @@ _VERDICTS = {
 
 def page_of(found: Diagnosis, version: str) -> bytes:
     """The page (UTF-8) of a diagnosis."""
-    page = _Page(found)
+    page = _Page(_as_drawn(found))
     body = "".join(
         (
             _first_screen(page), _wrong(page), _where(page), _why(page), _parameters(found), _gains(page), _next(found),
@@ -44,6 +47,21 @@ def page_of(found: Diagnosis, version: str) -> bytes:
     colours = {"GRID": style.GRID, "MUTED": style.MUTED, "GOOD": style.TRUE, "BAD": style.ODOMETRIC, "TIE": style.LEFT}
     title = f"{found.robot.name}: {_VERDICTS[found.verdict]}"
     return render_frame(title, head, body, _foot(found, version), page.charts, css=filled(CSS, colours), script=SCRIPT)
+
+
+def _as_drawn(found: Diagnosis) -> Diagnosis:
+    """The diagnosis without an extended model where nothing is named: that is the paper's, and would cover it."""
+    if found.causes:
+        return found
+    looks = tuple(
+        replace(
+            look, after=(), free_after=(),
+            channels={name: replace(one, after=np.full_like(one.after, np.nan)) for name, one in look.channels.items()},
+        )
+        for look in found.looks
+    )  # fmt: skip
+    gain = {name: replace(one, after=float("nan")) for name, one in found.gain.items()}
+    return replace(found, looks=looks, gain=gain)
 
 
 class _Page:
@@ -171,7 +189,7 @@ def _parameters(found: Diagnosis) -> str:
 
 def _gains(page: _Page) -> str:
     found = page.found
-    if not found.gain:
+    if not found.gain or not found.causes:
         return ""
     where = f"on held-out data ({', '.join(found.holdout)})" if found.holdout else "on data held out"
     text = (
@@ -195,7 +213,7 @@ def _data(found: Diagnosis) -> str:
 
 def _free_runs(page: _Page) -> str:
     """Whole runs from their start, with the branch that each took."""
-    looks = [look for look in page.found.looks if look.free_before or look.free_after]
+    looks = [look for look in page.found.looks if look.free_before]
     if not looks:
         return ""
     text = (
