@@ -131,14 +131,11 @@ def _with_honest_noise(
 
 def _widened(problem: Problem) -> Array:
     """By how much each channel's noise is taken to be more than its sensor's own, shape (channels,)."""
-    factor = np.full(len(CHANNEL_NAMES), np.inf)
+    found: dict[str, float] = {}
     for window in problem.windows:
-        sensor = {s.channel: s.sigma for s in problem.stretches[window.stretch].series}
-        for c in np.unique(window.channel):
-            # samples beside a jump have a wider sigma
-            least = float(window.sigma[window.channel == c].min()) / sensor[CHANNEL_NAMES[c]]
-            factor[c] = min(factor[c], least)
-    return np.where(np.isfinite(factor), factor, 1.0)
+        for name, one in problem.widening(window).items():
+            found[name] = min(found.get(name, one), one)
+    return np.array([found.get(name, 1.0) for name in CHANNEL_NAMES])
 
 
 def _with_starts_of(problem: Problem, best: Fit, rivals: Sequence[Rival], rounds: Rounds) -> list[Rival]:

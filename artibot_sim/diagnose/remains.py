@@ -87,12 +87,9 @@ def remains(problem: Problem, point: Point, loss: Loss | None = None) -> Remains
 
 def _sizes(problem: Problem, window: Window, residual: Array) -> dict[str, float]:
     """Mean squares of one window's averaged residuals over those of the sensors' white noise."""
-    sensor = {s.channel: s.sigma for s in problem.stretches[window.stretch].series}
     found = {}
-    for c in np.unique(window.channel):
-        name, mine = CHANNEL_NAMES[c], window.channel == c
-        # samples beside a jump have a wider sigma: the sensor's share of it is what the narrowest have
-        scale = float(window.sigma[mine].min()) / sensor[name]
+    for name, scale in problem.widening(window).items():
+        mine = window.channel == CHANNEL_NAMES.index(name)
         place = window.plan.kind[mine] * 100_000 + (window.plan.t[mine] / BIN).astype(np.int64)
         order = np.argsort(place, kind="stable")
         firsts = np.flatnonzero(np.diff(place[order], prepend=-1))

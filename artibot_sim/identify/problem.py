@@ -18,7 +18,7 @@ from artibot_sim.identify.sensing import Stretch
 from artibot_sim.identify.sensitivity import Sensitivity, clip, moved_along, rigid
 from artibot_sim.identify.side_by_side import threads
 from artibot_sim.identify.starts import postures, states
-from artibot_sim.identify.windows import Window
+from artibot_sim.identify.windows import CHANNEL_NAMES, Window
 from artibot_sim.model import Robot
 from artibot_sim.model.effects.tyre_relaxation import EFFECT
 from artibot_sim.model.sensors import measured_starts, sensor_errors, true_starts
@@ -88,6 +88,15 @@ class Problem:
         new = copy.copy(self)  # what was worked out of the windows stays
         new.parameters, new.dt = parameters, self._batch.dt
         return new
+
+    def widening(self, window: Window) -> dict[str, float]:
+        """By channel of a window, by how much its noise is taken to be more than its sensor's own.
+
+        Samples beside a jump have a wider sigma: it is the narrowest ones' that tells.
+        """
+        sensor = {s.channel: s.sigma for s in self.stretches[window.stretch].series}
+        names = {int(c): CHANNEL_NAMES[c] for c in np.unique(window.channel)}
+        return {name: float(window.sigma[window.channel == c].min()) / sensor[name] for c, name in names.items()}
 
     def rescaled(self, levels: Array) -> Problem:
         """The same with the noise of each channel multiplied by `levels` (channels,)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from diagnose.turns import EVEN, TURNS
 
 from artibot_sim.diagnose.disc_place import disc_place
 from artibot_sim.diagnose.hypotheses import with_effect
@@ -13,20 +14,11 @@ from artibot_sim.identify.gauss_newton import evaluate
 from artibot_sim.identify.holdout import fitted_starts
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.search import Fit, settle
 from artibot_sim.identify.synthetic import synthetic
-from artibot_sim.identify.windows import CHANNEL_NAMES
 from artibot_sim.model import load_robot
-from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop
 
-TURNS = Manoeuvre(
-    "turns",
-    (Dwell(0.5), Ramp(speed=0.6), Slalom(curvature=0.45, wavelength=5.0, periods=1.5), Arc(radius=1.6, angle=-2.0),
-     Stop()),
-    a_max=0.5, blend=0.3,
-)  # fmt: skip
 ROBOT = load_robot("agriq")
 THERE = {"x": 3.0, "y": 1.5, "radius": 1.5}
 
@@ -35,10 +27,10 @@ def fitted(effect: str, size: float, fixed: dict[str, float]) -> tuple[Problem, 
     """A recording with the patch, and a fit with the effect as it is given."""
     recording = synthetic(replace(ROBOT, effects={"friction_patch": {"scale": 0.6, **THERE}}), TURNS, kappa=0.8, seed=4)
     problem = problem_of([recording], parameter_set(ROBOT), 5.0, 2)
-    starts, loss = fitted_starts(problem, 2), Loss(1.0, np.ones(len(CHANNEL_NAMES)))
+    starts = fitted_starts(problem, 2)
     more = with_effect(problem, Extension(effect, fixed))
-    (point,) = evaluate(more, loss, [np.append(starts.coordinates, size)], starts.starts)
-    return more, settle(more, point, loss, 2)
+    (point,) = evaluate(more, EVEN, [np.append(starts.coordinates, size)], starts.starts)
+    return more, settle(more, point, EVEN, 2)
 
 
 def test_the_disc_is_found_from_one_beside_it_and_the_interval_holds_it() -> None:

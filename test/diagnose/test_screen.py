@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnose.turns import EVEN, TURNS
 
 from artibot_sim.diagnose.hypotheses import hypotheses
 from artibot_sim.diagnose.patches import discs
@@ -14,23 +15,12 @@ from artibot_sim.identify.gauss_newton import evaluate
 from artibot_sim.identify.holdout import fitted_starts
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import synthetic
-from artibot_sim.identify.windows import CHANNEL_NAMES
 from artibot_sim.model import Robot, load_robot
-from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop
+from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Stop
 
-TURNS = Manoeuvre(
-    "turns",
-    (Dwell(0.5), Ramp(speed=0.6), Slalom(curvature=0.45, wavelength=5.0, periods=1.5), Arc(radius=1.6, angle=-2.0),
-     Stop()),
-    a_max=0.5, blend=0.3,
-)  # fmt: skip
 ROBOT = load_robot("agriq")
-
-
-EVEN = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
 
 
 def base(effects: dict[str, dict[str, object]], start: tuple[float, float, float] = (0.0, 0.0, 0.4)) -> Around:
