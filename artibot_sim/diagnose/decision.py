@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from artibot_sim.diagnose.command_view import CommandView
 from artibot_sim.diagnose.contest import Rounds
 from artibot_sim.diagnose.diagnosis import Found, Left, Verdict
+from artibot_sim.diagnose.disc_place import on_best_disc
 from artibot_sim.diagnose.greedy import Turn, acceptable, turn
 from artibot_sim.diagnose.other import Other
 from artibot_sim.diagnose.remains import LIMITS, Remains, remains
@@ -126,7 +127,7 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
             heard = others(view, tuple(n.effect for n in named))
         if only_commanded:
             continue
-        problem, fit = _with_effect(problem, fit, found, best)
+        problem, fit = _with_effect(problem, fit, found, best, options.seed)
         if len(named) < thresholds.most:
             found = turn(problem, fit, found.loss, [n.effect for n in named], rounds, tick)
             turns.append(found)
@@ -140,11 +141,11 @@ def _views(effect: str) -> tuple[str, ...]:
     return tuple(search.views) if search is not None else ()
 
 
-def _with_effect(problem: Problem, fit: Fit, found: Turn, best: Named) -> tuple[Problem, Fit]:
+def _with_effect(problem: Problem, fit: Fit, found: Turn, best: Named, seed: int) -> tuple[Problem, Fit]:
     """The model with the effect that was named, as it was fitted, or begun at the size that commands tell."""
     for rival in found.rivals:
         if rival.id == best.effect:
-            return rival.problem, rival.fit
+            return on_best_disc(rival.problem, rival.fit, seed, Rounds().few)
     extension = Extension(best.effect)
     own = extension.coordinates({name: one.value for name, one in best.found.items()})
     return at_size(problem, fit, extension, own, Rounds().few)

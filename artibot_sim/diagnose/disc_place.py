@@ -18,7 +18,7 @@ from artibot_sim.diagnose.patches import path, touched
 from artibot_sim.identify.extension import Extension
 from artibot_sim.identify.gauss_newton import Beside, evaluate, prior, step
 from artibot_sim.identify.problem import Problem
-from artibot_sim.identify.search import Fit
+from artibot_sim.identify.search import Fit, settle
 from artibot_sim.identify.side_by_side import side_by_side
 
 Array = NDArray[np.float64]
@@ -27,6 +27,8 @@ Place = tuple[float, tuple[float, float]]
 
 _ROUNDS, _TRIED = 5, 20
 """Rounds, and discs in each."""
+_SOME = 3
+"""Rounds where no interval is asked for."""
 _FIRST = 0.2
 """Standard deviation of the first round's centres and radii, m."""
 _FARTHEST = 0.8
@@ -78,7 +80,7 @@ class _Apart:
 
     def losses(self, place: Array) -> Array:
         """Of all windows (windows,), and last of the prior, with the disc elsewhere (3,) and all else fitted anew."""
-        problem, fit = self._moved_to(place), self.fit
+        problem, fit = _with_disc(self.part, self.which, place), self.fit
         point = evaluate(problem, fit.loss, [fit.point.coordinates], fit.point.starts[self.rows])[0]
         for _ in range(_STEPS):
             point, _, _ = step(problem, fit.loss, point, fit.free, tries=2, beside=self.beside)
@@ -88,30 +90,50 @@ class _Apart:
         found[-1] = prior(problem, point.coordinates)
         return found
 
-    def _moved_to(self, place: Array) -> Problem:
-        parameters = self.part.parameters
-        extension = parameters.extensions[self.which]
-        there = dict(zip(extension.search.disc, place.tolist(), strict=True))
-        moved: list[Extension] = list(parameters.extensions)
-        moved[self.which] = replace(extension, fixed=dict(extension.fixed) | there)
-        return self.part.with_parameters(replace(parameters, extensions=tuple(moved)))
-
 
 def disc_place(problem: Problem, fit: Fit, which: int, seed: int) -> dict[str, Place]:
     """Centre and radius (m) of the disc numbered `which` among the effects, with 95 % intervals; none for others."""
+    rng = np.random.default_rng(seed)
+    table, losses = _tried(problem, fit, which, rng, _ROUNDS)
+    if not len(table):
+        return {}
+    weights = np.ones((_DRAWS, losses.shape[1]))
+    weights[:, :-1] = rng.exponential(size=(_DRAWS, losses.shape[1] - 1))  # the prior stays
+    drawn = table[np.argmin(weights @ losses.T, axis=1)] + rng.normal(scale=_LEAST, size=(_DRAWS, 3))
+    low, high = np.quantile(drawn, _ENDS, axis=0)
+    names = problem.parameters.extensions[which].search.disc
+    return {
+        name: (float(value), (float(a), float(b)))
+        for name, value, a, b in zip(names, drawn.mean(axis=0), low, high, strict=True)
+    }
+
+
+def on_best_disc(problem: Problem, fit: Fit, seed: int, steps: int) -> tuple[Problem, Fit]:
+    """The fit with the last effect's disc where it explains most, `steps` steps from there; others as they are.
+
+    What is looked for next must not have to make up for a disc that lies beside its place.
+    """
+    which = len(problem.parameters.extensions) - 1
+    table, losses = _tried(problem, fit, which, np.random.default_rng(seed), _SOME)
+    if not len(table):
+        return problem, fit
+    moved = _with_disc(problem, which, table[np.argmin(losses.sum(axis=1))])
+    begun = evaluate(moved, fit.loss, [fit.point.coordinates], fit.point.starts)[0]
+    found = settle(moved, begun, fit.loss, steps)
+    return (moved, found) if found.point.cost < fit.point.cost else (problem, fit)
+
+
+def _tried(problem: Problem, fit: Fit, which: int, rng: np.random.Generator, rounds: int) -> tuple[Array, Array]:
+    """Discs (n, 3) around the fitted one, which is the first, and their losses (n, windows + 1); none for others."""
     extension = problem.parameters.extensions[which]
-    names = extension.search.disc
-    if not names:
-        return {}
-    here = np.array([float(extension.fixed[name]) for name in names])
-    x, y, radius = here.tolist()
-    rows = touched([path(problem, i) for i in range(len(problem))], x, y, radius + _FARTHEST)
+    here = np.array([float(extension.fixed[name]) for name in extension.search.disc])
+    rows = _near(problem, here)
     if not rows:
-        return {}
-    rng, apart = np.random.default_rng(seed), _Apart(problem.part(rows), rows, fit, which)
+        return np.empty((0, 3)), np.empty((0, len(problem) + 1))
+    apart = _Apart(problem.part(rows), rows, fit, which)
     table, losses = here[None], apart.losses(here)[None]
     middle, width = here, np.full(3, _FIRST)
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         tried = _inside(here, middle + width * rng.normal(size=(_TRIED, 3)))
         found = side_by_side(apart.losses, list(tried), problem.workers)
         table, losses = np.concatenate([table, tried]), np.concatenate([losses, found])
@@ -120,14 +142,25 @@ def disc_place(problem: Problem, fit: Fit, which: int, seed: int) -> dict[str, P
         middle = np.average(table, axis=0, weights=share)
         width = _WIDER * np.sqrt(np.average((table - middle) ** 2, axis=0, weights=share))
         width = np.clip(width, _LEAST, _FIRST)
-    weights = np.ones((_DRAWS, losses.shape[1]))
-    weights[:, :-1] = rng.exponential(size=(_DRAWS, losses.shape[1] - 1))  # the prior stays
-    drawn = table[np.argmin(weights @ losses.T, axis=1)] + rng.normal(scale=_LEAST, size=(_DRAWS, 3))
-    low, high = np.quantile(drawn, _ENDS, axis=0)
-    return {
-        name: (float(value), (float(a), float(b)))
-        for name, value, a, b in zip(names, drawn.mean(axis=0), low, high, strict=True)
-    }
+    return table, losses
+
+
+def _near(problem: Problem, disc: Array) -> list[int]:
+    """Windows that a disc (3,) may touch wherever it is moved; none where there is no disc."""
+    if not len(disc):
+        return []
+    x, y, radius = disc.tolist()
+    return touched([path(problem, i) for i in range(len(problem))], x, y, radius + _FARTHEST)
+
+
+def _with_disc(problem: Problem, which: int, disc: Array) -> Problem:
+    """The problem with one effect's disc (3,) elsewhere."""
+    parameters = problem.parameters
+    extension = parameters.extensions[which]
+    there = dict(zip(extension.search.disc, disc.tolist(), strict=True))
+    moved: list[Extension] = list(parameters.extensions)
+    moved[which] = replace(extension, fixed=dict(extension.fixed) | there)
+    return problem.with_parameters(replace(parameters, extensions=tuple(moved)))
 
 
 def _inside(here: Array, places: Array) -> Array:

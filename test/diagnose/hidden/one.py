@@ -1,7 +1,7 @@
 """One case in full: what was hidden, what the fit alone says of it, and what the diagnosis makes of that.
 
-`PYTHONPATH=.:test python -m diagnose.hidden.one back_friction 0.3 101` (effect, severity, seed; two runs of 30 s).
-Several effects stand with + between them; `none` hides nothing.
+`PYTHONPATH=.:test python -m diagnose.hidden.one back_friction 0.3 101` (effect, severity, seed; two runs of 30 s, or so
+many of so long with two more numbers, `3 45`). Several effects stand with + between them; `none` hides nothing.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from artibot_sim.diagnose.uncertain import uncertain
 from artibot_sim.model import load_robot
 
 
-def main(effect: str, severity: str, seed: str) -> None:
+def main(effect: str, severity: str, seed: str, runs: str = "2", duration: str = "30") -> None:
     """Diagnose and print."""
     hidden = effect.split("+") if effect != "none" else ()
-    found = case(hidden, float(severity), int(seed), runs=2, duration=30.0)
+    found = case(hidden, float(severity), int(seed), runs=int(runs), duration=float(duration))
     robot, options = load_robot("agriq"), Options()
     problem, fit = baseline(found.recordings, robot, options)
     decision = decide(problem, fit, options, lambda: None, command_view(found.recordings, robot, seed=options.seed))
@@ -55,4 +55,4 @@ def values(decision: Decision, seed: int) -> list[str]:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:4])
+    main(*sys.argv[1:6])
