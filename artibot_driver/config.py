@@ -64,7 +64,7 @@ _TABLE = (
 
 KAPPA = Spec(
     "kappa", 1.0, "Share of the front module in the traction torque (eq. 29); default: the robot file's. Not below "
-    "what the back motors' rated torque allows (Agri.q: 0.622).", high=1.0, above=0.0, live=True,
+    "what the back motors' torque_max allows (Agri.q: 0.622).", high=1.0, above=0.0, live=True,
 )  # fmt: skip
 
 LAW = Spec(

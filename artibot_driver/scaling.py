@@ -160,7 +160,7 @@ def motor_scaling(
     drive, place = _drive(robot, motor)
     sign = drive.polarity.right if motor.endswith("right") else drive.polarity.left
     rated = _rated_torque(drive, place)
-    limit = min(drive.torque_max, UINT16[1] * 1e-6 * rated)
+    limit = min(largest_torque(drive), UINT16[1] * 1e-6 * rated)
     step, thousandth = RPM * 10.0**velocity_exponent, rated * 1e-6
     current = None if math.isinf(drive.torque_constant) else round(rated / drive.torque_constant)
     return MotorScaling(
@@ -177,6 +177,11 @@ def motor_scaling(
         velocity_exponent=velocity_exponent,
         counts_per_turn=counts_per_turn,
     )
+
+
+def largest_torque(drive: Drive) -> float:
+    """Of a motor, N m; its rated one where the robot file has no other."""
+    return drive.rated_torque if math.isinf(drive.torque_max) else drive.torque_max
 
 
 def _drive(robot: Robot, motor: str) -> tuple[Drive, str]:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 
 from artibot_driver.rig import Rig
-from artibot_driver.scaling import Scaled
+from artibot_driver.scaling import Scaled, largest_torque
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Robot
-from artibot_sim.model.robot import Drive
 from artibot_sim.model.transmission import back_torque_factor
 
 
@@ -21,15 +20,10 @@ def kappa_bounds(robot: Robot) -> tuple[float, float]:
     file limits neither or only one pair of motors the smallest is 0, which kappa has to exceed.
     """
     front, back = robot.drive.front, robot.drive.back
-    if back is None or math.isinf(_limit(front)) or math.isinf(_limit(back)):
+    if back is None or math.isinf(largest_torque(front)) or math.isinf(largest_torque(back)):
         return 0.0, 1.0
-    share = _limit(back) * front.tau / (_limit(front) * back.tau)
+    share = largest_torque(back) * front.tau / (largest_torque(front) * back.tau)
     return math.floor(1e3 / (1.0 + share) + 1e-9) / 1e3, 1.0
-
-
-def _limit(drive: Drive) -> float:
-    """Largest torque of a motor, N m; its rated one where the robot file has no other."""
-    return drive.rated_torque if math.isinf(drive.torque_max) else drive.torque_max
 
 
 def check_kappa(robot: Robot, kappa: float) -> float:

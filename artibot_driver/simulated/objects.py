@@ -86,6 +86,10 @@ class Objects:
             return self.texts[key]
         return struct.pack(f"<{_format(variable)}", self.values[key])
 
+    def size(self, key: Key) -> int:
+        """Bytes of a number; raises :class:`Abort` where there is none."""
+        return struct.calcsize(f"<{_format(self.variable(key))}")
+
     def write(self, key: Key, data: bytes) -> None:
         """Take an object's bytes, as an SDO download brings them; raises :class:`Abort`."""
         variable = self.variable(key)

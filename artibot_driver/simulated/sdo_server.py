@@ -50,7 +50,8 @@ class SdoServer:
             return _HEAD.pack(0x80, *self._key) + struct.pack("<I", refusal.code)
 
     def _download(self, request: bytes) -> bytes:
-        length = 4 - (request[0] >> 2 & 3) if request[0] & 1 else 4
+        said = request[0] & 1  # a client need not say the size: then it is the object's own
+        length = 4 - (request[0] >> 2 & 3) if said else self._objects.size(self._key)
         self._objects.write(self._key, request[4 : 4 + length])
         return _HEAD.pack(0x60, *self._key) + bytes(4)
 

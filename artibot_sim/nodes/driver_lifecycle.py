@@ -13,6 +13,7 @@ from __future__ import annotations
 import gc
 import sys
 import time
+from collections.abc import Iterable
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
@@ -20,7 +21,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 
-from artibot_driver.config import config_from_parameters
+from artibot_driver.config import LAW, config_from_parameters
 from artibot_driver.master import Master, Phase, Status
 from artibot_driver.priority import take_priority
 from artibot_driver.rig import load_rig
@@ -33,6 +34,7 @@ from artibot_sim.nodes.driver_services import Services
 from artibot_sim.nodes.driver_start import StartWish
 from artibot_sim.nodes.pacer import check_stats
 from artibot_sim.nodes.parameters import refuse_unknown
+from artibot_sim.sharing import is_file
 
 SERVE_EVERY = 0.02
 """How often services and parameters are served, s."""
@@ -165,12 +167,18 @@ class DriverNode(LifecycleNode):
     def _on_parameters(self, changes: list[Parameter]) -> SetParametersResult:
         try:
             ours = [change for change in changes if change.name in self.settings]
+            self._refuse_to_wait(ours)
             checked = {each.name: parameters.check(each.name, each.value, self.robot) for each in ours}
         except ArtibotError as error:
             return SetParametersResult(successful=False, reason=str(error))
         self.settings |= checked
         self.loop.refresh_rules()
         return SetParametersResult(successful=True)
+
+    def _refuse_to_wait(self, changes: Iterable[Parameter]) -> None:
+        """Refuse what would hold the loop up while the rover may move: a user's file may take long to run."""
+        if self.loop.phase.moves and any(each.name == LAW.name and is_file(str(each.value)) for each in changes):
+            raise ArtibotError("parameter law: a law from a file is read while the drives are disabled; disable first")
 
     # -- running ------------------------------------------------------------------------------------------------
 

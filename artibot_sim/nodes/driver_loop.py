@@ -160,7 +160,8 @@ class DriverLoop:
         held_up : float
             The longest callback so far, ms.
         """
-        self._out.diagnostics(time.monotonic_ns(), lambda: self._diagnostics(lifecycle, fault, held_up))
+        state = lifecycle, self.status and (self.status.phase, self.status.stop)
+        self._out.diagnostics(time.monotonic_ns(), state, lambda: self._diagnostics(lifecycle, fault, held_up))
 
     def _diagnostics(self, lifecycle: str, fault: str, held_up: float) -> Any:
         own = {

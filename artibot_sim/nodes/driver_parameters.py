@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -50,14 +51,24 @@ def check(name: str, value: Any, robot: Robot) -> Value:
     checked = ALL_SPECS[name].check(value)
     if name == KAPPA.name:
         check_kappa(robot, float(checked))
-    if name == LAW.name:
-        law_of(str(checked))
+    if name == LAW.name and (law := law_of(str(checked))) is not None:
+        _check_law(robot, law)
     if name == "command_source":
         try:
             parse_sources(str(checked))
         except Refused as reason:
             raise ArtibotError(f"parameter command_source: {reason}") from reason
     return checked
+
+
+def _check_law(robot: Robot, law: Law) -> None:
+    """That the motors allow every kappa of a law; NaN stands for the driver's own."""
+    for name in law.kappas:
+        value = law.values.get(name, law.defaults[name])
+        try:
+            check_kappa(robot, value if math.isfinite(value) else robot.control.kappa)
+        except ArtibotError as reason:
+            raise ArtibotError(f"parameter law: {law.id}: {name}: {reason}") from reason
 
 
 def law_of(text: str) -> Law | None:

@@ -43,7 +43,8 @@ class DriverPublishers:
         self._odometry.reset(0.0, 0.0, 0.0)
         self._sampled = 0
         self._told: tuple[tuple[bytes, str, str], ...] = ()
-        self._told_ns = 0
+        self._told_ns = self._looked_ns = 0
+        self._state: object = None
 
     def feedback(self, feedback: Feedback, epoch_ns: int) -> None:
         """Publish what the drives reported with the newest SYNC, if that is new.
@@ -72,18 +73,21 @@ class DriverPublishers:
         t_ns = commanded.stamp_ns + epoch_ns
         self._motors.command(t_ns, commanded.front_velocity, commanded.back_effort)
 
-    def diagnostics(self, now_ns: int, made: Callable[[], DiagnosticArray]) -> None:
-        """Publish /diagnostics once a second, and at once (ten times a second at most) when it says something new.
+    def diagnostics(self, now_ns: int, state: object, made: Callable[[], DiagnosticArray]) -> None:
+        """Publish /diagnostics once a second, and ten times a second at most when it says something new.
 
         Parameters
         ----------
         now_ns : int
             Steady time.
+        state : object
+            At once there may be news where this is another one, else ten times a second: the message is long to make.
         made : callable
             Makes the message.
         """
-        if now_ns - self._told_ns < NEWS_NS:
+        if now_ns - self._told_ns < NEWS_NS or (state == self._state and now_ns - self._looked_ns < NEWS_NS):
             return
+        self._state, self._looked_ns = state, now_ns
         message = made()
         news = essence(message)
         if news == self._told and now_ns - self._told_ns < EVERY_NS:

@@ -16,7 +16,7 @@ from artibot_sim.documents import did_you_mean
 from artibot_sim.errors import ArtibotError
 from artibot_sim.sharing.base import Cycle, Law, Pair, eq30
 
-__all__ = ["LAWS", "Cycle", "Law", "Pair", "eq30", "load_law"]
+__all__ = ["LAWS", "Cycle", "Law", "Pair", "eq30", "is_file", "load_law"]
 
 
 def _found() -> dict[str, Law]:
@@ -38,7 +38,7 @@ def load_law(text: str) -> Law:
         For a name that is neither, a file without a law, or values that do not fit it.
     """
     name, _, rest = text.strip().partition(":")
-    law = _from_file(Path(name)) if name.endswith(".py") else LAWS.get(name)
+    law = _from_file(Path(name)) if is_file(text) else LAWS.get(name)
     if law is None:
         raise ArtibotError(
             f"law: '{name}' is unknown{did_you_mean(name, LAWS)}; expected one of {', '.join(LAWS)}, "
@@ -51,6 +51,11 @@ def load_law(text: str) -> Law:
             raise ArtibotError(f"law {name}: '{part}'; expected PARAMETER=VALUE, such as {name}:{_example(law)}")
         values[key.strip()] = value.strip()
     return law.with_values(values)
+
+
+def is_file(text: str) -> bool:
+    """Whether a law's text names a Python file, which is run to read it."""
+    return text.strip().partition(":")[0].endswith(".py")
 
 
 def _example(law: Law) -> str:

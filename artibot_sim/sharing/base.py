@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -66,12 +66,15 @@ class Law:
         Its parameters after `robot` and `cycle` are the law's, with their defaults.
     values : mapping of str to float
         Those of its parameters that differ from their defaults.
+    kappas : tuple of str
+        Names of those that are a kappa of eq. 30: motors' limits bound them.
     """
 
     id: str
     doc: str
     share: Share
     values: Mapping[str, float] = field(default_factory=dict)
+    kappas: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         chosen = ",".join(f"{name}={value:g}" for name, value in self.values.items())
@@ -109,7 +112,7 @@ class Law:
                 checked[name] = float("nan")
             if not abs(checked[name]) < float("inf"):
                 raise ArtibotError(f"law {self.id}: {name} is '{value}'; expected a finite number")
-        return Law(self.id, self.doc, self.share, checked)
+        return replace(self, values=checked)
 
 
 def eq30(robot: Robot, kappa: float, front_torque: Pair) -> float:

@@ -13,4 +13,7 @@ def share(robot: Robot, cycle: Cycle, straight: float = 1.0, turn: float = 0.65,
     return each, each
 
 
-LAW = Law("by_curvature", "Eq. 30 with a kappa that falls with the curvature of the commanded path.", share)
+LAW = Law(
+    "by_curvature", "Eq. 30 with a kappa that falls with the curvature of the commanded path.", share,
+    kappas=("straight", "turn"),
+)  # fmt: skip

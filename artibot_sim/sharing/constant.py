@@ -14,4 +14,4 @@ def share(robot: Robot, cycle: Cycle, kappa: float = math.nan) -> Pair:
     return each, each
 
 
-LAW = Law("constant", "Eq. 30 with a constant kappa, the paper's.", share)
+LAW = Law("constant", "Eq. 30 with a constant kappa, the paper's.", share, kappas=("kappa",))

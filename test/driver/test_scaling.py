@@ -93,6 +93,13 @@ def test_the_motor_s_limits_cut_set_points_off() -> None:
     assert abs(mine.velocity.si(mine.velocity.low)) <= 100.0 * (1 + 1e-12)
 
 
+def test_without_a_largest_torque_the_rated_one_is_the_limit() -> None:
+    free = AGRIQ.replace({"drive.front.torque_max": math.inf})
+    mine = motor_scaling(free, "front_left", counts_per_turn=4096, velocity_exponent=-3)
+    assert mine.torque.si(mine.torque.raw(100.0).raw) == pytest.approx(free.drive.front.rated_torque)
+    assert mine.torque_limit.raw(math.inf) == (1000, True)
+
+
 @pytest.mark.parametrize("scale", SCALES, ids=IDS)
 def test_nan_is_refused_by_name(scale: Scale) -> None:
     with pytest.raises(ArtibotError, match=f"^{scale.what}: found NaN"):

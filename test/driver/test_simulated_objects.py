@@ -137,6 +137,15 @@ def test_segments_out_of_turn_end_the_transfer() -> None:
     assert server.answer(bytes.fromhex("6000000000000000")) == abort(0x1008, 0, NO_SUCH_COMMAND)
 
 
+def test_a_client_need_not_say_how_many_bytes_it_sends() -> None:
+    server = SdoServer(objects := fresh())
+    for index, value, size in ((0x1017, 250, 2), (0x605E, 2, 2), (0x6085, 70_000, 4)):
+        request = struct.pack("<BHBI", 0x22, index, 0, value)
+        assert server.answer(request) == struct.pack("<BHBI", 0x60, index, 0, 0)
+        assert objects.values[index, 0] == value and len(objects.read((index, 0))) == size
+    assert server.answer(struct.pack("<BHBI", 0x22, 0x2000, 0, 1)) == abort(0x2000, 0, codes.NO_OBJECT)
+
+
 def test_a_segmented_or_block_download_is_refused() -> None:
     server = SdoServer(fresh())
     for command in (0x21, 0xC2, 0x00):

@@ -138,8 +138,15 @@ def test_every_law_shares_the_torque_while_driving(probe: DriverProbe, tmp_path:
     probe.enabled()
     tried = ["constant:kappa=0.7", "by_curvature:turn=0.65", "relieve:limit=0.02", "vectoring:gain=2"]
     assert {text.split(":")[0] for text in tried} == set(LAWS)
+    refused = set_text(probe, "law", str(own))
+    assert not refused.successful and "disable first" in refused.reason
     for text in (*tried, f"{own}:part=0.3"):
+        if str(own) in text:
+            assert probe.call_driver("disable").success
+            probe.until(lambda: probe.part("driver")["phase"] == "READY", "disabled drives", 5.0)
         assert set_text(probe, "law", text).successful
+        if str(own) in text:
+            probe.enabled()
         law, largest = load_law(text), 0.0
         for speed in (60.0, 100.0, 60.0):  # there is torque while speeds change
             probe.clear()
@@ -151,6 +158,12 @@ def test_every_law_shares_the_torque_while_driving(probe: DriverProbe, tmp_path:
                 assert np.abs(np.subtract(due, told.effort[2:])).max(axis=1).min() <= 1.01 * step, text
                 largest = max(largest, *map(abs, told.effort[2:]))
         assert largest > 5 * step, text
+
+
+@pytest.mark.parametrize("text", ["constant:kappa=0.3", "by_curvature:turn=0.1", "by_curvature:straight=1.2"])
+def test_a_law_cannot_get_around_the_bound_of_kappa(probe: DriverProbe, text: str) -> None:
+    refused = set_text(probe, "law", text)
+    assert not refused.successful and "expected 0.622 to 1" in refused.reason
 
 
 def set_kappa(probe: DriverProbe, kappa: float) -> Any:
