@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -62,6 +63,12 @@ def require_usable(recordings: Sequence[Experiment], robot: Robot) -> None:
         raise ArtibotError("diagnose: no recording; give at least one")
     for experiment in recordings:
         stretches(experiment, robot)
+    for one, other in combinations(recordings, 2):
+        if _same(one, other):
+            again = "" if one.path == other.path else f" (as {one.path})"
+            raise ArtibotError(
+                f"{other.path}: given twice{again}; what is fitted to cannot be held out, or count double"
+            )
     found = [way for experiment in recordings if (way := rolled(experiment, robot)) is not None]
     if not found:
         raise ArtibotError(
@@ -72,6 +79,22 @@ def require_usable(recordings: Sequence[Experiment], robot: Robot) -> None:
     if not 1.0 / FACTOR_REFUSED < factor < FACTOR_REFUSED:
         way = min(found, key=lambda w: abs(np.log(w.factor / factor)))
         raise ArtibotError(wrong_robot(way, robot))
+
+
+def _same(one: Experiment, other: Experiment) -> bool:
+    """Whether two recordings hold the same measurements."""
+    channels, others = one.channels, other.channels
+    if one.start_ns != other.start_ns or channels.keys() != others.keys():
+        return False
+    return all(
+        np.array_equal(channels[key].t, others[key].t)
+        and channels[key].columns.keys() == others[key].columns.keys()
+        and all(
+            np.array_equal(channels[key].columns[name], others[key].columns[name], equal_nan=True)
+            for name in channels[key].columns
+        )
+        for key in channels
+    )
 
 
 def wrong_robot(way: Rolled, robot: Robot) -> str:

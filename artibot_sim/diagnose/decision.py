@@ -88,6 +88,16 @@ class Decision:
     left: Mapping[str, Left] = field(default_factory=dict)
     unexplained: Finding | None = None
 
+    @property
+    def ordered(self) -> tuple[Named, ...]:
+        """What is named, that with the most evidence first."""
+        return tuple(sorted(self.named, key=lambda one: -one.nats))
+
+    def turn_of(self, effect: str) -> Turn:
+        """The search that found a named effect; the first one for what only commands show, which takes none."""
+        fitted = [one.effect for one in self.named if not one.found]
+        return self.turns[fitted.index(effect) if effect in fitted else 0]
+
 
 def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: CommandView) -> Decision:
     """Add the best effect to the model as long as the data ask for one.
@@ -102,9 +112,8 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
         What the view driven by commands says.
     """
     thresholds = options.thresholds
-    rivals = sum(effect.search is not None for effect in EFFECTS.values())
     rounds = Rounds(scheduler=options.scheduler)
-    least = thresholds.least(options.prior_odds, options.false_alarm_rate, rivals)
+    least = thresholds.least(options.prior_odds, options.false_alarm_rate)
     named: list[Named] = []
     again = False
     found = turn(problem, fit, fit.loss, (), rounds, tick)
@@ -160,9 +169,15 @@ def _concluded(found: Decision) -> Decision:
         force = unexplained(found.neutral_problem, found.neutral_fit.point.coordinates)
         if force is not None:
             return _on_no_list(found, force)
-    if not found.named:
-        return found
-    return replace(found, verdict=Verdict.AMBIGUOUS if found.named[0].ties else Verdict.NAMED)
+    return named_as(found) if found.named else found
+
+
+def named_as(found: Decision) -> Decision:
+    """The same with the verdict that its names ask for: what was found beside another effect is no rival of it."""
+    both = {one.effect for one in found.named}
+    named = tuple(replace(one, ties=tuple(tie for tie in one.ties if tie not in both)) for one in found.named)
+    found = replace(found, named=named)
+    return replace(found, verdict=Verdict.AMBIGUOUS if found.ordered[0].ties else Verdict.NAMED)
 
 
 def refuted(found: Decision) -> Decision:

@@ -72,8 +72,10 @@ class Diagnosis:
     warnings : tuple of str
         About the data: gaps, clocks, saturated sensors, too little excitation.
     looks : tuple of Look
-    prior_odds, threshold : float
-        Of an effect being there beforehand; nats that an effect had to gain to be named.
+    prior_odds, false_alarm_rate : float
+        Odds of an effect being there beforehand; share of recordings with nothing hidden in which one may be named.
+    threshold : float
+        Nats that an effect therefore had to gain.
     seed : int
     seconds : float
     left : mapping of str to Left
@@ -97,6 +99,7 @@ class Diagnosis:
     warnings: tuple[str, ...] = ()
     looks: tuple[Look, ...] = ()
     prior_odds: float = 0.0
+    false_alarm_rate: float = 0.0
     threshold: float = 0.0
     seed: int = 0
     seconds: float = 0.0
@@ -120,6 +123,7 @@ class Diagnosis:
             "ranking": [_numbers(vars(candidate)) for candidate in self.ranking],
             "warnings": list(self.warnings),
             "prior_odds": self.prior_odds,
+            "false_alarm_rate": self.false_alarm_rate,
             "threshold": self.threshold,
             "seed": self.seed,
             "seconds": self.seconds,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,19 +71,3 @@ def occam(hypothesis: Hypothesis, covariance: Array) -> float:
     volume = float(np.log(sd / SPREAD).sum()) + 0.5 * float(np.linalg.slogdet(correlation)[1])
     sides = np.log(2.0) * len(covariance) if hypothesis.extension.one_sided else 0.0
     return min(0.0, volume + sides - float(np.log(hypothesis.among)))
-
-
-def probabilities(nats: Mapping[str, float], prior_odds: float) -> dict[str, float]:
-    """Posterior probability of each effect against no effect and all others, one being at work at most.
-
-    Parameters
-    ----------
-    nats : mapping of str to float
-        Log Bayes factors.
-    prior_odds : float
-        Of some effect being there beforehand, shared by all.
-    """
-    share = np.log(prior_odds / max(1, len(nats)))
-    logs = np.array([0.0, *(value + share for value in nats.values())])
-    weights = np.exp(logs - logs.max())
-    return dict(zip(nats, (weights[1:] / weights.sum()).tolist(), strict=True))

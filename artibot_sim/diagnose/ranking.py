@@ -25,7 +25,7 @@ def ranking(decision: Decision, thresholds: Thresholds) -> tuple[Candidate, ...]
     for effect in (name for name, declared in EFFECTS.items() if declared.search is not None):
         turns = decision.turns
         if effect in named:
-            at = turns[list(named).index(effect)]
+            at = decision.turn_of(effect)
         else:
             tried = [turn for turn in turns if any(trial.id == effect for trial in turn.trials)]
             at = turns[0] if effect in turns[0].evidence or not tried else tried[-1]

@@ -67,10 +67,11 @@ def result_of(
         ranking=ranking(decision, options.thresholds),
         unexplained=unexplained_of(decision.unexplained) if decision.unexplained else None,
         gain=gain,
-        next_experiment=_next(decision, extended, channels, options.seed),
+        next_experiment=_next(decision, channels, options.seed),
         warnings=data_warnings(fitted, robot, decision.neutral_problem, decision.neutral_fit.point, held),
         looks=tuple(looks),
         prior_odds=options.prior_odds,
+        false_alarm_rate=options.false_alarm_rate,
         threshold=decision.least,
         seed=options.seed,
         left=decision.left,
@@ -119,33 +120,31 @@ def _parameters(decision: Decision, after: Uncertain, seed: int) -> dict[str, Ma
     return found | {named.effect: named.found for named in decision.named if named.found}
 
 
-def _next(
-    decision: Decision, extended: Robot, channels: Mapping[str, ChannelBaseline], seed: int
-) -> NextExperiment | None:
+def _next(decision: Decision, channels: Mapping[str, ChannelBaseline], seed: int) -> NextExperiment | None:
     """What would tell the first cause from those that tie with it, or a force on no list from the next best ones."""
     noise = {name: one.noise / (2.0**0.5 if name == "position" else 1.0) for name, one in channels.items()}
     if decision.unexplained is not None:
         return next_for_force(decision.neutral_problem, decision.unexplained, noise)
-    if not decision.named or not decision.named[0].ties:
+    if not decision.named or not decision.ordered[0].ties:
         return None
-    first = decision.named[0]
-    robots = {first.effect: extended}
-    fitted = {rival.id: rival for rival in decision.turns[0].rivals}
-    for effect in first.ties:
+    first = decision.ordered[0]
+    at = decision.turn_of(first.effect)  # neither has what was found later, which would tell them apart
+    fitted = {rival.id: rival for rival in at.rivals}
+    robots = {}
+    for effect in (first.effect, *first.ties):
         if effect in fitted:
             rival = fitted[effect]
             robots[effect] = rival.problem.parameters.robot_at(rival.fit.point.coordinates)
         elif effect in decision.other:
             values = {name: found.value for name, found in decision.other[effect].found.items()}
-            neutral = decision.neutral_problem.parameters.robot_at(decision.neutral_fit.point.coordinates)
-            robots[effect] = replace(neutral, effects=dict(neutral.effects) | {effect: values})
+            without = at.problem.parameters.robot_at(at.fit.point.coordinates)
+            robots[effect] = replace(without, effects=dict(without.effects) | {effect: values})
     return next_experiment(robots, noise, seed=seed)
 
 
 def _causes(decision: Decision, effects: Parameters, gained: Mapping[str, float]) -> tuple[Cause, ...]:
     """The named effects, most probable first."""
-    found = [
+    return tuple(
         Cause(named.effect, effects[named.effect], named.nats / DECADE, gained[named.effect], named.ties)
-        for named in decision.named
-    ]
-    return tuple(sorted(found, key=lambda cause: -cause.log10_bayes_factor))
+        for named in decision.ordered
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -97,7 +98,7 @@ def diagnose(
     begun, ticks = time.perf_counter(), _Ticks(progress)
     options = Options(horizon, seed, workers, prior_odds, false_alarm_rate, thresholds, scheduler)
     _check([*recordings, *holdout], robot, options)
-    fitted, held = split(recordings, holdout)
+    fitted, held = split(*told_apart(recordings, holdout))
     problem, fit = baseline(fitted, robot, options, ticks)
     view = command_view(fitted, robot, seed=options.seed)
     decision = decide(problem, fit, options, ticks, view)
@@ -123,6 +124,19 @@ def split(recordings: Sequence[Experiment], holdout: Sequence[Experiment]) -> tu
         return fitted[:-1], fitted[-1:]
     if not held:
         return first_part(fitted[0])
+    return fitted, held
+
+
+def told_apart(
+    recordings: Sequence[Experiment], holdout: Sequence[Experiment]
+) -> tuple[list[Experiment], list[Experiment]]:
+    """The same with names of their own: `monday/run0` and `tuesday/run0` are both `run0` in their bags."""
+    every, seen = sorted([*recordings, *holdout], key=_order), Counter[str]()
+    names: dict[int, str] = {}
+    for one in every:
+        seen[one.name] += 1
+        names[id(one)] = one.name if seen[one.name] == 1 else f"{one.name} ({seen[one.name]})"
+    fitted, held = ([replace(one, name=names[id(one)]) for one in group] for group in (recordings, holdout))
     return fitted, held
 
 

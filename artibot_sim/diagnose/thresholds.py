@@ -18,7 +18,8 @@ class Thresholds:
     ----------
     floor, tail : float
         Nats that recordings with nothing hidden give to the best effect: its middle, and the mean excess over that.
-        A false alarm in `false_alarm_rate` of such cases is then `floor` + `tail` · log(1 / rate).
+        A false alarm in `false_alarm_rate` of such cases is then `floor` + `tail` · log(1 / rate). Both are on the safe
+        side of what campaigns have shown (docs/diagnosis.md).
     biased : mapping of str to float
         The same beside `floor` for effects that what is left of the sensors' errors can look like: a campaign's
         recordings with nothing hidden gave back_friction 62 nats, noise of the rotations taken off.
@@ -49,11 +50,13 @@ class Thresholds:
         """Nats that an effect has to gain beyond `least`."""
         return max(0.0, self.biased.get(effect, self.floor) - self.floor)
 
-    def least(self, prior_odds: float, false_alarm_rate: float, effects: int) -> float:
-        """Nats that an effect has to gain."""
-        by_chance = self.floor + self.tail * float(np.log(1.0 / false_alarm_rate))
-        beforehand = float(np.log(effects / prior_odds / false_alarm_rate))
-        return max(by_chance, beforehand)
+    def least(self, prior_odds: float, false_alarm_rate: float) -> float:
+        """Nats that an effect has to gain.
+
+        Whoever believes less in an effect wants fewer false alarms in the same proportion: then as many of the names
+        given are wrong.
+        """
+        return self.floor + self.tail * max(0.0, float(-np.log(false_alarm_rate * prior_odds)))
 
 
 THRESHOLDS = Thresholds()

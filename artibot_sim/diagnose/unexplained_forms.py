@@ -16,10 +16,10 @@ Curve = Callable[[Array, NDArray[np.int64]], Array]
 
 UNITS = {
     "speed": "m/s", "lateral speed": "m/s", "own speed": "m/s", "own lateral speed": "m/s", "own slip": "m/s",
-    "yaw rate": "rad/s", "articulation rate": "rad/s", "articulation angle": "rad",
+    "yaw rate": "rad/s", "articulation rate": "rad/s", "articulation angle": "rad", "curvature": "1/m",
 }  # fmt: skip
 """Variables with a sign and a neutral value, and their units."""
-_PER = {"m/s": ("s/m", "s^2/m^2"), "rad/s": ("s/rad", "s^2/rad^2"), "rad": ("1/rad", "1/rad^2")}
+_PER = {"m/s": ("s/m", "s^2/m^2"), "rad/s": ("s/rad", "s^2/rad^2"), "rad": ("1/rad", "1/rad^2"), "1/m": ("m", "m^2")}
 TIME = "time since the start"
 NOTHING = "nothing"
 WANDERING = "wandering in time"

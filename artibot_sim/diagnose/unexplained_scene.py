@@ -46,6 +46,8 @@ PLACE = "place"
 """A variable of forces along an axis of `map`: the coordinate, and which axis it is."""
 _STILL = 0.5
 """rad/s of a motor, over which the sign of its rotation changes."""
+_SLOW = 0.05
+"""m/s below which a path has no curvature."""
 
 Scene = dict[str, Acting]
 """Forces by name."""
@@ -133,7 +135,7 @@ class _Place:
     def follows(self) -> dict[str, Array]:
         return {
             "speed": self.forward, "lateral speed": self.left, "yaw rate": self.turn, "heading": self.yaw,
-            "x": self.x, "y": self.y,
+            "curvature": self.turn * self.forward / (self.forward**2 + _SLOW**2), "x": self.x, "y": self.y,
         }  # fmt: skip
 
     def in_map(self, axis: str) -> Acting:

@@ -214,6 +214,17 @@ def _rival(candidate: Candidate) -> str:
     return f"{effect_words(candidate.effect)}, {odds(candidate.log10_bayes_factor)}"
 
 
+def asked(found: Diagnosis) -> str:
+    """How much evidence a name takes, and what that follows from, in one sentence; empty where it is not known."""
+    if not found.threshold > 0.0 or not found.false_alarm_rate > 0.0:
+        return ""
+    return (
+        f"An effect is named from {found.threshold:.0f} nats on, or more where the sensors' own errors look like it: "
+        f"prior odds {found.prior_odds:g}, false alarms accepted in {100 * found.false_alarm_rate:.3g} % of recordings "
+        "with nothing hidden."
+    )
+
+
 def odds(log10: float) -> str:
     """A Bayes factor for people."""
     if not np.isfinite(log10):

@@ -235,7 +235,5 @@ def _foot(found: Diagnosis, version: str) -> str:
     said = [
         f"Robot {found.robot.name}; fitted: {', '.join(found.bags)}{held}; seed {found.seed}; {found.seconds:.0f} s."
     ]
-    if found.prior_odds > 0:
-        need = f", {found.threshold:.0f} nats needed to name it" if found.threshold > 0 else ""
-        said.append(f"Odds assumed beforehand of an effect being there: {found.prior_odds:g}{need}.")
+    said += [asked] if (asked := words.asked(found)) else []
     return "".join(map(paragraph, (*said, HINT, f"artibot {version}")))

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from artibot_sim.diagnose import Diagnosis, Verdict, diagnose
+from artibot_sim.diagnose.run import told_apart
 from artibot_sim.errors import ArtibotError
-from artibot_sim.experiment import Experiment
+from artibot_sim.experiment import Channel, Experiment
+from artibot_sim.experiment.measured import Measured
 from artibot_sim.identify.synthetic import synthetic
 from artibot_sim.model import load_robot, save_robot
 from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop
@@ -83,6 +87,62 @@ def test_positions_alone_are_enough_to_say_something(drives: list[Experiment]) -
     result = diagnose(bare, ROBOT)
     assert set(result.baseline) == {"position"}
     assert all(cause.effect == "joint_friction" or cause.ties for cause in result.causes)
+
+
+def odometry_alone(one: Experiment) -> Experiment:
+    """Poses from one source in place of points and IMU."""
+    station = one.channels["total_station"]
+    pose = Measured(one, 0.0, one.duration).along(station.t)[:, :3].T
+    posed = replace(station, topic="/ground_truth/odom", columns=dict(zip(("x", "y", "yaw"), pose, strict=True)))
+    others = {key: channel for key, channel in one.channels.items() if key not in ("total_station", "imu")}
+    return replace(one, channels={**others, "ground_truth_odom": posed})
+
+
+def with_a_hole(one: Experiment) -> Experiment:
+    """The same, silent for two seconds."""
+    one = odometry_alone(one)
+    poses = one.channels["ground_truth_odom"]
+    before, after = poses.between(0.0, 4.0), poses.between(6.0, one.duration)
+    columns = {name: np.concatenate([before[name], after[name]]) for name in poses.columns}
+    parts = (np.concatenate([getattr(part, name) for part in (before, after)]) for name in ("t_ns", "t", "received_ns"))
+    return replace(one, channels={**one.channels, "ground_truth_odom": Channel(poses.topic, *parts, columns)})
+
+
+def late(one: Experiment) -> Experiment:
+    """Points that are stamped 0.2 s after they were measured."""
+    station, by = one.channels["total_station"], 0.2
+    moved = replace(station, t_ns=station.t_ns + round(by * 1e9), t=station.t + by)
+    return replace(one, channels={**one.channels, "total_station": moved})
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "allowed", "warned"),
+    [
+        (with_a_hole, {"joint_friction"}, "/ground_truth/odom is silent for 2"),
+        (late, {"joint_friction", "pose_delay"}, ""),
+    ],
+)
+def test_poor_recordings_still_tell(
+    drives: list[Experiment], spoilt: Callable[[Experiment], Experiment], allowed: set[str], warned: str
+) -> None:
+    result = diagnose([spoilt(one) for one in drives], ROBOT, workers=2)
+    assert {cause.effect for cause in result.causes} == allowed
+    torque = next(cause for cause in result.causes if cause.effect == "joint_friction").parameters["torque"]
+    assert torque.value == pytest.approx(TORQUE, rel=0.2)
+    assert warned in " ".join(result.warnings)
+
+
+def test_recordings_of_one_name_are_told_apart(drives: list[Experiment]) -> None:
+    one, other = (replace(each, name="run0") for each in drives)
+    fitted, held = told_apart([one], [other])
+    assert {fitted[0].name, held[0].name} == {"run0", "run0 (2)"}
+    assert told_apart([other], [one]) == (held, fitted)
+
+
+def test_what_is_fitted_to_is_not_held_out(drives: list[Experiment]) -> None:
+    copy = replace(drives[0], name="copy", path=Path("elsewhere"))
+    with pytest.raises(ArtibotError, match=r"elsewhere: given twice \(as drive1\)"):
+        diagnose([drives[0]], ROBOT, holdout=[copy])
 
 
 @pytest.mark.parametrize(

@@ -146,6 +146,7 @@ def case(effect: str, values: dict[str, float | str], verdict: Verdict = Verdict
         next_experiment=NextExperiment("Drive an eight of 2 m radius.", "eight", (effect, "external_force"), 55.0)
         if verdict is Verdict.AMBIGUOUS else None,
         warnings=("run0: /imu/data is silent for 0.8 s from 3.1 s on",), looks=tuple(looks), prior_odds=0.5,
+        false_alarm_rate=0.02,
         threshold=25.0, seed=3, seconds=41.5,
     )  # fmt: skip
 

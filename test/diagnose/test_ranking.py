@@ -1,0 +1,111 @@
+"""What becomes of several named effects, in whatever order and by whichever view they were found."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from artibot_sim.diagnose.command_view import command_view
+from artibot_sim.diagnose.contest import Rival
+from artibot_sim.diagnose.decision import Decision, Named, named_as
+from artibot_sim.diagnose.diagnosis import Found, Verdict
+from artibot_sim.diagnose.evidence import DECADE, Evidence
+from artibot_sim.diagnose.greedy import Turn
+from artibot_sim.diagnose.hypotheses import Hypothesis, with_effect
+from artibot_sim.diagnose.ranking import ranking
+from artibot_sim.diagnose.screen import Trial
+from artibot_sim.diagnose.thresholds import THRESHOLDS
+from artibot_sim.diagnose.views import others
+from artibot_sim.experiment import Experiment
+from artibot_sim.identify.extension import Extension
+from artibot_sim.identify.gauss_newton import evaluate
+from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.requested import parameter_set
+from artibot_sim.identify.robust import Loss
+from artibot_sim.identify.run import problem_of
+from artibot_sim.identify.search import Fit
+from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
+from artibot_sim.identify.windows import CHANNEL_NAMES
+from artibot_sim.model import load_robot
+
+ROBOT = load_robot("agriq")
+FITTED = ("joint_friction", "joint_damping")
+"""Effects of the view driven by rotations, in the order in which they are found here."""
+COMMANDED = {"speed_loop_lag": {"time_constant": Found(0.2, "s")}, "command_delay": {"delay": Found(0.1, "s")}}
+NATS = {"joint_friction": 500.0, "joint_damping": 90.0, "speed_loop_lag": 700.0, "command_delay": 300.0}
+
+
+def fit_of(problem: Problem) -> Fit:
+    loss = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
+    size = sum(map(len, problem.parameters.extensions))
+    point = evaluate(problem, loss, [np.concatenate([np.zeros(5), np.ones(size)])], problem.starts)[0]
+    return Fit(point, loss, None, (), True)  # type: ignore[arg-type]
+
+
+def turn_for(problem: Problem, effect: str) -> tuple[Turn, Problem]:
+    """A search that found an effect, plain in size, beside those in the problem."""
+    fit, extension = fit_of(problem), Extension(effect)
+    more = with_effect(problem, extension)
+    there = fit_of(more)
+    rival = Rival(Trial(Hypothesis(extension), more, there.point, np.ones(1)), there)
+    told = Evidence(NATS[effect], 0.0, np.ones(1), np.full((1, 1), 1e-4))
+    return Turn((rival.trial,), (rival,), {effect: told}, problem, fit, fit.loss, fit.point.cost), more
+
+
+@pytest.fixture(scope="module")
+def run() -> Experiment:
+    return synthetic(ROBOT, random_manoeuvre(np.random.default_rng(2), 8.0), duration=8.0, kappa=0.8, seed=3)
+
+
+def decision_of(run: Experiment, order: tuple[str, ...]) -> Decision:
+    """As a search would leave it that found these, one after the other."""
+    problem = neutral = problem_of([run], parameter_set(ROBOT), 5.0, 1)
+    turns = []
+    for effect in (name for name in order if name in FITTED):
+        found, problem = turn_for(problem, effect)
+        turns.append(found)
+    fit = fit_of(problem)
+    turns.append(Turn((), (), {}, problem, fit, fit.loss, fit.point.cost))
+    named = tuple(Named(name, NATS[name], (), COMMANDED.get(name, {})) for name in order)
+    first = fit_of(neutral)
+    view = others(command_view([run], ROBOT))
+    return Decision(Verdict.NAMED, named, 40.0, neutral, first, problem, fit, tuple(turns), view)
+
+
+ORDERS = [
+    order
+    for count in (1, 2, 3)
+    for order in itertools.permutations(NATS, count)
+    if [name for name in order if name in FITTED] == list(FITTED)[: sum(name in FITTED for name in order)]
+]
+
+
+@pytest.mark.parametrize("order", ORDERS, ids="-".join)
+def test_what_is_named_is_ranked_by_its_own_evidence(run: Experiment, order: tuple[str, ...]) -> None:
+    decision = decision_of(run, order)
+    ranked = {one.effect: one for one in ranking(decision, THRESHOLDS)}
+    for effect in order:
+        assert ranked[effect].fitted
+        assert ranked[effect].log10_bayes_factor == pytest.approx(NATS[effect] / DECADE)
+        assert not ranked[effect].excluded_above and "not looked for" not in ranked[effect].note
+    assert [one.effect for one in decision.ordered] == sorted(order, key=lambda name: -NATS[name])
+
+
+def test_what_is_found_beside_another_is_no_rival_of_it(run: Experiment) -> None:
+    decision = decision_of(run, FITTED)
+    tied = tuple(replace(one, ties=tuple(name for name in FITTED if name != one.effect)) for one in decision.named)
+    assert named_as(replace(decision, named=tied)).verdict is Verdict.NAMED
+    open_ = replace(decision, named=(decision.named[0], replace(decision.named[1], ties=("payload",))))
+    assert named_as(open_).verdict is Verdict.NAMED, "the one with the most evidence has no rival"
+    undecided = replace(decision, named=(replace(decision.named[0], ties=("payload",)), decision.named[1]))
+    assert named_as(undecided).verdict is Verdict.AMBIGUOUS
+
+
+def test_who_believes_less_asks_for_more() -> None:
+    least = THRESHOLDS.least
+    assert least(1.0, 0.01) == pytest.approx(THRESHOLDS.floor + THRESHOLDS.tail * np.log(100.0))
+    assert least(0.1, 0.01) == pytest.approx(least(1.0, 0.001))
+    assert least(1e6, 0.01) == THRESHOLDS.floor
