@@ -144,6 +144,7 @@ class Diagnosis:
 def _cause(cause: Cause) -> dict[str, Any]:
     evidence = {
         "log10_bayes_factor": cause.log10_bayes_factor, "holdout_improvement": cause.holdout_improvement,
+        "holdout_log10_likelihood": cause.holdout_log10_likelihood,
     }  # fmt: skip
     return {
         "effect": cause.effect,

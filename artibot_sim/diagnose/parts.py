@@ -55,6 +55,8 @@ class Cause:
         held-out data.
     ties : tuple of str
         Ids of effects that the data cannot tell from it.
+    holdout_log10_likelihood : float
+        Decades by which held-out data are more likely with it.
     """
 
     effect: str
@@ -62,6 +64,7 @@ class Cause:
     log10_bayes_factor: float
     holdout_improvement: float
     ties: tuple[str, ...] = ()
+    holdout_log10_likelihood: float = float("nan")
 
 
 @dataclass(frozen=True)

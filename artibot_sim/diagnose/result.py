@@ -22,7 +22,7 @@ from artibot_sim.diagnose.ranking import ranking
 from artibot_sim.diagnose.uncertain import Uncertain, judged, surroundings
 from artibot_sim.diagnose.unexplained import unexplained_of
 from artibot_sim.diagnose.words import refutation, shortfall
-from artibot_sim.diagnose.worth import improvements, is_minor, is_refuted
+from artibot_sim.diagnose.worth import Worth, improvements, is_minor, is_refuted
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.side_by_side import side_by_side
@@ -49,7 +49,8 @@ def result_of(
     driven = [one.channels[COMMANDED] for one in looks if one.held_out and COMMANDED in one.channels]
     driven = driven if view.followed else []
     gained, gain = improvements(decision, held_out, extended, view, options), gains(held_out, driven, options.seed)
-    if (refuting := is_refuted(gained, gain)) or is_minor(gained, decision.left):
+    shares = {effect: one.share for effect, one in gained.items()}
+    if (refuting := is_refuted(shares, gain)) or is_minor(shares, decision.left):
         found = result_of(robot, fitted, held, refuted(decision), options, tick)
         said = (refutation if refuting else shortfall)([named.effect for named in decision.named], gain)
         return replace(found, warnings=(said, *found.warnings))
@@ -142,9 +143,11 @@ def _next(decision: Decision, channels: Mapping[str, ChannelBaseline], seed: int
     return next_experiment(robots, noise, seed=seed)
 
 
-def _causes(decision: Decision, effects: Parameters, gained: Mapping[str, float]) -> tuple[Cause, ...]:
+def _causes(decision: Decision, effects: Parameters, gained: Mapping[str, Worth]) -> tuple[Cause, ...]:
     """The named effects, most probable first."""
-    return tuple(
-        Cause(named.effect, effects[named.effect], named.nats / DECADE, gained[named.effect], named.ties)
-        for named in decision.ordered
-    )
+    found = []
+    for named in decision.ordered:
+        worth = gained[named.effect]
+        evidence = named.nats / DECADE, worth.share, named.ties, worth.nats / DECADE
+        found.append(Cause(named.effect, effects[named.effect], *evidence))
+    return tuple(found)

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.command_view import CommandView
+from artibot_sim.diagnose.command_view import CommandView, command_view
 from artibot_sim.diagnose.decision import Decision, leaves_more_than_noise
 from artibot_sim.diagnose.diagnosis import ChannelGain, Left
 from artibot_sim.diagnose.options import Options
 from artibot_sim.diagnose.predictions import Pair, predicted
 from artibot_sim.identify.holdout import Held
-from artibot_sim.identify.robust import channel_levels, merged
+from artibot_sim.identify.layout import Parts, Samples
+from artibot_sim.identify.robust import Loss, channel_levels, merged, thinning
 from artibot_sim.model import Robot
 
 Array = NDArray[np.float64]
@@ -27,12 +28,27 @@ _LITTLE = 0.5
 """Share of that error which causes leave at most, where the fitted recordings show that there is something else."""
 
 
+@dataclass(frozen=True)
+class Worth:
+    """What one cause is worth on held-out data, beside those found before it.
+
+    Attributes
+    ----------
+    share : float
+        Fraction by which the noise-weighted mean squared error, less the noise's share, falls; 0 where there is none.
+    nats : float
+        By how much the log-likelihood of the predictions grows, with noise as large and as slow as all causes together
+        leave it.
+    """
+
+    share: float
+    nats: float
+
+
 def improvements(
     decision: Decision, pairs: Sequence[Pair], extended: Robot, view: CommandView, options: Options
-) -> dict[str, float]:
-    """Fraction by which the noise-weighted mean squared error, less the noise's share, falls as each cause is added.
-
-    In the order in which they were found, the soil fitted again each time; 0 where there is no error to fall.
+) -> dict[str, Worth]:
+    """What each cause is worth on held-out data, in the order in which they were found; the soil is fitted each time.
 
     Parameters
     ----------
@@ -51,13 +67,33 @@ def improvements(
     held = [[predicted(one, robot, options.horizon, options.workers) for one in seen] for robot in robots[:-1]]
     held.append([pair.after for pair in pairs])
     names = [one.name for one in seen]
-    before = excess([pair.before for pair in pairs], _followed(view, extended, names, "before"), levels)
+    neutral = [pair.before for pair in pairs]
+    before = excess(neutral, _followed(view, extended, names, "before"), levels)
+    likely = _likelihoods([neutral, *held])
+    told = command_view(seen, decision.neutral_problem.parameters.robot)
+    heard = [0.0, *map(told.nats, robots)]
     found = {}
-    for named, robot, one in zip(decision.named, robots, held, strict=True):
+    for k, (named, robot, one) in enumerate(zip(decision.named, robots, held, strict=True)):
         after = excess(one, _followed(view, robot, names, "after"), levels)
-        found[named.effect] = 1.0 - max(after, 0.0) / before if before > 0.0 else 0.0
+        share = 1.0 - max(after, 0.0) / before if before > 0.0 else 0.0
+        found[named.effect] = Worth(share, likely[k + 1] - likely[k] + heard[k + 1] - heard[k])
         before = after
     return found
+
+
+def _likelihoods(models: Sequence[Sequence[Held]]) -> list[float]:
+    """Log-likelihoods of the same recordings by several models, a constant apart; the last one says what noise is."""
+    windows = [window for held in models[-1] for window in held.windows]
+    if not windows:
+        return [0.0] * len(models)
+    each = [[residual for held in model for residual in held.residuals] for model in models]
+    levels = np.maximum(merged(channel_levels(windows, each[-1])), 1.0)
+    flat = np.array(
+        [np.concatenate([r / levels[w.channel] for w, r in zip(windows, one, strict=True)]) for one in each]
+    )
+    samples = Samples.of(windows)
+    loss = Loss(1.0, thinning(windows, Parts(flat[-1], samples.begin)), firm=True)
+    return (-0.5 * loss.totals(samples, flat).sum(axis=-1)).tolist()
 
 
 def is_refuted(gained: Mapping[str, float], gain: Mapping[str, ChannelGain]) -> bool:
@@ -66,7 +102,7 @@ def is_refuted(gained: Mapping[str, float], gain: Mapping[str, ChannelGain]) -> 
     Parameters
     ----------
     gained : mapping of str to float
-        What `improvements` gives.
+        The shares that `improvements` gives.
     gain : mapping of str to ChannelGain
         By channel, with intervals.
     """
@@ -81,7 +117,7 @@ def is_minor(gained: Mapping[str, float], left: Mapping[str, Left]) -> bool:
     Parameters
     ----------
     gained : mapping of str to float
-        What `improvements` gives.
+        The shares that `improvements` gives.
     left : mapping of str to Left
         What the fit with all causes leaves.
     """

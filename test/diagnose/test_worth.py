@@ -54,7 +54,23 @@ def test_each_cause_takes_its_own_error_away(lag_first: bool) -> None:
     pair = predict(run, True, ROBOT, REAL, OPTIONS.horizon, 1)
     found = improvements(decision, [pair], REAL, command_view([run], ROBOT), OPTIONS)
     assert set(found) == {"joint_friction", "speed_loop_lag"}
-    assert all(0.0 < share <= 1.0 for share in found.values()), found
+    assert all(0.0 < one.share <= 1.0 for one in found.values()), found
+    assert all(one.nats > 100.0 for one in found.values()), found
     second = list(found)[1]
-    assert found[second] > 0.8, "after the second cause noise is left"
-    assert 1.0 - np.prod([1.0 - share for share in found.values()]) > 0.9
+    assert found[second].share > 0.8, "after the second cause noise is left"
+    assert 1.0 - np.prod([1.0 - one.share for one in found.values()]) > 0.9
+
+
+def test_what_is_not_there_makes_nothing_likelier() -> None:
+    """Held out is a rover without the lag that was named: its predictions are as good, its commands speak against it."""
+    run = synthetic(ROBOT, random_manoeuvre(np.random.default_rng(2), 12.0), duration=12.0, kappa=0.8, seed=3)
+    problem = problem_of([run], parameter_set(ROBOT), 5.0, 1)
+    turns = (turn_at(problem, np.empty(0)),)
+    named = (Named("speed_loop_lag", 400.0, (), {"time_constant": Found(LAG, "s")}),)
+    decision = Decision(
+        Verdict.NAMED, named, 40.0, problem, turns[0].fit, problem, turns[0].fit, turns, {}
+    )  # fmt: skip
+    slow = replace(ROBOT, effects={"speed_loop_lag": {"time_constant": LAG}})
+    pair = predict(run, True, ROBOT, slow, OPTIONS.horizon, 1)
+    found = improvements(decision, [pair], slow, command_view([run], ROBOT), OPTIONS)
+    assert found["speed_loop_lag"].nats < -100.0
