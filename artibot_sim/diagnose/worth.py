@@ -88,10 +88,8 @@ def _likelihoods(models: Sequence[Sequence[Held]]) -> list[float]:
         return [0.0] * len(models)
     each = [[residual for held in model for residual in held.residuals] for model in models]
     levels = np.maximum(merged(channel_levels(windows, each[-1])), 1.0)
-    flat = np.array(
-        [np.concatenate([r / levels[w.channel] for w, r in zip(windows, one, strict=True)]) for one in each]
-    )
     samples = Samples.of(windows)
+    flat = np.array([np.concatenate(one) / levels[samples.channel] for one in each])
     loss = Loss(1.0, thinning(windows, Parts(flat[-1], samples.begin)), firm=True)
     return (-0.5 * loss.totals(samples, flat).sum(axis=-1)).tolist()
 

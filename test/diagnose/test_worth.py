@@ -62,7 +62,7 @@ def test_each_cause_takes_its_own_error_away(lag_first: bool) -> None:
 
 
 def test_what_is_not_there_makes_nothing_likelier() -> None:
-    """Held out is a rover without the lag that was named: its predictions are as good, its commands speak against it."""
+    """Held out is a rover without the lag that was named: its commands speak against that."""
     run = synthetic(ROBOT, random_manoeuvre(np.random.default_rng(2), 12.0), duration=12.0, kappa=0.8, seed=3)
     problem = problem_of([run], parameter_set(ROBOT), 5.0, 1)
     turns = (turn_at(problem, np.empty(0)),)
