@@ -21,8 +21,6 @@ Array = NDArray[np.float64]
 
 _LARGEST = 0.995
 """Share of the measured articulation angles that is below what counts as the largest."""
-_BACK = ("back_friction", "joint_friction", "joint_damping", "joint_stiffness", "joint_stop")
-"""Effects of rovers with two modules."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +63,7 @@ def hypotheses(robot: Robot, stretches: Sequence[Stretch], without: Sequence[str
     for effect in EFFECTS.values():
         if effect.id in without or effect.search is None or "rotation" not in effect.search.views:
             continue
-        if effect.search.disc or (not robot.articulated and effect.id in _BACK):
+        if effect.search.disc or (not robot.articulated and (effect.search.back or effect.acts == "joint")):
             continue
         if effect.search.channels and measured.isdisjoint(effect.search.channels):
             continue

@@ -23,5 +23,5 @@ EFFECT = Effect(
     doc="k_l, k_t, mu_s and mu_d of the back wheels are scaled.",
     parameters={"scale": number("-", 0.0, 10.0, "of the back wheels' soil", 1.0, low_open=True)},
     adapt=_adapt,
-    search=Search({"scale": 0.5}, ((-1.0,), (1.0,)), logarithmic=True),
+    search=Search({"scale": 0.5}, ((-1.0,), (1.0,)), logarithmic=True, back=True),
 )

@@ -80,6 +80,8 @@ class Search:
         Coordinate up to which the effect cannot be simulated or told from neutral.
     channels : tuple of str
         What is measured of it, where it does not change how the rover moves: without any of these it is not looked for.
+    back : bool
+        Whether it acts on the back module alone: like what acts in the joint it is not looked for without one.
     views : tuple of str
         Where it shows: ``"rotation"`` (measured rotations in, motion and torques out), ``"command"`` (commands in,
         motor speeds out).
@@ -94,6 +96,7 @@ class Search:
     valley: Mapping[str, float] = field(default_factory=dict)
     least: float = 0.0
     channels: tuple[str, ...] = ()
+    back: bool = False
     views: tuple[str, ...] = ("rotation",)
 
 
