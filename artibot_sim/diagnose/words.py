@@ -176,8 +176,8 @@ def sureness(found: Diagnosis) -> str:
             parts.append(f"On held-out data it predicts worse: the error beyond noise grows by {-share:.0f} %.")
         else:
             parts.append(f"Of the error beyond noise on held-out data it removes {share:.0f} %.")
-    if np.isfinite(cause.holdout_log10_likelihood):
-        parts.append(f"Held-out data themselves are {odds(cause.holdout_log10_likelihood)} for it.")
+    if np.isfinite(told := cause.holdout_log10_likelihood):
+        parts.append(f"Held-out data speak {'for' if told >= 0 else 'against'} it, {odds(abs(told))}.")
     return " ".join(parts)
 
 
