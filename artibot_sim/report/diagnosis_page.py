@@ -137,7 +137,7 @@ def _wrong(page: _Page) -> str:
     found = page.found
     text = (
         f"Predictions {found.horizon:g} s ahead by the paper's model with its soil identified from the same recordings."
-        " At once the noise they are as good as the sensor."
+        " With ÷ noise at 1 they are as good as the sensor."
     )
     parts = [paragraph(text), tables.baseline(found)]
     for look in found.looks:
