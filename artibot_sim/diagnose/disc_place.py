@@ -8,14 +8,13 @@ values (`uncertain`), each time the disc with the least loss is taken, and the i
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.patches import path, touched
-from artibot_sim.identify.extension import Extension
+from artibot_sim.diagnose.patches import SMALLEST, path, touched, with_disc
 from artibot_sim.identify.gauss_newton import Beside, evaluate, prior, step
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.search import Fit, settle
@@ -33,8 +32,6 @@ _FIRST = 0.2
 """Standard deviation of the first round's centres and radii, m."""
 _FARTHEST = 0.8
 """Farthest that centre and radius are moved, m."""
-_SMALLEST = 0.3
-"""Radius of the smallest disc, m."""
 _BLUNT = 4.0
 """Losses over this say around which discs the next ones are drawn: wider than what is known."""
 _WIDER = 1.5
@@ -80,7 +77,7 @@ class _Apart:
 
     def losses(self, place: Array) -> Array:
         """Of all windows (windows,), and last of the prior, with the disc elsewhere (3,) and all else fitted anew."""
-        problem, fit = _with_disc(self.part, self.which, place), self.fit
+        problem, fit = with_disc(self.part, self.which, place), self.fit
         point = evaluate(problem, fit.loss, [fit.point.coordinates], fit.point.starts[self.rows])[0]
         for _ in range(_STEPS):
             point, _, _ = step(problem, fit.loss, point, fit.free, tries=2, beside=self.beside)
@@ -117,7 +114,7 @@ def on_best_disc(problem: Problem, fit: Fit, seed: int, steps: int) -> tuple[Pro
     table, losses = _tried(problem, fit, which, np.random.default_rng(seed), _SOME)
     if not len(table):
         return problem, fit
-    moved = _with_disc(problem, which, table[np.argmin(losses.sum(axis=1))])
+    moved = with_disc(problem, which, table[np.argmin(losses.sum(axis=1))])
     begun = evaluate(moved, fit.loss, [fit.point.coordinates], fit.point.starts)[0]
     found = settle(moved, begun, fit.loss, steps)
     return (moved, found) if found.point.cost < fit.point.cost else (problem, fit)
@@ -153,18 +150,8 @@ def _near(problem: Problem, disc: Array) -> list[int]:
     return touched([path(problem, i) for i in range(len(problem))], x, y, radius + _FARTHEST)
 
 
-def _with_disc(problem: Problem, which: int, disc: Array) -> Problem:
-    """The problem with one effect's disc (3,) elsewhere."""
-    parameters = problem.parameters
-    extension = parameters.extensions[which]
-    there = dict(zip(extension.search.disc, disc.tolist(), strict=True))
-    moved: list[Extension] = list(parameters.extensions)
-    moved[which] = replace(extension, fixed=dict(extension.fixed) | there)
-    return problem.with_parameters(replace(parameters, extensions=tuple(moved)))
-
-
 def _inside(here: Array, places: Array) -> Array:
     """Places (n, 3) no farther from one than they may be, their radii no smaller."""
     places = here + np.clip(places - here, -_FARTHEST, _FARTHEST)
-    places[:, 2] = np.maximum(places[:, 2], _SMALLEST)
+    places[:, 2] = np.maximum(places[:, 2], SMALLEST)
     return places

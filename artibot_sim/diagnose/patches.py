@@ -23,6 +23,8 @@ SPACING = 0.7
 """m between centres of candidates."""
 RADII = (1.2, 2.0)
 """m of candidates."""
+SMALLEST = 0.3
+"""m: radius of the smallest disc that is tried."""
 _REACH = 1.6
 """m beyond a disc's radius, from the front module's origin, at which its wheels still touch it."""
 _BAD = 1.15
@@ -159,24 +161,29 @@ def refined(trial: Trial, loss: Loss) -> Trial:
 
 def _moved(trial: Trial, loss: Loss, size: float) -> Trial | None:
     extension = trial.hypothesis.extension
-    names = extension.search.disc
-    now = [float(extension.fixed[name]) for name in names]
-    best: tuple[float, Extension, Problem, Point] | None = None
+    now = np.array([float(extension.fixed[name]) for name in extension.search.disc])
+    best: tuple[Problem, Point] | None = None
     for i in range(3):
         for sign in (-1.0, 1.0):
             new = now.copy()
             new[i] += sign * size
-            if new[2] < 0.3:
+            if new[2] < SMALLEST:
                 continue
-            moved = replace(extension, fixed=dict(extension.fixed) | dict(zip(names, new, strict=True)))
-            parameters = trial.problem.parameters
-            problem = trial.problem.with_parameters(
-                replace(parameters, extensions=(*parameters.extensions[:-1], moved))
-            )
+            problem = with_disc(trial.problem, -1, new)
             point = evaluate(problem, loss, [trial.point.coordinates], trial.point.starts)[0]
-            if best is None or point.cost < best[0]:
-                best = (point.cost, moved, problem, point)
-    if best is None or best[0] >= trial.point.cost - 1.0:
+            if best is None or point.cost < best[1].cost:
+                best = problem, point
+    if best is None or best[1].cost >= trial.point.cost - 1.0:
         return None
-    hypothesis = replace(trial.hypothesis, extension=best[1])
-    return Trial(hypothesis, best[2], best[3], trial.sd)
+    hypothesis = replace(trial.hypothesis, extension=best[0].parameters.extensions[-1])
+    return Trial(hypothesis, *best, trial.sd)
+
+
+def with_disc(problem: Problem, which: int, disc: Array) -> Problem:
+    """The problem with the disc (3,) of the effect numbered `which` elsewhere."""
+    parameters = problem.parameters
+    extension = parameters.extensions[which]
+    there = dict(zip(extension.search.disc, disc.tolist(), strict=True))
+    moved = list(parameters.extensions)
+    moved[which] = replace(extension, fixed=dict(extension.fixed) | there)
+    return problem.with_parameters(replace(parameters, extensions=tuple(moved)))
