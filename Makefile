@@ -42,7 +42,7 @@ growth: setup-run ## how time and memory grow with runs, length of a recording, 
 faults: setup-run ## random faults in a closed loop of driver and drives (N=1000 SEED=1; ARGS="--channel vcan0")
 	@$(PY) -m artibot_driver.faults $(or $(N),100) $(or $(SEED),1) $(ARGS)
 
-faults-live: setup ## so many trials of each fault in real time (TRIALS=100 SEED=1 ON="loopback vcan0 node node-vcan0")
+faults-live: setup ## so many trials of each fault in real time (TRIALS=100 SEED=1 ON="loopback loopback-slow vcan0 node node-slow node-vcan0")
 	@scripts/faults_live.sh $(PY) $(or $(TRIALS),100) $(or $(SEED),1) $(ON)
 
 fuzz: setup-run ## random frames into decoder and simulated drive (N=10000000 SEED=7)

@@ -50,7 +50,7 @@ BY_DRIVES = 0.3
 """And where only the drives can notice, s."""
 
 TIMEOUT = 0.1
-HELD_UP = 5
+HELD_UP = max(5, TRIALS)
 """So many trials in a row may be void because the machine held up those who command."""
 
 ENABLED_WORD = 0x0F
