@@ -17,6 +17,9 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
+
+from can_remote import RemoteServer
 
 from artibot_driver.priority import take_priority
 from artibot_sim.errors import ArtibotError
@@ -28,6 +31,31 @@ PRIORITY = 60
 """Above the driver's: a bus does not wait for its nodes."""
 
 _START_TIMEOUT, _END_TIMEOUT = 20.0, 5.0
+
+
+class BusServer(RemoteServer):
+    """python-can-remote's server, which keeps nothing of nodes that were killed.
+
+    It would hold on to the bus of a node that went without a word: every frame since would be copied for that one, too,
+    and kept.
+    """
+
+    said = False
+    """Whether such an end is told on standard error."""
+
+    def finish_request(self, request: Any, address: Any) -> None:
+        """Serve one node until it goes, however it does."""
+        try:
+            super().finish_request(request, address)
+        finally:
+            for client in [each for each in self.clients if each._ws.socket is request]:
+                self.clients.remove(client)
+                client.bus.shutdown()
+
+    def handle_error(self, request: Any, address: Any) -> None:
+        """In place of socketserver's traceback."""
+        if self.said:
+            print(f"{address}: has gone without leaving the bus", file=sys.stderr)
 
 
 @contextlib.contextmanager
@@ -95,16 +123,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--port", type=int, default=0, help="TCP port on 127.0.0.1 [any free one]")
     parser.add_argument("--while-stdin", action="store_true", help="end with the end of standard input")
     options = parser.parse_args(argv)
-    from can_remote import RemoteServer
-
     for name in ("can", "can_remote"):  # a node that was killed leaves its end open: no news for whoever has the bus
         logging.getLogger(name).setLevel(logging.ERROR)
     try:
-        server = RemoteServer(HOST, options.port, interface="virtual", channel=f"artibot-{os.getpid()}")
+        server = BusServer(HOST, options.port, interface="virtual", channel=f"artibot-{os.getpid()}")
     except (OSError, OverflowError) as error:
         print(f"port {options.port} on {HOST}: {error}", file=sys.stderr)
         return 2
-    server.handle_error = _say_gone
+    server.said = not options.while_stdin  # else nobody reads it, and a full pipe is waited for
+    threading.excepthook = unless_gone
     # Waited for by the main thread, blocked in all: a handler may be kept waiting while the main thread sleeps
     ends = {signal.SIGTERM} if options.while_stdin else {signal.SIGTERM, signal.SIGINT}
     signal.pthread_sigmask(signal.SIG_BLOCK, ends)
@@ -121,9 +148,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _say_gone(_request: object, address: object) -> None:
-    """In place of socketserver's traceback."""
-    print(f"{address}: has gone without leaving the bus", file=sys.stderr)
+def unless_gone(args: threading.ExceptHookArgs) -> None:
+    """No traceback where a thread ends because the node that it sent frames to is gone."""
+    if not issubclass(args.exc_type, OSError):
+        threading.__excepthook__(args)
 
 
 def _end_with_input() -> None:

@@ -6,16 +6,18 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 
 import pytest
 from bus_contract import BusContract, Place, received, wait_for
+from can.interfaces.virtual import channels
 
 from artibot_driver.bus import open_bus
 from artibot_driver.bus_health import BusState
 from artibot_driver.frames import Frame
-from artibot_driver.loopback import loopback_bus
+from artibot_driver.loopback import HOST, BusServer, loopback_bus, unless_gone
 from artibot_sim.errors import ArtibotError
 from ros_helpers import ROOT
 
@@ -79,6 +81,27 @@ def test_a_server_that_hangs_holds_nobody_up_for_long() -> None:
     finally:
         os.kill(server.pid, signal.SIGKILL)
         server.communicate(timeout=10)
+
+
+def test_nothing_is_kept_of_nodes_that_were_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(threading, "excepthook", unless_gone)
+    server = BusServer(HOST, 0, interface="virtual", channel="killed nodes")
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    channel = f"ws://{HOST}:{server.server_port}/"
+    hangs = "from artibot_driver.bus import open_bus\nimport sys, time\nbus = open_bus('remote', sys.argv[1])\n"
+    hangs += "print('here', flush=True)\ntime.sleep(60)"  # killed with something unread, a node resets its connection
+    with open_bus("remote", channel) as bus:
+        for _ in range(3):
+            with subprocess.Popen([sys.executable, "-c", hangs, channel], cwd=ROOT, stdout=subprocess.PIPE) as node:
+                assert node.stdout is not None and node.stdout.readline()
+                assert len(channels["killed nodes"]) == 2
+                for number in range(50):
+                    bus.send(Frame(number, b""))
+                node.kill()
+            assert wait_for(lambda: bus.send(Frame(1, b"")) and len(channels["killed nodes"]) == 1, 10.0)
+            assert wait_for(lambda: len(server.clients) == 1)
+    server.shutdown()
+    server.server_close()
 
 
 def test_the_server_ends_with_the_process_that_started_it() -> None:
