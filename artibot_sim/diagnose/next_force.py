@@ -40,7 +40,7 @@ _TOPIC_OF = {"yaw_rate": "imu", "articulation_yaw": "joint_states"}
 def next_for_force(
     problem: Problem, found: Finding, noise: Mapping[str, float], *, library: Sequence[Entry] = WITH_TURNS
 ) -> NextExperiment | None:
-    """The cheapest manoeuvre that would tell a force from the next best ones; None for one that wanders in time.
+    """The cheapest manoeuvre that would tell a force from the next best ones; None where nothing is known beforehand.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def next_for_force(
     do, and how much of that each of the others would explain at its best.
     """
     first, others = found.chosen[0], rivals(found)
-    if first.form.name == WANDERING or not others:
+    if not others or (first.form.name == WANDERING and not first.form.across):
         return None
     robot = problem.parameters.robot_at(found.soil)
     place = _place(problem, first)
@@ -80,10 +80,11 @@ def law(candidate: Candidate) -> str:
 
 
 def rivals(found: Finding) -> list[Candidate]:
-    """The next best forces, each in its best form; what wanders in time explains anything once, and is none."""
-    laws = {law(found.chosen[0]): found.chosen[0]}
+    """The next best forces, each in its best form; what wanders in time is no rival of others, which it may be."""
+    first = found.chosen[0]
+    laws = {law(first): first}
     for other in found.rivals:
-        if other.form.name != WANDERING:
+        if first.form.name == WANDERING or other.form.name != WANDERING:
             laws.setdefault(law(other), other)
     return list(laws.values())[1 : 1 + RIVALS]
 

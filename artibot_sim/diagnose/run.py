@@ -21,7 +21,7 @@ from artibot_sim.experiment import Experiment
 from artibot_sim.identify.parameters import SOIL
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.run import WINDOW, best_fit, problem_of
+from artibot_sim.identify.run import best_fit, problem_of
 from artibot_sim.identify.search import Effort, Fit, Tick
 from artibot_sim.model import Robot
 from artibot_sim.progress import Report
@@ -75,7 +75,7 @@ def diagnose(
         Recordings that take no part in the fit; without any the last of several recordings is held out, or the last
         third of a single one.
     horizon : float
-        Length of the predictions that gains are judged by, s.
+        Length of the predictions that fits, evidence and gains rest on, s.
     seed : int
         The same data and seed give the same diagnosis.
     workers : int, optional
@@ -164,5 +164,5 @@ def baseline(
     fitted: Sequence[Experiment], robot: Robot, options: Options, tick: Tick = lambda: None
 ) -> tuple[Problem, Fit]:
     """The paper's model with its soil identified; all windows keep their say, for local effects hide in bad ones."""
-    problem = problem_of(fitted, parameter_set(robot, SOIL), WINDOW, options.workers, HALF_WIDTH)
+    problem = problem_of(fitted, parameter_set(robot, SOIL), options.horizon, options.workers, HALF_WIDTH)
     return best_fit(problem, Effort(seed=options.seed), tick, TRUST)

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from artibot_sim.diagnose.diagnosis import Candidate, Cause, ChannelBaseline, ChannelGain, Diagnosis, Found, Verdict
+from artibot_sim.diagnose.options import HORIZON
 from artibot_sim.identify.printing import number
 
 CHANNEL_WORDS = {
@@ -217,14 +218,21 @@ def _rival(candidate: Candidate) -> str:
 
 
 def asked(found: Diagnosis) -> str:
-    """How much evidence a name takes, and what that follows from, in one sentence; empty where it is not known."""
+    """How much evidence a name takes, and what that follows from; empty where it is not known."""
     if not found.threshold > 0.0 or not found.false_alarm_rate > 0.0:
         return ""
     return (
         f"An effect is named from {found.threshold:.0f} nats on, or more where the sensors' own errors look like it: "
         f"prior odds {found.prior_odds:g}, false alarms accepted in {100 * found.false_alarm_rate:.3g} % of recordings "
-        "with nothing hidden."
+        "with nothing hidden." + _beyond(found.horizon)
     )
+
+
+def _beyond(horizon: float) -> str:
+    """That evidence of windows of another length is weighed by limits which were not found for it."""
+    if horizon == HORIZON:
+        return ""
+    return f" That was found for predictions {HORIZON:g} s ahead, these are {horizon:g} s ahead."
 
 
 def odds(log10: float) -> str:

@@ -28,7 +28,7 @@ _READING = 0.05
     "--holdout", multiple=True, metavar="BAG", type=_BAG,
     help="Recording to predict, not to fit; repeatable [the last of several, or the last third of a single one].",
 )  # fmt: skip
-@click.option("--horizon", default=5.0, show_default=True, help="How far predictions look ahead, s.")
+@click.option("--horizon", default=5.0, show_default=True, help="How far predictions look ahead in fits and gains, s.")
 @click.option(
     "--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable."
 )

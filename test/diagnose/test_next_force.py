@@ -17,7 +17,7 @@ from artibot_sim.diagnose.next_experiment import ENOUGH, duration
 from artibot_sim.diagnose.next_force import expected, known, law, next_for_force, recording, rivals, told
 from artibot_sim.diagnose.next_manoeuvres import KAPPA, LIBRARY, Entry
 from artibot_sim.diagnose.unexplained import Finding, look
-from artibot_sim.diagnose.unexplained_forms import WANDERING
+from artibot_sim.diagnose.unexplained_forms import TIME, WANDERING
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.parameters import SOIL
 from artibot_sim.identify.problem import Problem
@@ -107,14 +107,30 @@ def test_the_shortest_that_is_enough_is_chosen() -> None:
     assert all(name in advice.what for name in advice.separates)
 
 
-def test_of_a_force_that_wanders_in_time_nothing_is_known_beforehand() -> None:
+def test_what_wanders_in_time_is_no_rival_of_what_does_not() -> None:
     problem, found, _, _ = found_in("joint_preload")
     first = found.chosen[0]
-    wandering = replace(first, form=replace(first.form, name=WANDERING))
-    assert next_for_force(problem, replace(found, chosen=(wandering,)), LEVELS) is None
-    others = rivals(replace(found, rivals=(first, wandering)))
-    assert others == []
+    wandering = replace(first, form=replace(first.form, name=WANDERING, variable=TIME))
+    assert rivals(replace(found, rivals=(first, wandering))) == []
+    assert rivals(replace(found, chosen=(wandering,), rivals=(wandering, first))) == [first]
     assert next_for_force(problem, replace(found, rivals=(first,)), LEVELS) is None
+
+
+def test_what_wandered_in_one_recording_alone_is_not_known_beforehand() -> None:
+    problem, found, _, _ = found_in("joint_preload")
+    wandering = replace(found.chosen[0], form=replace(found.chosen[0].form, name=WANDERING, across=False))
+    assert next_for_force(problem, replace(found, chosen=(wandering,)), LEVELS) is None
+
+
+def test_what_wanders_alike_in_every_recording_is_told_from_others() -> None:
+    hidden = case(("wandering_moment",), 1.0, 2, runs=3, held_out=0, duration=45.0)
+    problem = problem_of(hidden.recordings, parameter_set(AGRIQ, SOIL), 5.0, 2)
+    soil = problem.parameters.coordinates([hidden.truth.soil[key] for key in SOIL])
+    found = look(problem, soil, most=1, windows=150)
+    assert found.chosen[0].form.name == WANDERING
+    advice = next_for_force(problem, found, LEVELS, library=SHORT)
+    assert advice is not None and advice.nats > 5.0
+    assert advice.separates[0] == law(found.chosen[0]) and len(advice.separates) > 1
 
 
 def test_what_is_not_measured_is_not_in_the_recording() -> None:
