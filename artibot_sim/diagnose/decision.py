@@ -10,6 +10,7 @@ from artibot_sim.diagnose.command_view import CommandView
 from artibot_sim.diagnose.contest import Rounds
 from artibot_sim.diagnose.diagnosis import Found, Left, Verdict
 from artibot_sim.diagnose.disc_place import on_best_disc
+from artibot_sim.diagnose.drift import drifts
 from artibot_sim.diagnose.greedy import Turn, acceptable, turn
 from artibot_sim.diagnose.other import Other
 from artibot_sim.diagnose.remains import LIMITS, Remains, remains
@@ -161,10 +162,16 @@ def _with_effect(problem: Problem, fit: Fit, found: Turn, best: Named, seed: int
 
 
 def _concluded(found: Decision) -> Decision:
-    """The verdict: nothing is named where a force follows something beside all that would be."""
+    """The verdict: nothing is named whose size changes with time, nor where a force is at work beside what would be.
+
+    Both only where the fit leaves more than noise, and where a force explains what the paper's model lacks.
+    """
     remaining = remains(found.problem, found.fit.point)
     found = replace(found, left=_left(remaining))
-    if leaves_more_than_noise(found.left) and unexplained(found.problem, found.fit.point.coordinates) is not None:
+    if leaves_more_than_noise(found.left) and (
+        any(nats >= found.least for nats in drifts(found.problem, found.fit).values())
+        or unexplained(found.problem, found.fit.point.coordinates) is not None
+    ):
         # that is not the cause, or not all of it
         force = unexplained(found.neutral_problem, found.neutral_fit.point.coordinates)
         if force is not None:

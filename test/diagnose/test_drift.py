@@ -1,0 +1,48 @@
+"""A drag that fades is told from one that stays, though a constant one explains most of both."""
+
+from __future__ import annotations
+
+import numpy as np
+from diagnose.hidden import case
+
+from artibot_sim.diagnose.drift import drifts
+from artibot_sim.diagnose.hypotheses import with_effect
+from artibot_sim.identify.extension import Extension
+from artibot_sim.identify.gauss_newton import evaluate
+from artibot_sim.identify.parameters import SOIL
+from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.requested import parameter_set
+from artibot_sim.identify.robust import Loss
+from artibot_sim.identify.run import problem_of
+from artibot_sim.identify.search import Fit, settle
+from artibot_sim.identify.windows import CHANNEL_NAMES
+from artibot_sim.model import load_robot
+
+
+def fitted(hidden: str, severity: float, seed: int) -> tuple[Problem, Fit]:
+    """Recordings in which a motor drags, by a model in which that one does, from the true soil."""
+    found = case((hidden,), severity, seed, runs=2, held_out=0, duration=30.0)
+    acting = {**found.truth.effects, **found.truth.unlisted}[hidden]
+    plain = problem_of(found.recordings, parameter_set(load_robot("agriq"), SOIL), 5.0, 2)
+    extension = Extension("motor_drag", {"motor": acting["motor"]})
+    problem = with_effect(plain, extension)
+    soil = plain.parameters.coordinates([found.truth.soil[name] for name in SOIL])
+    loss = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
+    begin = evaluate(problem, loss, [np.concatenate([soil, [0.2]])], problem.starts)[0]
+    return problem, settle(problem, begin, loss, 4)
+
+
+def test_a_drag_that_fades_drifts() -> None:
+    assert drifts(*fitted("cold_gear", 0.3, 3))["motor_drag"] > 58.0
+
+
+def test_a_drag_that_stays_does_not() -> None:
+    assert 0.0 <= drifts(*fitted("motor_drag", 0.3, 4))["motor_drag"] < 15.0
+
+
+def test_without_effects_there_is_nothing_to_drift() -> None:
+    found = case((), 1.0, 3, runs=1, held_out=0, duration=20.0)
+    problem = problem_of(found.recordings, parameter_set(load_robot("agriq"), SOIL), 5.0, 2)
+    loss = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
+    point = evaluate(problem, loss, [np.zeros(len(SOIL))], problem.starts)[0]
+    assert drifts(problem, settle(problem, point, loss, 1)) == {}
