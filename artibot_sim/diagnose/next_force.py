@@ -40,7 +40,9 @@ _TOPIC_OF = {"yaw_rate": "imu", "articulation_yaw": "joint_states"}
 def next_for_force(
     problem: Problem, found: Finding, noise: Mapping[str, float], *, library: Sequence[Entry] = WITH_TURNS
 ) -> NextExperiment | None:
-    """The cheapest manoeuvre that would tell a force from the next best ones; None where nothing is known beforehand.
+    """The cheapest manoeuvre that would tell a force from the next best ones.
+
+    None where there are no others, and of what wandered in one recording: nobody knows what it will do in the next.
 
     Parameters
     ----------
