@@ -3,7 +3,7 @@
 # all others, three files at a time, for some wait for processes of their own, and behind these the types and the tests on
 # a kernel with CAN, if that is emulated, for then its clock waits for them. The summaries come last.
 # What watches the clock fails where the machine stands still for a moment: a few such tests are tried again, one by one,
-# twice at most. Who fails each time has failed.
+# and those that fail then in slow motion (in_uml.sh), where no machine stands still. Who fails there, too, has failed.
 # With arguments they are pytest's, and it is one part.
 #
 #   scripts/test.sh PYTHON [PYTEST-ARGUMENT …]
@@ -37,13 +37,15 @@ behind() {
 
 few=12
 again() {
-  local cache=(-o "cache_dir=$reports/cache") round count
+  local cache=(-o "cache_dir=$reports/cache") round count slowly=()
   for round in 1 2; do
     count=$("$python" -c 'import json, sys; print(len(json.load(open(sys.argv[1]))))' \
       "$reports/cache/v/cache/lastfailed" 2>/dev/null) || return 1
     [ "$count" -gt 0 ] && [ "$count" -le "$few" ] || return 1
-    echo "tried again, with nothing beside: $count of the tests that watch the clock"
-    "$python" -m pytest "${cache[@]}" --last-failed "${waiting[@]}" 2>&1 | tee "$reports/1-again-$round" && return 0
+    echo "tried again, with nothing beside${slowly[*]:+, in slow motion}: $count of the tests that watch the clock"
+    "${slowly[@]}" "$python" -m pytest "${cache[@]}" --last-failed "${waiting[@]}" 2>&1 | tee "$reports/1-again-$round" &&
+      return 0
+    slowly=("$(dirname "$0")/in_uml.sh" -m 1600M -1 -s 8)
   done
   return 1
 }
