@@ -35,7 +35,11 @@ def start_demo(start_node: NodeStarter, mark: str) -> StartDemo:
 
     def start(out: Path) -> NodeProcess:
         command = [sys.executable, "-m", "artibot_sim.cli", "demo", "--short", "--out", str(out)]
-        return start_node.run(command, name="demo", env={MARK: mark})
+        before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup's would be inherited, and the demo heeds it
+        try:
+            return start_node.run(command, name="demo", env={MARK: mark})
+        finally:
+            signal.signal(signal.SIGHUP, before)
 
     return start
 
