@@ -30,26 +30,21 @@ def drifts(problem: Problem, fit: Fit) -> dict[str, float]:
     parameters, point, free = problem.parameters, fit.point, list(free_parameters(problem))
     residuals, sensitivity = problem.linearised(point.coordinates, point.starts, free)
     reduced = reduce(problem, fit.loss, residuals, sensitivity, point.starts)
-    since = _middles(problem)
+    since = np.array([window.t for window in problem.windows]) + 0.5 * problem.durations  # when they are half over
     since = (since - since.mean()) / max(float(since.std()), 1e-9)
     prior = parameters.prior_information
     matrix = reduced.matrix + prior[np.ix_(free, free)]
     pull = reduced.gradient.sum(axis=0) + (prior @ point.coordinates)[free]
     along, twice = (np.einsum("wij,w->ij", reduced.matrices, since**power) for power in (1, 2))
     pulled = since @ reduced.gradient
-    found = {}
+    found, steady = {}, _gain(matrix, pull)
     for extension, part in zip(parameters.extensions, parameters.places, strict=True):
         own = [free.index(i) for i in range(len(parameters))[part]]
         wide = np.block([[matrix, along[:, own]], [along[own], twice[np.ix_(own, own)]]])
-        found[extension.effect.id] = _gain(wide, np.concatenate([pull, pulled[own]])) - _gain(matrix, pull)
+        found[extension.effect.id] = _gain(wide, np.concatenate([pull, pulled[own]])) - steady
     return found
 
 
 def _gain(matrix: Array, pull: Array) -> float:
     """Nats between here and where the normal equations lead."""
     return float(0.5 * pull @ np.linalg.solve(matrix, pull))
-
-
-def _middles(problem: Problem) -> Array:
-    """When the windows are half over, s since their recordings began."""
-    return np.array([w.t + 0.5 * w.knots * problem.stretches[w.stretch].inputs.dt for w in problem.windows])

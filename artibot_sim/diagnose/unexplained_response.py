@@ -89,7 +89,7 @@ def short(problem: Problem, most: int = WINDOWS) -> Problem:
 
 def ends(problem: Problem) -> Array:
     """Where forces are given: when the compared part of each window begins and ends, shape (windows, KNOTS), s."""
-    end = np.array([w.t + w.knots * problem.stretches[w.stretch].inputs.dt for w in problem.windows])
+    end = np.array([w.t for w in problem.windows]) + problem.durations
     return np.column_stack([end - LENGTH, end])
 
 

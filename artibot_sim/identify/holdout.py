@@ -172,7 +172,7 @@ def _left(
     if not len(t) or error.max() < _FAR * whole.sigma[whole.channel == 0][0]:
         return None
     sliding = KINDS.index("sliding")
-    times = [np.arange(0.0, w.knots * alone.stretches[w.stretch].inputs.dt, _LOOK) for w in problem.windows]
+    times = [np.arange(0.0, duration, _LOOK) for duration in problem.durations]
     followed = problem.look(np.empty(0), point.starts, [Plan(x, np.full(len(x), sliding)) for x in times])
     at = np.concatenate([problem.windows[i].t + times[i] for i in mine])
     patterns = np.concatenate([followed[i] for i in mine])

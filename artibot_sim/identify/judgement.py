@@ -52,7 +52,7 @@ class Motion:
 
 def motion_of(problem: Problem, coordinates: Array, starts: Array, torques: bool) -> Motion:
     """What the windows' simulations show."""
-    t = [np.arange(0.05, w.knots * problem.stretches[w.stretch].inputs.dt, 0.05) for w in problem.windows]
+    t = [np.arange(0.05, duration, 0.05) for duration in problem.durations]
     seen = {}
     for name in ("sliding", "grip", "yaw_rate"):
         plans = [Plan(times, np.full(len(times), KINDS.index(name))) for times in t]

@@ -109,6 +109,11 @@ class Problem:
         return len(self.windows[0].start.mean)
 
     @cached_property
+    def durations(self) -> Array:
+        """How long the windows are, shape (windows,), s."""
+        return np.array([window.knots * self.stretches[window.stretch].inputs.dt for window in self.windows])
+
+    @cached_property
     def starts(self) -> Array:
         """Measured starts, shape (windows, 8 or 6)."""
         return np.array([window.start.mean for window in self.windows])
