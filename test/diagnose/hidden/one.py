@@ -13,6 +13,7 @@ from diagnose.hidden.cases import case
 from artibot_sim.diagnose.command_view import command_view
 from artibot_sim.diagnose.decision import Decision, decide
 from artibot_sim.diagnose.disc_place import disc_place
+from artibot_sim.diagnose.drift import drifts
 from artibot_sim.diagnose.extended import found_parameters
 from artibot_sim.diagnose.options import Options
 from artibot_sim.diagnose.ranking import ranking
@@ -34,6 +35,8 @@ def main(effect: str, severity: str, seed: str, runs: str = "2", duration: str =
     if decision.unexplained is not None:
         print("unexplained:", decision.unexplained)
     print("left:", {name: round(one.typical, 2) for name, one in decision.left.items()})
+    last = decision.turns[-1]  # what would be named, whatever became of it
+    print("drift:", {name: round(nats, 1) for name, nats in drifts(last.problem, last.fit).items()})
     for line in values(decision, options.seed):
         print(line)
     for one in ranking(decision, options.thresholds):
