@@ -17,7 +17,7 @@ fi
 
 # Whole files to each process, those that take longest first (test/conftest.py): none is left alone with one at the end.
 files=(--dist loadfile --no-loadscope-reorder)
-waiting=(test/nodes test/test_demo.py test/test_launch.py test/driver/test_safety_loopback.py)
+waiting=(test/nodes test/test_demo.py test/test_launch.py test/driver/test_safety_loopback.py test/driver/test_drives_command.py)
 can=(test/can)
 rest=("${waiting[@]/#/--ignore=}" "${can[@]/#/--ignore=}")
 if [ -e /sys/class/net/vcan0 ]; then
@@ -35,28 +35,30 @@ behind() {
   return "$failed"
 }
 
-few=12
+# again PART PATH …: what failed of a part, at most twice, with nothing beside it; the second time in slow motion.
+few=24
 again() {
-  local cache=(-o "cache_dir=$reports/cache") round count slowly=()
+  local part=$1 cache=(-o "cache_dir=$reports/cache-$1") round count slowly=()
+  shift
   for round in 1 2; do
     count=$("$python" -c 'import json, sys; print(len(json.load(open(sys.argv[1]))))' \
-      "$reports/cache/v/cache/lastfailed" 2>/dev/null) || return 1
+      "$reports/cache-$part/v/cache/lastfailed" 2>/dev/null) || return 1
     [ "$count" -gt 0 ] && [ "$count" -le "$few" ] || return 1
-    echo "tried again, with nothing beside${slowly[*]:+, in slow motion}: $count of the tests that watch the clock"
-    "${slowly[@]}" "$python" -m pytest "${cache[@]}" --last-failed "${waiting[@]}" 2>&1 | tee "$reports/1-again-$round" &&
-      return 0
+    echo "tried again, with nothing beside${slowly[*]:+, in slow motion}: $count of the tests"
+    "${slowly[@]}" "$python" -m pytest "${cache[@]}" --last-failed "$@" 2>&1 | tee "$reports/$part-again-$round" && return 0
     slowly=("$(dirname "$0")/in_uml.sh" -m 1600M -1 -s 8)
   done
   return 1
 }
 
 failed=0
-"$python" -m pytest -n 2 "${files[@]}" -o "cache_dir=$reports/cache" "${waiting[@]}" 2>&1 | tee "$reports/0-waiting" ||
-  again || failed=1
+"$python" -m pytest -n 2 "${files[@]}" -o "cache_dir=$reports/cache-0" "${waiting[@]}" 2>&1 | tee "$reports/0" ||
+  again 0 "${waiting[@]}" || failed=1
 behind &
-row=$!
-"$python" -m pytest -n 3 "${files[@]}" "${rest[@]}" 2>&1 | tee "$reports/3-rest" || failed=1
+row=$! others=0
+"$python" -m pytest -n 3 "${files[@]}" -o "cache_dir=$reports/cache-3" "${rest[@]}" 2>&1 | tee "$reports/3" || others=1
 wait "$row" || failed=1
+[ "$others" = 0 ] || again 3 "${rest[@]}" || failed=1
 [ ! -e "$reports/2-can" ] || cat "$reports/2-can"
 cat "$reports/types"
 grep -hE '^=+ .* in [0-9.]+s' "$reports"/[0-9]*

@@ -53,24 +53,55 @@ def torque_limit(data: Told, noise: Noise, error: Array) -> Limit | None:
     A motor at the limit falls short of its command, exponentially distributed; elsewhere errors are the sensors'. A
     limit that recorded torques exceed is improbable as Gauss says.
     """
-    known = np.isfinite(data.torque)
-    if not known.any() or not np.abs(data.torque[known]).max() > 0.0:
+    if not _driven(data):
         return None
-    torque, size = data.torque, np.abs(np.nan_to_num(data.torque))
-    spread = _noise_of_torques(data)
-    sigma = _level(noise, error)
-    top = float(np.sort(size)[-10:].mean()) if len(size) > 50 else float(size.max())
-    spread = float(np.hypot(spread, _RELATIVE * top))
-    short = -error * np.sign(torque)
+    size = np.abs(np.nan_to_num(data.torque))
+    top, spread = _top(data, size)
+    plain = -error * np.sign(data.torque) > 4.0 * _level(noise, error)
     found = None
     for limit in top + spread * np.linspace(-7.0, 1.5, 18):
-        at = known & (size > limit - _NEAR * spread)
-        held, gain = _gain(data, at, short, error, sigma)
-        excess = np.maximum((size[known] - limit) / spread - 1.0, 0.0)
-        nats = (gain - 0.5 * float(excess @ excess)) / noise.thinning
+        nats, held, at = _at(data, noise, error, size, float(limit), spread)
         if found is None or nats > found.nats:
-            found = Limit(*_refined(size, at, short > 4.0 * sigma, spread, float(limit)), nats, held)
+            found = Limit(*_refined(size, at, plain, spread, float(limit)), nats, held)
     return found
+
+
+def excluded_limit(data: Told, noise: Noise, error: Array, enough: float) -> float:
+    """The torque (N m) such that every limit below it loses `enough` nats; 0 where there is none, or no torques.
+
+    Limits are tried down to half of what was reached: below that they lose more.
+    """
+    if not _driven(data):
+        return 0.0
+    size = np.abs(np.nan_to_num(data.torque))
+    top, spread = _top(data, size)
+    found = 0.0
+    for limit in np.linspace(0.5 * top, top, 51):
+        if _at(data, noise, error, size, float(limit), spread)[0] > -enough:
+            break
+        found = float(limit)
+    return found
+
+
+def _driven(data: Told) -> bool:
+    """Whether torques are known, and any is not nothing."""
+    known = np.isfinite(data.torque)
+    return bool(known.any()) and float(np.abs(data.torque[known]).max()) > 0.0
+
+
+def _top(data: Told, size: Array) -> tuple[float, float]:
+    """The largest torque, N m, and how sure a single one is."""
+    top = float(np.sort(size)[-10:].mean()) if len(size) > 50 else float(size.max())
+    return top, float(np.hypot(_noise_of_torques(data), _RELATIVE * top))
+
+
+def _at(data: Told, noise: Noise, error: Array, size: Array, limit: float, spread: float) -> tuple[float, Flags, Flags]:
+    """Nats that a limit gains; samples that it explains, and those that are near it."""
+    known = np.isfinite(data.torque)
+    near = known & (size > limit - _NEAR * spread)
+    held, gain = _gain(data, near, -error * np.sign(data.torque), error, _level(noise, error))
+    excess = np.maximum((size[known] - limit) / spread - 1.0, 0.0)
+    return (gain - 0.5 * float(excess @ excess)) / noise.thinning, held, near
 
 
 def _refined(size: Array, at: Flags, plain: Flags, spread: float, limit: float) -> tuple[float, float]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from artibot_sim.diagnose.command_data import Told
 from artibot_sim.diagnose.command_fit import Best, Fitter
-from artibot_sim.diagnose.command_limit import Limit, torque_limit
+from artibot_sim.diagnose.command_limit import Limit, excluded_limit, torque_limit
 from artibot_sim.diagnose.command_model import PARAMETERS, Way, known_way, seen, way_of
 from artibot_sim.diagnose.command_noise import Noise, noise_in, sensor_noise
 from artibot_sim.diagnose.command_series import Level, level_of, series_of
@@ -50,6 +50,8 @@ class ViewEvidence:
         Why it gives no evidence, where it cannot.
     excluded_above : mapping of str to float
         For an effect that gains nothing: departure from neutral from which the commands exclude it.
+    excluded_below : mapping of str to float
+        The same of limits: values below which the commands exclude them.
     """
 
     nats: float
@@ -57,6 +59,7 @@ class ViewEvidence:
     sd: Mapping[str, float]
     note: str = ""
     excluded_above: Mapping[str, float] = field(default_factory=dict)
+    excluded_below: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -165,8 +168,10 @@ class Work:
         base, fit = self.fit(given), self.fit((*given, effect))
         values, sd = self.parameters(effect, fit)
         nats = max(fit.value - base.value, 0.0) if self._matters(effect, fit) else 0.0
-        excluded = self._excluded(effect, fit) if nats < _UNSEEN and not given else {}
-        return ViewEvidence(nats, values, sd, self._note(effect, nats), excluded)
+        note = self._note(effect, nats)
+        if nats >= _UNSEEN or given:
+            return ViewEvidence(nats, values, sd, note)
+        return ViewEvidence(nats, values, sd, note, self._excluded(effect, fit), self._excluded_limit(effect, base))
 
     def _matters(self, effect: str, fit: Fit) -> bool:
         """Whether an effect is as large as to be told from what stamps and encoders leave open."""
@@ -214,6 +219,14 @@ class Work:
             if all(fitter.value(way) < best.value - _EXCLUDED for way in tried):
                 return {name: float(size)}
         return {}
+
+    def _excluded_limit(self, effect: str, base: Fit) -> dict[str, float]:
+        """Below which torque a limit that is not there would have been seen."""
+        if effect != LIMIT:
+            return {}
+        error = self.data.speed - seen(self.data, base.best.way)
+        limit = excluded_limit(self.data, self.noise, error, _EXCLUDED)
+        return {"front_max": limit} if limit > 0.0 else {}
 
     def gained(self, robot: Robot) -> float:
         """Log-likelihood that a robot's effects gain as they are."""

@@ -22,9 +22,12 @@ class Other:
         Departures from neutral that it excludes, by parameter.
     note : str
         Why it says nothing, where it cannot.
+    excluded_below : mapping of str to float
+        Values below which it excludes limits, by parameter.
     """
 
     nats: float
     found: Mapping[str, Found]
     excluded_above: Mapping[str, float] = field(default_factory=dict)
     note: str = ""
+    excluded_below: Mapping[str, float] = field(default_factory=dict)

@@ -84,6 +84,8 @@ class Candidate:
         One sentence for a person; empty where nothing is to be said.
     fitted : bool
         Whether it was fitted together with the soil, or only screened.
+    excluded_below : mapping of str to float
+        What `excluded_above` is, of limits: values below which the data exclude them.
     """
 
     effect: str
@@ -92,6 +94,7 @@ class Candidate:
     excluded_above: Mapping[str, float] = field(default_factory=dict)
     note: str = ""
     fitted: bool = False
+    excluded_below: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -178,11 +181,11 @@ class NextExperiment:
     what : str
         A sentence for a person.
     manoeuvre : str
-        Its name in the library of manoeuvres.
+        Its name in the library of manoeuvres; empty where it is one that was recorded.
     separates : tuple of str
-        Ids of effects.
+        Ids of effects; empty where there are none to tell apart.
     nats : float
-        Log-likelihood ratio to be expected between the two that are hardest to tell apart.
+        Log-likelihood ratio to be expected between the two that are hardest to tell apart; NaN without any.
     """
 
     what: str

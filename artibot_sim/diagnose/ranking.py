@@ -10,7 +10,7 @@ import numpy as np
 from artibot_sim.diagnose.decision import Decision, Named
 from artibot_sim.diagnose.diagnosis import Candidate
 from artibot_sim.diagnose.evidence import DECADE
-from artibot_sim.diagnose.exclusion import excluded
+from artibot_sim.diagnose.exclusion import excluded, excluded_below
 from artibot_sim.diagnose.greedy import Turn
 from artibot_sim.diagnose.other import Other
 from artibot_sim.diagnose.screen import Trial
@@ -29,25 +29,29 @@ def ranking(decision: Decision, thresholds: Thresholds) -> tuple[Candidate, ...]
         else:
             tried = [turn for turn in turns if any(trial.id == effect for trial in turn.trials)]
             at = turns[0] if effect in turns[0].evidence or not tried else tried[-1]
-        bounds = excluded([t for t in at.trials if t.id == effect], decision.least, thresholds)
-        own = _candidate(effect, at, {} if effect in named else bounds)
+        own = _candidate(effect, at)
+        if effect not in named:
+            trials = [trial for trial in at.trials if trial.id == effect]
+            above = excluded(trials, decision.least, thresholds)
+            below = excluded_below(trials, decision.least, thresholds)
+            own = replace(own, excluded_above=above, excluded_below=below)
         found.append(_with_other(own, decision.other[effect], named) if effect in decision.other else own)
     return tuple(sorted(found, key=lambda c: -c.log10_bayes_factor if np.isfinite(c.log10_bayes_factor) else np.inf))
 
 
-def _candidate(effect: str, at: Turn, bounds: Mapping[str, float]) -> Candidate:
+def _candidate(effect: str, at: Turn) -> Candidate:
     trials = [trial for trial in at.trials if trial.id == effect]
     rival = next((rival for rival in at.rivals if rival.id == effect), None)
     if rival is not None:
         evidence = at.evidence[effect]
         extension = rival.trial.hypothesis.extension
         values = extension.values(rival.own)
-        return Candidate(effect, evidence.nats / DECADE, values, bounds, _note(trials), True)
+        return Candidate(effect, evidence.nats / DECADE, values, note=_note(trials), fitted=True)
     if not trials:
-        return Candidate(effect, 0.0, {}, {}, "not looked for: these recordings cannot show it")
+        return Candidate(effect, 0.0, {}, note="not looked for: these recordings cannot show it")
     best = min(trials, key=lambda trial: trial.point.cost)
     nats = 0.5 * (at.screened - best.point.cost)
-    return Candidate(effect, nats / DECADE, best.hypothesis.extension.values(best.own), bounds, _note(trials), False)
+    return Candidate(effect, nats / DECADE, best.hypothesis.extension.values(best.own), note=_note(trials))
 
 
 def _with_other(own: Candidate, other: Other, named: Mapping[str, Named]) -> Candidate:
@@ -56,8 +60,10 @@ def _with_other(own: Candidate, other: Other, named: Mapping[str, Named]) -> Can
     if own.values:
         return replace(own, log10_bayes_factor=nats)
     values = {name: found.value for name, found in other.found.items()}
-    bounds = {} if own.effect in named else other.excluded_above
-    return replace(own, log10_bayes_factor=nats, values=values, excluded_above=bounds, note=other.note, fitted=True)
+    own = replace(own, log10_bayes_factor=nats, values=values, note=other.note, fitted=True)
+    if own.effect in named:
+        return own
+    return replace(own, excluded_above=other.excluded_above, excluded_below=other.excluded_below)
 
 
 def _note(trials: list[Trial]) -> str:

@@ -8,13 +8,14 @@ from dataclasses import replace
 from artibot_sim.diagnose.command_view import command_view
 from artibot_sim.diagnose.data_check import data_warnings
 from artibot_sim.diagnose.decision import Decision, refuted
-from artibot_sim.diagnose.diagnosis import Cause, ChannelBaseline, Diagnosis, Found, NextExperiment
+from artibot_sim.diagnose.diagnosis import Cause, ChannelBaseline, Diagnosis, Found, NextExperiment, Verdict
 from artibot_sim.diagnose.disc_place import disc_place
 from artibot_sim.diagnose.evidence import DECADE
 from artibot_sim.diagnose.extended import found_parameters, robot_of
 from artibot_sim.diagnose.looks import COMMANDED, look, with_commands
 from artibot_sim.diagnose.next_experiment import next_experiment
 from artibot_sim.diagnose.next_force import next_for_force
+from artibot_sim.diagnose.next_repeat import repeated
 from artibot_sim.diagnose.options import Options
 from artibot_sim.diagnose.places import places
 from artibot_sim.diagnose.predictions import Pair, baseline_levels, gains, predict
@@ -25,6 +26,7 @@ from artibot_sim.diagnose.words import refutation, shortfall
 from artibot_sim.diagnose.worth import Worth, improvements, is_minor, is_refuted
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.sensing import missing
 from artibot_sim.identify.side_by_side import side_by_side
 from artibot_sim.model import Robot
 
@@ -122,10 +124,12 @@ def _parameters(decision: Decision, after: Uncertain, seed: int) -> dict[str, Ma
 
 
 def _next(decision: Decision, channels: Mapping[str, ChannelBaseline], seed: int) -> NextExperiment | None:
-    """What would tell the first cause from those that tie with it, or a force on no list from the next best ones."""
+    """What would tell the first cause from those that tie with it, or what a force on no list is."""
     noise = {name: one.noise / (2.0**0.5 if name == "position" else 1.0) for name, one in channels.items()}
-    if decision.unexplained is not None:
-        return next_for_force(decision.neutral_problem, decision.unexplained, noise)
+    if decision.verdict is Verdict.UNEXPLAINED:
+        problem, force = decision.neutral_problem, decision.unexplained
+        advice = None if force is None else next_for_force(problem, force, noise)
+        return advice or repeated(missing(problem.stretches, problem.parameters.robot))
     if not decision.named or not decision.ordered[0].ties:
         return None
     first = decision.ordered[0]

@@ -49,21 +49,29 @@ class Trial:
     point : Point
     sd : array, shape (len(extension),)
         Standard deviations of the coordinates as sensitivities at neutral give them; infinite where nothing changes.
-    blur : float
-        The same as finite probes give it, soil and mu_s having had their say: a probe's size over the root of what it
-        costs. Infinite where some probe costs nothing, or none was tried.
+    tested : tuple of (array of shape (len(extension),), float)
+        Coordinates of finite probes, and what each costs over the baseline, soil and mu_s having had their say.
     """
 
     hypothesis: Hypothesis
     problem: Problem
     point: Point
     sd: Array
-    blur: float = np.inf
+    tested: tuple[tuple[Array, float], ...] = ()
 
     @property
     def id(self) -> str:
         """Of the effect."""
         return self.hypothesis.id
+
+    @property
+    def blur(self) -> float:
+        """Standard deviation of the coordinates' length as the probe that tells least gives it: size over root of cost.
+
+        Infinite where some probe costs nothing, or none was tried.
+        """
+        found = [float(np.linalg.norm(own) / np.sqrt(cost)) if cost > 0.0 else np.inf for own, cost in self.tested]
+        return max(found, default=np.inf)
 
     @property
     def own(self) -> Array:
@@ -146,7 +154,7 @@ def _screened(base: Around, hypothesis: Hypothesis) -> Trial:
         points = _resumed(base, problem, points, len(extension))
     ends = [step(problem, base.loss, point, base.free, known=base.sensitivity, tries=2)[0] for point in points]
     best = min(ends, key=lambda point: point.cost)
-    return Trial(hypothesis, problem, best, sd, _blur(tests, ends, base.point.cost))
+    return Trial(hypothesis, problem, best, sd, _tested(tests, ends, base.point.cost))
 
 
 def _resumed(base: Around, problem: Problem, points: Sequence[Point], size: int) -> list[Point]:
@@ -168,14 +176,13 @@ def _starts(base: Around, problem: Problem, guesses: Sequence[Array]) -> Array:
     return np.array([problem.held(now, problem.parameters.robot_at(c), base.point.starts) for c in guesses])
 
 
-def _blur(probes: Sequence[Array], ends: Sequence[Point], neutral: float) -> float:
-    """Standard deviation of the coordinates' length as the probe that tells least gives it."""
+def _tested(probes: Sequence[Array], ends: Sequence[Point], neutral: float) -> tuple[tuple[Array, float], ...]:
+    """Probes with what the best fit that holds to each costs over a baseline's `neutral`."""
     found = []
     for own in probes:
         costs = [end.cost for end in ends if np.array_equal(end.coordinates[-len(own) :], own)]
-        lost = min(costs, default=neutral) - neutral
-        found.append(float(np.linalg.norm(own) / np.sqrt(lost)) if lost > 0.0 else np.inf)
-    return max(found, default=np.inf)
+        found.append((own, min(costs, default=neutral) - neutral))
+    return tuple(found)
 
 
 def faint(hypothesis: Hypothesis) -> list[Array]:

@@ -69,10 +69,11 @@ def together(view: CommandView, rival: Rival, own: Evidence, beside: Mapping[str
 
 def _other(effect: str, one: ViewEvidence) -> Other:
     if not one.values:
-        return Other(0.0, {}, one.excluded_above, one.note)
+        return Other(0.0, {}, one.excluded_above, one.note, one.excluded_below)
     widths = np.minimum(_widths(Extension(effect), one), SPREAD) / SPREAD
     occam = float(np.log(np.maximum(widths, 1e-12)).sum())
-    return Other(one.nats + min(0.0, occam), _found(effect, one), one.excluded_above, one.note)
+    nats = one.nats + min(0.0, occam)
+    return Other(nats, _found(effect, one), one.excluded_above, one.note, one.excluded_below)
 
 
 def _widths(extension: Extension, one: ViewEvidence) -> list[float]:

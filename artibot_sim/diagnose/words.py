@@ -266,6 +266,8 @@ def _way(left: float | None) -> str:
 
 
 def excluded_words(candidate: Candidate, units: Mapping[str, str]) -> str:
-    """From which sizes on an effect is excluded."""
-    sizes = candidate.excluded_above.items()
-    return ", ".join(f"{effect_words(name)} {amount(size, units.get(name, ''))}" for name, size in sizes)
+    """Which sizes of an effect are excluded; empty where none are."""
+    said = []
+    for side, sizes in (("from", candidate.excluded_above), ("below", candidate.excluded_below)):
+        said += [f"{effect_words(name)} {side} {amount(size, units.get(name, ''))}" for name, size in sizes.items()]
+    return ", ".join(said)

@@ -163,6 +163,6 @@ def _cause(entry: Mapping[str, Any]) -> Cause:
 
 def _candidate(entry: Mapping[str, Any]) -> Candidate:
     numbers = _floats(entry)
-    for name in ("values", "excluded_above"):
-        numbers[name] = _floats(entry[name])
+    for name in ("values", "excluded_above", "excluded_below"):
+        numbers[name] = _floats(entry.get(name, {}))
     return Candidate(**numbers)

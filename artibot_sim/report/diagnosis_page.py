@@ -202,9 +202,12 @@ def _next(found: Diagnosis) -> str:
     what = found.next_experiment
     if what is None:
         return ""
-    between = words.joined([words.effect_words(name) for name in what.separates])
-    expected = f"It would separate {between} by {what.nats:.0f} nats ({words.odds(what.nats / charts.LOG10)})."
-    return section("What to measure next", paragraph(what.what, "next"), paragraph(expected if between else ""))
+    said = [paragraph(what.what, "next")]
+    if what.separates:
+        between = words.joined([words.effect_words(name) for name in what.separates])
+        odds = words.odds(what.nats / charts.LOG10)
+        said.append(paragraph(f"It would separate {between} by {what.nats:.0f} nats ({odds})."))
+    return section("What to measure next", *said)
 
 
 def _data(found: Diagnosis) -> str:
@@ -226,7 +229,10 @@ def _free_runs(page: _Page) -> str:
 
 def _excluded(found: Diagnosis) -> str:
     inside = tables.excluded(found)
-    text = "Effects that were not found, and the sizes from which on these recordings exclude them."
+    text = (
+        "Effects that were not found, and the sizes that these recordings exclude: departures from the paper's model "
+        "from so much on, limits below so much. An effect that is not here may have any size."
+    )
     return section("What it is not", paragraph(text), inside) if inside else ""
 
 

@@ -146,15 +146,15 @@ def _values(candidate: Candidate) -> str:
 
 
 def excluded(found: Diagnosis) -> str:
-    """Sizes from which on effects that were not found are excluded."""
+    """Sizes that are excluded of effects that were not found."""
     rows = []
     for candidate in found.ranking:
-        if not candidate.excluded_above:
+        names = (*candidate.excluded_above, *candidate.excluded_below)
+        said = words.excluded_words(candidate, {name: unit_of(candidate.effect, name) for name in names})
+        if not said:
             continue
-        units = {name: unit_of(candidate.effect, name) for name in candidate.excluded_above}
-        said = words.excluded_words(candidate, units)
         rows.append(("", (html.escape(words.effect_words(candidate.effect)), html.escape(said))))
-    return table(("effect", "excluded from"), rows, 2)
+    return table(("effect", "excluded"), rows, 2)
 
 
 def unexplained(what: Unexplained) -> str:

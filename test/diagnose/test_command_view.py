@@ -146,6 +146,21 @@ def test_what_never_acts_gives_no_evidence_and_is_excluded(effects: dict, exclud
         assert 0.0 < size < abs(HIDDEN[excluded][parameter] - AGRIQ_NEUTRAL[excluded])
 
 
+def test_a_limit_is_excluded_below_what_would_have_been_found() -> None:
+    strong = AGRIQ.replace({"drive.front.torque_max": 10.0})
+    view = command_view(driven(strong, seed=4), AGRIQ)
+    ((parameter, bound),) = view.evidence["torque_limit"].excluded_below.items()
+    reached = max(np.nanmax(np.abs(view_torques(run))) for run in driven(strong, seed=4))
+    assert parameter == "front_max" and 0.8 * reached < bound < reached
+    lower = robot_with(torque_limit={"front_max": bound}).replace({"drive.front.torque_max": 10.0})
+    assert command_view(driven(lower, seed=4), AGRIQ).found == ("torque_limit",)
+
+
+def view_torques(run: Experiment) -> np.ndarray:
+    columns = run.channels["motor_torques"].columns
+    return np.concatenate([values for name, values in columns.items() if name.startswith("front") and "effort" in name])
+
+
 AGRIQ_NEUTRAL = {"command_delay": 0.0, "encoder_scale": 1.0, "torque_scale": 1.0}
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.exclusion import excluded
+from artibot_sim.diagnose.exclusion import excluded, excluded_below
 from artibot_sim.diagnose.hypotheses import Hypothesis
 from artibot_sim.diagnose.screen import Trial
 from artibot_sim.diagnose.thresholds import THRESHOLDS
@@ -17,8 +17,14 @@ LEAST = 58.0
 
 
 def trial(effect: str, sd: float, blur: float, probes: tuple[float, ...] = (0.5, 1.5)) -> Trial:
-    hypothesis = Hypothesis(Extension(effect), tuple(np.array([probe]) for probe in probes))
-    return Trial(hypothesis, None, None, np.full(1, sd), blur)  # type: ignore[arg-type]
+    return tried(Extension(effect), sd, {probe: (probe / blur) ** 2 for probe in probes})
+
+
+def tried(extension: Extension, sd: float, costs: dict[float, float]) -> Trial:
+    """A trial by what each probe costs."""
+    tested = tuple((np.array([probe]), cost) for probe, cost in costs.items())
+    hypothesis = Hypothesis(extension, tuple(probe for probe, _ in tested))
+    return Trial(hypothesis, None, None, np.full(1, sd), tested)  # type: ignore[arg-type]
 
 
 def coordinate(trials: list[Trial]) -> float:
@@ -61,3 +67,32 @@ def test_what_costs_nothing_is_not_excluded() -> None:
 
 def test_what_is_not_smooth_is_excluded_from_its_smallest_probe_on() -> None:
     assert coordinate([trial("tyre_relaxation", 0.0004, 0.01, (0.3, 0.7))]) == pytest.approx(0.3)
+
+
+def stop(costs: dict[float, float], bend: float = 0.4) -> Trial:
+    return tried(Extension("joint_stop", {}, bend), np.inf, costs)
+
+
+TOLD, FAINT = 2.0 * (np.sqrt(LEAST) + 2.0) ** 2, 2.0 * LEAST
+"""What a probe costs that bad luck does not hide, and one that it may hide."""
+
+
+@pytest.mark.parametrize(
+    ("costs", "share"),
+    [
+        ({0.0: TOLD, -0.15: TOLD, -0.5: 9 * TOLD}, 1.0),
+        ({0.0: FAINT, -0.15: TOLD, -0.5: 9 * TOLD}, np.exp(-0.015)),
+        ({-0.5: 9 * TOLD, 0.0: -3.0, -0.15: FAINT}, np.exp(-0.05)),
+        ({0.0: TOLD, -0.15: FAINT, -0.5: TOLD}, np.exp(-0.05)),  # gentler by chance
+        ({0.0: TOLD, -0.15: TOLD, -0.5: FAINT}, None),
+    ],
+)
+def test_a_stop_is_excluded_below_the_gentlest_that_would_have_been_named(costs: dict, share: float | None) -> None:
+    found = excluded_below([stop(costs)], LEAST, THRESHOLDS)
+    assert found == ({} if share is None else {"angle": pytest.approx(0.4 * share)})
+    assert excluded([stop(costs)], LEAST, THRESHOLDS) == {}
+
+
+def test_only_limits_are_excluded_below() -> None:
+    assert excluded_below([trial("joint_friction", 0.01, 0.01)], LEAST, THRESHOLDS) == {}
+    assert excluded_below([], LEAST, THRESHOLDS) == {}

@@ -61,5 +61,6 @@ def test_what_acts_in_the_fitted_recordings_only_is_not_named() -> None:
     assert found.causes == ()
     assert "gyro bias" in found.warnings[0]
     assert "held-out ones are predicted worse" in found.warnings[0]
+    assert found.next_experiment is not None and found.next_experiment.what.startswith("Drive ")
     assert "gyro_bias" in {candidate.effect for candidate in found.ranking}
     assert found.extended.effects == {}
