@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
-# Types and all tests: first those that watch the clock and mostly wait, two files at a time, with nothing beside them; then
-# all others, three files at a time, for some wait for processes of their own, and behind these the types and the tests on
-# a kernel with CAN, if that is emulated, for then its clock waits for them. The summaries come last.
-# What watches the clock fails where the machine stands still for a moment: a few such tests are tried again, one by one,
-# and those that fail then in slow motion (in_uml.sh), where no machine stands still. Who fails there, too, has failed.
+# Types and all tests: first those that ask for the whole machine in time, one by one; then what watches the clock and mostly
+# waits, two files at a time, with nothing beside them; then all others, three files at a time, for some wait for processes
+# of their own, and behind these the types and the tests on a kernel with CAN, if that is emulated, for then its clock
+# waits for them. The summaries come last.
+# What watches the clock fails where the machine stands still for a moment: a few tests are tried again, one by one, and
+# those that fail then in slow motion (in_uml.sh), where no machine stands still. Who fails there, too, has failed.
 # With arguments they are pytest's, and it is one part.
 #
 #   scripts/test.sh PYTHON [PYTEST-ARGUMENT …]
@@ -17,9 +18,10 @@ fi
 
 # Whole files to each process, those that take longest first (test/conftest.py): none is left alone with one at the end.
 files=(--dist loadfile --no-loadscope-reorder)
-waiting=(test/nodes test/test_demo.py test/test_launch.py test/driver/test_safety_loopback.py test/driver/test_drives_command.py)
+alone=(test/test_demo.py test/driver/test_safety_loopback.py test/driver/test_drives_command.py)
+waiting=(test/nodes test/test_launch.py)
 can=(test/can)
-rest=("${waiting[@]/#/--ignore=}" "${can[@]/#/--ignore=}")
+rest=("${alone[@]/#/--ignore=}" "${waiting[@]/#/--ignore=}" "${can[@]/#/--ignore=}")
 if [ -e /sys/class/net/vcan0 ]; then
   waiting+=("${can[@]}")
   can=()
@@ -52,8 +54,10 @@ again() {
 }
 
 failed=0
-"$python" -m pytest -n 2 "${files[@]}" -o "cache_dir=$reports/cache-0" "${waiting[@]}" 2>&1 | tee "$reports/0" ||
-  again 0 "${waiting[@]}" || failed=1
+"$python" -m pytest -o "cache_dir=$reports/cache-0" "${alone[@]}" 2>&1 | tee "$reports/0" ||
+  again 0 "${alone[@]}" || failed=1
+"$python" -m pytest -n 2 "${files[@]}" -o "cache_dir=$reports/cache-1" "${waiting[@]}" 2>&1 | tee "$reports/1" ||
+  again 1 "${waiting[@]}" || failed=1
 behind &
 row=$! others=0
 "$python" -m pytest -n 3 "${files[@]}" -o "cache_dir=$reports/cache-3" "${rest[@]}" 2>&1 | tee "$reports/3" || others=1

@@ -20,8 +20,6 @@ settings.register_profile("artibot", deadline=None, max_examples=40)
 settings.load_profile("artibot")
 
 LONGEST = (
-    "test_demo.py",
-    "driver/test_safety_loopback.py",
     "nodes/test_driver_node.py",
     "nodes/test_sim_services.py",
     "nodes/test_closed_loop.py",
@@ -40,8 +38,7 @@ LONGEST = (
     "experiment/test_kill.py",
     "test_install.py",
 )
-"""Files whose tests take longest together, in `test`. Beside the demo, a processor's worth of work, stands what notices
-that the machine held it up, and tries again."""
+"""Files whose tests take longest together, in `test`."""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
