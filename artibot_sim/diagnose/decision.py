@@ -231,7 +231,7 @@ def _best(
     good: dict[str, float] = {}
     for effect, nats in fitted.items():
         enough = least + thresholds.more(effect)
-        if effect not in without and acceptable(found.evidence[effect], nats, enough, thresholds):
+        if effect not in without and acceptable(effect, found.evidence[effect], nats, enough, thresholds):
             good[effect] = nats
     for effect, view in heard.items():
         if effect in good or effect in without or fitted.get(effect, least) < least:

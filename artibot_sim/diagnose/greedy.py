@@ -21,6 +21,7 @@ from artibot_sim.identify.robust import Loss, channel_levels, merged
 from artibot_sim.identify.search import Fit, thinned
 from artibot_sim.identify.side_by_side import side_by_side
 from artibot_sim.identify.windows import CHANNEL_NAMES
+from artibot_sim.model.effects import EFFECTS
 
 Array = NDArray[np.float64]
 Tick = Callable[[], None]
@@ -145,7 +146,10 @@ def _with_starts_of(problem: Problem, best: Fit, rivals: Sequence[Rival], rounds
     return sorted(found, key=lambda rival: rival.fit.point.cost)
 
 
-def acceptable(found: Evidence, nats: float, least: float, thresholds: Thresholds) -> bool:
-    """Whether an effect is named."""
+def acceptable(effect: str, found: Evidence, nats: float, least: float, thresholds: Thresholds) -> bool:
+    """Whether an effect is named; the size of a limit says nothing, for without it there is none."""
+    search = EFFECTS[effect].search
+    if search is not None and search.reference:
+        return nats >= least
     size = float(np.abs(found.own).max())
     return nats >= least and found.away >= thresholds.away and size >= thresholds.size

@@ -40,8 +40,8 @@ def main(effect: str, severity: str, seed: str, runs: str = "2", duration: str =
     for line in values(decision, options.seed):
         print(line)
     for one in ranking(decision, options.thresholds):
-        if one.effect in hidden and (one.excluded_above or one.excluded_below):
-            print("excluded from:", dict(one.excluded_above), "below:", dict(one.excluded_below))
+        if (one.effect in hidden or not hidden) and (one.excluded_above or one.excluded_below):
+            print(f"{one.effect} excluded from:", dict(one.excluded_above), "below:", dict(one.excluded_below))
 
 
 def values(decision: Decision, seed: int) -> list[str]:
