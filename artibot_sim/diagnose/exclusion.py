@@ -6,14 +6,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from artibot_sim.diagnose.screen import Trial
+from artibot_sim.diagnose.patches import RADII, told_along
+from artibot_sim.diagnose.screen import Around, Trial
 from artibot_sim.diagnose.thresholds import Thresholds
-from artibot_sim.identify.extension import SPREAD
+from artibot_sim.identify.extension import SPREAD, Extension
 
 _MARGIN = 2.0
 """Standard deviations that chance may take from an effect of that size."""
 _FAITHFUL = 0.9
 """Share of a size that is found at least."""
+_GROUND = 0.9
+"""Share of the ground driven on for which a patch is excluded."""
 
 
 def excluded(trials: Sequence[Trial], least: float, thresholds: Thresholds) -> dict[str, float]:
@@ -36,16 +39,40 @@ def excluded(trials: Sequence[Trial], least: float, thresholds: Thresholds) -> d
         sd = float(max(np.max(trial.sd), trial.blur))
         if not np.isfinite(sd) or extension.search.reference:
             return {}
-        occam = len(extension) * max(0.0, float(np.log(SPREAD / sd)))
-        needed = least + thresholds.more(trial.id) + occam
-        gained = sd * (float(np.sqrt(2.0 * needed)) + _MARGIN)
-        reach = max(gained, float((thresholds.size + _MARGIN * sd) / _FAITHFUL))
+        reach = _reach(sd, len(extension), least + thresholds.more(trial.id), thresholds)
         if extension.search.least:  # not smooth at neutral: nothing smaller than its probes was looked for
             reach = max(reach, min(float(np.linalg.norm(probe)) for probe in trial.hypothesis.probes))
         for name, size in extension.search.sizes.items():
             bound = float(np.expm1(reach * size)) if extension.search.logarithmic else reach * size
             found[name] = max(found.get(name, 0.0), bound)
     return found
+
+
+def excluded_patch(base: Around, effect: str, least: float, thresholds: Thresholds) -> dict[str, float]:
+    """The same of a disc on the ground, which may lie anywhere: the departure that nine tenths of the ground exclude.
+
+    Parameters
+    ----------
+    base : Around
+        The fit that leaves nothing to be named.
+    effect : str
+    least : float
+        Nats that it has to gain.
+    """
+    told = told_along(base, effect)
+    here = np.sort(told)[int(np.ceil(_GROUND * len(told))) - 1] if len(told) else np.inf
+    if not np.isfinite(here):
+        return {}
+    among = float(np.log(len(told) * len(RADII)))
+    reach, extension = _reach(float(here), 1, least + thresholds.more(effect) + among, thresholds), Extension(effect)
+    return {name: float(np.expm1(reach * size)) for name, size in extension.search.sizes.items()}
+
+
+def _reach(sd: float, size: int, needed: float, thresholds: Thresholds) -> float:
+    """The coordinate that two deviations less than it would still be named by, of so many that are fitted."""
+    occam = size * max(0.0, float(np.log(SPREAD / sd)))
+    gained = sd * (float(np.sqrt(2.0 * (needed + occam))) + _MARGIN)
+    return max(gained, float((thresholds.size + _MARGIN * sd) / _FAITHFUL))
 
 
 def excluded_below(trials: Sequence[Trial], least: float, thresholds: Thresholds) -> dict[str, float]:

@@ -13,7 +13,7 @@ from artibot_sim.diagnose.evidence import Evidence, evidence
 from artibot_sim.diagnose.hypotheses import hypotheses
 from artibot_sim.diagnose.input_noise import excess_of
 from artibot_sim.diagnose.patches import discs
-from artibot_sim.diagnose.screen import Trial, at_rest, screen
+from artibot_sim.diagnose.screen import Around, Trial, at_rest, screen
 from artibot_sim.diagnose.thresholds import TRUST, Thresholds
 from artibot_sim.identify.gauss_newton import again
 from artibot_sim.identify.problem import Problem
@@ -54,6 +54,8 @@ class Turn:
         Cost that the trials are to be held against.
     fallen : float
         Nats by which the baseline is better than the one around which it was searched.
+    base : Around, optional
+        That one.
     """
 
     trials: tuple[Trial, ...]
@@ -64,6 +66,7 @@ class Turn:
     loss: Loss
     screened: float
     fallen: float = 0.0
+    base: Around | None = None
 
 
 def turn(
@@ -78,7 +81,7 @@ def turn(
     trials = screen(base, hypotheses(problem.parameters.robot, problem.stretches, named), tick) + discs(base)
     rivals = contest(trials, control.cost, loss, rounds, tick)
     if not rivals:
-        return Turn(tuple(trials), (), {}, problem, fit, loss, control.cost)
+        return Turn(tuple(trials), (), {}, problem, fit, loss, control.cost, base=base)
     best, rivals = finished(base, rivals, rounds, tick)
     near = [r for r in rivals[: rounds.returns] if best.point.cost - r.fit.point.cost >= 2.0 * rounds.worth]
     others = side_by_side(lambda rival: neutralised(rival, best, loss, rounds), near, problem.workers, tick)
@@ -90,7 +93,7 @@ def turn(
     costs = [best.point.cost - one for one in excess]
     told = side_by_side(lambda one: evidence(*one), list(zip(rivals, costs, strict=True)), problem.workers)
     found = {rival.id: one for rival, one in zip(rivals, told, strict=True)}
-    return Turn(tuple(trials), tuple(rivals), found, problem, best, loss, control.cost, fallen)
+    return Turn(tuple(trials), tuple(rivals), found, problem, best, loss, control.cost, fallen, base)
 
 
 def _with_honest_noise(

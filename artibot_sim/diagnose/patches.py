@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 from artibot_sim.diagnose.hypotheses import Hypothesis, with_effect
 from artibot_sim.diagnose.screen import Around, Trial, faint
 from artibot_sim.identify.extension import Extension
-from artibot_sim.identify.gauss_newton import Point, assess, evaluate, step
+from artibot_sim.identify.gauss_newton import Point, assess, evaluate, reduce, step
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss
+from artibot_sim.identify.sensitivity import Sensitivity
 from artibot_sim.identify.side_by_side import side_by_side
 from artibot_sim.model.effects import EFFECTS
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 SPACING = 0.7
 """m between centres of candidates."""
@@ -34,6 +36,18 @@ _MOST = 60
 _KEPT = 6
 _AT_ONCE = 200
 """Windows that are simulated together."""
+_SMALL = 0.3
+"""Coordinate of the discs that show how well one is told."""
+_APART = 2.0 * SPACING
+"""m between the centres of those."""
+_PLACES = 120
+"""At most."""
+_IN_ONE = 8
+"""So many of them at once."""
+_PLAIN = (-1.0, 1.0)
+"""Coordinates between which such a disc is tried."""
+_SOUGHT, _FEW = 15.0, 3
+"""Nats that the best of them promise at least to be tried, and how many are."""
 _MOVES = (0.4, 0.2, 0.1)
 """m by which centre and radius are moved when a disc is refined."""
 
@@ -47,6 +61,14 @@ class _Disc:
     radius: float
     probe: Array
     gain: float = 0.0
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A disc at its best, linearly, and the standard deviation of its coordinate."""
+
+    disc: _Disc
+    sd: float
 
 
 def discs(base: Around) -> list[Trial]:
@@ -66,9 +88,13 @@ def _discs(base: Around, effect: str, probes: Sequence[tuple[float, ...]]) -> li
     every = [*plain, *faint(Hypothesis(Extension(effect), plain))]
     tried = [_Disc(x, y, radius, probe) for x, y in centres for radius in RADII for probe in every]
     tried = sorted(gained(base, effect, tried), key=lambda disc: -disc.gain)[:_KEPT]
+    seen = sorted((one.disc for one in scanned(base, effect)), key=lambda disc: -disc.gain)
+    nearest = Extension(effect).nearest
+    tried += [replace(disc, probe=nearest(np.clip(disc.probe, *_PLAIN))) for disc in seen[:_FEW] if disc.gain > _SOUGHT]
+    among = max(1, len(tried) * max(len(centres), len(seen)))
 
     def trial(disc: _Disc) -> Trial:
-        hypothesis = Hypothesis(_extension(effect, disc), (disc.probe,), max(1, len(tried) * len(centres)))
+        hypothesis = Hypothesis(_extension(effect, disc), (disc.probe,), among)
         problem = with_effect(base.problem, hypothesis.extension)
         first = evaluate(problem, base.loss, [np.concatenate([base.point.coordinates, disc.probe])], base.point.starts)
         point, _, _ = step(problem, base.loss, first[0], base.free, known=base.sensitivity, tries=2)
@@ -117,20 +143,84 @@ def gained(base: Around, effect: str, discs: Sequence[_Disc]) -> list[_Disc]:
     paths = [path(problem, i) for i in range(len(problem))]
     found, rows = list(discs), [touched(paths, disc.x, disc.y, disc.radius) for disc in discs]
     for some in _together([len(mine) for mine in rows]):
-        every = np.concatenate([rows[k] for k in some])
+        part, residuals, every = _predicted(base, effect, [discs[k] for k in some], [rows[k] for k in some])
         which = np.repeat(np.arange(len(some)), [len(rows[k]) for k in some])
-        robots = []
-        for k in some:
-            parameters = with_effect(problem, _extension(effect, discs[k])).parameters
-            robots.append(parameters.robot_at(np.concatenate([point.coordinates, discs[k].probe])))
-        part = problem.part(every.tolist())
-        starts = point.starts[every][None]
-        residuals = part.compare(part.predictions(robots, which[None], starts))
-        losses = assess(part, base.loss, [point.coordinates], starts, residuals)[0].losses
+        losses = assess(part, base.loss, [point.coordinates], point.starts[every][None], residuals)[0].losses
         gains = np.bincount(which, point.losses[every] - losses, minlength=len(some))
         for k, gain in zip(some, gains.tolist(), strict=True):
             found[k] = replace(discs[k], gain=gain)
     return found
+
+
+def scanned(base: Around, effect: str) -> list[_Seen]:
+    """What all recordings together say of discs all along the paths that were driven, less and more slippery ones.
+
+    Linear in the disc's coordinate, soil and starts, around what a small disc changes: a patch too faint to spoil any
+    window shows here.
+    """
+    problem = base.problem
+    paths = np.concatenate([path(problem, i) for i in range(len(problem))])
+    cells = np.unique(np.round(paths / _APART), axis=0) * _APART
+    cells = cells[:: -(-len(cells) // _PLACES) or 1]
+    discs = [_Disc(x, y, RADII[0], np.array([sign * _SMALL])) for x, y in cells.tolist() for sign in (-1.0, 1.0)]
+    parts = [discs[a : a + _IN_ONE] for a in range(0, len(discs), _IN_ONE)]
+    found = side_by_side(lambda some: _seen(base, effect, some), parts, problem.workers)
+    return [one for some in found for one in some]
+
+
+def _seen(base: Around, effect: str, discs: Sequence[_Disc]) -> list[_Seen]:
+    """Each disc at the coordinate that it would be best with, and how well that is told."""
+    problem, p = base.problem, len(base.free)
+    changes = _changes(base, effect, discs) / np.array([disc.probe for disc in discs])
+    sensitivity = Sensitivity(np.concatenate([base.sensitivity.parameters, changes]), base.sensitivity.starts)
+    reduced = reduce(problem, base.loss, base.point.residuals, sensitivity, base.point.starts)
+    H, gradient = reduced.matrix, reduced.gradient.sum(axis=0)
+    prior, free = problem.parameters.prior_information, list(base.free)
+    H[:p, :p] += prior[np.ix_(free, free)]
+    gradient[:p] += (prior @ base.point.coordinates)[free]
+    beside = np.linalg.solve(H[:p, :p], H[:p, p:])
+    information = np.maximum(np.diag(H)[p:] - np.einsum("ij,ij->j", H[:p, p:], beside), 1e-12)
+    best = -(gradient[p:] - gradient[:p] @ beside) / information
+    return [
+        _Seen(replace(disc, probe=np.array([own]), gain=0.5 * own * own * told), told**-0.5 if told > 1e-9 else np.inf)
+        for disc, own, told in zip(discs, best.tolist(), information.tolist(), strict=True)
+    ]
+
+
+def told_along(base: Around, effect: str) -> Array:
+    """Standard deviations of a disc's coordinate at places all along the paths, shape (places,).
+
+    Of less and more slippery discs, whichever tell less; infinite where a disc changes nothing.
+    """
+    return np.array([one.sd for one in scanned(base, effect)]).reshape(-1, 2).max(axis=1)
+
+
+def _changes(base: Around, effect: str, discs: Sequence[_Disc]) -> Array:
+    """What discs change in the residuals, shape (discs, n)."""
+    problem, edges = base.problem, base.problem.samples.begin
+    paths = [path(problem, i) for i in range(len(problem))]
+    found, rows = np.zeros((len(discs), edges[-1])), [touched(paths, disc.x, disc.y, disc.radius) for disc in discs]
+    for some in _together([len(mine) for mine in rows]):
+        _, now, every = _predicted(base, effect, [discs[k] for k in some], [rows[k] for k in some])
+        place = np.concatenate([np.arange(edges[i], edges[i + 1]) for i in every])
+        whose = np.repeat(np.repeat(some, [len(rows[k]) for k in some]), np.diff(edges)[every])
+        found[whose, place] = now[0] - base.point.residuals.flat[place]
+    return found
+
+
+def _predicted(
+    base: Around, effect: str, discs: Sequence[_Disc], rows: Sequence[Sequence[int]]
+) -> tuple[Problem, Array, Indices]:
+    """All windows in `rows`, their residuals (1, n), each set's with its disc, and their numbers in the whole."""
+    problem, point = base.problem, base.point
+    every = np.concatenate(rows).astype(np.int64)
+    which = np.repeat(np.arange(len(discs)), [len(mine) for mine in rows])
+    robots = []
+    for disc in discs:
+        parameters = with_effect(problem, _extension(effect, disc)).parameters
+        robots.append(parameters.robot_at(np.concatenate([point.coordinates, disc.probe])))
+    part = problem.part(every.tolist())
+    return part, part.compare(part.predictions(robots, which[None], point.starts[every][None])), every
 
 
 def _together(counts: Sequence[int]) -> Iterator[list[int]]:

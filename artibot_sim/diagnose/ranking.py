@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from artibot_sim.diagnose.decision import Decision, Named
 from artibot_sim.diagnose.diagnosis import Candidate
 from artibot_sim.diagnose.evidence import DECADE
-from artibot_sim.diagnose.exclusion import excluded, excluded_below
+from artibot_sim.diagnose.exclusion import excluded, excluded_below, excluded_patch
 from artibot_sim.diagnose.greedy import Turn
 from artibot_sim.diagnose.other import Other
 from artibot_sim.diagnose.screen import Trial
@@ -32,11 +32,19 @@ def ranking(decision: Decision, thresholds: Thresholds) -> tuple[Candidate, ...]
         own = _candidate(effect, at)
         if effect not in named:
             trials = [trial for trial in at.trials if trial.id == effect]
-            above = excluded(trials, decision.least, thresholds)
+            above = _above(decision, effect, trials, thresholds)
             below = excluded_below(trials, decision.least, thresholds)
             own = replace(own, excluded_above=above, excluded_below=below)
         found.append(_with_other(own, decision.other[effect], named) if effect in decision.other else own)
     return tuple(sorted(found, key=lambda c: -c.log10_bayes_factor if np.isfinite(c.log10_bayes_factor) else np.inf))
+
+
+def _above(decision: Decision, effect: str, trials: Sequence[Trial], thresholds: Thresholds) -> dict[str, float]:
+    """Departures from neutral that are excluded of an effect that was not found."""
+    search, last = EFFECTS[effect].search, decision.turns[-1].base
+    if search is None or not search.disc:
+        return excluded(trials, decision.least, thresholds)
+    return {} if last is None else excluded_patch(last, effect, decision.least, thresholds)
 
 
 def _candidate(effect: str, at: Turn) -> Candidate:

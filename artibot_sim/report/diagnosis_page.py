@@ -231,7 +231,8 @@ def _excluded(found: Diagnosis) -> str:
     inside = tables.excluded(found)
     text = (
         "Effects that were not found, and the sizes that these recordings exclude: departures from the paper's model "
-        "from so much on, limits below so much. An effect that is not here may have any size."
+        "from so much on, limits below so much, a patch for nine tenths of the ground driven on. An effect that is not "
+        "here may have any size."
     )
     return section("What it is not", paragraph(text), inside) if inside else ""
 
