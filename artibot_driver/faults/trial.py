@@ -13,7 +13,7 @@ from artibot_driver.cia402 import State
 from artibot_driver.faults.catalogue import Fault
 from artibot_driver.faults.outcome import NotReady, Outcome
 from artibot_driver.faults.world import Sample, World
-from artibot_driver.master import Phase, Reason, Setpoints
+from artibot_driver.master import Phase, Reason, Setpoints, Stop
 from artibot_sim.model import MOTORS
 
 REJOIN: Final = 2.0
@@ -64,7 +64,12 @@ class Trial:
         world.run(world.rng.uniform(0.0, 0.1))
         begin, first = world.now, len(world.trace)
         fault.inject(world, motor)
-        world.run(BEFORE_END + fault.held + self.speed / world.rig.config.stop_deceleration + self.duration)
+        watched = BEFORE_END + fault.held + self.speed / world.rig.config.stop_deceleration
+        world.run(watched + self.duration)
+        stop = _stop_in(world.trace[first:])
+        left = 0.0 if stop is None else watched - 1e-9 * (world.now - stop.at_ns)
+        if left > 0.0:  # a stop that came late takes its time, too
+            world.run(left)
         self.judge(begin, world.trace[first:])
         if self.outcome.stopped:
             self.come_back(first)
@@ -105,7 +110,7 @@ class Trial:
     def judge(self, begin: int, samples: Sequence[Sample]) -> None:
         """Whether it stopped as it must, or went on as it may."""
         outcome, fault = self.outcome, self.fault
-        stop = next((s.cycle.status.stop for s in samples if s.cycle and s.cycle.status.stop), None)
+        stop = _stop_in(samples)
         changed = [s for s in samples if not self.as_commanded(s)]
         outcome.stopped = stop is not None or bool(changed)
         if not outcome.stopped:
@@ -245,6 +250,11 @@ BEFORE_END: Final = 0.5
 
 TICK: Final = 0.002
 """Samples are taken a drive's step after what they show, s."""
+
+
+def _stop_in(samples: Sequence[Sample]) -> Stop | None:
+    """Why the driver stopped first, and when."""
+    return next((s.cycle.status.stop for s in samples if s.cycle and s.cycle.status.stop), None)
 
 
 def _first_after(begin: int, samples: Sequence[Sample], holds: Callable[[Sample], bool]) -> float:

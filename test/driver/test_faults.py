@@ -19,10 +19,10 @@ from artibot_driver.config import config_from_parameters
 from artibot_driver.faults import campaign
 from artibot_driver.faults.catalogue import BY_NAME, CATALOGUE, Fault
 from artibot_driver.faults.combined import BRIEFLY, CAN_PASS, TWO, briefly, two
-from artibot_driver.faults.trial import Trial
+from artibot_driver.faults.trial import BEFORE_END, Trial
 from artibot_driver.faults.watchdog import HELD_UP, Watchdog
 from artibot_driver.faults.wire import Interference, UnreliableBus, wire
-from artibot_driver.faults.world import VirtualWorld
+from artibot_driver.faults.world import VirtualWorld, World
 from artibot_driver.frames import Frame
 from artibot_driver.master import Master, Phase, Reason
 from artibot_driver.rig import load_rig
@@ -140,6 +140,21 @@ def test_a_trial_notices_a_driver_that_is_at_fault(master: type[Master], fault: 
     w.master = master(w.unreliable, w.rig, clock=lambda: w.now)
     outcome = Trial(w, fault, "back_left").run()
     assert any(part in each for each in outcome.complaints for part in complaint.split("|")), outcome
+
+
+def test_a_stop_that_comes_late_is_watched_to_its_end() -> None:
+    """What need not stop at all may do so in the last moment that is watched; the ramp takes its time after that."""
+
+    def inject(world: World, motor: str) -> None:
+        before, late = world.command, world.now + round(1e9 * (BEFORE_END + ramp + trial.duration - 0.2))
+        world.command = lambda now: before(now) if now < late else None
+
+    fault = Fault("silence, later", inject, lambda world, motor: None, False, 0.15, (Reason.COMMAND_SILENCE,))
+    w = VirtualWorld(load_rig(config_from_parameters({})), random.Random(5))
+    trial = Trial(w, fault, "back_left")
+    ramp = trial.speed / w.rig.config.stop_deceleration
+    outcome = trial.run()
+    assert outcome.stopped and not outcome.complaints, outcome
 
 
 def test_a_campaign_says_what_it_has_done(capsys: pytest.CaptureFixture[str]) -> None:
