@@ -75,30 +75,17 @@ def _reach(sd: float, size: int, needed: float, thresholds: Thresholds) -> float
     return max(gained, float((thresholds.size + _MARGIN * sd) / _FAITHFUL))
 
 
-def excluded_below(trials: Sequence[Trial], least: float, thresholds: Thresholds) -> dict[str, float]:
-    """Values below which limits are excluded, by parameter; empty for what is no limit, or where none was tried.
+def excluded_below(trial: Trial, least: float, thresholds: Thresholds) -> dict[str, float]:
+    """Values below which a limit is excluded, by parameter; empty for what is no limit.
 
     A limit is told by what goes beyond it: the gentlest of the values at which it was tried that two deviations less
-    would still have told, all tighter ones being told as well; of several choices the weakest bound.
-
-    Parameters
-    ----------
-    trials : sequence of Trial
-        The effect's, one for each choice.
-    least : float
-        Nats that an effect has to gain.
+    would still have told, all tighter ones being told as well.
     """
-    found: dict[str, float] = {}
-    for trial in trials:
-        extension = trial.hypothesis.extension
-        if not extension.search.reference:
-            return {}
-        bound: dict[str, float] = {}
-        for own, cost in sorted(trial.tested, key=lambda one: float(one[0][0])):
-            if np.sqrt(max(cost, 0.0)) - _MARGIN < np.sqrt(2.0 * (least + thresholds.more(trial.id))):
-                break
-            bound = {name: float(extension.values(own)[name]) for name in extension.search.sizes}
-        if not bound:
-            return {}
-        found = {name: min(found.get(name, value), value) for name, value in bound.items()}
+    extension, found = trial.hypothesis.extension, dict[str, float]()
+    if not extension.search.reference:
+        return found
+    for own, cost in sorted(trial.tested, key=lambda one: float(one[0][0])):
+        if np.sqrt(max(cost, 0.0)) - _MARGIN < np.sqrt(2.0 * (least + thresholds.more(trial.id))):
+            break
+        found = {name: float(extension.values(own)[name]) for name in extension.search.sizes}
     return found

@@ -33,7 +33,7 @@ def ranking(decision: Decision, thresholds: Thresholds) -> tuple[Candidate, ...]
         if effect not in named:
             trials = [trial for trial in at.trials if trial.id == effect]
             above = _above(decision, effect, trials, thresholds)
-            below = excluded_below(trials, decision.least, thresholds)
+            below = excluded_below(trials[0], decision.least, thresholds) if trials else {}  # limits have no choices
             own = replace(own, excluded_above=above, excluded_below=below)
         found.append(_with_other(own, decision.other[effect], named) if effect in decision.other else own)
     return tuple(sorted(found, key=lambda c: -c.log10_bayes_factor if np.isfinite(c.log10_bayes_factor) else np.inf))

@@ -88,11 +88,10 @@ TOLD, FAINT = 2.0 * (np.sqrt(LEAST) + 2.0) ** 2, 2.0 * LEAST
     ],
 )
 def test_a_stop_is_excluded_below_the_gentlest_that_would_have_been_named(costs: dict, share: float | None) -> None:
-    found = excluded_below([stop(costs)], LEAST, THRESHOLDS)
+    found = excluded_below(stop(costs), LEAST, THRESHOLDS)
     assert found == ({} if share is None else {"angle": pytest.approx(0.4 * share)})
     assert excluded([stop(costs)], LEAST, THRESHOLDS) == {}
 
 
 def test_only_limits_are_excluded_below() -> None:
-    assert excluded_below([trial("joint_friction", 0.01, 0.01)], LEAST, THRESHOLDS) == {}
-    assert excluded_below([], LEAST, THRESHOLDS) == {}
+    assert excluded_below(trial("joint_friction", 0.01, 0.01), LEAST, THRESHOLDS) == {}

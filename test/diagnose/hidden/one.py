@@ -16,6 +16,7 @@ from artibot_sim.diagnose.disc_place import disc_place
 from artibot_sim.diagnose.drift import drifts
 from artibot_sim.diagnose.extended import found_parameters
 from artibot_sim.diagnose.options import Options
+from artibot_sim.diagnose.patches import scanned
 from artibot_sim.diagnose.ranking import ranking
 from artibot_sim.diagnose.run import baseline
 from artibot_sim.diagnose.uncertain import uncertain
@@ -37,6 +38,10 @@ def main(effect: str, severity: str, seed: str, runs: str = "2", duration: str =
     print("left:", {name: round(one.typical, 2) for name, one in decision.left.items()})
     last = decision.turns[-1]  # what would be named, whatever became of it
     print("drift:", {name: round(nats, 1) for name, nats in drifts(last.problem, last.fit).items()})
+    base = decision.turns[0].base
+    if base is not None:
+        promised = max((seen.disc.gain for seen in scanned(base, "friction_patch")), default=0.0)
+        print(f"a patch along the paths promises: {promised:.1f} nats")
     for line in values(decision, options.seed):
         print(line)
     for one in ranking(decision, options.thresholds):
