@@ -6,14 +6,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from artibot_sim.diagnose.apart import Apart, apart
 from artibot_sim.diagnose.command_view import CommandView
 from artibot_sim.diagnose.contest import Rounds
 from artibot_sim.diagnose.diagnosis import Found, Left, Verdict
 from artibot_sim.diagnose.disc_place import on_best_disc
-from artibot_sim.diagnose.drift import drifts
+from artibot_sim.diagnose.drift import disagreement, drifts
 from artibot_sim.diagnose.greedy import Turn, acceptable, turn
 from artibot_sim.diagnose.other import Other
-from artibot_sim.diagnose.remains import LIMITS, Remains, remains
+from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.thresholds import Thresholds
 from artibot_sim.diagnose.unexplained import Finding, unexplained
 from artibot_sim.diagnose.valley import at_size
@@ -75,6 +76,8 @@ class Decision:
         What the model with all that was named leaves.
     unexplained : Finding or None
         The force that no effect explains, if one was found.
+    apart : Apart or None
+        The recordings one by one, where they contradict each other.
     """
 
     verdict: Verdict
@@ -88,15 +91,26 @@ class Decision:
     other: Mapping[str, Other]
     left: Mapping[str, Left] = field(default_factory=dict)
     unexplained: Finding | None = None
+    apart: Apart | None = None
 
     @property
     def ordered(self) -> tuple[Named, ...]:
         """What is named, that with the most evidence first."""
         return tuple(sorted(self.named, key=lambda one: -one.nats))
 
+    @property
+    def fitted(self) -> tuple[Named, ...]:
+        """What was fitted with the soil, in the order in which it was found; the rest only commands show."""
+        return tuple(one for one in self.named if not one.found)
+
+    @property
+    def fits(self) -> tuple[tuple[Problem, Fit], ...]:
+        """The model with none of `fitted`, with the first of them, the first two, …, and with all."""
+        return (*((turn.problem, turn.fit) for turn in self.turns[: len(self.fitted)]), (self.problem, self.fit))
+
     def turn_of(self, effect: str) -> Turn:
         """The search that found a named effect; the first one for what only commands show, which takes none."""
-        fitted = [one.effect for one in self.named if not one.found]
+        fitted = [one.effect for one in self.fitted]
         return self.turns[fitted.index(effect) if effect in fitted else 0]
 
 
@@ -162,12 +176,15 @@ def _with_effect(problem: Problem, fit: Fit, found: Turn, best: Named, seed: int
 
 
 def _concluded(found: Decision) -> Decision:
-    """The verdict: nothing is named whose size changes with time, nor where a force is at work beside what would be.
+    """The verdict: nothing is named that several soils explain better, whose size changes, or beside a force.
 
-    Both only where the fit leaves more than noise, and where a force explains what the paper's model lacks.
+    Size and force only count where the fit leaves more than noise, and where a force explains what the paper's model
+    lacks.
     """
-    remaining = remains(found.problem, found.fit.point)
-    found = replace(found, left=_left(remaining))
+    found = replace(found, left=remains(found.problem, found.fit.point))
+    several = _on_several_soils(found)
+    if several is not None:
+        return several
     if leaves_more_than_noise(found.left) and (
         any(nats >= found.least for nats in drifts(found.problem, found.fit).values())
         or unexplained(found.problem, found.fit.point.coordinates) is not None
@@ -175,8 +192,33 @@ def _concluded(found: Decision) -> Decision:
         # that is not the cause, or not all of it
         force = unexplained(found.neutral_problem, found.neutral_fit.point.coordinates)
         if force is not None:
-            return _on_no_list(found, force)
+            return replace(_on_no_list(found), unexplained=force, apart=_contradiction(found))
     return named_as(found) if found.named else found
+
+
+def _on_several_soils(found: Decision) -> Decision | None:
+    """What is left of the names where a soil of its own in each recording explains more than all that follows.
+
+    None where the recordings agree with each other, or one by one leave more than noise as well.
+    """
+    if disagreement(found.problem, found.fit) < found.least:
+        return None
+    for count, (problem, fit) in enumerate(found.fits):
+        alone, further = apart(problem, fit), sum(one.nats for one in found.fitted[count:])
+        if alone.nats < max(further, found.least) or not alone.sufficient:
+            continue
+        if not count:
+            return replace(_on_no_list(found), apart=alone)
+        kept = tuple(one for one in found.named if one.found or one in found.fitted[:count])
+        left = remains(problem, fit.point)
+        return named_as(replace(found, named=kept, problem=problem, fit=fit, left=left, apart=alone))
+    return None
+
+
+def _contradiction(found: Decision) -> Apart | None:
+    """The recordings one by one without any effect, where they contradict each other."""
+    problem, fit = found.neutral_problem, found.neutral_fit
+    return apart(problem, fit) if disagreement(problem, fit) >= found.least else None
 
 
 def named_as(found: Decision) -> Decision:
@@ -189,28 +231,16 @@ def named_as(found: Decision) -> Decision:
 
 def refuted(found: Decision) -> Decision:
     """Nothing is named: what was does not hold beyond the recordings it was fitted to."""
-    neutral = found.neutral_problem, found.neutral_fit.point
-    return replace(_on_no_list(found, unexplained(neutral[0], neutral[1].coordinates)), left=_left(remains(*neutral)))
-
-
-def _on_no_list(found: Decision, force: Finding | None) -> Decision:
-    """The paper's model, and a force that no effect explains, where one was found."""
     problem, fit = found.neutral_problem, found.neutral_fit
-    return replace(found, verdict=Verdict.UNEXPLAINED, named=(), problem=problem, fit=fit, unexplained=force)
+    alone = _contradiction(found)
+    force = unexplained(problem, fit.point.coordinates) if alone is None or not alone.sufficient else None
+    return replace(_on_no_list(found), left=remains(problem, fit.point), unexplained=force, apart=alone)
 
 
-def _left(remaining: Remains) -> dict[str, Left]:
-    return {name: Left(level.typical, level.worst) for name, level in remaining.channels.items()}
-
-
-def leaves_more_than_noise(left: Mapping[str, Left]) -> bool:
-    """Whether a force may be at work that the fit does not know.
-
-    The window in the middle decides: single ones that began on another branch are no force. Positions have no say, for
-    how slow a total station's own errors are is not known, and with nothing hidden they leave up to three times what
-    white noise would.
-    """
-    return any(one.typical > LIMITS[name][0] for name, one in left.items() if name != "position")
+def _on_no_list(found: Decision) -> Decision:
+    """The paper's model, and nothing named."""
+    problem, fit = found.neutral_problem, found.neutral_fit
+    return replace(found, verdict=Verdict.UNEXPLAINED, named=(), problem=problem, fit=fit)
 
 
 def _nats(found: Turn, view: CommandView, named: Sequence[Named]) -> dict[str, float]:

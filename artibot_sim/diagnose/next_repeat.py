@@ -25,3 +25,12 @@ def repeated(missing: Sequence[str]) -> NextExperiment:
             "the rover, what comes back on the same ground alone to that, and what does not come back to that hour."
         )
     return NextExperiment(said, "", (), float("nan"))
+
+
+def one_by_one(names: Sequence[str]) -> NextExperiment:
+    """Nothing to drive yet: the same recordings, of which each has a soil of its own."""
+    said = (
+        f"Diagnose {joined(names)} one by one: each is then held against a soil of its own. Manoeuvres that are to be "
+        "diagnosed together are best driven on one ground, within hours."
+    )
+    return NextExperiment(said, "", (), float("nan"))

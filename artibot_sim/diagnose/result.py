@@ -8,21 +8,29 @@ from dataclasses import replace
 from artibot_sim.diagnose.command_view import command_view
 from artibot_sim.diagnose.data_check import data_warnings
 from artibot_sim.diagnose.decision import Decision, refuted
-from artibot_sim.diagnose.diagnosis import Cause, ChannelBaseline, Diagnosis, Found, NextExperiment, Verdict
+from artibot_sim.diagnose.diagnosis import (
+    Cause,
+    ChannelBaseline,
+    Diagnosis,
+    Found,
+    NextExperiment,
+    Unexplained,
+    Verdict,
+)
 from artibot_sim.diagnose.disc_place import disc_place
 from artibot_sim.diagnose.evidence import DECADE
 from artibot_sim.diagnose.extended import found_parameters, robot_of
 from artibot_sim.diagnose.looks import COMMANDED, look, with_commands
 from artibot_sim.diagnose.next_experiment import next_experiment
 from artibot_sim.diagnose.next_force import next_for_force
-from artibot_sim.diagnose.next_repeat import repeated
+from artibot_sim.diagnose.next_repeat import one_by_one, repeated
 from artibot_sim.diagnose.options import Options
 from artibot_sim.diagnose.places import places
 from artibot_sim.diagnose.predictions import Pair, baseline_levels, gains, predict
 from artibot_sim.diagnose.ranking import ranking
 from artibot_sim.diagnose.uncertain import Uncertain, judged, surroundings
 from artibot_sim.diagnose.unexplained import unexplained_of
-from artibot_sim.diagnose.words import refutation, shortfall
+from artibot_sim.diagnose.words import differing, partly, refutation, shortfall
 from artibot_sim.diagnose.worth import Worth, improvements, is_minor, is_refuted
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.problem import Problem
@@ -68,10 +76,13 @@ def result_of(
         where=places(looks, channels),
         causes=_causes(decision, effects, gained),
         ranking=ranking(decision, options.thresholds),
-        unexplained=unexplained_of(decision.unexplained) if decision.unexplained else None,
+        unexplained=_unexplained(decision),
         gain=gain,
         next_experiment=_next(decision, channels, options.seed),
-        warnings=data_warnings(fitted, robot, decision.neutral_problem, decision.neutral_fit.point, held),
+        warnings=(
+            *_contradiction(decision),
+            *data_warnings(fitted, robot, decision.neutral_problem, decision.neutral_fit.point, held),
+        ),
         looks=tuple(looks),
         prior_odds=options.prior_odds,
         false_alarm_rate=options.false_alarm_rate,
@@ -123,11 +134,32 @@ def _parameters(decision: Decision, after: Uncertain, seed: int) -> dict[str, Ma
     return found | {named.effect: named.found for named in decision.named if named.found}
 
 
+def _unexplained(decision: Decision) -> Unexplained | None:
+    """What is on no list, in words."""
+    if decision.verdict is not Verdict.UNEXPLAINED:
+        return None
+    if decision.apart is not None and decision.apart.sufficient:
+        return decision.apart.unexplained
+    return unexplained_of(decision.unexplained) if decision.unexplained else None
+
+
+def _contradiction(decision: Decision) -> list[str]:
+    """That the recordings contradict each other, where the answer itself does not say so."""
+    alone = decision.apart
+    if alone is None:
+        return []
+    if decision.verdict is not Verdict.UNEXPLAINED:
+        return [f"{differing(alone.words)}; one soil was fitted to all of them, so sizes are a compromise"]
+    return partly(alone.names, alone.unexplained_alone)
+
+
 def _next(decision: Decision, channels: Mapping[str, ChannelBaseline], seed: int) -> NextExperiment | None:
     """What would tell the first cause from those that tie with it, or what a force on no list is."""
     noise = {name: one.noise / (2.0**0.5 if name == "position" else 1.0) for name, one in channels.items()}
     if decision.verdict is Verdict.UNEXPLAINED:
         problem, force = decision.neutral_problem, decision.unexplained
+        if decision.apart is not None and decision.apart.sufficient:
+            return one_by_one(decision.apart.names)
         advice = None if force is None else next_for_force(problem, force, noise)
         return advice or repeated(missing(problem.stretches, problem.parameters.robot))
     if not decision.named or not decision.ordered[0].ties:

@@ -111,7 +111,7 @@ def look(problem: Problem, coordinates: Array, most: int = _MOST, windows: int =
             break
         chosen.append(ranked[0])
         equations = equations.with_columns(_columns(equations, of, ranked[0].parts, ranked[0].form))
-    typical, each = _sizes(of, chosen[0], *_recordings(few)) if chosen else (0.0, ())
+    typical, each = _sizes(of, chosen[0], *few.recordings) if chosen else (0.0, ())
     return Finding(tuple(chosen), tuple(first), typical, each, _taken_back(problem, coordinates, equations))
 
 
@@ -122,7 +122,7 @@ def regression(few: Problem, coordinates: Array) -> tuple[Equations, Scene]:
     """
     found, of = answers(few, coordinates), scene(few, coordinates)
     information = few.parameters.prior_information
-    equations = scattered(found, _recordings(few)[1], information, information @ coordinates)
+    equations = scattered(found, few.recordings[1], information, information @ coordinates)
     for force, form in _law_of_contact(of):
         equations = equations.with_columns(_columns(equations, of, families(of)[force], form))
     return equations, of
@@ -167,14 +167,6 @@ def weighed(equations: Equations, of: Scene) -> list[Candidate]:
             repeated = ridges(equations, of, force, parts)
             found += [repeated] if repeated else []
     return sorted(found, key=lambda c: -c.worth)
-
-
-def _recordings(problem: Problem) -> tuple[list[str], NDArray[np.int64]]:
-    """Names of the recordings, and which one each window is of."""
-    paths = [str(problem.stretches[w.stretch].experiment.path) for w in problem.windows]
-    every = sorted(set(paths))
-    names = {str(s.experiment.path): s.experiment.name for s in problem.stretches}
-    return [names[path] for path in every], np.array([every.index(path) for path in paths])
 
 
 def _sizes(

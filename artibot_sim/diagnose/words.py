@@ -16,6 +16,8 @@ CHANNEL_WORDS = {
     "torque_back": "back motors' torque",
 }  # fmt: skip
 """Channel of the contract → what people call it."""
+RECORDING = "recording"
+"""What contact forces follow where each recording has a soil of its own."""
 _WRONG = {"position": 3.0, "yaw": 3.0}
 """Errors over noise from which a channel is wrong: poses carry what their prediction's start was off by,"""
 _WRONG_ELSEWHERE = 1.5
@@ -98,8 +100,25 @@ def _unexplained(found: Diagnosis) -> str:
     named = "".join(f"{cause_words(cause)}; and " for cause in found.causes)
     if what is None:
         return f"{named}something that is on no list of effects."
+    if what.variable == RECORDING:
+        return f"{named}{differing(what.where)}."
     size = f" of {amount(what.size, what.unit)}" if np.isfinite(what.size) else ""
     return f"{named}something that is on no list: a {what.force}{size} that follows {what.variable} ({what.form})."
+
+
+def differing(soils: str) -> str:
+    """That recordings ask for soils of their own."""
+    return f"the ground is not the same in all recordings: {soils}"
+
+
+def partly(names: Sequence[str], unexplained: Sequence[str]) -> list[str]:
+    """That the paper's model explains some recordings by themselves; empty where it is none or all of them."""
+    explained = [name for name in names if name not in unexplained]
+    if not (explained and unexplained):
+        return []
+    itself, them = ("itself" if len(explained) == 1 else "themselves"), ("that" if len(unexplained) == 1 else "these")
+    said = f"the paper's model explains {joined(explained)} by {itself}, but not {joined(unexplained)}"
+    return [f"{said}: diagnose {them} apart"]
 
 
 def gain_words(found: Diagnosis) -> str:

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.command_view import CommandView, command_view
-from artibot_sim.diagnose.decision import Decision, leaves_more_than_noise
+from artibot_sim.diagnose.decision import Decision
 from artibot_sim.diagnose.diagnosis import ChannelGain, Left
 from artibot_sim.diagnose.options import Options
 from artibot_sim.diagnose.predictions import Pair, predicted
+from artibot_sim.diagnose.remains import leaves_more_than_noise
 from artibot_sim.identify.holdout import Held
 from artibot_sim.identify.layout import Parts, Samples
 from artibot_sim.identify.robust import Loss, channel_levels, merged, thinning
@@ -129,14 +130,13 @@ def _left(gained: Mapping[str, float]) -> float:
 
 def _models(decision: Decision) -> list[Robot]:
     """The model once each of the named effects was added, in their order."""
-    fits = [(turn.problem, turn.fit) for turn in decision.turns[1:]] + [(decision.problem, decision.fit)]
-    robots, fitted, commanded = [], -1, {}
+    robots, fitted, commanded = [], 0, {}
     for named in decision.named:
         if named.found:
             commanded[named.effect] = {name: found.value for name, found in named.found.items()}
         else:
-            fitted = min(fitted + 1, len(fits) - 1)
-        problem, fit = fits[fitted] if fitted >= 0 else (decision.neutral_problem, decision.neutral_fit)
+            fitted += 1
+        problem, fit = decision.fits[fitted]
         robot = problem.parameters.robot_at(fit.point.coordinates)
         robots.append(replace(robot, effects=dict(robot.effects) | commanded))
     return robots

@@ -114,6 +114,14 @@ class Problem:
         return np.array([window.knots * self.stretches[window.stretch].inputs.dt for window in self.windows])
 
     @cached_property
+    def recordings(self) -> tuple[tuple[str, ...], Indices]:
+        """Names of the recordings, in the order of their paths, and which one each window is of, shape (windows,)."""
+        names = {str(stretch.experiment.path): stretch.experiment.name for stretch in self.stretches}
+        paths = [str(self.stretches[window.stretch].experiment.path) for window in self.windows]
+        every = sorted(set(paths))
+        return tuple(names[path] for path in every), np.array([every.index(path) for path in paths], np.int64)
+
+    @cached_property
     def starts(self) -> Array:
         """Measured starts, shape (windows, 8 or 6)."""
         return np.array([window.start.mean for window in self.windows])

@@ -10,7 +10,7 @@ import pytest
 from diagnose.hidden import UNLISTED, Case, case
 from diagnose.hidden.unlisted import ACTS_ON
 
-from artibot_sim.diagnose.remains import remains
+from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.unexplained import LEAST_NATS, Finding, look, unexplained_of
 from artibot_sim.diagnose.unexplained_scene import through_gear
 from artibot_sim.identify.gauss_newton import Point, evaluate, step
@@ -85,10 +85,10 @@ def test_a_coefficient_is_about_right():
 def test_something_remains_only_where_something_is_hidden():
     _, problem, soil = hidden()
     clean = remains(problem, settled(problem, soil))
-    assert not clean.significant and not clean.where
+    assert not leaves_more_than_noise(clean)
     _, problem, soil = hidden("yaw_drag")
     left = remains(problem, settled(problem, soil))
-    assert left.significant and "yaw_rate" in left.where
+    assert leaves_more_than_noise({"yaw_rate": left["yaw_rate"]})
 
 
 def test_eq_23_goes_by_what_reaches_the_gear():

@@ -69,7 +69,7 @@ def advice(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
             f"{THRESHOLDS.floor + THRESHOLDS.tail * log(1.0 / RATE):.0f}), most {max(others):.1f}"
         )
     yield "typical level left: middle, nine tenths, most (least for what is on no list)"
-    for channel, (limit, _) in LIMITS.items():
+    for channel, limit in LIMITS.items():
         yield f"  {channel:<18}limit {limit:g}"
         for kind, levels in leftovers(results).items():
             values = levels.get(channel, [])

@@ -1,0 +1,108 @@
+"""Each recording fitted by itself: where all of them together ask for no effect but for several soils."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.diagnose.contest import Rounds, settled
+from artibot_sim.diagnose.diagnosis import Left, Unexplained
+from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
+from artibot_sim.diagnose.words import RECORDING
+from artibot_sim.identify.gauss_newton import again, evaluate
+from artibot_sim.identify.printing import number
+from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.search import Fit
+from artibot_sim.identify.side_by_side import side_by_side
+
+Array = NDArray[np.float64]
+
+_SAID = 0.03
+"""Differences of a soil's parameter, as a share, that are said."""
+
+
+@dataclass(frozen=True)
+class Apart:
+    """What recordings say one by one.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the recordings.
+    soil : tuple of (str, str, array of shape (recordings,))
+        Names, units and values of the soil's parameters.
+    nats : float
+        Log Bayes factor of a soil of its own in each against one for all.
+    left : tuple of mapping of str to Left
+        What each fit leaves, by channel.
+    """
+
+    names: tuple[str, ...]
+    soil: tuple[tuple[str, str, Array], ...]
+    nats: float
+    left: tuple[Mapping[str, Left], ...]
+
+    @property
+    def unexplained_alone(self) -> tuple[str, ...]:
+        """Recordings that leave more than noise even by themselves."""
+        return tuple(name for name, left in zip(self.names, self.left, strict=True) if leaves_more_than_noise(left))
+
+    @property
+    def sufficient(self) -> bool:
+        """Whether no recording by itself leaves more than noise."""
+        return not self.unexplained_alone
+
+    @property
+    def words(self) -> str:
+        """The soils, the parameter that differs most first; those that hardly differ left out."""
+        ordered = sorted(self.soil, key=lambda one: -_spread(one[2]))
+        told = [one for one in ordered if _spread(one[2]) > _SAID] or ordered[:1]
+        return "; ".join(_told(self.names, *one) for one in told)
+
+    @property
+    def unexplained(self) -> Unexplained:
+        """The same as what is on no list; its size is the largest difference of a parameter as a share."""
+        size = max(_spread(values) for _, _, values in self.soil)
+        return Unexplained(
+            "contact forces", RECORDING, "a soil of its own in each", float(f"{size:.3g}"), "–", self.words
+        )
+
+
+def apart(problem: Problem, fit: Fit, rounds: Rounds | None = None) -> Apart:
+    """Fit every recording by itself, from where the fit of all of them ended and under its loss."""
+    rounds = rounds or Rounds()
+    names, recording = problem.recordings
+    loss = replace(fit.loss, firm=True)
+
+    def alone(which: int) -> tuple[Problem, Fit]:
+        rows = np.flatnonzero(recording == which)
+        part = problem.part(rows.tolist())
+        begin = evaluate(part, loss, [fit.point.coordinates], fit.point.starts[rows])[0]
+        return part, settled(part, begin, loss, rounds)
+
+    fits = side_by_side(alone, range(len(names)), problem.workers)
+    together = again(problem, loss, fit.point).cost
+    gained = 0.5 * (together - sum(one.point.cost for _, one in fits))
+    occam = sum(_occam(part, one) for part, one in fits) - _occam(problem, fit)
+    values = np.array([problem.parameters.values(one.point.coordinates) for _, one in fits])
+    soil = tuple((p.name, p.unit, column) for p, column in zip(problem.parameters.parameters, values.T, strict=True))
+    return Apart(names, soil, gained + min(0.0, occam), tuple(remains(part, one.point) for part, one in fits))
+
+
+def _occam(problem: Problem, fit: Fit) -> float:
+    """Logarithm of posterior over prior volume of what was fitted (Laplace); mu_s, which is scanned, has no say."""
+    prior = problem.parameters.prior_information[np.ix_(fit.free, fit.free)]
+    return 0.5 * float(np.linalg.slogdet(prior)[1] - np.linalg.slogdet(fit.reduced.matrix + prior)[1])
+
+
+def _spread(values: Array) -> float:
+    """Largest over least value, less 1."""
+    return float(values.max() / values.min()) - 1.0
+
+
+def _told(names: Sequence[str], parameter: str, unit: str, values: Array) -> str:
+    each = ", ".join(f"{number(float(value), 3)} in {name}" for name, value in zip(names, values, strict=True))
+    return f"{parameter} ({unit}) {each}" if unit not in ("", "-", "–", "1") else f"{parameter} {each}"
