@@ -37,6 +37,10 @@ _FEW, _SOME = 8, 800
 """Parts, and samples of each, that say how noisy angles and speeds are."""
 
 
+_LEAST = 8
+"""Measurements in a part, below which it says nothing."""
+
+
 @dataclass(frozen=True)
 class Told:
     """Commanded and measured speeds of the front motors of some recordings, part by part.
@@ -158,16 +162,17 @@ def _fresh(channel: Channel, name: str) -> tuple[Array, Array]:
 
 
 def _by_angles(parts: Sequence[_Part]) -> bool:
-    """Whether mean speeds are better known from angles than from recorded speeds."""
-    if any(len(part.speed[0]) < 4 for part in parts):
-        return True
-    if any(len(part.angle[0]) < 4 for part in parts):
+    """Whether mean speeds are better known from angles than from recorded speeds: in more of the parts, or better."""
+    turned, spoken = ([len(getattr(part, name)[0]) >= _LEAST for part in parts] for name in ("angle", "speed"))
+    lasting = np.array([part.t[-1] - part.t[0] for part in parts])
+    if turned != spoken and lasting[turned].sum() != lasting[spoken].sum():
+        return bool(lasting[turned].sum() > lasting[spoken].sum())
+    some = [part for part, *both in zip(parts, turned, spoken, strict=True) if all(both)][:_FEW]
+    if not some:
         return False
-    risen = [_risen(*part.angle) for part in parts[:_FEW]]
+    risen = [_risen(*part.angle) for part in some]
     angles = [noise_of(t[:_SOME].mean(axis=1), speed[:_SOME]) for t, speed in risen]
-    speeds = [
-        noise_of(*(column[:_SOME] for column in part.speed)) / np.sqrt(_stride(part.speed[0])) for part in parts[:_FEW]
-    ]
+    speeds = [noise_of(*(column[:_SOME] for column in part.speed)) / np.sqrt(_stride(part.speed[0])) for part in some]
     return bool(np.nanmedian(angles) < np.nanmedian(speeds))
 
 
@@ -201,7 +206,7 @@ def _averaged(t: Array, speed: Array) -> tuple[Array, Array]:
 def _piece(part: _Part, rise: bool, base: int) -> tuple[Array, ...] | None:
     """The columns of `Told` for a part whose grid begins at place `base`."""
     times, values = part.angle if rise else part.speed
-    if len(times) < 8:
+    if len(times) < _LEAST:
         return None
     t, speed = _risen(times, values) if rise else _averaged(times, values)
     if len(t) < LAGS + 2:

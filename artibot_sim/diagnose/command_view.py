@@ -14,7 +14,7 @@ from artibot_sim.diagnose.command_data import told
 from artibot_sim.diagnose.command_model import known_way
 from artibot_sim.diagnose.command_noise import sensor_noise
 from artibot_sim.diagnose.command_series import Level
-from artibot_sim.diagnose.command_work import EFFECTS, ViewEvidence, Work
+from artibot_sim.diagnose.command_work import EFFECTS, NEEDED, ViewEvidence, Work
 from artibot_sim.diagnose.diagnosis import Series
 from artibot_sim.experiment import Experiment
 from artibot_sim.model import Robot
@@ -58,19 +58,6 @@ class CommandView:
             return {e: self.evidence[e] for e in EFFECTS if e not in effects}
         return {e: self._work.evidence(e, effects) for e in EFFECTS if e not in effects}
 
-    def together(self, *effects: str) -> ViewEvidence:
-        """Evidence of several effects at their best together; values and deviations by ``effect.parameter``."""
-        if self._work is None or not self.followed:
-            return ViewEvidence(0.0, {}, {})
-        base, best = self._work.fit(()), self._work.fit(effects)
-        values: dict[str, float] = {}
-        sd: dict[str, float] = {}
-        for effect in effects:
-            one = self._work.parameters(effect, best)
-            values |= {f"{effect}.{name}": value for name, value in one[0].items()}
-            sd |= {f"{effect}.{name}": value for name, value in one[1].items()}
-        return ViewEvidence(best.value - base.value, values, sd)
-
     def nats(self, robot: Robot) -> float:
         """Log-likelihood that a robot's effects gain as they are, negative where commands speak against them.
 
@@ -83,7 +70,7 @@ class CommandView:
         return ({}, {}) if self._work is None else self._work.shown_by(robot)
 
 
-def command_view(recordings: Sequence[Experiment], robot: Robot, *, seed: int = 0) -> CommandView:
+def command_view(recordings: Sequence[Experiment], robot: Robot, *, needed: float = NEEDED) -> CommandView:
     """Hold what motors did against what they were commanded.
 
     Parameters
@@ -92,14 +79,14 @@ def command_view(recordings: Sequence[Experiment], robot: Robot, *, seed: int = 
         Those without `/motor_command` are passed over; their order does not matter.
     robot : Robot
         Its effects are what is already known.
-    seed : int
-        Not used: nothing is drawn.
+    needed : float
+        Nats that an effect has to gain to be named, for the sizes that are excluded.
     """
     ordered = sorted(recordings, key=lambda r: (r.name, len(r.channels.get("motor_torques") or ())))
     data = told(ordered)
     if data is None:
         return CommandView()
-    work = Work(ordered, robot, data, told(ordered, "effort"), sensor_noise(data))
+    work = Work(ordered, robot, data, told(ordered, "effort"), sensor_noise(data), needed)
     for _ in range(2):  # the noise that is left beside what was found changes what is found
         found = work.plain()
         noise = work.noise_beside(found)

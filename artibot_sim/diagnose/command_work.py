@@ -15,6 +15,8 @@ from artibot_sim.diagnose.command_model import PARAMETERS, Way, known_way, seen,
 from artibot_sim.diagnose.command_noise import Noise, noise_in, sensor_noise
 from artibot_sim.diagnose.command_series import Level, level_of, series_of
 from artibot_sim.diagnose.diagnosis import Series
+from artibot_sim.diagnose.options import FALSE_ALARM_RATE, PRIOR_ODDS
+from artibot_sim.diagnose.thresholds import THRESHOLDS
 from artibot_sim.experiment import Experiment
 from artibot_sim.model import Robot
 
@@ -31,8 +33,10 @@ _SLOWEST = 0.01
 """The same of a dead band, over the largest speed commanded."""
 _UNSEEN = 8.0
 """Nats below which an effect was not seen."""
-_EXCLUDED = 90.0
-"""Nats that a size of an effect has to lose to be excluded: what it takes to be named, and two deviations more."""
+_OCCAM, _MARGIN = 8.0, 2.0
+"""Nats that an effect's freedom costs here, and standard deviations that chance may take from an effect."""
+NEEDED = THRESHOLDS.least(PRIOR_ODDS, FALSE_ALARM_RATE)
+"""Nats that an effect has to gain to be named, unless something else is asked for."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +85,7 @@ class Work:
     data: Told
     pulls: Told | None
     noise: Noise
+    needed: float = NEEDED
     _fits: dict[tuple[str, ...], Fit] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -178,8 +183,11 @@ class Work:
         if effect in (LIMIT, SCALE):
             return True
         field_ = PARAMETERS[effect][1]
-        least = _SMALLEST.get(field_, _SLOWEST * float(np.abs(self.data.command).max()))
-        return abs(getattr(fit.best.way, field_) - getattr(self.fitter.known, field_)) >= least
+        return abs(getattr(fit.best.way, field_) - getattr(self.fitter.known, field_)) >= self._smallest(field_)
+
+    def _smallest(self, field_: str) -> float:
+        """Departure of a way's field under which it is none."""
+        return _SMALLEST.get(field_, _SLOWEST * float(np.abs(self.data.command).max()))
 
     def parameters(self, effect: str, fit: Fit) -> tuple[dict[str, float], dict[str, float]]:
         """Values of an effect's parameters at a fit, and their standard deviations; none where nothing tells them."""
@@ -196,15 +204,20 @@ class Work:
 
     def _note(self, effect: str, nats: float) -> str:
         if effect == SCALE and self.puller is None:
-            return "no torque of a back motor is commanded"
+            return "no torque of a back motor is commanded and measured"
         if effect == LIMIT and not np.isfinite(self.data.torque).any():
             return "no torque of a front motor is recorded"
         if effect == LIMIT and nats == 0.0:
             return "no front motor falls short of its command at a torque that it does not exceed"
         return ""
 
+    @property
+    def _lost(self) -> float:
+        """Nats that a size of an effect has to lose to be excluded: had it been there, it would have been named."""
+        return 0.5 * (float(np.sqrt(2.0 * (self.needed + _OCCAM))) + _MARGIN) ** 2
+
     def _excluded(self, effect: str, fit: Fit) -> dict[str, float]:
-        """From which departure from neutral an effect that is not there would have been seen."""
+        """From which departure from neutral an effect would have been seen, stamps as it wants them."""
         if effect == LIMIT or (effect == SCALE and self.puller is None):
             return {}
         fitter, name, field_ = self.fitter, *PARAMETERS.get(effect, ("scale", "scale"))
@@ -212,11 +225,10 @@ class Work:
             fitter = self.puller
         best = fit.pulled if effect == SCALE and fit.pulled is not None else fit.best
         neutral = getattr(fitter.known, field_)
-        first = {"threshold": 0.5, "scale": 2e-4}.get(field_, 1e-3)
-        for size in first * 1.5 ** np.arange(26):
+        for size in self._smallest(field_) * 1.5 ** np.arange(22):
             ways = [best.way._replace(**{field_: neutral + sign * float(size)}) for sign in (1.0, -1.0)]
             tried = ways if field_ == "scale" else ways[:1]
-            if all(fitter.value(way) < best.value - _EXCLUDED for way in tried):
+            if all(fitter.at(way) < best.value - self._lost for way in tried):
                 return {name: float(size)}
         return {}
 
@@ -225,7 +237,7 @@ class Work:
         if effect != LIMIT:
             return {}
         error = self.data.speed - seen(self.data, base.best.way)
-        limit = excluded_limit(self.data, self.noise, error, _EXCLUDED)
+        limit = excluded_limit(self.data, self.noise, error, self._lost)
         return {"front_max": limit} if limit > 0.0 else {}
 
     def gained(self, robot: Robot) -> float:

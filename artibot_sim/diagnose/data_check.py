@@ -70,15 +70,23 @@ def require_usable(recordings: Sequence[Experiment], robot: Robot) -> None:
                 f"{other.path}: given twice{again}; what is fitted to cannot be held out, or count double"
             )
     found = [way for experiment in recordings if (way := rolled(experiment, robot)) is not None]
+    for way in found:
+        if _foreign(way.factor) and way.guess(robot):
+            raise ArtibotError(wrong_robot(way, robot))
     if not found:
         raise ArtibotError(
             f"{recordings[0].path}: the rover never moves: its wheels do not turn on "
             f"{recordings[0].channels['motor_torques'].topic}; record a drive"
         )
     factor = float(np.median([way.factor for way in found]))
-    if not 1.0 / FACTOR_REFUSED < factor < FACTOR_REFUSED:
+    if _foreign(factor):
         way = min(found, key=lambda w: abs(np.log(w.factor / factor)))
         raise ArtibotError(wrong_robot(way, robot))
+
+
+def _foreign(factor: float) -> bool:
+    """Whether wheels and path do not fit, whatever slips."""
+    return not 1.0 / FACTOR_REFUSED < factor < FACTOR_REFUSED
 
 
 def _same(one: Experiment, other: Experiment) -> bool:
@@ -122,7 +130,7 @@ def data_warnings(
     problem, point : optional
         A fit to them: with it, whether any wheel slides is known.
     held : sequence of Experiment, optional
-        Held out: of these only that they are of another robot.
+        Held out: of these only what is wrong with robot and wheels.
     """
     said: list[str] = []
     for experiment in recordings:
@@ -130,7 +138,9 @@ def data_warnings(
     said += _together(recordings, robot)
     if problem is not None and point is not None:
         said += _excitation(problem, point)
-    said += [f"{experiment.name}: {word}" for experiment in held for word in other_robot(experiment, robot)]
+    for experiment in held:
+        said += [f"{experiment.name}: {word}" for word in other_robot(experiment, robot)]
+        said += [f"{experiment.name}: {fault}" for fault in wheel_faults(experiment, robot)]
     return tuple(dict.fromkeys(said))
 
 
@@ -157,6 +167,9 @@ def _channel_faults(channel: Channel, experiment: Experiment) -> Iterator[str]:
     held = _held(channel)
     if held > _HELD:
         yield f"{channel.topic}: {100 * held:.0f} % of its samples repeat the one before; they count once"
+    for name in _LIVELY:
+        if name in channel and len(channel) > _SOME and not np.ptp(channel.series(name)[1]):
+            yield f"{channel.topic}: {name} never changes: is the sensor connected?"
     for name in channel.columns:
         limit = _limit(channel, name, experiment.channels["motor_torques"])
         if limit is not None:
@@ -184,6 +197,10 @@ def _held(channel: Channel) -> float:
     return min(shares, default=0.0)
 
 
+_LIVELY = ("yaw_rate", "articulation_yaw.position")
+"""What changes with every sample, if only by noise,"""
+_SOME = 50
+"""in recordings of more samples than these."""
 _LIMITED = ("yaw_rate", "ax", "ay", "articulation_yaw.position", "effort")
 """Ends of the names of columns that a sensor's range limits."""
 
@@ -263,9 +280,11 @@ def _one_sided(recordings: Sequence[Experiment]) -> Iterator[str]:
     rate = np.concatenate(rates) if rates else np.empty(0)
     if not len(rate):
         return
-    if np.sqrt(np.mean(rate**2)) < 0.02:
+    typical = float(np.sqrt(np.mean(rate**2)))
+    turning = rate[np.abs(rate) > 0.5 * typical]
+    if typical < 0.02:
         yield "the rover hardly turns: nothing pushes its wheels sideways; drive arcs to both sides as well"
-    elif min(np.mean(rate > 0.05), np.mean(rate < -0.05)) < 0.02:
+    elif min(np.mean(turning > 0.0), np.mean(turning < 0.0)) < 0.02:
         side = "left" if np.mean(rate) > 0 else "right"
         yield f"the rover turns to the {side} only: what pulls it to one side looks like soil; drive both ways"
 

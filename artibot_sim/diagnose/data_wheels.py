@@ -21,8 +21,8 @@ _LEAST_WAY = 0.5
 """m that wheels or rover must have moved."""
 _STRIDE = 1.0
 """s between the positions whose distances add up to a path: noise does not."""
-_ALIKE = 0.03
-"""Known factors within this are named."""
+_ALIKE = 0.3
+"""Known factors within this, as a logarithm, are named."""
 _OPPOSITE = -0.5
 """Correlation of turning by wheels and as measured, below which sides or signs are the wrong way round."""
 _SCALE = 0.05
@@ -62,10 +62,9 @@ class Rolled:
             180.0 / np.pi: "degrees per rad",
             1.0 / (2.0 * np.pi): "turns per rad",
         }
-        for factor, words in known.items():
-            if factor != 1.0 and abs(np.log(self.factor / factor)) < 10 * _ALIKE:
-                return f" (about {words})"
-        return ""
+        away = {factor: abs(float(np.log(self.factor / factor))) for factor in known if factor != 1.0}
+        nearest = min(away, key=lambda factor: away[factor])
+        return f" (about {known[nearest]})" if away[nearest] < _ALIKE else ""
 
 
 def rolled(experiment: Experiment, robot: Robot) -> Rolled | None:
@@ -90,7 +89,7 @@ def rolled(experiment: Experiment, robot: Robot) -> Rolled | None:
 
 
 def front_speed(motors: Channel, robot: Robot, at: Array) -> tuple[Array, Array] | None:
-    """Distances (n,) rolled and angles (n,) turned by the front wheels at times (n,), m and rad; None if not measured.
+    """Angles (n,) turned and distances (n,) rolled by the front wheels at times (n,), rad and m; None if not measured.
 
     Without slip: half the sum and, over the track, the difference of both sides.
     """

@@ -21,6 +21,7 @@ from artibot_sim.diagnose.valley import at_size
 from artibot_sim.diagnose.views import others, together
 from artibot_sim.identify.extension import Extension
 from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.search import Fit
 from artibot_sim.model.effects import EFFECTS
 
@@ -71,7 +72,7 @@ class Decision:
         With all named effects.
     turns : tuple of Turn
     other : mapping of str to Other
-        What the view driven by commands says.
+        What the view driven by commands says of each effect, of the named ones beside each other.
     left : mapping of str to Left
         What the model with all that was named leaves.
     unexplained : Finding or None
@@ -128,19 +129,24 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
     """
     thresholds = options.thresholds
     rounds = Rounds(scheduler=options.scheduler)
-    least = thresholds.least(options.prior_odds, options.false_alarm_rate)
+    least = options.least
     named: list[Named] = []
     again = False
-    found = turn(problem, fit, fit.loss, (), rounds, tick)
+
+    def sought(problem: Problem, fit: Fit, loss: Loss) -> Turn:
+        found = turn(problem, fit, loss, [one.effect for one in named], rounds, tick)
+        return replace(found, nats=_nats(found, view, named))
+
+    found = sought(problem, fit, fit.loss)
     turns = [found]
     heard = other = others(view)
     neutral = problem, fit = found.problem, found.fit
     while len(named) < thresholds.most:
-        best = _best(found, _nats(found, view, named), heard, least, thresholds, tuple(n.effect for n in named))
+        best = _best(found, found.nats, heard, least, thresholds, tuple(n.effect for n in named))
         if not (named or again) and found.fallen > max(_BETTER, best.nats if best else 0.0):
             # effects were screened around a soil that was none
             again = True
-            found = turns[0] = turn(problem, fit, found.loss, (), rounds, tick)
+            found = turns[0] = sought(problem, fit, found.loss)
             neutral = problem, fit = found.problem, found.fit
             continue
         if best is None:
@@ -150,14 +156,26 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
         if best.effect in heard:
             heard = others(view, tuple(n.effect for n in named))
         if only_commanded:
+            found = turns[-1] = replace(found, nats=_nats(found, view, named))
             continue
         problem, fit = _with_effect(problem, fit, found, best, options.seed)
         if len(named) < thresholds.most:
-            found = turn(problem, fit, found.loss, [n.effect for n in named], rounds, tick)
+            found = sought(problem, fit, found.loss)
             turns.append(found)
             problem, fit = found.problem, found.fit
     tick()
+    other = {**other, **_beside_each_other(view, [n.effect for n in named])}
+    named = [replace(one, found=other[one.effect].found) if one.found else one for one in named]
     return _concluded(Decision(Verdict.NONE, tuple(named), least, *neutral, problem, fit, tuple(turns), other))
+
+
+def _beside_each_other(view: CommandView, named: Sequence[str]) -> dict[str, Other]:
+    """What commands say of each named effect once the others are in the model: alone it stands for them as well."""
+    found: dict[str, Other] = {}
+    for effect in named:
+        told = others(view, tuple(one for one in named if one != effect))
+        found |= {effect: told[effect]} if effect in told else {}
+    return found
 
 
 def _views(effect: str) -> tuple[str, ...]:
@@ -185,14 +203,9 @@ def _concluded(found: Decision) -> Decision:
     several = _on_several_soils(found)
     if several is not None:
         return several
-    if leaves_more_than_noise(found.left) and (
-        any(nats >= found.least for nats in drifts(found.problem, found.fit).values())
-        or unexplained(found.problem, found.fit.point.coordinates) is not None
-    ):
-        # that is not the cause, or not all of it
-        force = unexplained(found.neutral_problem, found.neutral_fit.point.coordinates)
-        if force is not None:
-            return replace(_on_no_list(found), unexplained=force, apart=_contradiction(found))
+    force = _force(found) if leaves_more_than_noise(found.left) else None
+    if force is not None:
+        return replace(_on_no_list(found), unexplained=force, apart=_contradiction(found))
     return named_as(found) if found.named else found
 
 
@@ -212,6 +225,17 @@ def _on_several_soils(found: Decision) -> Decision | None:
         kept = tuple(one for one in found.named if one.found or one in found.fitted[:count])
         left = remains(problem, fit.point)
         return named_as(replace(found, named=kept, problem=problem, fit=fit, left=left, apart=alone))
+    return None
+
+
+def _force(found: Decision) -> Finding | None:
+    """The force that is at work instead of what was fitted, or beside it; None if there is none."""
+    neutral = found.neutral_problem, found.neutral_fit.point.coordinates
+    if not found.fitted:
+        return unexplained(*neutral)
+    changes = any(nats >= found.least for nats in drifts(found.problem, found.fit).values())
+    if changes or unexplained(found.problem, found.fit.point.coordinates) is not None:
+        return unexplained(*neutral)
     return None
 
 

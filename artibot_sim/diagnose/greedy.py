@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,7 @@ class Turn:
     rivals : tuple of Rival
         Those that were fitted, the best first.
     evidence : mapping of str to Evidence
-        Of the rivals, by effect.
+        Of the rivals, by effect, by the view that is driven by rotations.
     problem : Problem
         The baseline of this turn, with the noise that the best rival's residuals show.
     fit : Fit
@@ -56,6 +56,8 @@ class Turn:
         Nats by which the baseline is better than the one around which it was searched.
     base : Around, optional
         That one.
+    nats : mapping of str to float
+        Log Bayes factors of the rivals from both views, by effect.
     """
 
     trials: tuple[Trial, ...]
@@ -67,6 +69,7 @@ class Turn:
     screened: float
     fallen: float = 0.0
     base: Around | None = None
+    nats: Mapping[str, float] = field(default_factory=dict)
 
 
 def turn(

@@ -19,6 +19,8 @@ from artibot_sim.model.effects.base import Choice, Effect, Search
 
 Array = NDArray[np.float64]
 
+_STRAIGHT = 1e-3
+"""rad of articulation up to which it has not moved: nothing is known of a stop."""
 _LARGEST = 0.995
 """Share of the measured articulation angles that is below what counts as the largest."""
 
@@ -52,6 +54,7 @@ def hypotheses(robot: Robot, stretches: Sequence[Stretch], without: Sequence[str
     Parameters
     ----------
     robot : Robot
+        Its own effects are known, and not looked for.
     stretches : sequence of Stretch
         The recordings, for limits that are told from what was reached.
     without : sequence of str
@@ -61,13 +64,13 @@ def hypotheses(robot: Robot, stretches: Sequence[Stretch], without: Sequence[str
     measured = {series.channel for stretch in stretches for series in stretch.series}
     found: list[Hypothesis] = []
     for effect in EFFECTS.values():
-        if effect.id in without or effect.search is None or "rotation" not in effect.search.views:
+        if effect.id in (*without, *robot.effects) or effect.search is None or "rotation" not in effect.search.views:
             continue
         if effect.search.disc or (not robot.articulated and (effect.search.back or effect.acts == "joint")):
             continue
         if effect.search.channels and measured.isdisjoint(effect.search.channels):
             continue
-        if effect.search.reference == "articulation" and not np.isfinite(bend):
+        if effect.search.reference == "articulation" and not bend > _STRAIGHT:
             continue
         found += _choices(effect, robot, bend)
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import permutations
 
@@ -37,7 +38,6 @@ def next_experiment(
     robots: Mapping[str, Robot],
     noise: Mapping[str, float] | None = None,
     *,
-    seed: int = 0,
     library: Sequence[Entry] = LIBRARY,
 ) -> NextExperiment | None:
     """The cheapest manoeuvre that would tell effects apart that tie; None where there is nothing to tell apart.
@@ -49,8 +49,6 @@ def next_experiment(
     noise : mapping of str to float, optional
         Standard deviations of what is measured, by channel (SI); the usual sensors' by default. What is not in it is
         not measured, except motor speeds, which always are.
-    seed : int
-        Not used: nothing is drawn.
     library : sequence of Entry
 
     Notes
@@ -63,12 +61,15 @@ def next_experiment(
     if len(robots) < 2:
         return None
     levels = {c: v for c, v in (dict(noise) if noise else {c: USUAL[c] for c in _MEASURED}).items() if v > 0.0}
-    place = _place(robots)
     some = next(iter(robots.values()))
-    nats, entry = cheapest(library, some, lambda entry, least: hardest(robots, entry, levels, place, least))
+
+    def worth(entry: Entry, least: float) -> float:
+        return hardest(robots, entry, levels, _begin(robots, entry), least)
+
+    nats, entry = cheapest(library, some, worth)
     names = list(robots)
     apart = f"{', '.join(names[:-1])} from {names[-1]}" if len(names) == 2 else f"{', '.join(names)} from one another"
-    return advice(entry, some, place, apart, names, nats)
+    return advice(entry, some, _begin(robots, entry), apart, names, nats)
 
 
 def cheapest(library: Sequence[Entry], robot: Robot, nats: Callable[[Entry, float], float]) -> tuple[float, Entry]:
@@ -168,10 +169,11 @@ def _by_back_torques(driven: Trial, robot: Robot, noise: Mapping[str, float]) ->
     return max(sensors.log_likelihood(data, np.zeros(len(data))) - best.value, 0.0)
 
 
-def _place(robots: Mapping[str, Robot]) -> tuple[float, float]:
-    """Where manoeuvres begin: before the first place on the ground that an effect is about, else at the origin."""
+def _begin(robots: Mapping[str, Robot], entry: Entry) -> tuple[float, float]:
+    """Where a manoeuvre begins: before the first place on the ground that an effect is about, else at the origin."""
     for robot in robots.values():
         for values in robot.effects.values():
             if {"x", "y", "radius"} <= set(values):
-                return float(values["x"]) - _BEFORE, float(values["y"])
+                x, y = float(values["x"]), float(values["y"])
+                return x - _BEFORE * math.cos(entry.yaw), y - _BEFORE * math.sin(entry.yaw)
     return 0.0, 0.0

@@ -116,15 +116,20 @@ def expected(
     robot: Robot, driven: Experiment, force: Candidate, others: Sequence[Candidate], workers: int | None = None
 ) -> float:
     """Nats by which a force is expected to explain its own doing on a drive better than any other force does."""
-    equations, of = known(robot, driven, workers)
+    seen = known(robot, driven, workers)
+    if seen is None:
+        return 0.0
+    equations, of = seen
     pushed = acting(equations, of, force)
     pull = np.einsum("wij,wj->wi", equations.matrix[:, :, : equations.forces], pushed)
     return told(replace(equations, pull=pull), of, force, others)
 
 
-def known(robot: Robot, driven: Experiment, workers: int | None = None) -> tuple[Equations, Scene]:
-    """What a drive says of forces, the soil being known from others by `SOIL_SD`."""
+def known(robot: Robot, driven: Experiment, workers: int | None = None) -> tuple[Equations, Scene] | None:
+    """What a drive says of forces, the soil being known from others by `SOIL_SD`; None where too little is measured."""
     trial = short(problem_of([driven], parameter_set(robot, SOIL), WINDOW, workers))
+    if not len(trial):
+        return None
     equations, of = regression(trial, np.zeros(len(SOIL)))
     return replace(equations, information=np.eye(len(SOIL)) / SOIL_SD**2, slope=np.zeros(len(SOIL))), of
 

@@ -28,3 +28,8 @@ class Options:
     false_alarm_rate: float = FALSE_ALARM_RATE
     thresholds: Thresholds = THRESHOLDS
     scheduler: str | None = None
+
+    @property
+    def least(self) -> float:
+        """Nats that an effect has to gain to be named."""
+        return self.thresholds.least(self.prior_odds, self.false_alarm_rate)

@@ -75,7 +75,8 @@ class Candidate:
     ----------
     effect : str
     log10_bayes_factor : float
-        At its best against the re-identified baseline; of both views together.
+        At its best against the re-identified baseline (of what was tried again beside named effects, against the model
+        with these); of both views together. Of what was not fitted what the screen gained, its freedom not counted.
     values : mapping of str to float or str
         Where it was best.
     excluded_above : mapping of str to float

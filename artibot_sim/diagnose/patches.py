@@ -73,10 +73,10 @@ class _Seen:
 
 def discs(base: Around) -> list[Trial]:
     """The best discs for every effect that has one, each as a trial."""
-    found = []
+    found, parameters = [], base.problem.parameters
+    known = {*parameters.robot.effects, *(extension.id for extension in parameters.extensions)}
     for effect in EFFECTS.values():
-        named = {extension.id for extension in base.problem.parameters.extensions}
-        if effect.search is None or not effect.search.disc or effect.id in named:
+        if effect.search is None or not effect.search.disc or effect.id in known:
             continue
         found += _discs(base, effect.id, effect.search.probes)
     return found

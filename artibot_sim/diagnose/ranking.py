@@ -51,10 +51,11 @@ def _candidate(effect: str, at: Turn) -> Candidate:
     trials = [trial for trial in at.trials if trial.id == effect]
     rival = next((rival for rival in at.rivals if rival.id == effect), None)
     if rival is not None:
-        evidence = at.evidence[effect]
-        extension = rival.trial.hypothesis.extension
-        values = extension.values(rival.own)
-        return Candidate(effect, evidence.nats / DECADE, values, note=_note(trials), fitted=True)
+        values = rival.trial.hypothesis.extension.values(rival.own)
+        nats = at.nats.get(effect, at.evidence[effect].nats)
+        return Candidate(effect, nats / DECADE, values, note=_note(trials), fitted=True)
+    if not trials and effect in at.problem.parameters.robot.effects:
+        return Candidate(effect, 0.0, {}, note="known: it stands in the robot file")
     if not trials:
         return Candidate(effect, 0.0, {}, note="not looked for: these recordings cannot show it")
     best = min(trials, key=lambda trial: trial.point.cost)
@@ -63,8 +64,10 @@ def _candidate(effect: str, at: Turn) -> Candidate:
 
 
 def _with_other(own: Candidate, other: Other, named: Mapping[str, Named]) -> Candidate:
-    """A candidate with what the view driven by commands says added."""
-    nats = named[own.effect].nats / DECADE if own.effect in named else own.log10_bayes_factor + other.nats / DECADE
+    """A candidate with what the view driven by commands says added; a fitted one's evidence is of both views."""
+    nats = named[own.effect].nats / DECADE if own.effect in named else own.log10_bayes_factor
+    if not (own.fitted or own.effect in named):
+        nats += other.nats / DECADE
     if own.values:
         return replace(own, log10_bayes_factor=nats)
     values = {name: found.value for name, found in other.found.items()}

@@ -52,15 +52,14 @@ def result_of(
     """The diagnosis that a decision comes to."""
     baseline, extended, effects = _robots([e.name for e in fitted], decision, options.seed, tick)
     pairs = _predictions(fitted, held, baseline, extended, options, tick)
-    view = command_view([*fitted, *held], robot, seed=options.seed)
+    view = command_view([*fitted, *held], robot, needed=options.least)
     commanded = view.seen_by(extended)
     channels, looks = with_commands(baseline_levels(pairs), [look(pair, robot) for pair in pairs], *commanded)
     held_out = [pair for pair in pairs if pair.held_out]
     driven = [one.channels[COMMANDED] for one in looks if one.held_out and COMMANDED in one.channels]
     driven = driven if view.followed else []
     gained, gain = improvements(decision, held_out, extended, view, options), gains(held_out, driven, options.seed)
-    shares = {effect: one.share for effect, one in gained.items()}
-    if (refuting := is_refuted(shares, gain)) or is_minor(shares, decision.left):
+    if (refuting := is_refuted(gained, gain)) or is_minor(gained, decision.left):
         found = result_of(robot, fitted, held, refuted(decision), options, tick)
         said = (refutation if refuting else shortfall)([named.effect for named in decision.named], gain)
         return replace(found, warnings=(said, *found.warnings))
@@ -78,7 +77,7 @@ def result_of(
         ranking=ranking(decision, options.thresholds),
         unexplained=_unexplained(decision),
         gain=gain,
-        next_experiment=_next(decision, channels, options.seed),
+        next_experiment=_next(decision, channels),
         warnings=(
             *_contradiction(decision),
             *data_warnings(fitted, robot, decision.neutral_problem, decision.neutral_fit.point, held),
@@ -153,7 +152,7 @@ def _contradiction(decision: Decision) -> list[str]:
     return partly(alone.names, alone.unexplained_alone)
 
 
-def _next(decision: Decision, channels: Mapping[str, ChannelBaseline], seed: int) -> NextExperiment | None:
+def _next(decision: Decision, channels: Mapping[str, ChannelBaseline]) -> NextExperiment | None:
     """What would tell the first cause from those that tie with it, or what a force on no list is."""
     noise = {name: one.noise / (2.0**0.5 if name == "position" else 1.0) for name, one in channels.items()}
     if decision.verdict is Verdict.UNEXPLAINED:
@@ -176,7 +175,7 @@ def _next(decision: Decision, channels: Mapping[str, ChannelBaseline], seed: int
             values = {name: found.value for name, found in decision.other[effect].found.items()}
             without = at.problem.parameters.robot_at(at.fit.point.coordinates)
             robots[effect] = replace(without, effects=dict(without.effects) | {effect: values})
-    return next_experiment(robots, noise, seed=seed)
+    return next_experiment(robots, noise)
 
 
 def _causes(decision: Decision, effects: Parameters, gained: Mapping[str, Worth]) -> tuple[Cause, ...]:

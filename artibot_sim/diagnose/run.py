@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from artibot_sim.diagnose.command_view import command_view
 from artibot_sim.diagnose.data_check import require_usable
@@ -23,9 +24,14 @@ from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import best_fit, problem_of
 from artibot_sim.identify.search import Effort, Fit, Tick
+from artibot_sim.identify.sensing import Stretch, stretches
 from artibot_sim.model import Robot
 from artibot_sim.progress import Report
 
+Array = NDArray[np.float64]
+
+_FEWEST = 30
+"""Positions of a recording, without which its last third is too little to be held out."""
 _TICKS = 60
 """Parts of the work after which half of the bar is drawn: how many there will be is not known beforehand."""
 
@@ -98,9 +104,9 @@ def diagnose(
     begun, ticks = time.perf_counter(), _Ticks(progress)
     options = Options(horizon, seed, workers, prior_odds, false_alarm_rate, thresholds, scheduler)
     _check([*recordings, *holdout], robot, options)
-    fitted, held = split(*told_apart(recordings, holdout))
+    fitted, held = split(*told_apart(recordings, holdout), robot)
     problem, fit = baseline(fitted, robot, options, ticks)
-    view = command_view(fitted, robot, seed=options.seed)
+    view = command_view(fitted, robot, needed=options.least)
     decision = decide(problem, fit, options, ticks, view)
     result = result_of(robot, fitted, held, decision, options, ticks)
     ticks.done()
@@ -117,13 +123,15 @@ def _check(recordings: Sequence[Experiment], robot: Robot, options: Options) -> 
         raise ArtibotError(f"false_alarm_rate: {options.false_alarm_rate}; expected a share between 0 and 1")
 
 
-def split(recordings: Sequence[Experiment], holdout: Sequence[Experiment]) -> tuple[list[Experiment], list[Experiment]]:
+def split(
+    recordings: Sequence[Experiment], holdout: Sequence[Experiment], robot: Robot
+) -> tuple[list[Experiment], list[Experiment]]:
     """Recordings to fit and to hold out, in an order that does not depend on theirs."""
     fitted, held = sorted(recordings, key=_order), sorted(holdout, key=_order)
     if not held and len(fitted) > 1:
         return fitted[:-1], fitted[-1:]
     if not held:
-        return first_part(fitted[0])
+        return first_part(fitted[0], robot)
     return fitted, held
 
 
@@ -140,10 +148,22 @@ def told_apart(
     return fitted, held
 
 
-def first_part(experiment: Experiment) -> tuple[list[Experiment], list[Experiment]]:
-    """The first two thirds of a recording, and the rest."""
+def first_part(experiment: Experiment, robot: Robot) -> tuple[list[Experiment], list[Experiment]]:
+    """The first two thirds of what a recording measured of positions while its motors were, and the rest.
+
+    Raises
+    ------
+    ArtibotError
+        Where that is too little to be held out.
+    """
     begin, end = experiment.segments[0][0], experiment.segments[-1][1]
-    border = begin + 2.0 / 3.0 * (end - begin)
+    times = np.sort(np.concatenate([_measured(stretch) for stretch in stretches(experiment, robot)]))
+    if len(times) < _FEWEST:
+        raise ArtibotError(
+            f"{experiment.path}: {len(times)} positions are measured while its motors are: too few to hold some out, "
+            f"expected at least {_FEWEST}; record longer, or give another recording with --holdout"
+        )
+    border = float(times[2 * len(times) // 3])
     parts = []
     for name, a, b in (("", begin, border), (" (last third)", border, end)):
         segments = tuple((max(s, a), min(e, b)) for s, e in experiment.segments if max(s, a) < min(e, b))
@@ -151,6 +171,12 @@ def first_part(experiment: Experiment) -> tuple[list[Experiment], list[Experimen
         channels = {key: channel for key, channel in channels.items() if len(channel)}
         parts.append(replace(experiment, name=experiment.name + name, channels=channels, segments=segments))
     return parts[:1], parts[1:]
+
+
+def _measured(stretch: Stretch) -> Array:
+    """Times of a stretch's positions, s."""
+    t = next(series.t for series in stretch.series if series.channel == "position")
+    return t[(t >= stretch.inputs.t[0]) & (t <= stretch.inputs.t[-1])]
 
 
 def _order(experiment: Experiment) -> tuple[str, int, float, float]:

@@ -171,7 +171,8 @@ def drawn(
 def told(parameters: ParameterSet, what: Uncertain, heard: Heard) -> Uncertain:
     """The same once another view has measured effects' sizes; the soil goes along as the covariance says.
 
-    Views that contradict each other are both less sure than they say (Birge's ratio).
+    Views that contradict each other are both less sure of that size than they say (Birge's ratio), and of the rest as
+    far as it goes along.
     """
     mean, covariance = parameters.mixing @ what.coordinates, what.covariance
     for extension, part in zip(parameters.extensions, parameters.places, strict=True):
@@ -180,9 +181,10 @@ def told(parameters: ParameterSet, what: Uncertain, heard: Heard) -> Uncertain:
             (value, variance), place = seen, part.start
             total = covariance[place, place] + variance
             away = value - mean[place]
-            gain = covariance[:, place] / total
-            mean = mean + gain * away
-            covariance = (covariance - np.outer(gain, covariance[place])) * max(1.0, away**2 / total)
+            along = covariance[:, place] / covariance[place, place]
+            mean = mean + covariance[:, place] / total * away
+            kept = covariance[place, place] * variance / total * max(1.0, away**2 / total)
+            covariance = covariance - np.outer(along, covariance[place]) + kept * np.outer(along, along)
     return Uncertain(np.asarray(np.linalg.solve(parameters.mixing, mean), float), covariance)
 
 

@@ -101,6 +101,8 @@ def unexplained_of(found: Finding) -> Unexplained:
 def look(problem: Problem, coordinates: Array, most: int = _MOST, windows: int = WINDOWS) -> Finding:
     """What forces explain at `coordinates` (p,), with all that was weighed; so many forces and windows at most."""
     few = short(problem, windows)
+    if not len(few):  # too little is measured to tell within tenths of a second which force acts
+        return Finding((), (), 0.0, (), coordinates)
     equations, of = regression(few, coordinates)
     chosen: list[Candidate] = []
     first: list[Candidate] = []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -35,15 +34,21 @@ class Worth:
 
     Attributes
     ----------
-    share : float
-        Fraction by which the noise-weighted mean squared error, less the noise's share, falls; 0 where there is none.
+    before, after : float
+        Mean squared error in units of noise, less the noise's share, without and with it.
     nats : float
         By how much the log-likelihood of the predictions grows, with noise as large and as slow as all causes together
         leave it.
     """
 
-    share: float
+    before: float
+    after: float
     nats: float
+
+    @property
+    def share(self) -> float:
+        """Fraction by which the error beyond noise falls; 0 where there is none."""
+        return 1.0 - max(self.after, 0.0) / self.before if self.before > 0.0 else 0.0
 
 
 def improvements(
@@ -76,8 +81,7 @@ def improvements(
     found = {}
     for k, (named, robot, one) in enumerate(zip(decision.named, robots, held, strict=True)):
         after = excess(one, _followed(view, robot, names, "after"), levels)
-        share = 1.0 - max(after, 0.0) / before if before > 0.0 else 0.0
-        found[named.effect] = Worth(share, likely[k + 1] - likely[k] + heard[k + 1] - heard[k])
+        found[named.effect] = Worth(before, after, likely[k + 1] - likely[k] + heard[k + 1] - heard[k])
         before = after
     return found
 
@@ -95,37 +99,45 @@ def _likelihoods(models: Sequence[Sequence[Held]]) -> list[float]:
     return (-0.5 * loss.totals(samples, flat).sum(axis=-1)).tolist()
 
 
-def is_refuted(gained: Mapping[str, float], gain: Mapping[str, ChannelGain]) -> bool:
+def is_refuted(gained: Mapping[str, Worth], gain: Mapping[str, ChannelGain]) -> bool:
     """Whether held-out data are predicted worse with all that was named: in sum by `_WORSE`, and surely in one channel.
 
     Parameters
     ----------
-    gained : mapping of str to float
-        The shares that `improvements` gives.
+    gained : mapping of str to Worth
+        What `improvements` gives.
     gain : mapping of str to ChannelGain
         By channel, with intervals.
     """
-    return _left(gained) > 1.0 + _WORSE and any(one.ci95[1] < 0.0 for one in gain.values())
+    if not gained:
+        return False
+    before, after = _error(gained)
+    grown = after - before > _WORSE * (before if before > 0.0 else 1.0)
+    return grown and any(one.ci95[1] < 0.0 for one in gain.values())
 
 
-def is_minor(gained: Mapping[str, float], left: Mapping[str, Left]) -> bool:
+def is_minor(gained: Mapping[str, Worth], left: Mapping[str, Left]) -> bool:
     """Whether all that was named takes little of the held-out error, and more than noise is left of the fitted one.
 
     The cause of most of it is another one then, of which what was named may be no more than a part or the shadow.
 
     Parameters
     ----------
-    gained : mapping of str to float
-        The shares that `improvements` gives.
+    gained : mapping of str to Worth
+        What `improvements` gives.
     left : mapping of str to Left
         What the fit with all causes leaves.
     """
-    return bool(gained) and leaves_more_than_noise(left) and _left(gained) > _LITTLE
+    if not gained or not leaves_more_than_noise(left):
+        return False
+    before, after = _error(gained)
+    return before > 0.0 and after > _LITTLE * before
 
 
-def _left(gained: Mapping[str, float]) -> float:
-    """Share of the held-out error that all causes together leave."""
-    return math.prod(1.0 - share for share in gained.values())
+def _error(gained: Mapping[str, Worth]) -> tuple[float, float]:
+    """Held-out error beyond noise without any cause and with all of them."""
+    every = list(gained.values())
+    return every[0].before, every[-1].after
 
 
 def _models(decision: Decision) -> list[Robot]:

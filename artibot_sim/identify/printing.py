@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from artibot_sim.identify.identification import ChannelFit, Estimate, Identification, Prediction
+    from artibot_sim.identify.identification import ChannelFit, Identification, Prediction
 
 
 def printed(found: Identification) -> Any:
@@ -110,8 +110,3 @@ def number(value: float, digits: int = 4) -> str:
             return f"{value:.0f}"
         return f"{mantissa}e{int(exponent)}"
     return text.rstrip(".")
-
-
-def note_of(estimate: Estimate) -> str:
-    """What a robot file says about where a value comes from."""
-    return estimate.note or estimate.status.value

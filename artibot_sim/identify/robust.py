@@ -121,11 +121,11 @@ def thinning(windows: Sequence[Window], residuals: Sequence[Array]) -> Array:
 
 
 def _correlation_time(parts: Sequence[Array]) -> float:
-    lags = min(_LAGS, min(len(part) for part in parts) // 2)
-    power = sum(float(part @ part) for part in parts)
     total = 1.0
-    for lag in range(1, lags):
-        shared = sum(float(part[lag:] @ part[:-lag]) for part in parts) / max(power, 1e-300)
+    for lag in range(1, min(_LAGS, int(np.median([len(part) for part in parts])) // 2)):
+        long = [part for part in parts if len(part) > 2 * lag]
+        power = sum(float(part @ part) for part in long)
+        shared = sum(float(part[lag:] @ part[:-lag]) for part in long) / max(power, 1e-300)
         if shared <= 0.02:
             break
         total += 2.0 * shared

@@ -30,8 +30,8 @@ CHANNELS = {
 """Channel of the contract → what is sampled for it."""
 
 CHANNEL_UNITS = {
-    "position": "m", "yaw": "rad", "yaw_rate": "rad/s", "articulation_yaw": "rad", "torque_front": "N·m",
-    "torque_back": "N·m",
+    "position": "m", "yaw": "rad", "yaw_rate": "rad/s", "articulation_yaw": "rad", "torque_front": "N m",
+    "torque_back": "N m",
 }  # fmt: skip
 
 _GUESS = {

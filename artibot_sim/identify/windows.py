@@ -29,6 +29,8 @@ _SURE = 2.0
 """Standard deviation of a start's measured pose, in the noise of one sample."""
 _OVER = 0.1
 """How much faster than its wheels say a rigid rover may be measured to move, as a share of their speed."""
+_POSITIONS = 4
+"""Positions without which a window says nothing."""
 _NEAR = 0.7
 """s without a position around a start, after which its pose and velocity count as badly known."""
 
@@ -95,7 +97,7 @@ def cut(found: Sequence[Stretch], robot: Robot, length: float, lead: float = 0.0
         for a, b in zip(edges.tolist(), edges[1:].tolist(), strict=False):
             first = max(0, a - before)
             windows.append(window_at(stretch, i, robot, first, b - first, a - first))
-    return [window for window in windows if (window.channel == 0).sum() >= 4]
+    return [window for window in windows if (window.channel == 0).sum() >= 2 * _POSITIONS]
 
 
 def _calm(stretch: Stretch, edges: Indices) -> Indices:

@@ -11,6 +11,7 @@ from bag_helpers import foreign
 from artibot_sim.diagnose.command_data import H, told
 from artibot_sim.diagnose.command_model import Way, followed, seen
 from artibot_sim.diagnose.command_view import EFFECTS, command_view
+from artibot_sim.diagnose.command_work import NEEDED
 from artibot_sim.experiment import Experiment, read_bag
 from artibot_sim.identify.synthetic import Noise, random_manoeuvre, random_soil, synthetic
 from artibot_sim.model import Commands, Robot, load_robot
@@ -126,11 +127,11 @@ def test_a_delay_and_a_lag_are_told_apart(true: str, close: str) -> None:
 def test_two_at_once_are_both_found(pair: tuple[str, str]) -> None:
     view = command_view(driven(robot_with(**{name: HIDDEN[name] for name in pair}), seed=3), AGRIQ)
     assert set(view.found) == set(pair)
-    both = view.together(*pair)
-    for name in pair:
+    for name, other in (pair, pair[::-1]):
+        beside = view.given(other)[name]
         for parameter, value in HIDDEN[name].items():
-            assert both.values[f"{name}.{parameter}"] == pytest.approx(value, rel=0.06)
-    assert both.nats > max(view.evidence[name].nats for name in pair) + 100.0
+            assert beside.values[parameter] == pytest.approx(value, rel=0.06)
+        assert beside.nats > 100.0
 
 
 @pytest.mark.parametrize(
@@ -144,6 +145,41 @@ def test_what_never_acts_gives_no_evidence_and_is_excluded(effects: dict, exclud
     if excluded:
         ((parameter, size),) = view.evidence[excluded].excluded_above.items()
         assert 0.0 < size < abs(HIDDEN[excluded][parameter] - AGRIQ_NEUTRAL[excluded])
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameter"),
+    [("command_delay", "delay"), ("speed_loop_lag", "time_constant"), ("deadband", "threshold")],
+)
+def test_what_is_excluded_would_have_been_found(effect: str, parameter: str) -> None:
+    """Stamps included: a delay within what clocks differ by is none."""
+    bound = command_view(driven(AGRIQ, seed=4), AGRIQ).evidence[effect].excluded_above[parameter]
+    hidden = command_view(driven(robot_with(**{effect: {parameter: bound}}), seed=4), AGRIQ)
+    assert hidden.evidence[effect].nats > NEEDED
+    assert hidden.evidence[effect].values[parameter] == pytest.approx(bound, rel=0.2)
+
+
+def test_a_recording_without_one_torque_leaves_the_others_theirs() -> None:
+    one, other = driven(robot_with(torque_scale={"scale": 1.1}), seed=11)
+    motors = one.channels["motor_torques"]
+    kept = {k: v for k, v in motors.columns.items() if k != "back_left.effort"}
+    lacking = replace(one, channels=dict(one.channels) | {"motor_torques": replace(motors, columns=kept)})
+    found = command_view([lacking, other], AGRIQ).evidence["torque_scale"]
+    assert not found.note and found.nats > NEEDED
+    assert found.values["scale"] == pytest.approx(1.1, rel=0.02)
+
+
+def test_speeds_alone_in_short_parts_are_enough() -> None:
+    """One part too short to say anything takes nothing from the others, which have no angles."""
+    found = []
+    for number, run in enumerate(driven(robot_with(speed_loop_lag={"time_constant": 0.25}), seed=12)):
+        motors = run.channels["motor_torques"]
+        spoken = {k: np.full_like(v, np.nan) if "position" in k else np.array(v) for k, v in motors.columns.items()}
+        if number == 0:
+            for key in (k for k in spoken if k.endswith("velocity")):
+                spoken[key][motors.t > 0.6] = np.nan
+        found.append(replace(run, channels=dict(run.channels) | {"motor_torques": replace(motors, columns=spoken)}))
+    assert command_view(found, AGRIQ).found == ("speed_loop_lag",)
 
 
 def test_a_limit_is_excluded_below_what_would_have_been_found() -> None:

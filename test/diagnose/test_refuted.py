@@ -9,7 +9,7 @@ import pytest
 
 from artibot_sim.diagnose import Verdict, diagnose
 from artibot_sim.diagnose.diagnosis import ChannelGain, Left
-from artibot_sim.diagnose.worth import is_minor, is_refuted
+from artibot_sim.diagnose.worth import Worth, is_minor, is_refuted
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.synthetic import random_manoeuvre, random_soil, synthetic
 from artibot_sim.model import Robot, load_robot
@@ -31,7 +31,28 @@ BETTER, WORSE = ChannelGain("m", 0.03, 0.01, (0.01, 0.03)), ChannelGain("rad", 0
     ],
 )
 def test_held_out_data_speak_against_what_they_are_predicted_worse_with(gained, gain, refuted) -> None:  # type: ignore[no-untyped-def]
-    assert is_refuted(gained, gain) is refuted
+    assert is_refuted(worths(gained), gain) is refuted
+
+
+def worths(shares: dict[str, float], before: float = 2.0) -> dict[str, Worth]:
+    """One cause after the other, each of which takes its share of what is left."""
+    found = {}
+    for effect, share in shares.items():
+        found[effect] = Worth(before, (1.0 - share) * before, 0.0)
+        before = found[effect].after
+    return found
+
+
+def test_the_end_counts_where_nothing_was_left_on_the_way() -> None:
+    gained = {"slope": Worth(2.0, -0.05, 0.0), "stribeck": Worth(-0.05, 3.0, 0.0)}
+    assert is_refuted(gained, {"yaw": WORSE})
+
+
+def test_held_out_data_without_any_error_say_nothing() -> None:
+    gained = {"friction_patch": Worth(-0.02, -0.01, 0.0)}
+    assert not is_minor(gained, {"yaw_rate": Left(2.4, 4.0)})
+    assert not is_refuted(gained, {"yaw": WORSE})
+    assert is_refuted({"friction_patch": Worth(-0.02, 0.4, 0.0)}, {"yaw": WORSE})
 
 
 @pytest.mark.parametrize(
@@ -45,7 +66,7 @@ def test_held_out_data_speak_against_what_they_are_predicted_worse_with(gained, 
     ],
 )
 def test_a_cause_of_little_of_what_is_wrong_is_not_named(gained, typical, minor) -> None:  # type: ignore[no-untyped-def]
-    assert is_minor(gained, {"position": Left(100.0, 900.0), "yaw": Left(typical, 900.0)}) is minor
+    assert is_minor(worths(gained), {"position": Left(100.0, 900.0), "yaw": Left(typical, 900.0)}) is minor
 
 
 def test_what_acts_in_the_fitted_recordings_only_is_not_named() -> None:

@@ -10,11 +10,17 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose import Diagnosis, Verdict, diagnose
-from artibot_sim.diagnose.run import told_apart
+from artibot_sim.diagnose.data_check import data_warnings
+from artibot_sim.diagnose.hypotheses import hypotheses
+from artibot_sim.diagnose.run import split, told_apart
+from artibot_sim.diagnose.unexplained import unexplained
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.measured import Measured
-from artibot_sim.identify.synthetic import synthetic
+from artibot_sim.identify.requested import parameter_set
+from artibot_sim.identify.run import problem_of
+from artibot_sim.identify.sensing import stretches
+from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
 from artibot_sim.model import load_robot, save_robot
 from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop
 
@@ -130,6 +136,63 @@ def test_poor_recordings_still_tell(
     torque = next(cause for cause in result.causes if cause.effect == "joint_friction").parameters["torque"]
     assert torque.value == pytest.approx(TORQUE, rel=0.2)
     assert warned in " ".join(result.warnings)
+
+
+def test_what_only_commands_show_is_fitted_beside_each_other() -> None:
+    """Alone a delay stands for the lag as well, and a held-out recording would speak against it."""
+    hidden = {"command_delay": {"delay": 0.15}, "speed_loop_lag": {"time_constant": 0.25}}
+    real = replace(ROBOT.replace(SOIL), effects=hidden)
+    manoeuvres = [random_manoeuvre(np.random.default_rng(k), 15.0) for k in range(3)]
+    driven = [synthetic(real, m, duration=15.0, kappa=0.8, seed=k, name=f"run{k}") for k, m in enumerate(manoeuvres)]
+    found = diagnose(driven, ROBOT)
+    assert {cause.effect for cause in found.causes} == set(hidden)
+    for cause in found.causes:
+        for name, value in hidden[cause.effect].items():
+            assert cause.parameters[name].value == pytest.approx(value, rel=0.06)
+        assert cause.holdout_improvement > 0.2
+
+
+def test_poses_that_are_too_rare_for_forces_are_enough_for_the_rest(drives: list[Experiment]) -> None:
+    bare = []
+    for one in drives:
+        motors, station = one.channels["motor_torques"], odometry_alone(one).channels["ground_truth_odom"]
+        columns = {name: values for name, values in motors.columns.items() if not name.endswith("effort")}
+        bare.append(
+            replace(one, channels={"ground_truth_odom": station, "motor_torques": replace(motors, columns=columns)})
+        )
+    problem = problem_of(bare, parameter_set(ROBOT), 5.0, 1)
+    assert unexplained(problem, np.zeros(5)) is None
+
+
+def test_a_joint_that_never_moves_has_no_stop(drives: list[Experiment]) -> None:
+    joints = drives[0].channels["joint_states"]
+    still = replace(joints, columns={name: np.zeros_like(values) for name, values in joints.columns.items()})
+    stuck = replace(drives[0], channels={**drives[0].channels, "joint_states": still})
+    problem = problem_of([stuck], parameter_set(ROBOT), 5.0, 1)
+    assert "joint_stop" not in {one.id for one in hypotheses(ROBOT, problem.stretches)}
+    assert any("never changes" in warning for warning in data_warnings([stuck], ROBOT))
+
+
+def test_what_the_robot_file_has_is_known(drives: list[Experiment]) -> None:
+    problem = problem_of(drives[:1], parameter_set(ROBOT), 5.0, 1)
+    known = replace(ROBOT, effects={"slope": {"grade": 0.05, "heading": 1.0}})
+    tried = {one.id for one in hypotheses(ROBOT, problem.stretches)}
+    assert tried - {one.id for one in hypotheses(known, problem.stretches)} == {"slope"}
+
+
+@pytest.mark.parametrize("lost", ["total_station", "motor_torques"])
+def test_what_is_held_out_of_one_recording_was_measured(drives: list[Experiment], lost: str) -> None:
+    """Where a sensor falls silent the last third is that of what it measured."""
+    one = drives[0]
+    short = replace(one, channels={**one.channels, lost: one.channels[lost].between(0.0, 0.6 * one.duration)})
+    fitted, held = split([short], [], ROBOT)
+    for part in (*fitted, *held):
+        assert (
+            sum(len(s.t) for stretch in stretches(part, ROBOT) for s in stretch.series if s.channel == "position") > 20
+        )
+    brief = replace(one, channels={**one.channels, lost: one.channels[lost].between(0.0, 1.0)})
+    with pytest.raises(ArtibotError, match="--holdout"):
+        split([brief], [], ROBOT)
 
 
 def test_recordings_of_one_name_are_told_apart(drives: list[Experiment]) -> None:

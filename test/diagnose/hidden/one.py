@@ -29,7 +29,7 @@ def main(effect: str, severity: str, seed: str, runs: str = "2", duration: str =
     found = case(hidden, float(severity), int(seed), runs=int(runs), duration=float(duration))
     robot, options = load_robot("agriq"), Options()
     problem, fit = baseline(found.recordings, robot, options)
-    decision = decide(problem, fit, options, lambda: None, command_view(found.recordings, robot, seed=options.seed))
+    decision = decide(problem, fit, options, lambda: None, command_view(found.recordings, robot))
     acting = {**found.truth.effects, **found.truth.unlisted}
     print("hidden:", {name: dict(values) for name, values in acting.items()})
     print("said:", decision.verdict.value, *(f"{n.effect} by {n.nats:.0f} nats" for n in decision.named))
