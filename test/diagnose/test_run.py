@@ -14,6 +14,7 @@ from artibot_sim.diagnose.data_check import data_warnings
 from artibot_sim.diagnose.hypotheses import hypotheses
 from artibot_sim.diagnose.run import split, told_apart
 from artibot_sim.diagnose.unexplained import unexplained
+from artibot_sim.diagnose.unexplained_response import short
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.measured import Measured
@@ -161,6 +162,7 @@ def test_poses_that_are_too_rare_for_forces_are_enough_for_the_rest(drives: list
             replace(one, channels={"ground_truth_odom": station, "motor_torques": replace(motors, columns=columns)})
         )
     problem = problem_of(bare, parameter_set(ROBOT), 5.0, 1)
+    assert not len(short(problem))
     assert unexplained(problem, np.zeros(5)) is None
 
 
