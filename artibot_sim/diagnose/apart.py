@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.contest import Rounds, settled
 from artibot_sim.diagnose.diagnosis import Left, Unexplained
+from artibot_sim.diagnose.evidence import DECADE
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
-from artibot_sim.diagnose.words import RECORDING
+from artibot_sim.diagnose.words import RECORDING, odds
 from artibot_sim.identify.gauss_newton import again, evaluate
-from artibot_sim.identify.printing import number
+from artibot_sim.identify.printing import number, spaced
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.search import Fit
 from artibot_sim.identify.side_by_side import side_by_side
@@ -67,7 +68,12 @@ class Apart:
         """The same as what is on no list; its size is the largest difference of a parameter as a share."""
         size = max(_spread(values) for _, _, values in self.soil)
         return Unexplained(
-            "contact forces", RECORDING, "a soil of its own in each", float(f"{size:.3g}"), "–", self.words
+            "contact forces",
+            RECORDING,
+            f"a soil of its own in each, {odds(self.nats / DECADE)} against one for all",
+            float(f"{size:.3g}"),
+            "–",
+            self.words,
         )
 
 
@@ -105,4 +111,4 @@ def _spread(values: Array) -> float:
 
 def _told(names: Sequence[str], parameter: str, unit: str, values: Array) -> str:
     each = ", ".join(f"{number(float(value), 3)} in {name}" for name, value in zip(names, values, strict=True))
-    return f"{parameter} ({unit}) {each}" if unit not in ("", "-", "–", "1") else f"{parameter} {each}"
+    return f"{parameter} ({spaced(unit)}) {each}" if unit not in ("", "-", "–", "1") else f"{parameter} {each}"

@@ -12,7 +12,7 @@ from artibot_sim.diagnose.contest import Rounds
 from artibot_sim.diagnose.diagnosis import Found, Left, Verdict
 from artibot_sim.diagnose.disc_place import on_best_disc
 from artibot_sim.diagnose.drift import disagreement, drifts
-from artibot_sim.diagnose.greedy import Turn, acceptable, turn
+from artibot_sim.diagnose.greedy import Turn, refusal, turn
 from artibot_sim.diagnose.other import Other
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.thresholds import Thresholds
@@ -285,7 +285,7 @@ def _best(
     good: dict[str, float] = {}
     for effect, nats in fitted.items():
         enough = least + thresholds.more(effect)
-        if effect not in without and acceptable(effect, found.evidence[effect], nats, enough, thresholds):
+        if effect not in without and not refusal(effect, found.evidence[effect], nats, enough, thresholds):
             good[effect] = nats
     for effect, view in heard.items():
         if effect in good or effect in without or fitted.get(effect, least) < least:

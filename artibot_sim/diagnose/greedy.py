@@ -152,10 +152,16 @@ def _with_starts_of(problem: Problem, best: Fit, rivals: Sequence[Rival], rounds
     return sorted(found, key=lambda rival: rival.fit.point.cost)
 
 
-def acceptable(effect: str, found: Evidence, nats: float, least: float, thresholds: Thresholds) -> bool:
-    """Whether an effect is named; the size of a limit says nothing, for without it there is none."""
+def refusal(effect: str, found: Evidence, nats: float, least: float, thresholds: Thresholds) -> str:
+    """Why an effect is not named, in a few words; empty where it is.
+
+    The size of a limit says nothing, for without it there is none.
+    """
+    if nats < least:
+        return f"{least:.0f} nats are asked of it"
     search = EFFECTS[effect].search
     if search is not None and search.reference:
-        return nats >= least
-    size = float(np.abs(found.own).max())
-    return nats >= least and found.away >= thresholds.away and size >= thresholds.size
+        return ""
+    if float(np.abs(found.own).max()) < thresholds.size:
+        return f"less than {thresholds.size:g} of a plain size"
+    return "" if found.away >= thresholds.away else f"not {thresholds.away:g} standard deviations from neutral"

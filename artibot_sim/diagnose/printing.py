@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from artibot_sim.diagnose import words
-from artibot_sim.identify.printing import number
+from artibot_sim.identify.printing import number, spaced
 
 if TYPE_CHECKING:
     from artibot_sim.diagnose.diagnosis import Diagnosis
@@ -67,7 +67,7 @@ def _parameters(found: Diagnosis) -> Any:
         for name, p in cause.parameters.items():
             value = p.value if isinstance(p.value, str) else number(p.value)
             interval = f"{number(p.ci95[0])} … {number(p.ci95[1])}" if p.ci95 else ""
-            table.add_row(words.effect_words(cause.effect), name, value, interval, words.spaced(p.unit))
+            table.add_row(words.effect_words(cause.effect), name, value, interval, spaced(p.unit))
     return table
 
 
@@ -85,7 +85,7 @@ def _gain(found: Diagnosis) -> Any:
             low, high = gain.ci95
             after = number(gain.before, 3), number(gain.after, 3), f"{number(low, 3)} … {number(high, 3)}"
         noise, rmse = number(base.noise, 3), number(base.rmse, 3)
-        table.add_row(words.channel_words(channel), words.spaced(base.unit), noise, rmse, *after)
+        table.add_row(words.channel_words(channel), spaced(base.unit), noise, rmse, *after)
     return table
 
 

@@ -11,7 +11,7 @@ from artibot_sim.diagnose.decision import Decision, Named
 from artibot_sim.diagnose.diagnosis import Candidate
 from artibot_sim.diagnose.evidence import DECADE
 from artibot_sim.diagnose.exclusion import excluded, excluded_below, excluded_patch
-from artibot_sim.diagnose.greedy import Turn
+from artibot_sim.diagnose.greedy import Turn, refusal
 from artibot_sim.diagnose.other import Other
 from artibot_sim.diagnose.screen import Trial
 from artibot_sim.diagnose.thresholds import Thresholds
@@ -34,9 +34,19 @@ def ranking(decision: Decision, thresholds: Thresholds) -> tuple[Candidate, ...]
             trials = [trial for trial in at.trials if trial.id == effect]
             above = _above(decision, effect, trials, thresholds)
             below = excluded_below(trials[0], decision.least, thresholds) if trials else {}  # limits have no choices
-            own = replace(own, excluded_above=above, excluded_below=below)
+            note = own.note or _refusal(at, own, decision, thresholds)
+            own = replace(own, excluded_above=above, excluded_below=below, note=note)
         found.append(_with_other(own, decision.other[effect], named) if effect in decision.other else own)
     return tuple(sorted(found, key=lambda c: -c.log10_bayes_factor if np.isfinite(c.log10_bayes_factor) else np.inf))
+
+
+def _refusal(at: Turn, own: Candidate, decision: Decision, thresholds: Thresholds) -> str:
+    """Why what gained as much as others are named for is not; empty where it did not."""
+    nats = DECADE * own.log10_bayes_factor
+    if own.effect not in at.evidence or nats < decision.least:
+        return ""
+    least = decision.least + thresholds.more(own.effect)
+    return refusal(own.effect, at.evidence[own.effect], nats, least, thresholds)
 
 
 def _above(decision: Decision, effect: str, trials: Sequence[Trial], thresholds: Thresholds) -> dict[str, float]:

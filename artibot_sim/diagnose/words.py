@@ -8,7 +8,7 @@ import numpy as np
 
 from artibot_sim.diagnose.diagnosis import Candidate, Cause, ChannelBaseline, ChannelGain, Diagnosis, Found, Verdict
 from artibot_sim.diagnose.options import HORIZON
-from artibot_sim.identify.printing import number
+from artibot_sim.identify.printing import number, spaced
 
 CHANNEL_WORDS = {
     "position": "position", "yaw": "heading", "yaw_rate": "yaw rate", "articulation_yaw": "articulation angle",
@@ -50,11 +50,6 @@ def amount(value: float, unit: str, digits: int = 2) -> str:
     if unit in ("", "-", "–", "1"):
         return number(value, digits)
     return f"{number(value, digits)} {spaced(unit)}"
-
-
-def spaced(unit: str) -> str:
-    """A unit as it is printed: N·m for N m."""
-    return unit.replace("^2", "²").replace(" ", "·")
 
 
 def parameter_words(name: str, found: Found, digits: int = 3) -> str:
@@ -101,14 +96,14 @@ def _unexplained(found: Diagnosis) -> str:
     if what is None:
         return f"{named}something that is on no list of effects."
     if what.variable == RECORDING:
-        return f"{named}{differing(what.where)}."
+        return f"{named}{differing(f'each asks for a soil of its own, up to {100 * what.size:.0f} % apart')}."
     size = f" of {amount(what.size, what.unit)}" if np.isfinite(what.size) else ""
     return f"{named}something that is on no list: a {what.force}{size} that follows {what.variable} ({what.form})."
 
 
-def differing(soils: str) -> str:
-    """That recordings ask for soils of their own."""
-    return f"the ground is not the same in all recordings: {soils}"
+def differing(how: str) -> str:
+    """That recordings ask for soils of their own, and how these differ."""
+    return f"the ground is not the same in all recordings: {how}"
 
 
 def partly(names: Sequence[str], unexplained: Sequence[str]) -> list[str]:

@@ -38,7 +38,7 @@ def _parameters(found: Identification) -> Any:
     for e in found.estimates:
         low, high = e.ci95
         table.add_row(
-            e.name, number(e.value), f"{number(low)} … {number(high)}", e.unit,
+            e.name, number(e.value), f"{number(low)} … {number(high)}", spaced(e.unit),
             f"{number(e.prior[0])} ± {number(e.prior[1], 2)}", e.status.value,
         )  # fmt: skip
     return table
@@ -54,7 +54,7 @@ def _channels(found: Identification) -> Any:
         table.add_column(f"{prediction.name}: {prediction.horizon:g} s ahead", justify="right")
         table.add_column("free run", justify="right")
     for name, fit in found.channels.items():
-        cells = [name, fit.unit, number(fit.noise, 3), number(fit.rmse, 3)]
+        cells = [name, spaced(fit.unit), number(fit.noise, 3), number(fit.rmse, 3)]
         for prediction in found.predictions:
             cells += [_rmse(prediction.channels.get(name)), _rmse(prediction.free_run.get(name))]
         table.add_row(*cells)
@@ -88,7 +88,7 @@ def prediction_lines(prediction: Prediction) -> Iterator[str]:
         )
     for name, fits in {"this model": prediction.final, **prediction.rivals}.items() if prediction.rivals else ():
         errors = "; ".join(
-            f"{channel} RMSE {fit.rmse:.3f}, median {fit.median:.3f}, 90 % {fit.p90:.3f} {fit.unit}"
+            f"{channel} RMSE {fit.rmse:.3f}, median {fit.median:.3f}, 90 % {fit.p90:.3f} {spaced(fit.unit)}"
             for channel, fit in fits.items()
             if channel in ("position", "yaw")
         )
@@ -110,3 +110,8 @@ def number(value: float, digits: int = 4) -> str:
             return f"{value:.0f}"
         return f"{mantissa}e{int(exponent)}"
     return text.rstrip(".")
+
+
+def spaced(unit: str) -> str:
+    """A unit as it is printed: N·m for N m."""
+    return unit.replace("^2", "²").replace(" ", "·")

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.experiment.local_fit import fresh
 from artibot_sim.identify.identification import ChannelFit
+from artibot_sim.identify.printing import spaced
 from artibot_sim.identify.sensing import CHANNEL_UNITS
 from artibot_sim.identify.windows import CHANNEL_NAMES, Window
 
@@ -77,7 +78,7 @@ def outliers(windows: Sequence[Window], residuals: Sequence[Array]) -> tuple[str
         listed = ", ".join(f"{error[i]:.2f} at {windows[i].t:.0f} s{'*' if _leaps(windows[i]) else ''}" for i in worst)
         said.append(
             f"the worst {len(worst)} of {len(windows)} windows hold {100 * share:.0f} % of the squared error of {name} "
-            f"at the ends: {listed} ({CHANNEL_UNITS[name]})"
+            f"at the ends: {listed} ({spaced(CHANNEL_UNITS[name])})"
         )
     if any("*" in sentence for sentence in said):
         said.append(f"*: measured positions leap there, by more than {_LEAP:g} m/s from one to the next")

@@ -9,7 +9,7 @@ import numpy as np
 from artibot_sim.diagnose.diagnosis import Diagnosis
 from artibot_sim.diagnose.samples import Samples, gather
 from artibot_sim.diagnose.words import channel_words, effect_words
-from artibot_sim.identify.printing import number
+from artibot_sim.identify.printing import number, spaced
 from artibot_sim.report import style
 from artibot_sim.report.diagnosis_panels import NAMES
 from artibot_sim.report.web import numbers
@@ -112,7 +112,7 @@ def error_map(found: Diagnosis, channel: str) -> dict[str, Any] | None:
     if samples is None or not np.isfinite(samples.at["x"]).any():
         return None
     x, y, size = _thinned(samples)
-    unit = found.baseline[channel].unit if channel in found.baseline else ""
+    unit = spaced(found.baseline[channel].unit) if channel in found.baseline else ""
     top = float(np.nanquantile(size, 0.98)) or 1.0
     order = np.argsort(size)  # the worst on top
     marker = {

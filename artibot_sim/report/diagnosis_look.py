@@ -22,7 +22,7 @@ details { margin: 8px 0; } summary { cursor: pointer; padding: 4px 0; color: @GO
 .plot.square { height: min(92vw, 460px); }
 .plot.low { height: 230px; } .plot.bars { height: 380px; }
 table td:nth-child(2) { color: inherit; }
-td.wrap, th.wrap { white-space: normal; min-width: 14em; text-align: left; }
+.wrap { display: inline-block; white-space: normal; min-width: 14em; max-width: min(56em, 78vw); text-align: left; }
 td.text { text-align: left; } th.text { text-align: left; }
 tr.found td, tr.found th { font-weight: 600; } tr.ties th { color: @TIE@; }
 svg.ci { display: block; }

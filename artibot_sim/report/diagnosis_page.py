@@ -234,6 +234,8 @@ def _excluded(found: Diagnosis) -> str:
         "from so much on, limits below so much, a patch for nine tenths of the ground driven on. An effect that is not "
         "here may have any size."
     )
+    if found.verdict is Verdict.UNEXPLAINED:
+        text += " That holds beside what is on no list only as far as that neither hides an effect nor looks like one."
     return section("What it is not", paragraph(text), inside) if inside else ""
 
 

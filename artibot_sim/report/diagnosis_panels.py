@@ -10,6 +10,7 @@ from artibot_sim.diagnose.diagnosis import Diagnosis, Look
 from artibot_sim.diagnose.samples import Samples, gather, sizes
 from artibot_sim.diagnose.words import channel_words, excess, is_wrong
 from artibot_sim.experiment.columns import SEGMENT_GAP
+from artibot_sim.identify.printing import spaced
 from artibot_sim.report import style
 from artibot_sim.report.panels import Floats, Level, Line, Panel
 from artibot_sim.report.style import Stroke
@@ -92,7 +93,7 @@ def over_time_of(look: Look, channel: str, unit: str) -> Panel | None:
             lines.append(Line(name, name, None, t, size, stroke))
     title = f"{look.name}: error of the {channel_words(channel)}"
     levels = (Level("noise", samples.level, NOISE),)
-    return Panel(f"{look.name}_{channel}", title, ("time", "s"), ("error", unit), tuple(lines), levels)
+    return Panel(f"{look.name}_{channel}", title, ("time", "s"), ("error", spaced(unit)), tuple(lines), levels)
 
 
 def _averaged(t: Floats, size: Floats) -> tuple[Floats, Floats]:
@@ -114,7 +115,7 @@ def over_covariates(found: Diagnosis, channel: str) -> Iterator[Panel]:
     samples = gather(found.looks, channel)
     if samples is None:
         return
-    unit = found.baseline[channel].unit if channel in found.baseline else ""
+    unit = spaced(found.baseline[channel].unit) if channel in found.baseline else ""
     for name, quantity in COVARIATES.items():
         x = samples.t if name == "t" else samples.at[name]
         edges = _edges(x, name == "heading")

@@ -9,7 +9,7 @@ import numpy as np
 
 from artibot_sim.diagnose import words
 from artibot_sim.diagnose.diagnosis import Candidate, Diagnosis, Found, Unexplained
-from artibot_sim.identify.printing import number
+from artibot_sim.identify.printing import number, spaced
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.effects.base import Choice
 from artibot_sim.report.diagnosis_charts import interval
@@ -52,7 +52,7 @@ def baseline(found: Diagnosis) -> str:
     for name, base in found.baseline.items():
         ratio = base.rmse / base.noise if base.noise > 0 else float("nan")
         cells = (
-            html.escape(words.channel_words(name)), html.escape(words.spaced(base.unit)), figure(base.noise),
+            html.escape(words.channel_words(name)), html.escape(spaced(base.unit)), figure(base.noise),
             figure(base.rmse), figure(ratio, 2), figure(base.free_run_rmse),
         )  # fmt: skip
         rows.append(("", cells))
@@ -67,7 +67,7 @@ def gain(found: Diagnosis) -> str:
         less = 100 * words.lost(g)
         interval_ = f"{figure(low)} … {figure(high)}"
         cells = (
-            html.escape(words.channel_words(name)), html.escape(words.spaced(g.unit)), figure(g.before),
+            html.escape(words.channel_words(name)), html.escape(spaced(g.unit)), figure(g.before),
             figure(g.after), f"{less:.0f} %".replace("-", "−"), interval_,
         )  # fmt: skip
         rows.append(("", cells))
@@ -98,7 +98,7 @@ def _parameter(effect: str, name: str, p: Found) -> tuple[str, ...]:
         return said, html.escape(words.effect_words(p.value)), "", "", ""
     between = f"{figure(p.ci95[0], 4)} … {figure(p.ci95[1], 4)}" if p.ci95 else ""
     drawn = interval(p.value, p.ci95, neutral(effect, name))
-    return said, figure(p.value, 4), html.escape(words.spaced(p.unit)), between, drawn
+    return said, figure(p.value, 4), html.escape(spaced(p.unit)), between, drawn
 
 
 def neutral(effect: str, name: str) -> float:
@@ -160,7 +160,7 @@ def excluded(found: Diagnosis) -> str:
 def unexplained(what: Unexplained) -> str:
     """What acts and is on no list."""
     rows = [
-        ("", (label, html.escape(text)))
+        ("", (label, f'<span class="wrap">{html.escape(text)}</span>'))
         for label, text in (
             ("force", what.force), ("follows", what.variable), ("form", what.form),
             ("size", words.amount(what.size, what.unit, 3)), ("where", what.where),

@@ -19,6 +19,7 @@ import numpy as np
 from artibot_sim.diagnose import words
 from artibot_sim.diagnose.places import places
 from artibot_sim.errors import ArtibotError
+from artibot_sim.identify.printing import spaced
 from artibot_sim.model import MOTORS, Robot, load_robot
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.effects.base import Effect, Search
@@ -216,7 +217,7 @@ def _entry(shown: Seen) -> str:
 
 
 def _with_unit(effect: Effect, name: str, value: float) -> str:
-    return f"{value:g} {words.spaced(getattr(effect.parameters[name].quantity, 'unit', ''))}".removesuffix(" -")
+    return f"{value:g} {spaced(getattr(effect.parameters[name].quantity, 'unit', ''))}".removesuffix(" -")
 
 
 @click.command("effect_pictures")

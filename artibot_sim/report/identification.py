@@ -10,7 +10,7 @@ import numpy as np
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.identify.identification import from_dict
-from artibot_sim.identify.printing import number, prediction_lines
+from artibot_sim.identify.printing import number, prediction_lines, spaced
 from artibot_sim.identify.quality import deviations
 from artibot_sim.identify.windows import CHANNEL_NAMES
 from artibot_sim.report.identification_windows import window_panels
@@ -103,7 +103,7 @@ def _tables(
     estimates: Sequence[Estimate], channels: Mapping[str, ChannelFit], predictions: Sequence[Prediction]
 ) -> list[Section]:
     heading = "Parameters: value, ends of the 95 % interval, prior, its standard deviation"
-    values = [(e.name, e.unit, tuple(number(v) for v in (e.value, *e.ci95, *e.prior))) for e in estimates]
+    values = [(e.name, spaced(e.unit), tuple(number(v) for v in (e.value, *e.ci95, *e.prior))) for e in estimates]
     sections: list[Section] = [(heading, values), (f"Residuals of the fit: {_ERRORS}", _errors(channels))]
     for prediction in predictions:
         said = f"{prediction.name}, held out: {prediction.windows} predictions of {prediction.horizon:g} s: {_ERRORS}"
@@ -123,7 +123,7 @@ def _errors(channels: Mapping[str, ChannelFit]) -> list[tuple[str, str, tuple[st
     return [
         (
             name.replace("_", " "),
-            fit.unit,
+            spaced(fit.unit),
             (*(number(v, 3) for v in (fit.rmse, fit.median, fit.p90, fit.noise)), str(fit.count)),
         )
         for name, fit in channels.items()
@@ -164,7 +164,7 @@ def _panel(
 ) -> Panel:
     lines = tuple(Line(name, name, None, x, y, stroke) for name, stroke, (x, y) in drawn if len(x))
     noise = Level("noise", fit.noise, _NOISE)
-    return Panel(key, title, ("time", "s"), ("error", fit.unit), lines, (noise,))
+    return Panel(key, title, ("time", "s"), ("error", spaced(fit.unit)), lines, (noise,))
 
 
 def _over_time(windows: list[Window], residuals: list[Floats], channel: int) -> tuple[Floats, Floats]:

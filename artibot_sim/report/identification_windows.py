@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from artibot_sim.identify.printing import spaced
 from artibot_sim.identify.quality import end_errors, worst_of
 from artibot_sim.identify.sensing import CHANNEL_UNITS
 from artibot_sim.report.panels import Floats, Line, Panel
@@ -55,7 +56,7 @@ def _distribution(held: Held, channel: str) -> Panel:
         Line(name, name, None, share, np.where(error <= limit, error, np.nan), _MODELS[name])
         for name, error in found.items()
     ]
-    unit = CHANNEL_UNITS[channel]
+    unit = spaced(CHANNEL_UNITS[channel])
     title = f"{held.summary.name}: {channel} at the ends, windows in order of error"
     return Panel(f"{held.summary.name}_{channel}_ends", title, ("windows", "%"), ("error", unit), tuple(lines[::-1]))
 

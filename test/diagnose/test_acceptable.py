@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose.evidence import Evidence
-from artibot_sim.diagnose.greedy import acceptable
+from artibot_sim.diagnose.greedy import refusal
 from artibot_sim.diagnose.thresholds import THRESHOLDS
 
 LEAST = 58.0
@@ -27,11 +27,11 @@ def told(size: float, nats: float = 500.0, sd: float = 1e-3) -> Evidence:
     ],
 )
 def test_an_effect_needs_evidence_and_a_size_that_is_not_nothing(found: Evidence, named: bool) -> None:
-    assert acceptable("joint_friction", found, found.nats, LEAST, THRESHOLDS) is named
+    assert (not refusal("joint_friction", found, found.nats, LEAST, THRESHOLDS)) is named
 
 
 @pytest.mark.parametrize("size", [0.0, -0.04, -1.0])
 def test_of_a_stop_only_evidence_counts(size: float) -> None:
     """Its coordinate is how far it is from the largest angle that was reached, and neutral is infinitely far."""
-    assert acceptable("joint_stop", told(size), 500.0, LEAST, THRESHOLDS)
-    assert not acceptable("joint_stop", told(size), LEAST - 1.0, LEAST, THRESHOLDS)
+    assert not refusal("joint_stop", told(size), 500.0, LEAST, THRESHOLDS)
+    assert refusal("joint_stop", told(size), LEAST - 1.0, LEAST, THRESHOLDS)
