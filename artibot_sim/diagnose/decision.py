@@ -220,9 +220,9 @@ def _on_several_soils(found: Decision) -> Decision | None:
         alone, further = apart(problem, fit), sum(one.nats for one in found.fitted[count:])
         if alone.nats < max(further, found.least) or not alone.sufficient:
             continue
-        if not count:
-            return replace(_on_no_list(found), apart=alone)
         kept = tuple(one for one in found.named if one.found or one in found.fitted[:count])
+        if not kept:
+            return replace(_on_no_list(found), apart=alone)
         left = remains(problem, fit.point)
         return named_as(replace(found, named=kept, problem=problem, fit=fit, left=left, apart=alone))
     return None

@@ -69,7 +69,7 @@ def diagnose(
 
     Soil is identified first, so that an effect only counts for what no soil explains. Every effect of
     `model.effects` is then tried beside it: screened, the promising ones fitted together with the soil, and the best
-    one added as long as that is worth it. See docs/diagnosis.md.
+    one added as long as that is worth it. See docs/diagnosis_method.md.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ class Thresholds:
     floor, tail : float
         Nats that recordings with nothing hidden give to the best effect: its middle, and the mean excess over that.
         A false alarm in `false_alarm_rate` of such cases is then `floor` + `tail` · log(1 / rate). Both are on the safe
-        side of what campaigns have shown (docs/diagnosis.md).
+        side of what campaigns have shown (docs/diagnosis_method.md).
     biased : mapping of str to float
         The same beside `floor` for effects that what is left of the sensors' errors can look like: a campaign's
         recordings with nothing hidden gave back_friction 62 nats, noise of the rotations taken off.

@@ -65,11 +65,15 @@ def test_a_single_recording_agrees_with_itself() -> None:
     assert disagreement(*baseline(found[:1], load_robot("agriq"), Options())) == 0.0
 
 
-def test_an_effect_is_named_beside_it() -> None:
-    found, _ = recordings(("slope",), SOFTER, 51)
+@pytest.mark.parametrize(("effect", "parameter"), [("slope", "grade"), ("command_delay", "delay")])
+def test_an_effect_is_named_beside_it(effect: str, parameter: str) -> None:
+    """By whichever view it is seen."""
+    found, _ = recordings((effect,), SOFTER, 51)
+    truth = case((effect,), 1.0, 51, runs=1, held_out=0, duration=5.0).truth
     answer = diagnose(found[:2], load_robot("agriq"), holdout=found[2:])
-    assert [cause.effect for cause in answer.causes] == ["slope"]
-    assert answer.causes[0].parameters["grade"].value == pytest.approx(0.05, rel=0.1)
+    assert [cause.effect for cause in answer.causes] == [effect]
+    hidden = {**truth.effects, **truth.idle}[effect]
+    assert answer.causes[0].parameters[parameter].value == pytest.approx(hidden[parameter], rel=0.1)
     assert any("the ground is not the same in all recordings" in warning for warning in answer.warnings)
 
 
