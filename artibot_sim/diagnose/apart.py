@@ -12,12 +12,13 @@ from artibot_sim.diagnose.contest import Rounds, settled
 from artibot_sim.diagnose.diagnosis import Left, Unexplained
 from artibot_sim.diagnose.evidence import DECADE
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
-from artibot_sim.diagnose.words import RECORDING, odds
+from artibot_sim.diagnose.words import RECORDING, effect_words, odds
 from artibot_sim.identify.gauss_newton import again, evaluate
 from artibot_sim.identify.printing import number, spaced
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.search import Fit
 from artibot_sim.identify.side_by_side import side_by_side
+from artibot_sim.model.quantity import Quantity
 
 Array = NDArray[np.float64]
 
@@ -35,6 +36,8 @@ class Apart:
         Of the recordings.
     soil : tuple of (str, str, array of shape (recordings,))
         Names, units and values of the soil's parameters.
+    sizes : tuple of (str, str, array of shape (recordings,))
+        The same of the effects that were fitted.
     nats : float
         Log Bayes factor of a soil of its own in each against one for all.
     left : tuple of mapping of str to Left
@@ -43,6 +46,7 @@ class Apart:
 
     names: tuple[str, ...]
     soil: tuple[tuple[str, str, Array], ...]
+    sizes: tuple[tuple[str, str, Array], ...]
     nats: float
     left: tuple[Mapping[str, Left], ...]
 
@@ -62,6 +66,11 @@ class Apart:
         ordered = sorted(self.soil, key=lambda one: -_spread(one[2]))
         told = [one for one in ordered if _spread(one[2]) > _SAID] or ordered[:1]
         return "; ".join(_told(self.names, *one) for one in told)
+
+    @property
+    def size_words(self) -> str:
+        """The effects as each recording by itself has them; empty where none was fitted."""
+        return "; ".join(_told(self.names, *one) for one in self.sizes)
 
     @property
     def unexplained(self) -> Unexplained:
@@ -94,8 +103,23 @@ def apart(problem: Problem, fit: Fit, rounds: Rounds | None = None) -> Apart:
     gained = 0.5 * (together - sum(one.point.cost for _, one in fits))
     occam = sum(_occam(part, one) for part, one in fits) - _occam(problem, fit)
     values = np.array([problem.parameters.values(one.point.coordinates) for _, one in fits])
-    soil = tuple((p.name, p.unit, column) for p, column in zip(problem.parameters.parameters, values.T, strict=True))
-    return Apart(names, soil, gained + min(0.0, occam), tuple(remains(part, one.point) for part, one in fits))
+    every = zip(problem.parameters.parameters, values.T, strict=True)
+    soil = tuple((parameter.name, parameter.unit, column) for parameter, column in every)
+    sizes, left = _sizes(problem, [one for _, one in fits]), tuple(remains(part, one.point) for part, one in fits)
+    return Apart(names, soil, sizes, gained + min(0.0, occam), left)
+
+
+def _sizes(problem: Problem, fits: Sequence[Fit]) -> tuple[tuple[str, str, Array], ...]:
+    """Names, units and values of the effects' parameters that were fitted."""
+    found = []
+    for extension, part in zip(problem.parameters.extensions, problem.parameters.places, strict=True):
+        values = [extension.values(fit.point.coordinates[part]) for fit in fits]
+        for name in filter(None, (*extension.search.sizes, extension.search.direction)):
+            quantity = extension.effect.parameters[name].quantity
+            assert isinstance(quantity, Quantity)
+            column = np.array([float(one[name]) for one in values])
+            found.append((f"{effect_words(extension.id)}: {effect_words(name)}", quantity.unit, column))
+    return tuple(found)
 
 
 def _occam(problem: Problem, fit: Fit) -> float:

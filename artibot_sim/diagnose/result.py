@@ -148,7 +148,8 @@ def _contradiction(decision: Decision) -> list[str]:
     if alone is None:
         return []
     if decision.verdict is not Verdict.UNEXPLAINED:
-        return [f"{differing(alone.words)}; one soil was fitted to all of them, so sizes are a compromise"]
+        own = f"; by themselves they ask for {alone.size_words}" if alone.sizes else ""
+        return [f"{differing(alone.words)}; one soil was fitted to all of them, so sizes are a compromise{own}"]
     return partly(alone.names, alone.unexplained_alone)
 
 

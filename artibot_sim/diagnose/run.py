@@ -30,7 +30,7 @@ from artibot_sim.progress import Report
 
 Array = NDArray[np.float64]
 
-_FEWEST = 30
+_FEWEST = 12
 """Positions of a recording, without which its last third is too little to be held out."""
 _TICKS = 60
 """Parts of the work after which half of the bar is drawn: how many there will be is not known beforehand."""

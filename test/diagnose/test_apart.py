@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,7 +28,7 @@ def recordings(effects: tuple[str, ...], factor: float, seed: int) -> tuple[list
     softer = {name: value * (1.0 if name == "u_w" else factor) for name, value in plain.items()}
     found = []
     for number, soil in enumerate((plain, softer, plain)):
-        drives = case(effects, 1.0, seed, runs=3, held_out=0, duration=30.0, soil=soil).recordings
+        drives = case(effects, 1.0, seed, runs=3, held_out=0, duration=20.0, soil=soil).recordings
         found.append(replace(drives[number], name=f"run{number}", path=Path(f"run{number}")))
     return found, [plain, softer]
 
@@ -46,9 +47,9 @@ def test_the_ground_is_said_to_differ() -> None:
 def test_each_soil_is_found() -> None:
     found, soils = recordings((), SOFTER, 35)
     problem, fit = baseline(found[:2], load_robot("agriq"), Options())
-    assert disagreement(problem, fit) > 200.0
+    assert disagreement(problem, fit) > 100.0
     alone = apart(problem, fit)
-    assert alone.sufficient and alone.nats > 500.0
+    assert alone.sufficient and alone.nats > 200.0
     for name, _, values in alone.soil:
         assert values == pytest.approx([soil[name] for soil in soils], rel=0.05), name
 
@@ -65,15 +66,23 @@ def test_a_single_recording_agrees_with_itself() -> None:
     assert disagreement(*baseline(found[:1], load_robot("agriq"), Options())) == 0.0
 
 
-@pytest.mark.parametrize(("effect", "parameter"), [("slope", "grade"), ("command_delay", "delay")])
-def test_an_effect_is_named_beside_it(effect: str, parameter: str) -> None:
-    """By whichever view it is seen."""
-    found, _ = recordings((effect,), SOFTER, 51)
-    truth = case((effect,), 1.0, 51, runs=1, held_out=0, duration=5.0).truth
+def test_an_effect_is_named_beside_it() -> None:
+    """With one soil for two its size is a compromise; by itself each recording has it right."""
+    found, _ = recordings(("slope",), SOFTER, 51)
     answer = diagnose(found[:2], load_robot("agriq"), holdout=found[2:])
-    assert [cause.effect for cause in answer.causes] == [effect]
-    hidden = {**truth.effects, **truth.idle}[effect]
-    assert answer.causes[0].parameters[parameter].value == pytest.approx(hidden[parameter], rel=0.1)
+    assert [cause.effect for cause in answer.causes] == ["slope"]
+    assert answer.causes[0].parameters["grade"].value == pytest.approx(0.05, rel=0.2)
+    (said,) = (warning for warning in answer.warnings if "the ground is not the same in all recordings" in warning)
+    alone = re.search(r"slope: grade \(rad\) (\S+) in run0, (\S+) in run1", said)
+    assert alone is not None, said
+    assert [float(value) for value in alone.groups()] == pytest.approx([0.05, 0.05], rel=0.1)
+
+
+def test_so_is_one_that_only_commands_show() -> None:
+    found, _ = recordings(("command_delay",), SOFTER, 51)
+    answer = diagnose(found[:2], load_robot("agriq"), holdout=found[2:])
+    assert [cause.effect for cause in answer.causes] == ["command_delay"]
+    assert answer.causes[0].parameters["delay"].value == pytest.approx(0.15, rel=0.02)
     assert any("the ground is not the same in all recordings" in warning for warning in answer.warnings)
 
 
