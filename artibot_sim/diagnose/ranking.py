@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from artibot_sim.diagnose.decision import Decision, Named
-from artibot_sim.diagnose.diagnosis import Candidate
+from artibot_sim.diagnose.diagnosis import Candidate, Verdict
 from artibot_sim.diagnose.evidence import DECADE
 from artibot_sim.diagnose.exclusion import excluded, excluded_below, excluded_patch
 from artibot_sim.diagnose.greedy import Turn, refusal
@@ -46,7 +46,8 @@ def _refusal(at: Turn, own: Candidate, decision: Decision, thresholds: Threshold
     if own.effect not in at.evidence or nats < decision.least:
         return ""
     least = decision.least + thresholds.more(own.effect)
-    return refusal(own.effect, at.evidence[own.effect], nats, least, thresholds)
+    why = refusal(own.effect, at.evidence[own.effect], nats, least, thresholds)
+    return why or ("nothing is named in place of what is on no list" if decision.verdict is Verdict.UNEXPLAINED else "")
 
 
 def _above(decision: Decision, effect: str, trials: Sequence[Trial], thresholds: Thresholds) -> dict[str, float]:

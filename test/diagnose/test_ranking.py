@@ -94,6 +94,17 @@ def test_what_is_named_is_ranked_by_its_own_evidence(run: Experiment, order: tup
     assert [one.effect for one in decision.ordered] == sorted(order, key=lambda name: -NATS[name])
 
 
+def test_what_has_evidence_and_is_not_named_says_why(run: Experiment) -> None:
+    decision = decision_of(run, FITTED[:1])
+    nothing = replace(decision, verdict=Verdict.UNEXPLAINED, named=())
+    (one,) = (one for one in ranking(nothing, THRESHOLDS) if one.effect == FITTED[0])
+    assert "on no list" in one.note
+    small = replace(decision.turns[0].evidence[FITTED[0]], own=np.full(1, 0.05))
+    turns = (replace(decision.turns[0], evidence={FITTED[0]: small}), *decision.turns[1:])
+    (one,) = (one for one in ranking(replace(nothing, turns=turns), THRESHOLDS) if one.effect == FITTED[0])
+    assert "plain size" in one.note
+
+
 def test_what_is_found_beside_another_is_no_rival_of_it(run: Experiment) -> None:
     decision = decision_of(run, FITTED)
     tied = tuple(replace(one, ties=tuple(name for name in FITTED if name != one.effect)) for one in decision.named)
