@@ -167,8 +167,9 @@ def _channel_faults(channel: Channel, experiment: Experiment) -> Iterator[str]:
     held = _held(channel)
     if held > _HELD:
         yield f"{channel.topic}: {100 * held:.0f} % of its samples repeat the one before; they count once"
-    for name in _LIVELY:
-        if name in channel and len(channel) > _SOME and not np.ptp(channel.series(name)[1]):
+    for name in (name for name in _LIVELY if name in channel):
+        _, values = channel.series(name)
+        if len(values) > _SOME and not np.ptp(values):
             yield f"{channel.topic}: {name} never changes: is the sensor connected?"
     for name in channel.columns:
         limit = _limit(channel, name, experiment.channels["motor_torques"])

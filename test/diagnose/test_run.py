@@ -175,6 +175,13 @@ def test_a_joint_that_never_moves_has_no_stop(drives: list[Experiment]) -> None:
     assert any("never changes" in warning for warning in data_warnings([stuck], ROBOT))
 
 
+def test_a_sensor_that_gives_no_numbers_is_no_sensor(drives: list[Experiment]) -> None:
+    imu = drives[0].channels["imu"]
+    silent = replace(imu, columns={name: np.full_like(values, np.nan) for name, values in imu.columns.items()})
+    said = data_warnings([replace(drives[0], channels={**drives[0].channels, "imu": silent})], ROBOT)
+    assert not any("never changes" in warning for warning in said)
+
+
 def test_what_the_robot_file_has_is_known(drives: list[Experiment]) -> None:
     problem = problem_of(drives[:1], parameter_set(ROBOT), 5.0, 1)
     known = replace(ROBOT, effects={"slope": {"grade": 0.05, "heading": 1.0}})
