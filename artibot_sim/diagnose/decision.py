@@ -109,6 +109,12 @@ class Decision:
         """The model with none of `fitted`, with the first of them, the first two, …, and with all."""
         return (*((turn.problem, turn.fit) for turn in self.turns[: len(self.fitted)]), (self.problem, self.fit))
 
+    @property
+    def several_soils(self) -> Apart | None:
+        """The recordings one by one, where nothing is named because a soil of its own explains each."""
+        alone = self.apart if self.verdict is Verdict.UNEXPLAINED else None
+        return alone if alone is not None and alone.sufficient else None
+
     def turn_of(self, effect: str) -> Turn:
         """The search that found a named effect; the first one for what only commands show, which takes none."""
         fitted = [one.effect for one in self.fitted]

@@ -135,10 +135,8 @@ def _parameters(decision: Decision, after: Uncertain, seed: int) -> dict[str, Ma
 
 def _unexplained(decision: Decision) -> Unexplained | None:
     """What is on no list, in words."""
-    if decision.verdict is not Verdict.UNEXPLAINED:
-        return None
-    if decision.apart is not None and decision.apart.sufficient:
-        return decision.apart.unexplained
+    if decision.several_soils is not None:
+        return decision.several_soils.unexplained
     return unexplained_of(decision.unexplained) if decision.unexplained else None
 
 
@@ -158,8 +156,8 @@ def _next(decision: Decision, channels: Mapping[str, ChannelBaseline]) -> NextEx
     noise = {name: one.noise / (2.0**0.5 if name == "position" else 1.0) for name, one in channels.items()}
     if decision.verdict is Verdict.UNEXPLAINED:
         problem, force = decision.neutral_problem, decision.unexplained
-        if decision.apart is not None and decision.apart.sufficient:
-            return one_by_one(decision.apart.names)
+        if decision.several_soils is not None:
+            return one_by_one(decision.several_soils.names)
         advice = None if force is None else next_for_force(problem, force, noise)
         return advice or repeated(missing(problem.stretches, problem.parameters.robot))
     if not decision.named or not decision.ordered[0].ties:

@@ -12,13 +12,13 @@ from artibot_sim.experiment import Experiment
 from artibot_sim.identify.gauss_newton import Point, evaluate, step
 from artibot_sim.identify.identification import ChannelFit, Prediction
 from artibot_sim.identify.parameters import ParameterSet
-from artibot_sim.identify.problem import Problem, predecessors
+from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.quality import channel_fits, deviations, outliers
 from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.search import awake
 from artibot_sim.identify.sensing import HALF_WIDTH, Stretch, noise_levels, stretches
 from artibot_sim.identify.skid import Kinematic
-from artibot_sim.identify.windows import CHANNEL_NAMES, Window, cut, window_at
+from artibot_sim.identify.windows import CHANNEL_NAMES, Window, cut, predecessors, window_at
 from artibot_sim.model import Robot
 from artibot_sim.model.windows import KINDS, Plan
 

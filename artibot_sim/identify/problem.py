@@ -18,7 +18,7 @@ from artibot_sim.identify.sensing import Stretch
 from artibot_sim.identify.sensitivity import Sensitivity, clip, moved_along, rigid
 from artibot_sim.identify.side_by_side import threads
 from artibot_sim.identify.starts import postures, states
-from artibot_sim.identify.windows import CHANNEL_NAMES, Window
+from artibot_sim.identify.windows import CHANNEL_NAMES, Window, predecessors
 from artibot_sim.model import Robot
 from artibot_sim.model.effects.tyre_relaxation import EFFECT
 from artibot_sim.model.sensors import measured_starts, sensor_errors, true_starts
@@ -307,15 +307,3 @@ _STATE = np.array([KINDS.index(k) for k in (
 def _state_at(t: float) -> Plan:
     """A look at the whole state `t` s after a window's start."""
     return Plan(np.full(len(_STATE), t), _STATE)
-
-
-def predecessors(windows: Sequence[Window]) -> list[int | None]:
-    """For each window which one runs when it begins, None where none does."""
-    found: list[int | None] = []
-    for window in windows:
-        running = [
-            i for i, w in enumerate(windows)
-            if w.stretch == window.stretch and w.first < window.first <= w.first + w.knots
-        ]  # fmt: skip
-        found.append(max(running, key=lambda i: windows[i].first) if running else None)
-    return found

@@ -100,6 +100,18 @@ def cut(found: Sequence[Stretch], robot: Robot, length: float, lead: float = 0.0
     return [window for window in windows if (window.channel == 0).sum() >= 2 * _POSITIONS]
 
 
+def predecessors(windows: Sequence[Window]) -> list[int | None]:
+    """For each window which one runs when it begins, None where none does."""
+    found: list[int | None] = []
+    for window in windows:
+        running = [
+            i for i, w in enumerate(windows)
+            if w.stretch == window.stretch and w.first < window.first <= w.first + w.knots
+        ]  # fmt: skip
+        found.append(max(running, key=lambda i: windows[i].first) if running else None)
+    return found
+
+
 def _calm(stretch: Stretch, edges: Indices) -> Indices:
     """Edges moved by up to an eighth of a window to where least happens.
 
