@@ -203,14 +203,15 @@ def _concluded(found: Decision) -> Decision:
     """The verdict: nothing is named that several soils explain better, whose size changes, or beside a force.
 
     Size and force only count where the fit leaves more than noise, and where a force explains what the paper's model
-    lacks.
+    lacks. Where neither a name nor a force was found for that, it is still there.
     """
     found = replace(found, left=remains(found.problem, found.fit.point))
     several = _on_several_soils(found)
     if several is not None:
         return several
-    force = _force(found) if leaves_more_than_noise(found.left) else None
-    if force is not None:
+    more = leaves_more_than_noise(found.left)
+    force = _force(found) if more else None
+    if force is not None or (more and not found.named):
         return replace(_on_no_list(found), unexplained=force, apart=_contradiction(found))
     return named_as(found) if found.named else found
 

@@ -38,12 +38,17 @@ def remains(problem: Problem, point: Point) -> dict[str, Left]:
     return {name: Left(float(np.median(sizes)), float(np.quantile(sizes, 0.9))) for name, sizes in found.items()}
 
 
-def leaves_more_than_noise(left: Mapping[str, Left]) -> bool:
-    """Whether a force may be at work that the fit does not know.
+def beyond_noise(left: Mapping[str, Left]) -> tuple[str, ...]:
+    """Channels in which a force may be at work that the fit does not know.
 
     The window in the middle decides: single ones that began on another branch are no force.
     """
-    return any(one.typical > LIMITS.get(name, np.inf) for name, one in left.items())
+    return tuple(name for name, one in left.items() if one.typical > LIMITS.get(name, np.inf))
+
+
+def leaves_more_than_noise(left: Mapping[str, Left]) -> bool:
+    """Whether there are any."""
+    return bool(beyond_noise(left))
 
 
 def _sizes(problem: Problem, window: Window, residual: Array) -> dict[str, float]:

@@ -28,9 +28,10 @@ from artibot_sim.diagnose.options import Options
 from artibot_sim.diagnose.places import places
 from artibot_sim.diagnose.predictions import Pair, baseline_levels, gains, predict
 from artibot_sim.diagnose.ranking import ranking
+from artibot_sim.diagnose.remains import beyond_noise
 from artibot_sim.diagnose.uncertain import Uncertain, judged, surroundings
 from artibot_sim.diagnose.unexplained import unexplained_of
-from artibot_sim.diagnose.words import differing, partly, refutation, shortfall
+from artibot_sim.diagnose.words import besides, differing, partly, refutation, shortfall
 from artibot_sim.diagnose.worth import Worth, improvements, is_minor, is_refuted
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.problem import Problem
@@ -80,6 +81,7 @@ def result_of(
         next_experiment=_next(decision, channels),
         warnings=(
             *_contradiction(decision),
+            *_besides(decision),
             *data_warnings(fitted, robot, decision.neutral_problem, decision.neutral_fit.point, held),
         ),
         looks=tuple(looks),
@@ -149,6 +151,12 @@ def _contradiction(decision: Decision) -> list[str]:
         own = f"; by themselves they ask for {alone.size_words}" if alone.sizes else ""
         return [f"{differing(alone.words)}; one soil was fitted to all of them, so sizes are a compromise{own}"]
     return partly(alone.names, alone.unexplained_alone)
+
+
+def _besides(decision: Decision) -> list[str]:
+    """That more is left than noise with all that is named."""
+    channels = beyond_noise(decision.left)
+    return [besides([one.effect for one in decision.ordered], channels)] if decision.named and channels else []
 
 
 def _next(decision: Decision, channels: Mapping[str, ChannelBaseline]) -> NextExperiment | None:

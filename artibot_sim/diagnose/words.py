@@ -8,6 +8,7 @@ import numpy as np
 
 from artibot_sim.diagnose.diagnosis import Candidate, Cause, ChannelBaseline, ChannelGain, Diagnosis, Found, Verdict
 from artibot_sim.diagnose.options import HORIZON
+from artibot_sim.diagnose.remains import beyond_noise
 from artibot_sim.identify.printing import number, spaced
 
 CHANNEL_WORDS = {
@@ -94,11 +95,26 @@ def _unexplained(found: Diagnosis) -> str:
     what = found.unexplained
     named = "".join(f"{cause_words(cause)}; and " for cause in found.causes)
     if what is None:
-        return f"{named}something that is on no list of effects."
+        return f"{named}something that is on no list of effects{_still_left(found)}."
     if what.variable == RECORDING:
         return f"{named}{differing(f'each asks for a soil of its own, up to {100 * what.size:.0f} % apart')}."
     size = f" of {amount(what.size, what.unit)}" if np.isfinite(what.size) else ""
     return f"{named}something that is on no list: a {what.force}{size} that follows {what.variable} ({what.form})."
+
+
+def _still_left(found: Diagnosis) -> str:
+    """Where something shows that no force explains; empty where it is not known."""
+    where = [channel_words(name) for name in beyond_noise(found.left)]
+    return f", and that none of the forces tried explains: more than noise is left in {joined(where)}" if where else ""
+
+
+def besides(effects: Sequence[str], channels: Sequence[str]) -> str:
+    """That something else may act beside what is named."""
+    names, where = ([effect_words(name) for name in effects], [channel_words(name) for name in channels])
+    return (
+        f"with {joined(names)} more than noise is still left in {joined(where)}, and no force that was tried explains "
+        "it: something else may act as well"
+    )
 
 
 def differing(how: str) -> str:

@@ -7,7 +7,7 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
-from diagnose.hidden import LISTED, UNLISTED, Noise, case, write
+from diagnose.hidden import LISTED, OTHER_GROUND, UNLISTED, Noise, case, write
 from diagnose.hidden.effects import MOTORS
 
 from artibot_sim.experiment import Experiment, read_bag
@@ -146,3 +146,14 @@ def test_unlisted_things_act():
     for name in UNLISTED:
         truth = case((name,), seed=13, runs=1, held_out=0, duration=20.0).truth
         assert set(truth.unlisted) == {name}, truth.nats
+
+
+def test_only_the_second_recording_is_on_another_soil():
+    found = case((OTHER_GROUND,), seed=13, runs=3, held_out=0, duration=10.0)
+    plain = case(seed=13, runs=3, held_out=0, duration=10.0)
+    assert set(found.truth.unlisted) == {OTHER_GROUND} and found.truth.soil == plain.truth.soil
+    same = [
+        all(np.array_equal(one, columns(b)[name]) for name, one in columns(a).items())
+        for a, b in zip(found.recordings, plain.recordings, strict=True)
+    ]
+    assert same == [True, False, True]

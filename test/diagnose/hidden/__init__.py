@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from diagnose.hidden.cases import Case, Truth, case, write
 from diagnose.hidden.effects import LISTED
+from diagnose.hidden.ground import OTHER_GROUND
 from diagnose.hidden.sensors import Noise
 from diagnose.hidden.unlisted import UNLISTED
 
-__all__ = ["LISTED", "UNLISTED", "Case", "Noise", "Truth", "case", "write"]
+__all__ = ["LISTED", "OTHER_GROUND", "UNLISTED", "Case", "Noise", "Truth", "case", "write"]

@@ -11,6 +11,7 @@ import numpy as np
 from diagnose.hidden import driving, rover, sensors
 from diagnose.hidden.acting import nats_of
 from diagnose.hidden.effects import LISTED, Recipe
+from diagnose.hidden.ground import OTHER_GROUND, RECIPE, RECORDING
 from diagnose.hidden.machine import Machine, machine, random_soil
 from diagnose.hidden.sensors import Noise, Table
 from diagnose.hidden.unlisted import UNLISTED
@@ -63,7 +64,7 @@ class Truth:
     effects : mapping of id to parameters
         Listed ones that act.
     unlisted : mapping of name to parameters
-        Others that act.
+        Others that act, another soil in one of the recordings among them.
     idle : mapping of id to parameters
         What was put in and never acts in these recordings.
     nats : mapping of id to float
@@ -128,11 +129,14 @@ def case(
     rng = np.random.default_rng([seed, 2])
     names = [f"run{i}" for i in range(len(drives))]
     found = [experiment(d, noise, rng, name, robot) for d, name in zip(drives, names, strict=True)]
-    nats = {name: sum(nats_of(d, _without(d, put_in, name), noise) for d in drives[:runs]) for name in put_in}
+    nats = {}
+    for name in put_in:
+        others = {other: values for other, values in put_in.items() if other != name}
+        nats[name] = sum(nats_of(d, _with(d.plain, others, i), noise) for i, d in enumerate(drives[:runs]))
     acts = {name: values for name, values in put_in.items() if nats[name] >= LEAST_NATS}
     truth = Truth(
         effects={name: values for name, values in acts.items() if name in LISTED},
-        unlisted={name: values for name, values in acts.items() if name in UNLISTED},
+        unlisted={name: values for name, values in acts.items() if name not in LISTED},
         idle={name: values for name, values in put_in.items() if name not in acts},
         nats=nats, soil=soil, severity=severity, seed=seed, manoeuvres=tuple(d.manoeuvre for d in drives),
     )  # fmt: skip
@@ -140,8 +144,8 @@ def case(
 
 
 def recipe(name: str) -> Recipe:
-    """Of an effect that is listed or not."""
-    return LISTED[name] if name in LISTED else UNLISTED[name]
+    """Of an effect that is listed or not, or of another soil."""
+    return {**LISTED, **UNLISTED, OTHER_GROUND: RECIPE}[name]
 
 
 def driven(
@@ -162,12 +166,7 @@ def driven(
     plain = [_drawn(numbers, soil, str(name), told, duration) for name in names]
     track = np.vstack([d.rows[::100, :2] for d in plain])
     put_in = {name: recipe(name).draw(rng, severity, track) for name in effects}
-    drives = []
-    for d in plain:
-        m = d.machine
-        for name, values in put_in.items():
-            m = recipe(name).apply(m, values)
-        drives.append(again(d, m) if put_in else d)
+    drives = [again(d, _with(d.machine, put_in, i)) if put_in else d for i, d in enumerate(plain)]
     return drives, put_in, soil
 
 
@@ -198,13 +197,12 @@ def again(drive: Drive, m: Machine) -> Drive:
     return run(m, drive.plain, drive.kappa, drive.manoeuvre, drive.t, drive.command, start)
 
 
-def _without(drive: Drive, put_in: Mapping[str, Mapping[str, Any]], left_out: str) -> Machine:
-    """The drive's machine with one effect left out."""
-    m = drive.plain
+def _with(plain: Machine, put_in: Mapping[str, Mapping[str, Any]], number: int) -> Machine:
+    """The machine of a recording with what is put in; only one of them is on another soil."""
     for name, values in put_in.items():
-        if name != left_out:
-            m = recipe(name).apply(m, dict(values))
-    return m
+        if name != OTHER_GROUND or number == RECORDING:
+            plain = recipe(name).apply(plain, dict(values))
+    return plain
 
 
 def tables(drive: Drive, noise: Noise, rng: np.random.Generator) -> dict[str, Table]:

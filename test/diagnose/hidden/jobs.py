@@ -7,9 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from diagnose.hidden.effects import LISTED
+from diagnose.hidden.ground import OTHER_GROUND
 from diagnose.hidden.unlisted import UNLISTED
 
-KINDS = ("none", "single", "pair", "unlisted")
+KINDS = ("none", "single", "pair", "unlisted", "ground")
+"""The order is part of the cases' seeds."""
 
 
 class Job(NamedTuple):
@@ -85,8 +87,8 @@ def _case_seed(seed: int, kind: str, number: int) -> int:
 def _effects(kind: str, seed: int) -> Iterator[tuple[str, ...]]:
     rng = np.random.default_rng([seed, KINDS.index(kind), 7])
     while True:
-        if kind == "none":
-            yield ()
+        if kind in ("none", "ground"):
+            yield (OTHER_GROUND,) if kind == "ground" else ()
             continue
         first = rng.permutation(sorted(UNLISTED if kind == "unlisted" else LISTED))
         for name in first:

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 from diagnose.hidden.effects import LISTED
+from diagnose.hidden.ground import OTHER_GROUND
 from diagnose.hidden.score import Score, score
 from diagnose.hidden.unlisted import UNLISTED
 
-ROWS = ("none", "single", "pair", "unlisted")
+ROWS = ("none", "single", "pair", "unlisted", "ground")
 CLOSE = 0.15
 """Relative error within which a parameter is right."""
 
@@ -83,7 +84,7 @@ def _number(values: Sequence[float], of: Callable[[Sequence[float]], float], for
 def failures(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """Every case that did not come out right, one line each."""
     for each in map(Scored, results):
-        job, key = each.result["job"], each.result["key"]
+        key = each.result["key"]
         if each.score is None:
             yield f"{key}: {each.result.get('error', 'no diagnosis')}"
             continue
@@ -96,7 +97,7 @@ def failures(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
             )
         elif s.excess:
             remarks.append(f"{s.excess} more than there is")
-        if job["kind"] == "unlisted" and s.described is False and s.top1:
+        if s.described is False and s.top1:
             remarks.append("described otherwise")
         if isfinite(worst[1]) and worst[1] > CLOSE:
             remarks.append(f"{worst[0]} off by {worst[1]:.0%}")
@@ -106,14 +107,15 @@ def failures(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 
 def confusion(results: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[str], np.ndarray]:
     """Truths, answers, and how often which is taken for which (n, m), of cases in which at most one thing is hidden."""
-    truths = ["none", *LISTED, *(f"({name})" for name in UNLISTED)]
+    elsewhere = {name: f"({name})" for name in (*UNLISTED, OTHER_GROUND)}
+    truths = ["none", *LISTED, *elsewhere.values()]
     answers = ["none", *LISTED, "unexplained"]
     counts = np.zeros((len(truths), len(answers)))
     for each in map(Scored, results):
         if each.score is None or len(each.score.truth) > 1:
             continue
         truth = each.score.truth[0] if each.score.truth else "none"
-        counts[truths.index(f"({truth})" if truth in UNLISTED else truth), answers.index(each.score.answer)] += 1
+        counts[truths.index(elsewhere.get(truth, truth)), answers.index(each.score.answer)] += 1
     return truths, answers, counts
 
 

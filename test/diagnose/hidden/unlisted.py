@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from diagnose.hidden.effects import MOTORS, Recipe, Rng, Values
+from diagnose.hidden.ground import OTHER_GROUND
 from diagnose.hidden.machine import Machine
 from diagnose.hidden.parts import Hidden
 
@@ -88,5 +89,6 @@ ACTS_ON: dict[str, dict[str, Any]] = {
     "joint_preload": {"force": "yaw moment", "variable": ""},
     "cold_gear": {"force": "torque", "variable": "time"},
     "air_drag": {"force": "surge", "variable": "speed"},
+    OTHER_GROUND: {"variable": "recording"},
 }
 """Words that a good answer holds."""
