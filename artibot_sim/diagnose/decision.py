@@ -203,7 +203,8 @@ def _concluded(found: Decision) -> Decision:
     """The verdict: nothing is named that several soils explain better, whose size changes, or beside a force.
 
     Size and force only count where the fit leaves more than noise, and where a force explains what the paper's model
-    lacks. Where neither a name nor a force was found for that, it is still there.
+    lacks. Where neither a name nor a force was found for that, it is still there. What only commands show has nothing
+    to do with forces.
     """
     found = replace(found, left=remains(found.problem, found.fit.point))
     several = _on_several_soils(found)
@@ -212,16 +213,19 @@ def _concluded(found: Decision) -> Decision:
     more = leaves_more_than_noise(found.left)
     force = _force(found) if more else None
     if force is not None or (more and not found.named):
-        return replace(_on_no_list(found), unexplained=force, apart=_contradiction(found))
+        kept = tuple(one for one in found.named if one.found)
+        return replace(_on_no_list(found), named=kept, unexplained=force, apart=_contradiction(found))
     return named_as(found) if found.named else found
 
 
 def _on_several_soils(found: Decision) -> Decision | None:
     """What is left of the names where a soil of its own in each recording explains more than all that follows.
 
-    None where the recordings agree with each other, or one by one leave more than noise as well.
+    None where the recordings agree with each other, or one by one leave more than noise as well. The normal equations
+    may take them to agree where a compromise of a soil is far from either.
     """
-    if disagreement(found.problem, found.fit) < found.least:
+    several = len(found.problem.recordings[0]) > 1
+    if disagreement(found.problem, found.fit) < found.least and not (several and leaves_more_than_noise(found.left)):
         return None
     for count, (problem, fit) in enumerate(found.fits):
         alone, further = apart(problem, fit), sum(one.nats for one in found.fitted[count:])

@@ -154,9 +154,11 @@ def _contradiction(decision: Decision) -> list[str]:
 
 
 def _besides(decision: Decision) -> list[str]:
-    """That more is left than noise with all that is named."""
+    """That more is left than noise with all that is named, where several soils are no reason for it."""
     channels = beyond_noise(decision.left)
-    return [besides([one.effect for one in decision.ordered], channels)] if decision.named and channels else []
+    if decision.verdict is Verdict.UNEXPLAINED or decision.apart is not None or not (decision.named and channels):
+        return []
+    return [besides([one.effect for one in decision.ordered], channels)]
 
 
 def _next(decision: Decision, channels: Mapping[str, ChannelBaseline]) -> NextExperiment | None:

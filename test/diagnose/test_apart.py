@@ -76,7 +76,7 @@ def test_so_is_one_that_only_commands_show() -> None:
 
 def test_an_effect_is_no_other_soil() -> None:
     """What acts in all recordings is left in each of them, whatever soil it has."""
-    problem, fit = baseline(driven(("joint_friction",), 41).recordings, load_robot("agriq"), Options())
+    problem, fit = baseline(driven(("joint_friction",), 42).recordings, load_robot("agriq"), Options())
     alone = apart(problem, fit)
     assert disagreement(problem, fit) > 58.0 and not alone.sufficient
     assert np.isfinite(alone.nats)

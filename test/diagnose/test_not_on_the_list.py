@@ -1,0 +1,32 @@
+"""Answers to what is on no list: it is never nothing, and takes nothing from what commands show."""
+
+from __future__ import annotations
+
+from diagnose.hidden import Case, case
+
+from artibot_sim.diagnose import Diagnosis, Verdict, diagnose
+from artibot_sim.diagnose.remains import leaves_more_than_noise
+from artibot_sim.diagnose.words import headline
+from artibot_sim.model import load_robot
+
+
+def answer(found: Case) -> Diagnosis:
+    return diagnose(found.recordings, load_robot("agriq"), holdout=found.holdout)
+
+
+def test_what_no_effect_and_no_force_explains_is_said_to_be_there() -> None:
+    """A third of a wandering moment, in one recording of twenty seconds: too faint for its law, plain in its traces."""
+    found = answer(case(("wandering_moment",), 0.35, 3, runs=1, duration=20.0))
+    assert found.verdict is Verdict.UNEXPLAINED and not found.causes and found.unexplained is None
+    assert leaves_more_than_noise(found.left)
+    assert "more than noise is left in articulation angle and back motors' torque" in headline(found)
+    assert found.next_experiment is not None
+
+
+def test_a_delay_of_commands_is_named_beside_a_force() -> None:
+    """Motors that turn late by their commands push no less strangely when they turn."""
+    found = answer(case(("command_delay", "yaw_drag"), 1.0, 2, runs=1, duration=20.0))
+    assert found.verdict is Verdict.UNEXPLAINED and found.unexplained is not None
+    assert [cause.effect for cause in found.causes] == ["command_delay"]
+    assert abs(found.causes[0].parameters["delay"].value - 0.15) < 0.005
+    assert found.extended.effects.keys() == {"command_delay"}
