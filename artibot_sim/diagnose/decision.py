@@ -1,4 +1,4 @@
-"""Which effects are named: greedy turns, ties and the verdict."""
+"""Which effects are named: greedy turns and ties."""
 
 from __future__ import annotations
 
@@ -6,17 +6,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from artibot_sim.diagnose.apart import Apart, apart
+from artibot_sim.diagnose.apart import Apart
 from artibot_sim.diagnose.command_view import CommandView
+from artibot_sim.diagnose.conclusion import concluded
 from artibot_sim.diagnose.contest import Rounds
 from artibot_sim.diagnose.diagnosis import Found, Left, Verdict
 from artibot_sim.diagnose.disc_place import on_best_disc
-from artibot_sim.diagnose.drift import disagreement, drifts
 from artibot_sim.diagnose.greedy import Turn, refusal, turn
 from artibot_sim.diagnose.other import Other
-from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.thresholds import Thresholds
-from artibot_sim.diagnose.unexplained import Finding, unexplained
+from artibot_sim.diagnose.unexplained import Finding
 from artibot_sim.diagnose.valley import at_size
 from artibot_sim.diagnose.views import others, together
 from artibot_sim.identify.extension import Extension
@@ -172,7 +171,7 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
     tick()
     other = {**other, **_beside_each_other(view, [n.effect for n in named])}
     named = [replace(one, found=other[one.effect].found) if one.found else one for one in named]
-    return _concluded(Decision(Verdict.NONE, tuple(named), least, *neutral, problem, fit, tuple(turns), other))
+    return concluded(Decision(Verdict.NONE, tuple(named), least, *neutral, problem, fit, tuple(turns), other))
 
 
 def _beside_each_other(view: CommandView, named: Sequence[str]) -> dict[str, Other]:
@@ -197,85 +196,6 @@ def _with_effect(problem: Problem, fit: Fit, found: Turn, best: Named, seed: int
     extension = Extension(best.effect)
     own = extension.coordinates({name: one.value for name, one in best.found.items()})
     return at_size(problem, fit, extension, own, Rounds().few)
-
-
-def _concluded(found: Decision) -> Decision:
-    """The verdict: nothing is named that several soils explain better, whose size changes, or beside a force.
-
-    Size and force only count where the fit leaves more than noise, and where a force explains what the paper's model
-    lacks. Where neither a name nor a force was found for that, it is still there. What only commands show has nothing
-    to do with forces.
-    """
-    found = replace(found, left=remains(found.problem, found.fit.point))
-    several = _on_several_soils(found)
-    if several is not None:
-        return several
-    more = leaves_more_than_noise(found.left)
-    force = _force(found) if more else None
-    if force is not None or (more and not found.named):
-        kept = tuple(one for one in found.named if one.found)
-        return replace(_on_no_list(found), named=kept, unexplained=force, apart=_contradiction(found))
-    return named_as(found) if found.named else found
-
-
-def _on_several_soils(found: Decision) -> Decision | None:
-    """What is left of the names where a soil of its own in each recording explains more than all that follows.
-
-    None where the recordings agree with each other, or one by one leave more than noise as well. The normal equations
-    may take them to agree where a compromise of a soil is far from either.
-    """
-    several = len(found.problem.recordings[0]) > 1
-    if disagreement(found.problem, found.fit) < found.least and not (several and leaves_more_than_noise(found.left)):
-        return None
-    for count, (problem, fit) in enumerate(found.fits):
-        alone, further = apart(problem, fit), sum(one.nats for one in found.fitted[count:])
-        if alone.nats < max(further, found.least) or not alone.sufficient:
-            continue
-        kept = tuple(one for one in found.named if one.found or one in found.fitted[:count])
-        if not kept:
-            return replace(_on_no_list(found), apart=alone)
-        left = remains(problem, fit.point)
-        return named_as(replace(found, named=kept, problem=problem, fit=fit, left=left, apart=alone))
-    return None
-
-
-def _force(found: Decision) -> Finding | None:
-    """The force that is at work instead of what was fitted, or beside it; None if there is none."""
-    neutral = found.neutral_problem, found.neutral_fit.point.coordinates
-    if not found.fitted:
-        return unexplained(*neutral)
-    changes = any(nats >= found.least for nats in drifts(found.problem, found.fit).values())
-    if changes or unexplained(found.problem, found.fit.point.coordinates) is not None:
-        return unexplained(*neutral)
-    return None
-
-
-def _contradiction(found: Decision) -> Apart | None:
-    """The recordings one by one without any effect, where they contradict each other."""
-    problem, fit = found.neutral_problem, found.neutral_fit
-    return apart(problem, fit) if disagreement(problem, fit) >= found.least else None
-
-
-def named_as(found: Decision) -> Decision:
-    """The same with the verdict that its names ask for: what was found beside another effect is no rival of it."""
-    both = {one.effect for one in found.named}
-    named = tuple(replace(one, ties=tuple(tie for tie in one.ties if tie not in both)) for one in found.named)
-    found = replace(found, named=named)
-    return replace(found, verdict=Verdict.AMBIGUOUS if found.ordered[0].ties else Verdict.NAMED)
-
-
-def refuted(found: Decision) -> Decision:
-    """Nothing is named: what was does not hold beyond the recordings it was fitted to."""
-    problem, fit = found.neutral_problem, found.neutral_fit
-    alone = _contradiction(found)
-    force = unexplained(problem, fit.point.coordinates) if alone is None or not alone.sufficient else None
-    return replace(_on_no_list(found), left=remains(problem, fit.point), unexplained=force, apart=alone)
-
-
-def _on_no_list(found: Decision) -> Decision:
-    """The paper's model, and nothing named."""
-    problem, fit = found.neutral_problem, found.neutral_fit
-    return replace(found, verdict=Verdict.UNEXPLAINED, named=(), problem=problem, fit=fit)
 
 
 def _nats(found: Turn, view: CommandView, named: Sequence[Named]) -> dict[str, float]:

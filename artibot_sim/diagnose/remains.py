@@ -24,6 +24,10 @@ Positions have no limit, for how slow a total station's own errors are is not kn
 to three times what white noise would.
 """
 
+_FAR = 2.0
+"""Times its limit from which a channel is far beyond noise. Effects that were named rightly in campaigns left 1.2 times
+their limit at most, those that stood for something on no list more than two and a half times."""
+
 
 def remains(problem: Problem, point: Point) -> dict[str, Left]:
     """What the residuals of a fit leave, by channel.
@@ -38,12 +42,17 @@ def remains(problem: Problem, point: Point) -> dict[str, Left]:
     return {name: Left(float(np.median(sizes)), float(np.quantile(sizes, 0.9))) for name, sizes in found.items()}
 
 
-def beyond_noise(left: Mapping[str, Left]) -> tuple[str, ...]:
-    """Channels in which a force may be at work that the fit does not know.
+def beyond_noise(left: Mapping[str, Left], times: float = 1.0) -> tuple[str, ...]:
+    """Channels in which a force may be at work that the fit does not know: so many times beyond their limit.
 
     The window in the middle decides: single ones that began on another branch are no force.
     """
-    return tuple(name for name, one in left.items() if one.typical > LIMITS.get(name, np.inf))
+    return tuple(name for name, one in left.items() if one.typical > times * LIMITS.get(name, np.inf))
+
+
+def far_beyond_noise(left: Mapping[str, Left]) -> tuple[str, ...]:
+    """Channels in which one is at work for sure."""
+    return beyond_noise(left, _FAR)
 
 
 def leaves_more_than_noise(left: Mapping[str, Left]) -> bool:

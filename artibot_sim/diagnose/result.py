@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from artibot_sim.diagnose.command_view import command_view
+from artibot_sim.diagnose.conclusion import doubted, is_doubtful, refuted
 from artibot_sim.diagnose.data_check import data_warnings
-from artibot_sim.diagnose.decision import Decision, refuted
+from artibot_sim.diagnose.decision import Decision
 from artibot_sim.diagnose.diagnosis import (
     Cause,
     ChannelBaseline,
@@ -28,10 +29,10 @@ from artibot_sim.diagnose.options import Options
 from artibot_sim.diagnose.places import places
 from artibot_sim.diagnose.predictions import Pair, baseline_levels, gains, predict
 from artibot_sim.diagnose.ranking import ranking
-from artibot_sim.diagnose.remains import beyond_noise
+from artibot_sim.diagnose.remains import beyond_noise, far_beyond_noise
 from artibot_sim.diagnose.uncertain import Uncertain, judged, surroundings
 from artibot_sim.diagnose.unexplained import unexplained_of
-from artibot_sim.diagnose.words import besides, differing, partly, refutation, shortfall
+from artibot_sim.diagnose.words import besides, differing, doubt, partly, refutation, shortfall
 from artibot_sim.diagnose.worth import Worth, improvements, is_minor, is_refuted
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.problem import Problem
@@ -63,6 +64,10 @@ def result_of(
     if (refuting := is_refuted(gained, gain)) or is_minor(gained, decision.left):
         found = result_of(robot, fitted, held, refuted(decision), options, tick)
         said = (refutation if refuting else shortfall)([named.effect for named in decision.named], gain)
+        return replace(found, warnings=(said, *found.warnings))
+    if is_doubtful(decision):
+        found = result_of(robot, fitted, held, doubted(decision), options, tick)
+        said = doubt([named.effect for named in decision.fitted], far_beyond_noise(decision.left))
         return replace(found, warnings=(said, *found.warnings))
     return Diagnosis(
         verdict=decision.verdict,

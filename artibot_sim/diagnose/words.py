@@ -108,6 +108,15 @@ def _still_left(found: Diagnosis) -> str:
     return f", and that none of the forces tried explains: more than noise is left in {joined(where)}" if where else ""
 
 
+def doubt(effects: Sequence[str], channels: Sequence[str]) -> str:
+    """Why effects that were fitted best are not named: what they leave is another thing."""
+    names, where = ([effect_words(name) for name in effects], [channel_words(name) for name in channels])
+    return (
+        f"{joined(names)} would explain the fitted recordings best, but with that far more than noise is left in "
+        f"{joined(where)}, which no force that was tried explains; so that is not named"
+    )
+
+
 def besides(effects: Sequence[str], channels: Sequence[str]) -> str:
     """That something else may act beside what is named."""
     names, where = ([effect_words(name) for name in effects], [channel_words(name) for name in channels])

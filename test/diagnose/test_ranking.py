@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose.command_view import command_view
+from artibot_sim.diagnose.conclusion import named_as
 from artibot_sim.diagnose.contest import Rival
-from artibot_sim.diagnose.decision import Decision, Named, named_as
+from artibot_sim.diagnose.decision import Decision, Named
 from artibot_sim.diagnose.diagnosis import Found, Verdict
 from artibot_sim.diagnose.evidence import DECADE, Evidence
 from artibot_sim.diagnose.greedy import Turn
