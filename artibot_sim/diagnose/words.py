@@ -105,7 +105,7 @@ def _unexplained(found: Diagnosis) -> str:
 def _still_left(found: Diagnosis) -> str:
     """Where something shows that no force explains; empty where it is not known."""
     where = [channel_words(name) for name in beyond_noise(found.left)]
-    return f", and that none of the forces tried explains: more than noise is left in {joined(where)}" if where else ""
+    return f", and for which no force was found: more than noise is left in {joined(where)}" if where else ""
 
 
 def doubt(effects: Sequence[str], channels: Sequence[str]) -> str:
@@ -113,7 +113,7 @@ def doubt(effects: Sequence[str], channels: Sequence[str]) -> str:
     names, where = ([effect_words(name) for name in effects], [channel_words(name) for name in channels])
     return (
         f"{joined(names)} would explain the fitted recordings best, but with that far more than noise is left in "
-        f"{joined(where)}, which no force that was tried explains; so that is not named"
+        f"{joined(where)}, for which no force was found; so that is not named"
     )
 
 
@@ -121,8 +121,8 @@ def besides(effects: Sequence[str], channels: Sequence[str]) -> str:
     """That something else may act beside what is named."""
     names, where = ([effect_words(name) for name in effects], [channel_words(name) for name in channels])
     return (
-        f"with {joined(names)} more than noise is still left in {joined(where)}, and no force that was tried explains "
-        "it: something else may act as well"
+        f"with {joined(names)} more than noise is still left in {joined(where)}, and no force was found for it: "
+        "something else may act as well"
     )
 
 
