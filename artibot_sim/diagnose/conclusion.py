@@ -42,8 +42,12 @@ def _on_several_soils(found: Decision) -> Decision | None:
     several = len(found.problem.recordings[0]) > 1
     if disagreement(found.problem, found.fit) < found.least and not (several and leaves_more_than_noise(found.left)):
         return None
+    last = apart(found.problem, found.fit)
+    if not last.sufficient:  # nor are soils with fewer effects
+        return None
     for count, (problem, fit) in enumerate(found.fits):
-        alone, further = apart(problem, fit), sum(one.nats for one in found.fitted[count:])
+        alone = apart(problem, fit) if count < len(found.fitted) else last
+        further = sum(one.nats for one in found.fitted[count:])
         if alone.nats < max(further, found.least) or not alone.sufficient:
             continue
         kept = tuple(one for one in found.named if one.found or one in found.fitted[:count])
