@@ -250,7 +250,7 @@ def _with_prior(equations: Equations, sums: Sums, rows: NDArray[np.bool_], b: in
 
 def _explained(matrix: Array, pull: Array, x: Array) -> Array:
     """Of windows (n, m, m) and (n, m), shape (n,)."""
-    return np.asarray(pull @ x - 0.5 * np.einsum("i,nij,j->n", x, matrix, x, optimize=True))
+    return np.asarray(pull @ x - 0.5 * (matrix @ x) @ x)
 
 
 def candidates(equations: Equations, of: Scene, force: str, parts: Sequence[str]) -> list[Candidate]:
