@@ -39,22 +39,23 @@ def _on_several_soils(found: Decision) -> Decision | None:
     None where the recordings agree with each other, or one by one leave more than noise as well. The normal equations
     may take them to agree where a compromise of a soil is far from either.
     """
-    several = len(found.problem.recordings[0]) > 1
-    if disagreement(found.problem, found.fit) < found.least and not (several and leaves_more_than_noise(found.left)):
+    alone = len(found.problem.recordings[0]) == 1
+    agree = disagreement(found.problem, found.fit) < found.least
+    if alone or (agree and not leaves_more_than_noise(found.left)):
         return None
     last = apart(found.problem, found.fit)
     if not last.sufficient:  # nor are soils with fewer effects
         return None
     for count, (problem, fit) in enumerate(found.fits):
-        alone = apart(problem, fit) if count < len(found.fitted) else last
+        each = apart(problem, fit) if count < len(found.fitted) else last
         further = sum(one.nats for one in found.fitted[count:])
-        if alone.nats < max(further, found.least) or not alone.sufficient:
+        if each.nats < max(further, found.least) or not each.sufficient:
             continue
         kept = tuple(one for one in found.named if one.found or one in found.fitted[:count])
         if not kept:
-            return replace(_on_no_list(found), apart=alone)
+            return replace(_on_no_list(found), apart=each)
         left = remains(problem, fit.point)
-        return named_as(replace(found, named=kept, problem=problem, fit=fit, left=left, apart=alone))
+        return named_as(replace(found, named=kept, problem=problem, fit=fit, left=left, apart=each))
     return None
 
 

@@ -51,12 +51,12 @@ def beyond_noise(left: Mapping[str, Left], times: float = 1.0) -> tuple[str, ...
 
 
 def far_beyond_noise(left: Mapping[str, Left]) -> tuple[str, ...]:
-    """Channels in which one is at work for sure."""
+    """Channels that leave no doubt of it."""
     return beyond_noise(left, _FAR)
 
 
 def leaves_more_than_noise(left: Mapping[str, Left]) -> bool:
-    """Whether there are any."""
+    """Whether any channel is `beyond_noise`."""
     return bool(beyond_noise(left))
 
 

@@ -27,6 +27,8 @@ EVERY = 4
 """Steps between two rows of a drive that are kept: 1 ms."""
 LEAST_NATS = 10.0
 """An effect that changes what the sensors say by less never acts: the truth is then that it is not there."""
+RECIPES = {**LISTED, **UNLISTED, OTHER_GROUND: RECIPE}
+"""Of all that can be hidden."""
 WIDEST = 1.3
 """rad of articulation beyond which a drive is thrown away: a real rover would be damaged."""
 
@@ -145,7 +147,7 @@ def case(
 
 def recipe(name: str) -> Recipe:
     """Of an effect that is listed or not, or of another soil."""
-    return {**LISTED, **UNLISTED, OTHER_GROUND: RECIPE}[name]
+    return RECIPES[name]
 
 
 def driven(
