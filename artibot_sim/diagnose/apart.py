@@ -16,7 +16,7 @@ from artibot_sim.diagnose.words import RECORDING, effect_words, odds
 from artibot_sim.identify.gauss_newton import again, evaluate
 from artibot_sim.identify.printing import number, spaced
 from artibot_sim.identify.problem import Problem
-from artibot_sim.identify.search import Fit
+from artibot_sim.identify.search import Effort, Fit, search
 from artibot_sim.identify.side_by_side import side_by_side
 from artibot_sim.model.quantity import Quantity
 
@@ -87,7 +87,10 @@ class Apart:
 
 
 def apart(problem: Problem, fit: Fit, rounds: Rounds | None = None) -> Apart:
-    """Fit every recording by itself, from where the fit of all of them ended and under its loss."""
+    """Fit every recording by itself, from where the fit of all of them ended and under its loss.
+
+    A compromise may be a bad place to begin. So where some leave no more than noise, the others are searched anew.
+    """
     rounds = rounds or Rounds()
     names, recording = problem.recordings
     loss = replace(fit.loss, firm=True)
@@ -98,7 +101,15 @@ def apart(problem: Problem, fit: Fit, rounds: Rounds | None = None) -> Apart:
         begin = evaluate(part, loss, [fit.point.coordinates], fit.point.starts[rows])[0]
         return part, settled(part, begin, loss, rounds)
 
+    def anew(part: Problem) -> Fit:
+        found = search(part, Effort()).point
+        return settled(part, evaluate(part, loss, [found.coordinates], found.starts)[0], loss, rounds)
+
     fits = side_by_side(alone, range(len(names)), problem.workers)
+    poor = [k for k, (part, one) in enumerate(fits) if leaves_more_than_noise(remains(part, one.point))]
+    if len(poor) < len(fits):
+        for k in poor:
+            fits[k] = fits[k][0], min(fits[k][1], anew(fits[k][0]), key=lambda one: one.point.cost)
     together = again(problem, loss, fit.point).cost
     gained = 0.5 * (together - sum(one.point.cost for _, one in fits))
     occam = sum(_occam(part, one) for part, one in fits) - _occam(problem, fit)

@@ -14,11 +14,11 @@ from artibot_sim.diagnose.next_freedom import SOIL_SD
 from artibot_sim.diagnose.next_manoeuvres import KAPPA, LIBRARY, Entry
 from artibot_sim.diagnose.next_simulation import WINDOW
 from artibot_sim.diagnose.unexplained import Finding, acting, regression
-from artibot_sim.diagnose.unexplained_forms import NOTHING, WANDERING
+from artibot_sim.diagnose.unexplained_forms import WANDERING
 from artibot_sim.diagnose.unexplained_response import short
 from artibot_sim.diagnose.unexplained_scene import PLACE, Scene
 from artibot_sim.diagnose.unexplained_search import Candidate, Equations, InForce, judge
-from artibot_sim.diagnose.words import joined
+from artibot_sim.diagnose.words import NOTHING, effect_words, joined
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.parameters import SOIL
 from artibot_sim.identify.problem import Problem
@@ -77,8 +77,8 @@ def next_for_force(
 def law(candidate: Candidate) -> str:
     """What a force is and follows, in a few words."""
     if candidate.form.variable == NOTHING:
-        return f"constant {candidate.force}"
-    return f"{candidate.force} that follows {candidate.form.variable}"
+        return effect_words(f"constant {candidate.force}")
+    return effect_words(f"{candidate.force} that follows {candidate.form.variable}")
 
 
 def rivals(found: Finding) -> list[Candidate]:

@@ -163,7 +163,19 @@ class Place:
 
 @dataclass(frozen=True)
 class Unexplained:
-    """A force that is on no list: which one, what it follows, and in which form."""
+    """A force that is on no list: which one, what it follows, and in which form.
+
+    Attributes
+    ----------
+    force, variable, form : str
+    size : float
+        Of the law's coefficient or amplitude, in `unit`.
+    unit : str
+    where : str
+        A sentence for a person.
+    typical : float
+        Root mean square of the force itself, N or N m; NaN where it is none.
+    """
 
     force: str
     variable: str
@@ -171,6 +183,7 @@ class Unexplained:
     size: float
     unit: str
     where: str
+    typical: float = float("nan")
 
 
 @dataclass(frozen=True)

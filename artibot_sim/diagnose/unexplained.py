@@ -95,7 +95,7 @@ def unexplained_of(found: Finding) -> Unexplained:
     size = first.form.size(first.coefficients)
     return Unexplained(
         first.force, first.form.variable, first.form.name, float(f"{size:.3g}"),
-        unit(first.force, first.form.per), _where(found),
+        unit(first.force, first.form.per), _where(found), float(f"{found.typical:.3g}"),
     )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.unexplained_scene import PLACE, ROLLING
+from artibot_sim.diagnose.words import NOTHING
 
 Array = NDArray[np.float64]
 Curve = Callable[[Array, NDArray[np.int64]], Array]
@@ -21,7 +22,6 @@ UNITS = {
 """Variables with a sign and a neutral value, and their units."""
 _PER = {"m/s": ("s/m", "s^2/m^2"), "rad/s": ("s/rad", "s^2/rad^2"), "rad": ("1/rad", "1/rad^2"), "1/m": ("m", "m^2")}
 TIME = "time since the start"
-NOTHING = "nothing"
 WANDERING = "wandering in time"
 """A form that says nothing of another day."""
 _KNOTS = 2.5

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.unexplained_forms import NOTHING, Form, forms
+from artibot_sim.diagnose.unexplained_forms import Form, forms
 from artibot_sim.diagnose.unexplained_response import COMPONENTS, KNOTS
 from artibot_sim.diagnose.unexplained_scene import PLACE, Acting, Scene
+from artibot_sim.diagnose.words import NOTHING
 
 Array = NDArray[np.float64]
 

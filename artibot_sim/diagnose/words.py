@@ -6,7 +6,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from artibot_sim.diagnose.diagnosis import Candidate, Cause, ChannelBaseline, ChannelGain, Diagnosis, Found, Verdict
+from artibot_sim.diagnose.diagnosis import (
+    Candidate,
+    Cause,
+    ChannelBaseline,
+    ChannelGain,
+    Diagnosis,
+    Found,
+    Unexplained,
+    Verdict,
+)
 from artibot_sim.diagnose.options import HORIZON
 from artibot_sim.diagnose.remains import beyond_noise
 from artibot_sim.identify.printing import number, spaced
@@ -19,12 +28,16 @@ CHANNEL_WORDS = {
 """Channel of the contract → what people call it."""
 RECORDING = "recording"
 """What contact forces follow where each recording has a soil of its own."""
+NOTHING = "nothing"
+"""What a constant force follows."""
 _WRONG = {"position": 3.0, "yaw": 3.0}
 """Errors over noise from which a channel is wrong: poses carry what their prediction's start was off by,"""
 _WRONG_ELSEWHERE = 1.5
 """the others forget it."""
 _MOST = 0.5
 """Share of its error that the position must lose to stand for all channels."""
+_FORCES = ("N m", "N")
+"""Units of forces."""
 _FEW = 3
 """Effects that are listed one by one in a sentence."""
 
@@ -47,10 +60,10 @@ def joined(words: Sequence[str], last: str = "and") -> str:
 def amount(value: float, unit: str, digits: int = 2) -> str:
     """A quantity for people: small lengths in mm or cm, no unit where there is none."""
     if unit == "m" and np.isfinite(value) and abs(value) < 1.0:
-        return f"{number(1e3 * value, digits)} mm" if abs(value) < 0.01 else f"{number(1e2 * value, digits)} cm"
-    if unit in ("", "-", "–", "1"):
-        return number(value, digits)
-    return f"{number(value, digits)} {spaced(unit)}"
+        said = f"{number(1e3 * value, digits)} mm" if abs(value) < 0.01 else f"{number(1e2 * value, digits)} cm"
+    else:
+        said = number(value, digits) + (f" {spaced(unit)}" if unit not in ("", "-", "–", "1") else "")
+    return said.replace("-", "−", 1) if value < 0 else said
 
 
 def parameter_words(name: str, found: Found, digits: int = 3) -> str:
@@ -98,8 +111,19 @@ def _unexplained(found: Diagnosis) -> str:
         return f"{named}something that is on no list of effects{_still_left(found)}."
     if what.variable == RECORDING:
         return f"{named}{differing(f'each asks for a soil of its own, up to {100 * what.size:.0f} % apart')}."
-    size = f" of {amount(what.size, what.unit)}" if np.isfinite(what.size) else ""
-    return f"{named}something that is on no list: a {what.force}{size} that follows {what.variable} ({what.form})."
+    return f"{named}something that is on no list: a {force_words(what)}."
+
+
+def force_words(what: Unexplained) -> str:
+    """A force with its size: what a law's coefficient comes to, for nobody has a feeling for N s²/m²."""
+    force, variable = effect_words(what.force), effect_words(what.variable)
+    if what.variable == NOTHING:
+        return f"constant {force} of {amount(what.size, what.unit)}"
+    law = f"that follows {variable} ({what.form})"
+    if what.unit in _FORCES and np.isfinite(what.size):
+        return f"{force} of {amount(what.size, what.unit)} {law}"
+    own = next((unit for unit in _FORCES if what.unit.startswith(unit)), "")
+    return f"{force} {law}, {amount(what.typical, own)} on average" if np.isfinite(what.typical) else f"{force} {law}"
 
 
 def _still_left(found: Diagnosis) -> str:

@@ -162,8 +162,8 @@ def unexplained(what: Unexplained) -> str:
     rows = [
         ("", (label, f'<span class="wrap">{html.escape(text)}</span>'))
         for label, text in (
-            ("force", what.force), ("follows", what.variable), ("form", what.form),
-            ("size", words.amount(what.size, what.unit, 3)), ("where", what.where),
+            ("force", words.effect_words(what.force)), ("follows", words.effect_words(what.variable)),
+            ("form", what.form), ("size", words.amount(what.size, what.unit, 3)), ("where", what.where),
         )
     ]  # fmt: skip
     return table(("not on the list", ""), rows, 2)

@@ -26,7 +26,7 @@ def test_the_ground_is_said_to_differ() -> None:
     answer = diagnose(found.recordings, load_robot("agriq"), holdout=found.holdout)
     assert answer.verdict is Verdict.UNEXPLAINED and not answer.causes
     assert answer.unexplained is not None and answer.unexplained.variable == "recording"
-    assert answer.unexplained.size == pytest.approx(0.25, rel=0.1)
+    assert answer.unexplained.size == pytest.approx(0.25, abs=0.04)  # a ratio of two values, each right to 3 %
     assert "run0" in answer.unexplained.where and "run1" in answer.unexplained.where
     assert answer.next_experiment is not None and "one by one" in answer.next_experiment.what
     assert "the ground is not the same" in str(answer).lower()
@@ -42,6 +42,13 @@ def test_each_soil_is_found() -> None:
     for name, _, values in alone.soil:
         other = soil[name] * (factor if name != "u_w" else 1.0)
         assert values == pytest.approx([soil[name], other], rel=0.05), name
+
+
+def test_a_compromise_is_no_place_to_be_stuck_at() -> None:
+    """From the fit of both, steps alone end at a soil that leaves seven times the noise in the first one's torques."""
+    found = case((OTHER_GROUND,), 1.0, 4021737138, runs=2, duration=30.0)
+    problem, fit = baseline(found.recordings, load_robot("agriq"), Options())
+    assert apart(problem, fit).sufficient
 
 
 def test_one_soil_is_one() -> None:

@@ -15,7 +15,7 @@ from report.diagnosis_case import case
 
 from artibot_sim.cli import main
 from artibot_sim.diagnose import words
-from artibot_sim.diagnose.diagnosis import ChannelBaseline, Diagnosis, Verdict
+from artibot_sim.diagnose.diagnosis import ChannelBaseline, Diagnosis, Unexplained, Verdict
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot
 from artibot_sim.report.diagnosis_files import files_of, load
@@ -65,6 +65,24 @@ def test_the_first_sentence_names_cause_size_and_gain(every: dict[Verdict, Diagn
     assert said[Verdict.AMBIGUOUS].startswith("Either slope or external force: these recordings cannot tell")
     assert "on no list: a front yaw moment of 12 N·m that follows yaw rate" in said[Verdict.UNEXPLAINED]
     assert said[Verdict.NONE].startswith("No effect explains")
+
+
+@pytest.mark.parametrize(
+    ("what", "said"),
+    [
+        (Unexplained("yaw moment", "nothing", "constant", -9, "N m", ""), "constant yaw moment of −9.0 N·m"),
+        (
+            Unexplained("longitudinal force of rear_left", "own slip", "quadratic", -178e3, "N s^2/m^2", "", 34.2),
+            "longitudinal force of rear left that follows own slip (quadratic), 34 N on average",
+        ),
+        (
+            Unexplained("torque of front_left", "wheel angle front_left", "periodic, once a turn", 2.5, "N m", "", 1.7),
+            "torque of front left of 2.5 N·m that follows wheel angle front left (periodic, once a turn)",
+        ),
+    ],
+)  # fmt: skip
+def test_a_force_is_said_by_what_it_comes_to(what: Unexplained, said: str) -> None:
+    assert words.force_words(what) == said
 
 
 def test_the_page_says_all_that_was_found(every: dict[Verdict, Diagnosis]) -> None:
