@@ -85,11 +85,16 @@ def named_as(found: Decision) -> Decision:
 
 
 def refuted(found: Decision) -> Decision:
-    """Nothing is named: what was does not hold beyond the recordings it was fitted to."""
+    """Nothing is named: what was does not hold beyond the recordings it was fitted to.
+
+    Something else is there all the same where the paper's model leaves more than noise in these.
+    """
     problem, fit = found.neutral_problem, found.neutral_fit
-    alone = _contradiction(found)
+    alone, left = _contradiction(found), remains(problem, fit.point)
+    if alone is None and not leaves_more_than_noise(left):
+        return replace(_on_no_list(found), verdict=Verdict.NONE, left=left)
     force = unexplained(problem, fit.point.coordinates) if alone is None or not alone.sufficient else None
-    return replace(_on_no_list(found), left=remains(problem, fit.point), unexplained=force, apart=alone)
+    return replace(_on_no_list(found), left=left, unexplained=force, apart=alone)
 
 
 def is_doubtful(found: Decision) -> bool:

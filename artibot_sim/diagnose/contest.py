@@ -40,6 +40,8 @@ class Rounds:
         Others go on if they gain this share of what the best one gains.
     returns : int
         Fits from whose soil and starts the baseline is fitted again.
+    hopes : int
+        Effects that are fitted although they gain nothing in the screen, for what sensitivities promise.
     few, many : int
         Steps.
     walks : int
@@ -56,6 +58,7 @@ class Rounds:
     least: tuple[int, int, int] = (3, 2, 2)
     shares: tuple[float, float, float] = (0.04, 0.15, 0.3)
     returns: int = 2
+    hopes: int = 2
     few: int = 3
     many: int = 8
     walks: int = 2
@@ -118,6 +121,7 @@ def contest(
     worthy = [trial for trial in trials if 0.5 * (baseline - trial.point.cost) > rounds.worth]
     begun = _all(_begun, _through(worthy, 0, baseline, rounds), loss, rounds, tick, workers)
     tried = _through(_one_each(sorted(begun, key=lambda t: t.point.cost)), 1, baseline, rounds)
+    tried = _one_each([*tried, *_promising(trials, worthy, rounds)])
     fitted = sorted(_all(_fitted, tried, loss, rounds, tick, workers), key=lambda rival: rival.fit.point.cost)
     return fitted[: rounds.through(2, [baseline - rival.fit.point.cost for rival in fitted])]
 
@@ -148,6 +152,13 @@ def _through(trials: Sequence[Trial], number: int, baseline: float, rounds: Roun
     """The trials that go on into a round."""
     ordered = sorted(trials, key=lambda trial: trial.point.cost)
     return ordered[: rounds.through(number, [baseline - trial.point.cost for trial in ordered])]
+
+
+def _promising(trials: Sequence[Trial], worthy: Sequence[Trial], rounds: Rounds) -> list[Trial]:
+    """Those of the others that would gain most if all were linear: starts on other branches of eq. 16 hide a gain."""
+    gaining = {trial.id for trial in worthy}
+    others = [trial for trial in trials if trial.id not in gaining and trial.promised > rounds.worth]
+    return _one_each(sorted(others, key=lambda trial: -trial.promised))[: rounds.hopes]
 
 
 def _one_each(trials: Sequence[Trial]) -> list[Trial]:

@@ -17,6 +17,8 @@ _FAITHFUL = 0.9
 """Share of a size that is found at least."""
 _GROUND = 0.9
 """Share of the ground driven on for which a patch is excluded."""
+_FARTHEST = 20.0
+"""Plain sizes from which on nothing is excluded: a rover not pushed by 700 N is no news."""
 
 
 def excluded(trials: Sequence[Trial], least: float, thresholds: Thresholds) -> dict[str, float]:
@@ -42,6 +44,8 @@ def excluded(trials: Sequence[Trial], least: float, thresholds: Thresholds) -> d
         reach = _reach(sd, len(extension), least + thresholds.more(trial.id), thresholds)
         if extension.search.least:  # not smooth at neutral: nothing smaller than its probes was looked for
             reach = max(reach, min(float(np.linalg.norm(probe)) for probe in trial.hypothesis.probes))
+        if reach > _FARTHEST:
+            return {}
         for name, size in extension.search.sizes.items():
             bound = float(np.expm1(reach * size)) if extension.search.logarithmic else reach * size
             found[name] = max(found.get(name, 0.0), bound)
@@ -65,6 +69,8 @@ def excluded_patch(base: Around, effect: str, least: float, thresholds: Threshol
         return {}
     among = float(np.log(len(told) * len(RADII)))
     reach, extension = _reach(float(here), 1, least + thresholds.more(effect) + among, thresholds), Extension(effect)
+    if reach > _FARTHEST:
+        return {}
     return {name: float(np.expm1(reach * size)) for name, size in extension.search.sizes.items()}
 
 

@@ -51,6 +51,8 @@ class Trial:
         Standard deviations of the coordinates as sensitivities at neutral give them; infinite where nothing changes.
     tested : tuple of (array of shape (len(extension),), float)
         Coordinates of finite probes, and what each costs over the baseline, soil and mu_s having had their say.
+    promised : float
+        Nats that the effect would gain if all were as linear as it is around the baseline.
     """
 
     hypothesis: Hypothesis
@@ -58,6 +60,7 @@ class Trial:
     point: Point
     sd: Array
     tested: tuple[tuple[Array, float], ...] = ()
+    promised: float = 0.0
 
     @property
     def id(self) -> str:
@@ -100,6 +103,28 @@ class Around:
     sensitivity: Sensitivity
 
 
+@dataclass(frozen=True)
+class _Score:
+    """What sensitivities say of an effect.
+
+    Attributes
+    ----------
+    estimate : array or None
+        Its coordinates after one step from the baseline; None where neutral is infinitely far.
+    sd : array
+        Their standard deviations.
+    promised : float
+        As in `Trial`.
+    follow : callable or None
+        The change of the baseline's free coordinates that goes best with the effect's.
+    """
+
+    estimate: Array | None
+    sd: Array
+    promised: float
+    follow: Follow | None
+
+
 def around(problem: Problem, loss: Loss, point: Point) -> Around:
     """Sensitivities at a baseline."""
     free = free_parameters(problem)
@@ -138,11 +163,14 @@ def screen(base: Around, found: Sequence[Hypothesis], tick: Callable[[], None] =
 
 def _screened(base: Around, hypothesis: Hypothesis) -> Trial:
     problem = with_effect(base.problem, hypothesis.extension)
-    estimate, sd, follow = _score(base, problem, hypothesis)
+    score = _score(base, problem, hypothesis)
     extension = hypothesis.extension
     tests = [extension.nearest(probe) for probe in hypothesis.probes or _TEST * np.eye(len(extension))]
-    probes = [*tests, *([] if estimate is None else [extension.nearest(np.clip(estimate, -_REACH, _REACH))])]
-    guesses = [_guesses(base, problem, hypothesis, probe, follow) for probe in (*probes, *faint(hypothesis))]
+    probes = [
+        *tests,
+        *([] if score.estimate is None else [extension.nearest(np.clip(score.estimate, -_REACH, _REACH))]),
+    ]
+    guesses = [_guesses(base, problem, hypothesis, probe, score.follow) for probe in (*probes, *faint(hypothesis))]
     every = [guess for some in guesses for guess in some]
     tried = iter(evaluate(problem, base.loss, every, _starts(base, problem, every)))
     points = [min((next(tried) for _ in some), key=lambda point: point.cost) for some in guesses]
@@ -154,7 +182,7 @@ def _screened(base: Around, hypothesis: Hypothesis) -> Trial:
         points = _resumed(base, problem, points, len(extension))
     ends = [step(problem, base.loss, point, base.free, known=base.sensitivity, tries=2)[0] for point in points]
     best = min(ends, key=lambda point: point.cost)
-    return Trial(hypothesis, problem, best, sd, _tested(tests, ends, base.point.cost))
+    return Trial(hypothesis, problem, best, score.sd, _tested(tests, ends, base.point.cost), score.promised)
 
 
 def _resumed(base: Around, problem: Problem, points: Sequence[Point], size: int) -> list[Point]:
@@ -217,12 +245,12 @@ def _guesses(
     return [*guesses, parameters.inside(parameters.coordinates(soil, first[len(parameters.parameters) :]))]
 
 
-def _score(base: Around, problem: Problem, hypothesis: Hypothesis) -> tuple[Array | None, Array, Follow | None]:
-    """One-step estimate of the effect's coordinates from the baseline, their standard deviations, and what follows."""
+def _score(base: Around, problem: Problem, hypothesis: Hypothesis) -> _Score:
+    """What the baseline's and the effect's sensitivities make of each other."""
     extension = hypothesis.extension
     origin = np.maximum(np.zeros(len(extension)), extension.bounds[0])
     if extension.search.reference:
-        return None, np.full(len(extension), np.inf), None  # neutral is infinitely far
+        return _Score(None, np.full(len(extension), np.inf), 0.0, None)
     p = len(base.free)
     guesses = [np.concatenate([base.point.coordinates, origin + _SCORE_STEP * e]) for e in np.eye(len(extension))]
     starts = _starts(base, problem, guesses)
@@ -238,11 +266,12 @@ def _score(base: Around, problem: Problem, hypothesis: Hypothesis) -> tuple[Arra
     gradient = reduced.gradient.sum(axis=0) + (prior @ here)[index]
     covariance = np.linalg.inv(H)
     estimate = -(covariance @ gradient)[p:]
-    information = np.diag(np.linalg.inv(covariance[p:, p:])) - np.diag(prior)[-len(extension) :]
+    known = np.linalg.inv(covariance[p:, p:])
+    information = np.diag(known) - np.diag(prior)[-len(extension) :]
     sd = np.where(information > 1e-9, 1.0 / np.sqrt(np.maximum(information, 1e-12)), np.inf)
 
     def follow(own: Array) -> Array:
         """Change of the free coordinates that goes best with the effect's."""
         return np.asarray(-np.linalg.solve(H[:p, :p], gradient[:p] + H[:p, p:] @ (own - origin)), float)
 
-    return estimate, sd, follow
+    return _Score(estimate, sd, 0.5 * float(estimate @ known @ estimate), follow)

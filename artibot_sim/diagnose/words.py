@@ -262,11 +262,11 @@ def shortfall(effects: Sequence[str], gain: Mapping[str, ChannelGain]) -> str:
 
 
 def _errors(gain: Mapping[str, ChannelGain]) -> str:
-    errors = [
-        f"{channel_words(name)} {amount(one.before, one.unit)} to {amount(one.after, one.unit)}"
-        for name, one in gain.items()
-    ]
-    return f"RMSE of {joined(errors)}"
+    errors = []
+    for name, one in gain.items():
+        before, after = amount(one.before, one.unit, 3), amount(one.after, one.unit, 3)
+        errors += [f"{channel_words(name)} {before} to {after}"] if before != after else []
+    return f"RMSE of {joined(errors)}" if errors else "by too little to show in three digits of any channel"
 
 
 def best_rival(found: Diagnosis) -> Candidate | None:

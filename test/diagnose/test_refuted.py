@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose import Verdict, diagnose
+from artibot_sim.diagnose.conclusion import refuted
+from artibot_sim.diagnose.decision import Decision, Named
 from artibot_sim.diagnose.diagnosis import ChannelGain, Left
+from artibot_sim.diagnose.options import Options
+from artibot_sim.diagnose.run import baseline
 from artibot_sim.diagnose.worth import Worth, is_minor, is_refuted
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.synthetic import random_manoeuvre, random_soil, synthetic
@@ -19,7 +23,7 @@ BETTER, WORSE = ChannelGain("m", 0.03, 0.01, (0.01, 0.03)), ChannelGain("rad", 0
 
 
 @pytest.mark.parametrize(
-    ("gained", "gain", "refuted"),
+    ("gained", "gain", "against"),
     [
         ({}, {}, False),
         ({"slope": 0.9}, {"position": BETTER}, False),
@@ -30,8 +34,8 @@ BETTER, WORSE = ChannelGain("m", 0.03, 0.01, (0.01, 0.03)), ChannelGain("rad", 0
         ({"slope": 0.5, "stribeck": -1.5}, {"position": BETTER, "yaw": WORSE}, True),  # both together
     ],
 )
-def test_held_out_data_speak_against_what_they_are_predicted_worse_with(gained, gain, refuted) -> None:  # type: ignore[no-untyped-def]
-    assert is_refuted(worths(gained), gain) is refuted
+def test_held_out_data_speak_against_what_they_are_predicted_worse_with(gained, gain, against) -> None:  # type: ignore[no-untyped-def]
+    assert is_refuted(worths(gained), gain) is against
 
 
 def worths(shares: dict[str, float], before: float = 2.0) -> dict[str, Worth]:
@@ -67,6 +71,16 @@ def test_held_out_data_without_any_error_say_nothing() -> None:
 )
 def test_a_cause_of_little_of_what_is_wrong_is_not_named(gained, typical, minor) -> None:  # type: ignore[no-untyped-def]
     assert is_minor(worths(gained), {"position": Left(100.0, 900.0), "yaw": Left(typical, 900.0)}) is minor
+
+
+def test_where_noise_is_all_that_is_left_nothing_is_wrong() -> None:
+    rng = np.random.default_rng(4)
+    driven = synthetic(random_soil(ROBOT, rng), random_manoeuvre(rng, 12.0), duration=12.0, seed=1)
+    problem, fit = baseline([driven], ROBOT, Options())
+    named = (Named("back_friction", 200.0, ()),)
+    back = refuted(Decision(Verdict.NAMED, named, 58.0, problem, fit, problem, fit, (), {}))
+    assert back.verdict is Verdict.NONE and not back.named and back.unexplained is None
+    assert back.left["yaw_rate"].typical == pytest.approx(1.0, abs=0.5)
 
 
 def test_what_acts_in_the_fitted_recordings_only_is_not_named() -> None:
