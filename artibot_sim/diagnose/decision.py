@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,7 @@ from artibot_sim.diagnose.conclusion import concluded
 from artibot_sim.diagnose.contest import Rounds
 from artibot_sim.diagnose.diagnosis import Found, Left, Verdict
 from artibot_sim.diagnose.disc_place import on_best_disc
+from artibot_sim.diagnose.evidence import Evidence
 from artibot_sim.diagnose.greedy import Turn, refusal, turn
 from artibot_sim.diagnose.other import Other
 from artibot_sim.diagnose.thresholds import Thresholds
@@ -147,7 +148,7 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
     heard = other = others(view)
     neutral = problem, fit = found.problem, found.fit
     while len(named) < thresholds.most:
-        best = _best(found, found.nats, heard, least, thresholds, tuple(n.effect for n in named))
+        best = best_of(found.evidence, found.nats, heard, least, thresholds, tuple(n.effect for n in named))
         if not (named or again) and found.fallen > max(_BETTER, best.nats if best else 0.0):
             # effects were screened around a soil that was none
             again = True
@@ -204,19 +205,33 @@ def _nats(found: Turn, view: CommandView, named: Sequence[Named]) -> dict[str, f
     return {rival.id: together(view, rival, found.evidence[rival.id], beside) for rival in found.rivals}
 
 
-def _best(
-    found: Turn,
+def best_of(
+    evidence: Mapping[str, Evidence],
     fitted: Mapping[str, float],
     heard: Mapping[str, Other],
     least: float,
     thresholds: Thresholds,
-    without: tuple[str, ...],
+    without: Collection[str] = (),
 ) -> Named | None:
-    """The effect with the most evidence, if it is enough, and those that tie with it."""
+    """The effect with the most evidence, if it is enough, and those that tie with it; None if there is none.
+
+    Parameters
+    ----------
+    evidence : mapping of str to Evidence
+        Of what was fitted, by the view that is driven by rotations.
+    fitted : mapping of str to float
+        Nats of the same from both views.
+    heard : mapping of str to Other
+        What the view driven by commands says.
+    least : float
+        Nats that an effect has to gain.
+    without : collection of str
+        What is named already.
+    """
     good: dict[str, float] = {}
     for effect, nats in fitted.items():
         enough = least + thresholds.more(effect)
-        if effect not in without and not refusal(effect, found.evidence[effect], nats, enough, thresholds):
+        if effect not in without and not refusal(effect, evidence[effect], nats, enough, thresholds):
             good[effect] = nats
     for effect, view in heard.items():
         if effect in good or effect in without or fitted.get(effect, least) < least:
@@ -226,7 +241,12 @@ def _best(
     if not good:
         return None
     best = max(good, key=lambda effect: good[effect])
-    margin = max(thresholds.tie, thresholds.tie_share * good[best])
-    ties = sorted((e for e in good if e != best and good[e] >= good[best] - margin), key=lambda e: -good[e])
+
+    def margin(effect: str) -> float:
+        """What commands show has the noise that the best of it leaves; nothing but chance is to be feared there."""
+        commanded = best not in fitted and effect not in fitted
+        return thresholds.tie if commanded else max(thresholds.tie, thresholds.tie_share * good[best])
+
+    ties = sorted((e for e in good if e != best and good[e] >= good[best] - margin(e)), key=lambda e: -good[e])
     values = heard[best].found if best in heard and best not in fitted else {}
     return Named(best, good[best], tuple(ties), values)

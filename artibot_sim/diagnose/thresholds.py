@@ -32,7 +32,7 @@ class Thresholds:
     tie : float
         Nats within which two effects tie.
     tie_share : float
-        The same as a share of the gain.
+        The same as a share of the gain, where motion was fitted: what the model still lacks may favour either.
     most : int
         Effects that are looked for one after the other.
     """

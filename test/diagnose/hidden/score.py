@@ -87,7 +87,7 @@ def score(answer: Mapping[str, Any], truth: Mapping[str, Any], reference: Mappin
         errors=errors,
         covered=covered,
         gain=relative_gain(answer["gain"], reference) if reference and hidden else None,
-        described=_described(answer["unexplained"], unlisted) if unlisted else None,
+        described=is_described(answer["unexplained"], unlisted) if unlisted else None,
         seconds=float(answer["seconds"]),
     )
 
@@ -202,7 +202,7 @@ def relative_gain(gain: Mapping[str, Any], reference: Mapping[str, Any]) -> floa
     return found / true if true > LEAST_GAIN * count else None
 
 
-def _described(unexplained: Mapping[str, Any] | None, unlisted: Mapping[str, Any]) -> bool:
+def is_described(unexplained: Mapping[str, Any] | None, unlisted: Mapping[str, Any]) -> bool:
     """Whether the words of what is unexplained hold those that a good answer has."""
     if unexplained is None:
         return False

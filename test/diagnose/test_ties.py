@@ -1,0 +1,40 @@
+"""Which effects tie: where motion was fitted the model may lack what favours either, commands know chance alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from artibot_sim.diagnose.decision import best_of
+from artibot_sim.diagnose.evidence import Evidence
+from artibot_sim.diagnose.other import Other
+from artibot_sim.diagnose.thresholds import THRESHOLDS
+
+LEAST = 58.0
+
+
+def named(fitted: dict[str, float], heard: dict[str, float]) -> tuple[str, tuple[str, ...]]:
+    """What is best and what ties with it, all of a plain size."""
+    evidence = {effect: Evidence(nats, 0.0, np.ones(1), 1e-4 * np.eye(1)) for effect, nats in fitted.items()}
+    others = {effect: Other(nats, {}) for effect, nats in heard.items()}
+    best = best_of(evidence, fitted, others, LEAST, THRESHOLDS)
+    assert best is not None
+    return best.effect, best.ties
+
+
+@pytest.mark.parametrize(
+    ("fitted", "heard", "ties"),
+    [
+        ({"slope": 10_000.0, "external_force": 9_800.0, "payload": 9_500.0}, {}, ("external_force",)),
+        ({"slope": 100.0, "external_force": 93.0, "payload": 91.0}, {}, ("external_force",)),
+        ({}, {"command_delay": 38_176.0, "speed_loop_lag": 37_254.0}, ()),
+        ({}, {"command_delay": 38_176.0, "speed_loop_lag": 38_170.0}, ("speed_loop_lag",)),
+        ({"slope": 10_000.0}, {"command_delay": 9_900.0}, ("command_delay",)),
+    ],
+)
+def test_what_is_close_ties(fitted: dict[str, float], heard: dict[str, float], ties: tuple[str, ...]) -> None:
+    assert named(fitted, heard) == (max({**fitted, **heard}, key=lambda one: {**fitted, **heard}[one]), ties)
+
+
+def test_too_little_is_nothing() -> None:
+    assert best_of({}, {}, {"command_delay": Other(LEAST - 1.0, {})}, LEAST, THRESHOLDS) is None
