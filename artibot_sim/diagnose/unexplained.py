@@ -15,6 +15,8 @@ from artibot_sim.diagnose.unexplained_response import WINDOWS, answers, short
 from artibot_sim.diagnose.unexplained_scatter import scattered
 from artibot_sim.diagnose.unexplained_scene import Scene, scene
 from artibot_sim.diagnose.unexplained_search import Candidate, Equations, InForce, basis, candidates, families, solve
+from artibot_sim.diagnose.words import effect_words
+from artibot_sim.identify.printing import spaced
 from artibot_sim.identify.problem import Problem
 
 Array = NDArray[np.float64]
@@ -188,7 +190,7 @@ def _rms(values: Array) -> float:
 def _where(found: Finding) -> str:
     first = found.chosen[0]
     each = ", ".join(f"{name} {size:.2g}" for name, size in found.per_recording)
-    text = f"{found.typical:.2g} {unit(first.force)} on average ({each})"
+    text = f"{found.typical:.2g} {spaced(unit(first.force))} on average ({each})"
     for other in found.chosen[1:]:
-        text += f"; beside it {other.force} against {other.form.variable}, {other.form.name}"
+        text += effect_words(f"; beside it {other.force} against {other.form.variable}, {other.form.name}")
     return text

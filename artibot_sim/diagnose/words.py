@@ -190,14 +190,18 @@ def gain_words(found: Diagnosis) -> str:
 
 
 def headline_channel(found: Diagnosis) -> str | None:
-    """The channel that says most about a diagnosis: the position where it gains much, else the one that gains most."""
+    """The channel that says most about a diagnosis: the position where it gains much, else the one that gains most.
+
+    Where nothing gains, what is wrong: the position if it is, or else what errs most beside its noise.
+    """
     position = found.gain.get("position") if "position" in found.baseline else None
     if position is not None and is_wrong("position", found.baseline["position"]) and lost(position) > _MOST:
         return "position"
     gains = {name: _gain(found, name, gain) for name, gain in found.gain.items() if name in found.baseline}
     if gains and max(gains.values()) > 1.0:
         return max(gains, key=lambda name: gains[name])
-    if "position" in found.baseline:
+    base = found.baseline.get("position")
+    if base is not None and (found.verdict is not Verdict.UNEXPLAINED or is_wrong("position", base)):
         return "position"
     return max(found.baseline, key=lambda name: excess(found, name), default=None)
 

@@ -67,6 +67,18 @@ def test_the_first_sentence_names_cause_size_and_gain(every: dict[Verdict, Diagn
     assert said[Verdict.NONE].startswith("No effect explains")
 
 
+def test_what_is_on_no_list_is_told_where_it_shows(every: dict[Verdict, Diagnosis]) -> None:
+    found = every[Verdict.UNEXPLAINED]
+    torque = ChannelBaseline("N m", 0.07, 0.02, 0.07)
+    still = replace(
+        found, gain={}, baseline={"position": ChannelBaseline("m", 0.006, 0.004, 0.006), "torque_back": torque}
+    )
+    assert "miss the back motors' torque by 0.070 N·m; the sensor's noise is 0.020 N·m" in words.headline(still)
+    lost = replace(still, baseline={"position": ChannelBaseline("m", 0.2, 0.004, 0.5), "torque_back": torque})
+    assert "miss the position by 20 cm" in words.headline(lost)
+    assert "miss the position by 6.0 mm" in words.headline(replace(still, verdict=Verdict.NONE))
+
+
 @pytest.mark.parametrize(
     ("what", "said"),
     [
