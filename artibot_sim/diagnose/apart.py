@@ -102,7 +102,7 @@ def apart(problem: Problem, fit: Fit, rounds: Rounds | None = None) -> Apart:
         return part, settled(part, begin, loss, rounds)
 
     def anew(part: Problem) -> Fit:
-        found = search(part, Effort()).point
+        found = search(part, Effort(), effects=fit.point.coordinates[len(part.parameters.parameters) :]).point
         return settled(part, evaluate(part, loss, [found.coordinates], found.starts)[0], loss, rounds)
 
     fits = side_by_side(alone, range(len(names)), problem.workers)

@@ -101,10 +101,10 @@ def free_parameters(problem: Problem) -> tuple[int, ...]:
     return tuple(i for i, key in enumerate(problem.parameters.keys) if key != MU_S)
 
 
-def search(problem: Problem, effort: Effort, tick: Tick = lambda: None) -> Fit:
-    """The best fit from several starts, noise levels as they stand."""
+def search(problem: Problem, effort: Effort, tick: Tick = lambda: None, effects: Array | None = None) -> Fit:
+    """The best fit from several starts, noise levels as they stand; `effects` begin at coordinates given (neutral)."""
     even = np.ones(len(CHANNEL_NAMES))
-    tasks = [(problem, coordinates, even, effort.first) for coordinates in first_guesses(problem, effort)]
+    tasks = [(problem, coordinates, even, effort.first) for coordinates in first_guesses(problem, effort, effects)]
     ends = side_by_side(_descended, tasks, problem.workers, tick, effort.scheduler)
     ends.sort(key=lambda fit: fit.point.cost)
     near = [fit for fit in ends[: effort.finalists] if fit.point.cost <= _CLOSE * ends[0].point.cost]
@@ -115,13 +115,13 @@ def search(problem: Problem, effort: Effort, tick: Tick = lambda: None) -> Fit:
     return Fit(best.point, best.loss, best.reduced, best.free, best.converged, others)
 
 
-def first_guesses(problem: Problem, effort: Effort) -> list[Array]:
-    """Coordinates to start from."""
+def first_guesses(problem: Problem, effort: Effort, effects: Array | None = None) -> list[Array]:
+    """Coordinates to start from: the robot file's values and others drawn around them, effects as they are given."""
     parameters = problem.parameters
     middles = np.array([parameter.prior.value for parameter in parameters.parameters])
     rng = np.random.default_rng(effort.seed)
-    drawn = rng.uniform(-_DRAWS, _DRAWS, (effort.starts - 1, len(parameters))) * parameters.spread
-    return [np.zeros(len(parameters)), *(parameters.coordinates(middles * np.exp(d)) for d in drawn)]
+    drawn = rng.uniform(-_DRAWS, _DRAWS, (effort.starts - 1, len(middles))) * parameters.spread[: len(middles)]
+    return [parameters.coordinates(middles * np.exp(d), effects) for d in (np.zeros(len(middles)), *drawn)]
 
 
 def _descended(task: tuple[Problem, Array, Array, int]) -> Fit:

@@ -13,6 +13,8 @@ from artibot_sim.diagnose.apart import apart
 from artibot_sim.diagnose.drift import disagreement
 from artibot_sim.diagnose.options import Options
 from artibot_sim.diagnose.run import baseline
+from artibot_sim.diagnose.valley import at_size
+from artibot_sim.identify.extension import Extension
 from artibot_sim.model import load_robot
 
 
@@ -49,6 +51,8 @@ def test_a_compromise_is_no_place_to_be_stuck_at() -> None:
     found = case((OTHER_GROUND,), 1.0, 4021737138, runs=2, duration=30.0)
     problem, fit = baseline(found.recordings, load_robot("agriq"), Options())
     assert apart(problem, fit).sufficient
+    beside = at_size(problem, fit, Extension("torque_scale"), np.array([0.02]), 1)
+    assert apart(*beside).sufficient
 
 
 def test_one_soil_is_one() -> None:
