@@ -17,7 +17,7 @@ from artibot_sim.diagnose.greedy import Turn, refusal, turn
 from artibot_sim.diagnose.other import Other
 from artibot_sim.diagnose.thresholds import Thresholds
 from artibot_sim.diagnose.unexplained import Finding
-from artibot_sim.diagnose.valley import at_size
+from artibot_sim.diagnose.valley import at_size, revised
 from artibot_sim.diagnose.views import others, together
 from artibot_sim.identify.extension import Extension
 from artibot_sim.identify.problem import Problem
@@ -165,6 +165,7 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
             found = turns[-1] = replace(found, nats=_nats(found, view, named))
             continue
         problem, fit = _with_effect(problem, fit, found, best, options.seed)
+        fit = revised(problem, fit, rounds.few, rounds.worth)
         if len(named) < thresholds.most:
             found = sought(problem, fit, found.loss)
             turns.append(found)

@@ -38,17 +38,29 @@ _TRIED = 2
 """So many places are polished by a step before they are compared."""
 
 
-def walked(problem: Problem, loss: Loss, fit: Fit) -> Point:
-    """The best place along the valley of the last effect, the fit's own if none is better or there is no effect."""
+def walked(problem: Problem, loss: Loss, fit: Fit, which: int = -1) -> Point:
+    """The best place along the valley of an effect, the fit's own if none is better or there is no effect."""
     parameters, point, free = problem.parameters, fit.point, list(fit.free)
     if not parameters.extensions:
         return point
-    own = point.coordinates[-len(parameters.extensions[-1]) :]
-    grips = _FINE if parameters.extensions[-1].search.valley else _GRIPS
-    places = [place for move in _moves(own) for place in beside(problem, loss, fit, move, grips)]
+    own = point.coordinates[parameters.places[which]]
+    grips = _FINE if parameters.extensions[which].search.valley else _GRIPS
+    places = [place for move in _moves(own) for place in beside(problem, loss, fit, move, grips, which)]
     found = sorted(places, key=lambda p: p.cost)
     ends = [step(problem, loss, place, free)[0] for place in found[:_TRIED]]
     return min([point, *ends], key=lambda p: p.cost)
+
+
+def revised(problem: Problem, fit: Fit, steps: int, worth: float) -> Fit:
+    """The fit after walks along all valleys but the last effect's: the others were fitted without that one.
+
+    Some steps follow a walk that gains what is `worth` it, nats.
+    """
+    for which in range(len(problem.parameters.extensions) - 1):
+        lower = walked(problem, fit.loss, fit, which)
+        if lower.cost < fit.point.cost - 2.0 * worth:
+            fit = settle(problem, lower, fit.loss, steps)
+    return fit
 
 
 def leapt(problem: Problem, loss: Loss, fit: Fit, steps: int) -> Fit:

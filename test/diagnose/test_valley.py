@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose.hypotheses import with_effect
-from artibot_sim.diagnose.valley import at_size, leapt, walked
+from artibot_sim.diagnose.valley import at_size, leapt, revised, walked
 from artibot_sim.identify.extension import Extension
 from artibot_sim.identify.gauss_newton import evaluate, reduce
 from artibot_sim.identify.problem import Problem
@@ -49,6 +49,18 @@ def test_the_walk_ends_nearer_to_the_truth(problem: Problem, share: float) -> No
     mass = PAYLOAD.values(found.coordinates[-1:])["mass"]
     assert found.cost <= fit.point.cost
     assert abs(mass - MASS) <= max(0.6 * abs(share * MASS - MASS), 0.15 * MASS)
+
+
+@pytest.mark.parametrize("share", [0.55, 1.6])
+def test_effects_that_were_found_earlier_walk_beside_the_last_one(problem: Problem, share: float) -> None:
+    beside = with_effect(with_effect(problem, PAYLOAD), Extension("joint_friction"))
+    own = share * PAYLOAD.coordinates({"mass": MASS, "module": "front"})
+    fit = held_at(beside, np.concatenate([np.zeros(5), own, [0.1]]))
+    found = revised(beside, fit, 2, 12.0)
+    mass = PAYLOAD.values(found.point.coordinates[5:6])["mass"]
+    assert found.point.cost < fit.point.cost
+    assert abs(mass - MASS) <= 0.6 * abs(share * MASS - MASS)
+    assert revised(beside, fit, 2, np.inf) is fit
 
 
 @pytest.mark.parametrize("share", [0.3, 1.0, 2.5])
