@@ -32,7 +32,8 @@ from artibot_sim.diagnose.ranking import ranking
 from artibot_sim.diagnose.remains import beyond_noise, far_beyond_noise
 from artibot_sim.diagnose.uncertain import Uncertain, judged, surroundings
 from artibot_sim.diagnose.unexplained import unexplained_of
-from artibot_sim.diagnose.words import besides, differing, doubt, partly, refutation, shortfall
+from artibot_sim.diagnose.words import differing
+from artibot_sim.diagnose.words_of_doubt import besides, doubt, partly, refutation, shortfall
 from artibot_sim.diagnose.worth import Worth, improvements, is_minor, is_refuted
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.problem import Problem

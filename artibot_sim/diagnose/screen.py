@@ -166,10 +166,9 @@ def _screened(base: Around, hypothesis: Hypothesis) -> Trial:
     score = _score(base, problem, hypothesis)
     extension = hypothesis.extension
     tests = [extension.nearest(probe) for probe in hypothesis.probes or _TEST * np.eye(len(extension))]
-    probes = [
-        *tests,
-        *([] if score.estimate is None else [extension.nearest(np.clip(score.estimate, -_REACH, _REACH))]),
-    ]
+    probes = list(tests)
+    if score.estimate is not None:
+        probes.append(extension.nearest(np.clip(score.estimate, -_REACH, _REACH)))
     guesses = [_guesses(base, problem, hypothesis, probe, score.follow) for probe in (*probes, *faint(hypothesis))]
     every = [guess for some in guesses for guess in some]
     tried = iter(evaluate(problem, base.loss, every, _starts(base, problem, every)))
