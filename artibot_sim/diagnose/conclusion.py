@@ -85,16 +85,18 @@ def named_as(found: Decision) -> Decision:
 
 
 def refuted(found: Decision) -> Decision:
-    """Nothing is named: what was does not hold beyond the recordings it was fitted to.
+    """Nothing that was fitted is named: it does not hold beyond the recordings it was fitted to.
 
-    Something else is there all the same where the paper's model leaves more than noise in these.
+    What only commands show stands by itself; where nothing else was named, it is that which does not hold. Something
+    else is there all the same where the paper's model leaves more than noise in the fitted recordings.
     """
     problem, fit = found.neutral_problem, found.neutral_fit
     alone, left = _contradiction(found), remains(problem, fit.point)
+    back = replace(_on_no_list(found), named=_commanded(found) if found.fitted else (), left=left)
     if alone is None and not leaves_more_than_noise(left):
-        return replace(_on_no_list(found), verdict=Verdict.NONE, left=left)
+        return named_as(back) if back.named else replace(back, verdict=Verdict.NONE)
     force = unexplained(problem, fit.point.coordinates) if alone is None or not alone.sufficient else None
-    return replace(_on_no_list(found), left=left, unexplained=force, apart=alone)
+    return replace(back, unexplained=force, apart=alone)
 
 
 def is_doubtful(found: Decision) -> bool:

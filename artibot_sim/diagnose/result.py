@@ -62,9 +62,10 @@ def result_of(
     driven = [one.channels[COMMANDED] for one in looks if one.held_out and COMMANDED in one.channels]
     driven = driven if view.followed else []
     gained, gain = improvements(decision, held_out, extended, view, options), gains(held_out, driven, options.seed)
-    if (refuting := is_refuted(gained, gain)) or is_minor(gained, decision.left):
+    if (refuting := is_refuted(gained, gain)) or (decision.fitted and is_minor(gained, decision.left)):
         found = result_of(robot, fitted, held, refuted(decision), options, tick)
-        said = (refutation if refuting else shortfall)([named.effect for named in decision.named], gain)
+        dropped = [named.effect for named in decision.fitted or decision.named]
+        said = (refutation if refuting else shortfall)(dropped, gain)
         return replace(found, warnings=(said, *found.warnings))
     if is_doubtful(decision):
         found = result_of(robot, fitted, held, doubted(decision), options, tick)

@@ -40,7 +40,7 @@ def refutation(effects: Sequence[str], gain: Mapping[str, ChannelGain]) -> str:
     """Why effects that were fitted best are not named: with them, held-out data are predicted worse."""
     return (
         f"{joined([effect_words(name) for name in effects])} would explain the fitted recordings, but held-out ones "
-        f"are predicted worse with that: {_errors(gain)}; so nothing is named"
+        f"are predicted worse with that: {_errors(gain)}; so that is not named"
     )
 
 
@@ -48,7 +48,7 @@ def shortfall(effects: Sequence[str], gain: Mapping[str, ChannelGain]) -> str:
     """Why effects that were fitted best are not named: most of the error is still there with them."""
     return (
         f"{joined([effect_words(name) for name in effects])} would explain the recordings best, but with that most "
-        f"of the error is left in held-out ones: {_errors(gain)}; so nothing is named"
+        f"of the error is left in held-out ones: {_errors(gain)}; so that is not named"
     )
 
 

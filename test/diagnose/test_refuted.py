@@ -10,11 +10,13 @@ import pytest
 from artibot_sim.diagnose import Verdict, diagnose
 from artibot_sim.diagnose.conclusion import refuted
 from artibot_sim.diagnose.decision import Decision, Named
-from artibot_sim.diagnose.diagnosis import ChannelGain, Left
+from artibot_sim.diagnose.diagnosis import ChannelGain, Found, Left
 from artibot_sim.diagnose.options import Options
 from artibot_sim.diagnose.run import baseline
 from artibot_sim.diagnose.worth import Worth, is_minor, is_refuted
 from artibot_sim.experiment import Experiment
+from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.search import Fit
 from artibot_sim.identify.synthetic import random_manoeuvre, random_soil, synthetic
 from artibot_sim.model import Robot, load_robot
 
@@ -73,14 +75,29 @@ def test_a_cause_of_little_of_what_is_wrong_is_not_named(gained, typical, minor)
     assert is_minor(worths(gained), {"position": Left(100.0, 900.0), "yaw": Left(typical, 900.0)}) is minor
 
 
-def test_where_noise_is_all_that_is_left_nothing_is_wrong() -> None:
+@pytest.fixture(scope="module")
+def plain() -> tuple[Problem, Fit]:
+    """The baseline of a recording with nothing hidden."""
     rng = np.random.default_rng(4)
     driven = synthetic(random_soil(ROBOT, rng), random_manoeuvre(rng, 12.0), duration=12.0, seed=1)
-    problem, fit = baseline([driven], ROBOT, Options())
-    named = (Named("back_friction", 200.0, ()),)
-    back = refuted(Decision(Verdict.NAMED, named, 58.0, problem, fit, problem, fit, (), {}))
+    return baseline([driven], ROBOT, Options())
+
+
+FITTED = Named("back_friction", 200.0, ())
+COMMANDED = Named("command_delay", 900.0, (), {"delay": Found(0.1, "s", (0.09, 0.11))})
+
+
+def test_where_noise_is_all_that_is_left_nothing_is_wrong(plain: tuple[Problem, Fit]) -> None:
+    back = refuted(Decision(Verdict.NAMED, (FITTED,), 58.0, *plain, *plain, (), {}))
     assert back.verdict is Verdict.NONE and not back.named and back.unexplained is None
     assert back.left["yaw_rate"].typical == pytest.approx(1.0, abs=0.5)
+
+
+def test_what_commands_show_stays_named_when_a_fit_is_refuted(plain: tuple[Problem, Fit]) -> None:
+    back = refuted(Decision(Verdict.NAMED, (FITTED, COMMANDED), 58.0, *plain, *plain, (), {}))
+    assert back.verdict is Verdict.NAMED and back.named == (COMMANDED,)
+    last = refuted(back)
+    assert last.verdict is Verdict.NONE and not last.named
 
 
 def test_what_acts_in_the_fitted_recordings_only_is_not_named() -> None:
