@@ -9,7 +9,7 @@ from artibot_sim.diagnose.apart import Apart, apart
 from artibot_sim.diagnose.diagnosis import Verdict
 from artibot_sim.diagnose.drift import disagreement, drifts
 from artibot_sim.diagnose.remains import far_beyond_noise, leaves_more_than_noise, remains
-from artibot_sim.diagnose.unexplained import Finding, unexplained
+from artibot_sim.diagnose.unexplained.finding import Finding, unexplained
 
 if TYPE_CHECKING:
     from artibot_sim.diagnose.decision import Decision, Named

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from artibot_sim.diagnose.apart import Apart
-from artibot_sim.diagnose.command_view import CommandView
+from artibot_sim.diagnose.command_view.view import CommandView
 from artibot_sim.diagnose.conclusion import concluded
 from artibot_sim.diagnose.contest import Rounds
 from artibot_sim.diagnose.diagnosis import Found, Left, Verdict
@@ -16,7 +16,7 @@ from artibot_sim.diagnose.evidence import Evidence
 from artibot_sim.diagnose.greedy import Turn, refusal, turn
 from artibot_sim.diagnose.other import Other
 from artibot_sim.diagnose.thresholds import Thresholds
-from artibot_sim.diagnose.unexplained import Finding
+from artibot_sim.diagnose.unexplained.finding import Finding
 from artibot_sim.diagnose.valley import at_size, revised
 from artibot_sim.diagnose.views import others, together
 from artibot_sim.identify.extension import Extension

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.command_series import Level
+from artibot_sim.diagnose.command_view.series import Level
 from artibot_sim.diagnose.diagnosis import ChannelBaseline, Look, Series
 from artibot_sim.diagnose.predictions import Pair
 from artibot_sim.experiment import Experiment

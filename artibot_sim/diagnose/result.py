@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from artibot_sim.diagnose.command_view import command_view
+from artibot_sim.diagnose.command_view.view import command_view
 from artibot_sim.diagnose.conclusion import doubted, is_doubtful, refuted
-from artibot_sim.diagnose.data_check import data_warnings
+from artibot_sim.diagnose.data_check.check import data_warnings
 from artibot_sim.diagnose.decision import Decision
 from artibot_sim.diagnose.diagnosis import (
     Cause,
@@ -22,16 +22,16 @@ from artibot_sim.diagnose.disc_place import disc_place
 from artibot_sim.diagnose.evidence import DECADE
 from artibot_sim.diagnose.extended import found_parameters, robot_of
 from artibot_sim.diagnose.looks import COMMANDED, look, with_commands
-from artibot_sim.diagnose.next_experiment import next_experiment
-from artibot_sim.diagnose.next_force import next_for_force
-from artibot_sim.diagnose.next_repeat import one_by_one, repeated
+from artibot_sim.diagnose.next_experiment.force import next_for_force
+from artibot_sim.diagnose.next_experiment.repeat import one_by_one, repeated
+from artibot_sim.diagnose.next_experiment.ties import next_experiment
 from artibot_sim.diagnose.options import Options
 from artibot_sim.diagnose.places import places
 from artibot_sim.diagnose.predictions import Pair, baseline_levels, gains, predict
 from artibot_sim.diagnose.ranking import ranking
 from artibot_sim.diagnose.remains import beyond_noise, far_beyond_noise
 from artibot_sim.diagnose.uncertain import Uncertain, judged, surroundings
-from artibot_sim.diagnose.unexplained import unexplained_of
+from artibot_sim.diagnose.unexplained.finding import unexplained_of
 from artibot_sim.diagnose.words import differing
 from artibot_sim.diagnose.words_of_doubt import besides, doubt, partly, refutation, shortfall
 from artibot_sim.diagnose.worth import Worth, improvements, is_minor, is_refuted

@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.command_view import command_view
-from artibot_sim.diagnose.data_check import require_usable
+from artibot_sim.diagnose.command_view.view import command_view
+from artibot_sim.diagnose.data_check.check import require_usable
 from artibot_sim.diagnose.decision import decide
 from artibot_sim.diagnose.diagnosis import Diagnosis
 from artibot_sim.diagnose.options import FALSE_ALARM_RATE, HALF_WIDTH, HORIZON, PRIOR_ODDS, Options

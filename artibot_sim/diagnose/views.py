@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from artibot_sim.diagnose.command_view import CommandView, ViewEvidence
+from artibot_sim.diagnose.command_view.view import CommandView, ViewEvidence
 from artibot_sim.diagnose.contest import Rival
 from artibot_sim.diagnose.diagnosis import Found
 from artibot_sim.diagnose.evidence import Evidence

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.command_view import CommandView, command_view
+from artibot_sim.diagnose.command_view.view import CommandView, command_view
 from artibot_sim.diagnose.decision import Decision
 from artibot_sim.diagnose.diagnosis import ChannelGain, Left
 from artibot_sim.diagnose.options import Options

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.command_view import command_view
+from artibot_sim.diagnose.command_view.view import command_view
 from artibot_sim.diagnose.conclusion import named_as
 from artibot_sim.diagnose.contest import Rival
 from artibot_sim.diagnose.decision import Decision, Named

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose import Diagnosis, Verdict, diagnose
-from artibot_sim.diagnose.data_check import data_warnings
+from artibot_sim.diagnose.data_check.check import data_warnings
 from artibot_sim.diagnose.hypotheses import hypotheses
 from artibot_sim.diagnose.run import split, told_apart
-from artibot_sim.diagnose.unexplained import unexplained
-from artibot_sim.diagnose.unexplained_response import short
+from artibot_sim.diagnose.unexplained.finding import unexplained
+from artibot_sim.diagnose.unexplained.response import short
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.measured import Measured

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from diagnose.hidden import case
 
-from artibot_sim.diagnose.command_view import command_view
+from artibot_sim.diagnose.command_view.view import command_view
 from artibot_sim.diagnose.decision import decide
 from artibot_sim.diagnose.options import Options
 from artibot_sim.diagnose.run import baseline

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.command_view import CommandView, command_view
+from artibot_sim.diagnose.command_view.view import CommandView, command_view
 from artibot_sim.diagnose.contest import Rival
 from artibot_sim.diagnose.evidence import Evidence
 from artibot_sim.diagnose.hypotheses import Hypothesis, with_effect

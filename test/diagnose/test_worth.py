@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.command_view import command_view
+from artibot_sim.diagnose.command_view.view import command_view
 from artibot_sim.diagnose.decision import Decision, Named
 from artibot_sim.diagnose.diagnosis import Found, Verdict
 from artibot_sim.diagnose.greedy import Turn

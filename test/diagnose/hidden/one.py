@@ -10,7 +10,7 @@ import sys
 
 from diagnose.hidden.cases import case
 
-from artibot_sim.diagnose.command_view import command_view
+from artibot_sim.diagnose.command_view.view import command_view
 from artibot_sim.diagnose.decision import Decision, decide
 from artibot_sim.diagnose.disc_place import disc_place
 from artibot_sim.diagnose.drift import drifts

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.unexplained_response import COMPONENTS, KNOTS, MOTOR, ends
+from artibot_sim.diagnose.unexplained.response import COMPONENTS, KNOTS, MOTOR, ends
 from artibot_sim.identify.problem import Problem
 from artibot_sim.model import MOTORS, WHEELS, Robot
 from artibot_sim.model.effects import motor_drag

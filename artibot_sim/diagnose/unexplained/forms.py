@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.unexplained_scene import PLACE, ROLLING
+from artibot_sim.diagnose.unexplained.scene import PLACE, ROLLING
 from artibot_sim.diagnose.words import NOTHING
 
 Array = NDArray[np.float64]

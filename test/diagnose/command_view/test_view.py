@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from bag_helpers import foreign
 
-from artibot_sim.diagnose.command_data import H, told
-from artibot_sim.diagnose.command_model import Way, followed, seen
-from artibot_sim.diagnose.command_view import EFFECTS, command_view
-from artibot_sim.diagnose.command_work import NEEDED
+from artibot_sim.diagnose.command_view.data import H, told
+from artibot_sim.diagnose.command_view.model import Way, followed, seen
+from artibot_sim.diagnose.command_view.view import EFFECTS, command_view
+from artibot_sim.diagnose.command_view.work import NEEDED
 from artibot_sim.experiment import Experiment, read_bag
 from artibot_sim.identify.synthetic import Noise, random_manoeuvre, random_soil, synthetic
 from artibot_sim.model import Commands, Robot, load_robot

@@ -13,11 +13,11 @@ from diagnose.hidden.machine import machine
 from diagnose.hidden.rover import at_rest
 from diagnose.hidden.sensors import Noise
 
-from artibot_sim.diagnose.next_experiment import ENOUGH, duration
-from artibot_sim.diagnose.next_force import expected, known, law, next_for_force, recording, rivals, told
-from artibot_sim.diagnose.next_manoeuvres import KAPPA, LIBRARY, Entry
-from artibot_sim.diagnose.unexplained import Finding, look
-from artibot_sim.diagnose.unexplained_forms import TIME, WANDERING
+from artibot_sim.diagnose.next_experiment.force import expected, known, law, next_for_force, recording, rivals, told
+from artibot_sim.diagnose.next_experiment.manoeuvres import KAPPA, LIBRARY, Entry
+from artibot_sim.diagnose.next_experiment.ties import ENOUGH, duration
+from artibot_sim.diagnose.unexplained.finding import Finding, look
+from artibot_sim.diagnose.unexplained.forms import TIME, WANDERING
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.parameters import SOIL
 from artibot_sim.identify.problem import Problem

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.data_wheels import front_speed
+from artibot_sim.diagnose.data_check.wheels import front_speed
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.local_fit import local_fit
 from artibot_sim.experiment.measured import Measured

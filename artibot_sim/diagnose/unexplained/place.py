@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.unexplained_forms import Form, amplitude, waves
-from artibot_sim.diagnose.unexplained_scene import Scene
-from artibot_sim.diagnose.unexplained_search import Candidate, Equations, InForce, judge, place, proven
+from artibot_sim.diagnose.unexplained.forms import Form, amplitude, waves
+from artibot_sim.diagnose.unexplained.scene import Scene
+from artibot_sim.diagnose.unexplained.search import Candidate, Equations, InForce, judge, place, proven
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.unexplained_response import KNOTS, Answers
-from artibot_sim.diagnose.unexplained_search import Equations
+from artibot_sim.diagnose.unexplained.response import KNOTS, Answers
+from artibot_sim.diagnose.unexplained.search import Equations
 
 Array = NDArray[np.float64]
 

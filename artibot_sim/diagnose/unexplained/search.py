@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.unexplained_forms import Form, forms
-from artibot_sim.diagnose.unexplained_response import COMPONENTS, KNOTS
-from artibot_sim.diagnose.unexplained_scene import PLACE, Acting, Scene
+from artibot_sim.diagnose.unexplained.forms import Form, forms
+from artibot_sim.diagnose.unexplained.response import COMPONENTS, KNOTS
+from artibot_sim.diagnose.unexplained.scene import PLACE, Acting, Scene
 from artibot_sim.diagnose.words import NOTHING
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ class Equations:
     Attributes
     ----------
     matrix, pull : array, shape (windows, 16 + p, 16 + p) and (windows, 16 + p)
-        Of forces and parameters, see `unexplained_response.Answers`; forces scatter from window to window.
+        Of forces and parameters, see `response.Answers`; forces scatter from window to window.
     misfit : array, shape (windows,)
     recording : array of int, shape (windows,)
         Which recording each window is of.

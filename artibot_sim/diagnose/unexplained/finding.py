@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.diagnosis import Unexplained
-from artibot_sim.diagnose.unexplained_forms import Form, forms, unit
-from artibot_sim.diagnose.unexplained_place import ridges
-from artibot_sim.diagnose.unexplained_response import WINDOWS, answers, short
-from artibot_sim.diagnose.unexplained_scatter import scattered
-from artibot_sim.diagnose.unexplained_scene import Scene, scene
-from artibot_sim.diagnose.unexplained_search import Candidate, Equations, InForce, basis, candidates, families, solve
+from artibot_sim.diagnose.unexplained.forms import Form, forms, unit
+from artibot_sim.diagnose.unexplained.place import ridges
+from artibot_sim.diagnose.unexplained.response import WINDOWS, answers, short
+from artibot_sim.diagnose.unexplained.scatter import scattered
+from artibot_sim.diagnose.unexplained.scene import Scene, scene
+from artibot_sim.diagnose.unexplained.search import Candidate, Equations, InForce, basis, candidates, families, solve
 from artibot_sim.diagnose.words import effect_words
 from artibot_sim.identify.printing import spaced
 from artibot_sim.identify.problem import Problem

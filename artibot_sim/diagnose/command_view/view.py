@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from artibot_sim.diagnose.command_data import told
-from artibot_sim.diagnose.command_model import known_way
-from artibot_sim.diagnose.command_noise import sensor_noise
-from artibot_sim.diagnose.command_series import Level
-from artibot_sim.diagnose.command_work import EFFECTS, NEEDED, ViewEvidence, Work
+from artibot_sim.diagnose.command_view.data import told
+from artibot_sim.diagnose.command_view.model import known_way
+from artibot_sim.diagnose.command_view.noise import sensor_noise
+from artibot_sim.diagnose.command_view.series import Level
+from artibot_sim.diagnose.command_view.work import EFFECTS, NEEDED, ViewEvidence, Work
 from artibot_sim.diagnose.diagnosis import Series
 from artibot_sim.experiment import Experiment
 from artibot_sim.model import Robot

@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.diagnosis import NextExperiment
-from artibot_sim.diagnose.next_experiment import USUAL, advice, cheapest
-from artibot_sim.diagnose.next_freedom import SOIL_SD
-from artibot_sim.diagnose.next_manoeuvres import KAPPA, LIBRARY, Entry
-from artibot_sim.diagnose.next_simulation import WINDOW
-from artibot_sim.diagnose.unexplained import Finding, acting, regression
-from artibot_sim.diagnose.unexplained_forms import WANDERING
-from artibot_sim.diagnose.unexplained_response import short
-from artibot_sim.diagnose.unexplained_scene import PLACE, Scene
-from artibot_sim.diagnose.unexplained_search import Candidate, Equations, InForce, judge
+from artibot_sim.diagnose.next_experiment.freedom import SOIL_SD
+from artibot_sim.diagnose.next_experiment.manoeuvres import KAPPA, LIBRARY, Entry
+from artibot_sim.diagnose.next_experiment.simulation import WINDOW
+from artibot_sim.diagnose.next_experiment.ties import USUAL, advice, cheapest
+from artibot_sim.diagnose.unexplained.finding import Finding, acting, regression
+from artibot_sim.diagnose.unexplained.forms import WANDERING
+from artibot_sim.diagnose.unexplained.response import short
+from artibot_sim.diagnose.unexplained.scene import PLACE, Scene
+from artibot_sim.diagnose.unexplained.search import Candidate, Equations, InForce, judge
 from artibot_sim.diagnose.words import NOTHING, effect_words, joined
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.parameters import SOIL

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.data_clock import clock_faults
-from artibot_sim.diagnose.data_wheels import FACTOR_REFUSED, Rolled, rolled, wheel_faults
+from artibot_sim.diagnose.data_check.clock import clock_faults
+from artibot_sim.diagnose.data_check.wheels import FACTOR_REFUSED, Rolled, rolled, wheel_faults
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.local_fit import fresh, noise_of

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from artibot_sim.diagnose.command_data import LAGS, Told
+from artibot_sim.diagnose.command_view.data import LAGS, Told
 from artibot_sim.experiment.local_fit import noise_of
 
 Array = NDArray[np.float64]

@@ -8,15 +8,15 @@ from itertools import permutations
 
 import numpy as np
 
-from artibot_sim.diagnose.command_data import told
-from artibot_sim.diagnose.command_fit import Fitter
-from artibot_sim.diagnose.command_limit import torque_limit
-from artibot_sim.diagnose.command_model import PARAMETERS, Way, seen, way_of
-from artibot_sim.diagnose.command_noise import Noise, least_noise
+from artibot_sim.diagnose.command_view.data import told
+from artibot_sim.diagnose.command_view.fit import Fitter
+from artibot_sim.diagnose.command_view.limit import torque_limit
+from artibot_sim.diagnose.command_view.model import PARAMETERS, Way, seen, way_of
+from artibot_sim.diagnose.command_view.noise import Noise, least_noise
 from artibot_sim.diagnose.diagnosis import NextExperiment
-from artibot_sim.diagnose.next_freedom import Explanation
-from artibot_sim.diagnose.next_manoeuvres import KAPPA, LIBRARY, Entry
-from artibot_sim.diagnose.next_simulation import Trial, trial
+from artibot_sim.diagnose.next_experiment.freedom import Explanation
+from artibot_sim.diagnose.next_experiment.manoeuvres import KAPPA, LIBRARY, Entry
+from artibot_sim.diagnose.next_experiment.simulation import Trial, trial
 from artibot_sim.model import Robot
 from artibot_sim.planning import plan
 

@@ -11,8 +11,8 @@ from diagnose.hidden import UNLISTED, Case, case
 from diagnose.hidden.unlisted import ACTS_ON
 
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
-from artibot_sim.diagnose.unexplained import LEAST_NATS, Finding, look, unexplained_of
-from artibot_sim.diagnose.unexplained_scene import through_gear
+from artibot_sim.diagnose.unexplained.finding import LEAST_NATS, Finding, look, unexplained_of
+from artibot_sim.diagnose.unexplained.scene import through_gear
 from artibot_sim.identify.gauss_newton import Point, evaluate, step
 from artibot_sim.identify.parameters import SOIL
 from artibot_sim.identify.problem import Problem

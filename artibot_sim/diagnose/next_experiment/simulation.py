@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.next_manoeuvres import KAPPA, Entry
+from artibot_sim.diagnose.next_experiment.manoeuvres import KAPPA, Entry
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.recorded_as import recorded_motors
 from artibot_sim.identify.sensing import CHANNELS

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from artibot_sim.diagnose.command_data import H, Told
+from artibot_sim.diagnose.command_view.data import H, Told
 from artibot_sim.model import Robot
 from artibot_sim.model.effects import EFFECTS, Values
 

@@ -8,12 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
-from artibot_sim.diagnose.command_data import Told
-from artibot_sim.diagnose.command_fit import Best, Fitter
-from artibot_sim.diagnose.command_limit import Limit, excluded_limit, torque_limit
-from artibot_sim.diagnose.command_model import PARAMETERS, Way, known_way, seen, way_of
-from artibot_sim.diagnose.command_noise import Noise, noise_in, sensor_noise
-from artibot_sim.diagnose.command_series import Level, level_of, series_of
+from artibot_sim.diagnose.command_view.data import Told
+from artibot_sim.diagnose.command_view.fit import Best, Fitter
+from artibot_sim.diagnose.command_view.limit import Limit, excluded_limit, torque_limit
+from artibot_sim.diagnose.command_view.model import PARAMETERS, Way, known_way, seen, way_of
+from artibot_sim.diagnose.command_view.noise import Noise, noise_in, sensor_noise
+from artibot_sim.diagnose.command_view.series import Level, level_of, series_of
 from artibot_sim.diagnose.diagnosis import Series
 from artibot_sim.diagnose.options import FALSE_ALARM_RATE, PRIOR_ODDS
 from artibot_sim.diagnose.thresholds import THRESHOLDS

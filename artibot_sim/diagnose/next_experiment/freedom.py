@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.next_simulation import Trial, with_effect
+from artibot_sim.diagnose.next_experiment.simulation import Trial, with_effect
 from artibot_sim.model import Robot
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.effects.base import Choice

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.command_data import Told
-from artibot_sim.diagnose.command_model import PARAMETERS, Way, followed, seen
-from artibot_sim.diagnose.command_noise import Noise
+from artibot_sim.diagnose.command_view.data import Told
+from artibot_sim.diagnose.command_view.model import PARAMETERS, Way, followed, seen
+from artibot_sim.diagnose.command_view.noise import Noise
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.command_data import GUARD, H, Told
-from artibot_sim.diagnose.command_limit import Limit
-from artibot_sim.diagnose.command_model import Way, followed
+from artibot_sim.diagnose.command_view.data import GUARD, H, Told
+from artibot_sim.diagnose.command_view.limit import Limit
+from artibot_sim.diagnose.command_view.model import Way, followed
 from artibot_sim.diagnose.diagnosis import Series
 from artibot_sim.experiment import Experiment
 from artibot_sim.experiment.local_fit import local_fit, noise_of

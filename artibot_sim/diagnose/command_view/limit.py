@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
-from artibot_sim.diagnose.command_data import Told
-from artibot_sim.diagnose.command_noise import Noise, log_density
+from artibot_sim.diagnose.command_view.data import Told
+from artibot_sim.diagnose.command_view.noise import Noise, log_density
 from artibot_sim.experiment.local_fit import noise_of
 
 Array = NDArray[np.float64]

@@ -1,0 +1,1 @@
+"""What is doubtful about the recordings themselves: clocks, wheels, gaps, sensors."""
