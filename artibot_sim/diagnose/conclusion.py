@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from artibot_sim.diagnose.apart import Apart, apart
+from artibot_sim.diagnose.decision import Decision, Named
 from artibot_sim.diagnose.diagnosis import Verdict
 from artibot_sim.diagnose.drift import disagreement, drifts
 from artibot_sim.diagnose.remains import far_beyond_noise, leaves_more_than_noise, remains
 from artibot_sim.diagnose.unexplained.finding import Finding, unexplained
-
-if TYPE_CHECKING:
-    from artibot_sim.diagnose.decision import Decision, Named
 
 
 def concluded(found: Decision) -> Decision:

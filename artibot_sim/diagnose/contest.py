@@ -25,6 +25,9 @@ Tick = Callable[[], None]
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
+_HOPELESS = 0.03
+"""Share of what the best gains by a few steps, below which no further steps are tried."""
+
 
 @dataclass(frozen=True)
 class Rounds:
@@ -42,6 +45,8 @@ class Rounds:
         Fits from whose soil and starts the baseline is fitted again.
     hopes : int
         Effects that are fitted although they gain nothing in the screen, for what sensitivities promise.
+    promise : float
+        Nats that they have to promise.
     few, many : int
         Steps.
     walks : int
@@ -59,6 +64,7 @@ class Rounds:
     shares: tuple[float, float, float] = (0.04, 0.15, 0.3)
     returns: int = 2
     hopes: int = 2
+    promise: float = 12.0
     few: int = 3
     many: int = 8
     walks: int = 2
@@ -71,6 +77,11 @@ class Rounds:
         best = gains[0] if gains else 0.0
         good = sum(gain >= self.shares[number] * best for gain in gains)
         return min(max(good, self.least[number]), self.most[number])
+
+    def for_all(self, count: int) -> Rounds:
+        """The same for a search in which all of so many trials may be fitted, and all but hopeless ones to the end."""
+        most, shares = (*self.most[:2], count), (*self.shares[:2], _HOPELESS)
+        return replace(self, hopes=count, promise=-np.inf, most=most, shares=shares)
 
 
 @dataclass(frozen=True)
@@ -157,7 +168,7 @@ def _through(trials: Sequence[Trial], number: int, baseline: float, rounds: Roun
 def _promising(trials: Sequence[Trial], worthy: Sequence[Trial], rounds: Rounds) -> list[Trial]:
     """Those of the others that would gain most if all were linear: starts on other branches of eq. 16 hide a gain."""
     gaining = {trial.id for trial in worthy}
-    others = [trial for trial in trials if trial.id not in gaining and trial.promised > rounds.worth]
+    others = [trial for trial in trials if trial.id not in gaining and trial.promised > rounds.promise]
     return _one_each(sorted(others, key=lambda trial: -trial.promised))[: rounds.hopes]
 
 

@@ -82,9 +82,28 @@ def turn(
     """
     base, control = at_rest(problem, loss, fit.point, rounds.few)
     trials = screen(base, hypotheses(problem.parameters.robot, problem.stretches, named), tick) + discs(base)
-    rivals = contest(trials, control.cost, loss, rounds, tick)
+    return _contested(Turn(tuple(trials), (), {}, problem, fit, loss, control.cost, base=base), named, rounds, tick)
+
+
+def thorough(found: Turn, named: Sequence[str], rounds: Rounds, tick: Tick = lambda: None) -> Turn:
+    """The same search with every effect fitted, whatever the screen thought of it, and most of them to the end.
+
+    A probe may throw so many windows off their branch that an effect of just its size looks worse than none.
+    """
+    base, every = found.base, rounds.for_all(len(found.trials))
+    if base is None or not found.trials:
+        return found
+    begun = Turn(found.trials, (), {}, base.problem, found.fit, base.loss, found.screened, base=base)
+    return _contested(begun, named, every, tick)
+
+
+def _contested(begun: Turn, named: Sequence[str], rounds: Rounds, tick: Tick) -> Turn:
+    """A search whose trials are screened, with the promising ones fitted and judged."""
+    base, problem, loss = begun.base, begun.problem, begun.loss
+    assert base is not None
+    rivals = contest(begun.trials, begun.screened, loss, rounds, tick)
     if not rivals:
-        return Turn(tuple(trials), (), {}, problem, fit, loss, control.cost, base=base)
+        return begun
     best, rivals = finished(base, rivals, rounds, tick)
     near = [r for r in rivals[: rounds.returns] if best.point.cost - r.fit.point.cost >= 2.0 * rounds.worth]
     others = side_by_side(lambda rival: neutralised(rival, best, loss, rounds), near, problem.workers, tick)
@@ -96,7 +115,7 @@ def turn(
     costs = [best.point.cost - one for one in excess]
     told = side_by_side(lambda one: evidence(*one), list(zip(rivals, costs, strict=True)), problem.workers)
     found = {rival.id: one for rival, one in zip(rivals, told, strict=True)}
-    return Turn(tuple(trials), tuple(rivals), found, problem, best, loss, control.cost, fallen, base)
+    return Turn(begun.trials, tuple(rivals), found, problem, best, loss, begun.screened, fallen, base)
 
 
 def _with_honest_noise(

@@ -17,6 +17,9 @@ from artibot_sim.diagnose.screen import Trial
 from artibot_sim.diagnose.thresholds import Thresholds
 from artibot_sim.model.effects import EFFECTS
 
+DROPPED = "not needed any more beside what was found after it"
+"""Said of an effect that was taken back."""
+
 
 def ranking(decision: Decision, thresholds: Thresholds) -> tuple[Candidate, ...]:
     """All effects, best first: those named as they were found, others as the last turn that tried them saw them."""
@@ -28,13 +31,15 @@ def ranking(decision: Decision, thresholds: Thresholds) -> tuple[Candidate, ...]
             at = decision.turn_of(effect)
         else:
             tried = [turn for turn in turns if any(trial.id == effect for trial in turn.trials)]
-            at = turns[0] if effect in turns[0].evidence or not tried else tried[-1]
+            first = effect in turns[0].evidence and effect not in decision.dropped
+            at = turns[0] if first or not tried else tried[-1]
         own = _candidate(effect, at)
         if effect not in named:
             trials = [trial for trial in at.trials if trial.id == effect]
             above = _above(decision, effect, trials, thresholds)
             below = excluded_below(trials[0], decision.least, thresholds) if trials else {}  # limits have no choices
-            note = own.note or _refusal(at, own, decision, thresholds)
+            dropped = DROPPED if effect in decision.dropped else ""
+            note = own.note or dropped or _refusal(at, own, decision, thresholds)
             own = replace(own, excluded_above=above, excluded_below=below, note=note)
         found.append(_with_other(own, decision.other[effect], named) if effect in decision.other else own)
     return tuple(sorted(found, key=lambda c: -c.log10_bayes_factor if np.isfinite(c.log10_bayes_factor) else np.inf))

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.command_view.view import command_view
 from artibot_sim.diagnose.data_check.check import require_usable
-from artibot_sim.diagnose.decision import decide
 from artibot_sim.diagnose.diagnosis import Diagnosis
+from artibot_sim.diagnose.naming import decide
 from artibot_sim.diagnose.options import FALSE_ALARM_RATE, HALF_WIDTH, HORIZON, PRIOR_ODDS, Options
 from artibot_sim.diagnose.result import result_of
 from artibot_sim.diagnose.thresholds import THRESHOLDS, TRUST, Thresholds

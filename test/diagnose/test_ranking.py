@@ -70,7 +70,9 @@ def decision_of(run: Experiment, order: tuple[str, ...]) -> Decision:
         turns.append(found)
     fit = fit_of(problem)
     turns.append(Turn((), (), {}, problem, fit, fit.loss, fit.point.cost))
-    named = tuple(Named(name, NATS[name], (), COMMANDED.get(name, {})) for name in order)
+    fitted = [name for name in order if name in FITTED]
+    at = {name: number for number, name in enumerate(fitted)}
+    named = tuple(Named(name, NATS[name], (), COMMANDED.get(name, {}), at.get(name, 0)) for name in order)
     first = fit_of(neutral)
     view = others(command_view([run], ROBOT))
     return Decision(Verdict.NAMED, named, 40.0, neutral, first, problem, fit, tuple(turns), view)

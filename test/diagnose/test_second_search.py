@@ -6,7 +6,7 @@ import numpy as np
 from diagnose.hidden import case
 
 from artibot_sim.diagnose.command_view.view import command_view
-from artibot_sim.diagnose.decision import decide
+from artibot_sim.diagnose.naming import decide
 from artibot_sim.diagnose.options import Options
 from artibot_sim.diagnose.run import baseline
 from artibot_sim.identify.gauss_newton import evaluate, reduce

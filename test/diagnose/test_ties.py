@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.decision import best_of
 from artibot_sim.diagnose.evidence import Evidence
+from artibot_sim.diagnose.naming import best_of
 from artibot_sim.diagnose.other import Other
 from artibot_sim.diagnose.thresholds import THRESHOLDS
 

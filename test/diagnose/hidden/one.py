@@ -11,10 +11,11 @@ import sys
 from diagnose.hidden.cases import case
 
 from artibot_sim.diagnose.command_view.view import command_view
-from artibot_sim.diagnose.decision import Decision, decide
+from artibot_sim.diagnose.decision import Decision
 from artibot_sim.diagnose.disc_place import disc_place
 from artibot_sim.diagnose.drift import drifts
 from artibot_sim.diagnose.extended import found_parameters
+from artibot_sim.diagnose.naming import decide
 from artibot_sim.diagnose.options import Options
 from artibot_sim.diagnose.patches import scanned
 from artibot_sim.diagnose.ranking import ranking
