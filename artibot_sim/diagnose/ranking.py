@@ -17,9 +17,6 @@ from artibot_sim.diagnose.screen import Trial
 from artibot_sim.diagnose.thresholds import Thresholds
 from artibot_sim.model.effects import EFFECTS
 
-DROPPED = "not needed any more beside what was found after it"
-"""Said of an effect that was taken back."""
-
 
 def ranking(decision: Decision, thresholds: Thresholds) -> tuple[Candidate, ...]:
     """All effects, best first: those named as they were found, others as the last turn that tried them saw them."""
@@ -38,7 +35,7 @@ def ranking(decision: Decision, thresholds: Thresholds) -> tuple[Candidate, ...]
             trials = [trial for trial in at.trials if trial.id == effect]
             above = _above(decision, effect, trials, thresholds)
             below = excluded_below(trials[0], decision.least, thresholds) if trials else {}  # limits have no choices
-            dropped = DROPPED if effect in decision.dropped else ""
+            dropped = "not needed any more beside what was found after it" if effect in decision.dropped else ""
             note = own.note or dropped or _refusal(at, own, decision, thresholds)
             own = replace(own, excluded_above=above, excluded_below=below, note=note)
         found.append(_with_other(own, decision.other[effect], named) if effect in decision.other else own)

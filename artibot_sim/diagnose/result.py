@@ -64,8 +64,8 @@ def result_of(
     gained, gain = improvements(decision, held_out, extended, view, options), gains(held_out, driven, options.seed)
     if (refuting := is_refuted(gained, gain)) or (decision.fitted and is_minor(gained, decision.left)):
         found = result_of(robot, fitted, held, refuted(decision), options, tick)
-        dropped = [named.effect for named in decision.fitted or decision.named]
-        said = (refutation if refuting else shortfall)(dropped, gain)
+        unnamed = [named.effect for named in decision.fitted or decision.named]
+        said = (refutation if refuting else shortfall)(unnamed, gain)
         return replace(found, warnings=(said, *found.warnings))
     if is_doubtful(decision):
         found = result_of(robot, fitted, held, doubted(decision), options, tick)

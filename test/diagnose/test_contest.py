@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-from diagnose.hidden import case
+from dataclasses import replace
 
-from artibot_sim.diagnose.contest import Rounds, contest
+import numpy as np
+import pytest
+from diagnose.hidden import case
+from diagnose.turns import EVEN, TURNS
+
+from artibot_sim.diagnose.contest import Rounds, contest, finished
 from artibot_sim.diagnose.hypotheses import hypotheses
 from artibot_sim.diagnose.options import Options
 from artibot_sim.diagnose.run import baseline
 from artibot_sim.diagnose.screen import at_rest, screen
+from artibot_sim.identify.gauss_newton import evaluate
+from artibot_sim.identify.requested import parameter_set
+from artibot_sim.identify.run import problem_of
+from artibot_sim.identify.synthetic import synthetic
 from artibot_sim.model import load_robot
 
 
@@ -23,3 +32,20 @@ def test_what_sensitivities_promise_is_fitted_though_other_branches_hide_it() ->
     (rival,) = contest([trial], control.cost, fit.loss, Rounds())
     assert 0.5 * (control.cost - rival.fit.point.cost) > 300.0
     assert not contest([trial], control.cost, fit.loss, Rounds(hopes=0))
+
+
+def test_where_all_are_fitted_a_screen_that_was_misled_costs_no_effect() -> None:
+    """A probe so far out that the effect looks worse than none, and sensitivities that promise nothing."""
+    robot, truth = load_robot("agriq"), {"grade": 0.05, "heading": 1.0}
+    real = replace(robot, effects={"slope": truth})
+    problem = problem_of([synthetic(real, TURNS, kappa=0.8, seed=4)], parameter_set(robot), 5.0, 2)
+    point = evaluate(problem, EVEN, [np.zeros(5)], problem.starts)[0]
+    base, control = at_rest(problem, EVEN, point, Rounds().few)
+    (trial,) = screen(base, [one for one in hypotheses(robot, problem.stretches) if one.id == "slope"])
+    far = np.append(base.point.coordinates, 4.0 * trial.own)
+    misled = replace(trial, point=evaluate(trial.problem, EVEN, [far], base.point.starts)[0], promised=0.0)
+    assert misled.point.cost > control.cost
+    assert not contest([misled], control.cost, EVEN, Rounds())
+    begun = contest([misled], control.cost, EVEN, Rounds().for_all(1))
+    _, (rival,) = finished(base, begun, Rounds())
+    assert rival.trial.hypothesis.extension.values(rival.own) == pytest.approx(truth, rel=0.05)

@@ -1,0 +1,85 @@
+"""Effects that the others make up for: what is not there is told from what is, and nothing else of the model moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnose.turns import EVEN, TURNS
+
+from artibot_sim.diagnose.contest import Rounds
+from artibot_sim.diagnose.hypotheses import with_effect
+from artibot_sim.diagnose.superfluous import spared, superfluous, without
+from artibot_sim.identify.extension import Extension
+from artibot_sim.identify.gauss_newton import evaluate
+from artibot_sim.identify.problem import Problem
+from artibot_sim.identify.requested import parameter_set
+from artibot_sim.identify.run import problem_of
+from artibot_sim.identify.search import Fit, settle
+from artibot_sim.identify.synthetic import synthetic
+from artibot_sim.model import load_robot
+
+ROBOT = load_robot("agriq")
+TORQUE, COEFFICIENT = 12.0, 25.0
+REAL = replace(ROBOT, effects={"joint_friction": {"torque": TORQUE}, "joint_damping": {"coefficient": COEFFICIENT}})
+FRICTION, DAMPING, PAYLOAD = (
+    Extension("joint_friction"), Extension("joint_damping"), Extension("payload", {"module": "front"})
+)  # fmt: skip
+OWN = {
+    "joint_friction": FRICTION.coordinates({"torque": TORQUE}),
+    "joint_damping": DAMPING.coordinates({"coefficient": COEFFICIENT}),
+    "payload": np.full(1, 0.05),
+}
+LEAST = 58.0
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    return problem_of([synthetic(REAL, TURNS, kappa=0.8, seed=4)], parameter_set(ROBOT), 5.0, 2)
+
+
+def fitted(problem: Problem, *effects: Extension) -> tuple[Problem, Fit]:
+    """The model with these, fitted from the truth."""
+    for effect in effects:
+        problem = with_effect(problem, effect)
+    there = np.concatenate([np.zeros(5), *(OWN[effect.id] for effect in effects)])
+    point = evaluate(problem, EVEN, [there], problem.starts)[0]
+    return problem, settle(problem, point, EVEN, Rounds().few)
+
+
+def test_both_of_two_that_are_there_are_needed(problem: Problem) -> None:
+    for both in ((FRICTION, DAMPING), (DAMPING, FRICTION)):
+        assert superfluous(*fitted(problem, *both), EVEN, LEAST, Rounds(), 0) is None
+
+
+def test_what_is_not_there_is_spare_wherever_it_stands_but_last(problem: Problem) -> None:
+    for which, three in ((0, (PAYLOAD, FRICTION, DAMPING)), (1, (FRICTION, PAYLOAD, DAMPING))):
+        beside, fit = fitted(problem, *three)
+        found = superfluous(beside, fit, EVEN, LEAST, Rounds(), 0)
+        assert found is not None and found.which == which and found.nats < LEAST
+        assert found.problem.parameters.extensions == (FRICTION, DAMPING)
+        effects = found.problem.parameters.robot_at(found.fit.point.coordinates).effects
+        assert effects["joint_friction"]["torque"] == pytest.approx(TORQUE, rel=0.15)
+        assert effects["joint_damping"]["coefficient"] == pytest.approx(COEFFICIENT, rel=0.3)
+    last = fitted(problem, FRICTION, DAMPING, PAYLOAD)
+    assert superfluous(*last, EVEN, LEAST, Rounds(), 0) is None, "of the last one it is not asked"
+
+
+def test_what_is_there_is_worth_what_it_gains(problem: Problem) -> None:
+    both, fit = fitted(problem, FRICTION, DAMPING)
+    for which, kept in ((0, DAMPING), (1, FRICTION)):
+        alone, other = fitted(problem, kept)
+        found = spared(both, fit, EVEN, which, Rounds(), 0)
+        assert found.nats > 2.0 * LEAST
+        assert found.fit.point.cost <= other.point.cost + 2.0 * Rounds().worth
+        assert found.problem.parameters.extensions == alone.parameters.extensions
+
+
+def test_leaving_one_out_leaves_the_others_where_they_are(problem: Problem) -> None:
+    three, fit = fitted(problem, FRICTION, PAYLOAD, DAMPING)
+    there = np.arange(8.0) / 10.0
+    for which in range(3):
+        part, point = without(three, replace(fit.point, coordinates=there), which)
+        assert np.array_equal(point.coordinates, np.delete(there, 5 + which))
+        assert len(part.parameters.extensions) == 2
