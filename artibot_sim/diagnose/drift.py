@@ -1,4 +1,4 @@
-"""Whether what was fitted is the same all the time and in all recordings: what is not has another cause."""
+"""Whether what was fitted is the same all the time, at all speeds, in all recordings: what is not has another cause."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 def drifts(problem: Problem, fit: Fit) -> dict[str, float]:
-    """Nats by which each fitted effect would explain more if its size changed evenly with the time since the start.
+    """Nats by which each fitted effect would explain more if its size changed evenly with time, speed or turn rate.
 
     Parameters
     ----------
@@ -27,16 +27,33 @@ def drifts(problem: Problem, fit: Fit) -> dict[str, float]:
     Returns
     -------
     dict of str to float
-        By effect. The normal equations tell, with soil and starts as free as in the fit; nothing is fitted again.
+        By effect, with whichever of the three explains most: time since the start, size of the forward speed, of the
+        turn rate, all as means of windows. The normal equations tell, with soil and starts as free as in the fit;
+        nothing is fitted again.
     """
     parameters = problem.parameters
-    since = np.array([window.t for window in problem.windows]) + 0.5 * problem.durations  # when they are half over
-    since = (since - since.mean()) / max(float(since.std()), 1e-9)
+    if not parameters.extensions:
+        return {}
+    along = [(one - one.mean()) / max(float(one.std()), 1e-9) for one in _conditions(problem).T]
     free, reduced = _equations(problem, fit)
     return {
-        extension.effect.id: _gained(problem, fit, free, reduced, range(len(parameters))[part], since[:, None])
+        extension.effect.id: max(
+            _gained(problem, fit, free, reduced, range(len(parameters))[part], one[:, None]) for one in along
+        )
         for extension, part in zip(parameters.extensions, parameters.places, strict=True)
     }
+
+
+def _conditions(problem: Problem) -> Array:
+    """Time since the start (s), size of forward speed (m/s) and of turn rate (rad/s) in all windows, (windows, 3)."""
+    found = []
+    for window, duration in zip(problem.windows, problem.durations, strict=True):
+        times, motion = problem.stretches[window.stretch].motion
+        inside = np.nan_to_num(motion[(times >= window.t) & (times <= window.t + duration)])
+        _, _, yaw, vx, vy, rate, _, _ = inside.T
+        speed = np.abs(np.cos(yaw) * vx + np.sin(yaw) * vy)
+        found.append((window.t + 0.5 * duration, speed.mean(), np.abs(rate).mean()))
+    return np.array(found)
 
 
 def disagreement(problem: Problem, fit: Fit) -> float:

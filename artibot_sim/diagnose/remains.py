@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.diagnosis import Left
 from artibot_sim.identify.gauss_newton import Point
+from artibot_sim.identify.past import relaxation_length, time_over
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.windows import CHANNEL_NAMES, Window
 
@@ -16,28 +17,31 @@ Array = NDArray[np.float64]
 
 BIN = 0.25
 """s over which residuals are averaged: noise averages out, what forces do stays."""
-LIMITS = {"yaw": 2.0, "yaw_rate": 2.0, "articulation_yaw": 2.0, "torque_front": 3.0, "torque_back": 3.0}
+LIMITS = dict.fromkeys(("yaw", "yaw_rate", "articulation_yaw", "torque_front", "torque_back"), 2.0)
 """By channel: mean square of averaged residuals, 1 being the sensor's white noise, above which the window in the middle
-is more than fits of recordings with nothing hidden leave.
+is more than fits of recordings with nothing hidden leave (1.4 at most), or rightly named effects (1.75).
 
 Positions have no limit, for how slow a total station's own errors are is not known: with nothing hidden they leave up
 to three times what white noise would.
 """
 
 _FAR = 2.0
-"""Times its limit from which a channel is far beyond noise. Effects that were named rightly in campaigns left 1.2 times
-their limit at most, those that stood for something on no list more than two and a half times."""
+"""Times its limit from which a channel is far beyond noise."""
+_MEMORY = 3.0
+"""Relaxation lengths after which a tyre has forgotten the force with which a window took it to begin."""
 
 
 def remains(problem: Problem, point: Point) -> dict[str, Left]:
     """What the residuals of a fit leave, by channel.
 
     In units of the sensors' own noise, as neighbouring samples show it: levels that a fit has widened to its residuals
-    would hide what is left.
+    would hide what is left. Of tyres that lag nothing counts until they have forgotten a window's start.
     """
     found: dict[str, list[float]] = {}
+    way = _MEMORY * relaxation_length(problem.parameters.robot_at(point.coordinates))
     for window, residual in zip(problem.windows, point.residuals, strict=True):
-        for name, size in _sizes(problem, window, residual).items():
+        after = time_over(problem.stretches[window.stretch], window.t, way) if way else 0.0
+        for name, size in _sizes(problem, window, residual, after).items():
             found.setdefault(name, []).append(size)
     return {name: Left(float(np.median(sizes)), float(np.quantile(sizes, 0.9))) for name, sizes in found.items()}
 
@@ -60,11 +64,13 @@ def leaves_more_than_noise(left: Mapping[str, Left]) -> bool:
     return bool(beyond_noise(left))
 
 
-def _sizes(problem: Problem, window: Window, residual: Array) -> dict[str, float]:
-    """Mean squares of one window's averaged residuals over those of the sensors' white noise."""
+def _sizes(problem: Problem, window: Window, residual: Array, after: float) -> dict[str, float]:
+    """Mean squares of one window's averaged residuals, from `after` s on, over those of the sensors' white noise."""
     found = {}
     for name, scale in problem.widening(window).items():
-        mine = window.channel == CHANNEL_NAMES.index(name)
+        mine = (window.channel == CHANNEL_NAMES.index(name)) & (window.plan.t >= after)
+        if not mine.any():
+            continue
         place = window.plan.kind[mine] * 100_000 + (window.plan.t[mine] / BIN).astype(np.int64)
         order = np.argsort(place, kind="stable")
         firsts = np.flatnonzero(np.diff(place[order], prepend=-1))

@@ -62,6 +62,18 @@ def past_of(stretches: Sequence[Stretch], windows: Sequence[Window], arms: tuple
     return Past(way, aside)
 
 
+def relaxation_length(robot: Robot) -> float:
+    """Way over which its tyres' lateral forces build up, m; 0 where they do so at once."""
+    return float(robot.effects.get(EFFECT.id, {}).get("length", 0.0))
+
+
+def time_over(stretch: Stretch, t: float, way: float) -> float:
+    """Time from `t` (s) on in which the wheels come so far (m) as lagging forces count it, s."""
+    times, motion = stretch.motion
+    speed, _ = _in_modules(motion[times >= t], (0.0, 0.0))
+    return PAST * int(np.searchsorted(np.cumsum(PAST * np.maximum(np.abs(speed), SLOWEST)), way))
+
+
 def _in_modules(motion: Array, arms: tuple[float, float]) -> tuple[Array, Array]:
     """Forward speed (n,) of the tracked point; both modules' lateral velocities, turn rates and leverage (n, 2, 4)."""
     _, _, yaw, vx, vy, rate, bend, bend_rate = np.nan_to_num(motion).T
@@ -80,7 +92,7 @@ def lagging_forces(robots: Sequence[Robot], robot: Indices, window: Indices, q: 
     found = np.zeros((len(robot), 8))
     for r, one in enumerate(robots):
         rows = np.flatnonzero(robot == r)
-        length = float(one.effects.get(EFFECT.id, {}).get("length", 0.0))
+        length = relaxation_length(one)
         if not length or not len(rows):
             continue
         p, seen = params(one), sensor_errors(one)

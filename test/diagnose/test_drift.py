@@ -1,8 +1,9 @@
-"""A drag that fades is told from one that stays, though a constant one explains most of both."""
+"""What changes with time or speed is told from what stays, though a constant explains most of both."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from diagnose.hidden import case
 
 from artibot_sim.diagnose.drift import drifts
@@ -19,12 +20,12 @@ from artibot_sim.identify.windows import CHANNEL_NAMES
 from artibot_sim.model import load_robot
 
 
-def fitted(hidden: str, severity: float, seed: int) -> tuple[Problem, Fit]:
-    """Recordings in which a motor drags, by a model in which that one does, from the true soil."""
+def fitted(hidden: str, severity: float, seed: int, by: str = "motor_drag") -> tuple[Problem, Fit]:
+    """Recordings in which something is hidden, by a model with an effect, from the true soil."""
     found = case((hidden,), severity, seed, runs=2, held_out=0, duration=30.0)
     acting = {**found.truth.effects, **found.truth.unlisted}[hidden]
     plain = problem_of(found.recordings, parameter_set(load_robot("agriq"), SOIL), 5.0, 2)
-    extension = Extension("motor_drag", {"motor": acting["motor"]})
+    extension = Extension(by, {"motor": acting["motor"]} if by == "motor_drag" else {})
     problem = with_effect(plain, extension)
     soil = plain.parameters.coordinates([found.truth.soil[name] for name in SOIL])
     loss = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
@@ -36,8 +37,14 @@ def test_a_drag_that_fades_drifts() -> None:
     assert drifts(*fitted("cold_gear", 0.3, 3))["motor_drag"] > 58.0
 
 
-def test_a_drag_that_stays_does_not() -> None:
-    assert 0.0 <= drifts(*fitted("motor_drag", 0.3, 4))["motor_drag"] < 15.0
+def test_a_drag_that_grows_otherwise_with_speed_does() -> None:
+    """In time nothing changes; where it is fast and turns tightly the resistance seems another."""
+    assert drifts(*fitted("air_drag", 1.0, 4, "rolling_resistance_speed"))["rolling_resistance_speed"] > 58.0
+
+
+@pytest.mark.parametrize(("effect", "severity"), [("motor_drag", 0.3), ("rolling_resistance_speed", 1.0)])
+def test_what_is_there_does_not(effect: str, severity: float) -> None:
+    assert 0.0 <= drifts(*fitted(effect, severity, 4, effect))[effect] < 15.0
 
 
 def test_without_effects_there_is_nothing_to_drift() -> None:

@@ -12,7 +12,7 @@ from artibot_sim.diagnose import Verdict, diagnose
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.identify.holdout import fitted_starts
 from artibot_sim.identify.parameters import ParameterSet
-from artibot_sim.identify.past import Past, _in_modules, lagging_forces
+from artibot_sim.identify.past import Past, _in_modules, lagging_forces, time_over
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.sensing import PAST
@@ -82,6 +82,29 @@ def test_the_true_rover_leaves_noise(hidden: Case) -> None:
     problem = known(hidden)
     left = remains(problem, fitted_starts(problem, 2))
     assert left["position"].typical < 2.6 and not leaves_more_than_noise(left), left
+
+
+def test_the_time_over_a_way_is_that_in_which_it_is_driven(hidden: Case) -> None:
+    stretch = known(hidden).stretches[0]
+    times, motion = stretch.motion
+    for begin in (4.0, 6.5):
+        for way in (0.3, 0.9):
+            end = begin + time_over(stretch, begin, way)
+            driven = np.hypot(*np.diff(motion[(times >= begin) & (times <= end), :2], axis=0).T).sum()
+            assert driven == pytest.approx(way, abs=0.15)
+    assert time_over(stretch, 4.0, 0.0) == 0.0
+
+
+@pytest.mark.parametrize("remembers", [True, False])
+def test_what_a_window_began_with_is_no_force(hidden: Case, remembers: bool) -> None:
+    """Errors of its first tenth of a second are the start's where tyres remember."""
+    problem = known(hidden)
+    if not remembers:
+        problem = problem.with_parameters(ParameterSet(replace(problem.parameters.robot, effects={}), ()))
+    point = fitted_starts(problem, 2)
+    begun = [np.where(w.plan.t < 0.1, 40.0, one) for w, one in zip(problem.windows, point.residuals, strict=True)]
+    clean, spoiled = remains(problem, point), remains(problem, replace(point, residuals=tuple(begun)))
+    assert (spoiled == clean) is remembers
 
 
 def test_it_is_named(hidden: Case) -> None:
