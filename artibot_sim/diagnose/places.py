@@ -167,7 +167,8 @@ def _doing(at: Mapping[str, Array]) -> str:
     if np.isfinite(mean["articulation_yaw"]):
         said.append(f"joint at {number(mean['articulation_yaw'], 2)} rad")
     if np.isfinite(mean["x"]) and np.isfinite(mean["y"]):
-        said.append(f"near ({mean['x']:.1f}, {mean['y']:.1f}) m")
+        x, y = (round(mean[name], 1) + 0.0 for name in ("x", "y"))  # there is no place −0.0
+        said.append(f"near ({x:.1f}, {y:.1f}) m")
     if np.isfinite(mean["load"]):
         said.append(f"motor torques {amount(mean['load'], 'N m')} in all")
     return ", ".join(said).replace("-", "−")

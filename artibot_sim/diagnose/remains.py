@@ -19,7 +19,7 @@ BIN = 0.25
 """s over which residuals are averaged: noise averages out, what forces do stays."""
 LIMITS = dict.fromkeys(("yaw", "yaw_rate", "articulation_yaw", "torque_front", "torque_back"), 2.0)
 """By channel: mean square of averaged residuals, 1 being the sensor's white noise, above which the window in the middle
-is more than fits of recordings with nothing hidden leave (1.4 at most), or rightly named effects (1.75).
+is more than fits leave of recordings with nothing hidden (1.4 at most) or with effects named rightly (nearly all 1.75).
 
 Positions have no limit, for how slow a total station's own errors are is not known: with nothing hidden they leave up
 to three times what white noise would.
