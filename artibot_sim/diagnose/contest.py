@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.hypotheses import without_last
+from artibot_sim.diagnose.hypotheses import without_effect
 from artibot_sim.diagnose.patches import refined
 from artibot_sim.diagnose.screen import Around, Trial
 from artibot_sim.diagnose.valley import leapt, walked
@@ -218,11 +218,9 @@ def neutralised(rival: Rival, best: Fit, loss: Loss, rounds: Rounds) -> Fit:
     To the end only if that may be better than the `best` baseline after some steps, or if the rival's evidence is not
     so much that it does not matter.
     """
-    problem = without_last(rival.problem)
-    size = len(rival.trial.hypothesis.extension)
-    point = rival.fit.point
-    begin = evaluate(problem, loss, [problem.parameters.inside(point.coordinates[:-size])], point.starts)[0]
-    if best.point.cost - point.cost > 2.0 * rounds.plain:
+    problem, here = without_effect(rival.problem, rival.fit.point)
+    begin = evaluate(problem, loss, [here.coordinates], here.starts)[0]
+    if best.point.cost - rival.fit.point.cost > 2.0 * rounds.plain:
         some = settle(problem, awake(problem, loss, begin), loss, rounds.few)
         begin = some.point
         if again(problem, best.loss, begin).cost > best.point.cost:

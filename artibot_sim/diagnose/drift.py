@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.experiment.measured import forward_speed
 from artibot_sim.identify.gauss_newton import Reduced, reduce
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.search import Fit, free_parameters
@@ -50,9 +51,8 @@ def _conditions(problem: Problem) -> Array:
     for window, duration in zip(problem.windows, problem.durations, strict=True):
         times, motion = problem.stretches[window.stretch].motion
         inside = np.nan_to_num(motion[(times >= window.t) & (times <= window.t + duration)])
-        _, _, yaw, vx, vy, rate, _, _ = inside.T
-        speed = np.abs(np.cos(yaw) * vx + np.sin(yaw) * vy)
-        found.append((window.t + 0.5 * duration, speed.mean(), np.abs(rate).mean()))
+        speed, rate = np.abs(forward_speed(inside)).mean(), np.abs(inside[:, 5]).mean()
+        found.append((window.t + 0.5 * duration, speed, rate))
     return np.array(found)
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.identify.extension import Extension
+from artibot_sim.identify.gauss_newton import Point
 from artibot_sim.identify.parameters import ParameterSet
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.sensing import Stretch
@@ -116,7 +117,11 @@ def with_effect(problem: Problem, extension: Extension) -> Problem:
     return problem.with_parameters(more)
 
 
-def without_last(problem: Problem) -> Problem:
-    """The same problem with its last effect left out."""
-    parameters = problem.parameters
-    return problem.with_parameters(ParameterSet(parameters.robot, parameters.parameters, parameters.extensions[:-1]))
+def without_effect(problem: Problem, point: Point, which: int = -1) -> tuple[Problem, Point]:
+    """A problem and a point of it, one of its effects left out; the last one unless said otherwise."""
+    old = problem.parameters
+    kept = list(old.extensions)
+    del kept[which]
+    part = problem.with_parameters(ParameterSet(old.robot, old.parameters, tuple(kept)))
+    others = np.delete(np.arange(len(old)), old.places[which])
+    return part, replace(point, coordinates=part.parameters.inside(point.coordinates[others]))

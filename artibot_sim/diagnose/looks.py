@@ -12,7 +12,7 @@ from artibot_sim.diagnose.command_view.series import Level
 from artibot_sim.diagnose.diagnosis import ChannelBaseline, Look, Series
 from artibot_sim.diagnose.predictions import Pair
 from artibot_sim.experiment import Experiment
-from artibot_sim.experiment.measured import Measured
+from artibot_sim.experiment.measured import Measured, forward_speed
 from artibot_sim.identify.holdout import Held
 from artibot_sim.identify.windows import CHANNEL_NAMES, Window
 from artibot_sim.model import MOTORS, Robot
@@ -103,8 +103,9 @@ def covariates(experiment: Experiment, robot: Robot) -> dict[str, Array]:
     rows = [np.empty((0, 7))]
     for t_start, t_end in experiment.segments:
         t = np.arange(t_start, t_end, _GRID)
-        x, y, yaw, vx, vy, rate, bend, _ = Measured(experiment, t_start, t_end).along(t).T
-        rows.append(np.column_stack([t, np.cos(yaw) * vx + np.sin(yaw) * vy, rate, yaw, bend, x, y]))
+        motion = Measured(experiment, t_start, t_end).along(t)
+        x, y, yaw, _, _, rate, bend, _ = motion.T
+        rows.append(np.column_stack([t, forward_speed(motion), rate, yaw, bend, x, y]))
     table = np.vstack(rows)
     names = ("t", "speed", "yaw_rate", "heading", "articulation_yaw", "x", "y")
     found = {name: table[:, i].copy() for i, name in enumerate(names)}

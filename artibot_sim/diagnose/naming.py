@@ -14,9 +14,10 @@ from artibot_sim.diagnose.diagnosis import Verdict
 from artibot_sim.diagnose.disc_place import on_best_disc
 from artibot_sim.diagnose.evidence import Evidence
 from artibot_sim.diagnose.greedy import Turn, refusal, thorough, turn
+from artibot_sim.diagnose.hypotheses import without_effect
 from artibot_sim.diagnose.other import Other
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
-from artibot_sim.diagnose.superfluous import spared, superfluous, without
+from artibot_sim.diagnose.superfluous import spared, superfluous
 from artibot_sim.diagnose.thresholds import Thresholds
 from artibot_sim.diagnose.valley import at_size, revised
 from artibot_sim.diagnose.views import others, together
@@ -171,7 +172,7 @@ class _Naming:
         found: list[tuple[Problem, Fit]] = []
         problem, fit = self._problem, self._fit
         for last in range(count - 1, least, -1):
-            problem, point = without(problem, fit.point, last)
+            problem, point = without_effect(problem, fit.point, last)
             fit = settle(problem, point, self._found.loss, self._rounds.few)
             found.insert(0, (problem, fit))
         return found

@@ -7,11 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from artibot_sim.diagnose.contest import Rounds, settled
-from artibot_sim.identify.gauss_newton import Point, again, evaluate
-from artibot_sim.identify.parameters import ParameterSet
+from artibot_sim.diagnose.hypotheses import without_effect
+from artibot_sim.identify.gauss_newton import again, evaluate
 from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.search import Effort, Fit, search
@@ -49,18 +47,9 @@ def superfluous(problem: Problem, fit: Fit, loss: Loss, least: float, rounds: Ro
     return found if found is not None and found.nats < least else None
 
 
-def without(problem: Problem, point: Point, which: int) -> tuple[Problem, Point]:
-    """A model and a point of it, one of its effects left out."""
-    old = problem.parameters
-    extensions = tuple(one for i, one in enumerate(old.extensions) if i != which)
-    part = problem.with_parameters(ParameterSet(old.robot, old.parameters, extensions))
-    kept = np.delete(np.arange(len(old)), old.places[which])
-    return part, replace(point, coordinates=part.parameters.inside(point.coordinates[kept]))
-
-
 def spared(problem: Problem, fit: Fit, loss: Loss, which: int, rounds: Rounds, seed: int) -> Spare:
     """The model without an effect: from where the fit is, or with the soil searched anew, whichever fits better."""
-    part, here = without(problem, fit.point, which)
+    part, here = without_effect(problem, fit.point, which)
     effects = here.coordinates[len(part.parameters.parameters) :]
     points = [here, search(part, Effort(seed=seed), effects=effects).point]
     begun = [evaluate(part, loss, [point.coordinates], point.starts)[0] for point in points]

@@ -33,6 +33,12 @@ class Motion(NamedTuple):
     articulation_rate: float
 
 
+def forward_speed(motion: Floats) -> Floats:
+    """Speed along the heading, shape (n,), m/s, of rows of `Motion` (n, 8)."""
+    yaw, vx, vy = motion[:, 2:5].T
+    return np.cos(yaw) * vx + np.sin(yaw) * vy
+
+
 @dataclass(frozen=True)
 class Measured:
     """Measurements of a recording's motion within one segment.

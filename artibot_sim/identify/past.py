@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.experiment.measured import forward_speed
 from artibot_sim.identify.sensing import PAST, Stretch
 from artibot_sim.identify.windows import Window
 from artibot_sim.model import Robot
@@ -70,14 +71,15 @@ def relaxation_length(robot: Robot) -> float:
 def time_over(stretch: Stretch, t: float, way: float) -> float:
     """Time from `t` (s) on in which the wheels come so far (m) as lagging forces count it, s."""
     times, motion = stretch.motion
-    speed, _ = _in_modules(motion[times >= t], (0.0, 0.0))
-    return PAST * int(np.searchsorted(np.cumsum(PAST * np.maximum(np.abs(speed), SLOWEST)), way))
+    speed = np.abs(forward_speed(np.nan_to_num(motion[times >= t])))
+    return PAST * int(np.searchsorted(np.cumsum(PAST * np.maximum(speed, SLOWEST)), way))
 
 
 def _in_modules(motion: Array, arms: tuple[float, float]) -> tuple[Array, Array]:
     """Forward speed (n,) of the tracked point; both modules' lateral velocities, turn rates and leverage (n, 2, 4)."""
-    _, _, yaw, vx, vy, rate, bend, bend_rate = np.nan_to_num(motion).T
-    forward, left = np.cos(yaw) * vx + np.sin(yaw) * vy, np.cos(yaw) * vy - np.sin(yaw) * vx
+    motion = np.nan_to_num(motion)
+    _, _, yaw, vx, vy, rate, bend, bend_rate = motion.T
+    forward, left = forward_speed(motion), np.cos(yaw) * vy - np.sin(yaw) * vx
     c, s, rate_b = np.cos(bend), np.sin(bend), rate + bend_rate
     behind = -s * forward + c * (left - arms[0] * rate) - arms[1] * rate_b
     front = np.column_stack([left, rate, rate, np.zeros_like(rate)])

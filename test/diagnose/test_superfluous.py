@@ -9,8 +9,8 @@ import pytest
 from diagnose.turns import EVEN, TURNS
 
 from artibot_sim.diagnose.contest import Rounds
-from artibot_sim.diagnose.hypotheses import with_effect
-from artibot_sim.diagnose.superfluous import spared, superfluous, without
+from artibot_sim.diagnose.hypotheses import with_effect, without_effect
+from artibot_sim.diagnose.superfluous import spared, superfluous
 from artibot_sim.identify.extension import Extension
 from artibot_sim.identify.gauss_newton import evaluate
 from artibot_sim.identify.problem import Problem
@@ -80,6 +80,6 @@ def test_leaving_one_out_leaves_the_others_where_they_are(problem: Problem) -> N
     three, fit = fitted(problem, FRICTION, PAYLOAD, DAMPING)
     there = np.arange(8.0) / 10.0
     for which in range(3):
-        part, point = without(three, replace(fit.point, coordinates=there), which)
+        part, point = without_effect(three, replace(fit.point, coordinates=there), which)
         assert np.array_equal(point.coordinates, np.delete(there, 5 + which))
         assert len(part.parameters.extensions) == 2
