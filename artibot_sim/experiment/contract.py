@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from artibot_sim.errors import ArtibotError
@@ -46,6 +47,9 @@ TOPICS: tuple[Topic, ...] = (
     Topic("/clock", "clock", "rosgraph_msgs/msg/Clock"),
     Topic("/diagnostics", "diagnostics", "diagnostic_msgs/msg/DiagnosticArray"),
 )
+GLOBAL = ("/clock", "/diagnostics", "/tf", "/tf_static", "/rosout", "/parameter_events")
+"""Names that a namespace does not change."""
+
 BY_NAME = {topic.name: topic for topic in TOPICS}
 BY_KEY = {topic.key: topic for topic in TOPICS}
 
@@ -67,6 +71,41 @@ def find_topic(wanted: str) -> Topic:
             return found
     known = ", ".join(BY_NAME)
     raise ArtibotError(f"topic '{wanted}' is not one that artibot reads; expected one of {known}")
+
+
+def find_namespace(topics: Collection[str], asked: str | None = None) -> str:
+    """Return the namespace under which a recording has the contract's topics: `/rover1`, or empty for none.
+
+    Parameters
+    ----------
+    topics : names in the recording.
+    asked : the one to take; found by itself if None: the only one with `/motor_torques`, or else with two of them.
+
+    Raises
+    ------
+    ArtibotError
+        If nothing stands below the one that was asked for, or several might be meant.
+    """
+    if asked is not None:
+        wanted = f"/{asked.strip('/')}".rstrip("/")
+        if not any(topic.startswith(f"{wanted}/") for topic in topics):
+            present = ", ".join(sorted(topics)) or "no topic"
+            raise ArtibotError(f"--namespace {asked}: no topic below {wanted}/; the recording has {present}")
+        return wanted
+    names = sorted((topic.name for topic in TOPICS if topic.name not in GLOBAL), key=len, reverse=True)
+    found: dict[str, set[str]] = {}
+    for topic in topics:
+        name = next((name for name in names if topic.endswith(name)), None)
+        if name:  # the longest: /rover1/ground_truth/odom is no /odom of /rover1/ground_truth
+            found.setdefault(topic.removesuffix(name), set()).add(name)
+    several = [space for space, below in found.items() if len(below) > 1]  # /lidar/odom alone is no rover's
+    rovers = [space for space, below in found.items() if "/motor_torques" in below] or several
+    if "" in rovers or not rovers:
+        return ""
+    if len(rovers) > 1:
+        spaces = ", ".join(sorted(rovers))
+        raise ArtibotError(f"topics of several rovers ({spaces}); choose one with --namespace {min(rovers)}")
+    return rovers[0]
 
 
 def parse_renames(pairs: list[str] | tuple[str, ...]) -> dict[str, str]:

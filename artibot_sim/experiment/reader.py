@@ -14,7 +14,7 @@ import numpy as np
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.checks import check_file, clear_errors
 from artibot_sim.experiment.columns import Channel, Experiment, find_segments, measured_stamps
-from artibot_sim.experiment.contract import TOPICS, find_topic
+from artibot_sim.experiment.contract import TOPICS, find_namespace, find_topic
 from artibot_sim.experiment.decode import READABLE, Rows
 from artibot_sim.experiment.messages import Decoder, decoder
 from artibot_sim.experiment.storage import (
@@ -35,7 +35,11 @@ _TELL_EVERY = 500
 
 
 def read_bag(
-    path: Path | str, topics: Mapping[str, str] | None = None, *, progress: Report | None = None
+    path: Path | str,
+    topics: Mapping[str, str] | None = None,
+    *,
+    namespace: str | None = None,
+    progress: Report | None = None,
 ) -> Experiment:
     """Read a recording of the contract's topics.
 
@@ -44,6 +48,8 @@ def read_bag(
     path : rosbag2 folder, or a bare .mcap (or .db3) file.
     topics : contract topic (or channel key) → topic in the recording that carries it, for recordings
         that use other names.
+    namespace : of the rover, below which its topics stand (`/rover1`); where the recording has those of one
+        rover only it is found.
     progress : hears now and then the share of the work that is done; a file without an index is read twice.
 
     Returns
@@ -70,7 +76,7 @@ def read_bag(
     if info.message_count and not found:
         encodings = ", ".join(sorted({channel.encoding or "none" for channel in info.channels}))
         raise ArtibotError(f"{path}: no topic is encoded as cdr (found: {encodings}); expected a ROS 2 recording")
-    wanted, remarks = _choose(info, found, topics or {})
+    wanted, remarks = _choose(info, found, topics or {}, namespace)
     rows = _read_rows(info, wanted, (lambda share: tell(0.5 + 0.5 * share)) if twice else tell)
     channels = {key: table.channel(remarks) for key, table in rows.items() if table.stamps}
     if not channels:
@@ -94,13 +100,25 @@ def read_bag(
     )
 
 
-def _choose(info: BagInfo, found: Mapping[str, str], renames: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
+def _choose(
+    info: BagInfo, found: Mapping[str, str], renames: Mapping[str, str], namespace: str | None
+) -> tuple[dict[str, str], list[str]]:
     """Return topic in the recording → channel key, and remarks on topics of a type that artibot cannot read."""
     asked = {find_topic(wanted).key: name for wanted, name in renames.items()}
-    wanted, remarks = {}, []
+    try:
+        space = find_namespace(found, namespace)
+    except ArtibotError as error:
+        if namespace is not None or not asked:
+            raise ArtibotError(f"{info.path}: {error}") from error
+        space = ""  # every topic may have been named
+    wanted: dict[str, str] = {}
+    remarks = [f"topics are those below {space}/"] if space else []
     for topic in TOPICS:
         name = asked.get(topic.key, topic.name)
-        name = name if name in found else "/" + name.lstrip("/")
+        plain = "/" + name.lstrip("/")
+        # what was named by hand is meant as it stands; a device that serves all rovers stands below none
+        places = (name, plain, space + plain) if topic.key in asked else (space + plain, plain)
+        name = next((place for place in places if place in found), plain)
         if name not in found:
             if topic.key in asked:
                 present = ", ".join(sorted(found)) or "no topic"

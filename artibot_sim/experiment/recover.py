@@ -40,6 +40,7 @@ class RecoverReport:
     gaps, gap_bytes : places in the middle where bytes belonged to no complete record, and how many did.
     bad_chunks : chunks of which a part or all had to be left out.
     unknown : messages left out because nothing says any more on which topic they were.
+    missing : messages that the recording's own summary counts and that were not found.
     complete : True if the recording was closed properly and nothing was left out.
     """
 
@@ -54,6 +55,7 @@ class RecoverReport:
     gap_bytes: int = 0
     bad_chunks: int = 0
     unknown: int = 0
+    missing: int = 0
     complete: bool = False
 
 
@@ -86,7 +88,7 @@ def recover(path: Path | str, out: Path | str | None = None, *, progress: Report
     salvage = _Salvage(files, progress)
     with whole_folder(target) as folder:
         seconds = salvage.write(folder, target.resolve().name)
-    counted = ("lost_bytes", "garbage_bytes", "gaps", "gap_bytes", "bad_chunks")
+    counted = ("lost_bytes", "garbage_bytes", "gaps", "gap_bytes", "bad_chunks", "missing")
     return RecoverReport(
         source=source,
         out=target,
@@ -167,11 +169,15 @@ class _Salvage:
         damage = scan.Damage()
         self.damages.append(damage)
         self._schemas, self._channels = {}, {}  # ids count anew in each file
+        expected = found = 0
         for record in scan.summary(file):  # what the chunks say may be damaged
             self._learn(record, bag)
+            if record.opcode == scan.STATISTICS:
+                expected = int.from_bytes(record.content[:8], "little")
         for opcode, content in scan.scan(file, damage, self._channels):
             if opcode == MESSAGE and len(content) >= LEAST_MESSAGE:
                 message = parse_message(content)
+                found += 1
                 if message.channel_id in self._channels:
                     yield self._copy(bag, message)
                 else:
@@ -180,6 +186,7 @@ class _Salvage:
                 bag.add_attachment(kept.name, kept.media_type, kept.data, kept.log_time, kept.create_time)
             else:
                 self._learn(Record(opcode, content), bag)
+        damage.missing = max(0, expected - found)
 
     def _learn(self, record: Record, bag: BagWriter) -> None:
         """Take in what a record says of a schema or channel."""

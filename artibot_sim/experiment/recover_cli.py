@@ -53,6 +53,7 @@ def _show(report: RecoverReport) -> None:
         (report.gap_bytes, f"B in {report.gaps} damaged place(s) were passed over; what comes after is saved"),
         (report.garbage_bytes, "B after the recording's end were left out"),
         (report.bad_chunks, "chunk(s) cut off or damaged; what was whole in them is saved"),
+        (report.missing, "message(s) fewer than the recording's own summary counts"),
         (report.unknown, "message(s) left out: the record that says what they are is lost"),
     ):
         if amount:

@@ -1,7 +1,8 @@
 """Reading what is left of an MCAP file: record by record, trusting nothing but what is there in full.
 
 Where bytes make no sense the scan goes on at the next place that can only be a record: a chunk, whose header says its
-length twice, or in a file without chunks a message of a known channel with whole records behind it.
+length twice, or in a file without chunks a message of a known channel with whole records behind it. A chunk is known by
+that header even where its opcode is damaged.
 """
 
 from __future__ import annotations
@@ -17,12 +18,12 @@ from artibot_sim.experiment.checks import MAGIC
 from artibot_sim.experiment.chunks import HEAD, LEAST_MESSAGE, MESSAGE, Record, inner_length, open_chunk
 
 HEADER, FOOTER, SCHEMA, CHANNEL, CHUNK, MESSAGE_INDEX = 0x01, 0x02, 0x03, 0x04, 0x06, 0x07
-ATTACHMENT, METADATA, DATA_END = 0x09, 0x0C, 0x0F
+ATTACHMENT, STATISTICS, METADATA, DATA_END = 0x09, 0x0B, 0x0C, 0x0F
 _LAST_OPCODE, _FIRST_PRIVATE = 0x0F, 0x80
 _EXACT = {FOOTER: 20, DATA_END: 4}
 """Records that have but one length."""
 _LEAST = {
-    HEADER: 8, SCHEMA: 14, CHANNEL: 16, MESSAGE: LEAST_MESSAGE, 0x08: 60, ATTACHMENT: 32, 0x0A: 42, 0x0B: 46,
+    HEADER: 8, SCHEMA: 14, CHANNEL: 16, MESSAGE: LEAST_MESSAGE, 0x08: 60, ATTACHMENT: 32, 0x0A: 42, STATISTICS: 46,
     METADATA: 8, 0x0D: 20, 0x0E: 17,
 }  # fmt: skip
 """Lengths of records with everything empty in them."""
@@ -44,6 +45,7 @@ class Damage:
     ----------
     at : bytes of the file that are behind it.
     ended : whether the file's own end was found, so nothing was cut off.
+    missing : messages that the file's own summary counts and that were not found.
     lost_bytes : at the end of the data, of no complete record.
     gaps, gap_bytes : places in the middle where bytes belonged to no complete record, and how many did.
     garbage_bytes : after the file's own end.
@@ -53,6 +55,7 @@ class Damage:
     def __init__(self) -> None:
         self.at = 0
         self.ended = False
+        self.missing = 0
         self.lost_bytes = 0
         self.gaps = self.gap_bytes = 0
         self.garbage_bytes = 0
@@ -61,7 +64,7 @@ class Damage:
     @property
     def none(self) -> bool:
         """Whether nothing was lost."""
-        return self.ended and not (self.lost_bytes or self.gaps or self.bad_chunks)
+        return self.ended and not (self.lost_bytes or self.gaps or self.bad_chunks or self.missing)
 
 
 def scan(file: Path, damage: Damage, channels: Collection[int] = (), *, chunks: bool = True) -> Iterator[Record]:
@@ -130,7 +133,10 @@ class _Scan:
                 self.damage.ended = True
                 self.damage.garbage_bytes = max(0, len(self.view) - (at + HEAD.size + length + len(MAGIC)))
                 return
-            inner = inner_length(_body(self.view, at)) if opcode == CHUNK else None
+            inner = _chunk_length(self.view, at)
+            if inner is not None and opcode != CHUNK:
+                self.damage.gaps += 1
+                self.damage.gap_bytes += 1
             trusted = broken = False
             if inner is not None:
                 self.chunked, length, trusted = True, inner, True
@@ -195,9 +201,18 @@ def _next_chunk(view: Bytes, at: int, end: int) -> int | None:
 
 def _is_start(view: Bytes, at: int, end: int) -> bool:
     """Say whether a record may begin at `at`: one that is there in full, or a chunk by its own header."""
-    if view[at] == CHUNK and inner_length(_body(view, at)) is not None:
-        return True
-    return _extent(view, at, end) is not None
+    return _chunk_length(view, at) is not None or _extent(view, at, end) is not None
+
+
+def _chunk_length(view: Bytes, at: int) -> int | None:
+    """Return how long the chunk at `at` is by its own header, None where there is none.
+
+    One whose opcode is another counts where the record's length agrees: no other kind of record begins so.
+    """
+    inner = inner_length(_body(view, at))
+    if inner is None or view[at] == CHUNK:
+        return inner
+    return inner if HEAD.unpack_from(view, at)[1] == inner else None
 
 
 def _body(view: Bytes, at: int) -> bytes:

@@ -14,6 +14,24 @@ _DATA_END, _FOOTER = 0x0F, 0x02
 # the shortest valid end of a file: no index, so readers go through it from the start
 _END = struct.pack("<BQI", _DATA_END, 4, 0) + struct.pack("<BQQQI", _FOOTER, 20, 0, 0, 0) + _MAGIC
 
+RESERVE_BYTES = 1 << 18
+"""Space that is kept for the end of a recording: a metadata.yaml of some 300 topics and the file's last records."""
+
+
+class Reserve:
+    """A hidden file in a recording's folder that holds space on the disk, given back when the disk is full."""
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / ".reserve"
+        try:
+            self._path.write_bytes(bytes(RESERVE_BYTES))  # not a hole: its blocks must be taken
+        except OSError:
+            self.release()
+
+    def release(self) -> None:
+        """Give the space back; again is allowed."""
+        self._path.unlink(missing_ok=True)
+
 
 class Sink:
     """What `mcap.writer.Writer` writes to: bytes wait here until `commit` puts them into the file in one go.

@@ -95,7 +95,7 @@ def storage_files(path: Path | str) -> tuple[Path, ...]:
         return (path,)
     if not path.is_dir():
         raise ArtibotError(f"{path}: no such file or folder; expected a recording (a rosbag2 folder or an .mcap file)")
-    listed = [path / Path(name).name for name in _listed_files(path / "metadata.yaml")]
+    listed = [_unpacked(path / Path(name).name) for name in _listed_files(path / "metadata.yaml")]
     if listed and all(file.is_file() for file in listed):
         return tuple(listed)
     # no metadata.yaml, or one that speaks of files that were renamed with the folder
@@ -106,6 +106,12 @@ def storage_files(path: Path | str) -> tuple[Path, ...]:
     if packed:
         raise ArtibotError(f"{packed[0]}: compressed as a whole file; decompress it with `zstd -d` first")
     raise ArtibotError(f"{path}: no .mcap or .db3 file in this folder; expected a rosbag2 recording")
+
+
+def _unpacked(file: Path) -> Path:
+    """Return what `zstd -d` has made of a compressed file, which metadata.yaml knows nothing of; else the file."""
+    unpacked = file.with_suffix("")
+    return unpacked if file.suffix == ".zstd" and unpacked.is_file() else file
 
 
 def _number(file: Path) -> tuple[int, str]:

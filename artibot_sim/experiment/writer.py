@@ -16,7 +16,7 @@ from artibot_sim.experiment.bag_metadata import TopicEntry, write_bag_metadata
 from artibot_sim.experiment.folders import make_folder
 from artibot_sim.experiment.messages import definition as known_definition
 from artibot_sim.experiment.qos import Qos, dump_profiles
-from artibot_sim.experiment.sink import Sink
+from artibot_sim.experiment.sink import Reserve, Sink
 
 CHUNK_PERIOD = 0.5
 """A chunk is closed after this many seconds at the latest."""
@@ -42,7 +42,7 @@ class BagWriter:
     ------
     ArtibotError
         If the folder exists, or cannot be made. From `write` and `close` when the disk is full: what was
-        written up to then is kept, and is readable.
+        written up to then is kept, and the recording ended with space that was kept for that.
 
     Examples
     --------
@@ -81,6 +81,7 @@ class BagWriter:
         self._sync_period = sync_period
         self._lock = threading.RLock()
         make_folder(self.folder)
+        self._reserve = Reserve(self.folder)
         self._sink = Sink(self.file)
         # the chunk size is out of reach: chunks end in `_end_chunk` alone, which counts what is safe on disk
         self._mcap = Writer(self._sink, chunk_size=1 << 62, compression=kinds[compression])  # type: ignore[arg-type]
@@ -91,6 +92,7 @@ class BagWriter:
         self._write_yaml()
         if self._failure:
             self._sink.close()
+            self._reserve.release()
         self._raise_failure()
         self._stop = threading.Event()
         self._ticker = threading.Thread(target=self._tick, name="bag chunks", daemon=True) if live else None
@@ -222,6 +224,7 @@ class BagWriter:
                     self._mcap.finish()
                     self._sink.commit()
             self._sink.close()
+            self._reserve.release()
             self._write_yaml()
         if not self._told:
             self._raise_failure()
@@ -263,31 +266,40 @@ class BagWriter:
                     self._sink.sync()
 
     def _write_yaml(self) -> None:
+        with self._keeping():
+            self._put_yaml()
+
+    def _put_yaml(self) -> None:
         first, last = self._span or (0, 0)
         self._stale_yaml = False
-        try:
-            write_bag_metadata(self.folder, [self.file.name], list(self._entries.values()), first, last - first)
-        except OSError as error:
-            self._fail(error, f"`artibot recover {self.folder}` makes it readable")
+        write_bag_metadata(self.folder, [self.file.name], list(self._entries.values()), first, last - first)
 
     @contextmanager
     def _keeping(self) -> Iterator[None]:
-        """When the file cannot be written, cut it back to its last whole chunk and end it there."""
+        """When something cannot be written, end the recording after its last whole chunk, as completely as can be."""
         try:
             yield
         except OSError as error:
-            ended = self._sink.abandon()
-            self._waiting.clear()
-            mend = "it is readable as it is" if ended else f"`artibot recover {self.folder}` makes it readable"
-            self._fail(error, mend)
+            if self._failure is None:
+                self._end_early(error)
 
-    def _fail(self, error: OSError, mend: str) -> None:
-        """Remember the first failure, for the next call to raise."""
-        if self._failure is None:
-            self._failure = ArtibotError(
-                f"{self.file}: writing failed: {error.strerror}; the {self.message_count} messages "
-                f"({self._sink.committed / 1e6:.1f} MB) up to then are kept, {mend}; free some space and record anew"
-            )
+    def _end_early(self, error: OSError) -> None:
+        """Cut the file back to its last whole chunk, end it and bring metadata.yaml up to date; keep what to say."""
+        self._reserve.release()
+        whole = self._sink.abandon()
+        self._waiting.clear()
+        try:
+            self._put_yaml()
+        except OSError:
+            whole = False
+        recover = f"`artibot recover {self.folder}`"
+        mend = (
+            f"readable as they are ({recover} gives them an index, too)" if whole else f"{recover} makes them readable"
+        )
+        self._failure = ArtibotError(
+            f"{self.file}: writing failed: {error.strerror}; the {self.message_count} messages "
+            f"({self._sink.committed / 1e6:.1f} MB) up to then are kept, {mend}; free some space and record anew"
+        )
 
     def _raise_failure(self) -> None:
         if self._failure is not None:

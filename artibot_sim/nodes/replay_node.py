@@ -20,7 +20,7 @@ _TOPICS_HELP = "Topic to publish, * and ? allowed; repeat, or separate by commas
 _DRIVE_HELP = "Move a rover: publish the recorded inputs with new stamps, and the planner's sign of life."
 
 _ONLY = {
-    "resimulate": ("robot", "horizon", "out", "back", "renames"),
+    "resimulate": ("robot", "horizon", "out", "back", "renames", "namespace"),
     "drive": ("delay", "use_sim_time", "request_from"),
     "play": ("rate", "start", "end", "loop", "clock", "restamp", "pause", "can"),
 }
@@ -77,6 +77,7 @@ _FRAMES_HELP = "With --can: what the drives sent, or commands, which MOVE MOTORS
     metavar="WANTED=FOUND",
     help="With --resimulate: the recording's name of a topic.",
 )
+@click.option("--namespace", metavar="NAME", help="With --resimulate: of the rover, where there are several.")
 @click.pass_obj
 def command(ros_args: list[str] | None, bag: Path, resimulate: str | None, drive: bool, **given: Any) -> int:
     """Publish a recording again, drive it again, or simulate it again.
@@ -100,7 +101,7 @@ def command(ros_args: list[str] | None, bag: Path, resimulate: str | None, drive
 
         return run_resimulation(
             bag, resimulate, given["out"], robot=given["robot"], horizon=given["horizon"],
-            back=given["back"] or "auto", renames=given["renames"],
+            back=given["back"] or "auto", renames=given["renames"], namespace=given["namespace"],
         )  # fmt: skip
     if given["can_only"]:
         from artibot_sim.experiment.reader import bag_info

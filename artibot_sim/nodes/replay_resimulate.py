@@ -19,7 +19,7 @@ _SIZES = {"reading": 18.0, "simulating": 9.0, "writing": 6.0, "reading back": 8.
 
 def run_resimulation(
     bag: Path, drive: str, out: Path, *, robot: str | None = None, horizon: float | None = None, back: str = "auto",
-    renames: Sequence[str] = (),
+    renames: Sequence[str] = (), namespace: str | None = None,
 ) -> int:  # fmt: skip
     """Simulate a recording again, write and print the results; return the exit status 0.
 
@@ -32,6 +32,7 @@ def run_resimulation(
     horizon : s; None for free runs.
     back : `auto`, `kappa` or `effort`.
     renames : `WANTED=FOUND` texts.
+    namespace : of the rover, where the recording has several.
 
     Raises
     ------
@@ -42,7 +43,7 @@ def run_resimulation(
         if made.exists():
             raise ArtibotError(f"{made}: exists already; results are never overwritten, give another folder with --out")
     with Bar(sum(_SIZES.values())) as bar:
-        experiment = read_bag(bag, parse_renames(tuple(renames)), progress=_stage(bar, "reading"))
+        experiment = read_bag(bag, parse_renames(tuple(renames)), namespace=namespace, progress=_stage(bar, "reading"))
         found = robot_of(experiment, robot)
         told = _stage(bar, "simulating")
         result = resimulate(experiment, found, drive, horizon=horizon, back=back, progress=told)

@@ -32,6 +32,7 @@ _READING = 0.05
 @click.option(
     "--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable."
 )
+@click.option("--namespace", metavar="NAME", help="Rover whose topics to read, where there are several: /rover1.")
 @click.option("--seed", default=0, show_default=True, help="Of the searches; the same data and seed, the same answer.")
 @click.option("--workers", type=click.IntRange(1), help="Threads [as many as cores]; the result is the same.")
 @click.option("--scheduler", metavar="tcp://HOST:PORT", help="Fit effects on the workers of this Dask cluster.")
@@ -45,8 +46,8 @@ _READING = 0.05
 )  # fmt: skip
 def command(
     recordings: tuple[Path, ...], robot: str, out: Path, holdout: tuple[Path, ...], horizon: float,
-    topics: tuple[str, ...], seed: int, workers: int | None, scheduler: str | None, prior_odds: float | None,
-    false_alarms: float | None,
+    topics: tuple[str, ...], namespace: str | None, seed: int, workers: int | None, scheduler: str | None,
+    prior_odds: float | None, false_alarms: float | None,
 ) -> int:  # fmt: skip
     """Find what the simulation gets wrong on recordings, where and when, which physical effect it is, how sure that
     is, and what it gains.
@@ -78,8 +79,8 @@ def command(
         raise ArtibotError(f"--out {out}: cannot be written: {why}")
     rover = load_robot(robot)
     with Bar(total=1.0 + _READING * (len(recordings) + len(holdout))) as bar:
-        used = [_read(path, topics, bar) for path in recordings]
-        held = [_read(path, topics, bar) for path in holdout]
+        used = [_read(path, topics, namespace, bar) for path in recordings]
+        held = [_read(path, topics, namespace, bar) for path in holdout]
         found = diagnose(
             used, rover, holdout=held, horizon=horizon, seed=seed, workers=workers,
             progress=bar.stage("diagnosing", 1.0), prior_odds=prior_odds or PRIOR_ODDS,
@@ -92,7 +93,8 @@ def command(
     return 0
 
 
-def _read(path: Path, topics: Sequence[str], bar: Bar) -> Experiment:
+def _read(path: Path, topics: Sequence[str], namespace: str | None, bar: Bar) -> Experiment:
     from artibot_sim.experiment import parse_renames, read_bag
 
-    return read_bag(path, parse_renames(tuple(topics)), progress=bar.stage(f"reading {path.name}", _READING))
+    stage = bar.stage(f"reading {path.name}", _READING)
+    return read_bag(path, parse_renames(tuple(topics)), namespace=namespace, progress=stage)

@@ -40,6 +40,7 @@ _READING = 0.1
 @click.option(
     "--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable."
 )
+@click.option("--namespace", metavar="NAME", help="Rover whose topics to read, where there are several: /rover1.")
 @click.option(
     "--report", type=_FILE, help="HTML page with residuals, predictions and free runs; its charts beside it as PNG."
 )
@@ -50,8 +51,8 @@ _READING = 0.1
 @click.option("--workers", type=click.IntRange(1), help="Threads [as many as cores]; the result is the same.")
 def command(
     recordings: tuple[Path, ...], robot: str, out: Path, names: str, priors: tuple[str, ...], holdout: tuple[Path, ...],
-    window: float, topics: tuple[str, ...], report: Path | None, as_json: Path | None, seed: int, starts: int | None,
-    scheduler: str | None, workers: int | None,
+    window: float, topics: tuple[str, ...], namespace: str | None, report: Path | None, as_json: Path | None, seed: int,
+    starts: int | None, scheduler: str | None, workers: int | None,
 ) -> int:  # fmt: skip
     """Identify soil (and geometry) from recordings: values with 95 % intervals, written as a robot file.
 
@@ -80,8 +81,8 @@ def command(
     rover, known = load_robot(robot), parse_priors(priors)
     fitted = [name for name in names.split(",") if name.strip()]
     with Bar(total=1.0 + _READING * (len(recordings) + len(holdout))) as bar:
-        used = [_read(path, topics, bar) for path in recordings]
-        held = [_read(path, topics, bar) for path in holdout]
+        used = [_read(path, topics, namespace, bar) for path in recordings]
+        held = [_read(path, topics, namespace, bar) for path in holdout]
         work = identify(
             used, rover, fit=fitted, priors=known, holdout=held, window=window, effort=effort,
             workers=workers, progress=bar.stage("identifying", 1.0),
@@ -104,10 +105,11 @@ def _check_outputs(paths: Sequence[Path]) -> None:
             raise ArtibotError(f"{path}: cannot be written: {why}")
 
 
-def _read(path: Path, topics: Sequence[str], bar: Bar) -> Experiment:
+def _read(path: Path, topics: Sequence[str], namespace: str | None, bar: Bar) -> Experiment:
     from artibot_sim.experiment import parse_renames, read_bag
 
-    return read_bag(path, parse_renames(tuple(topics)), progress=bar.stage(f"reading {path.name}", _READING))
+    stage = bar.stage(f"reading {path.name}", _READING)
+    return read_bag(path, parse_renames(tuple(topics)), namespace=namespace, progress=stage)
 
 
 def _write(work: object, report: Path | None, as_json: Path | None) -> None:

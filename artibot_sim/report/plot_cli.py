@@ -33,11 +33,12 @@ _FILE = OutputFile()
 @click.option(
     "--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable."
 )
+@click.option("--namespace", metavar="NAME", help="Rover whose topics to read, where there are several: /rover1.")
 @click.option("--start", type=float, help="Draw from here on, s since the recording's start.")
 @click.option("--end", type=float, help="Draw up to here, s.")
 def command(
     recordings: tuple[Path, ...], png: Path | None, html: Path | None, as_json: Path | None, robot: str | None,
-    topics: tuple[str, ...], start: float | None, end: float | None,
+    topics: tuple[str, ...], namespace: str | None, start: float | None, end: float | None,
 ) -> None:  # fmt: skip
     """Draw recordings (folders or files): path, yaw, speed, motor velocities and torques, articulation.
 
@@ -63,7 +64,7 @@ def command(
             if why := fault(png):
                 raise ArtibotError(f"{png}: cannot be written: {why}; name another file with --png")
         experiments = [
-            _read(path, topics, start, end, bar.stage(f"reading {path.name}", size))
+            _read(path, topics, namespace, (start, end), bar.stage(f"reading {path.name}", size))
             for path, size in zip(recordings, sizes, strict=True)
         ]
         robots = [_robot(robot, experiment) for experiment in experiments]
@@ -139,11 +140,14 @@ def _bytes_of(path: Path) -> int:
     return sum(file.stat().st_size for file in storage_files(path))
 
 
-def _read(path: Path, topics: Sequence[str], start: float | None, end: float | None, progress: Report) -> Experiment:
+def _read(
+    path: Path, topics: Sequence[str], namespace: str | None, span: tuple[float | None, float | None], progress: Report
+) -> Experiment:
     """Return a recording, or the part of it that was asked for."""
+    start, end = span
     from artibot_sim.experiment import parse_renames, read_bag
 
-    experiment = read_bag(path, parse_renames(tuple(topics)), progress=progress)
+    experiment = read_bag(path, parse_renames(tuple(topics)), namespace=namespace, progress=progress)
     if start is None and end is None:
         return experiment
     first, last = -math.inf if start is None else start, math.inf if end is None else end

@@ -103,3 +103,22 @@ def test_changed_bytes_are_noticed_or_harmless(
         return
     for channel in experiment.channels.values():
         assert len(channel) == 60
+
+
+def test_a_compressed_recording_is_read_once_it_was_unpacked_as_the_refusal_says(tmp_path: Path) -> None:
+    """metadata.yaml goes on naming the compressed file, which `zstd -d` leaves where it is."""
+    zstandard = pytest.importorskip("zstandard")
+    folder = small_bag(tmp_path / "run", 50)
+    plain = mcap_file(folder)
+    packed = plain.with_name(f"{plain.name}.zstd")
+    packed.write_bytes(zstandard.ZstdCompressor().compress(plain.read_bytes()))
+    metadata = folder / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace(plain.name, packed.name))
+    content = plain.read_bytes()
+    plain.unlink()
+    with pytest.raises(ArtibotError, match="zstd -d"):
+        read_bag(folder)
+    plain.write_bytes(zstandard.ZstdDecompressor().decompress(packed.read_bytes()))
+    assert plain.read_bytes() == content
+    assert bag_info(folder).files == (plain,)
+    assert read_bag(folder).channels

@@ -324,3 +324,51 @@ def test_a_file_without_an_index_tells_of_both_passes(tmp_path: Path) -> None:
     indexed = read_bag(bag)
     for key, channel in indexed.channels.items():
         assert np.array_equal(channel.t_ns, experiment.channels[key].t_ns)
+
+
+def in_namespaces(folder: Path, *names: str) -> Path:
+    """A bag with the motors and the truth of a rover below each namespace, told apart by their first speed."""
+    messages = []
+    for number, name in enumerate(names):
+        for k in range(50):
+            stamp = EPOCH + k * STEP
+            motors = joint_state(stamp, ["front_right", "front_left"], velocity=[10.0 * number, 1.0])
+            messages.append((f"{name}/motor_torques", JOINTS, motors, stamp))
+            messages.append((f"{name}/ground_truth/odom", ODOMETRY, odometry(stamp, x=0.01 * k), stamp))
+            messages.append((f"{name}/odom", ODOMETRY, odometry(stamp, x=0.02 * k), stamp))
+    return write_bag(folder, messages)
+
+
+def test_the_topics_of_the_only_rover_are_found_below_its_namespace(tmp_path: Path) -> None:
+    experiment = read_bag(in_namespaces(tmp_path / "run", "/field/rover1"))
+    assert set(experiment.channels) == {"motor_torques", "ground_truth_odom", "odom"}
+    assert experiment.channels["odom"].topic == "/field/rover1/odom"
+    assert experiment.channels["odom"]["x"][-1] == pytest.approx(0.98)
+    assert any("/field/rover1/" in remark for remark in experiment.remarks)
+
+
+def test_of_several_rovers_one_is_chosen_by_hand(tmp_path: Path) -> None:
+    folder = in_namespaces(tmp_path / "run", "/rover1", "/rover2")
+    with pytest.raises(ArtibotError, match=r"/rover1, /rover2.*--namespace /rover1"):
+        read_bag(folder)
+    for asked in ("/rover2", "rover2/"):
+        motors = read_bag(folder, namespace=asked).channels["motor_torques"]
+        assert motors["front_right.velocity"][0] == 10.0
+    with pytest.raises(ArtibotError, match=r"--namespace /rover3.*/rover1/motor_torques"):
+        read_bag(folder, namespace="/rover3")
+    named = read_bag(folder, {"motor_torques": "/rover2/motor_torques"}).channels
+    assert set(named) == {"motor_torques"} and named["motor_torques"]["front_right.velocity"][0] == 10.0
+
+
+def test_a_rover_without_a_namespace_comes_first_and_shared_devices_serve_all(tmp_path: Path) -> None:
+    assert read_bag(in_namespaces(tmp_path / "a", "", "/rover2")).channels["motor_torques"].topic == "/motor_torques"
+    other = read_bag(in_namespaces(tmp_path / "b", "", "/rover2"), namespace="rover2")
+    assert other.channels["motor_torques"].topic == "/rover2/motor_torques"
+    point = message_class("geometry_msgs/msg/Point")(x=1.0, y=2.0, z=0.0)
+    station = serialize("geometry_msgs/msg/PointStamped", header=header(EPOCH, "map"), point=point)
+    motors = joint_state(EPOCH, ["front_right", "front_left"], velocity=[1.0, 1.0])
+    messages = [("/rover1/motor_torques", JOINTS, motors, EPOCH),
+                ("/total_station/point", "geometry_msgs/msg/PointStamped", station, EPOCH)]  # fmt: skip
+    shared = read_bag(write_bag(tmp_path / "c", messages)).channels
+    assert shared["total_station"].topic == "/total_station/point"
+    assert shared["motor_torques"].topic == "/rover1/motor_torques"

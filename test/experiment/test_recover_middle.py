@@ -130,3 +130,30 @@ def test_without_chunks_every_message_outside_the_damage_comes_back(
     _, saved = recovered(tmp_path_factory.getbasetemp() / "loose", bad)
     safe = {m for m, (begin, end) in zip(sent, spans, strict=True) if end < first or begin > last}
     assert last <= spans[0][0] or safe <= set(saved), "unless the topics' own records were hit"
+
+
+@pytest.mark.parametrize("opcode", [0x04, 0x05, 0x07, 0x0C, 0x26, 0x86, 0x00])
+@pytest.mark.parametrize("finished", [True, False])
+def test_a_chunk_is_known_by_its_header_whatever_its_opcode_says(chunked: Path, opcode: int, finished: bool) -> None:
+    """One bit of one byte: the chunk behind it is whole, and that a byte was wrong is said."""
+    whole, content = messages(chunked), mcap_file(chunked).read_bytes()
+    chunks = chunk_spans(mcap_file(chunked))
+    begin, _ = chunks[5][0]
+    bad = content[:begin] + bytes([opcode]) + content[begin + 1 :]
+    if not finished:  # killed after its last chunk: no summary says what is missing
+        bad = bad[: chunks[-1][0][1]]
+    report, saved = recovered(chunked.parent / "bad", bad)
+    assert saved == whole
+    assert (report.gaps, report.gap_bytes, report.bad_chunks) == (1, 1, 0)
+    assert not report.complete
+
+
+def test_what_the_summary_counts_and_nobody_finds_is_said(chunked: Path) -> None:
+    """A chunk that was cut out cleanly leaves no trace but the summary's count."""
+    content, chunks = mcap_file(chunked).read_bytes(), chunk_spans(mcap_file(chunked))
+    (begin, _), (first, last) = chunks[5]
+    following = chunks[6][0][0]  # with its message indexes
+    report, saved = recovered(chunked.parent / "bad", content[:begin] + content[following:])
+    lost = [message for message in messages(chunked) if first <= message[1] <= last]
+    assert report.missing == len(lost) == len(messages(chunked)) - len(saved)
+    assert not report.complete

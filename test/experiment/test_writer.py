@@ -12,10 +12,12 @@ import time
 from pathlib import Path
 
 import pytest
+import yaml
 from bag_helpers import EPOCH, JOINTS, ROOT, STEP, joint_state, mcap_file, small_bag
 from mcap.reader import make_reader
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
+from rosbags.rosbag2 import Reader
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import BagWriter, bag_info, iter_messages, read_bag, recover
@@ -160,8 +162,14 @@ def check_full(done: subprocess.CompletedProcess[str], folder: Path, size: int, 
     assert report.messages * len(DATA) > size / 3  # all but the chunk in hand, of 1 MiB with its index
     assert f"the {report.messages} messages" in line
     assert sum(1 for _ in iter_messages(elsewhere / "saved")) == report.messages
-    if "readable as it is" in line:
-        assert sum(1 for _ in iter_messages(mcap_file(folder))) == report.messages
+    assert "artibot recover" in line and "readable as they are" in line
+    assert sum(1 for _ in iter_messages(folder)) == report.messages
+    content = yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert content["message_count"] == report.messages, "what `ros2 bag play` goes by"
+    assert content["duration"]["nanoseconds"] == round(report.seconds * 1e9)
+    with Reader(folder) as bag:
+        assert sum(1 for _ in bag.messages()) == report.messages
+    assert {path.name for path in folder.iterdir()} == {"metadata.yaml", mcap_file(folder).name}
 
 
 @pytest.mark.parametrize("live", [True, False])
