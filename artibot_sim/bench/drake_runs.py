@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.bench.law_bodies import StagedRun
 from artibot_sim.model import Commands, Robot
-from artibot_sim.model.params import ModuleParams
+from artibot_sim.model.param_types import ModuleParams
 
 Array = NDArray[np.float64]
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.params import ModuleParams, Params, params
+from artibot_sim.model.param_types import ModuleParams, Params
+from artibot_sim.model.params import params
 from artibot_sim.model.robot import MOTORS, WHEELS, Module, Robot
 
 GRIP = 1e3

@@ -12,7 +12,8 @@ from artibot_sim.experiment.measured import Measured
 from artibot_sim.experiment.pieces import Pieces
 from artibot_sim.experiment.rollout_bag import Table, rollout_columns
 from artibot_sim.model import Robot, Rollout
-from artibot_sim.model.sensors import SensorErrors, sensor_errors, tracked_point
+from artibot_sim.model.param_types import SensorErrors
+from artibot_sim.model.sensors import sensor_errors, tracked_point
 
 _SIMULATED: dict[str, Callable[[Rollout, SensorErrors], Floats]] = {
     "position": lambda result, errors: tracked_point(errors, result.pose),

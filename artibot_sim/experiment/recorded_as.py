@@ -12,7 +12,8 @@ from artibot_sim.experiment.measured import Motion
 from artibot_sim.experiment.motor_inputs import MotorInputs
 from artibot_sim.model import MOTORS, Commands, Robot, Rollout
 from artibot_sim.model.command_way import as_executed
-from artibot_sim.model.sensors import SensorErrors, sensor_errors, tracked_point, true_starts
+from artibot_sim.model.param_types import SensorErrors
+from artibot_sim.model.sensors import sensor_errors, tracked_point, true_starts
 
 
 def recorded_motors(result: Rollout, robot: Robot) -> tuple[Floats, Floats, Floats]:

@@ -6,70 +6,14 @@ reference and reads by the same names.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, get_type_hints
+from typing import Any, get_type_hints
 
 import numpy as np
 
 from artibot_sim.model.effects import at_work
-from artibot_sim.model.effects.slope import STANDARD_GRAVITY, gravity
+from artibot_sim.model.environment import STANDARD_GRAVITY, gravity
+from artibot_sim.model.param_types import ModuleParams, MotorParams, Params
 from artibot_sim.model.robot import Drive, Module, Robot
-
-
-class ModuleParams(NamedTuple):
-    """One module: starred inertias of eq. 9, half spacings, joint (SI units)."""
-
-    m: float
-    J_x: float
-    J_y: float
-    J_z: float
-    half_x: float
-    half_y: float
-    O_x: float  # joint in the module's frame: -l_f in front, +l_b behind
-    O_z: float
-    r_0: float  # unloaded wheel radius, of eq. 15's F_n = k_n (r_0 - r)
-    k_l: float  # soil under this module's wheels
-    k_t: float
-    mu_s: float
-    mu_d: float
-    inverse: tuple[float, float, float, float, float, float]  # of the mass matrix's six diagonal entries
-    sluggish: float = 0.0  # mass that `stability.implicit_slip` adds against changes of the planar velocity
-
-
-class MotorParams(NamedTuple):
-    """One motor with its gearbox and wheels (eq. 21)."""
-
-    tau: float
-    r_w: float
-    eta_d: float
-    eta_r: float
-    J_m: float
-    J_w: float
-    torque_max: float
-
-
-class Params(NamedTuple):
-    """Everything constant that the right-hand side needs."""
-
-    two: bool  # whether there is a back module
-    front: ModuleParams
-    back: ModuleParams
-    right_front: MotorParams
-    left_front: MotorParams
-    right_back: MotorParams
-    left_back: MotorParams
-    k_n: float
-    c_n: float
-    u_w: float
-    literal_eq22: bool
-    A_motor: float
-    A_joint: float
-    velocity_gain: float
-    g_x: float
-    g_y: float
-    g_z: float
-    joint_damping: float = 0.0  # steepest slopes of what effects bring, which limit the step: N m s/rad, N m/rad
-    joint_stiffness: float = 0.0
-    lateral_damping: float = 0.0  # of each wheel beside k_t, N s/m
 
 
 def starred(robot: Robot, module: Module) -> tuple[float, float, float, float]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model.layout import MOTOR_COORDINATES
-from artibot_sim.model.params import Params
+from artibot_sim.model.param_types import Params
 from artibot_sim.model.reference_contact import (
     Wheels,
     contact,

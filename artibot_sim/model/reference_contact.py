@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.model.params import ModuleParams, MotorParams, Params, params
+from artibot_sim.model.param_types import ModuleParams, MotorParams, Params
+from artibot_sim.model.params import params
 from artibot_sim.model.reference_effects import NEUTRAL, PlainEffects
 from artibot_sim.model.robot import Robot
 

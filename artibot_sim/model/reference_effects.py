@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from artibot_sim.model.effects.base import Values
-from artibot_sim.model.params import ModuleParams
+from artibot_sim.model.param_types import ModuleParams
 
 
 @dataclass(frozen=True)

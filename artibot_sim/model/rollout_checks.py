@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.commands import Commands
 from artibot_sim.model.effects import at_work
-from artibot_sim.model.params import Params, params
+from artibot_sim.model.param_types import Params
+from artibot_sim.model.params import params
 from artibot_sim.model.robot import Robot
 from artibot_sim.model.stability import largest_step
 from artibot_sim.model.state import State, initial_state

@@ -7,48 +7,19 @@ model: rotations that turn its motors (`WindowBatch`) and starts (`true_starts`)
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model.effects import at_work
+from artibot_sim.model.param_types import NO_SENSOR_ERRORS, SensorErrors
 from artibot_sim.model.robot import Robot
 
 Array = NDArray[np.float64]
 
 
-class SensorErrors(NamedTuple):
-    """Systematic errors of a robot's sensors; the defaults are sensors without any.
-
-    Attributes
-    ----------
-    encoder_scale : float
-        Recorded over true motor positions and velocities.
-    torque_scale : float
-        Recorded over true motor torques.
-    arm_x, arm_y : float
-        Where the tracked point sits in the front module, m.
-    delay : float
-        By which positions are stamped late, s.
-    gyro_bias : float
-        Recorded less true yaw rate, rad/s.
-    """
-
-    encoder_scale: float = 1.0
-    torque_scale: float = 1.0
-    arm_x: float = 0.0
-    arm_y: float = 0.0
-    delay: float = 0.0
-    gyro_bias: float = 0.0
-
-
-NONE = SensorErrors()
-
-
 def sensor_errors(robot: Robot) -> SensorErrors:
     """The sensor errors that a robot's effects make."""
-    errors = NONE
+    errors = NO_SENSOR_ERRORS
     for effect, values in at_work(robot.effects).values():
         if effect.sensor is not None:
             errors = effect.sensor(errors, values)

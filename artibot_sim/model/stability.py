@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.model.params import ModuleParams, MotorParams, Params
+from artibot_sim.model.param_types import ModuleParams, MotorParams, Params
 from artibot_sim.model.transmission import DRIVEN, PRESCRIBED
 
 Array = NDArray[np.float64]

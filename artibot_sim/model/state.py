@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.layout import BACK, BETA, GAMMA, X, Y, Z
-from artibot_sim.model.params import Params, params
+from artibot_sim.model.param_types import Params
+from artibot_sim.model.params import params
 from artibot_sim.model.reference import constraint_terms
 from artibot_sim.model.robot import Robot
 

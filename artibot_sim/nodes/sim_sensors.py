@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.model.sensors import NONE, SensorErrors
+from artibot_sim.model.param_types import NO_SENSOR_ERRORS, SensorErrors
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ class Sensors:
         Of the robot.
     """
 
-    def __init__(self, model: SensorModel, seed: int, errors: SensorErrors = NONE) -> None:
+    def __init__(self, model: SensorModel, seed: int, errors: SensorErrors = NO_SENSOR_ERRORS) -> None:
         self.model, self.errors = model, errors
         self._arm = np.array(model.prism) + np.array([errors.arm_x, errors.arm_y, 0.0])
         self._past: deque[tuple[int, Array]] = deque()

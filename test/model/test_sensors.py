@@ -11,7 +11,8 @@ from model.effects import SENSORS_1, with_effects
 from artibot_sim.model import Mode, Robot, initial_state, load_robot, rollout
 from artibot_sim.model.commands import Commands
 from artibot_sim.model.effects import EFFECTS
-from artibot_sim.model.sensors import NONE, SensorErrors, measured_starts, sensor_errors, true_starts
+from artibot_sim.model.param_types import NO_SENSOR_ERRORS, SensorErrors
+from artibot_sim.model.sensors import measured_starts, sensor_errors, true_starts
 from artibot_sim.model.windows import KINDS, Items, MotorTable, Plan, WindowBatch
 
 ALL = (Mode.PRESCRIBED,) * 4
@@ -58,7 +59,7 @@ def test_every_effect_on_sensors_is_in_the_tests_table() -> None:
 def test_neutral_is_bit_identical(agriq: Robot, plain: dict, name: str) -> None:
     neutral = {key: parameter.neutral for key, parameter in EFFECTS[name].parameters.items()}
     robot = with_effects(agriq, **{name: neutral})
-    assert sensor_errors(robot) == NONE
+    assert sensor_errors(robot) == NO_SENSOR_ERRORS
     for kind, seen in predicted(robot).items():
         np.testing.assert_array_equal(seen, plain[kind])
 
@@ -135,7 +136,7 @@ def test_starts_go_there_and_back(errors: tuple, late: bool, start: tuple) -> No
     true = true_starts(rows, begun, flag)
     np.testing.assert_allclose(measured_starts(rows, true, flag), begun, atol=1e-12)
     np.testing.assert_array_equal(true[:, 6:], begun[:, 6:])
-    np.testing.assert_array_equal(true_starts(np.array([NONE]), begun, flag), begun)
+    np.testing.assert_array_equal(true_starts(np.array([NO_SENSOR_ERRORS]), begun, flag), begun)
 
 
 @given(arm_x=small, arm_y=small, delay=st.floats(0.0, 0.4), rate=st.floats(-1.0, 1.0), yaw=st.floats(-3.0, 3.0))

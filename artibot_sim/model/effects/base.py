@@ -14,8 +14,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.model.quantity import Quantity
 
 if TYPE_CHECKING:
-    from artibot_sim.model.params import Params
-    from artibot_sim.model.sensors import SensorErrors
+    from artibot_sim.model.param_types import Params, SensorErrors
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from artibot_sim.model.effects.base import Effect, Search, Values, number
 from artibot_sim.model.elementary import tanh
 
 if TYPE_CHECKING:
-    from artibot_sim.model.params import Params
+    from artibot_sim.model.param_types import Params
 
 WIDTH = 0.01
 """Yaw rate of the articulation over which friction changes its sign (tanh), rad/s."""

@@ -9,7 +9,7 @@ from artibot_sim.model.compiled import inlined
 from artibot_sim.model.effects.base import Effect, Search, Values, number
 
 if TYPE_CHECKING:
-    from artibot_sim.model.params import Params
+    from artibot_sim.model.param_types import Params
 
 STIFFNESS, DAMPING = 4000.0, 40.0
 """Of the stop, N m/rad and N m s/rad."""

@@ -6,20 +6,10 @@ import math
 from typing import TYPE_CHECKING
 
 from artibot_sim.model.effects.base import Effect, Search, Values, number
+from artibot_sim.model.environment import STANDARD_GRAVITY, gravity
 
 if TYPE_CHECKING:
-    from artibot_sim.model.params import ModuleParams, Params
-
-STANDARD_GRAVITY = 9.81
-"""|g| of eq. 12, m/s²."""
-
-
-def gravity(grade: float, heading: float) -> tuple[float, float, float]:
-    """Gravitational acceleration in `map` (m/s²): eq. 12's vector, tilted by `grade` towards `heading` (rad)."""
-    if grade == 0.0:
-        return 0.0, 0.0, -STANDARD_GRAVITY
-    along = STANDARD_GRAVITY * math.sin(grade)
-    return along * math.cos(heading), along * math.sin(heading), -STANDARD_GRAVITY * math.cos(grade)
+    from artibot_sim.model.param_types import ModuleParams, Params
 
 
 def _adapt(p: Params, values: Values) -> Params:
