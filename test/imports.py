@@ -135,3 +135,43 @@ def _inside(importer: str, imported: str) -> bool:
     if importer not in LAYERS or imported not in LAYERS:
         return False
     return LAYERS.index(imported) < LAYERS.index(importer)
+
+
+def edges(root: Path) -> dict[str, set[str]]:
+    """Which modules of artibot each module imports, anywhere in its text: files, not packages' names."""
+    files = {module: path for module, path in modules_below(root)}
+    graph: dict[str, set[str]] = {module: set() for module in files}
+    for module, path in files.items():
+        for found in imports_of(path.read_text(encoding="utf-8"), module, path.name == "__init__.py"):
+            target = found.imported if found.imported in files else found.imported.rpartition(".")[0]
+            if target in files and target != module:
+                graph[module].add(target)
+    return graph
+
+
+def circles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """Groups of modules that import each other, directly or by way of others (Tarjan's algorithm)."""
+    index: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[list[str]] = []
+
+    def visit(module: str) -> None:
+        index[module] = low[module] = len(index)
+        stack.append(module)
+        for target in sorted(graph[module]):
+            if target not in index:
+                visit(target)
+                low[module] = min(low[module], low[target])
+            elif target in stack:
+                low[module] = min(low[module], index[target])
+        if low[module] == index[module]:
+            at = stack.index(module)
+            if len(stack) - at > 1:
+                found.append(sorted(stack[at:]))
+            del stack[at:]
+
+    for module in sorted(graph):
+        if module not in index:
+            visit(module)
+    return found

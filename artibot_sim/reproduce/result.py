@@ -176,3 +176,13 @@ def comparison_table(title: str, comparisons: Sequence[Comparison], note: str = 
         for c in comparisons
     )  # fmt: skip
     return Table(title, columns, rows, note)
+
+
+def count(comparisons: Sequence[Comparison]) -> str:
+    """How many of the comparisons agree, in words."""
+    return f"{sum(c.agrees for c in comparisons)} of {len(comparisons)}"
+
+
+def worst(comparisons: Sequence[Comparison]) -> str:
+    """How far the worst comparison is off, in words."""
+    return f"(at most {max(abs(c.difference) for c in comparisons):.2f} points off)"

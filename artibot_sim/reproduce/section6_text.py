@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from artibot_sim.experiment.metrics import position_error, yaw_error
-from artibot_sim.reproduce import in_short, section6_claims, section6_figures
+from artibot_sim.reproduce import section6_claims, section6_figures
 from artibot_sim.reproduce.circles import CircleRun, odometric_speed
 from artibot_sim.reproduce.paper import MEASURED, NAMES, ODOMETRIC, PLANNED, SIMULATED, TESTS
 from artibot_sim.reproduce.result import (
@@ -18,6 +18,9 @@ from artibot_sim.reproduce.result import (
     Section,
     Table,
     comparison_table,
+    count,
+    percent,
+    worst,
 )
 
 if TYPE_CHECKING:
@@ -55,7 +58,7 @@ def written(study: Study) -> Section:
     )
     title, claims = "Numerical implementation and identification", section6_claims.statements(study)
     return Section(6, title, section6_figures.sheets(study), tables, comparisons, claims, notes,
-                   in_short.section6(comparisons, study))  # fmt: skip
+                   in_short(comparisons, study))  # fmt: skip
 
 
 def _radii(study: Study) -> list[Comparison]:
@@ -168,3 +171,21 @@ def _driven_table(study: Study) -> Table:
         f"{paper[1][MEASURED]} m measured. Only R_o of Test 1 was fitted."
     )
     return Table("Driven motors with one torque limit", columns, rows, note)
+
+
+def in_short(comparisons: Sequence[Comparison], study: Study) -> tuple[str, ...]:
+    """Driven by rotations, and by motors with one torque limit."""
+    radii = [c for c in comparisons if c.what.endswith("radius, driven by rotations")]
+    listed = ", ".join(f"{c.what.split(':')[0]} {c.ours:.2f} m for {c.paper:.2f} m" for c in radii)
+    points = [c for c in comparisons if c.unit == "%"]
+    limited, predicted, measured = study.best, study.best.test2, TESTS["test2"].radius[MEASURED]
+    rotations = (
+        f"Driven by the odometric rotations, as section 6 does it: {count(radii)} radii agree with the paper's model "
+        f"({listed}), {count(points)} of its e_γ and e_x {worst(points)}."
+    )
+    motors = (
+        f"Driven by motors with one torque limit, fitted on Test 1 alone ({limited.limit:.3f} N·m at κ = "
+        f"{limited.kappa:g}): Test 2 is predicted at a radius of {predicted.radius:.2f} m, measured {measured:.2f} m "
+        f"({percent(predicted.radius / measured - 1.0, 0)})."
+    )
+    return rotations, motors
