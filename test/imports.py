@@ -139,7 +139,7 @@ def _inside(importer: str, imported: str) -> bool:
 
 def edges(root: Path) -> dict[str, set[str]]:
     """Which modules of artibot each module imports, anywhere in its text: files, not packages' names."""
-    files = {module: path for module, path in modules_below(root)}
+    files = dict(modules_below(root))
     graph: dict[str, set[str]] = {module: set() for module in files}
     for module, path in files.items():
         for found in imports_of(path.read_text(encoding="utf-8"), module, path.name == "__init__.py"):
