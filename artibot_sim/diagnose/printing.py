@@ -99,8 +99,8 @@ def _lines(found: Diagnosis) -> Iterator[str]:
         yield f"measure next: {found.next_experiment.what}"
     for warning in found.warnings:
         yield f"warning: {warning}"
-    if asked := words.asked(found):
-        yield asked
+    if question := words.asked(found):
+        yield question
     fitted = f"fitted: {', '.join(found.bags)}"
     held = f"; held out: {', '.join(found.holdout)}" if found.holdout else ""
     yield f"{fitted}{held}; {found.seconds:.1f} s"

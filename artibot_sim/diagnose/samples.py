@@ -67,10 +67,10 @@ def sizes(errors: Array) -> Array:
 def gather(looks: Sequence[Look], channel: str) -> Samples | None:
     """The errors of a channel in all recordings, None where none has any; lost predictions are left out."""
     parts = []
-    for number, look in enumerate(looks):
+    for index, look in enumerate(looks):
         series = look.channels.get(channel)
         if series is not None and len(series.t):
-            parts.append(_part(number, channel, look, series))
+            parts.append(_part(index, channel, look, series))
     if not parts:
         return None
     which, t, before, after = (np.concatenate(column) for column in zip(*(part[:4] for part in parts), strict=True))
