@@ -156,14 +156,14 @@ def _where(page: _Page) -> str:
     if not found.where:
         parts.append(paragraph("No channel is wrong by much more than its noise."))
     shown = page.wrong or ([page.channel] if page.channel else [])
-    for number, channel in enumerate(shown):
+    for index, channel in enumerate(shown):
         title = f"The error of the {words.channel_words(channel)} on the map"
         cells = [page.place(charts.error_map(found, channel), title, "plot square")]
         over = panels.over_covariates(found, channel)
         cells += [page.place(panel, legend=i == 0) for i, panel in enumerate(over)]
         row = page.row(cells, "grid3")
         name = words.channel_words(channel)
-        parts.append(row if number == 0 else folded(f"The same for the {name}", row))
+        parts.append(row if index == 0 else folded(f"The same for the {name}", row))
     return section("Where and when", *parts)
 
 

@@ -59,15 +59,15 @@ def _draw_row(canvas: Canvas, places: Sequence[Axes], row: Sequence[Panel | Heat
     """Draw a row; titles stay level above legends of different height."""
     rows = []
     image: Any = None
-    for axes, chart in zip(places, row, strict=True):
-        if isinstance(chart, HeatMap):
-            image = _draw_map(axes, chart)
+    for axes, shown in zip(places, row, strict=True):
+        if isinstance(shown, HeatMap):
+            image = _draw_map(axes, shown)
             rows.append(0)
         else:
-            draw_panel(axes, chart)
-            if not chart.equal:
-                axes.set_xlim(*extent([line.x for line in chart.lines]))
-            rows.append(legend(canvas, axes, chart, width))
+            draw_panel(axes, shown)
+            if not shown.equal:
+                axes.set_xlim(*extent([line.x for line in shown.lines]))
+            rows.append(legend(canvas, axes, shown, width))
     for axes in places:
         axes.set_title(axes.get_title(loc="left"), pad=7.0 + 14.0 * max(rows))
     if image is not None:
