@@ -37,7 +37,7 @@ def buffers(rows: int) -> Buffers:
 
 
 def run_window(
-    fleet: Fleet, items: Items, i: int, table: MotorTable, plan: Plan, dt: float, buffers: Buffers, out: Array
+    fleet: Fleet, items: Items, i: int, table: MotorTable, plan: Plan, dt: float, room: Buffers, out: Array
 ) -> None:
     """Item `i`: what its plan asks for, into `out` (m,), which is left as it is from where the rollout diverged."""
     r, first, knots = int(items.robot[i]), int(items.first[i]), int(items.knots[i])
@@ -50,7 +50,7 @@ def run_window(
         fx = fleet.effects[r].copy()
         fx["t"] = items.t[i]
         extra = (fx, np.zeros(8) if items.lateral is None else items.lateral[i].copy())
-    work, q, v, w, rows = buffers
+    work, q, v, w, rows = room
     turned, pulled = fleet.sensors[r, :2]
     given = (
         items.q[i].copy(), items.v[i].copy(), fleet.eta[r].copy(), np.zeros(4), fleet.records[r],
