@@ -27,7 +27,7 @@ def executables():
     colcon and bloom run `setup.py install` or `develop`; pip never does, and a program called `sim` or `plot`
     has no place in a user's PATH.
     """
-    words = runpy.run_path(str(ROOT / PACKAGE / "commands.py"))["COMMANDS"]
+    words = runpy.run_path(str(ROOT / PACKAGE / "cli" / "words.py"))["COMMANDS"]
     for_ros = {"install", "develop"} & set(sys.argv)
     return ["artibot = artibot_sim.cli:main"] + [f"{word} = artibot_sim.cli:executable" for word in words if for_ros]
 

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS, Robot
-from artibot_sim.model.robot import Drive
+from artibot_sim.model.robot.robot import Drive
 
 INT16, INT32 = (-(2**15), 2**15 - 1), (-(2**31), 2**31 - 1)
 UINT16, UINT32 = (0, 2**16 - 1), (0, 2**32 - 1)

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from artibot_sim.experiment import BagWriter, serialize
-from artibot_sim.experiment.encode import header, pose, vector
-from artibot_sim.experiment.messages import message_class
+from artibot_sim.experiment.messages import header, message_class, pose, vector
 
 ROOT = Path(__file__).resolve().parents[1]
 FOREIGN = ROOT.parent / "shared" / "data"

@@ -12,6 +12,7 @@ LAYERS = (
     "sharing",
     "planning",
     "experiment",
+    "estimation",
     "identify",
     "diagnose",
     "sweep",
@@ -20,21 +21,18 @@ LAYERS = (
     "actuate",
     "bench",
     "nodes",
-    "can_cli",
     "cli",
 )
 """Parts of artibot_sim, lowest first: each may import itself and what stands before it."""
 
 BELOW_ALL = (
     "cluster",
-    "cluster_dask",
     "documents",
     "errors",
     "parameters",
     "progress",
     "resources",
     "version",
-    "commands",
 )
 """Modules that any part may import, and that import only each other."""
 
@@ -42,7 +40,7 @@ DRIVER = "artibot_driver"
 DRIVER_MAY = ("model", "sharing", "planning", *BELOW_ALL)
 """What the driver may import of artibot_sim."""
 
-ABOVE_DRIVER = ("nodes", "can_cli")
+ABOVE_DRIVER = ("nodes", "cli")
 """The parts of artibot_sim that may import the driver."""
 
 OWNERS = {
@@ -57,8 +55,8 @@ OWNERS = {
     "pydrake": ("bench",),
     "pybullet": ("bench",),
     "pyarrow": ("sweep",),
-    "distributed": ("cluster_dask",),
-    "dask": ("cluster_dask",),
+    "distributed": ("cluster",),
+    "dask": ("cluster",),
 }
 """Libraries that only these parts know."""
 

@@ -13,9 +13,8 @@ import numpy as np
 from bag_helpers import JOINTS, joint_state
 
 from artibot_sim.experiment import iter_messages, read_bag, serialize, write_channels, write_experiment
-from artibot_sim.experiment.encode import header, vector
-from artibot_sim.experiment.messages import message_class
-from artibot_sim.experiment.qos import LATCHED
+from artibot_sim.experiment.messages import header, message_class, vector
+from artibot_sim.experiment.topics import LATCHED
 from artibot_sim.experiment.writer import BagWriter
 from artibot_sim.model import load_robot, rollout
 from artibot_sim.nodes.record_types import import_message

@@ -12,7 +12,7 @@ import click
 import pytest
 
 from artibot_sim import cli
-from artibot_sim.commands import COMMANDS, Word
+from artibot_sim.cli.words import COMMANDS, Word
 from artibot_sim.errors import ArtibotError
 from artibot_sim.version import __version__
 from ros_helpers import ROOT

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterable
 
 import pytest
-from imports import BELOW_ALL, DRIVER, LAYERS, fault, imports_of, modules_below, part_of
+from imports import BELOW_ALL, DRIVER, LAYERS, circles, edges, fault, imports_of, modules_below, part_of
 
 from ros_helpers import ROOT
 
@@ -22,6 +22,17 @@ def test_every_import_runs_the_allowed_way() -> None:
     assert not faults, "\n".join(faults)
 
 
+def test_no_files_import_each_other() -> None:
+    graph = edges(ROOT)
+    assert len(graph) > 200  # the walk does find them
+    assert not circles(graph)
+
+
+def test_a_circle_of_files_is_seen() -> None:
+    graph = {"a": {"b"}, "b": {"c"}, "c": {"b", "d"}, "d": set(), "e": {"e2"}, "e2": {"e"}}
+    assert circles(graph) == [["b", "c"], ["e", "e2"]]
+
+
 def test_every_module_has_its_place() -> None:
     parts = {part_of(module): module for module, _ in modules_below(ROOT)}
     assert {"model", "planning", "experiment", "nodes", "cli", "errors"} <= set(parts)  # the walk does find them
@@ -32,10 +43,10 @@ def test_every_module_has_its_place() -> None:
 @pytest.mark.parametrize(
     ("module", "line"),
     [
-        ("artibot_sim.model.loop", "from artibot_sim.planning import plan"),
-        ("artibot_sim.model.loop", "from .. import planning"),
-        ("artibot_sim.model.loop", "from ..experiment.reader import read_bag"),
-        ("artibot_sim.model.loop", "def f():\n    import rosbags.rosbag2"),
+        ("artibot_sim.model.kernels.loop", "from artibot_sim.planning import plan"),
+        ("artibot_sim.model.kernels.loop", "from ... import planning"),
+        ("artibot_sim.model.kernels.loop", "from ...experiment.reader import read_bag"),
+        ("artibot_sim.model.kernels.loop", "def f():\n    import rosbags.rosbag2"),
         ("artibot_sim.planning.plan", "import importlib\nimportlib.import_module('artibot_sim.report')"),
         ("artibot_sim.experiment.reader", "from rclpy.serialization import serialize_message"),
         ("artibot_sim.report.page", "from mcap.reader import make_reader"),
@@ -60,7 +71,7 @@ def test_a_forbidden_import_is_seen(module: str, line: str) -> None:
         ("artibot_sim.planning.plan", "from ..model.robot import Robot\nfrom . import legs\nimport yaml"),
         ("artibot_sim.experiment.reader", "import rosbags.rosbag2\nfrom mcap.reader import make_reader"),
         ("artibot_sim.nodes.sim_node", "import rclpy\nfrom nav_msgs.msg import Odometry\nimport artibot_driver.drives"),
-        ("artibot_sim.bench.table", "from artibot_sim.identify import identify"),
+        ("artibot_sim.bench.comparison", "from artibot_sim.identify import identify"),
         ("artibot_driver.bus", "import can\nfrom artibot_sim.planning import Plan"),
         ("artibot_sim.resources", "from artibot_sim.errors import ArtibotError"),
     ],

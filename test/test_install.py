@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from artibot_sim.commands import COMMANDS
+from artibot_sim.cli.words import COMMANDS
 from artibot_sim.resources import KINDS, config_names
 
 if TYPE_CHECKING:

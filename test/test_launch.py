@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from artibot_driver.loopback import loopback_bus
-from artibot_sim.commands import COMMANDS
+from artibot_sim.cli.words import COMMANDS
 from ros_helpers import ROOT, NodeStarter, spin_until
 
 LAUNCH_FILES = sorted((ROOT / "launch").glob("*.launch.py"))

@@ -8,7 +8,7 @@ from artibot_driver.rig import Rig
 from artibot_driver.scaling import Scaled, largest_torque
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Robot
-from artibot_sim.model.transmission import back_torque_factor
+from artibot_sim.model.equations.transmission import back_torque_factor
 
 
 def kappa_bounds(robot: Robot) -> tuple[float, float]:

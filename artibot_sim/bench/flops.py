@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from artibot_sim.model import elementary
+from artibot_sim.model.kernels import elementary
 
 COUNTED: Counter[str] = Counter()
 _NAMES = {"add": "+", "sub": "−", "mul": "×", "truediv": "÷"}
@@ -95,10 +95,11 @@ def _patch() -> None:
 
 def operations(steps: int) -> int:
     """Operations of so many RK4 steps in a turn of Table 6's trajectory."""
-    from artibot_sim.model import Mode, level_loop, load_robot, loop
-    from artibot_sim.model.params import params
-    from artibot_sim.model.state import initial_state
-    from artibot_sim.model.transmission import back_torque_factor
+    from artibot_sim.model import Mode, load_robot
+    from artibot_sim.model.equations.transmission import back_torque_factor
+    from artibot_sim.model.kernels import loop, plane_loop
+    from artibot_sim.model.robot.derived import params
+    from artibot_sim.model.simulate.state import initial_state
     from artibot_sim.planning import load_manoeuvre, plan
 
     robot = load_robot("agriq")
@@ -115,7 +116,7 @@ def operations(steps: int) -> int:
     q[[6, 7]] = commands[0][0, :2]
     _patch()
     COUNTED.clear()
-    integrate: Any = level_loop.level_rk4
+    integrate: Any = plane_loop.level_rk4
     status, _ = integrate(
         q, v, eta, fed, params(robot), modes, 1e-3, steps, steps, *commands, _numbers(torque), 10,
         back_torque_factor(robot, 0.8), work, *rows, None,

@@ -57,10 +57,9 @@ def runs(size: float, folder: Path) -> Figures:
 
 def table(size: float, folder: Path) -> Figures:
     """Parts of finished runs made into a table, and its summary."""
-    from artibot_sim.sweep.folder import TABLE, Folder
+    from artibot_sim.sweep.folder import TABLE, Folder, table_bytes
     from artibot_sim.sweep.plan import plan_from_dict
     from artibot_sim.sweep.summary import summarise
-    from artibot_sim.sweep.table import table_bytes
 
     axes = {f"contact.{name}": {"from": 0.31, "to": 0.9} for name in ("mu_s", "u_w")}
     plan = plan_from_dict({"manoeuvre": "short", "method": "latin", "runs": int(size), "axes": axes})
@@ -84,7 +83,7 @@ def length(size: float, folder: Path) -> Figures:
     from artibot_sim.experiment import iter_messages, read_bag
     from artibot_sim.experiment.resimulate import resimulate
     from artibot_sim.model import load_robot
-    from artibot_sim.report.plot_cli import draw
+    from artibot_sim.report.recordings import draw
 
     robot, watch, bag = load_robot("agriq"), Watch(), folder / "long"
     list(pieces(60.0))  # compiles, or loads what was compiled
@@ -121,7 +120,7 @@ def hidden(size: float, folder: Path) -> Figures:
 
 
 def _diagnosed(count: int, effects: int) -> Figures:
-    from artibot_sim.bench.diagnosis import recordings
+    from artibot_sim.bench.workflows import recordings
     from artibot_sim.diagnose import diagnose
     from artibot_sim.model import load_robot
 
@@ -152,9 +151,9 @@ def pieces(duration: float) -> Iterator[tuple[float, Any]]:
 def write_long(bag: Path, duration: float) -> None:
     """Write a recording of `duration` s, three topics at 100 Hz, a minute in memory at a time."""
     from artibot_sim.experiment import BagWriter
-    from artibot_sim.experiment.contract import BY_KEY
-    from artibot_sim.experiment.encode import encoder
+    from artibot_sim.experiment.messages import encoder
     from artibot_sim.experiment.rollout_bag import START_NS, rollout_columns
+    from artibot_sim.experiment.topics import BY_KEY
 
     with BagWriter(bag, {"robot": "agriq"}, live=False) as writer:
         for key in _TOPICS:
@@ -172,9 +171,8 @@ def effects(size: float, folder: Path) -> Figures:
     """A rollout with so many of the model's effects at work."""
     import dataclasses
 
-    from artibot_sim.bench.scenario import Scenario
-    from artibot_sim.bench.speed import ALL_EFFECTS
-    from artibot_sim.bench.timing import repeat
+    from artibot_sim.bench.model import ALL_EFFECTS, Scenario
+    from artibot_sim.bench.results import repeat
 
     scenario = Scenario()
     chosen = dict(list(ALL_EFFECTS.items())[: int(size)])
@@ -186,7 +184,7 @@ def effects(size: float, folder: Path) -> Figures:
 
 def cores(size: float, folder: Path) -> Figures:
     """A sweep in so many processes, their start included; an identification in so many threads."""
-    from artibot_sim.bench.diagnosis import recordings
+    from artibot_sim.bench.workflows import recordings
     from artibot_sim.identify import identify
     from artibot_sim.model import load_robot
     from artibot_sim.sweep import plan_from_dict, sweep

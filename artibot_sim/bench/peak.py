@@ -12,11 +12,10 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.bench.model import BatchTiming, Scenario, soils
 from artibot_sim.bench.results import Result
-from artibot_sim.bench.scenario import Scenario
-from artibot_sim.bench.speed import BatchTiming, soils
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.batch import available_cores
+from artibot_sim.model.simulate.batch import available_cores
 
 ELEMENTS, CHAIN = 512, 32
 """Numbers in the first cache, and multiply-adds on each between load and store."""

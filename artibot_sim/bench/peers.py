@@ -6,13 +6,12 @@ import importlib.util
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from artibot_sim.bench.results import Peer, Result
-from artibot_sim.bench.scenario import Scenario
-from artibot_sim.bench.timing import repeat
+from artibot_sim.bench.model import Scenario
+from artibot_sim.bench.results import Peer, Result, repeat
 from artibot_sim.model import Commands, rollout
 
 if TYPE_CHECKING:
-    from artibot_sim.bench.law_bodies import LawOnBodies
+    from artibot_sim.bench.other_peers import LawOnBodies
 
 NO_MUJOCO = "MuJoCo is not installed; pip install 'artibot_sim[bench]'"
 
@@ -27,8 +26,8 @@ def missing() -> str | None:
 
 def mujoco(scenario: Scenario) -> list[Result]:
     """MuJoCo with the paper's contact law in C, and with its own contacts; pose difference to artibot's RK4."""
-    from artibot_sim.bench.accuracy import distance
-    from artibot_sim.bench.mujoco_runs import LawRun, NativeRun
+    from artibot_sim.bench.model import distance
+    from artibot_sim.bench.mujoco_peer import LawRun, NativeRun
 
     reference = scenario.rollout("rk4", 1e-3).pose
     results = []
@@ -65,14 +64,14 @@ def no_pybullet() -> str | None:
 
 def pinocchio(scenario: Scenario) -> list[Result]:
     """Pinocchio's bodies with the paper's contact law, called from Python, over the first seconds of the trajectory."""
-    from artibot_sim.bench.pinocchio_runs import PinocchioRun
+    from artibot_sim.bench.other_peers import PinocchioRun
 
     return _from_python(scenario, "pinocchio_law_rk4_1ms", PinocchioRun, "Pinocchio's ABA from Python, RK4 at 1 ms")
 
 
 def drake(scenario: Scenario) -> list[Result]:
     """Drake's bodies, likewise."""
-    from artibot_sim.bench.drake_runs import DrakeRun
+    from artibot_sim.bench.other_peers import DrakeRun
 
     what = "Drake's articulated bodies from Python, RK4 at 1 ms"
     return _from_python(scenario, "drake_law_rk4_1ms", DrakeRun, what)
@@ -80,14 +79,14 @@ def drake(scenario: Scenario) -> list[Result]:
 
 def pybullet(scenario: Scenario) -> list[Result]:
     """PyBullet's bodies and its own step, likewise."""
-    from artibot_sim.bench.pybullet_runs import PybulletRun
+    from artibot_sim.bench.other_peers import PybulletRun
 
     what = "PyBullet's multi-body and its own step (symplectic Euler) of 1 ms from Python"
     return _from_python(scenario, "pybullet_law_euler_1ms", PybulletRun, what)
 
 
 def _from_python(scenario: Scenario, name: str, kind: type[LawOnBodies], what: str) -> list[Result]:
-    from artibot_sim.bench.accuracy import distance
+    from artibot_sim.bench.model import distance
 
     whole = scenario.commands
     end = round((2.0 if scenario.quick else 8.0) / whole.dt) + 1

@@ -6,23 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from artibot_sim.bench import (
-    accuracy,
-    diagnosis,
-    driving,
-    identification,
-    nodes,
-    peak,
-    peers,
-    recorder_node,
-    recording,
-    speed,
-    startup,
-    sweeping,
-    windows,
-)
+from artibot_sim.bench import model, nodes, peak, peers, workflows
+from artibot_sim.bench.model import Scenario
 from artibot_sim.bench.results import Result, Skipped
-from artibot_sim.bench.scenario import Scenario
 from artibot_sim.errors import ArtibotError
 
 
@@ -51,12 +37,12 @@ class Benchmark:
 
 
 SUITE: dict[str, Benchmark] = {
-    "rollout": Benchmark(("rollout_rk4_1ms", "rollout_semi_implicit", "rollout_semi_implicit_2ms"), speed.rollouts, 2),
-    "effects": Benchmark(("rollout_rk4_1ms_all_effects",), speed.all_effects, 8),
-    "batch": Benchmark(("batch_rk4_all_cores", "batch_rk4_ratio_to_one_core"), speed.batch, 15),
-    "batch_effects": Benchmark(("batch_rk4_all_effects_all_cores",), sweeping.batch_with_effects, 15),
-    "sweep": Benchmark(tuple(sweeping.WAYS), sweeping.sweeps, 15),
-    "windows": Benchmark(("windows", "windows_one_effect", "windows_all_effects"), windows.windows, 20),
+    "rollout": Benchmark(("rollout_rk4_1ms", "rollout_semi_implicit", "rollout_semi_implicit_2ms"), model.rollouts, 2),
+    "effects": Benchmark(("rollout_rk4_1ms_all_effects",), model.all_effects, 8),
+    "batch": Benchmark(("batch_rk4_all_cores", "batch_rk4_ratio_to_one_core"), model.batch, 15),
+    "batch_effects": Benchmark(("batch_rk4_all_effects_all_cores",), workflows.batch_with_effects, 15),
+    "sweep": Benchmark(tuple(workflows.WAYS), workflows.sweeps, 15),
+    "windows": Benchmark(("windows", "windows_one_effect", "windows_all_effects"), model.windows, 20),
     "peak": Benchmark(
         ("peak_one_core", "peak_all_cores", "peak_fraction_one_core", "peak_fraction_all_cores"), peak.peak, 12,
     ),
@@ -69,26 +55,26 @@ SUITE: dict[str, Benchmark] = {
     "pybullet": Benchmark(("pybullet_law_euler_1ms",), peers.pybullet, 10, peers.no_pybullet, in_quick=False),
     "ripple": Benchmark(
         ("back_speed_ripple_rk4_1ms", "back_speed_ripple_semi_implicit_2ms", "back_speed_ripple_converged"),
-        accuracy.ripples, 1,
+        model.ripples, 1,
     ),
     "pose": Benchmark(
-        tuple(accuracy.pose_name(*step) for step in accuracy.STEPS), accuracy.poses, 3,
+        tuple(model.pose_name(*step) for step in model.STEPS), model.poses, 3,
     ),
-    "start": Benchmark(("start_cold", "start_warm"), startup.starts, 40, in_quick=False),
-    "identify": Benchmark(("identify_3x45s",), identification.identify_3x45s, 25, in_quick=False),
+    "start": Benchmark(("start_cold", "start_warm"), model.starts, 40, in_quick=False),
+    "identify": Benchmark(("identify_3x45s",), workflows.identify_3x45s, 25, in_quick=False),
     "diagnose": Benchmark(
-        ("diagnose_4x45s",), diagnosis.diagnose_4x45s, 90, diagnosis.missing, in_quick=False,
+        ("diagnose_4x45s",), workflows.diagnose_4x45s, 90, workflows.missing, in_quick=False,
     ),
-    "recorder": Benchmark(("recorder_writer",), recording.writer, 3),
-    "recorder_node": Benchmark(("recorder_node",), recorder_node.recorder_node, 40, nodes.missing, in_quick=False),
+    "recorder": Benchmark(("recorder_writer",), workflows.writer, 3),
+    "recorder_node": Benchmark(("recorder_node",), nodes.recorder_node, 40, nodes.missing, in_quick=False),
     "sim": Benchmark(("sim_node_cpu_share", "sim_node_late_p99"), nodes.sim, 26, nodes.missing, in_quick=False),
     "replay": Benchmark(("replay_late_p99",), nodes.replay, 35, nodes.replay_missing, in_quick=False),
     "driver": Benchmark(
         ("driver_late_p99", "driver_sync_jitter_p99", "driver_callback_longest"),
-        driving.driver, 45, driving.missing, in_quick=False,
+        nodes.driver, 45, nodes.missing, in_quick=False,
     ),
     "replay_can": Benchmark(
-        ("replay_can_late_p99",), driving.replay_can, 40, driving.replay_missing, in_quick=False,
+        ("replay_can_late_p99",), nodes.replay_can, 40, nodes.replay_missing, in_quick=False,
     ),
 }  # fmt: skip
 """Name → :class:`Benchmark`."""

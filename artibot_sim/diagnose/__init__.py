@@ -6,7 +6,8 @@
 >>> found = diagnose([read_bag("run0"), read_bag("run1")], load_robot("agriq"), holdout=[read_bag("run2")])
 """
 
-from artibot_sim.diagnose.diagnosis import Diagnosis, Verdict
-from artibot_sim.diagnose.run import diagnose
+from artibot_sim.diagnose.pipeline import diagnose
+from artibot_sim.diagnose.records import Verdict
+from artibot_sim.diagnose.result import Diagnosis
 
 __all__ = ["Diagnosis", "Verdict", "diagnose"]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from artibot_sim.diagnose.apart import Apart, apart
-from artibot_sim.diagnose.decision import Decision, Named
-from artibot_sim.diagnose.diagnosis import Verdict
-from artibot_sim.diagnose.drift import disagreement, drifts
+from artibot_sim.diagnose.records import Verdict
 from artibot_sim.diagnose.remains import far_beyond_noise, leaves_more_than_noise, remains
-from artibot_sim.diagnose.unexplained.finding import Finding, unexplained
+from artibot_sim.diagnose.selection.decision import Decision, Named
+from artibot_sim.diagnose.selection.per_recording import Apart, apart
+from artibot_sim.diagnose.unlisted.finding import Finding, unexplained
+from artibot_sim.diagnose.validation.stability import disagreement, drifts
 
 
 def concluded(found: Decision) -> Decision:

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.diagnosis import Found
-from artibot_sim.diagnose.disc_place import Place
-from artibot_sim.diagnose.uncertain import Uncertain
-from artibot_sim.identify.extension import Extension
-from artibot_sim.identify.problem import Problem
+from artibot_sim.diagnose.candidates.patches import Place
+from artibot_sim.diagnose.intervals import Uncertain
+from artibot_sim.diagnose.records import Found
+from artibot_sim.estimation.parameters import Extension
+from artibot_sim.estimation.problem import Problem
 from artibot_sim.model import Robot
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.effects.base import Choice
-from artibot_sim.model.quantity import Quantity
+from artibot_sim.model.robot.quantity import Quantity
 
 Array = NDArray[np.float64]
 

@@ -7,11 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.diagnosis import Left
-from artibot_sim.identify.gauss_newton import Point
-from artibot_sim.identify.past import relaxation_length, time_over
-from artibot_sim.identify.problem import Problem
-from artibot_sim.identify.windows import CHANNEL_NAMES, Window
+from artibot_sim.diagnose.records import Left
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.solver import Point
+from artibot_sim.estimation.windows import CHANNEL_NAMES, Window, relaxation_length, time_over
 
 Array = NDArray[np.float64]
 

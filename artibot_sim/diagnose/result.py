@@ -1,204 +1,607 @@
-"""A decision as a :class:`Diagnosis`: intervals, what it is worth on held-out data, pictures and warnings."""
+"""What a diagnosis finds, and the sentences in which it is said: on the page, in the terminal, in warnings."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
-from artibot_sim.diagnose.command_view.view import command_view
-from artibot_sim.diagnose.conclusion import doubted, is_doubtful, refuted
-from artibot_sim.diagnose.data_check.check import data_warnings
-from artibot_sim.diagnose.decision import Decision
-from artibot_sim.diagnose.diagnosis import (
+import numpy as np
+
+from artibot_sim.diagnose.records import (
+    HORIZON,
+    Candidate,
     Cause,
     ChannelBaseline,
-    Diagnosis,
+    ChannelGain,
     Found,
+    Left,
+    Look,
     NextExperiment,
+    Place,
+    Series,
     Unexplained,
     Verdict,
 )
-from artibot_sim.diagnose.disc_place import disc_place
-from artibot_sim.diagnose.evidence import DECADE
-from artibot_sim.diagnose.extended import found_parameters, robot_of
-from artibot_sim.diagnose.looks import COMMANDED, look, with_commands
-from artibot_sim.diagnose.next_experiment.force import next_for_force
-from artibot_sim.diagnose.next_experiment.repeat import one_by_one, repeated
-from artibot_sim.diagnose.next_experiment.ties import next_experiment
-from artibot_sim.diagnose.options import Options
-from artibot_sim.diagnose.places import places
-from artibot_sim.diagnose.predictions import Pair, baseline_levels, gains, predict
-from artibot_sim.diagnose.ranking import ranking
-from artibot_sim.diagnose.remains import beyond_noise, far_beyond_noise
-from artibot_sim.diagnose.uncertain import Uncertain, judged, surroundings
-from artibot_sim.diagnose.unexplained.finding import unexplained_of
-from artibot_sim.diagnose.words import differing
-from artibot_sim.diagnose.words_of_doubt import besides, doubt, partly, refutation, shortfall
-from artibot_sim.diagnose.worth import Worth, improvements, is_minor, is_refuted
-from artibot_sim.experiment import Experiment
-from artibot_sim.identify.problem import Problem
-from artibot_sim.identify.sensing import missing
-from artibot_sim.identify.side_by_side import side_by_side
+from artibot_sim.diagnose.remains import beyond_noise
+from artibot_sim.identify.result import number, spaced
 from artibot_sim.model import Robot
 
-Parameters = Mapping[str, Mapping[str, Found]]
+# ----------------------------------------------------------------------
+# What a diagnosis finds: a verdict, causes with evidence, what they gain, and what to measure next.
+# ----------------------------------------------------------------------
 
 
-def result_of(
-    robot: Robot,
-    fitted: Sequence[Experiment],
-    held: Sequence[Experiment],
-    decision: Decision,
-    options: Options,
-    tick: Callable[[], None],
-) -> Diagnosis:
-    """The diagnosis that a decision comes to."""
-    baseline, extended, effects = _robots([e.name for e in fitted], decision, options.seed, tick)
-    pairs = _predictions(fitted, held, baseline, extended, options, tick)
-    view = command_view([*fitted, *held], robot, needed=options.least)
-    commanded = view.seen_by(extended)
-    channels, looks = with_commands(baseline_levels(pairs), [look(pair, robot) for pair in pairs], *commanded)
-    held_out = [pair for pair in pairs if pair.held_out]
-    driven = [one.channels[COMMANDED] for one in looks if one.held_out and COMMANDED in one.channels]
-    driven = driven if view.followed else []
-    gained, gain = improvements(decision, held_out, extended, view, options), gains(held_out, driven, options.seed)
-    if (refuting := is_refuted(gained, gain)) or (decision.fitted and is_minor(gained, decision.left)):
-        found = result_of(robot, fitted, held, refuted(decision), options, tick)
-        unnamed = [named.effect for named in decision.fitted or decision.named]
-        said = (refutation if refuting else shortfall)(unnamed, gain)
-        return replace(found, warnings=(said, *found.warnings))
-    if is_doubtful(decision):
-        found = result_of(robot, fitted, held, doubted(decision), options, tick)
-        said = doubt([named.effect for named in decision.fitted], far_beyond_noise(decision.left))
-        return replace(found, warnings=(said, *found.warnings))
-    return Diagnosis(
-        verdict=decision.verdict,
-        robot=robot,
-        baseline_robot=baseline,
-        extended=extended,
-        bags=tuple(e.name for e in fitted),
-        holdout=tuple(e.name for e in held),
-        horizon=options.horizon,
-        baseline=channels,
-        where=places(looks, channels),
-        causes=_causes(decision, effects, gained),
-        ranking=ranking(decision, options.thresholds),
-        unexplained=_unexplained(decision),
-        gain=gain,
-        next_experiment=_next(decision, channels),
-        warnings=(
-            *_contradiction(decision),
-            *_besides(decision),
-            *data_warnings(fitted, robot, decision.neutral_problem, decision.neutral_fit.point, held),
-        ),
-        looks=tuple(looks),
-        prior_odds=options.prior_odds,
-        false_alarm_rate=options.false_alarm_rate,
-        threshold=decision.least,
-        seed=options.seed,
-        left=decision.left,
+__all__ = [
+    "SCHEMA",
+    "Candidate",
+    "Cause",
+    "ChannelBaseline",
+    "ChannelGain",
+    "Diagnosis",
+    "Found",
+    "Left",
+    "Look",
+    "NextExperiment",
+    "Place",
+    "Series",
+    "Unexplained",
+    "Verdict",
+]  # fmt: skip
+
+SCHEMA = "artibot/diagnosis/1"
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What is wrong, where, why, how sure, what it gains, and what to measure next.
+
+    Attributes
+    ----------
+    verdict : Verdict
+    robot : Robot
+        The one that was given.
+    baseline_robot : Robot
+        With its soil identified anew.
+    extended : Robot
+        With the causes' effects as well.
+    bags, holdout : tuple of str
+        Recordings fitted and held out.
+    horizon : float, s
+    baseline : mapping of str to ChannelBaseline
+    where : tuple of Place
+    causes : tuple of Cause
+        Most probable first.
+    ranking : tuple of Candidate
+        Every effect of the vocabulary, best first.
+    unexplained : Unexplained or None
+    gain : mapping of str to ChannelGain
+    next_experiment : NextExperiment or None
+    warnings : tuple of str
+        About the data: gaps, clocks, saturated sensors, too little excitation.
+    looks : tuple of Look
+    prior_odds, false_alarm_rate : float
+        Odds of an effect being there beforehand; share of recordings with nothing hidden in which one may be named.
+    threshold : float
+        Nats that an effect therefore had to gain.
+    seed : int
+    seconds : float
+    left : mapping of str to Left
+        By channel.
+    """
+
+    verdict: Verdict
+    robot: Robot
+    baseline_robot: Robot
+    extended: Robot
+    bags: tuple[str, ...]
+    holdout: tuple[str, ...]
+    horizon: float
+    baseline: Mapping[str, ChannelBaseline]
+    where: tuple[Place, ...]
+    causes: tuple[Cause, ...]
+    ranking: tuple[Candidate, ...]
+    unexplained: Unexplained | None
+    gain: Mapping[str, ChannelGain]
+    next_experiment: NextExperiment | None
+    warnings: tuple[str, ...] = ()
+    looks: tuple[Look, ...] = ()
+    prior_odds: float = 0.0
+    false_alarm_rate: float = 0.0
+    threshold: float = 0.0
+    seed: int = 0
+    seconds: float = 0.0
+    left: Mapping[str, Left] = field(default_factory=dict)
+
+    def as_dict(self) -> dict[str, Any]:
+        """All but robots and pictures' data, as plain data for JSON; what is not a number is null there."""
+        return {
+            "schema": SCHEMA,
+            "verdict": self.verdict.value,
+            "robot": self.robot.name,
+            "bags": list(self.bags),
+            "holdout": list(self.holdout),
+            "horizon": self.horizon,
+            "baseline": {name: _numbers(vars(channel)) for name, channel in self.baseline.items()},
+            "where": [vars(place) for place in self.where],
+            "causes": [_cause(cause) for cause in self.causes],
+            "unexplained": _numbers(vars(self.unexplained)) if self.unexplained else None,
+            "gain": {name: _numbers(vars(channel)) for name, channel in self.gain.items()},
+            "next_experiment": _numbers(vars(self.next_experiment)) if self.next_experiment else None,
+            "ranking": [_numbers(vars(candidate)) for candidate in self.ranking],
+            "warnings": list(self.warnings),
+            "prior_odds": self.prior_odds,
+            "false_alarm_rate": self.false_alarm_rate,
+            "threshold": self.threshold,
+            "seed": self.seed,
+            "seconds": self.seconds,
+            "left": {name: _numbers(vars(left)) for name, left in self.left.items()},
+        }
+
+    def __rich__(self) -> Any:
+
+        return printed(self)
+
+    def __str__(self) -> str:
+
+        return as_text(self)
+
+
+def _cause(cause: Cause) -> dict[str, Any]:
+    evidence = {
+        "log10_bayes_factor": cause.log10_bayes_factor, "holdout_improvement": cause.holdout_improvement,
+        "holdout_log10_likelihood": cause.holdout_log10_likelihood,
+    }  # fmt: skip
+    return {
+        "effect": cause.effect,
+        "parameters": {name: _found(found) for name, found in cause.parameters.items()},
+        "evidence": _numbers(evidence),
+        "ties": list(cause.ties),
+    }
+
+
+def _found(found: Found) -> dict[str, Any]:
+    if isinstance(found.value, str):
+        return {"value": found.value}
+    return _numbers({"value": found.value, "unit": found.unit, "ci95": found.ci95})
+
+
+def _numbers(values: Any) -> Any:
+    """The same in JSON's terms: lists for tuples and mappings' copies, null for what is not finite."""
+    if isinstance(values, Mapping):
+        return {key: _numbers(value) for key, value in values.items()}
+    if isinstance(values, tuple | list):
+        return [_numbers(value) for value in values]
+    if isinstance(values, float) and not np.isfinite(values):
+        return None
+    return values
+
+
+# ----------------------------------------------------------------------
+# A diagnosis in sentences: what stands at the head of the page and of the terminal's tables.
+# ----------------------------------------------------------------------
+
+
+CHANNEL_WORDS = {
+    "position": "position", "yaw": "heading", "yaw_rate": "yaw rate", "articulation_yaw": "articulation angle",
+    "front_velocity": "front motors' speed", "torque_front": "front motors' torque",
+    "torque_back": "back motors' torque",
+}  # fmt: skip
+"""Channel of the contract → what people call it."""
+RECORDING = "recording"
+"""What contact forces follow where each recording has a soil of its own."""
+NOTHING = "nothing"
+"""What a constant force follows."""
+_WRONG = {"position": 3.0, "yaw": 3.0}
+"""Errors over noise from which a channel is wrong: poses carry what their prediction's start was off by,"""
+_WRONG_ELSEWHERE = 1.5
+"""the others forget it."""
+_MOST = 0.5
+"""Share of its error that the position must lose to stand for all channels."""
+_FORCES = ("N m", "N")
+"""Units of forces."""
+_FEW = 3
+"""Effects that are listed one by one in a sentence."""
+
+
+def effect_words(effect: str) -> str:
+    """What people call an effect: its id with spaces."""
+    return effect.replace("_", " ")
+
+
+def channel_words(channel: str) -> str:
+    """What people call a channel."""
+    return CHANNEL_WORDS.get(channel, channel.replace("_", " "))
+
+
+def joined(words: Sequence[str], last: str = "and") -> str:
+    """A list as it is said: a, b and c."""
+    return f" {last} ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
+
+
+def amount(value: float, unit: str, digits: int = 2) -> str:
+    """A quantity for people: small lengths in mm or cm, no unit where there is none."""
+    if unit == "m" and np.isfinite(value) and abs(value) < 1.0:
+        said = f"{number(1e3 * value, digits)} mm" if abs(value) < 0.01 else f"{number(1e2 * value, digits)} cm"
+    else:
+        said = number(value, digits) + (f" {spaced(unit)}" if unit not in ("", "-", "–", "1") else "")
+    return said.replace("-", "−", 1) if value < 0 else said
+
+
+def parameter_words(name: str, found: Found, digits: int = 3) -> str:
+    """One parameter with its value; angles also in degrees."""
+    if isinstance(found.value, str):
+        return f"{effect_words(name)} {effect_words(found.value)}"
+    said = f"{effect_words(name)} {amount(found.value, found.unit, digits)}"
+    if found.unit == "rad" and np.isfinite(found.value):
+        said += f" ({number(float(np.degrees(found.value)), 2 if abs(found.value) < 1.7 else 3)}°)"
+    return said
+
+
+def cause_words(cause: Cause) -> str:
+    """An effect with its parameters."""
+    said = ", ".join(parameter_words(name, found) for name, found in cause.parameters.items())
+    return f"{effect_words(cause.effect)}: {said}" if said else effect_words(cause.effect)
+
+
+def headline(found: Diagnosis) -> str:
+    """The diagnosis in one sentence, or two."""
+    if found.verdict is Verdict.NAMED:
+        first = f"{'; and '.join(cause_words(cause) for cause in found.causes)}."
+    elif found.verdict is Verdict.AMBIGUOUS:
+        first = f"{_either(found)}: these recordings cannot tell which."
+    elif found.verdict is Verdict.UNEXPLAINED:
+        first = _unexplained(found)
+    else:
+        first = "No effect explains these recordings better than the paper's model does once its soil is identified."
+    return f"{first[:1].upper()}{first[1:]} {gain_words(found)}".strip()
+
+
+def _either(found: Diagnosis) -> str:
+    if not found.causes:
+        return "several effects tie"
+    names = [effect_words(name) for name in (found.causes[0].effect, *found.causes[0].ties)]
+    if len(names) > _FEW:
+        names = [*names[:_FEW], f"{len(names) - _FEW} more"]
+    return f"either {joined(names, 'or')}" if len(names) > 1 else names[0]
+
+
+def _unexplained(found: Diagnosis) -> str:
+    what = found.unexplained
+    named = "".join(f"{cause_words(cause)}; and " for cause in found.causes)
+    if what is None:
+        return f"{named}something that is on no list of effects{_still_left(found)}."
+    if what.variable == RECORDING:
+        return f"{named}{differing(f'each asks for a soil of its own, up to {100 * what.size:.0f} % apart')}."
+    return f"{named}something that is on no list: a {force_words(what)}."
+
+
+def force_words(what: Unexplained) -> str:
+    """A force with its size: what a law's coefficient comes to, for nobody has a feeling for N s²/m²."""
+    force, variable = effect_words(what.force), effect_words(what.variable)
+    if what.variable == NOTHING:
+        return f"constant {force} of {amount(what.size, what.unit)}"
+    law = f"that follows {variable} ({what.form})"
+    if what.unit in _FORCES and np.isfinite(what.size):
+        return f"{force} of {amount(what.size, what.unit)} {law}"
+    own = next((unit for unit in _FORCES if what.unit.startswith(unit)), "")
+    return f"{force} {law}, {amount(what.typical, own)} on average" if np.isfinite(what.typical) else f"{force} {law}"
+
+
+def _still_left(found: Diagnosis) -> str:
+    """Where something shows that no force explains; empty where it is not known."""
+    where = [channel_words(name) for name in beyond_noise(found.left)]
+    return f", and for which no force was found: more than noise is left in {joined(where)}" if where else ""
+
+
+def differing(how: str) -> str:
+    """That recordings ask for soils of their own, and how these differ."""
+    return f"the ground is not the same in all recordings: {how}"
+
+
+def gain_words(found: Diagnosis) -> str:
+    """What it is worth, in the channel that says most; of nothing, how well the paper's model does."""
+    channel = headline_channel(found)
+    if channel is None:
+        return ""
+    ahead = f"predictions {found.horizon:g} s ahead"
+    where = " of held-out data" if found.holdout else ""
+    words = channel_words(channel)
+    gain = found.gain.get(channel)
+    if found.causes and gain is not None and gain.after < gain.before:
+        with_it = "either" if found.verdict is Verdict.AMBIGUOUS else "it" if len(found.causes) == 1 else "them"
+        with_it = "what has a name" if found.verdict is Verdict.UNEXPLAINED else with_it
+        return (
+            f"With {with_it}, {ahead}{where} miss the {words} by {amount(gain.after, gain.unit)} "
+            f"instead of {amount(gain.before, gain.unit)}."
+        )
+    base = found.baseline[channel]
+    whose = "Its" if found.verdict is Verdict.NONE else "The paper's model's"
+    return (
+        f"{whose} {ahead} miss the {words} by {amount(base.rmse, base.unit)}; the sensor's noise is "
+        f"{amount(base.noise, base.unit)}."
     )
 
 
-def _robots(
-    names: Sequence[str], decision: Decision, seed: int, tick: Callable[[], None]
-) -> tuple[Robot, Robot, Parameters]:
-    """The paper's model and the extended one, and the named effects' parameters; what commands say weighs with fits."""
-    fits = [(decision.neutral_problem, decision.neutral_fit), (decision.problem, decision.fit)]
-    around = surroundings(fits if decision.named else fits[:1], tick)
-    neutral = judged(*fits[0], around[0], seed)
-    baseline = robot_of(decision.neutral_problem, neutral, {}, names)
-    if not decision.named:
-        return baseline, baseline, {}
-    heard = {effect: other.found for effect, other in decision.other.items()}
-    after = judged(*fits[1], around[1], seed, heard)
-    effects = _parameters(decision, after, seed)
-    return baseline, robot_of(decision.problem, after, effects, names), effects
+def headline_channel(found: Diagnosis) -> str | None:
+    """The channel that says most about a diagnosis: the position where it gains much, else the one that gains most.
+
+    Where nothing gains, what is wrong: the position if it is, or else what errs most beside its noise.
+    """
+    position = found.gain.get("position") if "position" in found.baseline else None
+    if position is not None and is_wrong("position", found.baseline["position"]) and lost(position) > _MOST:
+        return "position"
+    gains = {name: _gain_sentence(found, name, gain) for name, gain in found.gain.items() if name in found.baseline}
+    if gains and max(gains.values()) > 1.0:
+        return max(gains, key=lambda name: gains[name])
+    base = found.baseline.get("position")
+    if base is not None and (found.verdict is not Verdict.UNEXPLAINED or is_wrong("position", base)):
+        return "position"
+    return max(found.baseline, key=lambda name: excess(found, name), default=None)
 
 
-def _predictions(
-    fitted: Sequence[Experiment],
-    held: Sequence[Experiment],
-    baseline: Robot,
-    extended: Robot,
-    options: Options,
-    tick: Callable[[], None],
-) -> list[Pair]:
-    """All recordings by both models."""
-    return side_by_side(
-        lambda one: predict(*one, baseline, extended, options.horizon, options.workers),
-        [*((e, False) for e in fitted), *((e, True) for e in held)], options.workers, tick,
-    )  # fmt: skip
+def is_wrong(channel: str, base: ChannelBaseline) -> bool:
+    """Whether a channel is off by so much more than its noise that it is worth a word."""
+    return base.rmse > _WRONG.get(channel, _WRONG_ELSEWHERE) * base.noise > 0.0
 
 
-def _parameters(decision: Decision, after: Uncertain, seed: int) -> dict[str, Mapping[str, Found]]:
-    """Parameters of all named effects with their intervals."""
-    problem: Problem = decision.problem
-    found: dict[str, Mapping[str, Found]] = {}
-    for which, part in enumerate(problem.parameters.places):
-        extension = problem.parameters.extensions[which]
-        where = disc_place(problem, decision.fit, which, seed)
-        found[extension.id] = found_parameters(extension, after.coordinates[part], after.covariance[part, part], where)
-    return found | {named.effect: named.found for named in decision.named if named.found}
+def excess(found: Diagnosis, channel: str) -> float:
+    """Error of the paper's model in a channel over the sensor's noise."""
+    base = found.baseline[channel]
+    return base.rmse / base.noise if base.noise > 0 else float("inf")
 
 
-def _unexplained(decision: Decision) -> Unexplained | None:
-    """What is on no list, in words."""
-    if decision.several_soils is not None:
-        return decision.several_soils.unexplained
-    return unexplained_of(decision.unexplained) if decision.unexplained else None
+def lost(gain: ChannelGain) -> float:
+    """Share of its error that a channel loses."""
+    return 1.0 - gain.after / gain.before if gain.before > 0 else 0.0
 
 
-def _contradiction(decision: Decision) -> list[str]:
-    """That the recordings contradict each other, where the answer itself does not say so."""
-    alone = decision.apart
-    if alone is None:
+def _gain_sentence(found: Diagnosis, channel: str, gain: ChannelGain) -> float:
+    """What a channel gains, in units of its noise."""
+    noise = found.baseline[channel].noise
+    return float(np.sqrt(max(gain.before**2 - gain.after**2, 0.0)) / noise) if noise > 0 else 0.0
+
+
+def sureness(found: Diagnosis) -> str:
+    """How sure it is: against chance, against the best other effect, and on data that were not fitted."""
+    if not found.causes:
+        best = max(found.ranking, key=lambda c: c.log10_bayes_factor, default=None)
+        return "" if best is None else f"The best of {len(found.ranking)} known effects is {_rival(best)}."
+    cause = found.causes[0]
+    parts = [f"Evidence for {effect_words(cause.effect)} over the model without it: {odds(cause.log10_bayes_factor)}."]
+    rival = best_rival(found)
+    if rival is not None:
+        parts.append(f"The best other effect is {_rival(rival)}.")
+    if np.isfinite(cause.holdout_improvement):
+        share = 100 * cause.holdout_improvement
+        if share <= -0.5:
+            parts.append(f"On held-out data it predicts worse: the error beyond noise grows by {-share:.0f} %.")
+        else:
+            parts.append(f"Of the error beyond noise on held-out data it removes {share:.0f} %.")
+    if np.isfinite(told := cause.holdout_log10_likelihood):
+        parts.append(f"Held-out data speak {'for' if told >= 0 else 'against'} it, {odds(abs(told))}.")
+    return " ".join(parts)
+
+
+def best_rival(found: Diagnosis) -> Candidate | None:
+    """The best effect that is neither a cause nor tied with one."""
+    named = {name for cause in found.causes for name in (cause.effect, *cause.ties)}
+    others = [candidate for candidate in found.ranking if candidate.effect not in named]
+    return max(others, key=lambda candidate: candidate.log10_bayes_factor, default=None)
+
+
+def _rival(candidate: Candidate) -> str:
+    return f"{effect_words(candidate.effect)}, {odds(candidate.log10_bayes_factor)}"
+
+
+def asked(found: Diagnosis) -> str:
+    """How much evidence a name takes, and what that follows from; empty where it is not known."""
+    if not found.threshold > 0.0 or not found.false_alarm_rate > 0.0:
+        return ""
+    return (
+        f"An effect is named from {found.threshold:.0f} nats on, or more where the sensors' own errors look like it: "
+        f"prior odds {found.prior_odds:g}, false alarms accepted in {100 * found.false_alarm_rate:.3g} % of recordings "
+        "with nothing hidden." + _beyond(found.horizon)
+    )
+
+
+def _beyond(horizon: float) -> str:
+    """That evidence of windows of another length is weighed by limits which were not found for it."""
+    if horizon == HORIZON:
+        return ""
+    return f" That was found for predictions {HORIZON:g} s ahead, these are {horizon:g} s ahead."
+
+
+def odds(log10: float) -> str:
+    """A Bayes factor for people."""
+    if not np.isfinite(log10):
+        return "unknown"
+    if abs(log10) < 2.0:
+        return f"{number(10.0**log10, 2)} to 1" if log10 >= 0 else f"1 to {number(10.0**-log10, 2)}"
+    return f"10{_power(round(log10))} to 1"
+
+
+def _power(exponent: int) -> str:
+    return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def branch_words(found: Diagnosis) -> list[str]:
+    """Sentences on free runs: which branch each took."""
+    said = []
+    for look in found.looks:
+        runs = [("the paper's model", look.free_before, look.left_before)]
+        if found.causes:  # else both models are one
+            runs.append(("the extended model", look.free_after, look.left_after))
+        ways = [f"{name} {_way(left)}" for name, run, left in runs if run]
+        if ways:
+            said.append(f"{look.name}: {joined(ways)}.")
+    return said
+
+
+def _way(left: float | None) -> str:
+    return "stays on the measured branch" if left is None else f"leaves the measured branch at {left:.1f} s"
+
+
+def excluded_words(candidate: Candidate, units: Mapping[str, str]) -> str:
+    """Which sizes of an effect are excluded; empty where none are."""
+    said = []
+    for side, sizes in (("from", candidate.excluded_above), ("below", candidate.excluded_below)):
+        said += [f"{effect_words(name)} {side} {amount(size, units.get(name, ''))}" for name, size in sizes.items()]
+    return ", ".join(said)
+
+
+# ----------------------------------------------------------------------
+# Why something is not named, or may not be all: the first warnings of a diagnosis, in sentences.
+# ----------------------------------------------------------------------
+
+
+def doubt(effects: Sequence[str], channels: Sequence[str]) -> str:
+    """Why effects that were fitted best are not named: what they leave is another thing."""
+    names, where = ([effect_words(name) for name in effects], [channel_words(name) for name in channels])
+    return (
+        f"{joined(names)} would explain the fitted recordings best, but with that far more than noise is left in "
+        f"{joined(where)}, for which no force was found; so that is not named"
+    )
+
+
+def besides(effects: Sequence[str], channels: Sequence[str]) -> str:
+    """That something else may act beside what is named."""
+    names, where = ([effect_words(name) for name in effects], [channel_words(name) for name in channels])
+    return (
+        f"with {joined(names)} more than noise is still left in {joined(where)}, and no force was found for it: "
+        "something else may act as well"
+    )
+
+
+def partly(names: Sequence[str], unexplained: Sequence[str]) -> list[str]:
+    """That the paper's model explains some recordings by themselves; empty where it is none or all of them."""
+    explained = [name for name in names if name not in unexplained]
+    if not (explained and unexplained):
         return []
-    if decision.verdict is not Verdict.UNEXPLAINED:
-        own = f"; by themselves they ask for {alone.size_words}" if alone.sizes else ""
-        return [f"{differing(alone.words)}; one soil was fitted to all of them, so sizes are a compromise{own}"]
-    return partly(alone.names, alone.unexplained_alone)
+    itself, them = ("itself" if len(explained) == 1 else "themselves"), ("that" if len(unexplained) == 1 else "these")
+    said = f"the paper's model explains {joined(explained)} by {itself}, but not {joined(unexplained)}"
+    return [f"{said}: diagnose {them} apart"]
 
 
-def _besides(decision: Decision) -> list[str]:
-    """That more is left than noise with all that is named, where several soils are no reason for it."""
-    channels = beyond_noise(decision.left)
-    if decision.verdict is Verdict.UNEXPLAINED or decision.apart is not None or not (decision.named and channels):
-        return []
-    return [besides([one.effect for one in decision.ordered], channels)]
+def refutation(effects: Sequence[str], gain: Mapping[str, ChannelGain]) -> str:
+    """Why effects that were fitted best are not named: with them, held-out data are predicted worse."""
+    return (
+        f"{joined([effect_words(name) for name in effects])} would explain the fitted recordings, but held-out ones "
+        f"are predicted worse with that: {_errors(gain)}; so that is not named"
+    )
 
 
-def _next(decision: Decision, channels: Mapping[str, ChannelBaseline]) -> NextExperiment | None:
-    """What would tell the first cause from those that tie with it, or what a force on no list is."""
-    noise = {name: one.noise / (2.0**0.5 if name == "position" else 1.0) for name, one in channels.items()}
-    if decision.verdict is Verdict.UNEXPLAINED:
-        problem, force = decision.neutral_problem, decision.unexplained
-        if decision.several_soils is not None:
-            return one_by_one(decision.several_soils.names)
-        advice = None if force is None else next_for_force(problem, force, noise)
-        return advice or repeated(missing(problem.stretches, problem.parameters.robot))
-    if not decision.named or not decision.ordered[0].ties:
-        return None
-    first = decision.ordered[0]
-    at = decision.turn_of(first.effect)  # neither has what was found later, which would tell them apart
-    fitted = {rival.id: rival for rival in at.rivals}
-    robots = {}
-    for effect in (first.effect, *first.ties):
-        if effect in fitted:
-            rival = fitted[effect]
-            robots[effect] = rival.problem.parameters.robot_at(rival.fit.point.coordinates)
-        elif effect in decision.other:
-            values = {name: found.value for name, found in decision.other[effect].found.items()}
-            without = at.problem.parameters.robot_at(at.fit.point.coordinates)
-            robots[effect] = replace(without, effects=dict(without.effects) | {effect: values})
-    return next_experiment(robots, noise)
+def shortfall(effects: Sequence[str], gain: Mapping[str, ChannelGain]) -> str:
+    """Why effects that were fitted best are not named: most of the error is still there with them."""
+    return (
+        f"{joined([effect_words(name) for name in effects])} would explain the recordings best, but with that most "
+        f"of the error is left in held-out ones: {_errors(gain)}; so that is not named"
+    )
 
 
-def _causes(decision: Decision, effects: Parameters, gained: Mapping[str, Worth]) -> tuple[Cause, ...]:
-    """The named effects, most probable first."""
-    found = []
-    for named in decision.ordered:
-        worth = gained[named.effect]
-        evidence = named.nats / DECADE, worth.share, named.ties, worth.nats / DECADE
-        found.append(Cause(named.effect, effects[named.effect], *evidence))
-    return tuple(found)
+def _errors(gain: Mapping[str, ChannelGain]) -> str:
+    errors = []
+    for name, one in gain.items():
+        before, after = amount(one.before, one.unit, 3), amount(one.after, one.unit, 3)
+        errors += [f"{channel_words(name)} {before} to {after}"] if before != after else []
+    return f"RMSE of {joined(errors)}" if errors else "by too little to show in three digits of any channel"
+
+
+# ----------------------------------------------------------------------
+# A diagnosis on the terminal.
+# ----------------------------------------------------------------------
+
+
+_ROWS = 8
+"""Effects that the ranking lists."""
+
+
+def printed(found: Diagnosis) -> Any:
+    """Sentences and tables, for a rich console."""
+    from rich.console import Group
+    from rich.text import Text
+
+    parts: list[Any] = [Text(headline(found), style="bold"), Text(sureness(found)), Text("")]
+    for table in (_ranking(found), _parameters(found), _gain(found)):
+        if table.row_count:
+            parts += [table, Text("")]
+    return Group(*parts, *(Text(line) for line in _lines(found)))
+
+
+def as_text(found: Diagnosis) -> str:
+    """The same as plain text."""
+    from io import StringIO
+
+    from rich.console import Console
+
+    out = StringIO()
+    Console(file=out, width=118, highlight=False).print(printed(found))
+    return out.getvalue()
+
+
+def _table(title: str, *columns: str, left: int = 1) -> Any:
+    """An empty table; all but the first `left` columns hold numbers."""
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=None, header_style="bold", pad_edge=False)
+    for i, column in enumerate(columns):
+        table.add_column(column, justify="left" if i < left else "right", overflow="fold")
+    return table
+
+
+def _ranking(found: Diagnosis) -> Any:
+    table = _table("Causes", "effect", "", "log10 Bayes factor", left=2)
+    named = {cause.effect for cause in found.causes}
+    tied = {name for cause in found.causes for name in cause.ties}
+    order = sorted(found.ranking, key=lambda c: (c.effect not in named, -c.log10_bayes_factor))
+    for candidate in order[:_ROWS]:
+        role = "found" if candidate.effect in named else "ties" if candidate.effect in tied else ""
+        style = "bold" if role else None
+        evidence = f"{candidate.log10_bayes_factor:.1f}".replace("-", "−")
+        table.add_row(effect_words(candidate.effect), role, evidence, style=style)
+    return table
+
+
+def _parameters(found: Diagnosis) -> Any:
+    table = _table("Parameters", "effect", "parameter", "value", "95 %", "unit", left=2)
+    for cause in found.causes:
+        for name, p in cause.parameters.items():
+            value = p.value if isinstance(p.value, str) else number(p.value)
+            interval = f"{number(p.ci95[0])} … {number(p.ci95[1])}" if p.ci95 else ""
+            table.add_row(effect_words(cause.effect), name, value, interval, spaced(p.unit))
+    return table
+
+
+def _gain(found: Diagnosis) -> Any:
+    title = f"RMSE of predictions {number(found.horizon, 2)} s ahead"
+    columns = ["channel", "unit", "noise", "paper's model"]
+    if found.causes:
+        title += f"; before and after: {'held-out data' if found.holdout else 'the fitted data'}"
+        columns += ["before", "after", "before − after, 95 %"]
+    table = _table(title, *columns, left=2)
+    for channel, base in found.baseline.items():
+        gain = found.gain.get(channel)
+        after = ("", "", "") if found.causes else ()
+        if gain is not None and found.causes:
+            low, high = gain.ci95
+            after = number(gain.before, 3), number(gain.after, 3), f"{number(low, 3)} … {number(high, 3)}"
+        noise, rmse = number(base.noise, 3), number(base.rmse, 3)
+        table.add_row(channel_words(channel), spaced(base.unit), noise, rmse, *after)
+    return table
+
+
+def _lines(found: Diagnosis) -> Iterator[str]:
+    """What there is to say besides."""
+    for place in found.where:
+        yield f"{channel_words(place.channel)}: {place.what}"
+    if found.unexplained is not None:
+        yield f"not on the list: {found.unexplained.where}"
+    if found.next_experiment is not None:
+        yield f"measure next: {found.next_experiment.what}"
+    for warning in found.warnings:
+        yield f"warning: {warning}"
+    if question := asked(found):
+        yield question
+    fitted = f"fitted: {', '.join(found.bags)}"
+    held = f"; held out: {', '.join(found.holdout)}" if found.holdout else ""
+    yield f"{fitted}{held}; {found.seconds:.1f} s"

@@ -1,16 +1,26 @@
-"""CAN frames in a recording: `can_msgs/msg/Frame` to bytes and back, and all of a recording's in order."""
+"""CAN frames from wherever they were written down: a recording, a log of candump, standard input."""
 
 from __future__ import annotations
 
+import re
 import struct
-from collections.abc import Callable, Collection, Iterator
+import sys
+from collections.abc import Callable, Collection, Iterable, Iterator
+from dataclasses import dataclass
+from itertools import chain, takewhile
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.messages import CAN_FRAME, decoder
-from artibot_sim.experiment.qos import Qos
+from artibot_sim.experiment.reader import bag_info
 from artibot_sim.experiment.storage import BagInfo, ChannelInfo, RawMessage, iter_messages
+from artibot_sim.experiment.topics import Qos
+
+# ----------------------------------------------------------------------
+# CAN frames in a recording: `can_msgs/msg/Frame` to bytes and back, and all of a recording's in order.
+# ----------------------------------------------------------------------
+
 
 CAN_TOPIC = "from_can_bus"
 """Name of the topic, relative: ros2_socketcan's for what it hears on a bus."""
@@ -157,3 +167,163 @@ class FrameDecoders:
             decode = self._by_channel[id(message.channel)] = frame_decoder(message.channel)
         frame = decode(message.data)
         return frame if frame.stamp_ns else frame._replace(stamp_ns=message.log_ns)
+
+
+# ----------------------------------------------------------------------
+# Logs of `candump -l` and `candump -L` as frames, line by line.
+# ----------------------------------------------------------------------
+
+
+_LINE: Final = re.compile(
+    r"\((?P<sec>\d+)\.(?P<fraction>\d{1,9})\)\s+(?P<channel>\S+)\s+(?P<id>[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})"
+    r"(?P<kind>##?)(?P<data>[0-9A-Fa-f]*|R[0-9A-Fa-f]?)(?:_(?P<dlc>[9A-Fa-f]))?(?:\s+[RT])?\s*"
+)
+_ERROR, _EXTENDED, _STANDARD = 0x20000000, 0x1FFFFFFF, 0x7FF
+_LOOKED_AT: Final = 256
+
+
+def is_candump(file: Path) -> bool:
+    """Whether a file begins as such a log does."""
+    try:
+        with open(file, "rb") as stream:
+            head = stream.read(_LOOKED_AT)
+    except OSError:
+        return False
+    return re.match(rb"\s*\(\d+\.\d+\)\s+\S+\s+[0-9A-Fa-f]+#", head) is not None
+
+
+def frame_of(line: str) -> CanFrame | None:
+    """The frame in a line; None for one of CAN FD, which has no place in a recording.
+
+    Raises
+    ------
+    ArtibotError
+        If the line is none of candump's.
+    """
+    found = _LINE.fullmatch(line)
+    text = found["data"] if found else ""
+    if found is not None and found["kind"] == "##":
+        return None
+    if found is None or (not text.startswith("R") and len(text) % 2):
+        raise ArtibotError(
+            f"found '{line.strip()[:60]}', expected a line such as (1700000000.123456) can0 181#3702E803"
+        )
+    remote = text.startswith("R")
+    data = b"" if remote else bytes.fromhex(text)
+    if len(data) > LONGEST:
+        raise ArtibotError(f"found {len(data)} data bytes in '{line.strip()[:60]}', expected at most {LONGEST}")
+    dlc = int(text[1:] or "0", 16) if remote else len(data)
+    number = int(found["id"], 16)
+    error = len(found["id"]) == 8 and bool(number & _ERROR)
+    extended = len(found["id"]) == 8 and not error
+    return CanFrame(
+        stamp_ns=int(found["sec"]) * 1_000_000_000 + int(found["fraction"].ljust(9, "0")),
+        can_id=number & (_EXTENDED if extended else _STANDARD),
+        data=data,
+        dlc=int(found["dlc"], 16) if found["dlc"] else dlc,
+        is_extended=extended,
+        is_remote=remote,
+        is_error=error,
+    )
+
+
+def line_of(frame: CanFrame, channel: str = "can0") -> str:
+    """A frame as candump writes it to a log, microseconds in its stamp."""
+    number = frame.can_id | (_ERROR if frame.is_error else 0)
+    width = 8 if frame.is_extended or frame.is_error else 3
+    data = f"R{frame.dlc or ''}" if frame.is_remote else frame.data.hex().upper()
+    longer = f"_{frame.dlc:X}" if len(frame.data) == LONGEST < frame.dlc else ""
+    sec, rest = divmod(frame.stamp_ns // 1000, 1_000_000)
+    return f"({sec}.{rest:06d}) {channel} {number:0{width}X}#{data}{longer}"
+
+
+def iter_candump(lines: Iterable[str], name: str) -> Iterator[CanFrame]:
+    """Stream the frames of a log's lines; empty lines, comments (`#`) and CAN FD frames are passed over.
+
+    Raises
+    ------
+    ArtibotError
+        While iterating, naming the file and the line.
+    """
+    for number, line in enumerate(lines, 1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        try:
+            frame = frame_of(line)
+        except ArtibotError as error:
+            raise ArtibotError(f"{name}: line {number}: {error}") from error
+        if frame is not None:
+            yield frame
+
+
+# ----------------------------------------------------------------------
+# CAN frames from wherever they were written down: a recording, a log of candump, standard input.
+# ----------------------------------------------------------------------
+
+
+_STDIN: Final = "-"
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Frames to go through.
+
+    Attributes
+    ----------
+    name : of the recording.
+    stream : the frames.
+    start_ns, end_ns : first and last stamp of the recording; None where only reading tells (the last of a log).
+    robot : as the recording says, or None.
+    """
+
+    name: str
+    stream: Iterator[CanFrame]
+    start_ns: int | None
+    end_ns: int | None
+    robot: str | None
+
+
+def open_frames(source: str, topics: tuple[str, ...], start: float | None, end: float | None) -> Frames:
+    """Open a recording, a log of candump or standard input (`-`).
+
+    Parameters
+    ----------
+    source : folder, file or `-`.
+    topics : of a recording, which to read; all that carry frames if empty.
+    start, end : s from the beginning, or None.
+
+    Raises
+    ------
+    ArtibotError
+        If there are no frames in it. While iterating, where it is damaged.
+    """
+    if start is not None and end is not None and not start <= end:
+        raise ArtibotError(f"--start {start:g} --end {end:g}: nothing lies between them")
+    path = Path(source)
+    if source == _STDIN:
+        return _from_log("standard input", iter_candump(sys.stdin, "standard input"), start, end)
+    if path.is_file() and is_candump(path):
+        return _from_log(source, _log(path), start, end)
+    info = bag_info(path)
+    found = can_topics(info, topics)
+    begin = info.start_ns + round((start or 0.0) * _SECOND)
+    last = info.end_ns if end is None else min(info.end_ns, info.start_ns + round(end * _SECOND))
+    stream = iter_frames(path, found, begin, last + 1) if begin <= last else iter(())
+    return Frames(source, stream, info.start_ns, last, info.metadata.get("robot"))
+
+
+def _log(path: Path) -> Iterator[CanFrame]:
+    with open(path, encoding="ascii", errors="replace") as stream:
+        yield from iter_candump(stream, str(path))
+
+
+def _from_log(name: str, frames: Iterator[CanFrame], start: float | None, end: float | None) -> Frames:
+    """The frames between two times from the first one on; the first is read at once."""
+    head = next(frames, None)
+    if head is None:
+        return Frames(name, iter(()), None, None, None)
+    begin = head.stamp_ns + round((start or 0.0) * _SECOND)
+    last = None if end is None else head.stamp_ns + round(end * _SECOND)
+    stream = (frame for frame in chain((head,), frames) if frame.stamp_ns >= begin)
+    cut = stream if last is None else takewhile(lambda frame: frame.stamp_ns <= last, stream)
+    return Frames(name, cut, head.stamp_ns, None, None)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.experiment.contract import BY_KEY
+from artibot_sim.experiment.topics import BY_KEY
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]

@@ -12,21 +12,21 @@ from typing import Any
 import numpy as np
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.experiment.checks import check_file, clear_errors
 from artibot_sim.experiment.columns import Channel, Experiment, find_segments, measured_stamps
-from artibot_sim.experiment.contract import TOPICS, find_namespace, find_topic
-from artibot_sim.experiment.decode import READABLE, Rows
-from artibot_sim.experiment.messages import Decoder, decoder
+from artibot_sim.experiment.messages import READABLE, Decoder, Rows, decoder
 from artibot_sim.experiment.storage import (
     BagInfo,
     ChannelInfo,
     RawMessage,
     channel_info,
+    check_file,
+    clear_errors,
     iter_messages,
     open_sqlite,
     sqlite_channels,
     storage_files,
 )
+from artibot_sim.experiment.topics import TOPICS, find_namespace, find_topic
 from artibot_sim.progress import Report
 
 METADATA_RECORD = "artibot"

@@ -1,30 +1,244 @@
-"""A recording simulated again: fed with its measured rotations or its commands, and held against what was recorded."""
+"""A recording simulated again: fed with its measured rotations or its commands, and held against what it measured."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.columns import Experiment, Floats
-from artibot_sim.experiment.comparison import Compared, Metric, metrics_of
-from artibot_sim.experiment.matching import compare, tables_of
+from artibot_sim.experiment.inputs import (
+    MotorInputs,
+    commands,
+    executed_inputs,
+    recorded_efforts,
+    rotations,
+    start_state,
+    true_inputs,
+    true_motion,
+)
 from artibot_sim.experiment.measured import Measured
-from artibot_sim.experiment.motor_inputs import MotorInputs, commands, rotations
-from artibot_sim.experiment.pieces import Pieces
-from artibot_sim.experiment.recorded_as import executed_inputs, recorded_efforts, true_inputs, true_motion
-from artibot_sim.experiment.rollout_bag import Table, write_channels
-from artibot_sim.experiment.start_state import start_state
-from artibot_sim.model import MOTORS, Mode, Robot, State, Status, load_robot, rollout
-from artibot_sim.model.params import params
-from artibot_sim.model.rollout import unlimited_beside_prescribed
-from artibot_sim.model.sensors import sensor_errors
-from artibot_sim.model.stability import largest_step
+from artibot_sim.experiment.metrics import Compared, Metric, metrics_of
+from artibot_sim.experiment.rollout_bag import Table, rollout_columns, write_channels
+from artibot_sim.experiment.smoothing import hermite
+from artibot_sim.model import MOTORS, Mode, Robot, Rollout, State, Status, load_robot, rollout
+from artibot_sim.model.analysis.stability import largest_step
+from artibot_sim.model.kernels.layout import M_M, ROW
+from artibot_sim.model.robot.derived import params
+from artibot_sim.model.robot.parameters import SensorErrors
+from artibot_sim.model.simulate.rollout import unlimited_beside_prescribed
+from artibot_sim.model.simulate.sensors import sensor_errors, tracked_point
 from artibot_sim.progress import Report
+
+# ----------------------------------------------------------------------
+# Rollouts of a segment's windows, one after the other, and the simulation at any instant of it.
+# ----------------------------------------------------------------------
+
+
+_EPSILON = 1e-7  # s: stamps are whole nanoseconds, knots are not
+
+
+class _Part(NamedTuple):
+    """What is kept of a rollout: a third of its numbers, for two hours of them are gigabytes."""
+
+    t: Floats
+    q: Floats
+    v: Floats
+    torque: Floats
+
+
+class Pieces:
+    """What was simulated of one segment.
+
+    Parameters
+    ----------
+    t_start, t_end : s; instants outside have no simulation.
+    """
+
+    def __init__(self, t_start: float, t_end: float) -> None:
+        self.t_start = t_start
+        self.t_end = t_end
+        self._windows: list[list[_Part]] = []
+        self._robot: Robot | None = None
+        self._modes: tuple[Mode, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self._windows)
+
+    def add(self, result: Rollout, first: bool) -> None:
+        """Append a rollout, later than all before: the first of a window, or one that goes on from the last."""
+        if len(result.t) < 2 or not np.isfinite(result.q).all():
+            return
+        if first:
+            self._windows.append([])
+        self._robot, self._modes = result.robot, result.modes
+        self._windows[-1].append(_Part(result.t, result.q, result.v, result.motor_torque.copy()))
+
+    def covers(self, t: Floats) -> NDArray[np.bool_]:
+        """Say at which times (n,) there is a simulation."""
+        inside = self._window(t) >= 0
+        return inside & (t >= self.t_start - _EPSILON) & (t <= self.t_end + _EPSILON)
+
+    def _window(self, t: Floats) -> NDArray[np.int64]:
+        """Return the window that each time (n,) belongs to, −1 for none.
+
+        A window's end belongs to it, its start to the one before, or if there is none to itself.
+        """
+        if not self._windows:
+            return np.full(len(t), -1)
+        first = np.array([window[0].t[0] for window in self._windows])
+        last = np.array([window[-1].t[-1] for window in self._windows])
+        early = first + _EPSILON
+        early[0] = first[0] - _EPSILON
+        number = np.searchsorted(early, t, side="left") - 1
+        return np.where((number >= 0) & (t <= last[number] + _EPSILON), number, -1)
+
+    def at(self, t: Floats) -> Rollout:
+        """Return the simulation at times (n,) that are covered: as a rollout whose rows are at these times.
+
+        Coordinates are interpolated by the cubics that their rates give, rates and motor torques linearly; other
+        contributions are NaN.
+        """
+        q, v = np.full((2, len(t), 16), np.nan)
+        row = np.full((len(t), ROW), np.nan)
+        number = self._window(t)
+        order = np.argsort(number, kind="stable")
+        bounds = np.searchsorted(number[order], np.arange(len(self._windows) + 1))
+        for window, begin, end in zip(self._windows, bounds[:-1], bounds[1:], strict=True):
+            rows = order[begin:end]
+            if not len(rows):
+                continue
+            window[:] = [_joined_parts(window)]  # once; a recording is looked at piece by piece
+            times, all_q, all_v, all_m = window[0]
+            at = np.clip(t[rows], times[0], times[-1])
+            i = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
+            q[rows], _ = hermite(times[i], times[i + 1], all_q[i], all_q[i + 1], all_v[i], all_v[i + 1], at)
+            share = ((at - times[i]) / (times[i + 1] - times[i]))[:, None]
+            v[rows] = all_v[i] + share * (all_v[i + 1] - all_v[i])
+            row[rows, M_M : M_M + 4] = all_m[i] + share * (all_m[i + 1] - all_m[i])
+        assert self._robot is not None, "nothing was simulated"
+        return Rollout(self._robot, Status.OK, "interpolated", np.array(t), q, v, row, None, None, self._modes)
+
+
+def _joined_parts(window: list[_Part]) -> _Part:
+    """Return a window's rollouts as one; a shared instant stands once."""
+    if len(window) == 1:
+        return window[0]
+    ends = [*(-1 for _ in window[1:]), None]
+    parts = [tuple(array[:end] for array in part) for part, end in zip(window, ends, strict=True)]
+    return _Part(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
+# ----------------------------------------------------------------------
+# A simulation at the instants of its recording: as tables for a bag, and beside the measured values.
+# ----------------------------------------------------------------------
+
+
+_SIMULATED: dict[str, Callable[[Rollout, SensorErrors], Floats]] = {
+    "position": lambda result, errors: tracked_point(errors, result.pose),
+    "yaw": lambda result, errors: result.pose[:, 2:],
+    "yaw_rate": lambda result, errors: result.twist[:, 2:] + errors.gyro_bias,
+    "articulation_yaw": lambda result, errors: result.articulation_yaw[:, None],
+    "front_velocity": lambda result, errors: errors.encoder_scale * result.motor_velocity[:, :2],
+    "torque_front": lambda result, errors: errors.torque_scale * result.motor_torque[:, :2],
+    "torque_back": lambda result, errors: errors.torque_scale * result.motor_torque[:, 2:],
+}
+"""What a robot's sensors would record of a rollout, at its rows."""
+
+
+_ROWS = 20_000
+"""Rows that are made of a simulation at a time: what they are made from has hundreds of columns."""
+
+
+def tables_of(experiment: Experiment, robot: Robot, pieces: list[Pieces]) -> dict[str, Table]:
+    """Return the simulation's channels at the recorded stamps, as the robot's sensors would record them.
+
+    Where no ground truth or no joint states were recorded, theirs are the motors' stamps (and, for the pose, the
+    total station's). A ground truth is the tracked point where it is what tells the recording's positions; beside a
+    total station, which then is that, it is the front module's origin.
+    """
+    channels, errors = experiment.channels, sensor_errors(robot)
+    motors = channels.get("motor_torques") or channels["motor_command"]
+    truth = channels["ground_truth_odom"].t_ns if "ground_truth_odom" in channels else motors.t_ns
+    if "ground_truth_odom" not in channels and "total_station" in channels:
+        truth = np.union1d(truth, channels["total_station"].t_ns)
+    joints = channels.get("joint_states") or motors
+    wanted = {"ground_truth_odom": truth, "motor_torques": motors.t_ns, "joint_states": joints.t_ns}
+    if "total_station" in channels:
+        wanted["total_station"] = channels["total_station"].t_ns
+    tracked = "total_station" if "total_station" in channels else "ground_truth_odom"
+    tables: dict[str, Table] = {}
+    for key, stamps in wanted.items():
+        t = (stamps - experiment.start_ns) / 1e9
+        parts = []
+        for piece in pieces:
+            delay = errors.delay if key == tracked else 0.0
+            rows = np.flatnonzero(piece.covers(t) & piece.covers(t - delay))
+            if len(rows):
+                parts.append((stamps[rows], _columns(key, piece, t[rows], robot, key == tracked)))
+        if not parts:
+            continue
+        tables[key] = np.concatenate([kept for kept, _ in parts]), _joined_tables([columns for _, columns in parts])
+    return tables
+
+
+def _joined_tables(parts: list[dict[str, Floats]]) -> dict[str, Floats]:
+    """Columns one after the other, taken out of `parts` one by one: all of them twice would be hundreds of MB."""
+    return {name: np.concatenate([part.pop(name) for part in parts]) for name in list(parts[0])}
+
+
+def _slices(t: Floats) -> list[Floats]:
+    """Times (n,) in parts that fit into memory with all that is made of them."""
+    return [t[first : first + _ROWS] for first in range(0, len(t), _ROWS)]
+
+
+def _columns(key: str, piece: Pieces, t: Floats, robot: Robot, tracked: bool) -> dict[str, Floats]:
+    """Return the columns of a channel at times (n,) that are simulated; `tracked` if it tells positions."""
+    return _joined_tables([_part_of_columns(key, piece, part, robot, tracked) for part in _slices(t)])
+
+
+def _part_of_columns(key: str, piece: Pieces, t: Floats, robot: Robot, tracked: bool) -> dict[str, Floats]:
+    errors = sensor_errors(robot)
+    columns = {} if key == "total_station" else rollout_columns(piece.at(t), robot)[key]
+    if tracked:
+        late = piece.at(t - errors.delay)
+        x, y = tracked_point(errors, late.pose).T
+        columns |= {"x": x, "y": y, "z": late["z_f"]}
+        columns |= {"yaw": late.pose[:, 2]} if key == "ground_truth_odom" else {}
+    return columns
+
+
+def compare(experiment: Experiment, robot: Robot, pieces: list[Pieces]) -> dict[str, list[Compared]]:
+    """Return what was measured and simulated, channel by channel, one part per simulated segment."""
+    parts: dict[str, list[Compared]] = {}
+    errors = sensor_errors(robot)
+    for piece in pieces:
+        measured = Measured(experiment, piece.t_start, piece.t_end)
+        recorded = {"position": measured.position(), "yaw": measured.yaw(), "yaw_rate": measured.yaw_rate()}
+        if robot.articulated:
+            recorded["articulation_yaw"] = measured.articulation()
+        recorded |= measured.motors(robot.articulated)
+        for channel, (t, values) in recorded.items():
+            late = channel == "position" or (channel == "yaw" and measured.late_heading)
+            at = t - errors.delay if late else t
+            rows = piece.covers(t) & piece.covers(at)
+            if rows.any():
+                simulated = [_SIMULATED[channel](piece.at(part), errors) for part in _slices(at[rows])]
+                parts.setdefault(channel, []).append(Compared(t[rows], values[rows], np.concatenate(simulated)))
+    return parts
+
+
+# ----------------------------------------------------------------------
+# A recording simulated again: fed with its measured rotations or its commands, and held against what was
+# recorded.
+# ----------------------------------------------------------------------
+
 
 DRIVES = ("rotations", "commands")
 STEP = 1e-3

@@ -11,19 +11,17 @@ import numpy as np
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.columns import Floats, Stamps
-from artibot_sim.experiment.contract import BY_KEY
-from artibot_sim.experiment.encode import encoder, path_message, trajectory_message
-from artibot_sim.experiment.folders import whole_folder
-from artibot_sim.experiment.odometry import dead_reckon
-from artibot_sim.experiment.qos import LATCHED, STATE
-from artibot_sim.experiment.recorded_as import recorded_motors, recorded_point, sees_itself
-from artibot_sim.experiment.writer import BagWriter
-from artibot_sim.model.sensors import sensor_errors
+from artibot_sim.experiment.inputs import recorded_motors, recorded_point, sees_itself
+from artibot_sim.experiment.measured import dead_reckon
+from artibot_sim.experiment.messages import encoder, path_message, trajectory_message
+from artibot_sim.experiment.topics import BY_KEY, LATCHED, STATE
+from artibot_sim.experiment.writer import BagWriter, whole_folder
+from artibot_sim.model.simulate.sensors import sensor_errors
 from artibot_sim.progress import Report
 
 if TYPE_CHECKING:
     from artibot_sim.model import Commands, Robot
-    from artibot_sim.model.rollout import Rollout
+    from artibot_sim.model.simulate.rollout import Rollout
     from artibot_sim.planning import Plan
 
 MOTORS = ("front_right", "front_left", "back_right", "back_left")
@@ -202,7 +200,7 @@ def _ground_truth(result: Rollout) -> dict[str, Floats]:
 
 def _odometry(result: Rollout, robot: Robot) -> dict[str, Floats]:
     """Return what the rover believes: the front wheels' rotations rolled off without slip, from its start pose."""
-    from artibot_sim.planning.kinematics import FrontKinematics
+    from artibot_sim.planning.plan import FrontKinematics
 
     kinematics = FrontKinematics.of(robot)
     position, velocity, _ = recorded_motors(result, robot)
@@ -215,7 +213,7 @@ def _odometry(result: Rollout, robot: Robot) -> dict[str, Floats]:
 
 def _joint_states(result: Rollout, robot: Robot) -> dict[str, Floats]:
     from artibot_sim.model import WHEEL_JOINTS
-    from artibot_sim.model.kinematics import articulation
+    from artibot_sim.model.equations.kinematics import articulation
 
     columns, scale = {}, sensor_errors(robot).encoder_scale
     for i, wheel in enumerate(WHEEL_JOINTS[: 2 * _motors(robot)]):

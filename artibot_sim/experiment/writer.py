@@ -2,21 +2,262 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import shutil
+import struct
 import threading
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import yaml
+
 from artibot_sim.errors import ArtibotError
-from artibot_sim.experiment.bag_metadata import TopicEntry, write_bag_metadata
-from artibot_sim.experiment.folders import make_folder
 from artibot_sim.experiment.messages import definition as known_definition
-from artibot_sim.experiment.qos import Qos, dump_profiles
-from artibot_sim.experiment.sink import Reserve, Sink
+from artibot_sim.experiment.topics import Qos, dump_profiles
+
+# ----------------------------------------------------------------------
+# rosbag2's metadata.yaml, version 9 (Jazzy).
+# ----------------------------------------------------------------------
+
+
+@dataclass
+class TopicEntry:
+    """One topic as a writer keeps it.
+
+    Attributes
+    ----------
+    name, ros_type : of the topic.
+    qos : offered profiles, as `Qos.as_dict` makes them.
+    type_hash : RIHS01.
+    number : MCAP channel id.
+    count : messages safe in the file.
+    sequence : number of the last message taken.
+    serialization : message encoding.
+    """
+
+    name: str
+    ros_type: str
+    qos: list[dict[str, Any]]
+    type_hash: str
+    number: int = 0
+    count: int = 0
+    sequence: int = 0
+    serialization: str = "cdr"
+
+
+class _Plain(yaml.SafeDumper):
+    """Writes every mapping out: anchors and aliases are legal but no pleasure to read."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def write_bag_metadata(
+    folder: Path, files: list[str], topics: list[TopicEntry], start_ns: int, duration_ns: int
+) -> None:
+    """Write `folder/metadata.yaml`, whole or not at all.
+
+    Parameters
+    ----------
+    folder : the recording.
+    files : names of its storage files, in order; the counts are given to the first.
+    topics : in order of registration.
+    start_ns, duration_ns : of all messages, log time.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; the one that was there is then untouched.
+    """
+    count = sum(topic.count for topic in topics)
+    span = {
+        "starting_time": {"nanoseconds_since_epoch": start_ns},
+        "duration": {"nanoseconds": duration_ns},
+        "message_count": count,
+    }
+    content = {
+        "version": 9,
+        "storage_identifier": "mcap",
+        **{key: span[key] for key in ("duration", "starting_time", "message_count")},
+        "topics_with_message_count": [_topic(topic) for topic in topics],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": files,
+        "files": [{"path": name, **span} for name in files[:1]],
+        "custom_data": None,
+        "ros_distro": "jazzy",
+    }
+    text = yaml.dump({"rosbag2_bagfile_information": content}, Dumper=_Plain, sort_keys=False, default_flow_style=False)
+    target = folder / "metadata.yaml"
+    partial = folder / ".metadata.yaml.partial"
+    try:
+        partial.write_text(text)
+        partial.replace(target)
+    except OSError:
+        partial.unlink(missing_ok=True)
+        raise
+
+
+def _topic(topic: TopicEntry) -> dict[str, Any]:
+    return {
+        "topic_metadata": {
+            "name": topic.name,
+            "type": topic.ros_type,
+            "serialization_format": topic.serialization,
+            "offered_qos_profiles": topic.qos,
+            "type_description_hash": topic.type_hash,
+        },
+        "message_count": topic.count,
+    }
+
+
+# ----------------------------------------------------------------------
+# The file under an MCAP writer: written a whole chunk at a time, cut back to the last one when a write fails.
+# ----------------------------------------------------------------------
+
+
+_MAGIC = b"\x89MCAP0\r\n"
+_DATA_END, _FOOTER = 0x0F, 0x02
+# the shortest valid end of a file: no index, so readers go through it from the start
+_END = struct.pack("<BQI", _DATA_END, 4, 0) + struct.pack("<BQQQI", _FOOTER, 20, 0, 0, 0) + _MAGIC
+
+RESERVE_BYTES = 1 << 18
+"""Space that is kept for the end of a recording: a metadata.yaml of some 300 topics and the file's last records."""
+
+
+class Reserve:
+    """A hidden file in a recording's folder that holds space on the disk, given back when the disk is full."""
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / ".reserve"
+        try:
+            self._path.write_bytes(bytes(RESERVE_BYTES))  # not a hole: its blocks must be taken
+        except OSError:
+            self.release()
+
+    def release(self) -> None:
+        """Give the space back; again is allowed."""
+        self._path.unlink(missing_ok=True)
+
+
+class Sink:
+    """What `mcap.writer.Writer` writes to: bytes wait here until `commit` puts them into the file in one go.
+
+    Attributes
+    ----------
+    committed : bytes that are in the file, always a whole number of records.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.committed = 0
+        self._waiting = bytearray()
+        try:
+            self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        except OSError as error:
+            raise ArtibotError(f"{path}: cannot be made: {error.strerror}") from error
+
+    def write(self, data: bytes) -> int:
+        """Take bytes; they reach the file with the next `commit`."""
+        self._waiting += data
+        return len(data)
+
+    def tell(self) -> int:
+        """Return where in the file the next byte will stand."""
+        return self.committed + len(self._waiting)
+
+    def flush(self) -> None:
+        """Do nothing: `commit` decides when bytes go out."""
+
+    def commit(self) -> None:
+        """Write everything that waits.
+
+        Raises
+        ------
+        OSError
+            If the disk is full or broken; call `abandon` then.
+        """
+        rest = memoryview(bytes(self._waiting))
+        while rest:
+            rest = rest[os.write(self._file, rest) :]
+        self.committed += len(self._waiting)
+        self._waiting.clear()
+
+    def abandon(self) -> bool:
+        """Cut the file back to `committed` and end it validly without an index; say whether that succeeded."""
+        self._waiting.clear()
+        try:
+            os.ftruncate(self._file, self.committed)
+            if os.pwrite(self._file, _END, self.committed) != len(_END):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        except OSError:
+            os.ftruncate(self._file, self.committed)
+            return False
+        return True
+
+    def sync(self) -> None:
+        """Ask the system to put the file on the disk."""
+        os.fdatasync(self._file)
+
+    def close(self) -> None:
+        """Close the file; again is allowed."""
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
+
+
+# ----------------------------------------------------------------------
+# Folders of recordings: never overwritten, and never half of one that was computed.
+# ----------------------------------------------------------------------
+
+
+def make_folder(folder: Path) -> None:
+    """Make a recording's folder, which must not be there."""
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        raise ArtibotError(f"{folder}: exists already; recordings are never overwritten, give another name") from None
+    except OSError as error:
+        raise ArtibotError(f"{folder}: cannot be made: {error.strerror}") from error
+
+
+@contextmanager
+def whole_folder(folder: Path) -> Iterator[Path]:
+    """Give a folder beside `folder` to write into, renamed to it at the end, removed if anything fails.
+
+    Raises
+    ------
+    ArtibotError
+        If `folder` exists, or its folder cannot be written to.
+    """
+    if folder.exists():
+        raise ArtibotError(f"{folder}: exists already; recordings are never overwritten, give another name")
+    partial = folder.with_name(f".{folder.name}.{os.getpid()}.partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    try:
+        partial.mkdir(parents=True)
+        partial.rmdir()  # who writes makes it: tried here, where an error can name the folder that was asked for
+    except OSError as error:
+        raise ArtibotError(f"{folder}: cannot be made: {error.strerror}") from error
+    try:
+        yield partial
+        partial.rename(folder)
+    except BaseException:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise
+
+
+# ----------------------------------------------------------------------
+# Writing a rosbag2 folder that survives being killed, and never half of one that was computed.
+# ----------------------------------------------------------------------
+
 
 CHUNK_PERIOD = 0.5
 """A chunk is closed after this many seconds at the latest."""

@@ -8,11 +8,11 @@
 >>> save_robot(work.result.robot, "field.yaml")
 """
 
-from artibot_sim.identify.identification import ChannelFit, Estimate, Identification, Prediction, Status
-from artibot_sim.identify.parameters import SOIL, Prior
+from artibot_sim.estimation.parameters import SOIL, Prior
+from artibot_sim.estimation.search import Effort
 from artibot_sim.identify.requested import parse_priors
+from artibot_sim.identify.result import ChannelFit, Estimate, Identification, Prediction, Status
 from artibot_sim.identify.run import WINDOW, Work, identify
-from artibot_sim.identify.search import Effort
 
 __all__ = [
     "SOIL",

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.identify.identification import Status
-from artibot_sim.identify.parameters import SOIL
+from artibot_sim.estimation.parameters import SOIL
+from artibot_sim.identify.result import Status
 from artibot_sim.identify.run import identify
 from artibot_sim.identify.synthetic import random_manoeuvre, random_soil, synthetic
 from artibot_sim.model import load_robot

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.identify.identification import Estimate, Status
-from artibot_sim.identify.parameters import MU_D, MU_S, ParameterSet
-from artibot_sim.identify.problem import Problem
-from artibot_sim.identify.uncertainty import Spread
-from artibot_sim.model.windows import KINDS, Plan
+from artibot_sim.estimation.parameters import MU_D, MU_S, ParameterSet
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.uncertainty import Spread
+from artibot_sim.identify.result import Estimate, Status
+from artibot_sim.model.simulate.windows import KINDS, Plan
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from artibot_sim.documents import did_you_mean
 from artibot_sim.errors import ArtibotError
-from artibot_sim.identify.parameters import SOIL, Parameter, ParameterSet, Prior
+from artibot_sim.estimation.parameters import SOIL, Parameter, ParameterSet, Prior
 from artibot_sim.model import Robot
 from artibot_sim.model.effects import EFFECTS
 

@@ -10,19 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.experiment import Experiment
-from artibot_sim.identify.gauss_newton import evaluate
-from artibot_sim.identify.holdout import Held, hold_out
-from artibot_sim.identify.identification import Estimate, Identification, Status
-from artibot_sim.identify.judgement import Motion, estimates, motion_of, overall, weakest
-from artibot_sim.identify.noise_share import noise_share
-from artibot_sim.identify.parameters import SOIL, ParameterSet, Prior
-from artibot_sim.identify.problem import Problem
-from artibot_sim.identify.quality import channel_fits
-from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.robust import Loss, channel_levels, merged
-from artibot_sim.identify.search import Effort, Fit, Tick, awake, search, settle, thinned
-from artibot_sim.identify.sensing import (
+from artibot_sim.estimation.encoder_noise import noise_share
+from artibot_sim.estimation.loss import Loss, channel_levels, merged
+from artibot_sim.estimation.measurements import (
     HALF_WIDTH,
     Stretch,
     missing,
@@ -31,9 +21,17 @@ from artibot_sim.identify.sensing import (
     stretches,
     with_pooled_noise,
 )
-from artibot_sim.identify.skid import fitted
-from artibot_sim.identify.uncertainty import Node, from_bootstrap, from_curvature, profile
-from artibot_sim.identify.windows import CHANNEL_NAMES, cut
+from artibot_sim.estimation.parameters import SOIL, ParameterSet, Prior
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import Effort, Fit, Tick, awake, search, settle, thinned
+from artibot_sim.estimation.solver import evaluate
+from artibot_sim.estimation.uncertainty import Node, from_bootstrap, from_curvature, profile
+from artibot_sim.estimation.windows import CHANNEL_NAMES, cut
+from artibot_sim.experiment import Experiment
+from artibot_sim.identify.judgement import Motion, estimates, motion_of, overall, weakest
+from artibot_sim.identify.requested import parameter_set
+from artibot_sim.identify.result import Estimate, Identification, Status
+from artibot_sim.identify.validation import Held, channel_fits, fitted, hold_out
 from artibot_sim.model import Robot
 from artibot_sim.progress import Report
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.experiment import Channel, Experiment
-from artibot_sim.experiment.recorded_as import recorded_motors
-from artibot_sim.identify.parameters import SOIL
+from artibot_sim.experiment.inputs import recorded_motors
 from artibot_sim.model import MOTORS, Robot, Rollout, rollout
-from artibot_sim.model.sensors import sensor_errors, tracked_point
-from artibot_sim.model.stability import largest_step
+from artibot_sim.model.analysis.stability import largest_step
+from artibot_sim.model.simulate.sensors import sensor_errors, tracked_point
 from artibot_sim.planning import Arc, Dwell, Eight, Manoeuvre, Plan, Ramp, Segment, Slalom, Stop, Straight, plan
 
 Array = NDArray[np.float64]
@@ -118,9 +118,9 @@ def synthetic(
 
 def _drive(robot: Robot, planned: Plan, duration: float, kappa: float) -> Rollout:
     from artibot_sim.model import initial_state
-    from artibot_sim.model.command_way import as_executed
-    from artibot_sim.model.params import params
-    from artibot_sim.model.rollout_checks import default_modes
+    from artibot_sim.model.robot.derived import params
+    from artibot_sim.model.simulate.commands import as_executed
+    from artibot_sim.model.simulate.rollout import default_modes
 
     state = initial_state(robot, *planned.start)
     integrator = "rk4" if largest_step(params(robot), "rk4", default_modes(robot))[0] >= _EVERY else "semi_implicit"

@@ -6,12 +6,12 @@
 >>> result.pose[-1], result["F_t_front_right_front"].max()
 """
 
-from artibot_sim.model.commands import Commands
-from artibot_sim.model.robot import MOTORS, WHEEL_JOINTS, WHEELS, Robot
-from artibot_sim.model.robot_file import load_robot, save_robot
-from artibot_sim.model.rollout import Rollout, Status, rollout
-from artibot_sim.model.state import State, initial_state
-from artibot_sim.model.transmission import Mode
+from artibot_sim.model.equations.transmission import Mode
+from artibot_sim.model.robot.file import load_robot, save_robot
+from artibot_sim.model.robot.robot import MOTORS, WHEEL_JOINTS, WHEELS, Robot
+from artibot_sim.model.simulate.commands import Commands
+from artibot_sim.model.simulate.rollout import Rollout, Status, rollout
+from artibot_sim.model.simulate.state import State, initial_state
 
 __all__ = [
     "MOTORS",

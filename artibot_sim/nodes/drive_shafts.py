@@ -16,9 +16,9 @@ import numpy as np
 from artibot_driver.simulated.shaft import FREE, InertialShaft, Shaft, ShaftCommand, ShaftState
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS, Robot, Status, initial_state
-from artibot_sim.model.layout import MOTOR_COORDINATES
-from artibot_sim.model.sensors import sensor_errors
-from artibot_sim.model.stepper import Stepper, Turn
+from artibot_sim.model.kernels.layout import MOTOR_COORDINATES
+from artibot_sim.model.simulate.sensors import sensor_errors
+from artibot_sim.model.simulate.stepper import Stepper, Turn
 from artibot_sim.nodes.sim_engine import Array, Diverged, Sample, Start, Timing, gravity_of, sample_of
 from artibot_sim.nodes.sim_sensors import SensorModel, Sensors
 

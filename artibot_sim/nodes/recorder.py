@@ -13,8 +13,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.experiment.contract import TOPICS
-from artibot_sim.experiment.qos import Qos
+from artibot_sim.experiment.topics import TOPICS, Qos
 from artibot_sim.experiment.writer import BagWriter
 from artibot_sim.nodes.record_types import describe, import_message, qos_dict
 

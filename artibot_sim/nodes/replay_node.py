@@ -12,7 +12,7 @@ import click
 from artibot_sim.errors import ArtibotError
 from artibot_sim.nodes.options import Number
 from artibot_sim.nodes.run import node_main
-from artibot_sim.report.output import OutputFile
+from artibot_sim.report.files import OutputFile
 
 _POSITIVE = Number(min=0, min_open=True)
 _NOT_NEGATIVE = Number(min=0)

@@ -9,8 +9,8 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.experiment.qos import parse_qos
 from artibot_sim.experiment.storage import BagInfo, ChannelInfo
+from artibot_sim.experiment.topics import parse_qos
 from artibot_sim.nodes.record_types import import_message
 
 DEPTH = 1000

@@ -63,7 +63,7 @@ def _stage(bar: Bar, name: str) -> Report:
 def _draw(result: Resimulation, out: Path, bar: Bar) -> Path:
     """Draw the recording and its simulation on top of each other."""
     from artibot_sim.report.figures import experiment_figure
-    from artibot_sim.report.output import write_files
+    from artibot_sim.report.files import write_files
     from artibot_sim.report.png import render_png
 
     simulated = read_bag(out / "simulated", progress=_stage(bar, "reading back"))

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, Robot, Rollout, State, Status, initial_state, rollout
-from artibot_sim.model.command_way import CommandWay, travelled
-from artibot_sim.model.kinematics import articulation
-from artibot_sim.model.layout import MOTOR_COORDINATES
-from artibot_sim.model.params import params
-from artibot_sim.model.rollout_checks import default_modes
+from artibot_sim.model.equations.kinematics import articulation
+from artibot_sim.model.kernels.layout import MOTOR_COORDINATES
+from artibot_sim.model.robot.derived import params
+from artibot_sim.model.simulate.commands import CommandWay, travelled
+from artibot_sim.model.simulate.rollout import default_modes
 from artibot_sim.nodes.arbiter import Decision
 from artibot_sim.nodes.command_messages import Source
 

@@ -2,7 +2,7 @@
 
 Each kind draws from its own stream of one seed, so that switching one on leaves the others' numbers as they were.
 With every sigma at zero the numbers pass through untouched, to the bit. What a robot's effects do to its sensors
-(`artibot_sim.model.sensors`) is done first.
+(`artibot_sim.model.simulate.sensors`) is done first.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.model.param_types import NO_SENSOR_ERRORS, SensorErrors
+from artibot_sim.model.robot.parameters import NO_SENSOR_ERRORS, SensorErrors
 
 Array = NDArray[np.float64]
 

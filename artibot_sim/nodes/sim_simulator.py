@@ -31,7 +31,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot
-from artibot_sim.model.sensors import sensor_errors
+from artibot_sim.model.simulate.sensors import sensor_errors
 from artibot_sim.nodes import sim_parameters as parameters
 from artibot_sim.nodes import sim_settings as settings
 from artibot_sim.nodes.odometry import Odometry, metres_per_radian

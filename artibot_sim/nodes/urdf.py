@@ -11,7 +11,7 @@ from pathlib import Path
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import WHEEL_JOINTS, Robot, load_robot
-from artibot_sim.model.robot import Module
+from artibot_sim.model.robot.robot import Module
 from artibot_sim.resources import config_folder, config_names
 
 MATERIALS = {"body": "0.85 0.45 0.10 1", "wheel": "0.12 0.12 0.12 1"}

@@ -11,7 +11,6 @@ from __future__ import annotations
 from typing import Any
 
 from artibot_sim.planning.files import load_manoeuvre, manoeuvre_from_dict, manoeuvre_names, manoeuvre_to_dict
-from artibot_sim.planning.kinematics import FrontKinematics
 from artibot_sim.planning.manoeuvre import (
     Arc,
     Dwell,
@@ -28,7 +27,7 @@ from artibot_sim.planning.manoeuvre import (
     TurnInPlace,
     YawRateChirp,
 )
-from artibot_sim.planning.plan import Plan, Sample, plan
+from artibot_sim.planning.plan import FrontKinematics, Plan, Sample, plan
 from artibot_sim.planning.route import Mark, Motion
 
 __all__ = [

@@ -15,7 +15,7 @@ from typing import Any
 
 from artibot_sim.documents import did_you_mean, load_document
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.quantity import Quantity
+from artibot_sim.model.robot.quantity import Quantity
 from artibot_sim.planning.manoeuvre import SEGMENTS, Manoeuvre, Repeat, Segment
 from artibot_sim.resources import config_names
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.robot import Quantity, positive, quantity
+from artibot_sim.model.robot.quantity import Quantity, positive, quantity
 
 MAX_SPEED = 20.0
 """Largest speed that a manoeuvre may ask for, m/s: beyond it a unit was mistaken."""

@@ -16,18 +16,18 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from artibot_sim.diagnose import words
-from artibot_sim.diagnose.places import places
+from artibot_sim.diagnose import result
+from artibot_sim.diagnose.validation.residuals import places
 from artibot_sim.errors import ArtibotError
-from artibot_sim.identify.printing import spaced
+from artibot_sim.identify.result import spaced
 from artibot_sim.model import MOTORS, Robot, load_robot
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.effects.base import Effect, Search
 from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop, Straight
 from artibot_sim.progress import Bar
-from artibot_sim.report import diagnosis_panels as panels
 from artibot_sim.report import style
-from artibot_sim.report.output import write_files
+from artibot_sim.report.diagnosis import charts as panels
+from artibot_sim.report.files import write_files
 from artibot_sim.report.panels import Line, Panel
 from artibot_sim.report.png import draw_panel, legend, new_canvas
 
@@ -110,8 +110,8 @@ def _most(free: Experiment, reference: str) -> float:
 
 def seen(effect: Effect, robot: Robot, free: Experiment) -> Seen:
     """Simulate a rover with an effect, and predict its recording without."""
-    from artibot_sim.diagnose.looks import look
-    from artibot_sim.diagnose.predictions import baseline_levels, predict
+    from artibot_sim.diagnose.validation.predictions import baseline_levels, predict
+    from artibot_sim.diagnose.validation.series import look
 
     values = plain_values(effect, free)
     rover = replace(robot, effects={effect.id: values})
@@ -120,12 +120,12 @@ def seen(effect: Effect, robot: Robot, free: Experiment) -> Seen:
         return Seen(effect, values, (_overview(recording, free), _speeds(recording)), ())
     pair = predict(recording, False, robot, rover, HORIZON, None)
     shown, levels = look(pair, robot), baseline_levels([pair])
-    worst = max(levels, key=lambda c: (words.is_wrong(c, levels[c]), levels[c].rmse / levels[c].noise))
+    worst = max(levels, key=lambda c: (result.is_wrong(c, levels[c]), levels[c].rmse / levels[c].noise))
     said = tuple(place.what for place in places([shown], {worst: levels[worst]}))
     channel = panels.over_time_of(shown, worst, levels[worst].unit)
     assert channel is not None
     path = panels.path(shown, "path, run freely from the start", free=True)
-    return Seen(effect, values, (path, replace(channel, title=f"error of the {words.channel_words(worst)}")), said)
+    return Seen(effect, values, (path, replace(channel, title=f"error of the {result.channel_words(worst)}")), said)
 
 
 def _record(rover: Robot, name: str) -> Experiment:
@@ -206,13 +206,13 @@ def document(all_seen: Sequence[Seen]) -> str:
 def _entry(shown: Seen) -> str:
     effect = shown.effect
     values = ", ".join(
-        f"`{name}` {words.effect_words(value) if isinstance(value, str) else _with_unit(effect, name, value)}"
+        f"`{name}` {result.effect_words(value) if isinstance(value, str) else _with_unit(effect, name, value)}"
         for name, value in shown.values.items()
     )
     said = "".join(f"- {sentence}\n" for sentence in shown.said)
     return (
-        f"\n### {words.effect_words(effect.id)}\n\n{effect.doc} Here: {values}.\n\n"
-        f"![{words.effect_words(effect.id)}](images/effects/{effect.id}.png)\n\n{said}"
+        f"\n### {result.effect_words(effect.id)}\n\n{effect.doc} Here: {values}.\n\n"
+        f"![{result.effect_words(effect.id)}](images/effects/{effect.id}.png)\n\n{said}"
     )
 
 

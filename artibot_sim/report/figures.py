@@ -16,9 +16,9 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import Experiment
 from artibot_sim.report.panels import Figure
 from artibot_sim.report.path_panel import path_panel
+from artibot_sim.report.paths import find_track, motion_window
 from artibot_sim.report.style import BAGS
 from artibot_sim.report.time_panels import Source, time_panels
-from artibot_sim.report.tracks import find_track, motion_window
 
 if TYPE_CHECKING:
     from artibot_sim.model import Robot

@@ -1,21 +1,30 @@
-"""Figures of merit of a recording: eqs 31 and 32 and radii, for what the rover did and for what it believed.
-
-The formulas are in `experiment.metrics`; here is which samples of a recording go into them.
-"""
+"""Figures of merit of a recording: eqs 31 and 32 and radii, as numbers, in the terminal and for scripts."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import Experiment, metrics
-from artibot_sim.report.tracks import Track, find_track, find_truth, motion_window, whole_turns
+from artibot_sim.report.paths import Track, find_track, find_truth, motion_window, whole_turns
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from artibot_sim.experiment import Experiment
+
+# ----------------------------------------------------------------------
+# Figures of merit of a recording: eqs 31 and 32 and radii, for what the rover did and for what it believed.
+#
+# The formulas are in `experiment.metrics`; here is which samples of a recording go into them.
+# ----------------------------------------------------------------------
+
 
 Floats = NDArray[np.float64]
 _LEAST_TURN = 0.35
@@ -204,3 +213,68 @@ def _within(track: Track, t_start: float, t_end: float) -> tuple[Floats, Floats]
     """Return the points of a track between two times."""
     rows = (track.t >= t_start) & (track.t <= t_end)
     return track.x[rows], track.y[rows]
+
+
+# ----------------------------------------------------------------------
+# Figures of merit in the terminal, as in Table 5 of the paper, and for scripts.
+# ----------------------------------------------------------------------
+
+
+SCHEMA = "artibot/plot/1"
+KINDS = ("planned", "odometric", "true")
+NONE = "–"
+
+
+def rows(measures: Measures) -> list[tuple[str, str, tuple[str, ...]]]:
+    """Return the lines of a table: quantity, unit, and texts for planned, odometric and true."""
+    out = [
+        ("e_γ, yaw (eq. 31)", "%", _texts(measures.e_gamma, 100.0)),
+        ("e_x, final position (eq. 32)", "%", _texts(measures.e_x, 100.0)),
+    ]
+    for number, arc in enumerate(measures.arcs, 1):
+        side = "left" if arc.turn > 0 else "right"
+        out.append((f"radius, arc {number} ({side})", "m", _texts(arc.radius)))
+    if len(measures.arcs) > 1:
+        out.append(("radius, mean", "m", _texts(measures.radius)))
+    out.append(("path length", "m", _texts(measures.path_length)))
+    return [row for row in out if set(row[2]) != {NONE}]
+
+
+def terminal_table(names: Sequence[str], measured: Sequence[Measures]) -> Table:
+    """Return a rich table of the figures of merit of some recordings, one without rows if they have none."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table("", "", *KINDS, box=None, header_style="bold", pad_edge=False)
+    for column in table.columns[2:]:
+        column.justify = "right"
+    for name, measures in zip(names, measured, strict=True):
+        found = rows(measures)
+        if found:
+            table.add_row(Text(name, style="bold"))
+        for what, unit, texts in found:
+            table.add_row(f"  {what}", unit, *texts)
+    return table
+
+
+def summary(
+    experiments: Sequence[Experiment], measured: Sequence[Measures], missing: Mapping[str, str]
+) -> dict[str, Any]:
+    """Return what the table says, as JSON takes it: SI units, null for what is absent."""
+    bags = [
+        {
+            "name": experiment.name,
+            "path": str(experiment.path),
+            "metadata": dict(experiment.metadata),
+            "duration": {"unit": "s", "value": experiment.duration},
+            "segments": len(experiment.segments),
+            "metrics": measures.as_dict(),
+            "remarks": [*measures.remarks, *experiment.remarks],
+        }
+        for experiment, measures in zip(experiments, measured, strict=True)
+    ]
+    return {"schema": SCHEMA, "bags": bags, "not_drawn": dict(missing)}
+
+
+def _texts(values: Mapping[str, float], factor: float = 1.0) -> tuple[str, ...]:
+    return tuple(f"{factor * values[kind] + 0.0:.2f}".replace("-", "−") if kind in values else NONE for kind in KINDS)

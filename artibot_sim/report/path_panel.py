@@ -8,10 +8,9 @@ import numpy as np
 
 from artibot_sim.experiment import Experiment
 from artibot_sim.report import style
-from artibot_sim.report.outline import outline, size
 from artibot_sim.report.panels import Arrows, Floats, Line, Outline, Panel
+from artibot_sim.report.paths import KINDS, TOPICS, Track, broken, find_track, find_truth, outline, size
 from artibot_sim.report.time_panels import CROWD, Source, merged
-from artibot_sim.report.tracks import KINDS, TOPICS, Track, broken, find_track, find_truth
 
 _ARROWS = 7
 _OUTLINES = 6

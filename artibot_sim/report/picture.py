@@ -17,8 +17,8 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import Experiment, read_bag, write_experiment
 from artibot_sim.report import style
 from artibot_sim.report.figures import experiment_figure
+from artibot_sim.report.files import write_files
 from artibot_sim.report.measures import measure
-from artibot_sim.report.output import write_files
 from artibot_sim.report.panels import Figure, Panel
 from artibot_sim.report.png import draw_arrows, draw_outline, line_style, new_canvas, to_png
 

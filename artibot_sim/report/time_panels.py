@@ -11,7 +11,7 @@ import numpy as np
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.report import style
 from artibot_sim.report.panels import Floats, Level, Line, Panel, extent
-from artibot_sim.report.tracks import TOPICS, broken, find_track, pieces, whole_turns
+from artibot_sim.report.paths import TOPICS, broken, find_track, pieces, whole_turns
 
 if TYPE_CHECKING:
     from artibot_sim.model import Robot

@@ -1,19 +1,196 @@
-"""All sections as one page: charts that can be zoomed, tables, statements; one file that needs no network."""
+"""All sections as one page and as pictures: charts, tables, statements."""
 
 from __future__ import annotations
 
 import html
+import textwrap
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from artibot_sim.report import style
-from artibot_sim.report.frame import filled, render_frame
+from artibot_sim.report.page import filled, render_frame
 from artibot_sim.report.panels import Panel, extent
+from artibot_sim.report.png import draw_panel, legend, new_canvas, to_png
 from artibot_sim.report.web import chart, numbers
-from artibot_sim.reproduce.picture import NEGATIVE, POSITIVE
 from artibot_sim.reproduce.result import HeatMap, Section, Sheet, Statement, Table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Canvas
+
+# ----------------------------------------------------------------------
+# A sheet as PNG: rows of charts, drawn by matplotlib in the style of all pictures.
+# ----------------------------------------------------------------------
+
+
+SHEET_WIDTH = 15.0
+"""Inches."""
+DPI = 110
+_ROW = 4.1
+_FLAT = 3.4
+"""Height of a row without positions or maps, inches."""
+NEGATIVE, POSITIVE = style.ODOMETRIC, style.TRUE
+"""Ends of the colours of maps; between them is paper, at zero."""
+
+
+def render_sheet(sheet: Sheet) -> bytes:
+    """Return a sheet as a picture, 1650 px wide."""
+    import matplotlib
+
+    lines = textwrap.wrap(sheet.caption, 215)
+    head = 0.62 + 0.2 * len(lines)
+    heights = [_ROW if any(_tall(chart) for chart in row) else _FLAT for row in sheet.rows]
+    with matplotlib.rc_context(style.matplotlib_style()):
+        height = head + sum(heights)
+        canvas = new_canvas(SHEET_WIDTH, height, layout="constrained")
+        engine: Any = canvas.get_layout_engine()
+        engine.set(rect=(0.005, 0, 0.99, 1 - head / height), h_pad=0.1, w_pad=0.12)
+        columns = max(len(row) for row in sheet.rows)
+        grid = canvas.add_gridspec(len(sheet.rows), columns, height_ratios=heights)
+        for i, row in enumerate(sheet.rows):
+            places = [canvas.add_subplot(grid[i, j]) for j in range(len(row))]
+            _draw_row(canvas, places, row, (SHEET_WIDTH / columns - 0.9) * 72)
+        canvas.text(0.012, 1 - 0.16 / height, sheet.title, fontsize=14, fontweight="bold", va="top")
+        canvas.text(
+            0.012, 1 - 0.48 / height, "\n".join(lines), fontsize=9.5, color=style.MUTED, va="top", linespacing=1.35
+        )
+        return to_png(canvas, DPI)
+
+
+def _tall(chart: Panel | HeatMap) -> bool:
+    return isinstance(chart, HeatMap) or chart.equal
+
+
+def _draw_row(canvas: Canvas, places: Sequence[Axes], row: Sequence[Panel | HeatMap], width: float) -> None:
+    """Draw a row; titles stay level above legends of different height."""
+    rows = []
+    image: Any = None
+    for axes, shown in zip(places, row, strict=True):
+        if isinstance(shown, HeatMap):
+            image = _draw_map(axes, shown)
+            rows.append(0)
+        else:
+            draw_panel(axes, shown)
+            if not shown.equal:
+                axes.set_xlim(*extent([line.x for line in shown.lines]))
+            rows.append(legend(canvas, axes, shown, width))
+    for axes in places:
+        axes.set_title(axes.get_title(loc="left"), pad=7.0 + 14.0 * max(rows))
+    if image is not None:
+        canvas.colorbar(image, ax=list(places), label=_unit(row[0]), pad=0.01, aspect=30)
+
+
+def _unit(chart: Panel | HeatMap) -> str:
+    return chart.unit if isinstance(chart, HeatMap) else ""
+
+
+def _draw_map(axes: Axes, chart: HeatMap) -> Any:
+    from matplotlib.colors import LinearSegmentedColormap
+
+    colours = LinearSegmentedColormap.from_list("diverging", [NEGATIVE, style.PAPER, POSITIVE])
+    image = axes.pcolormesh(
+        chart.x, chart.y, chart.z, cmap=colours, vmin=-chart.scale, vmax=chart.scale, shading="gouraud"
+    )
+    for x, y in chart.zero:
+        axes.plot(x, y, color=style.INK, lw=1.8)
+    axes.axhline(0.0, color=style.MUTED, lw=0.8, ls=style.DASHES["dash"], zorder=1.5)
+    for at, text in chart.marks:
+        axes.axvline(at, color=style.MUTED, lw=1.0, ls=style.DASHES["dot"])
+        side = "left" if at < 0.9 * chart.x.max() else "right"
+        box = {"boxstyle": "round,pad=0.15", "fc": style.PAPER, "ec": "none", "alpha": 0.75}
+        where: dict[str, Any] = {
+            "xytext": (5 if side == "left" else -5, -5),
+            "textcoords": "offset points",
+            "ha": side,
+            "va": "top",
+        }
+        axes.annotate(text, (at, chart.y.max()), fontsize=8.5, color=style.INK, bbox=box, **where)
+    axes.set_xlabel(chart.x_label)
+    axes.set_ylabel(chart.y_label)
+    axes.set_title(chart.title)
+    axes.set_yticks(np.arange(-60, 61, 20))
+    axes.grid(False)
+    return image
+
+
+# ----------------------------------------------------------------------
+# A section's verdict, statements and tables as PNG, for where no page can be shown.
+# ----------------------------------------------------------------------
+
+
+SUMMARY_WIDTH = 13.2
+"""Inches."""
+_LINE = 0.185
+_COLUMNS = 172
+"""Characters of the fixed-width type that fit side by side."""
+
+Row = tuple[str, str, bool]
+"""Text, colour, and whether it is bold."""
+
+
+def lines(section: Section) -> list[Row]:
+    """The section as lines of text."""
+    title = f"Section {section.number}: {section.title}"
+    out: list[Row] = [(title, style.INK, True), (section.verdict, style.INK, True)]
+    for note in (*section.short, *section.notes):
+        out += _wrapped(note, style.MUTED)
+    for statement in section.statements:
+        word, colour = ("holds", style.TRUE) if statement.holds else ("does not hold", style.ODOMETRIC)
+        out.append(("", style.INK, False))
+        out += _wrapped(f"{word}: {statement.claim}", colour)
+        out += _wrapped(statement.evidence, style.MUTED, "    ")
+    for table in section.tables:
+        out += [("", style.INK, False), (table.title, style.INK, True), *_summary_table(table)]
+    return out
+
+
+def _wrapped(text: str, colour: str, indent: str = "") -> list[Row]:
+    wrapped = textwrap.wrap(text, _COLUMNS, initial_indent=indent, subsequent_indent=indent)
+    return [(line, colour, False) for line in wrapped]
+
+
+def _summary_table(table: Table) -> list[Row]:
+    """The rows with their columns aligned; headings that are wider than their column are wrapped."""
+    cells = [max([len(row[i]) for row in table.rows] + [0]) for i in range(len(table.columns))]
+    words = [max([len(word) for word in head.split()] + [9]) for head in table.columns]
+    widths = [max(pair) for pair in zip(cells, words, strict=True)]
+    heads = [textwrap.wrap(head, width) or [""] for head, width in zip(table.columns, widths, strict=True)]
+    tall = max(map(len, heads))
+    heading = [[""] * (tall - len(head)) + head for head in heads]
+    rows = [tuple(column[i] for column in heading) for i in range(tall)]
+    out = [(_aligned(row, widths), style.MUTED, False) for row in rows]
+    out += [(_aligned(row, widths), style.INK, False) for row in table.rows]
+    return out + (_wrapped(table.note, style.MUTED) if table.note else [])
+
+
+def _aligned(row: tuple[str, ...], widths: list[int]) -> str:
+    """The first column to the left, the others to the right."""
+    first = row[0].ljust(widths[0])
+    return "  ".join([first, *(text.rjust(width) for text, width in zip(row[1:], widths[1:], strict=True))])
+
+
+def render_summary(section: Section) -> bytes:
+    """Return the section's verdict, statements and tables as a picture."""
+    import matplotlib
+
+    rows = lines(section)
+    height = 0.3 + _LINE * len(rows)
+    with matplotlib.rc_context(style.matplotlib_style() | {"font.family": ["DejaVu Sans Mono"]}):
+        canvas = new_canvas(SUMMARY_WIDTH, height)
+        for i, (text, colour, bold) in enumerate(rows):
+            canvas.text(
+                0.15 / SUMMARY_WIDTH, 1 - (0.2 + _LINE * i) / height, text, fontsize=9, color=colour, va="top",
+                fontweight="bold" if bold else "normal", parse_math=False,
+            )  # fmt: skip
+        return to_png(canvas, 110)
+
+
+# ----------------------------------------------------------------------
+# All sections as one page: charts that can be zoomed, tables, statements; one file that needs no network.
+# ----------------------------------------------------------------------
+
 
 TITLE = "The paper's sections 5 to 7, reproduced"
 INTRO = (

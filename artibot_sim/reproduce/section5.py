@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model import Robot, load_robot
-from artibot_sim.model.influence import InfluenceMap, influence_map
+from artibot_sim.model.analysis.influence import InfluenceMap, influence_map
 from artibot_sim.reproduce.result import HeatMap, Section, Sheet, Statement
 
 Array = NDArray[np.float64]

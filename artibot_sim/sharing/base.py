@@ -11,7 +11,7 @@ from typing import Any
 from artibot_sim.documents import did_you_mean
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Robot
-from artibot_sim.model.transmission import back_torque_factor
+from artibot_sim.model.equations.transmission import back_torque_factor
 
 Pair = tuple[float, float]
 """Right, left."""

@@ -8,8 +8,7 @@
 PosixPath('soils/runs.parquet')
 """
 
-from artibot_sim.sweep.axes import Axis, axis_from_text, setting_from_text
-from artibot_sim.sweep.keys import known_keys, unit_of
+from artibot_sim.sweep.axes import Axis, axis_from_text, known_keys, setting_from_text, unit_of
 from artibot_sim.sweep.measures import MEASURES
 from artibot_sim.sweep.plan import SweepPlan, load_plan, plan_from_dict
 from artibot_sim.sweep.run import Outcome, sweep

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.metrics import fit_circle, path_length, position_error, yaw_error
 from artibot_sim.model import Rollout, Status
-from artibot_sim.model.layout import (
+from artibot_sim.model.kernels.layout import (
     E_GEAR,
     E_MOTOR,
     E_NORMAL,

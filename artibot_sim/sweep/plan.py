@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from artibot_sim.documents import did_you_mean, load_document
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Robot, load_robot
-from artibot_sim.model.robot_file import robot_from_dict, robot_to_dict
-from artibot_sim.model.rollout_checks import INTEGRATORS
+from artibot_sim.model.robot.file import robot_from_dict, robot_to_dict
+from artibot_sim.model.simulate.rollout import INTEGRATORS
 from artibot_sim.planning import manoeuvre_from_dict, plan
-from artibot_sim.sweep.axes import Axis, Value, axis_from_node
-from artibot_sim.sweep.keys import MANOEUVRE, Base, Document, check_value
+from artibot_sim.sweep.axes import MANOEUVRE, Axis, Base, Document, Value, axis_from_node, check_value
 from artibot_sim.sweep.measures import arcs, names
 
 METHODS = ("grid", "latin")

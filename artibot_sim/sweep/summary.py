@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.sweep.folder import TABLE, read_manifest
-from artibot_sim.sweep.table import MESSAGE, OK, RUN, STATUS, groups
+from artibot_sim.sweep.folder import MESSAGE, OK, RUN, STATUS, TABLE, groups, read_manifest
 
 Array = NDArray[np.float64]
 

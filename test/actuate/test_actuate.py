@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from artibot_sim.actuate.cli import command
-from artibot_sim.actuate.run import actuate
+from artibot_sim.actuate import actuate
+from artibot_sim.cli.actuate import command
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot, rollout
 from artibot_sim.planning import Arc, Manoeuvre, Ramp, Stop, Straight, plan

@@ -9,11 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from artibot_sim.bench import accuracy, nodes, timing
+from artibot_sim.bench import model, nodes, results
+from artibot_sim.bench.comparison import number
+from artibot_sim.bench.model import SOIL, Scenario, soils
 from artibot_sim.bench.results import Peer, Result, write_json
-from artibot_sim.bench.scenario import Scenario
-from artibot_sim.bench.speed import SOIL, soils
-from artibot_sim.bench.table import number
 from artibot_sim.model import load_robot
 
 
@@ -21,9 +20,9 @@ def test_high_pass_takes_away_slow_motion_and_keeps_what_alternates():
     dt = 1e-3
     t = dt * np.arange(2000)
     slow = np.column_stack([3.0 + 0.5 * t, 120.0 + np.sin(0.5 * t)])
-    assert np.abs(accuracy.high_pass(slow, dt)).max() < 1e-3
+    assert np.abs(model.high_pass(slow, dt)).max() < 1e-3
     fast = np.where(np.arange(2000) % 2 == 0, 0.1, -0.1)[:, None]
-    kept = accuracy.high_pass(slow[:, :1] + fast, dt)
+    kept = model.high_pass(slow[:, :1] + fast, dt)
     assert np.sqrt(np.mean(kept**2)) == pytest.approx(0.1, rel=0.05)
 
 
@@ -34,9 +33,9 @@ def test_ripple_measures_a_limit_cycle_of_the_back_motors_alone():
     front, back = clean.v.copy(), clean.v.copy()
     front[:, 6] += swing  # not looked at
     back[:, 14] += swing  # one of two: RMS 0.2 / sqrt(2)
-    assert accuracy.ripple(clean, steady, dt) < 0.01
-    assert accuracy.ripple(replace(clean, v=front), steady, dt) == accuracy.ripple(clean, steady, dt)
-    assert accuracy.ripple(replace(clean, v=back), steady, dt) == pytest.approx(0.1414, rel=0.05)
+    assert model.ripple(clean, steady, dt) < 0.01
+    assert model.ripple(replace(clean, v=front), steady, dt) == model.ripple(clean, steady, dt)
+    assert model.ripple(replace(clean, v=back), steady, dt) == pytest.approx(0.1414, rel=0.05)
 
 
 def test_the_steady_part_is_steady():
@@ -59,7 +58,7 @@ def test_soils_are_a_latin_hypercube_and_always_the_same():
 
 def test_timing_leaves_the_warm_up_out():
     calls = []
-    result = timing.repeat(lambda: (calls.append(0), time.sleep(0.05 if len(calls) == 1 else 0.0)), 5)
+    result = results.repeat(lambda: (calls.append(0), time.sleep(0.05 if len(calls) == 1 else 0.0)), 5)
     assert len(calls) == 6
     assert len(result.wall) == len(result.cpu) == 5
     assert result.best <= result.median

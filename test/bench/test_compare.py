@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from artibot_sim import cli
 from artibot_sim.bench import suite
-from artibot_sim.bench.compare import MORE_IS_BETTER, TOLERANCE, Earlier, changes, is_worse, read_earlier
+from artibot_sim.bench.comparison import MORE_IS_BETTER, TOLERANCE, Earlier, changes, is_worse, read_earlier
 from artibot_sim.bench.results import Result, machine, write_json
 from artibot_sim.errors import ArtibotError
 

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from artibot_sim.bench.growth import LINEAR, Point, joined, lines, measured, power, read
-from artibot_sim.bench.growth_chart import TITLES, chart
+from artibot_sim.bench.growth import LINEAR, TITLES, Point, chart, joined, lines, measured, power, read
 from artibot_sim.bench.growth_tasks import KINDS
 from artibot_sim.errors import ArtibotError
 

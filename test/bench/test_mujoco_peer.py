@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 
 from artibot_sim.bench import peers
-from artibot_sim.bench.accuracy import distance
-from artibot_sim.bench.scenario import Scenario
+from artibot_sim.bench.model import Scenario, distance
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot, rollout
 from artibot_sim.planning import load_manoeuvre, plan
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo comes with the extra 'bench'")
 
-from artibot_sim.bench.mujoco_models import law_model, native_model  # noqa: E402 - after the check
-from artibot_sim.bench.mujoco_runs import LawRun, NativeRun  # noqa: E402
+from artibot_sim.bench.mujoco_peer import LawRun, NativeRun, law_model, native_model  # noqa: E402 - after the check  # noqa: E402
 
 
 def planned(name, manoeuvre):

@@ -16,8 +16,7 @@ from bus_contract import wait_for
 from artibot_driver.bus import open_bus
 from artibot_driver.frames import Frame
 from artibot_sim.experiment import bag_info, recover
-from artibot_sim.experiment.can_frames import CanFrame, iter_frames
-from artibot_sim.experiment.candump import iter_candump
+from artibot_sim.experiment.can_frames import CanFrame, iter_candump, iter_frames
 from ros_helpers import NodeProcess, NodeStarter
 
 TOPIC = "/from_can_bus"

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.evidence import Evidence
-from artibot_sim.diagnose.greedy import refusal
-from artibot_sim.diagnose.thresholds import THRESHOLDS
+from artibot_sim.diagnose.policy import THRESHOLDS
+from artibot_sim.diagnose.selection.evidence import Evidence
+from artibot_sim.diagnose.selection.forward import refusal
 
 LEAST = 58.0
 

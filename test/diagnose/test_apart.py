@@ -9,12 +9,12 @@ import pytest
 from diagnose.hidden import OTHER_GROUND, Case, case
 
 from artibot_sim.diagnose import Verdict, diagnose
-from artibot_sim.diagnose.apart import apart
-from artibot_sim.diagnose.drift import disagreement
-from artibot_sim.diagnose.options import Options
-from artibot_sim.diagnose.run import baseline
-from artibot_sim.diagnose.valley import at_size
-from artibot_sim.identify.extension import Extension
+from artibot_sim.diagnose.pipeline import baseline
+from artibot_sim.diagnose.records import Options
+from artibot_sim.diagnose.selection.per_recording import apart
+from artibot_sim.diagnose.selection.ridge_search import at_size
+from artibot_sim.diagnose.validation.stability import disagreement
+from artibot_sim.estimation.parameters import Extension
 from artibot_sim.model import load_robot
 
 

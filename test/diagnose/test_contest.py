@@ -9,12 +9,12 @@ import pytest
 from diagnose.hidden import case
 from diagnose.turns import EVEN, TURNS
 
-from artibot_sim.diagnose.contest import Rounds, contest, finished
-from artibot_sim.diagnose.hypotheses import hypotheses
-from artibot_sim.diagnose.options import Options
-from artibot_sim.diagnose.run import baseline
-from artibot_sim.diagnose.screen import at_rest, screen
-from artibot_sim.identify.gauss_newton import evaluate
+from artibot_sim.diagnose.candidates.hypotheses import hypotheses
+from artibot_sim.diagnose.candidates.screening import at_rest, screen
+from artibot_sim.diagnose.pipeline import baseline
+from artibot_sim.diagnose.records import Options
+from artibot_sim.diagnose.selection.joint_fits import Rounds, contest, finished
+from artibot_sim.estimation.solver import evaluate
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import synthetic

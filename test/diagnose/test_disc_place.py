@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from diagnose.turns import EVEN, TURNS
 
-from artibot_sim.diagnose.disc_place import disc_place, on_best_disc
-from artibot_sim.diagnose.hypotheses import with_effect
-from artibot_sim.identify.extension import Extension
-from artibot_sim.identify.gauss_newton import evaluate
-from artibot_sim.identify.holdout import fitted_starts
-from artibot_sim.identify.problem import Problem
+from artibot_sim.diagnose.candidates.hypotheses import with_effect
+from artibot_sim.diagnose.candidates.patches import disc_place, on_best_disc
+from artibot_sim.estimation.parameters import Extension
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import Fit, settle
+from artibot_sim.estimation.solver import evaluate
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
-from artibot_sim.identify.search import Fit, settle
 from artibot_sim.identify.synthetic import synthetic
+from artibot_sim.identify.validation import fitted_starts
 from artibot_sim.model import load_robot
 
 ROBOT = load_robot("agriq")

@@ -6,17 +6,16 @@ import numpy as np
 import pytest
 from diagnose.hidden import case
 
-from artibot_sim.diagnose.drift import drifts
-from artibot_sim.diagnose.hypotheses import with_effect
-from artibot_sim.identify.extension import Extension
-from artibot_sim.identify.gauss_newton import evaluate
-from artibot_sim.identify.parameters import SOIL
-from artibot_sim.identify.problem import Problem
+from artibot_sim.diagnose.candidates.hypotheses import with_effect
+from artibot_sim.diagnose.validation.stability import drifts
+from artibot_sim.estimation.loss import Loss
+from artibot_sim.estimation.parameters import SOIL, Extension
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import Fit, settle
+from artibot_sim.estimation.solver import evaluate
+from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.run import problem_of
-from artibot_sim.identify.search import Fit, settle
-from artibot_sim.identify.windows import CHANNEL_NAMES
 from artibot_sim.model import load_robot
 
 

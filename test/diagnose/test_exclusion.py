@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.exclusion import excluded, excluded_below
-from artibot_sim.diagnose.hypotheses import Hypothesis
-from artibot_sim.diagnose.screen import Trial
-from artibot_sim.diagnose.thresholds import THRESHOLDS
-from artibot_sim.identify.extension import Extension
+from artibot_sim.diagnose.candidates.hypotheses import Hypothesis
+from artibot_sim.diagnose.candidates.screening import Trial
+from artibot_sim.diagnose.policy import THRESHOLDS
+from artibot_sim.diagnose.selection.ranking import excluded, excluded_below
+from artibot_sim.estimation.parameters import Extension
 
 LEAST = 58.0
 

@@ -13,7 +13,7 @@ from ros_helpers import ROOT
 
 TRIAL = """
 from dataclasses import replace
-from artibot_sim.identify.holdout import hold_out
+from artibot_sim.identify.validation import hold_out
 from artibot_sim.identify.synthetic import synthetic
 from artibot_sim.model import load_robot, rollout, save_robot
 from artibot_sim.model.effects import EFFECTS, record

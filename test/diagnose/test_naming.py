@@ -7,17 +7,15 @@ from collections.abc import Collection, Mapping
 import pytest
 from diagnose.hidden import case
 
-from artibot_sim.diagnose import naming
-from artibot_sim.diagnose.command_view.view import command_view
-from artibot_sim.diagnose.decision import Named
-from artibot_sim.diagnose.diagnosis import Verdict
-from artibot_sim.diagnose.evidence import Evidence
-from artibot_sim.diagnose.options import Options
-from artibot_sim.diagnose.other import Other
-from artibot_sim.diagnose.ranking import ranking
-from artibot_sim.diagnose.run import baseline
-from artibot_sim.diagnose.thresholds import THRESHOLDS, Thresholds
-from artibot_sim.identify.parameters import SOIL
+from artibot_sim.diagnose.commands.view import command_view
+from artibot_sim.diagnose.pipeline import baseline
+from artibot_sim.diagnose.policy import THRESHOLDS, Thresholds
+from artibot_sim.diagnose.records import Options, Verdict
+from artibot_sim.diagnose.selection import stepwise
+from artibot_sim.diagnose.selection.decision import Named
+from artibot_sim.diagnose.selection.evidence import Evidence, Other
+from artibot_sim.diagnose.selection.ranking import ranking
+from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.model import load_robot
 
 DRIVE = {"runs": 2, "held_out": 0, "duration": 14.0, "manoeuvres": ("eight", "stop_and_go")}
@@ -26,7 +24,7 @@ DRIVE = {"runs": 2, "held_out": 0, "duration": 14.0, "manoeuvres": ("eight", "st
 @pytest.mark.parametrize("truth", ["joint_damping", "payload"])
 def test_an_effect_that_the_next_one_makes_up_for_is_dropped(truth: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first choice is made to be the best of the others; all that follows is the search's own."""
-    asked = naming.best_of
+    asked = stepwise.best_of
 
     def misled(
         evidence: Mapping[str, Evidence], fitted: Mapping[str, float], heard: Mapping[str, Other], least: float,
@@ -38,9 +36,9 @@ def test_an_effect_that_the_next_one_makes_up_for_is_dropped(truth: str, monkeyp
     robot, options = load_robot("agriq"), Options()
     problem, fit = baseline(hidden.recordings, robot, options)
     view = command_view(hidden.recordings, robot)
-    right = naming.decide(problem, fit, options, lambda: None, view)
-    monkeypatch.setattr(naming, "best_of", misled)
-    found = naming.decide(problem, fit, options, lambda: None, view)
+    right = stepwise.decide(problem, fit, options, lambda: None, view)
+    monkeypatch.setattr(stepwise, "best_of", misled)
+    found = stepwise.decide(problem, fit, options, lambda: None, view)
     assert [one.effect for one in found.named] == [one.effect for one in right.named] == [truth]
     assert not right.dropped and len(found.dropped) == 1 and truth not in found.dropped
     assert found.verdict is right.verdict is Verdict.NAMED

@@ -6,7 +6,7 @@ from diagnose.hidden import Case, case
 
 from artibot_sim.diagnose import Diagnosis, Verdict, diagnose
 from artibot_sim.diagnose.remains import leaves_more_than_noise
-from artibot_sim.diagnose.words import headline
+from artibot_sim.diagnose.result import headline
 from artibot_sim.model import load_robot
 
 

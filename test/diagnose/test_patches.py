@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from diagnose.hidden.cases import case
 
-from artibot_sim.diagnose.exclusion import excluded_patch
-from artibot_sim.diagnose.options import Options
-from artibot_sim.diagnose.patches import scanned, told_along
-from artibot_sim.diagnose.run import baseline
-from artibot_sim.diagnose.screen import Around, around
-from artibot_sim.diagnose.thresholds import THRESHOLDS
-from artibot_sim.identify.extension import Extension
+from artibot_sim.diagnose.candidates.patches import scanned, told_along
+from artibot_sim.diagnose.candidates.screening import Around, around
+from artibot_sim.diagnose.pipeline import baseline
+from artibot_sim.diagnose.policy import THRESHOLDS
+from artibot_sim.diagnose.records import Options
+from artibot_sim.diagnose.selection.ranking import excluded_patch
+from artibot_sim.estimation.parameters import Extension
 from artibot_sim.model import load_robot
 
 PATCH, LEAST = "friction_patch", 58.0

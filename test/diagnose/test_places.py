@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.diagnosis import ChannelBaseline, Look, Series
-from artibot_sim.diagnose.places import concentration, direction, followed, places, worst_moment
-from artibot_sim.diagnose.samples import gather
+from artibot_sim.diagnose.records import ChannelBaseline, Look, Series
+from artibot_sim.diagnose.validation.residuals import concentration, direction, followed, gather, places, worst_moment
 
 NOISE = 0.004
 

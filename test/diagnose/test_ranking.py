@@ -8,28 +8,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.command_view.view import command_view
+from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, with_effect
+from artibot_sim.diagnose.candidates.screening import Trial
+from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.conclusion import named_as
-from artibot_sim.diagnose.contest import Rival
-from artibot_sim.diagnose.decision import Decision, Named
-from artibot_sim.diagnose.diagnosis import Found, Verdict
-from artibot_sim.diagnose.evidence import DECADE, Evidence
-from artibot_sim.diagnose.greedy import Turn
-from artibot_sim.diagnose.hypotheses import Hypothesis, with_effect
-from artibot_sim.diagnose.ranking import ranking
-from artibot_sim.diagnose.screen import Trial
-from artibot_sim.diagnose.thresholds import THRESHOLDS
-from artibot_sim.diagnose.views import others
+from artibot_sim.diagnose.policy import THRESHOLDS
+from artibot_sim.diagnose.records import Found, Verdict
+from artibot_sim.diagnose.selection.decision import Decision, Named
+from artibot_sim.diagnose.selection.evidence import DECADE, Evidence, others
+from artibot_sim.diagnose.selection.forward import Turn
+from artibot_sim.diagnose.selection.joint_fits import Rival
+from artibot_sim.diagnose.selection.ranking import ranking
+from artibot_sim.estimation.loss import Loss
+from artibot_sim.estimation.parameters import Extension
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import Fit
+from artibot_sim.estimation.solver import evaluate
+from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.experiment import Experiment
-from artibot_sim.identify.extension import Extension
-from artibot_sim.identify.gauss_newton import evaluate
-from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.run import problem_of
-from artibot_sim.identify.search import Fit
 from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
-from artibot_sim.identify.windows import CHANNEL_NAMES
 from artibot_sim.model import load_robot
 
 ROBOT = load_robot("agriq")

@@ -9,14 +9,13 @@ import pytest
 
 from artibot_sim.diagnose import Verdict, diagnose
 from artibot_sim.diagnose.conclusion import refuted
-from artibot_sim.diagnose.decision import Decision, Named
-from artibot_sim.diagnose.diagnosis import ChannelGain, Found, Left
-from artibot_sim.diagnose.options import Options
-from artibot_sim.diagnose.run import baseline
-from artibot_sim.diagnose.worth import Worth, is_minor, is_refuted
+from artibot_sim.diagnose.pipeline import baseline
+from artibot_sim.diagnose.records import ChannelGain, Found, Left, Options
+from artibot_sim.diagnose.selection.decision import Decision, Named
+from artibot_sim.diagnose.validation.predictions import Worth, is_minor, is_refuted
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import Fit
 from artibot_sim.experiment import Experiment
-from artibot_sim.identify.problem import Problem
-from artibot_sim.identify.search import Fit
 from artibot_sim.identify.synthetic import random_manoeuvre, random_soil, synthetic
 from artibot_sim.model import Robot, load_robot
 

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose import Diagnosis, Verdict, diagnose
-from artibot_sim.diagnose.data_check.check import data_warnings
-from artibot_sim.diagnose.hypotheses import hypotheses
-from artibot_sim.diagnose.run import split, told_apart
-from artibot_sim.diagnose.unexplained.finding import unexplained
-from artibot_sim.diagnose.unexplained.response import short
+from artibot_sim.diagnose.candidates.hypotheses import hypotheses
+from artibot_sim.diagnose.checks.recordings import data_warnings
+from artibot_sim.diagnose.pipeline import split, told_apart
+from artibot_sim.diagnose.unlisted.finding import unexplained
+from artibot_sim.diagnose.unlisted.response import short
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.measurements import stretches
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.measured import Measured
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
-from artibot_sim.identify.sensing import stretches
 from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
 from artibot_sim.model import load_robot, save_robot
 from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop

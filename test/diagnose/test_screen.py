@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from diagnose.turns import EVEN, TURNS
 
-from artibot_sim.diagnose.hypotheses import hypotheses
-from artibot_sim.diagnose.patches import discs
-from artibot_sim.diagnose.screen import Around, around, at_rest, screen
-from artibot_sim.identify.gauss_newton import evaluate
-from artibot_sim.identify.holdout import fitted_starts
-from artibot_sim.identify.problem import Problem
+from artibot_sim.diagnose.candidates.hypotheses import hypotheses
+from artibot_sim.diagnose.candidates.patches import discs
+from artibot_sim.diagnose.candidates.screening import Around, around, at_rest, screen
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.solver import evaluate
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import synthetic
+from artibot_sim.identify.validation import fitted_starts
 from artibot_sim.model import Robot, load_robot
 from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Stop
 

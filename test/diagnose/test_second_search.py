@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from diagnose.hidden import case
 
-from artibot_sim.diagnose.command_view.view import command_view
-from artibot_sim.diagnose.naming import decide
-from artibot_sim.diagnose.options import Options
-from artibot_sim.diagnose.run import baseline
-from artibot_sim.identify.gauss_newton import evaluate, reduce
-from artibot_sim.identify.search import Fit, free_parameters
+from artibot_sim.diagnose.commands.view import command_view
+from artibot_sim.diagnose.pipeline import baseline
+from artibot_sim.diagnose.records import Options
+from artibot_sim.diagnose.selection.stepwise import decide
+from artibot_sim.estimation.search import Fit, free_parameters
+from artibot_sim.estimation.solver import evaluate, reduce
 from artibot_sim.model import load_robot
 
 AWAY = np.array([0.5, -0.5, 0.35, 0.35, 0.0])

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from diagnose.turns import EVEN, TURNS
 
-from artibot_sim.diagnose.contest import Rounds
-from artibot_sim.diagnose.hypotheses import with_effect, without_effect
-from artibot_sim.diagnose.superfluous import spared, superfluous
-from artibot_sim.identify.extension import Extension
-from artibot_sim.identify.gauss_newton import evaluate
-from artibot_sim.identify.problem import Problem
+from artibot_sim.diagnose.candidates.hypotheses import with_effect, without_effect
+from artibot_sim.diagnose.selection.joint_fits import Rounds
+from artibot_sim.diagnose.selection.stepwise import spared, superfluous
+from artibot_sim.estimation.parameters import Extension
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import Fit, settle
+from artibot_sim.estimation.solver import evaluate
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
-from artibot_sim.identify.search import Fit, settle
 from artibot_sim.identify.synthetic import synthetic
 from artibot_sim.model import load_robot
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.evidence import Evidence
-from artibot_sim.diagnose.naming import best_of
-from artibot_sim.diagnose.other import Other
-from artibot_sim.diagnose.thresholds import THRESHOLDS
+from artibot_sim.diagnose.policy import THRESHOLDS
+from artibot_sim.diagnose.selection.evidence import Evidence, Other
+from artibot_sim.diagnose.selection.stepwise import best_of
 
 LEAST = 58.0
 

@@ -10,14 +10,14 @@ from diagnose.hidden.cases import Case, case
 
 from artibot_sim.diagnose import Verdict, diagnose
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
-from artibot_sim.identify.holdout import fitted_starts
-from artibot_sim.identify.parameters import ParameterSet
-from artibot_sim.identify.past import Past, _in_modules, lagging_forces, time_over
-from artibot_sim.identify.problem import Problem
+from artibot_sim.estimation.measurements import PAST
+from artibot_sim.estimation.parameters import ParameterSet
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.windows import Past, _in_modules, lagging_forces, time_over
 from artibot_sim.identify.run import problem_of
-from artibot_sim.identify.sensing import PAST
+from artibot_sim.identify.validation import fitted_starts
 from artibot_sim.model import load_robot
-from artibot_sim.model.params import params
+from artibot_sim.model.robot.derived import params
 
 LENGTH = 0.3
 ROBOT = replace(load_robot("agriq"), effects={"tyre_relaxation": {"length": LENGTH}})

@@ -7,20 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.diagnosis import Found
-from artibot_sim.diagnose.hypotheses import with_effect, without_effect
-from artibot_sim.diagnose.uncertain import Uncertain, along, told, uncertain
-from artibot_sim.identify.extension import Extension
-from artibot_sim.identify.gauss_newton import evaluate, reduce
-from artibot_sim.identify.noise_share import noise_share
-from artibot_sim.identify.parameters import ParameterSet
-from artibot_sim.identify.problem import Problem
+from artibot_sim.diagnose.candidates.hypotheses import with_effect, without_effect
+from artibot_sim.diagnose.intervals import Uncertain, along, told, uncertain
+from artibot_sim.diagnose.records import Found
+from artibot_sim.estimation.encoder_noise import noise_share
+from artibot_sim.estimation.loss import Loss
+from artibot_sim.estimation.parameters import Extension, ParameterSet
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import Fit, free_parameters, settle
+from artibot_sim.estimation.solver import evaluate, reduce
+from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.run import problem_of
-from artibot_sim.identify.search import Fit, free_parameters, settle
 from artibot_sim.identify.synthetic import synthetic
-from artibot_sim.identify.windows import CHANNEL_NAMES
 from artibot_sim.model import load_robot
 from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Stop
 

@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.hypotheses import with_effect
-from artibot_sim.diagnose.valley import at_size, leapt, revised, walked
-from artibot_sim.identify.extension import Extension
-from artibot_sim.identify.gauss_newton import evaluate, reduce
-from artibot_sim.identify.problem import Problem
+from artibot_sim.diagnose.candidates.hypotheses import with_effect
+from artibot_sim.diagnose.selection.ridge_search import at_size, leapt, revised, walked
+from artibot_sim.estimation.loss import Loss
+from artibot_sim.estimation.parameters import Extension
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import Fit, free_parameters
+from artibot_sim.estimation.solver import evaluate, reduce
+from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.run import problem_of
-from artibot_sim.identify.search import Fit, free_parameters
 from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
-from artibot_sim.identify.windows import CHANNEL_NAMES
 from artibot_sim.model import load_robot
 
 ROBOT = load_robot("agriq")

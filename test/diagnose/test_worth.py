@@ -7,23 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.command_view.view import command_view
-from artibot_sim.diagnose.decision import Decision, Named
-from artibot_sim.diagnose.diagnosis import Found, Verdict
-from artibot_sim.diagnose.greedy import Turn
-from artibot_sim.diagnose.hypotheses import with_effect
-from artibot_sim.diagnose.options import Options
-from artibot_sim.diagnose.predictions import predict
-from artibot_sim.diagnose.worth import improvements
-from artibot_sim.identify.extension import Extension
-from artibot_sim.identify.gauss_newton import evaluate
-from artibot_sim.identify.problem import Problem
+from artibot_sim.diagnose.candidates.hypotheses import with_effect
+from artibot_sim.diagnose.commands.view import command_view
+from artibot_sim.diagnose.records import Found, Options, Verdict
+from artibot_sim.diagnose.selection.decision import Decision, Named
+from artibot_sim.diagnose.selection.forward import Turn
+from artibot_sim.diagnose.validation.predictions import improvements, predict
+from artibot_sim.estimation.loss import Loss
+from artibot_sim.estimation.parameters import Extension
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import Fit
+from artibot_sim.estimation.solver import evaluate
+from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.run import problem_of
-from artibot_sim.identify.search import Fit
 from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
-from artibot_sim.identify.windows import CHANNEL_NAMES
 from artibot_sim.model import load_robot
 
 ROBOT = load_robot("agriq")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from artibot_sim.identify.robust import Loss
-from artibot_sim.identify.windows import CHANNEL_NAMES
+from artibot_sim.estimation.loss import Loss
+from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop
 
 TURNS = Manoeuvre(

@@ -22,11 +22,13 @@ from artibot_sim.experiment.can_frames import (
     can_topics,
     encode_frame,
     frame_decoder,
+    frame_of,
+    is_candump,
+    iter_candump,
     iter_frames,
+    line_of,
 )
-from artibot_sim.experiment.candump import frame_of, is_candump, iter_candump, line_of
-from artibot_sim.experiment.encode import header
-from artibot_sim.experiment.messages import CAN_FRAME, definition, serialize
+from artibot_sim.experiment.messages import CAN_FRAME, definition, header, serialize
 
 AS_ROSIDL_HASHES_IT = "RIHS01_0cdc7d15657573ee6ff151e5cc1943888301e370d957e2c077a154f4755fd976"
 """In the C code that rosidl generates for can_msgs."""

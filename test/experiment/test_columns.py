@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.columns import Channel, Experiment, find_segments
-from artibot_sim.experiment.contract import TOPICS, find_topic, parse_renames
+from artibot_sim.experiment.topics import TOPICS, find_topic, parse_renames
 
 
 def channel(n: int = 5) -> Channel:

@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import BagWriter, Qos, bag_info, read_bag
-from artibot_sim.experiment.qos import LATCHED, SENSOR, dump_profiles, parse_qos
+from artibot_sim.experiment.topics import LATCHED, SENSOR, dump_profiles, parse_qos
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 

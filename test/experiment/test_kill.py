@@ -21,8 +21,8 @@ from click.testing import CliRunner
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
+from artibot_sim.cli.recover import command
 from artibot_sim.experiment import iter_messages
-from artibot_sim.experiment.recover_cli import command
 
 INSTANTS = 45
 TOGETHER = 9

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from artibot_sim.experiment.kinks import fit_beside, kinks
-from artibot_sim.experiment.local_fit import local_fit
+from artibot_sim.experiment.smoothing import fit_beside, kinks, local_fit
 
 COUNT = 2 * np.pi / 2048
 HALF_WIDTH = 0.04

@@ -10,8 +10,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.experiment.measured import dead_reckon
 from artibot_sim.experiment.metrics import fit_circle, path_length, position_error, radius, yaw_error
-from artibot_sim.experiment.odometry import dead_reckon
 
 numbers = st.floats(-100, 100)
 angles = st.floats(-math.pi, math.pi)

@@ -26,8 +26,7 @@ from mcap.writer import IndexType, Writer
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import BagWriter, bag_info, iter_messages, read_bag, serialize
-from artibot_sim.experiment.encode import header
-from artibot_sim.experiment.messages import message_class
+from artibot_sim.experiment.messages import header, message_class
 
 quick = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -250,7 +249,7 @@ def test_bytes_that_are_no_such_message_name_the_topic(tmp_path: Path) -> None:
 
 
 def test_plans_are_rows_in_time(tmp_path: Path) -> None:
-    from artibot_sim.experiment.encode import path_message, trajectory_message
+    from artibot_sim.experiment.messages import path_message, trajectory_message
 
     after = [0, 500_000_000, 1_000_000_000]
     angles = np.array([[0.0, 0.0], [1.0, 2.0], [3.0, 4.0]])

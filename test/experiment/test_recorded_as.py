@@ -12,7 +12,7 @@ from model.effects import SENSORS_1
 from artibot_sim.experiment import read_bag, write_experiment
 from artibot_sim.experiment.resimulate import resimulate
 from artibot_sim.model import Commands, Robot, initial_state, load_robot, rollout
-from artibot_sim.model.command_way import as_executed
+from artibot_sim.model.simulate.commands import as_executed
 
 ON_THE_WAY = {
     "command_delay": {"delay": 0.15},

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
+from artibot_sim.cli.recover import command
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import iter_messages, recover
-from artibot_sim.experiment.recover_cli import command
 from artibot_sim.experiment.writer import BagWriter
 
 Message = tuple[str, int, int, bytes]

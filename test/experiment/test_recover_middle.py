@@ -14,8 +14,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from artibot_sim.experiment import iter_messages, recover
-from artibot_sim.experiment.chunks import HEAD
-from artibot_sim.experiment.recover import RecoverReport
+from artibot_sim.experiment.recover import HEAD, RecoverReport
 
 Message = tuple[str, int, int, bytes]
 Span = tuple[int, int]

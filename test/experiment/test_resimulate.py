@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import Experiment, read_bag, write_channels, write_experiment
-from artibot_sim.experiment.comparison import UNITS
-from artibot_sim.experiment.local_fit import fresh, local_fit, noise_of
+from artibot_sim.experiment.metrics import UNITS
 from artibot_sim.experiment.resimulate import resimulate, robot_of
+from artibot_sim.experiment.smoothing import fresh, local_fit, noise_of
 from artibot_sim.model import Commands, Robot, Rollout, load_robot, rollout
 
 SOILS = {

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import metrics, read_bag, write_channels, write_experiment
-from artibot_sim.experiment.contract import BY_KEY
+from artibot_sim.experiment.topics import BY_KEY
 from artibot_sim.model import MOTORS, WHEEL_JOINTS, Commands, load_robot, rollout
 from artibot_sim.planning import load_manoeuvre, plan
 

@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from artibot_sim.identify.extension import Extension
-from artibot_sim.identify.parameters import ParameterSet
+from artibot_sim.estimation.parameters import Extension, ParameterSet
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.model import load_robot
 from artibot_sim.model.effects import EFFECTS, at_work

@@ -9,18 +9,17 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from artibot_sim.cli.identify import command
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import Channel, Experiment, write_channels
 from artibot_sim.identify import Effort, Prior, Status, identify, parse_priors
-from artibot_sim.identify.holdout import hold_out
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import Work, problem_of
-from artibot_sim.identify.skid import ideal
 from artibot_sim.identify.synthetic import Noise, synthetic
+from artibot_sim.identify.validation import hold_out, ideal
 from artibot_sim.model import Robot, load_robot, save_robot
 from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop, Straight
-from artibot_sim.report.identification_windows import window_panels
-from artibot_sim.report.identify_cli import command
+from artibot_sim.report.identification import window_panels
 
 QUICK = Effort(starts=1, finalists=1)
 TRUTH = {

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from artibot_sim.identify.gauss_newton import Point, evaluate
-from artibot_sim.identify.holdout import fitted_starts
-from artibot_sim.identify.noisy_inputs import answers, with_noisy_inputs
-from artibot_sim.identify.problem import Problem
+from artibot_sim.estimation.encoder_noise import answers, with_noisy_inputs
+from artibot_sim.estimation.loss import Loss
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.solver import Point, evaluate
+from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import synthetic
-from artibot_sim.identify.windows import CHANNEL_NAMES
+from artibot_sim.identify.validation import fitted_starts
 from artibot_sim.model import load_robot
 from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Stop
 

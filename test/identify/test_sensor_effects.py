@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from model.effects import SENSORS_1
 
-from artibot_sim.identify.extension import Extension
-from artibot_sim.identify.holdout import fitted_starts
-from artibot_sim.identify.parameters import ParameterSet
-from artibot_sim.identify.problem import Problem
-from artibot_sim.identify.robust import channel_levels
-from artibot_sim.identify.sensing import stretches
+from artibot_sim.estimation.loss import channel_levels
+from artibot_sim.estimation.measurements import stretches
+from artibot_sim.estimation.parameters import Extension, ParameterSet
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.windows import CHANNEL_NAMES, cut
 from artibot_sim.identify.synthetic import synthetic
-from artibot_sim.identify.windows import CHANNEL_NAMES, cut
+from artibot_sim.identify.validation import fitted_starts
 from artibot_sim.model import Robot, load_robot
 from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop
 

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.identify.extension import Extension
-from artibot_sim.identify.parameters import MU_D, MU_S, ParameterSet
+from artibot_sim.estimation.parallel import side_by_side, threads
+from artibot_sim.estimation.parameters import MU_D, MU_S, Extension, ParameterSet
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.side_by_side import side_by_side, threads
 from artibot_sim.model import load_robot
 
 

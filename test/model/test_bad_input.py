@@ -7,8 +7,8 @@ import pytest
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, State, Status, initial_state, load_robot, rollout
-from artibot_sim.model.params import params
-from artibot_sim.model.stability import largest_step
+from artibot_sim.model.analysis.stability import largest_step
+from artibot_sim.model.robot.derived import params
 
 
 def commands(velocity: float = 50.0, knots: int = 11) -> Commands:

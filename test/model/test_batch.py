@@ -15,8 +15,8 @@ from model.helpers import from_knot, front_commands, ramp
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Mode, Status, initial_state, rollout
-from artibot_sim.model.batch import available_cores, rollout_batch
 from artibot_sim.model.effects import EFFECTS
+from artibot_sim.model.simulate.batch import available_cores, rollout_batch
 
 PARTS = ("t", "q", "v", "row")
 

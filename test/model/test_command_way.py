@@ -8,7 +8,7 @@ from model.effects import with_effects
 from model.helpers import front_commands, ramp
 
 from artibot_sim.model import rollout
-from artibot_sim.model.command_way import CommandWay, as_executed
+from artibot_sim.model.simulate.commands import CommandWay, as_executed
 
 H = 0.01
 

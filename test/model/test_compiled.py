@@ -39,7 +39,7 @@ def test_other_libraries_are_whole_after_a_rollout() -> None:
 
 USER = (
     "import time; from artibot_sim import progress; heard = []; progress.compiling.append({hear}); "
-    "import numpy as np; from artibot_sim.model import kinematics, load_robot; "
+    "import numpy as np; from artibot_sim.model import load_robot; from artibot_sim.model.equations import kinematics; "
     "kinematics.constraint(load_robot('agriq'), np.zeros(16)); "
     "print(heard, sum(sum(f.stats.cache_misses.values()) for f in vars(kinematics).values() if hasattr(f, 'stats')))"
 )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from model.symbolic import geometry_of, joint
 
-from artibot_sim.model.kinematics import constraint, constraint_bias, constraint_jacobian
+from artibot_sim.model.equations.kinematics import constraint, constraint_bias, constraint_jacobian
 
 
 @pytest.fixture(scope="module")

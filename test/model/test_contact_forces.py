@@ -10,7 +10,7 @@ import numpy as np
 from model.helpers import GRAVITY
 
 from artibot_sim.model import WHEELS, initial_state
-from artibot_sim.model.reference import contact_forces
+from artibot_sim.model.reference.contact import contact_forces
 
 STEP = 1e-30
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from mpmath import mp
 
-from artibot_sim.model import elementary
-from artibot_sim.model.compiled import kernel
+from artibot_sim.model.kernels import elementary
+from artibot_sim.model.kernels.compilation import kernel
 
 mp.prec = 200
 

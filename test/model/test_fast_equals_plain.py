@@ -10,11 +10,11 @@ from model.effects import SEVERITY_1, with_effects
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, Robot, State, initial_state, load_robot, rollout
-from artibot_sim.model.params import params
-from artibot_sim.model.reference_effects import PlainEffects
-from artibot_sim.model.reference_steps import PlainState, rk4_step, semi_implicit_step
-from artibot_sim.model.rollout import unlimited_beside_prescribed
-from artibot_sim.model.transmission import back_torque_factor
+from artibot_sim.model.equations.transmission import back_torque_factor
+from artibot_sim.model.reference.effects import PlainEffects
+from artibot_sim.model.reference.steps import PlainState, rk4_step, semi_implicit_step
+from artibot_sim.model.robot.derived import params
+from artibot_sim.model.simulate.rollout import unlimited_beside_prescribed
 
 DT, STEPS, KNOT = 1e-3, 60, 10
 MODES = {

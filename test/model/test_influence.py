@@ -10,8 +10,8 @@ import sympy as sp
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import WHEELS, Commands, Mode, State, initial_state, rollout
-from artibot_sim.model.influence import Influence, influence, influence_map, with_ratio
-from artibot_sim.model.params import starred
+from artibot_sim.model.analysis.influence import Influence, influence, influence_map, with_ratio
+from artibot_sim.model.robot.derived import starred
 
 ANGLES = np.radians(np.arange(-60.0, 61.0, 3.0))
 RATIOS = np.linspace(0.0, 1.0, 11)

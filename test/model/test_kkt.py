@@ -15,8 +15,8 @@ from model.symbolic import geometry_of, joint
 from model.test_contact_forces import expected
 
 from artibot_sim.model import MOTORS, WHEELS, Mode, rollout
-from artibot_sim.model.params import params
-from artibot_sim.model.reference import solve
+from artibot_sim.model.reference.dynamics import solve
+from artibot_sim.model.robot.derived import params
 
 MOTOR_COORDINATES = [6, 7, 14, 15]
 MODES = (Mode.PRESCRIBED, Mode.PRESCRIBED, Mode.TORQUE, Mode.TORQUE)

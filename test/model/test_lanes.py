@@ -9,13 +9,12 @@ import pytest
 from model.effects import SEVERITY_1, with_effects
 from model.test_rollout_random_robots import FACTORS, VALUES, build
 
-from artibot_sim.identify.starts import postures, states
+from artibot_sim.estimation.windows import postures, states
 from artibot_sim.model import Commands, Mode, Robot, State, rollout
-from artibot_sim.model import windows as windows_module
 from artibot_sim.model.effects import EFFECTS
-from artibot_sim.model.layout import BACK, GAMMA, MOTOR_COORDINATES
-from artibot_sim.model.window_work import Fleet
-from artibot_sim.model.windows import KINDS, Items, MotorTable, Plan, WindowBatch, level
+from artibot_sim.model.kernels.layout import BACK, GAMMA, MOTOR_COORDINATES
+from artibot_sim.model.simulate import windows as windows_module
+from artibot_sim.model.simulate.windows import KINDS, Fleet, Items, MotorTable, Plan, WindowBatch, level
 
 PRESCRIBED = (Mode.PRESCRIBED,) * 4
 SHARED = (Mode.PRESCRIBED, Mode.PRESCRIBED, Mode.TORQUE, Mode.TORQUE)

@@ -9,11 +9,12 @@ import pytest
 from model.helpers import front_commands, ramp
 from model.test_fast_equals_plain import DT, MODES, commands, plain_run
 
-from artibot_sim.model import Mode, Robot, State, Status, initial_state, level_loop, load_robot, loop, rollout
-from artibot_sim.model.elementary import turn_by
-from artibot_sim.model.params import packed, params
-from artibot_sim.model.rollout_checks import driven_by
-from artibot_sim.model.transmission import back_torque_factor
+from artibot_sim.model import Mode, Robot, State, Status, initial_state, load_robot, rollout
+from artibot_sim.model.equations.transmission import back_torque_factor
+from artibot_sim.model.kernels import loop, plane_loop
+from artibot_sim.model.kernels.elementary import turn_by
+from artibot_sim.model.robot.derived import packed, params
+from artibot_sim.model.simulate.rollout import driven_by
 
 INTEGRATORS = ("rk4", "semi_implicit")
 
@@ -67,9 +68,9 @@ def test_rows_and_energies_are_those_of_the_loop_in_space(name: str, integrator:
     level, _, on_plane = spread(order, robot, integrator)
     space, _, in_space = spread(order, robot, integrator)
     one, other = (
-        (level_loop.level_rk4, loop.integrate_rk4)
+        (plane_loop.level_rk4, loop.integrate_rk4)
         if integrator == "rk4"
-        else (level_loop.level_semi, loop.integrate_semi_implicit)
+        else (plane_loop.level_semi, loop.integrate_semi_implicit)
     )
     assert one(*level) == other(*space) == (loop.OK, 401)
     for found, expected in zip(on_plane, in_space, strict=True):
@@ -86,8 +87,8 @@ def test_who_does_not_stand_level_is_left_to_the_loop_in_space(agriq, off: str) 
     {"rolled": q, "pitched": q, "too high": q, "rising": v}[off][{"rolled": 3, "pitched": 12}.get(off, 2)] += 1e-6
     order = front_commands(agriq, lambda t: 0.3 * ramp(t), lambda t: 0.0 * t, 0.1)
     given, state, tables = spread(order, agriq, "rk4", start=State(0.0, q, v, start.eta, start.torque))
-    for integrate in (level_loop.level_rk4, level_loop.level_semi):
-        assert integrate(*given)[0] == level_loop.LEAVES
+    for integrate in (plane_loop.level_rk4, plane_loop.level_semi):
+        assert integrate(*given)[0] == plane_loop.LEAVES
         np.testing.assert_array_equal(np.concatenate(state), np.concatenate([q, v, start.eta, start.torque]))
         assert not any(table.any() for table in tables)
     assert rollout(agriq, order, state=State(0.0, q, v, start.eta, start.torque)).status is Status.OK

@@ -17,8 +17,8 @@ from model.helpers import front_commands, ramp
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot, rollout, save_robot
-from artibot_sim.model.params import starred
-from artibot_sim.model.robot_file import robot_from_dict, robot_to_dict
+from artibot_sim.model.robot.derived import starred
+from artibot_sim.model.robot.file import robot_from_dict, robot_to_dict
 from artibot_sim.resources import config_names, config_path
 
 ROBOTS = ("agriq", "epiq", "husky")

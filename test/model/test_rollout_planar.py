@@ -10,7 +10,7 @@ from model.helpers import GRAVITY, front_commands, ramp
 from model.planar import planar_rollout, starred
 
 from artibot_sim.model import MOTORS, WHEELS, rollout
-from artibot_sim.model.kinematics import constraint
+from artibot_sim.model.equations.kinematics import constraint
 
 POSE = ["x_f", "y_f", "gamma_f", "gamma_b"]
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from model.helpers import energy_gap, front_commands, mirrored, mirrored_commands, ramp, standstill
 
 from artibot_sim.model import MOTORS, WHEELS, Status, initial_state, rollout
-from artibot_sim.model.kinematics import constraint
+from artibot_sim.model.equations.kinematics import constraint
 
 SETTINGS = settings(
     max_examples=40,

@@ -9,7 +9,7 @@ import pytest
 from model.helpers import GRAVITY, standstill
 
 from artibot_sim.model import WHEELS, Mode, initial_state, rollout
-from artibot_sim.model.kinematics import constraint
+from artibot_sim.model.equations.kinematics import constraint
 
 GRADE = 0.05
 MOTORS = [6, 7, 14, 15]

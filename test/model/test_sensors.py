@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from model.effects import SENSORS_1, with_effects
 
 from artibot_sim.model import Mode, Robot, initial_state, load_robot, rollout
-from artibot_sim.model.commands import Commands
 from artibot_sim.model.effects import EFFECTS
-from artibot_sim.model.param_types import NO_SENSOR_ERRORS, SensorErrors
-from artibot_sim.model.sensors import measured_starts, sensor_errors, true_starts
-from artibot_sim.model.windows import KINDS, Items, MotorTable, Plan, WindowBatch
+from artibot_sim.model.robot.parameters import NO_SENSOR_ERRORS, SensorErrors
+from artibot_sim.model.simulate.commands import Commands
+from artibot_sim.model.simulate.sensors import measured_starts, sensor_errors, true_starts
+from artibot_sim.model.simulate.windows import KINDS, Items, MotorTable, Plan, WindowBatch
 
 ALL = (Mode.PRESCRIBED,) * 4
 MEASURED = tuple(KINDS.index(k) for k in (

@@ -14,8 +14,8 @@ from model.planar import linearised
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import WHEELS, Commands, Mode, State, initial_state, rollout
-from artibot_sim.model.params import params
-from artibot_sim.model.stability import largest_step
+from artibot_sim.model.analysis.stability import largest_step
+from artibot_sim.model.robot.derived import params
 
 MODES = (Mode.PRESCRIBED, Mode.PRESCRIBED, Mode.TORQUE, Mode.TORQUE)
 
@@ -84,7 +84,7 @@ TORQUES = (Mode.TORQUE,) * 4
 @pytest.fixture
 def unchecked(monkeypatch):
     """`rollout` takes any step."""
-    monkeypatch.setattr(sys.modules["artibot_sim.model.rollout_checks"], "largest_step", lambda *_: (np.inf, ""))
+    monkeypatch.setattr(sys.modules["artibot_sim.model.simulate.rollout"], "largest_step", lambda *_: (np.inf, ""))
 
 
 def growth_of_a_step(robot, dt, modes, speed, bend):
@@ -160,7 +160,7 @@ def test_table_6_at_5_ms_is_the_same_path(request, name):
 
 
 def test_a_stepper_takes_long_steps_too(epiq):
-    from artibot_sim.model.stepper import Stepper, Turn
+    from artibot_sim.model.simulate.stepper import Stepper, Turn
 
     cruise = 0.3 / (epiq.wheel.r_w * epiq.drive.front.tau)
     ends = []

@@ -9,7 +9,7 @@ import pytest
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, Rollout, Status, load_robot, rollout
-from artibot_sim.model.stepper import COASTING, Stepper, Turn
+from artibot_sim.model.simulate.stepper import COASTING, Stepper, Turn
 
 AGRIQ = load_robot("agriq")
 SLICE = 0.002

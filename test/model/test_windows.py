@@ -7,7 +7,7 @@ import pytest
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, Robot, load_robot, rollout
-from artibot_sim.model.windows import KINDS, Items, MotorTable, Plan, WindowBatch, window_step
+from artibot_sim.model.simulate.windows import KINDS, Items, MotorTable, Plan, WindowBatch, window_step
 
 ALL = (Mode.PRESCRIBED,) * 4
 

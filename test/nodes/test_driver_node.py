@@ -32,7 +32,7 @@ from artibot_driver.master import kappa_bounds
 from artibot_driver.pdo import Pdo
 from artibot_driver.rig import load_rig
 from artibot_sim.model import MOTORS, load_robot
-from artibot_sim.model.transmission import back_torque_factor
+from artibot_sim.model.equations.transmission import back_torque_factor
 from artibot_sim.nodes.inputs import PROFILE_QOS
 from artibot_sim.sharing import LAWS, Cycle, load_law
 from ros_helpers import NodeProcess

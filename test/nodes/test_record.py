@@ -19,7 +19,7 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
 from artibot_sim.experiment import bag_info, iter_messages, read_bag, recover
-from artibot_sim.experiment.qos import parse_qos
+from artibot_sim.experiment.topics import parse_qos
 from ros_helpers import NodeProcess, NodeStarter
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.rollout_bag import rollout_columns
 from artibot_sim.model import Commands, initial_state, load_robot, rollout
-from artibot_sim.model.command_way import as_executed
+from artibot_sim.model.simulate.commands import as_executed
 from artibot_sim.nodes.arbiter import NAN_PAIR, Decision, Source
 from artibot_sim.nodes.odometry import Odometry
 from artibot_sim.nodes.sim_engine import Diverged, Engine, Sample, Start, Timing, quaternion, rotation

@@ -7,12 +7,11 @@ from functools import cache
 
 import numpy as np
 
-from artibot_sim.diagnose.diagnosis import (
+from artibot_sim.diagnose.records import (
     Candidate,
     Cause,
     ChannelBaseline,
     ChannelGain,
-    Diagnosis,
     Found,
     Look,
     NextExperiment,
@@ -20,12 +19,13 @@ from artibot_sim.diagnose.diagnosis import (
     Unexplained,
     Verdict,
 )
-from artibot_sim.diagnose.places import places
+from artibot_sim.diagnose.result import Diagnosis
+from artibot_sim.diagnose.validation.residuals import places
+from artibot_sim.estimation.windows import CHANNEL_NAMES, Window
 from artibot_sim.experiment import Experiment
 from artibot_sim.experiment.measured import Measured
-from artibot_sim.identify.holdout import Held, hold_out
 from artibot_sim.identify.synthetic import synthetic
-from artibot_sim.identify.windows import CHANNEL_NAMES, Window
+from artibot_sim.identify.validation import Held, hold_out
 from artibot_sim.model import MOTORS, Robot, load_robot
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.planning import Arc, Dwell, Eight, Manoeuvre, Ramp, Slalom, Stop, Straight

@@ -14,14 +14,15 @@ from browser import Browser, browser
 from report.diagnosis_case import case
 
 from artibot_sim.cli import main
-from artibot_sim.diagnose import words
-from artibot_sim.diagnose.diagnosis import ChannelBaseline, Diagnosis, Unexplained, Verdict
+from artibot_sim.diagnose import result
+from artibot_sim.diagnose.records import ChannelBaseline, Unexplained, Verdict
+from artibot_sim.diagnose.result import Diagnosis
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot
-from artibot_sim.report.diagnosis_files import files_of, load
-from artibot_sim.report.diagnosis_page import page_of
-from artibot_sim.report.diagnosis_panels import path
-from artibot_sim.report.folder import write_folder
+from artibot_sim.report.diagnosis.charts import path
+from artibot_sim.report.diagnosis.files import files_of, load
+from artibot_sim.report.diagnosis.page import page_of
+from artibot_sim.report.files import write_folder
 
 SLOPE: dict[str, float | str] = {"grade": 0.05, "heading": 1.2}
 
@@ -52,16 +53,16 @@ def markup(found: Diagnosis) -> str:
 def test_a_cause_that_predicts_worse_is_said_to(named: Diagnosis) -> None:
     (cause, *others) = named.causes
     worse = replace(named, causes=(replace(cause, holdout_improvement=-2.29), *others))
-    assert "the error beyond noise grows by 229 %" in words.sureness(worse)
-    assert "removes" in words.sureness(named) and "removes" not in words.sureness(worse)
+    assert "the error beyond noise grows by 229 %" in result.sureness(worse)
+    assert "removes" in result.sureness(named) and "removes" not in result.sureness(worse)
 
 
 def test_the_first_sentence_names_cause_size_and_gain(every: dict[Verdict, Diagnosis]) -> None:
-    said = {verdict: words.headline(found) for verdict, found in every.items()}
+    said = {verdict: result.headline(found) for verdict, found in every.items()}
     assert said[Verdict.NAMED].startswith("Slope: grade 0.0500 rad (2.9°), heading 1.20 rad (69°). With it, ")
     before, after = (every[Verdict.NAMED].gain["position"].__dict__[k] for k in ("before", "after"))
-    assert f"instead of {words.amount(before, 'm')}" in said[Verdict.NAMED]
-    assert f"by {words.amount(after, 'm')}" in said[Verdict.NAMED]
+    assert f"instead of {result.amount(before, 'm')}" in said[Verdict.NAMED]
+    assert f"by {result.amount(after, 'm')}" in said[Verdict.NAMED]
     assert said[Verdict.AMBIGUOUS].startswith("Either slope or external force: these recordings cannot tell")
     assert "on no list: a front yaw moment of 12 N·m that follows yaw rate" in said[Verdict.UNEXPLAINED]
     assert said[Verdict.NONE].startswith("No effect explains")
@@ -73,10 +74,10 @@ def test_what_is_on_no_list_is_told_where_it_shows(every: dict[Verdict, Diagnosi
     still = replace(
         found, gain={}, baseline={"position": ChannelBaseline("m", 0.006, 0.004, 0.006), "torque_back": torque}
     )
-    assert "miss the back motors' torque by 0.070 N·m; the sensor's noise is 0.020 N·m" in words.headline(still)
+    assert "miss the back motors' torque by 0.070 N·m; the sensor's noise is 0.020 N·m" in result.headline(still)
     lost = replace(still, baseline={"position": ChannelBaseline("m", 0.2, 0.004, 0.5), "torque_back": torque})
-    assert "miss the position by 20 cm" in words.headline(lost)
-    assert "miss the position by 6.0 mm" in words.headline(replace(still, verdict=Verdict.NONE))
+    assert "miss the position by 20 cm" in result.headline(lost)
+    assert "miss the position by 6.0 mm" in result.headline(replace(still, verdict=Verdict.NONE))
 
 
 @pytest.mark.parametrize(
@@ -94,17 +95,17 @@ def test_what_is_on_no_list_is_told_where_it_shows(every: dict[Verdict, Diagnosi
     ],
 )  # fmt: skip
 def test_a_force_is_said_by_what_it_comes_to(what: Unexplained, said: str) -> None:
-    assert words.force_words(what) == said
+    assert result.force_words(what) == said
 
 
 def test_the_page_says_all_that_was_found(every: dict[Verdict, Diagnosis]) -> None:
     for found in every.values():
         text = markup(found)
-        assert words.headline(found).replace("'", "&#x27;") in text
-        for sentence in (*(place.what for place in found.where), *found.warnings, *words.branch_words(found)):
+        assert result.headline(found).replace("'", "&#x27;") in text
+        for sentence in (*(place.what for place in found.where), *found.warnings, *result.branch_words(found)):
             assert sentence.replace("'", "&#x27;") in text
         for candidate in found.ranking:
-            assert words.effect_words(candidate.effect) in text
+            assert result.effect_words(candidate.effect) in text
         if found.next_experiment is not None:
             assert found.next_experiment.what in text
         if found.unexplained is not None:
@@ -221,7 +222,7 @@ def test_a_folder_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
 def test_report_draws_a_diagnosis_again(named: Diagnosis, tmp_path: Path) -> None:
     write_folder(tmp_path / "found", files_of(named, b"old"))
     assert main(["report", str(tmp_path / "found")]) == 0
-    assert words.headline(named).encode() in (tmp_path / "found" / "report.html").read_bytes()
+    assert result.headline(named).encode() in (tmp_path / "found" / "report.html").read_bytes()
     other = tmp_path / "other.html"
     assert main(["report", str(tmp_path / "found" / "diagnosis.json"), "--html", str(other)]) == 0
     assert other.read_bytes() == (tmp_path / "found" / "report.html").read_bytes()
@@ -230,9 +231,9 @@ def test_report_draws_a_diagnosis_again(named: Diagnosis, tmp_path: Path) -> Non
 def test_it_prints(every: dict[Verdict, Diagnosis]) -> None:
     for found in every.values():
         text = " ".join(str(found).split())
-        assert words.headline(found) in text
+        assert result.headline(found) in text
         assert all(f"warning: {warning}" in text for warning in found.warnings)
-        assert all(words.channel_words(name) in text for name in found.gain)
+        assert all(result.channel_words(name) in text for name in found.gain)
 
 
 def test_a_measured_path_is_not_joined_across_a_gap(named: Diagnosis) -> None:

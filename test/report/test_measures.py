@@ -10,9 +10,9 @@ from bag_helpers import foreign
 from report_helpers import EPOCH, Columns, circle, recording
 
 from artibot_sim.experiment import Experiment, metrics, read_bag, write_channels
-from artibot_sim.experiment.encode import path_message
+from artibot_sim.experiment.messages import path_message
 from artibot_sim.report.measures import measure
-from artibot_sim.report.tracks import find_track
+from artibot_sim.report.paths import find_track
 
 RATE = 0.4
 T = np.arange(0.0, 10.0, 0.02)

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from artibot_sim.experiment import Experiment
 from artibot_sim.model import Robot, load_robot
 from artibot_sim.report.figures import experiment_figure
-from artibot_sim.report.outline import outline, size
 from artibot_sim.report.panels import Outline
+from artibot_sim.report.paths import outline, size
 
 ANGLES = st.floats(-3.2, 3.2)
 PLACES = st.floats(-20.0, 20.0)

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from artibot_sim.cli import main
-from artibot_sim.identify.identification import ChannelFit, Estimate, Identification, Prediction, Status
-from artibot_sim.identify.printing import prediction_lines
+from artibot_sim.identify.result import ChannelFit, Estimate, Identification, Prediction, Status, prediction_lines
 from artibot_sim.model import load_robot
 
 

@@ -12,18 +12,16 @@ from pathlib import Path
 import pytest
 
 from artibot_sim.cli import main
-from artibot_sim.reproduce import section5, section6, section6_text, section7, section7_text
-from artibot_sim.reproduce.page import _chart, render
-from artibot_sim.reproduce.picture import render_sheet
+from artibot_sim.reproduce import section5, section6, section7
+from artibot_sim.reproduce.page import _chart, lines, render, render_sheet, render_summary
 from artibot_sim.reproduce.result import Section
-from artibot_sim.reproduce.summary import lines, render_summary
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
 
 @pytest.fixture(scope="module")
 def sections(circles: section6.Study, runs: section7.Study) -> list[Section]:
-    return [section5.section5(quick=True), section6_text.written(circles), section7_text.written(runs)]
+    return [section5.section5(quick=True), section6.written(circles), section7.written(runs)]
 
 
 @pytest.fixture(scope="module")

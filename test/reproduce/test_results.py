@@ -7,7 +7,7 @@ import math
 import pytest
 
 from artibot_sim.model import load_robot
-from artibot_sim.model.transmission import back_torque_factor
+from artibot_sim.model.equations.transmission import back_torque_factor
 from artibot_sim.planning import load_manoeuvre, plan
 from artibot_sim.reproduce import paper
 from artibot_sim.reproduce.result import CALIBRATED, PREDICTED, Comparison, Section, Statement, comparison_table

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from artibot_sim.model import load_robot
-from artibot_sim.model.influence import InfluenceMap, influence_map
+from artibot_sim.model.analysis.influence import InfluenceMap, influence_map
 from artibot_sim.reproduce.section5 import section5, statements, zero_curve
 
 

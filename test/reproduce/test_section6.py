@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 
 from artibot_sim.model import load_robot
-from artibot_sim.reproduce import paper, section6, section6_text
-from artibot_sim.reproduce.circles import circle_error, odometric_speed, ramp_length, rotation_driven, torque_limited
-from artibot_sim.reproduce.section6_figures import odometric_path
+from artibot_sim.reproduce import paper, section6
+from artibot_sim.reproduce.section6 import odometric_path
+from artibot_sim.reproduce.simulations import (
+    circle_error,
+    odometric_speed,
+    ramp_length,
+    rotation_driven,
+    torque_limited,
+)
 
 
 def test_rotations_turn_at_the_papers_odometric_radius_and_speed(circles: section6.Study) -> None:
@@ -89,7 +95,7 @@ def test_more_torque_makes_a_tighter_circle() -> None:
 
 
 def test_the_section_says_what_the_numbers_say(circles: section6.Study) -> None:
-    section = section6_text.written(circles)
+    section = section6.written(circles)
     verdicts = {c.what: c.agrees for c in section.comparisons}
     assert verdicts["Test 1: radius, driven by rotations"] and verdicts["Test 2: radius, driven by rotations"]
     two = circles.best.test2

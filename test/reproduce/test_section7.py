@@ -8,11 +8,18 @@ import numpy as np
 import pytest
 
 from artibot_sim.model import load_robot
-from artibot_sim.reproduce import section7, section7_claims, section7_text, suspects
-from artibot_sim.reproduce.calibrated import CALIBRATIONS
-from artibot_sim.reproduce.calibration import PROBLEMS, Problem, calibrate, misfit, overall_length, robust_misfit
+from artibot_sim.reproduce import section7
+from artibot_sim.reproduce.calibration import (
+    CALIBRATIONS,
+    PROBLEMS,
+    Problem,
+    calibrate,
+    misfit,
+    overall_length,
+    robust_misfit,
+)
 from artibot_sim.reproduce.paper import KAPPAS, LENGTH, TABLE_7
-from artibot_sim.reproduce.runs import sliding, yaw_parts
+from artibot_sim.reproduce.simulations import sliding, yaw_parts
 
 
 def errors(study: section7.Study, robot: str, geometry: str) -> np.ndarray:
@@ -52,24 +59,24 @@ def test_epiqs_other_sign_is_made_where_the_turn_reverses(runs: section7.Study) 
 
 
 def test_without_sliding_the_same_epiq_has_table_7s_sign_and_trends(runs: section7.Study) -> None:
-    held = runs.suspects[suspects.HOLDING]
+    held = runs.suspects[section7.HOLDING]
     assert (held[:, 0] < 0).all()
     assert (np.diff(held[:, 0]) < 0).all() and (np.diff(held[:, 1]) > 0).all()
-    assert suspects.misfit(held) < 0.5 * suspects.misfit(runs.suspects["as shipped"])
+    assert section7.misfit(held) < 0.5 * section7.misfit(runs.suspects["as shipped"])
     np.testing.assert_allclose(100 * runs.suspects["as shipped"][:, :2], errors(runs, "epiq", "shipped"))
 
 
 def test_without_sliding_there_is_hardly_anything_but_steady_turning(runs: section7.Study) -> None:
-    held, shipped = runs.suspects[suspects.HOLDING], runs.suspects["as shipped"]
+    held, shipped = runs.suspects[section7.HOLDING], runs.suspects["as shipped"]
     assert np.abs(held[:, 0] - held[:, 2]).max() < 0.5 * np.abs(shipped[:, 0] - shipped[:, 2]).min()
 
 
 def test_suspects_statements_follow_from_their_numbers(runs: section7.Study) -> None:
-    assert [s.holds for s in suspects.statements(runs.suspects)] == [True, True]
+    assert [s.holds for s in section7.suspect_statements(runs.suspects)] == [True, True]
     same = dict.fromkeys(runs.suspects, runs.suspects["as shipped"])
-    assert [s.holds for s in suspects.statements(same)] == [False, False]
-    one_more = runs.suspects | {"gears without loss (η = 1)": runs.suspects[suspects.HOLDING]}
-    assert [s.holds for s in suspects.statements(one_more)] == [True, False]
+    assert [s.holds for s in section7.suspect_statements(same)] == [False, False]
+    one_more = runs.suspects | {"gears without loss (η = 1)": runs.suspects[section7.HOLDING]}
+    assert [s.holds for s in section7.suspect_statements(one_more)] == [True, False]
 
 
 def test_the_parts_of_e_gamma_are_its_sum_and_both_turns_are_alike(runs: section7.Study) -> None:
@@ -93,12 +100,12 @@ def test_the_front_module_slides_on_one_branch_and_not_on_the_other(runs: sectio
 
 
 def test_statements_follow_from_the_runs(runs: section7.Study) -> None:
-    said = {s.claim: s.holds for s in section7_claims.statements(runs)}
-    assert len(said) == len(section7_claims.statements(runs))
+    said = {s.claim: s.holds for s in section7.statements(runs)}
+    assert len(said) == len(section7.statements(runs))
     exchanged = dict(runs.runs)
     for kind in ("shipped", "best fit"):  # the robots' runs in each other's place
         exchanged["epiq", kind], exchanged["agriq", kind] = runs.runs["agriq", kind], runs.runs["epiq", kind]
-    other = {s.claim: s.holds for s in section7_claims.statements(dataclasses.replace(runs, runs=exchanged))}
+    other = {s.claim: s.holds for s in section7.statements(dataclasses.replace(runs, runs=exchanged))}
     for claim in ("Agri.q (shipped): e_γ is negative, as in Table 5.",
                   "Agri.q: the back motors take part of the front motors' burden."):  # fmt: skip
         assert said[claim]
@@ -107,7 +114,7 @@ def test_statements_follow_from_the_runs(runs: section7.Study) -> None:
 
 
 def test_the_section_compares_every_number_of_table_7(runs: section7.Study) -> None:
-    section = section7_text.written(runs)
+    section = section7.written(runs)
     assert len(section.comparisons) == 2 * 2 * 3 * 2
     assert {c.paper for c in section.comparisons} == {v for t in TABLE_7.values() for pair in t.values() for v in pair}
     assert {c.basis for c in section.comparisons} == {"calibration"}

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.sweep import axis_from_text, plan_from_dict
-from artibot_sim.sweep.axes import axis_from_node
-from artibot_sim.sweep.keys import Base, known_keys, manoeuvre_document, robot_with
+from artibot_sim.sweep.axes import Base, axis_from_node, known_keys, manoeuvre_document, robot_with
 
 
 def rows(plan, first, count):
@@ -97,7 +96,7 @@ def test_values_reach_robot_effects_and_manoeuvre(grid):
 
 
 def test_every_known_number_can_be_an_axis(grid):
-    from artibot_sim.sweep.keys import check_value
+    from artibot_sim.sweep.axes import check_value
 
     base = Base(grid.base.robot, grid.base.manoeuvres)
     present = {key: value for key, _, value in base.robot.quantities()}

@@ -18,8 +18,7 @@ from pathlib import Path
 import pytest
 
 from artibot_sim import cli
-from artibot_sim.cluster import check_address, identity, map_tasks
-from artibot_sim.cluster_dask import _remote
+from artibot_sim.cluster import _remote, check_address, identity, map_tasks
 from artibot_sim.errors import ArtibotError
 from artibot_sim.sweep import SweepPlan, sweep
 from artibot_sim.sweep.folder import TABLE
@@ -120,15 +119,15 @@ def test_an_identification_and_a_diagnosis_fit_on_the_cluster(cluster: Cluster) 
 
     import numpy as np
 
-    from artibot_sim.diagnose.contest import Rounds, contest
-    from artibot_sim.diagnose.hypotheses import hypotheses
-    from artibot_sim.diagnose.screen import around, screen
-    from artibot_sim.identify.problem import Problem
+    from artibot_sim.diagnose.candidates.hypotheses import hypotheses
+    from artibot_sim.diagnose.candidates.screening import around, screen
+    from artibot_sim.diagnose.selection.joint_fits import Rounds, contest
+    from artibot_sim.estimation.measurements import stretches
+    from artibot_sim.estimation.problem import Problem
+    from artibot_sim.estimation.search import Effort, search
+    from artibot_sim.estimation.windows import cut
     from artibot_sim.identify.requested import parameter_set
-    from artibot_sim.identify.search import Effort, search
-    from artibot_sim.identify.sensing import stretches
     from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
-    from artibot_sim.identify.windows import cut
     from artibot_sim.model import load_robot
 
     robot, rng = load_robot("agriq"), np.random.default_rng(2)
@@ -228,7 +227,7 @@ def test_a_scheduler_that_is_lost_is_said_in_a_line_and_by_nobody_else(
 
 def test_no_scheduler_is_said_in_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("artibot_sim.cluster_dask.CONNECT", 0.5)
+    monkeypatch.setattr("artibot_sim.cluster.CONNECT", 0.5)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))  # nobody listens there
         with pytest.raises(ArtibotError, match="no Dask scheduler answers there"):

@@ -21,13 +21,12 @@ from artibot_sim import cli
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.metrics import fit_circle, yaw_error
 from artibot_sim.model import rollout
-from artibot_sim.model.command_way import as_executed
+from artibot_sim.model.simulate.commands import as_executed
 from artibot_sim.planning import manoeuvre_from_dict, plan
 from artibot_sim.sweep import plan_from_dict, sweep
-from artibot_sim.sweep.folder import TABLE
-from artibot_sim.sweep.keys import manoeuvre_document, robot_with
+from artibot_sim.sweep.axes import manoeuvre_document, robot_with
+from artibot_sim.sweep.folder import TABLE, groups
 from artibot_sim.sweep.summary import summarise
-from artibot_sim.sweep.table import groups
 from ros_helpers import ROOT
 
 

@@ -5,25 +5,126 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import pi
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.next_experiment.manoeuvres import KAPPA, Entry
+from artibot_sim.estimation.measurements import CHANNELS
+from artibot_sim.estimation.windows import postures, states
 from artibot_sim.experiment import Channel, Experiment
-from artibot_sim.experiment.recorded_as import recorded_motors
-from artibot_sim.identify.sensing import CHANNELS
-from artibot_sim.identify.starts import postures, states
+from artibot_sim.experiment.inputs import recorded_motors
 from artibot_sim.model import MOTORS, Mode, Robot, Rollout, Status, initial_state, rollout
-from artibot_sim.model.command_way import as_executed
-from artibot_sim.model.params import params
-from artibot_sim.model.rollout_checks import default_modes
-from artibot_sim.model.sensors import measured_starts, sensor_errors
-from artibot_sim.model.stability import largest_step
-from artibot_sim.model.windows import KINDS, Items, MotorTable, Plan, WindowBatch, window_step
+from artibot_sim.model.analysis.stability import largest_step
+from artibot_sim.model.effects import EFFECTS
+from artibot_sim.model.effects.base import Choice
+from artibot_sim.model.robot.derived import params
+from artibot_sim.model.simulate.commands import as_executed
+from artibot_sim.model.simulate.rollout import default_modes
+from artibot_sim.model.simulate.sensors import measured_starts, sensor_errors
+from artibot_sim.model.simulate.windows import KINDS, Items, MotorTable, Plan, WindowBatch, window_step
+from artibot_sim.planning import Arc, Dwell, Eight, Manoeuvre, Ramp, Repeat, Segment, Slalom, Stop, Straight, plan
 from artibot_sim.planning import Plan as Planned
-from artibot_sim.planning import plan
+
+# ----------------------------------------------------------------------
+# Manoeuvres that a next experiment is chosen from: each brings out something else.
+# ----------------------------------------------------------------------
+
+
+KAPPA = 0.65
+"""Front share of all of them: back motors whose torque is commanded show what torque sensors make of it."""
+_BLEND = 0.3
+"""m over which curvature changes."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A manoeuvre of the library.
+
+    Attributes
+    ----------
+    name : str
+    what : str
+        What to do, for a person, to follow "drive".
+    manoeuvre : Manoeuvre
+    yaw : float
+        Heading at the start in `map`, rad.
+    """
+
+    name: str
+    what: str
+    manoeuvre: Manoeuvre
+    yaw: float = 0.0
+
+
+def _entry(name: str, what: str, *segments: Segment, a_max: float = 0.5, yaw: float = 0.0) -> Entry:
+    return Entry(name, what, Manoeuvre(name, (Dwell(0.5), *segments), a_max=a_max, blend=_BLEND), yaw)
+
+
+_FORTH_AND_BACK = (
+    Straight(length=2.5, speed=0.6, end_speed=0.0), Dwell(0.5), Straight(length=2.5, speed=-0.6, end_speed=0.0),
+)  # fmt: skip
+_BENDS = (Ramp(speed=0.5), Arc(radius=1.8, angle=1.6), Arc(radius=1.8, angle=-1.6), Stop())
+
+LIBRARY: tuple[Entry, ...] = (
+    _entry("forth_and_back", "2.5 m straight ahead and 2.5 m back", *_FORTH_AND_BACK),
+    _entry(
+        "forth_and_back_turned", "2.5 m straight ahead and 2.5 m back, headed 90° to the left of the last recordings",
+        *_FORTH_AND_BACK, yaw=pi / 2,
+    ),
+    _entry(
+        "jerks", "four short straights with hard starts and stops",
+        Repeat(4, (Straight(length=0.8, speed=0.8, end_speed=0.0), Dwell(0.5))), a_max=2.0,
+    ),
+    _entry(
+        "creep", "slowly, up to 0.25 m/s and down again, in a bend to the left, in one to the right, and straight",
+        Ramp(speed=0.25, curvature=0.4, a_max=0.08), Stop(curvature=0.4, a_max=0.08), Dwell(0.5),
+        Ramp(speed=0.25, curvature=-0.4, a_max=0.08), Stop(curvature=-0.4, a_max=0.08), Dwell(0.5),
+        Ramp(speed=0.25, a_max=0.08), Stop(a_max=0.08),
+    ),
+    _entry("bends", "a bend to the left and one to the right, both of 1.8 m radius", *_BENDS),
+    _entry(
+        "bends_turned", "a bend to the left and one to the right, headed 90° to the left of the last recordings",
+        *_BENDS, yaw=pi / 2,
+    ),
+    _entry(
+        "stop_and_go", "stop and go: straight, in a left turn and in a right turn",
+        Straight(length=1.5, speed=0.8, end_speed=0.0), Dwell(0.5),
+        Arc(radius=2.5, angle=0.8, speed=0.8, end_speed=0.0), Dwell(0.5),
+        Arc(radius=2.5, angle=-0.8, speed=0.8, end_speed=0.0), a_max=0.8,
+    ),
+    _entry(
+        "slow_and_fast", "4 m at 0.25 m/s and 6 m at 0.9 m/s, in a wide bend",
+        Ramp(speed=0.25, curvature=0.15), Arc(radius=1 / 0.15, angle=0.6), Ramp(speed=0.9, curvature=0.15),
+        Arc(radius=1 / 0.15, angle=0.9), Stop(curvature=0.15),
+    ),
+    _entry(
+        "slalom", "a slalom of three waves",
+        Ramp(speed=0.6), Slalom(curvature=0.25, wavelength=5.0, periods=0.5),
+        Slalom(curvature=-0.5, wavelength=5.0, periods=3.0), Stop(),
+    ),
+    _entry(
+        "square", "a square with sides of 2 m, corners rounded, to the left",
+        Ramp(speed=0.5), Repeat(4, (Straight(length=1.2), Arc(radius=1.3, angle=pi / 2))), Stop(),
+    ),
+    _entry("eight", "a figure of eight of 2 m radius", Eight(radius=2.0, smooth=True, speed=0.6, end_speed=0.0)),
+    _entry(
+        "circles", "a whole circle to the left and one to the right, both of 1.8 m radius",
+        Ramp(speed=0.6), Arc(radius=1.8, angle=2 * pi), Arc(radius=1.8, angle=-2 * pi), Stop(),
+    ),
+    _entry(
+        "eights", "two figures of eight of 2 m radius without a pause",
+        Repeat(2, (Eight(radius=2.0, smooth=True, speed=0.6),)), Stop(),
+    ),
+)  # fmt: skip
+"""All of them."""
+
+
+# ----------------------------------------------------------------------
+# What a rover would measure on a manoeuvre, and how well another one would explain it, by simulation alone.
+# ----------------------------------------------------------------------
+
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -167,3 +268,176 @@ def trial(robot: Robot, entry: Entry, place: tuple[float, float], channels: Sequ
 def with_effect(robot: Robot, effect: str, values: Mapping[str, float | str]) -> Robot:
     """The robot with other parameters of one of its effects."""
     return replace(robot, effects=dict(robot.effects) | {effect: dict(robot.effects[effect]) | dict(values)})
+
+
+# ----------------------------------------------------------------------
+# What another robot may change to explain a trial, and what is left then.
+# ----------------------------------------------------------------------
+
+
+SOIL = ("contact.k_l", "contact.k_t", "contact.mu_s", "contact.mu_d", "contact.u_w")
+SOIL_SD = 0.05
+"""By how much (as logarithms) the soil may differ from the one that earlier recordings gave."""
+SIZE_SD = 0.2
+"""The same of an effect's size, over it."""
+_PLACES = {"rad": 0.3, "m": 0.3}
+"""The same of parameters that say where or whither, by unit."""
+_STARTS = np.array([0.03, 0.03, 0.1, 0.03, 0.03, 0.015, 0.01, 0.05])
+"""The same of a window's start: x, y, yaw, velocities, joint."""
+_STEPS = np.array([1e-3, 1e-3, 1e-3, 3e-3, 3e-3, 3e-3, 1e-3, 3e-3])
+_ROUNDS = 8
+_FALL = (0.5, 0.05)
+"""Fall of the loss in a round, nats and over what is left, under which it has ended."""
+_FREEDOM = 5.0
+_LOST = 50.0
+
+
+@dataclass(frozen=True)
+class Handle:
+    """A parameter that may change: coordinates are in standard deviations."""
+
+    key: str
+    sd: float
+    effect: str = ""
+
+    def turned(self, robot: Robot, by: float) -> Robot:
+        """The robot with this parameter changed by so many standard deviations, within its bounds."""
+        if not by:
+            return robot
+        if not self.effect:
+            value = float(robot.as_vector([self.key])[0]) * float(np.exp(by * self.sd))
+            other = {"contact.mu_s": "contact.mu_d", "contact.mu_d": "contact.mu_s"}.get(self.key)
+            changes = {self.key: value}
+            if other is not None:  # mu_d is never above mu_s
+                bound = float(robot.as_vector([other])[0])
+                changes[self.key] = max(value, bound) if other == "contact.mu_d" else min(value, bound)
+            return robot.replace(changes)
+        quantity = EFFECTS[self.effect].parameters[self.key].quantity
+        assert not isinstance(quantity, Choice)
+        value = float(robot.effects[self.effect][self.key]) + by * self.sd
+        span = 1e-9 * max(1.0, abs(value))
+        return with_effect(robot, self.effect, {self.key: float(np.clip(value, quantity.low + span, quantity.high))})
+
+
+def handles(robot: Robot) -> list[Handle]:
+    """What may change of a robot: its soil, and its effects' numbers."""
+    found = [Handle(key, SOIL_SD) for key in SOIL]
+    for name, values in robot.effects.items():
+        effect = EFFECTS[name]
+        for k, (key, parameter) in enumerate(effect.parameters.items()):
+            if isinstance(parameter.quantity, Choice) or not np.isfinite(float(values[key])):
+                continue
+            if k < effect.sizes:
+                neutral = float(parameter.neutral) if np.isfinite(float(parameter.neutral)) else 0.0
+                sd = SIZE_SD * abs(float(values[key]) - neutral)
+            else:
+                sd = _PLACES.get(parameter.quantity.unit, 0.0)
+            if sd > 0.0:
+                found.append(Handle(key, sd, name))
+    return found
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A robot that is to explain a trial of another one.
+
+    Attributes
+    ----------
+    trial : Trial
+    robot : Robot
+    noise : mapping of str to float
+        Standard deviation of a sample, by channel (SI).
+    """
+
+    trial: Trial
+    robot: Robot
+    noise: Mapping[str, float]
+
+    @cached_property
+    def _handles(self) -> list[Handle]:
+        return handles(self.robot)
+
+    @cached_property
+    def _sigma(self) -> list[Array]:
+        return self.trial.sigma(self.noise)
+
+    def nats(self) -> float:
+        """Log-likelihood that it loses against the robot that drove, everything that may change at its best."""
+        count = len(self.trial.plans)
+        size = self.trial.starts.shape[1]
+        turns, moves = np.zeros(len(self._handles)), np.zeros((count, size))
+        least = self._cost(turns, moves, self._residuals([turns], moves[None])[0])
+        for _ in range(_ROUNDS):
+            step, move = self._step(turns, moves)
+            shares = (1.0, 0.5, 0.2)
+            tried = [(turns + share * step, moves + share * move) for share in shares]
+            found = self._residuals([t for t, _ in tried], np.array([m for _, m in tried]))
+            costs = [self._cost(t, m, r) for (t, m), r in zip(tried, found, strict=True)]
+            best = int(np.argmin(costs))
+            if costs[best] >= least:
+                break
+            fallen = least - costs[best]
+            least, (turns, moves) = costs[best], tried[best]
+            if fallen < max(_FALL[0], _FALL[1] * least):
+                break
+        return least
+
+    def _robot_at(self, turns: Array) -> Robot:
+        robot = self.robot
+        for handle, by in zip(self._handles, turns.tolist(), strict=True):
+            robot = handle.turned(robot, by)
+        return robot
+
+    def _residuals(self, turns: Sequence[Array], moves: Array) -> list[list[Array]]:
+        """Residuals, window by window, for several sets of changes; `moves` is (sets, windows, 8 or 6)."""
+        count = len(self.trial.plans)
+        robots = [self._robot_at(t) for t in turns]
+        sd = _STARTS[: moves.shape[-1]]
+        starts = (self.trial.starts + moves * sd).reshape(-1, moves.shape[-1])
+        each = np.arange(count, dtype=np.int64)
+        robot, window = np.repeat(np.arange(len(robots), dtype=np.int64), count), np.tile(each, len(robots))
+        flat = self.trial.predicted(robots, robot, window, starts)
+        return [[self._residual(i, flat[k * count + i]) for i in range(count)] for k in range(len(robots))]
+
+    def _residual(self, number: int, predicted: Array) -> Array:
+        difference = predicted - self.trial.measured[number]
+        turned = self.trial.plans[number].kind == KINDS.index("yaw")
+        difference[turned] = np.arctan2(np.sin(difference[turned]), np.cos(difference[turned]))
+        residual: Array = difference / self._sigma[number]
+        return np.where(np.isfinite(residual), np.clip(residual, -1e4, 1e4), _LOST)
+
+    def _cost(self, turns: Array, moves: Array, residuals: Sequence[Array]) -> float:
+        lost = sum(float(np.log1p(r**2 / _FREEDOM).sum()) for r in residuals)
+        return 0.5 * ((_FREEDOM + 1.0) * lost + float(turns @ turns) + float((moves**2).sum()))
+
+    def _step(self, turns: Array, moves: Array) -> tuple[Array, Array]:
+        """Gauss–Newton with the weights of heavy tails; starts are eliminated window by window."""
+        count, size = moves.shape
+        eye = 0.05 * np.eye(len(turns))
+        sets = [turns, *(turns + row for row in eye), *(turns for _ in range(size))]
+        starts = np.repeat(moves[None], len(sets), axis=0)
+        steps = _STEPS[:size] / _STARTS[:size]
+        for k in range(size):
+            starts[1 + len(turns) + k, :, k] += steps[k]
+        found = self._residuals(sets, starts)
+        A, g = np.eye(len(turns)), turns.copy()
+        solved = []
+        for i in range(count):
+            r = found[0][i]
+            J = _clipped(np.column_stack([(found[1 + k][i] - r) / 0.05 for k in range(len(turns))]))
+            S = _clipped(np.column_stack([(found[1 + len(turns) + k][i] - r) / steps[k] for k in range(size)]))
+            w = (_FREEDOM + 1.0) / (_FREEDOM + r**2)
+            known = (S.T * w) @ S + np.eye(size)
+            own = np.linalg.solve(known, np.column_stack([(S.T * w) @ J, (S.T * w) @ r + moves[i]]))
+            solved.append(own)
+            A += (J.T * w) @ J - (J.T * w) @ S @ own[:, :-1]
+            g += (J.T * w) @ r - (J.T * w) @ S @ own[:, -1]
+        step = np.clip(-np.linalg.solve(A, g), -3.0, 3.0)
+        move = np.array([-(own[:, -1] + own[:, :-1] @ step) for own in solved])
+        return step, np.clip(move, -3.0, 3.0)
+
+
+def _clipped(columns: Array) -> Array:
+    """Sensitivities without what switches of eq. 16 make of finite differences."""
+    limit = 3.0 * np.quantile(np.abs(columns), 0.99, axis=0)
+    return np.clip(columns, -limit, limit)

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.quantity import Quantity
+from artibot_sim.model.robot.quantity import Quantity
 
 if TYPE_CHECKING:
-    from artibot_sim.model.param_types import Params, SensorErrors
+    from artibot_sim.model.robot.parameters import Params, SensorErrors
 
 Array = NDArray[np.float64]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from artibot_sim.model.compiled import inlined
 from artibot_sim.model.effects.base import Effect, Search, number
-from artibot_sim.model.elementary import sincos
+from artibot_sim.model.kernels.compilation import inlined
+from artibot_sim.model.kernels.elementary import sincos
 
 
 @inlined

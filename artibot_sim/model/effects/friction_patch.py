@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from artibot_sim.model.compiled import inlined
 from artibot_sim.model.effects.base import Effect, Search, number
+from artibot_sim.model.kernels.compilation import inlined
 
 
 @inlined

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from artibot_sim.model.effects.base import Effect, Search, Values, number
 
 if TYPE_CHECKING:
-    from artibot_sim.model.param_types import MotorParams, Params
+    from artibot_sim.model.robot.parameters import MotorParams, Params
 
 
 def _adapt(p: Params, values: Values) -> Params:

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from functools import reduce
 from typing import Any
 
-from artibot_sim.model.compiled import inlined
 from artibot_sim.model.effects import EFFECTS
+from artibot_sim.model.kernels.compilation import inlined
 
 Hook = Callable[..., Any]
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from artibot_sim.model.compiled import inlined
 from artibot_sim.model.effects.base import Effect, Search, Values, number
-from artibot_sim.model.elementary import tanh
+from artibot_sim.model.kernels.compilation import inlined
+from artibot_sim.model.kernels.elementary import tanh
 
 if TYPE_CHECKING:
-    from artibot_sim.model.param_types import Params
+    from artibot_sim.model.robot.parameters import Params
 
 WIDTH = 0.01
 """Yaw rate of the articulation over which friction changes its sign (tanh), rad/s."""

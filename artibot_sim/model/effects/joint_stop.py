@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from artibot_sim.model.compiled import inlined
 from artibot_sim.model.effects.base import Effect, Search, Values, number
+from artibot_sim.model.kernels.compilation import inlined
 
 if TYPE_CHECKING:
-    from artibot_sim.model.param_types import Params
+    from artibot_sim.model.robot.parameters import Params
 
 STIFFNESS, DAMPING = 4000.0, 40.0
 """Of the stop, N m/rad and N m s/rad."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from artibot_sim.model.compiled import inlined
 from artibot_sim.model.effects.base import Effect, number
-from artibot_sim.model.elementary import tanh
+from artibot_sim.model.kernels.compilation import inlined
+from artibot_sim.model.kernels.elementary import tanh
 
 WIDTH = 0.05
 """Forward speed over which the force changes its sign, m/s."""

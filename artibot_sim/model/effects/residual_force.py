@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from artibot_sim.model.compiled import inlined
 from artibot_sim.model.effects.base import Effect, number
+from artibot_sim.model.kernels.compilation import inlined
 
 FORCES = ("front_surge", "front_sway", "front_turn", "back_turn")
 """Forces at the front module's origin along and across its own frame, N, and moments about both modules', N m."""

@@ -6,10 +6,10 @@ import math
 from typing import TYPE_CHECKING
 
 from artibot_sim.model.effects.base import Effect, Search, Values, number
-from artibot_sim.model.environment import STANDARD_GRAVITY, gravity
+from artibot_sim.model.robot.environment import STANDARD_GRAVITY, gravity
 
 if TYPE_CHECKING:
-    from artibot_sim.model.param_types import ModuleParams, Params
+    from artibot_sim.model.robot.parameters import ModuleParams, Params
 
 
 def _adapt(p: Params, values: Values) -> Params:

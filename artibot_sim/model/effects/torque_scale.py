@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from artibot_sim.model.effects.base import Effect, Search, Values, number
 
 if TYPE_CHECKING:
-    from artibot_sim.model.param_types import SensorErrors
+    from artibot_sim.model.robot.parameters import SensorErrors
 
 
 def _sensor(errors: SensorErrors, values: Values) -> SensorErrors:

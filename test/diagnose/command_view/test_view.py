@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from bag_helpers import foreign
 
-from artibot_sim.diagnose.command_view.data import H, told
-from artibot_sim.diagnose.command_view.model import Way, followed, seen
-from artibot_sim.diagnose.command_view.view import EFFECTS, command_view
-from artibot_sim.diagnose.command_view.work import NEEDED
+from artibot_sim.diagnose.commands.data import H, told
+from artibot_sim.diagnose.commands.fit import EFFECTS, NEEDED
+from artibot_sim.diagnose.commands.model import Way, followed, seen
+from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.experiment import Experiment, read_bag
 from artibot_sim.identify.synthetic import Noise, random_manoeuvre, random_soil, synthetic
 from artibot_sim.model import Commands, Robot, load_robot
-from artibot_sim.model.command_way import as_executed
+from artibot_sim.model.simulate.commands import as_executed
 
 AGRIQ = load_robot("agriq")
 HIDDEN = {

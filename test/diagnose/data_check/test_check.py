@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.data_check.check import data_warnings, require_usable
-from artibot_sim.diagnose.data_check.clock import lag
+from artibot_sim.diagnose.checks.recordings import data_warnings, require_usable
+from artibot_sim.diagnose.checks.sensors import lag
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.identify.synthetic import synthetic

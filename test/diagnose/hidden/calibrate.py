@@ -16,9 +16,9 @@ import numpy as np
 from diagnose.hidden.journal import read_results
 from diagnose.hidden.table import Scored
 
-from artibot_sim.diagnose.evidence import DECADE
+from artibot_sim.diagnose.policy import THRESHOLDS
 from artibot_sim.diagnose.remains import LIMITS
-from artibot_sim.diagnose.thresholds import THRESHOLDS
+from artibot_sim.diagnose.selection.evidence import DECADE
 
 RATE = 0.01
 """Of false alarms that is aimed at."""

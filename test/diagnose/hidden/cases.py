@@ -18,8 +18,8 @@ from diagnose.hidden.unlisted import UNLISTED
 
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.columns import find_segments, measured_stamps
-from artibot_sim.experiment.contract import BY_KEY
 from artibot_sim.experiment.rollout_bag import write_channels
+from artibot_sim.experiment.topics import BY_KEY
 from artibot_sim.model import load_robot
 
 START_NS = 1_000_000_000

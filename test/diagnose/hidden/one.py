@@ -10,17 +10,16 @@ import sys
 
 from diagnose.hidden.cases import case
 
-from artibot_sim.diagnose.command_view.view import command_view
-from artibot_sim.diagnose.decision import Decision
-from artibot_sim.diagnose.disc_place import disc_place
-from artibot_sim.diagnose.drift import drifts
+from artibot_sim.diagnose.candidates.patches import disc_place, scanned
+from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.extended import found_parameters
-from artibot_sim.diagnose.naming import decide
-from artibot_sim.diagnose.options import Options
-from artibot_sim.diagnose.patches import scanned
-from artibot_sim.diagnose.ranking import ranking
-from artibot_sim.diagnose.run import baseline
-from artibot_sim.diagnose.uncertain import uncertain
+from artibot_sim.diagnose.intervals import uncertain
+from artibot_sim.diagnose.pipeline import baseline
+from artibot_sim.diagnose.records import Options
+from artibot_sim.diagnose.selection.decision import Decision
+from artibot_sim.diagnose.selection.ranking import ranking
+from artibot_sim.diagnose.selection.stepwise import decide
+from artibot_sim.diagnose.validation.stability import drifts
 from artibot_sim.model import load_robot
 
 

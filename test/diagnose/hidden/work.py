@@ -92,7 +92,7 @@ def silent(found: Case) -> dict[str, Any]:
 
 def reference(found: Case) -> dict[str, dict[str, float]]:
     """How well the true model predicts what was held out, by channel: its soil and effects are the truth's."""
-    from artibot_sim.identify.holdout import hold_out
+    from artibot_sim.identify.validation import hold_out
     from artibot_sim.model import load_robot
 
     truth = found.truth

@@ -13,14 +13,23 @@ from diagnose.hidden.machine import machine
 from diagnose.hidden.rover import at_rest
 from diagnose.hidden.sensors import Noise
 
-from artibot_sim.diagnose.next_experiment.force import expected, known, law, next_for_force, recording, rivals, told
-from artibot_sim.diagnose.next_experiment.manoeuvres import KAPPA, LIBRARY, Entry
-from artibot_sim.diagnose.next_experiment.ties import ENOUGH, duration
-from artibot_sim.diagnose.unexplained.finding import Finding, look
-from artibot_sim.diagnose.unexplained.forms import TIME, WANDERING
+from artibot_sim.diagnose.next_experiment.choice import (
+    ENOUGH,
+    duration,
+    expected,
+    known,
+    law,
+    next_for_force,
+    recording,
+    rivals,
+    separation,
+)
+from artibot_sim.diagnose.next_experiment.simulation import KAPPA, LIBRARY, Entry
+from artibot_sim.diagnose.unlisted.finding import Finding, look
+from artibot_sim.diagnose.unlisted.forms import TIME, WANDERING
+from artibot_sim.estimation.parameters import SOIL
+from artibot_sim.estimation.problem import Problem
 from artibot_sim.experiment import Experiment
-from artibot_sim.identify.parameters import SOIL
-from artibot_sim.identify.problem import Problem
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
 from artibot_sim.model import Robot, load_robot
@@ -66,7 +75,7 @@ def test_what_is_expected_comes(name: str, entry: str) -> None:
     problem, found, _, _ = found_in(name)
     robot, first, others = robot_of(problem, found), found.chosen[0], rivals(found)
     wanted = expected(robot, recording(robot, BY_NAME[entry], (0.0, 0.0), LEVELS), first, others)
-    came = told(*known(robot, driven_elsewhere(name, BY_NAME[entry])), first, others)
+    came = separation(*known(robot, driven_elsewhere(name, BY_NAME[entry])), first, others)
     assert wanted > 10.0
     assert wanted / 2.5 < came < 2.5 * wanted
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from artibot_sim.diagnose.next_experiment.repeat import repeated
+from artibot_sim.diagnose.next_experiment.choice import repeated
 
 
 def test_what_was_not_measured_is_asked_for() -> None:

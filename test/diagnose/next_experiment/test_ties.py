@@ -7,10 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.next_experiment.freedom import Explanation, handles
-from artibot_sim.diagnose.next_experiment.manoeuvres import LIBRARY
-from artibot_sim.diagnose.next_experiment.simulation import trial
-from artibot_sim.diagnose.next_experiment.ties import ENOUGH, USUAL, by_commands, duration, hardest, next_experiment
+from artibot_sim.diagnose.next_experiment.choice import ENOUGH, USUAL, by_commands, duration, hardest, next_experiment
+from artibot_sim.diagnose.next_experiment.simulation import LIBRARY, Explanation, handles, trial
 from artibot_sim.model import Robot, load_robot
 
 AGRIQ = load_robot("agriq")

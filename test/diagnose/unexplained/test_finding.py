@@ -11,15 +11,15 @@ from diagnose.hidden import UNLISTED, Case, case
 from diagnose.hidden.unlisted import ACTS_ON
 
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
-from artibot_sim.diagnose.unexplained.finding import LEAST_NATS, Finding, look, unexplained_of
-from artibot_sim.diagnose.unexplained.scene import through_gear
-from artibot_sim.identify.gauss_newton import Point, evaluate, step
-from artibot_sim.identify.parameters import SOIL
-from artibot_sim.identify.problem import Problem
+from artibot_sim.diagnose.unlisted.finding import LEAST_NATS, Finding, look, unexplained_of
+from artibot_sim.diagnose.unlisted.variables import through_gear
+from artibot_sim.estimation.loss import Loss
+from artibot_sim.estimation.parameters import SOIL
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.solver import Point, evaluate, step
+from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.robust import Loss
 from artibot_sim.identify.run import problem_of
-from artibot_sim.identify.windows import CHANNEL_NAMES
 from artibot_sim.model import MOTORS, load_robot
 
 SEED = 2

@@ -1,1 +1,0 @@
-"""Torque-sharing laws compared on a trajectory."""

@@ -1,0 +1,100 @@
+"""`artibot diagnose`: what a simulation gets wrong on recordings, why, and what it is worth; as files and a table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.report.files import fault_of_folder, write_folder
+
+if TYPE_CHECKING:
+    from artibot_sim.experiment import Experiment
+    from artibot_sim.progress import Bar
+
+_BAG = click.Path(path_type=Path)
+_READING = 0.05
+"""Share of the time that reading one recording takes, of that for diagnosing."""
+
+
+@click.command("diagnose", context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("recordings", nargs=-1, required=True, metavar="BAG [BAG…]", type=_BAG)
+@click.option("--robot", required=True, help="Robot name or file: what the recordings are held against.")
+@click.option("--out", required=True, type=_BAG, help="Folder for the results; made if it is not there.")
+@click.option(
+    "--holdout", multiple=True, metavar="BAG", type=_BAG,
+    help="Recording to predict, not to fit; repeatable [the last of several, or the last third of a single one].",
+)  # fmt: skip
+@click.option("--horizon", default=5.0, show_default=True, help="How far predictions look ahead in fits and gains, s.")
+@click.option(
+    "--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable."
+)
+@click.option("--namespace", metavar="NAME", help="Rover whose topics to read, where there are several: /rover1.")
+@click.option("--seed", default=0, show_default=True, help="Of the searches; the same data and seed, the same answer.")
+@click.option("--workers", type=click.IntRange(1), help="Threads [as many as cores]; the result is the same.")
+@click.option("--scheduler", metavar="tcp://HOST:PORT", help="Fit effects on the workers of this Dask cluster.")
+@click.option(
+    "--prior-odds", type=click.FloatRange(0.0, min_open=True),
+    help="Odds assumed beforehand that some effect is at work [1].",
+)  # fmt: skip
+@click.option(
+    "--false-alarms", type=click.FloatRange(0.0, 1.0, min_open=True, max_open=True),
+    help="Share of recordings with nothing hidden in which an effect may be named [0.01].",
+)  # fmt: skip
+def command(
+    recordings: tuple[Path, ...], robot: str, out: Path, holdout: tuple[Path, ...], horizon: float,
+    topics: tuple[str, ...], namespace: str | None, seed: int, workers: int | None, scheduler: str | None,
+    prior_odds: float | None, false_alarms: float | None,
+) -> int:  # fmt: skip
+    """Find what the simulation gets wrong on recordings, where and when, which physical effect it is, how sure that
+    is, and what it gains.
+
+    The soil is identified first, so that only what no soil explains counts. Then every effect of the vocabulary is
+    tried. Writes into the folder: report.html (open it in a browser), diagnosis.json, extended.yaml (a robot file:
+    artibot sim --robot OUT/extended.yaml), baseline.yaml (the same without effects) and details.npz. Several
+    recordings of different manoeuvres tell more than one long one. Exit status 0 when a diagnosis was made, whatever
+    it says; 2 for unusable input.
+
+    \b
+    Examples:
+      artibot diagnose run0 run1 run2 --robot agriq --out found
+      artibot diagnose run0 run1 --holdout run2 --robot field.yaml --out found --horizon 3
+      artibot diagnose husky_a --holdout husky_b --robot husky --horizon 2 --out husky
+    """
+    from rich.console import Console
+
+    from artibot_sim.cluster import check_address
+    from artibot_sim.diagnose import diagnose
+    from artibot_sim.diagnose.records import FALSE_ALARM_RATE, PRIOR_ODDS
+    from artibot_sim.model import load_robot
+    from artibot_sim.progress import Bar
+    from artibot_sim.report.diagnosis.files import files_of
+    from artibot_sim.report.diagnosis.page import page_of
+    from artibot_sim.version import __version__
+
+    if why := fault_of_folder(out):
+        raise ArtibotError(f"--out {out}: cannot be written: {why}")
+    rover = load_robot(robot)
+    with Bar(total=1.0 + _READING * (len(recordings) + len(holdout))) as bar:
+        used = [_read(path, topics, namespace, bar) for path in recordings]
+        held = [_read(path, topics, namespace, bar) for path in holdout]
+        found = diagnose(
+            used, rover, holdout=held, horizon=horizon, seed=seed, workers=workers,
+            progress=bar.stage("diagnosing", 1.0), prior_odds=prior_odds or PRIOR_ODDS,
+            false_alarm_rate=false_alarms or FALSE_ALARM_RATE, scheduler=scheduler and check_address(scheduler),
+        )  # fmt: skip
+    write_folder(out, files_of(found, page_of(found, __version__)))
+    console = Console(highlight=False)
+    console.print(found)
+    console.print(f"wrote {out / 'report.html'} and, beside it, diagnosis.json and extended.yaml", soft_wrap=True)
+    return 0
+
+
+def _read(path: Path, topics: Sequence[str], namespace: str | None, bar: Bar) -> Experiment:
+    from artibot_sim.experiment import parse_renames, read_bag
+
+    stage = bar.stage(f"reading {path.name}", _READING)
+    return read_bag(path, parse_renames(tuple(topics)), namespace=namespace, progress=stage)

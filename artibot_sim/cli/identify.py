@@ -1,0 +1,131 @@
+"""`artibot identify`: a robot file with parameters identified from recordings, a table and a page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.report.files import fault
+
+if TYPE_CHECKING:
+    from artibot_sim.experiment import Experiment
+    from artibot_sim.progress import Bar
+
+_BAG = click.Path(path_type=Path)
+_FILE = click.Path(path_type=Path, dir_okay=False)
+_READING = 0.1
+"""Share of the time that reading one recording takes, of that for identifying."""
+
+
+@click.command("identify", context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("recordings", nargs=-1, required=True, metavar="BAG [BAG…]", type=_BAG)
+@click.option("--robot", required=True, help="Robot name or file; its values are what is assumed beforehand.")
+@click.option("--out", required=True, type=_FILE, help="Robot file to write.")
+@click.option(
+    "--fit", "names", default="k_l,k_t,mu_s,mu_d,u_w", show_default=True,
+    help="Parameters, with commas between; geometry as in a robot file: front.i_x, wheel.r_w.",
+)  # fmt: skip
+@click.option(
+    "--prior", "priors", multiple=True, metavar="NAME=MIDDLE±SD",
+    help="What is known beforehand, SI [the robot file's value ± 40 % for soil, 15 % for geometry]; repeatable.",
+)  # fmt: skip
+@click.option(
+    "--holdout", multiple=True, metavar="BAG", type=_BAG, help="Recording to predict, not to fit; repeatable."
+)
+@click.option("--window", default=5.0, show_default=True, help="Length of a window, and of a prediction, s.")
+@click.option(
+    "--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable."
+)
+@click.option("--namespace", metavar="NAME", help="Rover whose topics to read, where there are several: /rover1.")
+@click.option(
+    "--report", type=_FILE, help="HTML page with residuals, predictions and free runs; its charts beside it as PNG."
+)
+@click.option("--json", "as_json", type=_FILE, help="Everything as JSON, in SI units.")
+@click.option("--seed", default=0, show_default=True, help="Of the search's further starts.")
+@click.option("--starts", type=click.IntRange(1), help="Places that the search starts from [3].")
+@click.option("--scheduler", metavar="tcp://HOST:PORT", help="Search from each on a worker of this Dask cluster.")
+@click.option("--workers", type=click.IntRange(1), help="Threads [as many as cores]; the result is the same.")
+def command(
+    recordings: tuple[Path, ...], robot: str, out: Path, names: str, priors: tuple[str, ...], holdout: tuple[Path, ...],
+    window: float, topics: tuple[str, ...], namespace: str | None, report: Path | None, as_json: Path | None, seed: int,
+    starts: int | None, scheduler: str | None, workers: int | None,
+) -> int:  # fmt: skip
+    """Identify soil (and geometry) from recordings: values with 95 % intervals, written as a robot file.
+
+    The model is driven by the measured rotations of all motors and held against position, yaw rate, articulation
+    and motor torques, whatever of these was recorded. Exit status 0 when parameters were estimated, whatever their
+    status; 2 for unusable input.
+
+    \b
+    Examples:
+      artibot identify run0 run1 --robot agriq --holdout run2 --out field.yaml --report field.html
+      artibot identify run0 --robot agriq --fit k_l,k_t,front.i_y --prior front.i_y=0.72±0.03 --out track.yaml
+      artibot identify husky_a --robot husky --window 2 --fit k_l,k_t,mu_s,mu_d,effects.motion_resistance.force \\
+        --prior effects.motion_resistance.force=50±50 --holdout husky_b --out husky_soil.yaml
+    """
+    from rich.console import Console
+
+    from artibot_sim.cluster import check_address
+    from artibot_sim.identify import Effort, identify, parse_priors
+    from artibot_sim.model import load_robot, save_robot
+    from artibot_sim.progress import Bar
+
+    effort = Effort(seed=seed, starts=starts or Effort().starts, scheduler=scheduler and check_address(scheduler))
+    picture = report.with_suffix(".png") if report else None
+    outputs = [path for path in (out, report, picture, as_json) if path is not None]
+    _check_outputs(outputs)
+    rover, known = load_robot(robot), parse_priors(priors)
+    fitted = [name for name in names.split(",") if name.strip()]
+    with Bar(total=1.0 + _READING * (len(recordings) + len(holdout))) as bar:
+        used = [_read(path, topics, namespace, bar) for path in recordings]
+        held = [_read(path, topics, namespace, bar) for path in holdout]
+        work = identify(
+            used, rover, fit=fitted, priors=known, holdout=held, window=window, effort=effort,
+            workers=workers, progress=bar.stage("identifying", 1.0),
+        )  # fmt: skip
+    save_robot(work.result.robot, out)
+    _write(work, report, as_json)
+    console = Console(highlight=False)
+    console.print(work.result)
+    for path in outputs:
+        console.print(f"wrote {path}", soft_wrap=True)
+    return 0
+
+
+def _check_outputs(paths: Sequence[Path]) -> None:
+    """Refuse before the work what could not be written after it."""
+    for path in paths:
+        if list(paths).count(path) > 1:
+            raise ArtibotError(f"{path}: asked for twice; give each output its own name")
+        if why := fault(path):
+            raise ArtibotError(f"{path}: cannot be written: {why}")
+
+
+def _read(path: Path, topics: Sequence[str], namespace: str | None, bar: Bar) -> Experiment:
+    from artibot_sim.experiment import parse_renames, read_bag
+
+    stage = bar.stage(f"reading {path.name}", _READING)
+    return read_bag(path, parse_renames(tuple(topics)), namespace=namespace, progress=stage)
+
+
+def _write(work: object, report: Path | None, as_json: Path | None) -> None:
+    """Write the page, its picture and the JSON, all or none."""
+    import json
+
+    from artibot_sim.identify import Work
+    from artibot_sim.report.files import write_files
+    from artibot_sim.report.identification import figure_of, page_of
+    from artibot_sim.report.png import render_png
+
+    assert isinstance(work, Work)
+    files: dict[Path, bytes] = {}
+    if report is not None:
+        files[report] = page_of(work)
+        files[report.with_suffix(".png")] = render_png(figure_of(work))
+    if as_json is not None:
+        files[as_json] = (json.dumps(work.result.as_dict(), indent=1, ensure_ascii=False) + "\n").encode()
+    write_files(files)

@@ -1,0 +1,1 @@
+"""What a diagnosis tries: effects, discs of ground, and the screening of both."""

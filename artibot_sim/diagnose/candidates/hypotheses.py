@@ -1,0 +1,126 @@
+"""What a diagnosis tries: every effect that a view shows, once for each choice (which motor, which module)."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.estimation.measurements import Stretch
+from artibot_sim.estimation.parameters import Extension, ParameterSet
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.solver import Point
+from artibot_sim.model import Robot
+from artibot_sim.model.effects import EFFECTS
+from artibot_sim.model.effects.base import Choice, Effect, Search
+
+Array = NDArray[np.float64]
+
+_STRAIGHT = 1e-3
+"""rad of articulation up to which it has not moved: nothing is known of a stop."""
+_LARGEST = 0.995
+"""Share of the measured articulation angles that is below what counts as the largest."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One effect, its choices made.
+
+    Attributes
+    ----------
+    extension : Extension
+    probes : tuple of array, shape (len(extension),)
+        Coordinates at which it is tried.
+    among : int
+        How many alternatives of the same effect it was chosen from.
+    """
+
+    extension: Extension
+    probes: tuple[Array, ...] = field(default_factory=tuple)
+    among: int = 1
+
+    @property
+    def id(self) -> str:
+        """Of the effect."""
+        return self.extension.id
+
+
+def hypotheses(robot: Robot, stretches: Sequence[Stretch], without: Sequence[str] = ()) -> list[Hypothesis]:
+    """Every effect that can show where all motors turn as they were measured; discs on the ground are found elsewhere.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its own effects are known, and not looked for.
+    stretches : sequence of Stretch
+        The recordings, for limits that are told from what was reached.
+    without : sequence of str
+        Ids that are left out.
+    """
+    bend = largest_bend(stretches)
+    measured = {series.channel for stretch in stretches for series in stretch.series}
+    found: list[Hypothesis] = []
+    for effect in EFFECTS.values():
+        if effect.id in (*without, *robot.effects) or effect.search is None or "rotation" not in effect.search.views:
+            continue
+        if effect.search.disc or (not robot.articulated and (effect.search.back or effect.acts == "joint")):
+            continue
+        if effect.search.channels and measured.isdisjoint(effect.search.channels):
+            continue
+        if effect.search.reference == "articulation" and not bend > _STRAIGHT:
+            continue
+        found += _choices(effect, robot, bend)
+    return found
+
+
+def _choices(effect: Effect, robot: Robot, bend: float) -> list[Hypothesis]:
+    assert effect.search is not None
+    names = [name for name, parameter in effect.parameters.items() if isinstance(parameter.quantity, Choice)]
+    options = [[n for n in _names(effect, name) if robot.articulated or not n.startswith("back")] for name in names]
+    combinations = list(itertools.product(*options))
+    reference = bend if effect.search.reference == "articulation" else 1.0
+    return [
+        Hypothesis(
+            Extension(effect.id, dict(zip(names, chosen, strict=True)), reference),
+            tuple(np.array(probe) for probe in effect.search.probes or _corners(effect.search)), len(combinations),
+        )
+        for chosen in combinations
+    ]  # fmt: skip
+
+
+def _corners(search: Search) -> list[tuple[float, ...]]:
+    """Plain sizes with all signs, for several sizes that declare no probes: one alone may fit worse than none."""
+    several = len(search.sizes) > 1 and not search.direction
+    return list(itertools.product((1.0, -1.0), repeat=len(search.sizes))) if several else []
+
+
+def _names(effect: Effect, name: str) -> tuple[str, ...]:
+    quantity = effect.parameters[name].quantity
+    assert isinstance(quantity, Choice)
+    return quantity.names
+
+
+def largest_bend(stretches: Sequence[Stretch]) -> float:
+    """The largest articulation angle that was measured (rad), some outliers apart; NaN where none was."""
+    angles = [np.abs(s.value) for stretch in stretches for s in stretch.series if s.channel == "articulation_yaw"]
+    return float(np.quantile(np.concatenate(angles), _LARGEST)) if angles else float("nan")
+
+
+def with_effect(problem: Problem, extension: Extension) -> Problem:
+    """The same problem with one more effect to be fitted."""
+    parameters = problem.parameters
+    more = ParameterSet(parameters.robot, parameters.parameters, (*parameters.extensions, extension))
+    return problem.with_parameters(more)
+
+
+def without_effect(problem: Problem, point: Point, which: int = -1) -> tuple[Problem, Point]:
+    """A problem and a point of it, one of its effects left out; the last one unless said otherwise."""
+    old = problem.parameters
+    kept = list(old.extensions)
+    del kept[which]
+    part = problem.with_parameters(ParameterSet(old.robot, old.parameters, tuple(kept)))
+    others = np.delete(np.arange(len(old)), old.places[which])
+    return part, replace(point, coordinates=part.parameters.inside(point.coordinates[others]))

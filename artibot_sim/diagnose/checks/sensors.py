@@ -1,0 +1,307 @@
+"""Clocks of a recording's topics against each other, and whether what the wheels rolled fits where the rover went."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.experiment import Channel, Experiment
+from artibot_sim.experiment.measured import Measured
+from artibot_sim.experiment.smoothing import local_fit
+from artibot_sim.model import MOTORS, Robot
+
+# ----------------------------------------------------------------------
+# Whether what the wheels rolled fits where the rover went: a wrong robot, wrong units, sides taken for each
+# other.
+# ----------------------------------------------------------------------
+
+
+FACTOR_REFUSED = 3.0
+"""Wheels that rolled so many times what the rover went (or so little of it) are another robot's."""
+_FACTOR_SAID = 1.5
+_LEAST_WAY = 0.5
+"""m that wheels or rover must have moved."""
+_STRIDE = 1.0
+"""s between the positions whose distances add up to a path: noise does not."""
+_SPEEDS_ALIKE = 0.3
+"""Known factors within this, as a logarithm, are named."""
+_OPPOSITE = -0.5
+"""Correlation of turning by wheels and as measured, below which sides or signs are the wrong way round."""
+_SCALE = 0.05
+"""Difference between a motor's positions and velocities that is said."""
+
+
+@dataclass(frozen=True)
+class Rolled:
+    """What the wheels of a recording rolled, and how far the rover went.
+
+    Attributes
+    ----------
+    experiment : Experiment
+    source : str
+        Topic of the positions.
+    wheels, path : float
+        m.
+    """
+
+    experiment: Experiment
+    source: str
+    wheels: float
+    path: float
+
+    @property
+    def factor(self) -> float:
+        """Rolled over gone."""
+        return self.wheels / max(self.path, 1e-3)
+
+    def guess(self, robot: Robot) -> str:
+        """What such a factor comes from, in brackets; empty where nobody knows."""
+        tau = robot.drive.front.tau
+        known = {
+            1.0 / tau: "the gear ratio: are these speeds of motors?",
+            tau: "the gear ratio: are these speeds of wheels?",
+            60.0 / (2.0 * np.pi): "rpm per rad/s",
+            180.0 / np.pi: "degrees per rad",
+            1.0 / (2.0 * np.pi): "turns per rad",
+        }
+        away = {factor: abs(float(np.log(self.factor / factor))) for factor in known if factor != 1.0}
+        nearest = min(away, key=lambda factor: away[factor])
+        return f" (about {known[nearest]})" if away[nearest] < _SPEEDS_ALIKE else ""
+
+
+def rolled(experiment: Experiment, robot: Robot) -> Rolled | None:
+    """What the front wheels rolled and how far the rover went, None where neither moved."""
+    motors = experiment.channels["motor_torques"]
+    wheels, path, source = 0.0, 0.0, ""
+    for first, last in experiment.segments:
+        measured = Measured(experiment, first, last)
+        t, points = measured.position()
+        if len(t) < 3 or measured.position_source is None:
+            continue
+        source = measured.position_source.topic
+        at = np.arange(t[0], t[-1], _STRIDE)
+        steps = np.diff(np.column_stack([np.interp(at, t, column) for column in points.T]), axis=0)
+        path += float(np.hypot(*steps.T).sum())
+        speed = front_speed(motors, robot, at)
+        if speed is not None:
+            wheels += float(np.abs(np.diff(speed[1], axis=0)).sum())
+    if max(wheels, path) < _LEAST_WAY or not source:
+        return None
+    return Rolled(experiment, source, wheels, path)
+
+
+def front_speed(motors: Channel, robot: Robot, at: Array) -> tuple[Array, Array] | None:
+    """Angles (n,) turned and distances (n,) rolled by the front wheels at times (n,), rad and m; None if not measured.
+
+    Without slip: half the sum and, over the track, the difference of both sides.
+    """
+    angles = []
+    for motor in MOTORS[:2]:
+        angle = _angle(motors, motor, at)
+        if angle is None:
+            return None
+        angles.append(angle * robot.drive.front.tau * robot.wheel.r_w)
+    right, left = angles
+    return (right - left) / robot.front.i_y, (right + left) / 2.0
+
+
+def _angle(motors: Channel, motor: str, at: Array) -> Array | None:
+    """Rotation of a motor at times (n,), rad, by its positions, else its speeds."""
+    for quantity in ("position", "velocity"):
+        name = f"{motor}.{quantity}"
+        if name in motors:
+            t, values = motors.series(name)
+            if len(t) < 4:
+                continue
+            if quantity == "velocity":
+                values = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t) * (values[1:] + values[:-1]))))
+            return np.asarray(np.interp(at, t, values))
+    return None
+
+
+def scale_between(motors: Channel, motor: str) -> float | None:
+    """Change of a motor's positions over the integral of its velocities, None where it does not turn enough."""
+    names = f"{motor}.position", f"{motor}.velocity"
+    if not set(names) <= set(motors.columns):
+        return None
+    (t, position), (t_v, velocity) = (motors.series(name) for name in names)
+    if len(t) < 10 or len(t_v) < 10:
+        return None
+    at = np.arange(max(t[0], t_v[0]), min(t[-1], t_v[-1]), 0.2)
+    turned = np.interp(at, t_v, np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t_v) * (velocity[1:] + velocity[:-1])))))
+    a, b = np.diff(np.interp(at, t, position)), np.diff(turned)
+    square = float(b @ b)
+    return float(a @ b) / square if square > 1.0 else None
+
+
+def wheel_faults(experiment: Experiment, robot: Robot) -> Iterator[str]:
+    """Sentences on wheels that do not fit the path, each other or the robot."""
+    motors = experiment.channels["motor_torques"]
+    back = any(f"{motor}.{what}" in motors for motor in MOTORS[2:] for what in ("position", "velocity"))
+    if robot.articulated and not back:
+        yield f"{motors.topic} has no rotation of the back motors; they are driven by eq. 30's torque instead"
+    elif back and not robot.articulated:
+        yield f"{motors.topic} has back motors, which robot '{robot.name}' has not: is it the right robot?"
+    for motor in MOTORS:
+        scale = scale_between(motors, motor)
+        if scale is not None and abs(scale - 1.0) > _SCALE:
+            yield f"{motors.topic}: positions of {motor} change by {scale:.3g} times its velocities: one is wrong"
+    way = rolled(experiment, robot)
+    if way is not None and not 1 / _FACTOR_SAID < way.factor < _FACTOR_SAID:
+        yield (
+            f"the wheels rolled {way.wheels:.3g} m, the rover went {way.path:.3g} m: a factor of "
+            f"{way.factor:.3g}{way.guess(robot)}; slip, or another robot?"
+        )
+    turning = _turning(experiment, robot)
+    if turning is not None and turning < _OPPOSITE:
+        yield "the rover turns against its wheels: are right and left, or the yaw rate's sign, the wrong way round?"
+
+
+def _turning(experiment: Experiment, robot: Robot) -> float | None:
+    """Correlation of turning by the front wheels with that measured, None where there is too little."""
+    motors, pairs = experiment.channels["motor_torques"], []
+    for first, last in experiment.segments:
+        t, rate = Measured(experiment, first, last).yaw_rate()
+        if len(t) < 10:
+            continue
+        at = np.arange(t[0], t[-1], 0.2)
+        by_wheels = front_speed(motors, robot, at)
+        if by_wheels is None or len(at) < 3:
+            continue
+        angle = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t) * (rate[1:, 0] + rate[:-1, 0]))))
+        pairs.append((np.diff(by_wheels[0]), np.diff(np.interp(at, t, angle))))
+    if not pairs:
+        return None
+    a, b = (np.concatenate(column) for column in zip(*pairs, strict=True))
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    moved = float(np.abs(a).sum()) > 1.0 and float(np.abs(b).sum()) > 1.0
+    return float(a @ b) / size if size > 0 and moved else None
+
+
+# ----------------------------------------------------------------------
+# Clocks of a recording's topics against each other: constant offsets, and clocks that run apart.
+# ----------------------------------------------------------------------
+
+
+Array = NDArray[np.float64]
+
+_STEP = 0.02
+_LONGEST = 0.6
+"""s to either side of which an offset is looked for."""
+_EARLY, _LATE = 0.05, 0.12
+"""s of an offset that are said: a rover answers its wheels late by itself, by up to 0.07 s where their speed jumps,"""
+_SURE = 5.0
+"""if it is so many times its standard deviation,"""
+_CLOCKS_ALIKE = 0.99
+"""and the two agree so well (correlation) where they agree best. Where slip makes the rover's speed another one than
+its wheels' any offset may be the best: 15 drives without a fault had 0.995 or more, or at most 0.98 and then up to
+0.37 s."""
+_DRIFT = 0.02
+"""s by which a clock runs away over a recording before it is said."""
+_FEW = 40
+"""Topics with fewer messages are not asked."""
+_SMOOTH = 0.15
+"""s around each instant over which rates are taken."""
+_DELAYS = ("motor_torques", "total_station", "ground_truth_odom", "imu", "joint_states")
+
+
+def clock_faults(experiment: Experiment, robot: Robot) -> Iterator[str]:
+    """Sentences on topics whose clock differs from the motors'."""
+    yield from _stamped(experiment)
+    motors = experiment.channels["motor_torques"]
+    for what, topic, pair in _pairs(experiment, robot):
+        found = lag(*pair)
+        if found is None:
+            continue
+        offset, sd = found
+        if abs(offset) > max(_LATE if offset > 0 else _EARLY, _SURE * sd):
+            way = "late" if offset > 0 else "early"
+            yield f"{topic} is {1e3 * abs(offset):.0f} ms {way} against {motors.topic}, by its {what}"
+
+
+def _stamped(experiment: Experiment) -> Iterator[str]:
+    """Topics whose stamps and times of arrival run apart, in comparison with the motors'."""
+    motors = experiment.channels["motor_torques"]
+    for key in _DELAYS[1:]:
+        channel = experiment.channels.get(key)
+        if channel is None or len(channel) < _FEW or len(motors) < _FEW:
+            continue
+        apart = _apart(channel, motors)
+        if abs(apart) > _DRIFT:
+            way = "loses" if apart > 0 else "gains"
+            yield (
+                f"the clock of {channel.topic} {way} {1e3 * abs(apart):.0f} ms on the motors' over "
+                f"{experiment.duration:.0f} s"
+            )
+
+
+def _apart(channel: Channel, reference: Channel) -> float:
+    """By how much more a topic's messages come after their stamps at its end than at its beginning, s.
+
+    More than the reference's of the same stamps do: a simulator whose time is not everybody's has stamps of its own, in
+    all topics alike.
+    """
+    common = np.interp(channel.t_ns, reference.t_ns, reference.received_ns - reference.t_ns)
+    delay = (channel.received_ns - channel.t_ns - common) / 1e9
+    tenth = max(len(delay) // 10, _FEW // 4)
+    return float(np.median(delay[-tenth:]) - np.median(delay[:tenth]))
+
+
+def _pairs(experiment: Experiment, robot: Robot) -> Iterator[tuple[str, str, tuple[Array, Array, Array]]]:
+    """What a sensor and the wheels measure both: words, topic, and times with both rates (n,)."""
+    motors = experiment.channels["motor_torques"]
+    first, last = max(experiment.segments, key=lambda segment: segment[1] - segment[0])
+    measured = Measured(experiment, first, last)
+    at = np.arange(first + 1.0, last - 1.0, _STEP)
+    if len(at) < 250:
+        return
+    by_wheels = [front_speed(motors, robot, at + side * _SMOOTH) for side in (1.0, -1.0)]
+    if by_wheels[0] is None or by_wheels[1] is None:
+        return
+    turn, speed = ((a - b) / (2 * _SMOOTH) for a, b in zip(*by_wheels, strict=True))
+    t, rate = measured.yaw_rate()
+    if len(t) > 50:
+        angle = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t) * (rate[1:, 0] + rate[:-1, 0]))))
+        same = (np.interp(at + _SMOOTH, t, angle) - np.interp(at - _SMOOTH, t, angle)) / (2 * _SMOOTH)
+        imu = experiment.channels.get("imu")
+        topic = imu.topic if imu is not None and "yaw_rate" in imu else "/ground_truth/odom"
+        yield "yaw rate", topic, (at, turn, same)
+    t, points = measured.position()
+    if len(t) > 50 and measured.position_source is not None:
+        _, velocity = local_fit(t, points, at, max(2 * _SMOOTH, 2.5 * float(np.median(np.diff(t)))))
+        yield "speed", measured.position_source.topic, (at, np.abs(speed), np.hypot(*velocity.T))
+
+
+def lag(t: Array, reference: Array, other: Array) -> tuple[float, float] | None:
+    """By how much `other` (n,) is later than `reference` (n,), on an even grid; and its standard deviation, s.
+
+    The offset at which a straight line from one to the other leaves least; None where that is not far from perfect,
+    or lies at the end of what is looked at.
+    """
+    dt = float(t[1] - t[0])
+    most = round(_LONGEST / dt)
+    middle = slice(most, len(t) - most)
+    x = reference[middle]
+    x = x - x.mean()
+    scores, left = [], []
+    for shift in range(-most, most + 1):
+        y = other[most + shift : len(t) - most + shift]
+        y = y - y.mean()
+        size = float(np.linalg.norm(x) * np.linalg.norm(y))
+        score = float(x @ y) / size if size > 0 else 0.0
+        scores.append(score)
+        left.append((1.0 - score**2) * float(y @ y))
+    best = int(np.argmax(scores))
+    if scores[best] < _CLOCKS_ALIKE or best in (0, 2 * most):
+        return None
+    a, b, c = (left[best + side] for side in (-1, 0, 1))
+    bend = a - 2 * b + c
+    between = 0.5 * (a - c) / bend if bend > 0 else 0.0
+    slope = np.gradient(other[best : len(t) - 2 * most + best], dt)
+    independent = max(len(x) * dt / (4 * _SMOOTH), 2.0)
+    spread = b / len(x)
+    sd = float(np.sqrt(spread / max(float(np.mean(slope**2)) * independent, 1e-12)))
+    return (best - most + between) * dt, sd

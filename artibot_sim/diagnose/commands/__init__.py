@@ -1,0 +1,1 @@
+"""The command view: commands in, motor speeds and torques out."""

@@ -1,0 +1,450 @@
+"""Fits of effects on the way of a command, each alone and several together, kept while they are compared."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from dataclasses import field as dataclass_field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.diagnose.commands.data import Told
+from artibot_sim.diagnose.commands.limit import Limit, excluded_limit, torque_limit
+from artibot_sim.diagnose.commands.model import PARAMETERS, Way, followed, known_way, seen, way_of
+from artibot_sim.diagnose.commands.noise import Noise, noise_in, sensor_noise
+from artibot_sim.diagnose.commands.series import Level, level_of, series_of
+from artibot_sim.diagnose.policy import THRESHOLDS
+from artibot_sim.diagnose.records import FALSE_ALARM_RATE, PRIOR_ODDS, Series
+from artibot_sim.experiment import Experiment
+from artibot_sim.model import Robot
+
+# ----------------------------------------------------------------------
+# Effects on the way of a command, each at its best and several at once.
+# ----------------------------------------------------------------------
+
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+STAMPS = 0.002
+"""s to which stamps of commands and measurements agree at best."""
+_STEPS = {"lag": 2e-3, "delay": 1e-3, "clock": 1e-3}
+"""Changes for finite differences, s."""
+_HIGHEST = {"lag": 5.0, "delay": 2.0, "scale": 2.0}
+_FIRST = {"lag": (0.03, 0.1, 0.25, 0.6), "delay": (0.02, 0.06, 0.12, 0.25, 0.5)}
+"""s from which fits begin."""
+_COARSE, _LOWEST, _WIDTH, _TRIED = 28, 0.01, 0.12, 3
+"""Thresholds tried, the least over the largest command, half the distance between them, and how many are refined."""
+_LEAST_SD = {"delay": 1e-3, "lag": 1e-3, "scale": 2e-4, "threshold": 0.2}
+"""Standard deviations that no recording beats: stamps, encoders and drives are not better than that."""
+
+
+@dataclass(frozen=True)
+class Best:
+    """Where some effects are at their best.
+
+    Attributes
+    ----------
+    effects : tuple of str
+    way : Way
+    value : float
+        Log-likelihood, nats.
+    sd : mapping of str to float
+        Of the fields of the way that were fitted.
+    """
+
+    effects: tuple[str, ...]
+    way: Way
+    value: float
+    sd: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Fitter:
+    """Fits of ways to what was measured.
+
+    Attributes
+    ----------
+    data : Told
+    noise : Noise
+    known : Way
+        What the robot does to its commands as far as is known.
+    used : array of bool, shape (n,)
+        Samples that count.
+    """
+
+    data: Told
+    noise: Noise
+    known: Way
+    used: Flags
+
+    @property
+    def clock(self) -> float:
+        """s by which stamps may disagree at most: commands that are sampled are not known better between samples."""
+        return STAMPS + 0.25 * self.data.period
+
+    def value(self, way: Way, speed: Array | None = None) -> float:
+        """Log-likelihood of a way, nats; `speed` is what `followed` gives for it."""
+        error = self.data.speed - seen(self.data, way, speed)
+        return self.noise.log_likelihood(self.data, error, self.used) - 0.5 * (way.clock / (0.5 * self.clock)) ** 2
+
+    def at(self, way: Way) -> float:
+        """Log-likelihood of a way, nats, stamps as it wants them."""
+        return self._climb(way._replace(clock=0.0), ["clock"])[1]
+
+    def best(self, effects: Collection[str], starts: Iterable[Way] = ()) -> Best:
+        """These effects at their best together, from several starts."""
+        fields = [PARAMETERS[e][1] for e in effects if e in PARAMETERS]
+        free = [f for f in fields if f != "threshold"] + ([] if "delay" in fields else ["clock"])
+        begin = [self.known, *starts, *self._alone(fields)]
+        tried = [(self.value(way), way) for way in dict.fromkeys(begin)]
+        tried.sort(key=lambda pair: -pair[0])
+        ends = []
+        for base, start in tried[: 2 if len(fields) > 1 else 1]:
+            way = self._scanned(start, base) if "threshold" in fields else start
+            way, value, _ = self._climb(way, free)
+            ends.append((value, way))
+        value, way = max(ends, key=lambda pair: pair[0])
+        sd = self._sd(way, free)
+        if "threshold" in fields:
+            sd["threshold"] = self._threshold_sd(way, value)
+        return Best(tuple(effects), way, value, {f: max(sd[f], _LEAST_SD[f]) for f in fields})
+
+    def _alone(self, fields: Sequence[str]) -> list[Way]:
+        """Ways in which one field has one of several sizes."""
+        return [self.known._replace(**{f: size}) for f in fields for size in _FIRST.get(f, ())]
+
+    def _scanned(self, way: Way, value: float) -> Way:
+        """The best threshold up to the largest command; as it was where none is better.
+
+        A threshold that is a little wrong may cost as much as the dead band gains, so the best few are refined first.
+        """
+        top = float(np.abs(self.data.command).max())
+        grid = [way._replace(threshold=float(x)) for x in top * np.geomspace(_LOWEST, 0.98, _COARSE)]
+        values = np.array([self.value(other) for other in grid])
+        ends = [self._refined(grid[int(k)]) for k in np.argsort(-values)[:_TRIED]]
+        best, found = max(ends, key=lambda end: end[1])
+        return best if found > value else way
+
+    def _refined(self, way: Way) -> tuple[Way, float]:
+        """The threshold moved to where the likelihood, which is a staircase of it, is largest."""
+        width = _WIDTH * way.threshold
+        for _ in range(3):
+            around = way.threshold + width * np.linspace(-1.0, 1.0, 9)
+            way = max((way._replace(threshold=max(float(x), 0.0)) for x in around), key=self.value)
+            width /= 4.0
+        return way, self.value(way)
+
+    def _threshold_sd(self, way: Way, value: float) -> float:
+        """Half the width over which the likelihood falls by a half."""
+        width = 0.05 * way.threshold + 1e-9
+        grid = way.threshold + width * np.linspace(-1.0, 1.0, 15)
+        near = [x for x in grid if self.value(way._replace(threshold=max(float(x), 0.0))) > value - 0.5]
+        return float(0.5 * (max(near) - min(near) + width / 7.0)) if near else float(width)
+
+    def _climb(self, way: Way, free: Sequence[str]) -> tuple[Way, float, Array]:
+        """Gauss–Newton with Levenberg's damping for the smooth fields."""
+        value, damping = self.value(way), 1e-3
+        information = np.eye(len(free))
+        for _ in range(12):
+            gradient, information = self._slopes(way, free)
+            moved = False
+            for _ in range(5):
+                damped = information + damping * np.diag(np.diag(information)) + 1e-12 * np.eye(len(free))
+                new = self._inside(way, dict(zip(free, np.linalg.solve(damped, gradient).tolist(), strict=True)))
+                gained = self.value(new) - value
+                if gained > 0.0:
+                    way, value, damping, moved = new, value + gained, damping / 5.0, True
+                    break
+                damping = 10.0 * max(damping, 1e-3)
+            if not moved or gained < 0.01:
+                break
+        return way, value, information
+
+    def _inside(self, way: Way, moves: dict[str, float]) -> Way:
+        fields = way._asdict()
+        for field, move in moves.items():
+            low = {"clock": -self.clock, "scale": 0.5}.get(field, 0.0)
+            high = self.clock if field == "clock" else _HIGHEST[field]
+            fields[field] = float(np.clip(fields[field] + move, low, high))
+        return Way(**fields)
+
+    def _slopes(self, way: Way, free: Sequence[str]) -> tuple[Array, Array]:
+        """Gradient and information of the log-likelihood by the free fields."""
+        data, speed = self.data, followed(self.data.command, way)
+        predicted = seen(data, way, speed)
+        scaled, valid = self.noise.whitened(data, data.speed - predicted)
+        columns = []
+        for field in free:
+            if field == "scale":
+                change = predicted / way.scale
+            else:
+                step = _STEPS[field]
+                moved = way._replace(**{field: getattr(way, field) + step})
+                change = (seen(data, moved, None if field == "lag" else speed) - predicted) / step
+            columns.append(self.noise.whitened(data, change)[0])
+        valid = valid & self.used
+        J = np.array([column[valid] for column in columns]).reshape(len(free), -1)
+        weight = self.noise.weights(scaled[valid])
+        gradient, information = J @ (weight * scaled[valid]), (J * weight) @ J.T
+        if "clock" in free:
+            i, known = list(free).index("clock"), (0.5 * self.clock) ** -2
+            gradient[i] -= known * way.clock
+            information[i, i] += known
+        return gradient, information
+
+    def _sd(self, way: Way, free: Sequence[str]) -> dict[str, float]:
+        _, information = self._slopes(way, free)
+        covariance = np.linalg.pinv(information)
+        return {field: float(np.sqrt(max(covariance[i, i], 0.0))) for i, field in enumerate(free)}
+
+
+# ----------------------------------------------------------------------
+# Fits of effects on the way of a command, each alone and several together, kept while they are compared.
+# ----------------------------------------------------------------------
+
+
+LIMIT, SCALE = "torque_limit", "torque_scale"
+EFFECTS = (*PARAMETERS, LIMIT, SCALE)
+"""What the view knows about, by id."""
+_WORTH = 20.0
+"""Nats that an effect gains to be taken for part of what happens while the noise is estimated."""
+_MOST = 3
+"""Effects at most that are taken so."""
+_SMALLEST = {"scale": 1e-3, "lag": 4e-3, "delay": 4e-3}
+"""Departures (s where they are times) under which an effect is none: nothing in a recording is as exact as that."""
+_SLOWEST = 0.01
+"""The same of a dead band, over the largest speed commanded."""
+_UNSEEN = 8.0
+"""Nats below which an effect was not seen."""
+_OCCAM, _MARGIN = 8.0, 2.0
+"""Nats that an effect's freedom costs here, and standard deviations that chance may take from an effect."""
+NEEDED = THRESHOLDS.least(PRIOR_ODDS, FALSE_ALARM_RATE)
+"""Nats that an effect has to gain to be named, unless something else is asked for."""
+
+
+@dataclass(frozen=True)
+class ViewEvidence:
+    """What the commands say about one effect.
+
+    Attributes
+    ----------
+    nats : float
+        Log-likelihood gained over the commands followed exactly, at the effect's best; nothing is taken off for its
+        parameters.
+    values, sd : mapping of str to float
+        Where it is best, and standard deviations, by parameter.
+    note : str
+        Why it gives no evidence, where it cannot.
+    excluded_above : mapping of str to float
+        For an effect that gains nothing: departure from neutral from which the commands exclude it.
+    excluded_below : mapping of str to float
+        The same of limits: values below which the commands exclude them.
+    """
+
+    nats: float
+    values: Mapping[str, float]
+    sd: Mapping[str, float]
+    note: str = ""
+    excluded_above: Mapping[str, float] = dataclass_field(default_factory=dict)
+    excluded_below: Mapping[str, float] = dataclass_field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Some effects at their best together: log-likelihood of all of it, nats, and where that is."""
+
+    value: float
+    best: Best
+    limit: Limit | None
+    pulled: Best | None
+
+
+@dataclass(frozen=True)
+class Work:
+    """What the view is made from; fits are kept."""
+
+    recordings: Sequence[Experiment]
+    robot: Robot
+    data: Told
+    pulls: Told | None
+    noise: Noise
+    needed: float = NEEDED
+    _fits: dict[tuple[str, ...], Fit] = dataclass_field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_fits", {})
+
+    @cached_property
+    def fitter(self) -> Fitter:
+        """Of speeds."""
+        return Fitter(self.data, self.noise, known_way(self.robot), np.ones(len(self.data), bool))
+
+    @cached_property
+    def puller(self) -> Fitter | None:
+        """Of the back motors' torques: their noise is what a scale leaves."""
+        if self.pulls is None:
+            return None
+        used = np.ones(len(self.pulls), bool)
+        rough = Fitter(self.pulls, sensor_noise(self.pulls), Way(), used)
+        best = rough.best(("encoder_scale",))
+        left = self.pulls.speed - seen(self.pulls, best.way)
+        known = Way(scale=float(self.robot.effects.get(SCALE, {}).get("scale", 1.0)))
+        return Fitter(self.pulls, noise_in(self.pulls, left, used), known, used)
+
+    def fit(self, effects: Collection[str]) -> Fit:
+        """These effects at their best together."""
+        key = tuple(sorted(effects))
+        if key not in self._fits:
+            self._fits[key] = self._fitted(key)
+        return self._fits[key]
+
+    def _fitted(self, effects: tuple[str, ...]) -> Fit:
+        ways = [e for e in effects if e in PARAMETERS]
+        starts = [self.fit([e for e in ways if e != left]).best.way for left in ways] if len(ways) > 1 else []
+        if len(ways) > 1:
+            starts += [self.fit([one]).best.way for one in ways]
+        best = self.fitter.best(ways, starts)
+        limit, value = None, best.value
+        if LIMIT in effects:
+            best, limit = self._limited(ways, best)
+            value = best.value + (limit.nats if limit else 0.0)
+        pulled = None
+        if self.puller is not None:
+            pulled = self.puller.best(("encoder_scale",) if SCALE in effects else ())
+            value += pulled.value
+        return Fit(value, best, limit, pulled)
+
+    def _limited(self, ways: Sequence[str], best: Best) -> tuple[Best, Limit | None]:
+        """The way fitted without the samples that a limit explains, and the limit that is left with it."""
+        limit = torque_limit(self.data, self.noise, self.data.speed - seen(self.data, best.way))
+        if limit is None or limit.nats <= 0.0 or not ways:
+            return best, limit if limit is not None and limit.nats > 0.0 else None
+        free = replace(self.fitter, used=~limit.held).best(ways, [best.way])
+        again = torque_limit(self.data, self.noise, self.data.speed - seen(self.data, free.way))
+        value = self.fitter.value(free.way)
+        if again is not None and value + again.nats > best.value + limit.nats:
+            return replace(free, value=value), again
+        return best, limit
+
+    def plain(self) -> tuple[str, ...]:
+        """Effects added one after the other while each gains plainly."""
+        found: tuple[str, ...] = ()
+        while len(found) < _MOST:
+            gains = {e: self.evidence(e, found).nats for e in EFFECTS if e not in found}
+            best = max(gains, key=lambda e: gains[e])
+            if gains[best] < _WORTH:
+                break
+            found = (*found, best)
+        return found
+
+    def noise_beside(self, found: Collection[str]) -> Noise:
+        """Noise of speeds that these effects leave."""
+        fit = self.fit(found)
+        used = np.ones(len(self.data), bool) if fit.limit is None else ~fit.limit.held
+        return noise_in(self.data, self.data.speed - seen(self.data, fit.best.way), used)
+
+    def left(self, found: Collection[str]) -> float:
+        """Share of the motors' speed that these effects leave unexplained: typical error over typical speed."""
+        fit = self.fit(found)
+        used = self.data.counts if fit.limit is None else self.data.counts & ~fit.limit.held
+        error = np.abs(self.data.speed - seen(self.data, fit.best.way))[used]
+        size = float(np.sqrt(np.mean(self.data.speed**2)))
+        return 1.4826 * float(np.median(error)) / size if len(error) and size > 0.0 else 0.0
+
+    def evidence(self, effect: str, given: Collection[str] = ()) -> ViewEvidence:
+        """Evidence of one effect on top of others."""
+        base, fit = self.fit(given), self.fit((*given, effect))
+        values, sd = self.parameters(effect, fit)
+        nats = max(fit.value - base.value, 0.0) if self._matters(effect, fit) else 0.0
+        note = self._note(effect, nats)
+        if nats >= _UNSEEN or given:
+            return ViewEvidence(nats, values, sd, note)
+        return ViewEvidence(nats, values, sd, note, self._excluded(effect, fit), self._excluded_limit(effect, base))
+
+    def _matters(self, effect: str, fit: Fit) -> bool:
+        """Whether an effect is as large as to be told from what stamps and encoders leave open."""
+        if effect in (LIMIT, SCALE):
+            return True
+        field_ = PARAMETERS[effect][1]
+        return abs(getattr(fit.best.way, field_) - getattr(self.fitter.known, field_)) >= self._smallest(field_)
+
+    def _smallest(self, field_: str) -> float:
+        """Departure of a way's field under which it is none."""
+        return _SMALLEST.get(field_, _SLOWEST * float(np.abs(self.data.command).max()))
+
+    def parameters(self, effect: str, fit: Fit) -> tuple[dict[str, float], dict[str, float]]:
+        """Values of an effect's parameters at a fit, and their standard deviations; none where nothing tells them."""
+        if effect == LIMIT:
+            if fit.limit is None:
+                return {}, {}
+            scale = fit.pulled.way.scale if fit.pulled else 1.0  # recorded over true torque
+            return {"front_max": fit.limit.torque / scale}, {"front_max": fit.limit.sd / scale}
+        if effect == SCALE:
+            pulled = fit.pulled
+            return ({"scale": pulled.way.scale}, {"scale": pulled.sd["scale"]}) if pulled else ({}, {})
+        name, field_ = PARAMETERS[effect]
+        return {name: float(getattr(fit.best.way, field_))}, {name: fit.best.sd[field_]}
+
+    def _note(self, effect: str, nats: float) -> str:
+        if effect == SCALE and self.puller is None:
+            return "no torque of a back motor is commanded and measured"
+        if effect == LIMIT and not np.isfinite(self.data.torque).any():
+            return "no torque of a front motor is recorded"
+        if effect == LIMIT and nats == 0.0:
+            return "no front motor falls short of its command at a torque that it does not exceed"
+        return ""
+
+    @property
+    def _lost(self) -> float:
+        """Nats that a size of an effect has to lose to be excluded: had it been there, it would have been named."""
+        return 0.5 * (float(np.sqrt(2.0 * (self.needed + _OCCAM))) + _MARGIN) ** 2
+
+    def _excluded(self, effect: str, fit: Fit) -> dict[str, float]:
+        """From which departure from neutral an effect would have been seen, stamps as it wants them."""
+        if effect == LIMIT or (effect == SCALE and self.puller is None):
+            return {}
+        fitter, name, field_ = self.fitter, *PARAMETERS.get(effect, ("scale", "scale"))
+        if effect == SCALE and self.puller is not None:
+            fitter = self.puller
+        best = fit.pulled if effect == SCALE and fit.pulled is not None else fit.best
+        neutral = getattr(fitter.known, field_)
+        for size in self._smallest(field_) * 1.5 ** np.arange(22):
+            ways = [best.way._replace(**{field_: neutral + sign * float(size)}) for sign in (1.0, -1.0)]
+            tried = ways if field_ == "scale" else ways[:1]
+            if all(fitter.at(way) < best.value - self._lost for way in tried):
+                return {name: float(size)}
+        return {}
+
+    def _excluded_limit(self, effect: str, base: Fit) -> dict[str, float]:
+        """Below which torque a limit that is not there would have been seen."""
+        if effect != LIMIT:
+            return {}
+        error = self.data.speed - seen(self.data, base.best.way)
+        limit = excluded_limit(self.data, self.noise, error, self._lost)
+        return {"front_max": limit} if limit > 0.0 else {}
+
+    def gained(self, robot: Robot) -> float:
+        """Log-likelihood that a robot's effects gain as they are."""
+        way = way_of(robot.effects)
+        value = self.fitter.at(way)
+        if LIMIT in robot.effects:
+            limit = torque_limit(self.data, self.noise, self.data.speed - seen(self.data, way))
+            value += max(limit.nats, 0.0) if limit else 0.0
+        if self.puller is not None:
+            value += self.puller.at(Way(scale=float(robot.effects.get(SCALE, {}).get("scale", 1.0))))
+        return value - self.fit(()).value
+
+    def shown_by(self, robot: Robot) -> tuple[dict[str, Level], dict[str, Series]]:
+        """Levels and series: as commanded, and with a robot's effects."""
+        way = way_of(robot.effects)
+        limited = LIMIT in robot.effects
+        limit = torque_limit(self.data, self.noise, self.data.speed - seen(self.data, way)) if limited else None
+        return self.shown(way, limit if limit is not None and limit.nats > 0.0 else None)
+
+    def shown(self, way: Way, limit: Limit | None) -> tuple[dict[str, Level], dict[str, Series]]:
+        """Levels and series: as commanded, and with a way."""
+        series = series_of(self.recordings, known_way(self.robot), way, self.data, limit)
+        return {"front_velocity": level_of(series)}, series

@@ -1,0 +1,95 @@
+"""The way from a command to a front motor's speed as numbers, and the speeds that they predict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from artibot_sim.diagnose.commands.data import H, Told
+from artibot_sim.model import Robot
+from artibot_sim.model.effects import EFFECTS, Values
+
+Array = NDArray[np.float64]
+
+
+class Way(NamedTuple):
+    """What happens to commands, in this order, and to what encoders record.
+
+    Attributes
+    ----------
+    threshold : float
+        Speeds commanded below it give no motion, rad/s.
+    lag : float
+        Time constant, s.
+    delay : float
+        s.
+    scale : float
+        Recorded over true speed.
+    clock : float
+        s by which the stamps of measurements are late compared with those of commands: no effect, for nobody knows
+        stamps better than that.
+    """
+
+    threshold: float = 0.0
+    lag: float = 0.0
+    delay: float = 0.0
+    scale: float = 1.0
+    clock: float = 0.0
+
+
+PARAMETERS = {
+    "deadband": ("threshold", "threshold"),
+    "speed_loop_lag": ("time_constant", "lag"),
+    "command_delay": ("delay", "delay"),
+    "encoder_scale": ("scale", "scale"),
+}
+"""Effect → its parameter, and what it is called in a `Way`."""
+
+
+def way_of(effects: Mapping[str, Values]) -> Way:
+    """The way that a robot's effects make."""
+    values = {
+        field: float(effects[effect][parameter])
+        for effect, (parameter, field) in PARAMETERS.items()
+        if effect in effects and EFFECTS[effect].active(effects[effect])
+    }
+    return Way(**values)
+
+
+def known_way(robot: Robot) -> Way:
+    """The way that a robot is already known to have."""
+    return way_of(robot.effects)
+
+
+def followed(command: Array, way: Way) -> Array:
+    """What motors do that are given a command (g,) on a grid H apart, before any delay, rad/s.
+
+    The lag's filter is exact for commands that are linear between grid points. Of several parts one after the other it
+    forgets each within the guard before the next.
+    """
+    speed = command
+    if way.threshold > 0.0:
+        speed = np.where(np.abs(speed) < way.threshold, 0.0, speed)
+    if way.lag > 1e-4:
+        kept = np.exp(-H / way.lag)
+        share = way.lag / H * (1.0 - kept)
+        settled = np.array([share * speed[0]])
+        speed = lfilter([1.0 - share, share - kept], [1.0, -kept], speed, zi=settled)[0]
+    return np.asarray(speed)
+
+
+def seen(data: Told, way: Way, speed: Array | None = None) -> Array:
+    """Speeds that are measured if the motors follow `way`, rad/s, shape (n,); `speed` is what `followed` gave."""
+    speed = followed(data.command, way) if speed is None else speed
+    at = np.clip(data.at - (way.delay + way.clock) / H, 0.0, len(speed) - 1.000001)
+    i = at.astype(np.int64)
+    share = at - i
+    if not data.rise:
+        return way.scale * (speed[i] + share * (speed[i + 1] - speed[i])).mean(axis=1)
+    turned = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]))))
+    angle = turned[i] + share * (speed[i] + 0.5 * share * (speed[i + 1] - speed[i]))
+    return way.scale * (angle[:, 1] - angle[:, 0]) / (data.at[:, 1] - data.at[:, 0])

@@ -1,0 +1,105 @@
+"""The command view: how measured motor speeds and torques follow their commands, and what on the way explains it.
+
+Rotations that were measured have delays, lags, dead bands and torque limits behind them, so a model that is turned by
+them knows nothing of these effects; what encoders and torque sensors say is held here against what was commanded. The
+evidence of both views adds up. It takes the stamps of commands and measurements to agree to a few milliseconds only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from artibot_sim.diagnose.commands.data import told
+from artibot_sim.diagnose.commands.fit import EFFECTS, NEEDED, ViewEvidence, Work
+from artibot_sim.diagnose.commands.model import known_way
+from artibot_sim.diagnose.commands.noise import sensor_noise
+from artibot_sim.diagnose.commands.series import Level
+from artibot_sim.diagnose.records import Series
+from artibot_sim.experiment import Experiment
+from artibot_sim.model import Robot
+
+__all__ = ["EFFECTS", "CommandView", "ViewEvidence", "command_view"]
+
+_UNFOLLOWED = 0.2
+"""Share of the motors' speed that is left at best, from which they do something else than they are commanded."""
+
+
+@dataclass(frozen=True)
+class CommandView:
+    """What recordings with commands say; empty where no recording has any.
+
+    Attributes
+    ----------
+    evidence : mapping of str to ViewEvidence
+        By effect, each alone.
+    found : tuple of str
+        Effects that together explain what is plainly there, the largest first.
+    levels : mapping of str to Level
+        ``front_velocity``: how far measured speeds are from commanded ones, and their noise.
+    series : mapping of str to Series
+        By recording: errors of the front motors' speeds, (n, 2), as commanded and with `found`.
+    followed : bool
+        Whether motors do what they are commanded, but for what these effects explain. Otherwise commands say nothing.
+    """
+
+    evidence: Mapping[str, ViewEvidence] = field(default_factory=dict)
+    found: tuple[str, ...] = ()
+    levels: Mapping[str, Level] = field(default_factory=dict)
+    series: Mapping[str, Series] = field(default_factory=dict)
+    followed: bool = False
+    _work: Work | None = field(default=None, repr=False, compare=False)
+
+    def given(self, *effects: str) -> dict[str, ViewEvidence]:
+        """Evidence of every other effect on top of `effects`, all at their best together."""
+        if self._work is None:
+            return {}
+        if not self.followed:
+            return {e: self.evidence[e] for e in EFFECTS if e not in effects}
+        return {e: self._work.evidence(e, effects) for e in EFFECTS if e not in effects}
+
+    def nats(self, robot: Robot) -> float:
+        """Log-likelihood that a robot's effects gain as they are, negative where commands speak against them.
+
+        Zero for effects that are not the view's, and where no commands are recorded or followed.
+        """
+        return 0.0 if self._work is None or not self.followed else self._work.gained(robot)
+
+    def seen_by(self, robot: Robot) -> tuple[Mapping[str, Level], Mapping[str, Series]]:
+        """`levels` and `series` with a robot's effects in place of `found`."""
+        return ({}, {}) if self._work is None else self._work.shown_by(robot)
+
+
+def command_view(recordings: Sequence[Experiment], robot: Robot, *, needed: float = NEEDED) -> CommandView:
+    """Hold what motors did against what they were commanded.
+
+    Parameters
+    ----------
+    recordings : sequence of Experiment
+        Those without `/motor_command` are passed over; their order does not matter.
+    robot : Robot
+        Its effects are what is already known.
+    needed : float
+        Nats that an effect has to gain to be named, for the sizes that are excluded.
+    """
+    ordered = sorted(recordings, key=lambda r: (r.name, len(r.channels.get("motor_torques") or ())))
+    data = told(ordered)
+    if data is None:
+        return CommandView()
+    work = Work(ordered, robot, data, told(ordered, "effort"), sensor_noise(data), needed)
+    for _ in range(2):  # the noise that is left beside what was found changes what is found
+        found = work.plain()
+        noise = work.noise_beside(found)
+        if noise.like(work.noise):
+            break
+        work = replace(work, noise=noise)
+    left = work.left(found)
+    if left > _UNFOLLOWED:
+        note = f"motors do not follow their commands: {100 * left:.0f} % of their speed is left whatever explains it"
+        silent = {effect: ViewEvidence(0.0, {}, {}, note) for effect in EFFECTS}
+        known = known_way(robot)
+        return CommandView(silent, (), *work.shown(known, None), False, work)
+    evidence = {effect: work.evidence(effect) for effect in EFFECTS}
+    best = work.fit(found)
+    levels, series = work.shown(best.best.way, best.limit)
+    return CommandView(evidence, found, levels, series, True, work)

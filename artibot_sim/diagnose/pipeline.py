@@ -1,0 +1,401 @@
+"""`diagnose`: from recordings and a robot to a :class:`Diagnosis`, stage by stage."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.diagnose.candidates.patches import disc_place
+from artibot_sim.diagnose.checks.recordings import data_warnings, require_usable
+from artibot_sim.diagnose.commands.view import command_view
+from artibot_sim.diagnose.conclusion import doubted, is_doubtful, refuted
+from artibot_sim.diagnose.extended import found_parameters, robot_of
+from artibot_sim.diagnose.intervals import Uncertain, judged, surroundings
+from artibot_sim.diagnose.next_experiment.choice import next_experiment, next_for_force, one_by_one, repeated
+from artibot_sim.diagnose.policy import THRESHOLDS, TRUST, Thresholds
+from artibot_sim.diagnose.records import (
+    FALSE_ALARM_RATE,
+    HALF_WIDTH,
+    HORIZON,
+    PRIOR_ODDS,
+    Cause,
+    ChannelBaseline,
+    Found,
+    NextExperiment,
+    Options,
+    Unexplained,
+    Verdict,
+)
+from artibot_sim.diagnose.remains import beyond_noise, far_beyond_noise
+from artibot_sim.diagnose.result import Diagnosis, besides, differing, doubt, partly, refutation, shortfall
+from artibot_sim.diagnose.selection.decision import Decision
+from artibot_sim.diagnose.selection.evidence import DECADE
+from artibot_sim.diagnose.selection.ranking import ranking
+from artibot_sim.diagnose.selection.stepwise import decide
+from artibot_sim.diagnose.unlisted.finding import unexplained_of
+from artibot_sim.diagnose.validation.predictions import (
+    Pair,
+    Worth,
+    baseline_levels,
+    gains,
+    improvements,
+    is_minor,
+    is_refuted,
+    predict,
+)
+from artibot_sim.diagnose.validation.residuals import places
+from artibot_sim.diagnose.validation.series import COMMANDED, look, with_commands
+from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.measurements import Stretch, missing, stretches
+from artibot_sim.estimation.parallel import side_by_side
+from artibot_sim.estimation.parameters import SOIL
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import Effort, Fit, Tick
+from artibot_sim.experiment import Experiment
+from artibot_sim.identify.requested import parameter_set
+from artibot_sim.identify.run import best_fit, problem_of
+from artibot_sim.model import Robot
+from artibot_sim.progress import Report
+
+# ----------------------------------------------------------------------
+# A decision as a :class:`Diagnosis`: intervals, what it is worth on held-out data, pictures and warnings.
+# ----------------------------------------------------------------------
+
+
+Parameters = Mapping[str, Mapping[str, Found]]
+
+
+def result_of(
+    robot: Robot,
+    fitted: Sequence[Experiment],
+    held: Sequence[Experiment],
+    decision: Decision,
+    options: Options,
+    tick: Callable[[], None],
+) -> Diagnosis:
+    """The diagnosis that a decision comes to."""
+    baseline, extended, effects = _robots([e.name for e in fitted], decision, options.seed, tick)
+    pairs = _predictions(fitted, held, baseline, extended, options, tick)
+    view = command_view([*fitted, *held], robot, needed=options.least)
+    commanded = view.seen_by(extended)
+    channels, looks = with_commands(baseline_levels(pairs), [look(pair, robot) for pair in pairs], *commanded)
+    held_out = [pair for pair in pairs if pair.held_out]
+    driven = [one.channels[COMMANDED] for one in looks if one.held_out and COMMANDED in one.channels]
+    driven = driven if view.followed else []
+    gained, gain = improvements(decision, held_out, extended, view, options), gains(held_out, driven, options.seed)
+    if (refuting := is_refuted(gained, gain)) or (decision.fitted and is_minor(gained, decision.left)):
+        found = result_of(robot, fitted, held, refuted(decision), options, tick)
+        unnamed = [named.effect for named in decision.fitted or decision.named]
+        said = (refutation if refuting else shortfall)(unnamed, gain)
+        return replace(found, warnings=(said, *found.warnings))
+    if is_doubtful(decision):
+        found = result_of(robot, fitted, held, doubted(decision), options, tick)
+        said = doubt([named.effect for named in decision.fitted], far_beyond_noise(decision.left))
+        return replace(found, warnings=(said, *found.warnings))
+    return Diagnosis(
+        verdict=decision.verdict,
+        robot=robot,
+        baseline_robot=baseline,
+        extended=extended,
+        bags=tuple(e.name for e in fitted),
+        holdout=tuple(e.name for e in held),
+        horizon=options.horizon,
+        baseline=channels,
+        where=places(looks, channels),
+        causes=_causes(decision, effects, gained),
+        ranking=ranking(decision, options.thresholds),
+        unexplained=_unexplained(decision),
+        gain=gain,
+        next_experiment=_next(decision, channels),
+        warnings=(
+            *_contradiction(decision),
+            *_besides(decision),
+            *data_warnings(fitted, robot, decision.neutral_problem, decision.neutral_fit.point, held),
+        ),
+        looks=tuple(looks),
+        prior_odds=options.prior_odds,
+        false_alarm_rate=options.false_alarm_rate,
+        threshold=decision.least,
+        seed=options.seed,
+        left=decision.left,
+    )
+
+
+def _robots(
+    names: Sequence[str], decision: Decision, seed: int, tick: Callable[[], None]
+) -> tuple[Robot, Robot, Parameters]:
+    """The paper's model and the extended one, and the named effects' parameters; what commands say weighs with fits."""
+    fits = [(decision.neutral_problem, decision.neutral_fit), (decision.problem, decision.fit)]
+    around = surroundings(fits if decision.named else fits[:1], tick)
+    neutral = judged(*fits[0], around[0], seed)
+    baseline = robot_of(decision.neutral_problem, neutral, {}, names)
+    if not decision.named:
+        return baseline, baseline, {}
+    heard = {effect: other.found for effect, other in decision.other.items()}
+    after = judged(*fits[1], around[1], seed, heard)
+    effects = _parameters(decision, after, seed)
+    return baseline, robot_of(decision.problem, after, effects, names), effects
+
+
+def _predictions(
+    fitted: Sequence[Experiment],
+    held: Sequence[Experiment],
+    baseline: Robot,
+    extended: Robot,
+    options: Options,
+    tick: Callable[[], None],
+) -> list[Pair]:
+    """All recordings by both models."""
+    return side_by_side(
+        lambda one: predict(*one, baseline, extended, options.horizon, options.workers),
+        [*((e, False) for e in fitted), *((e, True) for e in held)], options.workers, tick,
+    )  # fmt: skip
+
+
+def _parameters(decision: Decision, after: Uncertain, seed: int) -> dict[str, Mapping[str, Found]]:
+    """Parameters of all named effects with their intervals."""
+    problem: Problem = decision.problem
+    found: dict[str, Mapping[str, Found]] = {}
+    for which, part in enumerate(problem.parameters.places):
+        extension = problem.parameters.extensions[which]
+        where = disc_place(problem, decision.fit, which, seed)
+        found[extension.id] = found_parameters(extension, after.coordinates[part], after.covariance[part, part], where)
+    return found | {named.effect: named.found for named in decision.named if named.found}
+
+
+def _unexplained(decision: Decision) -> Unexplained | None:
+    """What is on no list, in words."""
+    if decision.several_soils is not None:
+        return decision.several_soils.unexplained
+    return unexplained_of(decision.unexplained) if decision.unexplained else None
+
+
+def _contradiction(decision: Decision) -> list[str]:
+    """That the recordings contradict each other, where the answer itself does not say so."""
+    alone = decision.apart
+    if alone is None:
+        return []
+    if decision.verdict is not Verdict.UNEXPLAINED:
+        own = f"; by themselves they ask for {alone.size_words}" if alone.sizes else ""
+        return [f"{differing(alone.words)}; one soil was fitted to all of them, so sizes are a compromise{own}"]
+    return partly(alone.names, alone.unexplained_alone)
+
+
+def _besides(decision: Decision) -> list[str]:
+    """That more is left than noise with all that is named, where several soils are no reason for it."""
+    channels = beyond_noise(decision.left)
+    if decision.verdict is Verdict.UNEXPLAINED or decision.apart is not None or not (decision.named and channels):
+        return []
+    return [besides([one.effect for one in decision.ordered], channels)]
+
+
+def _next(decision: Decision, channels: Mapping[str, ChannelBaseline]) -> NextExperiment | None:
+    """What would tell the first cause from those that tie with it, or what a force on no list is."""
+    noise = {name: one.noise / (2.0**0.5 if name == "position" else 1.0) for name, one in channels.items()}
+    if decision.verdict is Verdict.UNEXPLAINED:
+        problem, force = decision.neutral_problem, decision.unexplained
+        if decision.several_soils is not None:
+            return one_by_one(decision.several_soils.names)
+        advice = None if force is None else next_for_force(problem, force, noise)
+        return advice or repeated(missing(problem.stretches, problem.parameters.robot))
+    if not decision.named or not decision.ordered[0].ties:
+        return None
+    first = decision.ordered[0]
+    at = decision.turn_of(first.effect)  # neither has what was found later, which would tell them apart
+    fitted = {rival.id: rival for rival in at.rivals}
+    robots = {}
+    for effect in (first.effect, *first.ties):
+        if effect in fitted:
+            rival = fitted[effect]
+            robots[effect] = rival.problem.parameters.robot_at(rival.fit.point.coordinates)
+        elif effect in decision.other:
+            values = {name: found.value for name, found in decision.other[effect].found.items()}
+            without = at.problem.parameters.robot_at(at.fit.point.coordinates)
+            robots[effect] = replace(without, effects=dict(without.effects) | {effect: values})
+    return next_experiment(robots, noise)
+
+
+def _causes(decision: Decision, effects: Parameters, gained: Mapping[str, Worth]) -> tuple[Cause, ...]:
+    """The named effects, most probable first."""
+    found = []
+    for named in decision.ordered:
+        worth = gained[named.effect]
+        evidence = named.nats / DECADE, worth.share, named.ties, worth.nats / DECADE
+        found.append(Cause(named.effect, effects[named.effect], *evidence))
+    return tuple(found)
+
+
+# ----------------------------------------------------------------------
+# `diagnose`: from recordings and a robot to a :class:`Diagnosis`.
+# ----------------------------------------------------------------------
+
+
+Array = NDArray[np.float64]
+
+_FEWEST = 12
+"""Positions of a recording, without which its last third is too little to be held out."""
+_TICKS = 60
+"""Parts of the work after which half of the bar is drawn: how many there will be is not known beforehand."""
+
+
+class _Ticks:
+    """Counts parts of the work."""
+
+    def __init__(self, report: Report | None) -> None:
+        self._report, self._count = report or (lambda _: None), 0
+
+    def __call__(self) -> None:
+        self._count += 1
+        self._report(self._count / (self._count + _TICKS))
+
+    def done(self) -> None:
+        """All of it is over."""
+        self._report(1.0)
+
+
+def diagnose(
+    recordings: Sequence[Experiment],
+    robot: Robot,
+    *,
+    holdout: Sequence[Experiment] = (),
+    horizon: float = HORIZON,
+    seed: int = 0,
+    workers: int | None = None,
+    progress: Report | None = None,
+    prior_odds: float = PRIOR_ODDS,
+    false_alarm_rate: float = FALSE_ALARM_RATE,
+    thresholds: Thresholds = THRESHOLDS,
+    scheduler: str | None = None,
+) -> Diagnosis:
+    """What the simulation of these recordings gets wrong, and why.
+
+    Soil is identified first, so that an effect only counts for what no soil explains. Every effect of
+    `model.effects` is then tried beside it: screened, the promising ones fitted together with the soil, and the best
+    one added as long as that is worth it. See docs/diagnosis_method.md.
+
+    Parameters
+    ----------
+    recordings : sequence of Experiment
+        What `read_bag` gives. Their order does not matter.
+    robot : Robot
+        The effects that it has are taken to be known.
+    holdout : sequence of Experiment
+        Recordings that take no part in the fit; without any the last of several recordings is held out, or the last
+        third of a single one.
+    horizon : float
+        Length of the predictions that fits, evidence and gains rest on, s.
+    seed : int
+        The same data and seed give the same diagnosis.
+    workers : int, optional
+        Threads; as many as cores by default. The result does not depend on it.
+    progress : callable
+        Hears the share that is done.
+    prior_odds : float
+        Of some effect being there beforehand.
+    false_alarm_rate : float
+        Share of the cases with nothing hidden in which something may be named.
+    scheduler : str, optional
+        Address of a Dask scheduler (:mod:`artibot_sim.cluster`) whose workers fit one effect each; the rest of the
+        work stays here, and the result is the same.
+
+    Raises
+    ------
+    ArtibotError
+        For recordings that lack what is needed.
+    """
+    begun, ticks = time.perf_counter(), _Ticks(progress)
+    options = Options(horizon, seed, workers, prior_odds, false_alarm_rate, thresholds, scheduler)
+    _check([*recordings, *holdout], robot, options)
+    fitted, held = split(*told_apart(recordings, holdout), robot)
+    problem, fit = baseline(fitted, robot, options, ticks)
+    view = command_view(fitted, robot, needed=options.least)
+    decision = decide(problem, fit, options, ticks, view)
+    result = result_of(robot, fitted, held, decision, options, ticks)
+    ticks.done()
+    return replace(result, seconds=time.perf_counter() - begun)
+
+
+def _check(recordings: Sequence[Experiment], robot: Robot, options: Options) -> None:
+    require_usable(recordings, robot)
+    if not (np.isfinite(options.horizon) and options.horizon >= 0.5):
+        raise ArtibotError(f"horizon: {options.horizon} s; expected at least 0.5 s")
+    if not (np.isfinite(options.prior_odds) and options.prior_odds > 0.0):
+        raise ArtibotError(f"prior_odds: {options.prior_odds}; expected a number greater than 0, such as 1")
+    if not 0.0 < options.false_alarm_rate < 1.0:
+        raise ArtibotError(f"false_alarm_rate: {options.false_alarm_rate}; expected a share between 0 and 1")
+
+
+def split(
+    recordings: Sequence[Experiment], holdout: Sequence[Experiment], robot: Robot
+) -> tuple[list[Experiment], list[Experiment]]:
+    """Recordings to fit and to hold out, in an order that does not depend on theirs."""
+    fitted, held = sorted(recordings, key=_order), sorted(holdout, key=_order)
+    if not held and len(fitted) > 1:
+        return fitted[:-1], fitted[-1:]
+    if not held:
+        return first_part(fitted[0], robot)
+    return fitted, held
+
+
+def told_apart(
+    recordings: Sequence[Experiment], holdout: Sequence[Experiment]
+) -> tuple[list[Experiment], list[Experiment]]:
+    """The same with names of their own: `monday/run0` and `tuesday/run0` are both `run0` in their bags."""
+    every, seen = sorted([*recordings, *holdout], key=_order), Counter[str]()
+    names: dict[int, str] = {}
+    for one in every:
+        seen[one.name] += 1
+        names[id(one)] = one.name if seen[one.name] == 1 else f"{one.name} ({seen[one.name]})"
+    fitted, held = ([replace(one, name=names[id(one)]) for one in group] for group in (recordings, holdout))
+    return fitted, held
+
+
+def first_part(experiment: Experiment, robot: Robot) -> tuple[list[Experiment], list[Experiment]]:
+    """The first two thirds of what a recording measured of positions while its motors were, and the rest.
+
+    Raises
+    ------
+    ArtibotError
+        Where that is too little to be held out.
+    """
+    begin, end = experiment.segments[0][0], experiment.segments[-1][1]
+    times = np.sort(np.concatenate([_measured(stretch) for stretch in stretches(experiment, robot)]))
+    if len(times) < _FEWEST:
+        raise ArtibotError(
+            f"{experiment.path}: {len(times)} positions are measured while its motors are: too few to hold some out, "
+            f"expected at least {_FEWEST}; record longer, or give another recording with --holdout"
+        )
+    border = float(times[2 * len(times) // 3])
+    parts = []
+    for name, a, b in (("", begin, border), (" (last third)", border, end)):
+        segments = tuple((max(s, a), min(e, b)) for s, e in experiment.segments if max(s, a) < min(e, b))
+        channels = {key: channel.between(a, b) for key, channel in experiment.channels.items()}
+        channels = {key: channel for key, channel in channels.items() if len(channel)}
+        parts.append(replace(experiment, name=experiment.name + name, channels=channels, segments=segments))
+    return parts[:1], parts[1:]
+
+
+def _measured(stretch: Stretch) -> Array:
+    """Times of a stretch's positions, s."""
+    t = next(series.t for series in stretch.series if series.channel == "position")
+    return t[(t >= stretch.inputs.t[0]) & (t <= stretch.inputs.t[-1])]
+
+
+def _order(experiment: Experiment) -> tuple[str, int, float, float]:
+    """What recordings are sorted by: their names, then what is in them."""
+    motors = experiment.channels.get("motor_torques")
+    total = sum(float(np.nansum(column)) for column in motors.columns.values()) if motors is not None else 0.0
+    return experiment.name, experiment.start_ns, experiment.duration, total
+
+
+def baseline(
+    fitted: Sequence[Experiment], robot: Robot, options: Options, tick: Tick = lambda: None
+) -> tuple[Problem, Fit]:
+    """The paper's model with its soil identified; all windows keep their say, for local effects hide in bad ones."""
+    problem = problem_of(fitted, parameter_set(robot, SOIL), options.horizon, options.workers, HALF_WIDTH)
+    return best_fit(problem, Effort(seed=options.seed), tick, TRUST)

@@ -1,0 +1,305 @@
+"""What a diagnosis is made of: options, causes, candidates, channels, and what pictures are drawn from."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.diagnose.policy import THRESHOLDS, Thresholds
+
+# ----------------------------------------------------------------------
+# How a diagnosis is made.
+# ----------------------------------------------------------------------
+
+
+HALF_WIDTH = 0.045
+"""s around an instant whose encoder positions give a motor's rotation. Narrower, the encoders' steps make noise of
+predicted torques, which back wheels with less friction seem to mend; wider, the peaks of slip are cut."""
+HORIZON = 5.0
+"""s over which predictions are judged."""
+PRIOR_ODDS = 1.0
+"""Of an effect being there, before anything was measured: whoever asks for a diagnosis has a reason."""
+FALSE_ALARM_RATE = 0.01
+"""Share of the cases with nothing hidden in which something is named."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a diagnosis is made; see `diagnose`."""
+
+    horizon: float = HORIZON
+    seed: int = 0
+    workers: int | None = None
+    prior_odds: float = PRIOR_ODDS
+    false_alarm_rate: float = FALSE_ALARM_RATE
+    thresholds: Thresholds = THRESHOLDS
+    scheduler: str | None = None
+
+    @property
+    def least(self) -> float:
+        """Nats that an effect has to gain to be named."""
+        return self.thresholds.least(self.prior_odds, self.false_alarm_rate)
+
+
+# ----------------------------------------------------------------------
+# What a diagnosis is made of: parameters, causes, candidates, channels, and what pictures are drawn from.
+# ----------------------------------------------------------------------
+
+
+Array = NDArray[np.float64]
+
+
+class Verdict(enum.Enum):
+    """What a diagnosis comes to."""
+
+    NONE = "none"
+    NAMED = "named"
+    AMBIGUOUS = "ambiguous"
+    UNEXPLAINED = "unexplained"
+
+
+@dataclass(frozen=True)
+class Found:
+    """One parameter of an effect as the data give it.
+
+    Attributes
+    ----------
+    value : float or str
+        SI; a name where the parameter is a choice.
+    unit : str
+    ci95 : (float, float) or None
+        95 % interval; None for a choice.
+    """
+
+    value: float | str
+    unit: str = ""
+    ci95: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect that the data speak for.
+
+    Attributes
+    ----------
+    effect : str
+        Its id.
+    parameters : mapping of str to Found
+    log10_bayes_factor : float
+        Against the model without it.
+    holdout_improvement : float
+        Fraction by which the noise-weighted mean squared prediction error, less the noise's own share, falls on
+        held-out data.
+    ties : tuple of str
+        Ids of effects that the data cannot tell from it.
+    holdout_log10_likelihood : float
+        Decades by which held-out data are more likely with it.
+    """
+
+    effect: str
+    parameters: Mapping[str, Found]
+    log10_bayes_factor: float
+    holdout_improvement: float
+    ties: tuple[str, ...] = ()
+    holdout_log10_likelihood: float = float("nan")
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """How one effect of the vocabulary fared, whether found or not.
+
+    Attributes
+    ----------
+    effect : str
+    log10_bayes_factor : float
+        At its best against the re-identified baseline (of what was tried again beside named effects, against the model
+        with these); of both views together. Of what was not fitted what the screen gained, its freedom not counted.
+    values : mapping of str to float or str
+        Where it was best.
+    excluded_above : mapping of str to float
+        For an effect that was not found: sizes from which the data exclude it, by parameter; empty where it never acts.
+    note : str
+        One sentence for a person; empty where nothing is to be said.
+    fitted : bool
+        Whether it was fitted together with the soil, or only screened.
+    excluded_below : mapping of str to float
+        What `excluded_above` is, of limits: values below which the data exclude them.
+    """
+
+    effect: str
+    log10_bayes_factor: float
+    values: Mapping[str, float | str]
+    excluded_above: Mapping[str, float] = field(default_factory=dict)
+    note: str = ""
+    fitted: bool = False
+    excluded_below: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ChannelBaseline:
+    """How wrong the paper's model is in one channel, its soil identified anew.
+
+    Attributes
+    ----------
+    unit : str
+    rmse : float
+        Of predictions over windows.
+    noise : float
+        The sensor's.
+    free_run_rmse : float
+        Of runs of whole recordings; NaN where there are none.
+    """
+
+    unit: str
+    rmse: float
+    noise: float
+    free_run_rmse: float
+
+
+@dataclass(frozen=True)
+class ChannelGain:
+    """What the extended model is worth in one channel, on held-out data.
+
+    Attributes
+    ----------
+    unit : str
+    before, after : float
+        Root mean square errors of window predictions.
+    ci95 : (float, float)
+        Of before − after.
+    """
+
+    unit: str
+    before: float
+    after: float
+    ci95: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Left:
+    """What the final model leaves in one channel, slowly, as forces would; 1 is a sensor's white noise.
+
+    Attributes
+    ----------
+    typical, worst : float
+        Mean squares of averaged residuals over those of white noise: of the window in the middle, and the one that a
+        tenth of all windows exceed.
+    """
+
+    typical: float
+    worst: float
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where and when something is wrong, in one sentence."""
+
+    channel: str
+    what: str
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """A force that is on no list: which one, what it follows, and in which form.
+
+    Attributes
+    ----------
+    force, variable, form : str
+    size : float
+        Of the law's coefficient or amplitude, in `unit`.
+    unit : str
+    where : str
+        A sentence for a person.
+    typical : float
+        Root mean square of the force itself, N or N m; NaN where it is none.
+    """
+
+    force: str
+    variable: str
+    form: str
+    size: float
+    unit: str
+    where: str
+    typical: float = float("nan")
+
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """A manoeuvre that would tell effects apart.
+
+    Attributes
+    ----------
+    what : str
+        A sentence for a person.
+    manoeuvre : str
+        Its name in the library of manoeuvres; empty where it is one that was recorded.
+    separates : tuple of str
+        Ids of effects; empty where there are none to tell apart.
+    nats : float
+        Log-likelihood ratio to be expected between the two that are hardest to tell apart; NaN without any.
+    """
+
+    what: str
+    manoeuvre: str
+    separates: tuple[str, ...]
+    nats: float
+
+
+@dataclass(frozen=True)
+class Series:
+    """Errors of one channel of one recording over its predictions: before is the paper's model, after the extended.
+
+    Attributes
+    ----------
+    t : array, shape (n,)
+        s since the recording's start.
+    before, after : array, shape (n,)
+        Predicted − measured, SI; NaN where a prediction was lost. Of positions along x and y: shape (n, 2); so are
+        those of two motors.
+    noise : float
+        Standard deviation of a sample.
+    """
+
+    t: Array
+    before: Array
+    after: Array
+    noise: float
+
+
+@dataclass(frozen=True)
+class Look:
+    """One recording as it was measured and as both models predict it: what pictures are drawn from.
+
+    Attributes
+    ----------
+    name : str
+    held_out : bool
+    path : array, shape (n, 3)
+        t, x, y as measured.
+    before, after : tuple of array, shape (m, 3)
+        t, x, y window by window, by the paper's model (soil identified anew) and by the extended one.
+    free_before, free_after : tuple of array, shape (m, 3)
+        The same in one run from the recording's start; empty where windows are separate.
+    left_before, left_after : float or None
+        s, when such a run leaves the measured branch.
+    channels : mapping of str to Series
+    covariates : mapping of str to array, shape (k,)
+        On one time grid under ``t``: ``speed`` (m/s), ``yaw_rate`` (rad/s), ``heading`` (rad), ``articulation_yaw``
+        (rad), ``x``, ``y`` (m), ``load`` (sum of absolute motor torques, N m; NaN where not measured).
+    """
+
+    name: str
+    held_out: bool
+    path: Array
+    before: tuple[Array, ...]
+    after: tuple[Array, ...]
+    free_before: tuple[Array, ...]
+    free_after: tuple[Array, ...]
+    left_before: float | None
+    left_after: float | None
+    channels: Mapping[str, Series]
+    covariates: Mapping[str, Array]

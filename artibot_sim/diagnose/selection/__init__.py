@@ -1,0 +1,1 @@
+"""Which effects are named: evidence, joint fits, forward selection, backward elimination, ranking."""

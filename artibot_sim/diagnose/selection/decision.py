@@ -1,0 +1,110 @@
+"""What was decided: which effects are named, on what evidence, and the models on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from artibot_sim.diagnose.records import Found, Left, Verdict
+from artibot_sim.diagnose.selection.evidence import Other
+from artibot_sim.diagnose.selection.forward import Turn
+from artibot_sim.diagnose.selection.per_recording import Apart
+from artibot_sim.diagnose.unlisted.finding import Finding
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import Fit
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect that the data speak for.
+
+    Attributes
+    ----------
+    effect : str
+    nats : float
+        Log Bayes factor against the model without it, both views together.
+    ties : tuple of str
+        Effects that explain as much.
+    found : mapping of str to Found
+        Its parameters where only the view driven by commands sees it; empty where it was fitted with the soil.
+    turn : int
+        Number of the search that found it; the first one for what only commands show, which takes none.
+    """
+
+    effect: str
+    nats: float
+    ties: tuple[str, ...]
+    found: Mapping[str, Found] = field(default_factory=dict)
+    turn: int = 0
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What was decided, and from what.
+
+    Attributes
+    ----------
+    verdict : Verdict
+    named : tuple of Named
+        In the order in which they were found.
+    least : float
+        Nats that an effect had to gain.
+    neutral_problem, neutral_fit : Problem, Fit
+        The paper's model with its soil identified.
+    problem, fit : Problem, Fit
+        With all named effects.
+    turns : tuple of Turn
+    other : mapping of str to Other
+        What the view driven by commands says of each effect, of the named ones beside each other.
+    left : mapping of str to Left
+        What the model with all that was named leaves.
+    unexplained : Finding or None
+        The force that no effect explains, if one was found.
+    apart : Apart or None
+        The recordings one by one, where they contradict each other.
+    between : tuple of (Problem, Fit)
+        The model with the first of the `fitted` effects, the first two, …, but not with all.
+    dropped : tuple of str
+        Effects that were found and are not needed beside those found after them.
+    """
+
+    verdict: Verdict
+    named: tuple[Named, ...]
+    least: float
+    neutral_problem: Problem
+    neutral_fit: Fit
+    problem: Problem
+    fit: Fit
+    turns: tuple[Turn, ...]
+    other: Mapping[str, Other]
+    left: Mapping[str, Left] = field(default_factory=dict)
+    unexplained: Finding | None = None
+    apart: Apart | None = None
+    between: tuple[tuple[Problem, Fit], ...] = ()
+    dropped: tuple[str, ...] = ()
+
+    @property
+    def ordered(self) -> tuple[Named, ...]:
+        """What is named, that with the most evidence first."""
+        return tuple(sorted(self.named, key=lambda one: -one.nats))
+
+    @property
+    def fitted(self) -> tuple[Named, ...]:
+        """What was fitted with the soil, in the order in which it was found; the rest only commands show."""
+        return tuple(one for one in self.named if not one.found)
+
+    @property
+    def fits(self) -> tuple[tuple[Problem, Fit], ...]:
+        """The model with none of `fitted`, with the first of them, the first two, …, and with all."""
+        neutral, last = (self.neutral_problem, self.neutral_fit), (self.problem, self.fit)
+        return (neutral, *self.between[: len(self.fitted) - 1], last) if self.fitted else (last,)
+
+    @property
+    def several_soils(self) -> Apart | None:
+        """The recordings one by one, where nothing is named because a soil of its own explains each."""
+        alone = self.apart if self.verdict is Verdict.UNEXPLAINED else None
+        return alone if alone is not None and alone.sufficient else None
+
+    def turn_of(self, effect: str) -> Turn:
+        """The search that found a named effect."""
+        return self.turns[next(one.turn for one in self.named if one.effect == effect)]

@@ -1,0 +1,204 @@
+"""How much the data speak for an effect: log-likelihood gained, less what its freedom would gain by chance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.diagnose.candidates.hypotheses import Hypothesis
+from artibot_sim.diagnose.commands.fit import ViewEvidence
+from artibot_sim.diagnose.commands.view import CommandView
+from artibot_sim.diagnose.records import Found
+from artibot_sim.diagnose.selection.joint_fits import Rival
+from artibot_sim.estimation.parameters import SPREAD, Extension
+from artibot_sim.estimation.search import free_parameters
+from artibot_sim.estimation.solver import reduce
+from artibot_sim.model.effects import EFFECTS
+from artibot_sim.model.robot.quantity import Quantity
+
+# ----------------------------------------------------------------------
+# Evidence from outside the fit.
+# ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Other:
+    """What the view driven by commands says of one effect.
+
+    Attributes
+    ----------
+    nats : float
+        Log Bayes factor.
+    found : mapping of str to Found
+        Its parameters there.
+    excluded_above : mapping of str to float
+        Departures from neutral that it excludes, by parameter.
+    note : str
+        Why it says nothing, where it cannot.
+    excluded_below : mapping of str to float
+        Values below which it excludes limits, by parameter.
+    """
+
+    nats: float
+    found: Mapping[str, Found]
+    excluded_above: Mapping[str, float] = field(default_factory=dict)
+    note: str = ""
+    excluded_below: Mapping[str, float] = field(default_factory=dict)
+
+
+# ----------------------------------------------------------------------
+# How much the data speak for an effect: log-likelihood gained, less what its freedom would gain by chance.
+# ----------------------------------------------------------------------
+
+
+Array = NDArray[np.float64]
+
+DECADE = float(np.log(10.0))
+"""Nats of a factor of ten."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What one view says about an effect that was fitted.
+
+    Attributes
+    ----------
+    gained : float
+        Nats of log-likelihood over the baseline.
+    occam : float
+        Nats that its freedom costs (Laplace's approximation): negative.
+    own : array, shape (k,)
+        The effect's coordinates.
+    covariance : array, shape (k, k)
+    """
+
+    gained: float
+    occam: float
+    own: Array
+    covariance: Array
+
+    @property
+    def nats(self) -> float:
+        """Logarithm of the Bayes factor."""
+        return self.gained + self.occam
+
+    @property
+    def away(self) -> float:
+        """How many standard deviations the effect is from neutral."""
+        squared = float(self.own @ np.linalg.solve(self.covariance, self.own))
+        return max(0.0, squared) ** 0.5
+
+
+def evidence(rival: Rival, baseline_cost: float) -> Evidence:
+    """The evidence of the view that is driven by rotations; both were fitted under the same loss."""
+    problem, point, loss = rival.problem, rival.fit.point, rival.fit.loss
+    free = free_parameters(problem)
+    residuals, sensitivity = problem.linearised(point.coordinates, point.starts, free)
+    reduced = reduce(problem, loss, residuals, sensitivity, point.starts)
+    prior = problem.parameters.prior_information
+    covariance = np.asarray(np.linalg.inv(reduced.matrix + prior[np.ix_(list(free), list(free))]), float)
+    size = len(rival.own)
+    mine = covariance[-size:, -size:]
+    return Evidence(0.5 * (baseline_cost - point.cost), occam(rival.trial.hypothesis, mine), rival.own, mine)
+
+
+def occam(hypothesis: Hypothesis, covariance: Array) -> float:
+    """Logarithm of posterior over prior volume of an effect's coordinates, and of the choices made for it."""
+    sd = np.minimum(np.sqrt(np.diag(covariance)), SPREAD)
+    correlation = covariance / np.outer(np.sqrt(np.diag(covariance)), np.sqrt(np.diag(covariance)))
+    volume = float(np.log(sd / SPREAD).sum()) + 0.5 * float(np.linalg.slogdet(correlation)[1])
+    sides = np.log(2.0) * len(covariance) if hypothesis.extension.one_sided else 0.0
+    return min(0.0, volume + sides - float(np.log(hypothesis.among)))
+
+
+# ----------------------------------------------------------------------
+# What the view driven by commands says of effects, in the terms in which effects are named.
+# ----------------------------------------------------------------------
+
+
+_NORMAL = 1.96
+_SYSTEMATIC = 0.02
+"""Standard deviation, as a share of a value's departure from neutral, of what no residual shows."""
+_FACTOR = 0.002
+"""The same of a factor, beside that: two sensors of the same thing agree no better."""
+
+
+def others(view: CommandView, named: tuple[str, ...] = ()) -> dict[str, Other]:
+    """Log Bayes factors of effects on top of those that are `named`; none where there are no commands.
+
+    Occam's factor is Laplace's: posterior over prior width of each parameter.
+    """
+    seen = tuple(effect for effect in named if effect in view.evidence)
+    evidence = view.given(*seen) if seen else view.evidence
+    return {effect: _other(effect, one) for effect, one in evidence.items() if effect in EFFECTS}
+
+
+def together(view: CommandView, rival: Rival, own: Evidence, beside: Mapping[str, Mapping[str, float]]) -> float:
+    """Log Bayes factor of a fitted effect from both views, at the value that is best for both.
+
+    The view driven by commands can speak against what rotations ask for. Each view at its own best would count the
+    data of both for an effect of which each says something else.
+
+    Parameters
+    ----------
+    own : Evidence
+        Of the view driven by rotations.
+    beside : mapping of str to mapping of str to float
+        Effects that only the view driven by commands knows.
+    """
+    extension, place = rival.trial.hypothesis.extension, float(own.own[0])
+    if "command" not in extension.search.views:
+        return own.nats
+    robot = rival.problem.parameters.robot_at(rival.fit.point.coordinates)
+    others_ = {name: values for name, values in {**robot.effects, **beside}.items() if name != rival.id}
+    before, precision = view.nats(replace(robot, effects=others_)), 1.0 / float(own.covariance[0, 0])
+
+    def gained(coordinate: float) -> float:
+        values = extension.values(extension.nearest(np.array([coordinate])))
+        seen = view.nats(replace(robot, effects={**others_, rival.id: values}))
+        return seen - before - 0.5 * precision * (coordinate - place) ** 2
+
+    tried = [place]
+    heard = view.given(*(name for name in others_ if name in view.evidence)).get(rival.id)
+    if heard is not None and heard.values:
+        best, width = float(extension.coordinates(heard.values)[0]), _widths(extension, heard)[0]
+        its = 1.0 / max(width, 1e-9) ** 2
+        tried += [best, (precision * place + its * best) / (precision + its)]
+    return own.nats + max(gained(coordinate) for coordinate in tried)
+
+
+def _other(effect: str, one: ViewEvidence) -> Other:
+    if not one.values:
+        return Other(0.0, {}, one.excluded_above, one.note, one.excluded_below)
+    widths = np.minimum(_widths(Extension(effect), one), SPREAD) / SPREAD
+    occam = float(np.log(np.maximum(widths, 1e-12)).sum())
+    nats = one.nats + min(0.0, occam)
+    return Other(nats, _found(effect, one), one.excluded_above, one.note, one.excluded_below)
+
+
+def _widths(extension: Extension, one: ViewEvidence) -> list[float]:
+    """Standard deviations of an effect's coordinates."""
+    widths = []
+    for name, size in extension.search.sizes.items():
+        sd = one.sd.get(name, np.inf)
+        if extension.search.logarithmic:
+            sd = sd / abs(one.values[name]) if one.values[name] else np.inf
+        widths.append(sd / size)
+    return widths
+
+
+def _found(effect: str, one: ViewEvidence) -> Mapping[str, Found]:
+    found = {}
+    for name, value in one.values.items():
+        parameter = EFFECTS[effect].parameters[name]
+        quantity, neutral = parameter.quantity, float(parameter.neutral)
+        assert isinstance(quantity, Quantity)
+        departure = value - neutral if np.isfinite(neutral) else value
+        unseen = np.hypot(_SYSTEMATIC * departure, _FACTOR * value if neutral == 1.0 else 0.0)
+        half = _NORMAL * float(np.hypot(one.sd.get(name, 0.0), unseen))
+        ends = (float(max(value - half, quantity.low)), float(min(value + half, quantity.high)))
+        found[name] = Found(float(value), quantity.unit, ends)
+    return found

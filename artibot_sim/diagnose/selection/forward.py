@@ -1,0 +1,194 @@
+"""One effect after the other: the best is added to the model until none is worth it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.diagnose.candidates.hypotheses import hypotheses
+from artibot_sim.diagnose.candidates.patches import discs
+from artibot_sim.diagnose.candidates.screening import Around, Trial, at_rest, screen
+from artibot_sim.diagnose.policy import TRUST, Thresholds
+from artibot_sim.diagnose.selection.evidence import Evidence, evidence
+from artibot_sim.diagnose.selection.joint_fits import (
+    Rival,
+    Rounds,
+    adopted,
+    contest,
+    excess_of,
+    finished,
+    neutralised,
+    renoised,
+)
+from artibot_sim.estimation.loss import Loss, channel_levels, merged
+from artibot_sim.estimation.parallel import side_by_side
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import Fit, thinned
+from artibot_sim.estimation.solver import again
+from artibot_sim.estimation.windows import CHANNEL_NAMES
+from artibot_sim.model.effects import EFFECTS
+
+Array = NDArray[np.float64]
+Tick = Callable[[], None]
+
+_LOWEST = 0.7
+"""Least factor on a noise level."""
+_SAME = 0.1
+"""Change of a noise level, as a logarithm, that is none."""
+
+
+@dataclass(frozen=True)
+class Turn:
+    """One search for one more effect.
+
+    Attributes
+    ----------
+    trials : tuple of Trial
+        Every hypothesis as the screen left it.
+    rivals : tuple of Rival
+        Those that were fitted, the best first.
+    evidence : mapping of str to Evidence
+        Of the rivals, by effect, by the view that is driven by rotations.
+    problem : Problem
+        The baseline of this turn, with the noise that the best rival's residuals show.
+    fit : Fit
+        The baseline, fitted as hard as any rival.
+    loss : Loss
+        With that noise's colour.
+    screened : float
+        Cost that the trials are to be held against.
+    fallen : float
+        Nats by which the baseline is better than the one around which it was searched.
+    base : Around, optional
+        That one.
+    nats : mapping of str to float
+        Log Bayes factors of the rivals from both views, by effect.
+    """
+
+    trials: tuple[Trial, ...]
+    rivals: tuple[Rival, ...]
+    evidence: Mapping[str, Evidence]
+    problem: Problem
+    fit: Fit
+    loss: Loss
+    screened: float
+    fallen: float = 0.0
+    base: Around | None = None
+    nats: Mapping[str, float] = field(default_factory=dict)
+
+
+def turn(
+    problem: Problem, fit: Fit, loss: Loss, named: Sequence[str], rounds: Rounds, tick: Tick = lambda: None
+) -> Turn:
+    """Look for one more effect beside those in `problem`.
+
+    The baseline is fitted again from the best rivals' soil and starts: what they found there without their effect
+    is none of its evidence.
+    """
+    base, control = at_rest(problem, loss, fit.point, rounds.few)
+    trials = screen(base, hypotheses(problem.parameters.robot, problem.stretches, named), tick) + discs(base)
+    return _contested(Turn(tuple(trials), (), {}, problem, fit, loss, control.cost, base=base), named, rounds, tick)
+
+
+def thorough(found: Turn, named: Sequence[str], rounds: Rounds, tick: Tick = lambda: None) -> Turn:
+    """The same search with every effect fitted, whatever the screen thought of it, and most of them to the end.
+
+    A probe may throw so many windows off their branch that an effect of just its size looks worse than none.
+    """
+    base, every = found.base, rounds.for_all(len(found.trials))
+    if base is None or not found.trials:
+        return found
+    begun = Turn(found.trials, (), {}, base.problem, found.fit, base.loss, found.screened, base=base)
+    return _contested(begun, named, every, tick)
+
+
+def _contested(begun: Turn, named: Sequence[str], rounds: Rounds, tick: Tick) -> Turn:
+    """A search whose trials are screened, with the promising ones fitted and judged."""
+    base, problem, loss = begun.base, begun.problem, begun.loss
+    assert base is not None
+    rivals = contest(begun.trials, begun.screened, loss, rounds, tick)
+    if not rivals:
+        return begun
+    best, rivals = finished(base, rivals, rounds, tick)
+    near = [r for r in rivals[: rounds.returns] if best.point.cost - r.fit.point.cost >= 2.0 * rounds.worth]
+    others = side_by_side(lambda rival: neutralised(rival, best, loss, rounds), near, problem.workers, tick)
+    best = min([best, *others], key=lambda fit: fit.point.cost)
+    fallen = 0.5 * (again(problem, best.loss, base.point).cost - best.point.cost)
+    rivals = _with_starts_of(problem, best, rivals, rounds)
+    problem, best, rivals, loss = _with_honest_noise(problem, best, rivals, loss, rounds)
+    excess = excess_of(problem, best, rivals, seed=len(named))
+    costs = [best.point.cost - one for one in excess]
+    told = side_by_side(lambda one: evidence(*one), list(zip(rivals, costs, strict=True)), problem.workers)
+    found = {rival.id: one for rival, one in zip(rivals, told, strict=True)}
+    return Turn(begun.trials, tuple(rivals), found, problem, best, loss, begun.screened, fallen, base)
+
+
+def _with_honest_noise(
+    problem: Problem, best: Fit, rivals: list[Rival], loss: Loss, rounds: Rounds
+) -> tuple[Problem, Fit, list[Rival], Loss]:
+    """All fits again with the noise that the least cost leaves, if it is another than was assumed.
+
+    Positions alone may err as much and as slowly as they seem to: with the other sensors that is another effect, still
+    to be found, and no noise.
+    """
+    if not rivals:
+        return problem, best, rivals, loss
+    first = rivals[0]
+    found = channel_levels(problem.windows, first.fit.point.residuals)
+    thinning = np.clip(thinned(problem, first.fit).thinning, 1.0, None)
+    known = np.array([name != "position" for name in CHANNEL_NAMES])
+    levels = np.where(known, TRUST.levels(found, _widened(problem)), np.maximum(merged(found), _LOWEST))
+    new = Loss(1.0, np.where(known, np.minimum(thinning, TRUST.thinning), thinning))
+    ratio = np.concatenate([levels, np.sqrt(new.thinning / loss.thinning)])
+    if np.abs(np.log(ratio)).max() < _SAME:
+        return problem, best, rivals, loss
+
+    def steps(fit: Fit) -> int:
+        """As many as close fits need, one for those that are far behind."""
+        return rounds.few if fit.point.cost - first.fit.point.cost < 2.0 * rounds.plain else 1
+
+    firm, fits = replace(new, firm=True), [(problem, best), *((rival.problem, rival.fit) for rival in rivals)]
+    (problem, best), *anew = side_by_side(
+        lambda one: renoised(*one, levels, firm, steps(one[1])), fits, problem.workers
+    )
+    honest = [
+        replace(rival, trial=replace(rival.trial, problem=own), fit=fit)
+        for rival, (own, fit) in zip(rivals, anew, strict=True)
+    ]
+    rivals = _with_starts_of(problem, best, honest, rounds)
+    best = adopted(problem, best, rivals[0].problem, rivals[0].fit, rounds)
+    return problem, best, rivals, new
+
+
+def _widened(problem: Problem) -> Array:
+    """By how much each channel's noise is taken to be more than its sensor's own, shape (channels,)."""
+    found: dict[str, float] = {}
+    for window in problem.windows:
+        for name, one in problem.widening(window).items():
+            found[name] = min(found.get(name, one), one)
+    return np.array([found.get(name, 1.0) for name in CHANNEL_NAMES])
+
+
+def _with_starts_of(problem: Problem, best: Fit, rivals: Sequence[Rival], rounds: Rounds) -> list[Rival]:
+    """The rivals, each with the baseline's starts where these are better; the least cost first."""
+    fits = side_by_side(lambda rival: adopted(rival.problem, rival.fit, problem, best, rounds), rivals, problem.workers)
+    found = [replace(rival, fit=fit) for rival, fit in zip(rivals, fits, strict=True)]
+    return sorted(found, key=lambda rival: rival.fit.point.cost)
+
+
+def refusal(effect: str, found: Evidence, nats: float, least: float, thresholds: Thresholds) -> str:
+    """Why an effect is not named, in a few words; empty where it is.
+
+    The size of a limit says nothing, for without it there is none.
+    """
+    if nats < least:
+        return f"{least:.0f} nats are asked of it"
+    search = EFFECTS[effect].search
+    if search is not None and search.reference:
+        return ""
+    if float(np.abs(found.own).max()) < thresholds.size:
+        return f"less than {thresholds.size:g} of a plain size"
+    return "" if found.away >= thresholds.away else f"not {thresholds.away:g} standard deviations from neutral"

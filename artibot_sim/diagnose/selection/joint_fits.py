@@ -1,0 +1,286 @@
+"""The promising effects fitted jointly with the soil, in rounds of growing effort; the baseline gets as much."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import trim_mean
+
+from artibot_sim.diagnose.candidates.hypotheses import without_effect
+from artibot_sim.diagnose.candidates.patches import refined
+from artibot_sim.diagnose.candidates.screening import Around, Trial
+from artibot_sim.diagnose.selection.ridge_search import leapt, walked
+from artibot_sim.estimation.encoder_noise import answers, with_noisy_inputs
+from artibot_sim.estimation.loss import Loss
+from artibot_sim.estimation.parallel import side_by_side
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import Fit, awake, free_parameters, settle, sounded
+from artibot_sim.estimation.solver import Point, again, evaluate, polished, step
+
+# ----------------------------------------------------------------------
+# The promising effects fitted jointly with the soil, in rounds of growing effort; the baseline gets as much.
+# ----------------------------------------------------------------------
+
+
+Array = NDArray[np.float64]
+Tick = Callable[[], None]
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+_HOPELESS = 0.03
+"""Share of what the best gains by a few steps, below which no further steps are tried."""
+
+
+@dataclass(frozen=True)
+class Rounds:
+    """How many effects go on from round to round, and with how many steps.
+
+    Attributes
+    ----------
+    most : tuple of int
+        Effects at most that are fitted by two steps, by a few, and to the end.
+    least : tuple of int
+        Effects that go on in any case.
+    shares : tuple of float
+        Others go on if they gain this share of what the best one gains.
+    returns : int
+        Fits from whose soil and starts the baseline is fitted again.
+    hopes : int
+        Effects that are fitted although they gain nothing in the screen, for what sensitivities promise.
+    promise : float
+        Nats that they have to promise.
+    few, many : int
+        Steps.
+    walks : int
+        Along an effect's valley, at most, as long as each gains what `worth` says.
+    worth : float
+        Nats that an effect has to gain in the screen to be fitted at all.
+    plain : float
+        Nats between two fits that no further steps make up for.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers fit one effect each.
+    """
+
+    most: tuple[int, int, int] = (12, 6, 4)
+    least: tuple[int, int, int] = (3, 2, 2)
+    shares: tuple[float, float, float] = (0.04, 0.15, 0.3)
+    returns: int = 2
+    hopes: int = 2
+    promise: float = 12.0
+    few: int = 3
+    many: int = 8
+    walks: int = 2
+    worth: float = 12.0
+    plain: float = 1000.0
+    scheduler: str | None = None
+
+    def through(self, number: int, gains: Sequence[float]) -> int:
+        """How many go on into a round, of gains in falling order."""
+        best = gains[0] if gains else 0.0
+        good = sum(gain >= self.shares[number] * best for gain in gains)
+        return min(max(good, self.least[number]), self.most[number])
+
+    def for_all(self, count: int) -> Rounds:
+        """The same for a search in which all of so many trials may be fitted, and all but hopeless ones to the end."""
+        most, shares = (*self.most[:2], count), (*self.shares[:2], _HOPELESS)
+        return replace(self, hopes=count, promise=-np.inf, most=most, shares=shares)
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A hypothesis fitted with the soil.
+
+    Attributes
+    ----------
+    trial : Trial
+    fit : Fit
+    """
+
+    trial: Trial
+    fit: Fit
+
+    @property
+    def id(self) -> str:
+        """Of the effect."""
+        return self.trial.id
+
+    @property
+    def problem(self) -> Problem:
+        """The baseline's with the effect."""
+        return self.trial.problem
+
+    @property
+    def own(self) -> Array:
+        """The effect's coordinates."""
+        return self.fit.point.coordinates[-len(self.trial.hypothesis.extension) :]
+
+
+def contest(
+    trials: Sequence[Trial], baseline: float, loss: Loss, rounds: Rounds, tick: Tick = lambda: None
+) -> list[Rival]:
+    """The best hypotheses, each fitted with the soil and the starts by a few steps; the least cost first.
+
+    Parameters
+    ----------
+    trials : sequence of Trial
+        One for each hypothesis.
+    baseline : float
+        Cost of the model without any of them.
+    loss : Loss
+        The baseline's.
+    rounds : Rounds
+    """
+    workers = trials[0].problem.workers if trials else None
+    worthy = [trial for trial in trials if 0.5 * (baseline - trial.point.cost) > rounds.worth]
+    begun = _all(_begun, _through(worthy, 0, baseline, rounds), loss, rounds, tick, workers)
+    tried = _through(_one_each(sorted(begun, key=lambda t: t.point.cost)), 1, baseline, rounds)
+    tried = _one_each([*tried, *_promising(trials, worthy, rounds)])
+    fitted = sorted(_all(_fitted, tried, loss, rounds, tick, workers), key=lambda rival: rival.fit.point.cost)
+    return fitted[: rounds.through(2, [baseline - rival.fit.point.cost for rival in fitted])]
+
+
+def finished(
+    base: Around, rivals: Sequence[Rival], rounds: Rounds, tick: Tick = lambda: None
+) -> tuple[Fit, list[Rival]]:
+    """The baseline and the rivals fitted to the end, all with the same effort; the least cost first."""
+    begun = [(base.problem, base.point), *((rival.problem, rival.fit.point) for rival in rivals)]
+    best, *fits = _all(_settled, begun, base.loss, rounds, tick, base.problem.workers)
+    found = [replace(rival, fit=fit) for rival, fit in zip(rivals, fits, strict=True)]
+    return best, sorted(found, key=lambda rival: rival.fit.point.cost)
+
+
+def _all(
+    do: Callable[[Loss, Rounds, Item], Result],
+    items: Sequence[Item],
+    loss: Loss,
+    rounds: Rounds,
+    tick: Tick,
+    workers: int | None,
+) -> list[Result]:
+    """What `do` makes of each, in their order; on a cluster where the rounds name one."""
+    return side_by_side(partial(do, loss, rounds), items, workers, tick, rounds.scheduler)
+
+
+def _through(trials: Sequence[Trial], number: int, baseline: float, rounds: Rounds) -> list[Trial]:
+    """The trials that go on into a round."""
+    ordered = sorted(trials, key=lambda trial: trial.point.cost)
+    return ordered[: rounds.through(number, [baseline - trial.point.cost for trial in ordered])]
+
+
+def _promising(trials: Sequence[Trial], worthy: Sequence[Trial], rounds: Rounds) -> list[Trial]:
+    """Those of the others that would gain most if all were linear: starts on other branches of eq. 16 hide a gain."""
+    gaining = {trial.id for trial in worthy}
+    others = [trial for trial in trials if trial.id not in gaining and trial.promised > rounds.promise]
+    return _one_each(sorted(others, key=lambda trial: -trial.promised))[: rounds.hopes]
+
+
+def _one_each(trials: Sequence[Trial]) -> list[Trial]:
+    """The best hypothesis of every effect, in the order given."""
+    seen: set[str] = set()
+    return [trial for trial in trials if not (trial.id in seen or seen.add(trial.id))]  # type: ignore[func-returns-value]
+
+
+def _fitted(loss: Loss, rounds: Rounds, trial: Trial) -> Rival:
+    return Rival(trial, settle(trial.problem, trial.point, loss, rounds.few))
+
+
+def _settled(loss: Loss, rounds: Rounds, begun: tuple[Problem, Point]) -> Fit:
+    return settled(*begun, loss, rounds)
+
+
+def _begun(loss: Loss, rounds: Rounds, trial: Trial) -> Trial:
+    """Two steps of everything, mu_s scanned before each, and discs moved to where they explain most."""
+    free, damping = free_parameters(trial.problem), 1e-3
+    for _ in range(2):
+        trial = refined(trial, loss)
+        point = sounded(trial.problem, loss, trial.point)
+        point, _, damping = step(trial.problem, loss, point, free, damping)
+        trial = replace(trial, point=point)
+    return refined(trial, loss)
+
+
+def settled(problem: Problem, point: Point, loss: Loss, rounds: Rounds) -> Fit:
+    """A fit to the end: starts may change their branch, mu_s is scanned finely and coarsely.
+
+    The last steps are under the firm loss, which is what evidence counts: a window that lost its branch says little.
+    """
+    point = awake(problem, loss, again(problem, loss, point))
+    fit = leapt(problem, loss, settle(problem, point, loss, rounds.many), rounds.few)
+    for _ in range(rounds.walks):
+        lower = walked(problem, loss, fit)
+        if lower.cost > fit.point.cost - rounds.worth:
+            break
+        fit = settle(problem, lower, loss, rounds.few)
+    return settle(problem, fit.point, replace(loss, firm=True), rounds.few)
+
+
+def neutralised(rival: Rival, best: Fit, loss: Loss, rounds: Rounds) -> Fit:
+    """The baseline fitted from a rival's soil and starts, the rival's effect left out.
+
+    To the end only if that may be better than the `best` baseline after some steps, or if the rival's evidence is not
+    so much that it does not matter.
+    """
+    problem, here = without_effect(rival.problem, rival.fit.point)
+    begin = evaluate(problem, loss, [here.coordinates], here.starts)[0]
+    if best.point.cost - rival.fit.point.cost > 2.0 * rounds.plain:
+        some = settle(problem, awake(problem, loss, begin), loss, rounds.few)
+        begin = some.point
+        if again(problem, best.loss, begin).cost > best.point.cost:
+            return best
+    return settled(problem, begin, loss, rounds)
+
+
+def adopted(problem: Problem, fit: Fit, other: Problem, theirs: Fit, rounds: Rounds) -> Fit:
+    """The fit with another model's starts wherever these explain a window better, fitted again if that is worth it.
+
+    Two models are compared, not which of them happened upon a window's right branch.
+    """
+    seen = (other.parameters.robot_at(theirs.point.coordinates), problem.parameters.robot_at(fit.point.coordinates))
+    point = polished(problem, fit.loss, fit.point, problem.held(*seen, theirs.point.starts))
+    if point.cost > fit.point.cost - 2.0 * rounds.worth:
+        return fit
+    return settle(problem, point, fit.loss, rounds.few)
+
+
+def renoised(problem: Problem, fit: Fit, levels: Array, loss: Loss, steps: int) -> tuple[Problem, Fit]:
+    """A problem with other noise `levels` (channels,) and its fit under another firm loss."""
+    new = problem.rescaled(levels)
+    point = evaluate(new, loss, [fit.point.coordinates], fit.point.starts)[0]
+    return new, settle(new, point, loss, steps)
+
+
+# ----------------------------------------------------------------------
+# What noise of the measured rotations adds to a fit's cost: a model that answers them less is not the truer for
+# it.
+#
+# The steps of encoders go through the contact into predicted torques (`identify/noisy_inputs.py`). Back wheels with
+# less grip, say, make less of that noise, and so a better fit of recordings with nothing hidden.
+# ----------------------------------------------------------------------
+
+
+def excess_of(problem: Problem, fit: Fit, rivals: Sequence[Rival], seed: int) -> list[float]:
+    """Cost that the noise makes in `fit` and not in each rival, all fitted under the same loss; never negative.
+
+    A rival that answers the noise more gets nothing for it: fits were not made to weigh that.
+    """
+    noisy = with_noisy_inputs(problem, seed)
+    mine = answers(problem, noisy, fit.point)
+    counts = np.sum([window.counts for window in problem.windows], axis=0) / fit.loss.thinning
+    found = []
+    for rival in rivals:
+        theirs = noisy.with_parameters(rival.problem.parameters)
+        less = mine - answers(rival.problem, theirs, rival.fit.point)
+        total = sum(n * _usual(column) for n, column in zip(counts, less.T, strict=True) if n > 0.0)
+        found.append(max(0.0, float(total)))
+    return found
+
+
+def _usual(values: Array) -> float:
+    """Mean (of numbers, NaN left out) without the largest and the smallest fifth: windows that took another branch."""
+    known = values[np.isfinite(values)]
+    return float(trim_mean(known, 0.2)) if len(known) else 0.0

@@ -1,0 +1,149 @@
+"""Each recording fitted by itself: where all of them together ask for no effect but for several soils."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.diagnose.records import Left, Unexplained
+from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
+from artibot_sim.diagnose.result import RECORDING, effect_words, odds
+from artibot_sim.diagnose.selection.evidence import DECADE
+from artibot_sim.diagnose.selection.joint_fits import Rounds, settled
+from artibot_sim.estimation.parallel import side_by_side
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import Effort, Fit, search
+from artibot_sim.estimation.solver import again, evaluate
+from artibot_sim.identify.result import number, spaced
+from artibot_sim.model.robot.quantity import Quantity
+
+Array = NDArray[np.float64]
+
+_SAID = 0.03
+"""Differences of a soil's parameter, as a share, that are said."""
+
+
+@dataclass(frozen=True)
+class Apart:
+    """What recordings say one by one.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the recordings.
+    soil : tuple of (str, str, array of shape (recordings,))
+        Names, units and values of the soil's parameters.
+    sizes : tuple of (str, str, array of shape (recordings,))
+        The same of the effects that were fitted.
+    nats : float
+        Log Bayes factor of a soil of its own in each against one for all.
+    left : tuple of mapping of str to Left
+        What each fit leaves, by channel.
+    """
+
+    names: tuple[str, ...]
+    soil: tuple[tuple[str, str, Array], ...]
+    sizes: tuple[tuple[str, str, Array], ...]
+    nats: float
+    left: tuple[Mapping[str, Left], ...]
+
+    @property
+    def unexplained_alone(self) -> tuple[str, ...]:
+        """Recordings that leave more than noise even by themselves."""
+        return tuple(name for name, left in zip(self.names, self.left, strict=True) if leaves_more_than_noise(left))
+
+    @property
+    def sufficient(self) -> bool:
+        """Whether no recording by itself leaves more than noise."""
+        return not self.unexplained_alone
+
+    @property
+    def words(self) -> str:
+        """The soils, the parameter that differs most first; those that hardly differ left out."""
+        ordered = sorted(self.soil, key=lambda one: -_spread(one[2]))
+        told = [one for one in ordered if _spread(one[2]) > _SAID] or ordered[:1]
+        return "; ".join(_told(self.names, *one) for one in told)
+
+    @property
+    def size_words(self) -> str:
+        """The effects as each recording by itself has them; empty where none was fitted."""
+        return "; ".join(_told(self.names, *one) for one in self.sizes)
+
+    @property
+    def unexplained(self) -> Unexplained:
+        """The same as what is on no list; its size is the largest difference of a parameter as a share."""
+        size = max(_spread(values) for _, _, values in self.soil)
+        return Unexplained(
+            "contact forces",
+            RECORDING,
+            f"a soil of its own in each, {odds(self.nats / DECADE)} against one for all",
+            float(f"{size:.3g}"),
+            "–",
+            self.words,
+        )
+
+
+def apart(problem: Problem, fit: Fit, rounds: Rounds | None = None) -> Apart:
+    """Fit every recording by itself, from where the fit of all of them ended and under its loss.
+
+    A compromise may be a bad place to begin. So where some leave no more than noise, the others are searched anew.
+    """
+    rounds = rounds or Rounds()
+    names, recording = problem.recordings
+    loss = replace(fit.loss, firm=True)
+
+    def alone(which: int) -> tuple[Problem, Fit]:
+        rows = np.flatnonzero(recording == which)
+        part = problem.part(rows.tolist())
+        begin = evaluate(part, loss, [fit.point.coordinates], fit.point.starts[rows])[0]
+        return part, settled(part, begin, loss, rounds)
+
+    def anew(part: Problem) -> Fit:
+        found = search(part, Effort(), effects=fit.point.coordinates[len(part.parameters.parameters) :]).point
+        return settled(part, evaluate(part, loss, [found.coordinates], found.starts)[0], loss, rounds)
+
+    fits = side_by_side(alone, range(len(names)), problem.workers)
+    poor = [k for k, (part, one) in enumerate(fits) if leaves_more_than_noise(remains(part, one.point))]
+    if len(poor) < len(fits):
+        for k in poor:
+            fits[k] = fits[k][0], min(fits[k][1], anew(fits[k][0]), key=lambda one: one.point.cost)
+    together = again(problem, loss, fit.point).cost
+    gained = 0.5 * (together - sum(one.point.cost for _, one in fits))
+    occam = sum(_occam(part, one) for part, one in fits) - _occam(problem, fit)
+    values = np.array([problem.parameters.values(one.point.coordinates) for _, one in fits])
+    every = zip(problem.parameters.parameters, values.T, strict=True)
+    soil = tuple((parameter.name, parameter.unit, column) for parameter, column in every)
+    sizes, left = _sizes(problem, [one for _, one in fits]), tuple(remains(part, one.point) for part, one in fits)
+    return Apart(names, soil, sizes, gained + min(0.0, occam), left)
+
+
+def _sizes(problem: Problem, fits: Sequence[Fit]) -> tuple[tuple[str, str, Array], ...]:
+    """Names, units and values of the effects' parameters that were fitted."""
+    found = []
+    for extension, part in zip(problem.parameters.extensions, problem.parameters.places, strict=True):
+        values = [extension.values(fit.point.coordinates[part]) for fit in fits]
+        for name in filter(None, (*extension.search.sizes, extension.search.direction)):
+            quantity = extension.effect.parameters[name].quantity
+            assert isinstance(quantity, Quantity)
+            column = np.array([float(one[name]) for one in values])
+            found.append((f"{effect_words(extension.id)}: {effect_words(name)}", quantity.unit, column))
+    return tuple(found)
+
+
+def _occam(problem: Problem, fit: Fit) -> float:
+    """Logarithm of posterior over prior volume of what was fitted (Laplace); mu_s, which is scanned, has no say."""
+    prior = problem.parameters.prior_information[np.ix_(fit.free, fit.free)]
+    return 0.5 * float(np.linalg.slogdet(prior)[1] - np.linalg.slogdet(fit.reduced.matrix + prior)[1])
+
+
+def _spread(values: Array) -> float:
+    """Largest over least value, less 1."""
+    return float(values.max() / values.min()) - 1.0
+
+
+def _told(names: Sequence[str], parameter: str, unit: str, values: Array) -> str:
+    each = ", ".join(f"{number(float(value), 3)} in {name}" for name, value in zip(names, values, strict=True))
+    return f"{parameter} ({spaced(unit)}) {each}" if unit not in ("", "-", "–", "1") else f"{parameter} {each}"

@@ -1,0 +1,194 @@
+"""How every effect of the vocabulary fared, and from which size on those not found are excluded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from artibot_sim.diagnose.candidates.patches import RADII, told_along
+from artibot_sim.diagnose.candidates.screening import Around, Trial
+from artibot_sim.diagnose.policy import Thresholds
+from artibot_sim.diagnose.records import Candidate, Verdict
+from artibot_sim.diagnose.selection.decision import Decision, Named
+from artibot_sim.diagnose.selection.evidence import DECADE, Other
+from artibot_sim.diagnose.selection.forward import Turn, refusal
+from artibot_sim.estimation.parameters import SPREAD, Extension
+from artibot_sim.model.effects import EFFECTS
+
+# ----------------------------------------------------------------------
+# From which size on an effect that was not found is excluded: one of that size would have been named.
+# ----------------------------------------------------------------------
+
+
+_MARGIN = 2.0
+"""Standard deviations that chance may take from an effect of that size."""
+_FAITHFUL = 0.9
+"""Share of a size that is found at least."""
+_GROUND = 0.9
+"""Share of the ground driven on for which a patch is excluded."""
+_FARTHEST = 20.0
+"""Plain sizes from which on nothing is excluded: a rover not pushed by 700 N is no news."""
+
+
+def excluded(trials: Sequence[Trial], least: float, thresholds: Thresholds) -> dict[str, float]:
+    """Departures from neutral that are excluded, by parameter; of several choices the weakest bound.
+
+    With σ the standard deviation of the effect's coordinate x (the wider of what sensitivities and finite probes say,
+    soil free in both), the evidence grows as x²/2σ² less Occam's factor ln(1.5/σ). Excluded is where two deviations
+    less than x would still gain what it takes to be named, and be as large as it takes.
+
+    Parameters
+    ----------
+    trials : sequence of Trial
+        The effect's, one for each choice.
+    least : float
+        Nats that an effect has to gain.
+    """
+    found: dict[str, float] = {}
+    for trial in trials:
+        extension = trial.hypothesis.extension
+        sd = float(max(np.max(trial.sd), trial.blur))
+        if not np.isfinite(sd) or extension.search.reference:
+            return {}
+        reach = _reach(sd, len(extension), least + thresholds.more(trial.id), thresholds)
+        if extension.search.least:  # not smooth at neutral: nothing smaller than its probes was looked for
+            reach = max(reach, min(float(np.linalg.norm(probe)) for probe in trial.hypothesis.probes))
+        if reach > _FARTHEST:
+            return {}
+        for name, size in extension.search.sizes.items():
+            bound = float(np.expm1(reach * size)) if extension.search.logarithmic else reach * size
+            found[name] = max(found.get(name, 0.0), bound)
+    return found
+
+
+def excluded_patch(base: Around, effect: str, least: float, thresholds: Thresholds) -> dict[str, float]:
+    """The same of a disc on the ground, which may lie anywhere: the departure that nine tenths of the ground exclude.
+
+    Parameters
+    ----------
+    base : Around
+        The fit that leaves nothing to be named.
+    effect : str
+    least : float
+        Nats that it has to gain.
+    """
+    told = told_along(base, effect)
+    here = np.sort(told)[int(np.ceil(_GROUND * len(told))) - 1] if len(told) else np.inf
+    if not np.isfinite(here):
+        return {}
+    among = float(np.log(len(told) * len(RADII)))
+    reach, extension = _reach(float(here), 1, least + thresholds.more(effect) + among, thresholds), Extension(effect)
+    if reach > _FARTHEST:
+        return {}
+    return {name: float(np.expm1(reach * size)) for name, size in extension.search.sizes.items()}
+
+
+def _reach(sd: float, size: int, needed: float, thresholds: Thresholds) -> float:
+    """The coordinate that two deviations less than it would still be named by, of so many that are fitted."""
+    occam = size * max(0.0, float(np.log(SPREAD / sd)))
+    gained = sd * (float(np.sqrt(2.0 * (needed + occam))) + _MARGIN)
+    return max(gained, float((thresholds.size + _MARGIN * sd) / _FAITHFUL))
+
+
+def excluded_below(trial: Trial, least: float, thresholds: Thresholds) -> dict[str, float]:
+    """Values below which a limit is excluded, by parameter; empty for what is no limit.
+
+    A limit is told by what goes beyond it: the gentlest of the values at which it was tried that two deviations less
+    would still have told, all tighter ones being told as well.
+    """
+    extension, found = trial.hypothesis.extension, dict[str, float]()
+    if not extension.search.reference:
+        return found
+    for own, cost in sorted(trial.tested, key=lambda one: float(one[0][0])):
+        if np.sqrt(max(cost, 0.0)) - _MARGIN < np.sqrt(2.0 * (least + thresholds.more(trial.id))):
+            break
+        found = {name: float(extension.values(own)[name]) for name in extension.search.sizes}
+    return found
+
+
+# ----------------------------------------------------------------------
+# How every effect of the vocabulary fared, and from which size on those not found are excluded.
+# ----------------------------------------------------------------------
+
+
+def ranking(decision: Decision, thresholds: Thresholds) -> tuple[Candidate, ...]:
+    """All effects, best first: those named as they were found, others as the last turn that tried them saw them."""
+    named = {n.effect: n for n in decision.named}
+    found = []
+    for effect in (name for name, declared in EFFECTS.items() if declared.search is not None):
+        turns = decision.turns
+        if effect in named:
+            at = decision.turn_of(effect)
+        else:
+            tried = [turn for turn in turns if any(trial.id == effect for trial in turn.trials)]
+            first = effect in turns[0].evidence and effect not in decision.dropped
+            at = turns[0] if first or not tried else tried[-1]
+        own = _candidate(effect, at)
+        if effect not in named:
+            trials = [trial for trial in at.trials if trial.id == effect]
+            above = _above(decision, effect, trials, thresholds)
+            below = excluded_below(trials[0], decision.least, thresholds) if trials else {}  # limits have no choices
+            dropped = "not needed any more beside what was found after it" if effect in decision.dropped else ""
+            note = own.note or dropped or _refusal(at, own, decision, thresholds)
+            own = replace(own, excluded_above=above, excluded_below=below, note=note)
+        found.append(_with_other(own, decision.other[effect], named) if effect in decision.other else own)
+    return tuple(sorted(found, key=lambda c: -c.log10_bayes_factor if np.isfinite(c.log10_bayes_factor) else np.inf))
+
+
+def _refusal(at: Turn, own: Candidate, decision: Decision, thresholds: Thresholds) -> str:
+    """Why what gained as much as others are named for is not; empty where it did not."""
+    nats = DECADE * own.log10_bayes_factor
+    if own.effect not in at.evidence or nats < decision.least:
+        return ""
+    least = decision.least + thresholds.more(own.effect)
+    why = refusal(own.effect, at.evidence[own.effect], nats, least, thresholds)
+    return why or ("nothing is named in place of what is on no list" if decision.verdict is Verdict.UNEXPLAINED else "")
+
+
+def _above(decision: Decision, effect: str, trials: Sequence[Trial], thresholds: Thresholds) -> dict[str, float]:
+    """Departures from neutral that are excluded of an effect that was not found."""
+    search, last = EFFECTS[effect].search, decision.turns[-1].base
+    if search is None or not search.disc:
+        return excluded(trials, decision.least, thresholds)
+    return {} if last is None else excluded_patch(last, effect, decision.least, thresholds)
+
+
+def _candidate(effect: str, at: Turn) -> Candidate:
+    trials = [trial for trial in at.trials if trial.id == effect]
+    rival = next((rival for rival in at.rivals if rival.id == effect), None)
+    if rival is not None:
+        values = rival.trial.hypothesis.extension.values(rival.own)
+        nats = at.nats.get(effect, at.evidence[effect].nats)
+        return Candidate(effect, nats / DECADE, values, note=_note(trials), fitted=True)
+    if not trials and effect in at.problem.parameters.robot.effects:
+        return Candidate(effect, 0.0, {}, note="known: it stands in the robot file")
+    if not trials:
+        return Candidate(effect, 0.0, {}, note="not looked for: these recordings cannot show it")
+    best = min(trials, key=lambda trial: trial.point.cost)
+    nats = 0.5 * (at.screened - best.point.cost)
+    return Candidate(effect, nats / DECADE, best.hypothesis.extension.values(best.own), note=_note(trials))
+
+
+def _with_other(own: Candidate, other: Other, named: Mapping[str, Named]) -> Candidate:
+    """A candidate with what the view driven by commands says added; a fitted one's evidence is of both views."""
+    nats = named[own.effect].nats / DECADE if own.effect in named else own.log10_bayes_factor
+    if not (own.fitted or own.effect in named):
+        nats += other.nats / DECADE
+    if own.values:
+        return replace(own, log10_bayes_factor=nats)
+    values = {name: found.value for name, found in other.found.items()}
+    own = replace(own, log10_bayes_factor=nats, values=values, note=other.note, fitted=True)
+    if own.effect in named:
+        return own
+    return replace(own, excluded_above=other.excluded_above, excluded_below=other.excluded_below)
+
+
+def _note(trials: list[Trial]) -> str:
+    if trials and all(not np.isfinite(trial.sd).all() for trial in trials):
+        search = trials[0].hypothesis.extension.search
+        if search.reference or search.disc:  # no sensitivities are known
+            return ""
+        return "it never acts in these recordings"
+    return ""

@@ -1,0 +1,154 @@
+"""A walk along the valley of an effect: its sizes changed, with the soil that goes with them.
+
+Some effects and the soil explain nearly the same, a payload and less friction for one: their steps end where the jagged
+loss holds them, far from the valley's lowest place.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.diagnose.candidates.hypotheses import with_effect
+from artibot_sim.estimation.loss import Loss
+from artibot_sim.estimation.parameters import MU_S, Extension
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import Fit, free_parameters, settle
+from artibot_sim.estimation.solver import Point, evaluate, reduce, step
+
+Array = NDArray[np.float64]
+
+_FACTORS = (0.6, 0.75, 0.88, 1.14, 1.33, 1.7)
+"""Of the effect's coordinates."""
+_SMALL = 0.2
+_STEPS = (-0.3, -0.16, -0.08, 0.08, 0.16, 0.3)
+"""Coordinates so near to neutral are changed by steps instead: the soil may have taken nearly all of an effect."""
+_GRIPS = np.log1p(np.array([-0.2, -0.12, -0.06, 0.0, 0.06, 0.12, 0.2]))
+"""Changes of mu_s beside, as logarithms."""
+_FINE = np.array([-0.02, -0.01, -0.005, 0.0, 0.005, 0.01, 0.02])
+"""The same where the effect declares how mu_s goes with it."""
+_FAR = (0.5, 1.7, 3.0)
+"""Factors on an effect's coordinates for leaps,"""
+_WIDE = np.linspace(-0.3, 0.3, 13)
+"""and changes of mu_s beside."""
+_FARTHEST = 0.5
+"""Largest change of a soil's logarithm."""
+_TRIED = 2
+"""So many places are polished by a step before they are compared."""
+
+
+def walked(problem: Problem, loss: Loss, fit: Fit, which: int = -1) -> Point:
+    """The best place along the valley of an effect, the fit's own if none is better or there is no effect."""
+    parameters, point, free = problem.parameters, fit.point, list(fit.free)
+    if not parameters.extensions:
+        return point
+    own = point.coordinates[parameters.places[which]]
+    grips = _FINE if parameters.extensions[which].search.valley else _GRIPS
+    places = [place for move in _moves(own) for place in beside(problem, loss, fit, move, grips, which)]
+    found = sorted(places, key=lambda p: p.cost)
+    ends = [step(problem, loss, place, free)[0] for place in found[:_TRIED]]
+    return min([point, *ends], key=lambda p: p.cost)
+
+
+def revised(problem: Problem, fit: Fit, steps: int, worth: float) -> Fit:
+    """The fit after walks along all valleys but the last effect's: the others were fitted without that one.
+
+    Some steps follow a walk that gains what is `worth` it, nats.
+    """
+    for which in range(len(problem.parameters.extensions) - 1):
+        lower = walked(problem, fit.loss, fit, which)
+        if lower.cost < fit.point.cost - 2.0 * worth:
+            fit = settle(problem, lower, fit.loss, steps)
+    return fit
+
+
+def leapt(problem: Problem, loss: Loss, fit: Fit, steps: int) -> Fit:
+    """The best of the fit and others that begin at far other sizes of the last effect, some steps each.
+
+    Where the loss is jagged no place on the way is better, and none of the far ones before it has been fitted.
+    """
+    extensions = problem.parameters.extensions
+    if not extensions:
+        return fit
+    own = fit.point.coordinates[-len(extensions[-1]) :]
+    fits = [fit]
+    for factor in _FAR:
+        places = beside(problem, loss, fit, (factor - 1.0) * own, _WIDE)
+        fits.append(settle(problem, min(places, key=lambda p: p.cost), loss, steps))
+    return min(fits, key=lambda one: one.point.cost)
+
+
+def _moves(own: Array) -> list[Array]:
+    """Changes of an effect's coordinates (k,): of all together, and of each alone where there are several."""
+    if len(own) == 1:
+        return _along(own, np.ones(1))
+    eye = np.eye(len(own))
+    alone = [move for size, axis in zip(own, eye, strict=True) for move in _along(size * axis, axis)]
+    return _along(own, eye[0]) + alone
+
+
+def _along(part: Array, axis: Array) -> list[Array]:
+    """Changes along a part of the coordinates (k,), or along an axis (k,) where that is none."""
+    length = float(np.linalg.norm(part))
+    if length > _SMALL:
+        return [(factor - 1.0) * part for factor in _FACTORS]
+    direction = part / length if length else axis
+    return [change * direction for change in _STEPS]
+
+
+def at_size(problem: Problem, fit: Fit, extension: Extension, own: Array, steps: int) -> tuple[Problem, Fit]:
+    """The fit with one more effect, begun at its coordinates (k,) with the soil that goes with them."""
+    more = with_effect(problem, extension)
+    point = evaluate(more, fit.loss, [np.concatenate([fit.point.coordinates, np.zeros(len(own))])], fit.point.starts)[0]
+    free = free_parameters(more)
+    residuals, sensitivity = more.linearised(point.coordinates, point.starts, free)
+    neutral = Fit(point, fit.loss, reduce(more, fit.loss, residuals, sensitivity, point.starts), free, False)
+    begun = min(beside(more, fit.loss, neutral, own, _FINE), key=lambda place: place.cost)
+    return more, settle(more, begun, fit.loss, steps)
+
+
+def beside(problem: Problem, loss: Loss, fit: Fit, move: Array, grips: Array, which: int = -1) -> list[Point]:
+    """The fit with one effect's coordinates moved (k,), the soil that goes with it, and some changes of mu_s."""
+    there, starts = _upon_the_soil(problem, fit, move, which) or _as_sensitivities_say(problem, fit, move, which)
+    grip = problem.parameters.index(MU_S)
+    places = []
+    for change in grips if grip is not None else np.zeros(1):
+        place = there.copy()
+        if grip is not None:
+            place[grip] += change
+        places.append(problem.parameters.inside(place))
+    return evaluate(problem, loss, places, starts)
+
+
+def _as_sensitivities_say(problem: Problem, fit: Fit, move: Array, which: int) -> tuple[Array, Array]:
+    """Coordinates and starts after a move, by the fit's normal equations; mu_s, of which they know nothing, stays."""
+    parameters, free, place = problem.parameters, list(fit.free), problem.parameters.places[which]
+    mine = np.array([place.start <= i < place.stop for i in free])
+    H = fit.reduced.matrix + parameters.prior_information[np.ix_(free, free)]
+    follow = -np.linalg.solve(H[np.ix_(~mine, ~mine)], H[np.ix_(~mine, mine)])
+    taken = np.empty(len(free))
+    taken[mine], taken[~mine] = move, np.clip(follow @ move, -_FARTHEST, _FARTHEST)
+    there = fit.point.coordinates.copy()
+    there[free] += taken
+    moved = fit.reduced.back[:, :, :-1] @ taken
+    return there, fit.point.starts - np.clip(moved, -problem.start_sd, problem.start_sd)
+
+
+def _upon_the_soil(problem: Problem, fit: Fit, move: Array, which: int) -> tuple[Array, Array] | None:
+    """The same where the effect declares how soil makes up for it (`Search.valley`): mu_s too, and starts stay."""
+    parameters = problem.parameters
+    extension, place = parameters.extensions[which], parameters.places[which]
+    if not extension.search.valley:
+        return None
+    own = fit.point.coordinates[place]
+    name = next(iter(extension.search.sizes))
+    after = extension.nearest(own + move)
+    ratio = float(extension.values(after)[name]) / float(extension.values(own)[name])
+    soil = parameters.values(fit.point.coordinates)
+    for key, power in extension.search.valley.items():
+        i = parameters.index(key)
+        if i is not None:
+            soil[i] *= ratio**power
+    moved = fit.point.coordinates.copy()
+    moved[place] = after
+    return parameters.coordinates(soil, moved[len(parameters.parameters) :]), fit.point.starts

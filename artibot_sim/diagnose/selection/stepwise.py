@@ -1,0 +1,317 @@
+"""Forward selection and backward elimination of effects, until the data ask for no more."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from artibot_sim.diagnose.candidates.hypotheses import without_effect
+from artibot_sim.diagnose.candidates.patches import on_best_disc
+from artibot_sim.diagnose.commands.view import CommandView
+from artibot_sim.diagnose.conclusion import concluded
+from artibot_sim.diagnose.policy import Thresholds
+from artibot_sim.diagnose.records import Verdict
+from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
+from artibot_sim.diagnose.selection.decision import Decision, Named
+from artibot_sim.diagnose.selection.evidence import Evidence, Other, others, together
+from artibot_sim.diagnose.selection.forward import Turn, refusal, thorough, turn
+from artibot_sim.diagnose.selection.joint_fits import Rounds, settled
+from artibot_sim.diagnose.selection.ridge_search import at_size, revised
+from artibot_sim.estimation.loss import Loss
+from artibot_sim.estimation.parallel import side_by_side
+from artibot_sim.estimation.parameters import Extension
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import Effort, Fit, search, settle
+from artibot_sim.estimation.solver import again, evaluate
+from artibot_sim.model.effects import EFFECTS
+
+if TYPE_CHECKING:
+    from artibot_sim.diagnose.records import Options
+
+# ----------------------------------------------------------------------
+# Effects that are not needed any more once those found after them are in the model.
+#
+# What is named first may have stood for two others at once, or for a soil that a search beside them finds.
+# ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Spare:
+    """A model without one of its effects.
+
+    Attributes
+    ----------
+    which : int
+        The effect's place among all.
+    problem, fit : Problem, Fit
+        Without it.
+    nats : float
+        What it was worth beside the others; less than nothing where it kept the fit from a better soil.
+    """
+
+    which: int
+    problem: Problem
+    fit: Fit
+    nats: float
+
+
+def superfluous(problem: Problem, fit: Fit, loss: Loss, least: float, rounds: Rounds, seed: int) -> Spare | None:
+    """The model without the effect that it needs least, if that is worth less than `least` nats; None if all are.
+
+    Of the last one this is not asked: it was found beside all the others.
+    """
+    earlier = range(len(problem.parameters.extensions) - 1)
+    spares = side_by_side(lambda which: spared(problem, fit, loss, which, rounds, seed), earlier, problem.workers)
+    found = min(spares, key=lambda one: one.nats, default=None)
+    return found if found is not None and found.nats < least else None
+
+
+def spared(problem: Problem, fit: Fit, loss: Loss, which: int, rounds: Rounds, seed: int) -> Spare:
+    """The model without an effect: from where the fit is, or with the soil searched anew, whichever fits better."""
+    part, here = without_effect(problem, fit.point, which)
+    effects = here.coordinates[len(part.parameters.parameters) :]
+    points = [here, search(part, Effort(seed=seed), effects=effects).point]
+    begun = [evaluate(part, loss, [point.coordinates], point.starts)[0] for point in points]
+    best = min((settled(part, point, loss, rounds) for point in begun), key=lambda one: one.point.cost)
+    firm = again(problem, replace(loss, firm=True), fit.point).cost
+    return Spare(which, part, best, 0.5 * (best.point.cost - firm))
+
+
+# ----------------------------------------------------------------------
+# Which effects are named: one after the other, until the data ask for no more.
+# ----------------------------------------------------------------------
+
+
+Tick = Callable[[], None]
+
+_BETTER = 100.0
+"""Nats by which a search must better its own baseline, and by more than what it finds is worth, to be made again."""
+
+
+def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: CommandView) -> Decision:
+    """Add the best effect to the model as long as the data ask for one, and drop what is not needed any more.
+
+    Parameters
+    ----------
+    problem, fit : Problem, Fit
+        The baseline.
+    options : Options
+    tick : callable
+    view : CommandView
+        What the view driven by commands says.
+    """
+    naming = _Naming(problem, fit, options, tick, view)
+    naming.add()
+    while naming.drop():
+        naming.add()
+    tick()
+    return concluded(naming.decision())
+
+
+class _Naming:
+    """The model as it grows, and what was named on the way."""
+
+    def __init__(self, problem: Problem, fit: Fit, options: Options, tick: Tick, view: CommandView) -> None:
+        self._options, self._tick, self._view = options, tick, view
+        self._rounds = Rounds(scheduler=options.scheduler)
+        self._named: list[Named] = []
+        self._dropped: list[str] = []
+        self._between: list[tuple[Problem, Fit]] = []
+        self._again = self._exhausted = False
+        self._heard = self._other = others(view)
+        self._turns = [self._sought(problem, fit, fit.loss)]
+        self._problem, self._fit = self._neutral = self._found.problem, self._found.fit
+
+    @property
+    def _found(self) -> Turn:
+        return self._turns[-1]
+
+    @property
+    def _names(self) -> list[str]:
+        return [one.effect for one in self._named]
+
+    def _full(self) -> bool:
+        return len(self._named) >= self._options.thresholds.most
+
+    def _fitted(self) -> list[Named]:
+        return [one for one in self._named if not one.found]
+
+    def _weighed(self, found: Turn) -> Turn:
+        return replace(found, nats=_nats(found, self._view, self._named))
+
+    def _sought(self, problem: Problem, fit: Fit, loss: Loss) -> Turn:
+        return self._weighed(turn(problem, fit, loss, self._names, self._rounds, self._tick))
+
+    def add(self) -> None:
+        """Name one effect after the other."""
+        thresholds, least = self._options.thresholds, self._options.least
+        while not self._full():
+            found, out = self._found, (*self._names, *self._dropped)
+            best = best_of(found.evidence, found.nats, self._heard, least, thresholds, out)
+            anew = self._anew(best)
+            if anew is not None:
+                self._turns[-1] = anew
+                self._problem, self._fit = anew.problem, anew.fit
+                self._neutral = self._neutral if self._named else (anew.problem, anew.fit)
+            elif best is None:
+                break
+            else:
+                self._name(best)
+
+    def _anew(self, best: Named | None) -> Turn | None:
+        """The last search made better, where that may find what it missed."""
+        found = self._found
+        if not (self._named or self._again) and found.fallen > max(_BETTER, best.nats if best else 0.0):
+            self._again = True  # effects were screened around a soil that was none
+            return self._sought(found.problem, found.fit, found.loss)
+        if best is None and not self._exhausted and leaves_more_than_noise(remains(self._problem, self._fit.point)):
+            self._exhausted = True
+            return self._weighed(thorough(found, self._names, self._rounds, self._tick))
+        return None
+
+    def _name(self, best: Named) -> None:
+        """Add an effect to the model, and look for the next one beside it."""
+        only_commanded = "rotation" not in _views(best.effect)
+        if self._fitted() and not only_commanded:
+            self._between.append((self._problem, self._fit))
+        own = best if only_commanded else replace(best, found={}, turn=len(self._turns) - 1)
+        self._named.append(own)
+        if best.effect in self._heard:
+            self._heard = others(self._view, tuple(self._names))
+        if only_commanded:
+            self._turns[-1] = self._weighed(self._found)
+            return
+        self._problem, fit = _with_effect(self._problem, self._fit, self._found, best, self._options.seed)
+        self._fit = revised(self._problem, fit, self._rounds.few, self._rounds.worth)
+        if not self._full():
+            self._look()
+
+    def _look(self) -> None:
+        self._turns.append(self._sought(self._problem, self._fit, self._found.loss))
+        self._problem, self._fit = self._found.problem, self._found.fit
+
+    def drop(self) -> bool:
+        """Take an effect back that those named after it make up for; whether there was one."""
+        options, fitted = self._options, self._fitted()
+        spare = superfluous(self._problem, self._fit, self._found.loss, options.least, self._rounds, options.seed)
+        if spare is None:
+            return False
+        gone, self._problem, self._fit = fitted[spare.which], spare.problem, spare.fit
+        self._named.remove(gone)
+        self._dropped.append(gone.effect)
+        self._between = [*self._between[: spare.which], *self._below(len(fitted) - 1, spare.which)]
+        self._look()
+        for place, one in enumerate(self._fitted()):
+            if one.turn > gone.turn:
+                self._named[self._named.index(one)] = self._found_again(place, one)
+        return True
+
+    def _found_again(self, place: int, one: Named) -> Named:
+        """An effect with what speaks for it beside the others: it was found in a model that was wrong."""
+        options, loss = self._options, self._found.loss
+        names = [other for other in self._names if other != one.effect]
+        rest = spared(self._problem, self._fit, loss, place, self._rounds, options.seed)
+        found = self._weighed(turn(rest.problem, rest.fit, loss, names, self._rounds, self._tick))
+        out = (*names, *self._dropped)
+        best = best_of(found.evidence, found.nats, {}, options.least, options.thresholds, out)
+        if best is None or best.effect != one.effect:
+            return one
+        self._turns.insert(len(self._turns) - 1, found)
+        return replace(best, found={}, turn=len(self._turns) - 2)
+
+    def _below(self, count: int, least: int) -> list[tuple[Problem, Fit]]:
+        """The model, which has `count` effects, with only the first of them: as many as are more than `least`."""
+        found: list[tuple[Problem, Fit]] = []
+        problem, fit = self._problem, self._fit
+        for last in range(count - 1, least, -1):
+            problem, point = without_effect(problem, fit.point, last)
+            fit = settle(problem, point, self._found.loss, self._rounds.few)
+            found.insert(0, (problem, fit))
+        return found
+
+    def decision(self) -> Decision:
+        """What it came to; commands say of each effect what they say beside the others."""
+        other = {**self._other, **_beside_each_other(self._view, self._names)}
+        named = tuple(replace(one, found=other[one.effect].found) if one.found else one for one in self._named)
+        return Decision(
+            Verdict.NONE, named, self._options.least, *self._neutral, self._problem, self._fit, tuple(self._turns),
+            other, between=tuple(self._between), dropped=tuple(self._dropped),
+        )  # fmt: skip
+
+
+def _beside_each_other(view: CommandView, named: Sequence[str]) -> dict[str, Other]:
+    """What commands say of each named effect once the others are in the model: alone it stands for them as well."""
+    found: dict[str, Other] = {}
+    for effect in named:
+        told = others(view, tuple(one for one in named if one != effect))
+        found |= {effect: told[effect]} if effect in told else {}
+    return found
+
+
+def _views(effect: str) -> tuple[str, ...]:
+    search = EFFECTS[effect].search
+    return tuple(search.views) if search is not None else ()
+
+
+def _with_effect(problem: Problem, fit: Fit, found: Turn, best: Named, seed: int) -> tuple[Problem, Fit]:
+    """The model with the effect that was named, as it was fitted, or begun at the size that commands tell."""
+    for rival in found.rivals:
+        if rival.id == best.effect:
+            return on_best_disc(rival.problem, rival.fit, seed, Rounds().few)
+    extension = Extension(best.effect)
+    own = extension.coordinates({name: one.value for name, one in best.found.items()})
+    return at_size(problem, fit, extension, own, Rounds().few)
+
+
+def _nats(found: Turn, view: CommandView, named: Sequence[Named]) -> dict[str, float]:
+    """Log Bayes factors of what was fitted, from both views."""
+    beside = {n.effect: {name: float(f.value) for name, f in n.found.items()} for n in named if n.found}
+    return {rival.id: together(view, rival, found.evidence[rival.id], beside) for rival in found.rivals}
+
+
+def best_of(
+    evidence: Mapping[str, Evidence],
+    fitted: Mapping[str, float],
+    heard: Mapping[str, Other],
+    least: float,
+    thresholds: Thresholds,
+    without: Collection[str] = (),
+) -> Named | None:
+    """The effect with the most evidence, if it is enough, and those that tie with it; None if there is none.
+
+    Parameters
+    ----------
+    evidence : mapping of str to Evidence
+        Of what was fitted, by the view that is driven by rotations.
+    fitted : mapping of str to float
+        Nats of the same from both views.
+    heard : mapping of str to Other
+        What the view driven by commands says.
+    least : float
+        Nats that an effect has to gain.
+    without : collection of str
+        What is named already.
+    """
+    good: dict[str, float] = {}
+    for effect, nats in fitted.items():
+        enough = least + thresholds.more(effect)
+        if effect not in without and not refusal(effect, evidence[effect], nats, enough, thresholds):
+            good[effect] = nats
+    for effect, view in heard.items():
+        if effect in good or effect in without or fitted.get(effect, least) < least:
+            continue  # what rotations contradict is no cause, however well commands like it
+        if view.nats >= least:
+            good[effect] = view.nats
+    if not good:
+        return None
+    best = max(good, key=lambda effect: good[effect])
+
+    def margin(effect: str) -> float:
+        """What commands show has the noise that the best of it leaves; nothing but chance is to be feared there."""
+        commanded = best not in fitted and effect not in fitted
+        return thresholds.tie if commanded else max(thresholds.tie, thresholds.tie_share * good[best])
+
+    ties = sorted((e for e in good if e != best and good[e] >= good[best] - margin(e)), key=lambda e: -good[e])
+    values = heard[best].found if best in heard and best not in fitted else {}
+    return Named(best, good[best], tuple(ties), values)

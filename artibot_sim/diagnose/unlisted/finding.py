@@ -1,0 +1,204 @@
+"""What is left when no effect on the list explains the data: which force follows which variable, and in which form."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.diagnose.records import Unexplained
+from artibot_sim.diagnose.result import effect_words
+from artibot_sim.diagnose.unlisted.forms import Form, forms, unit
+from artibot_sim.diagnose.unlisted.response import WINDOWS, answers, short
+from artibot_sim.diagnose.unlisted.ridges import ridges
+from artibot_sim.diagnose.unlisted.search import (
+    Candidate,
+    Equations,
+    InForce,
+    basis,
+    candidates,
+    families,
+    scattered,
+    solve,
+)
+from artibot_sim.diagnose.unlisted.variables import Scene, scene
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.identify.result import spaced
+
+Array = NDArray[np.float64]
+
+LEAST_NATS = 30.0
+"""Nats that a force must gain on windows that it was not fitted to. Of 24 cases with nothing hidden (2 × 30 s) one had
+more; no force is asked for there, for they leave no more than noise."""
+_LOOKS = 2
+_FARTHEST = 0.15
+"""Largest change of a parameter's logarithm from one look to the next."""
+_MOST = 3
+"""Forces that are looked for one after the other."""
+_SOIL_LIKE = (
+    ("lateral force of each wheel", "own lateral speed", ("linear", "Coulomb-like")),
+    ("longitudinal force of each wheel", "own slip", ("linear", "Coulomb-like")),
+    ("longitudinal force of each wheel", "own speed", ("linear", "Coulomb-like")),
+)  # fmt: skip
+"""What a wrong soil looks like."""
+_ON_GROUND = (
+    "lateral force of each wheel", "longitudinal force of each wheel", "front sway force", "front surge force",
+    "front yaw moment",
+)  # fmt: skip
+"""Forces that may repeat over the ground."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a look at the residuals found.
+
+    Attributes
+    ----------
+    chosen : tuple of Candidate
+        Forces found one after the other.
+    rivals : tuple of Candidate
+        The best ones when the first was chosen, best first, the chosen one included.
+    typical : float
+        Root mean square of the first force, N or N m.
+    per_recording : tuple of (str, float)
+        Names, and the same in each.
+    soil : array, shape (p,)
+        Coordinates that go with what was found.
+    """
+
+    chosen: tuple[Candidate, ...]
+    rivals: tuple[Candidate, ...]
+    typical: float
+    per_recording: tuple[tuple[str, float], ...]
+    soil: Array
+
+
+def unexplained(problem: Problem, coordinates: Array, looks: int = _LOOKS) -> Finding | None:
+    """The force that a fit does not explain; None if nothing is left that a force would.
+
+    A force that the fit does not know of has bent the soil to its own ends. So the soil is taken back as far as the
+    force that was found asks for, and another look is taken; the one whose force explains most says which it is.
+
+    Parameters
+    ----------
+    problem : Problem
+        Recordings and parameters, effects among them or not.
+    coordinates : array, shape (p,)
+        Where the fit ended.
+    looks : int
+    """
+    best = now = look(problem, coordinates)
+    for _ in range(looks - 1):
+        if not now.chosen:
+            break
+        now = look(problem, now.soil)
+        if now.chosen and now.chosen[0].worth > best.chosen[0].worth:
+            best = now
+    return best if best.chosen else None
+
+
+def unexplained_of(found: Finding) -> Unexplained:
+    """A finding in words."""
+    first = found.chosen[0]
+    size = first.form.size(first.coefficients)
+    return Unexplained(
+        first.force, first.form.variable, first.form.name, float(f"{size:.3g}"),
+        unit(first.force, first.form.per), _where(found), float(f"{found.typical:.3g}"),
+    )  # fmt: skip
+
+
+def look(problem: Problem, coordinates: Array, most: int = _MOST, windows: int = WINDOWS) -> Finding:
+    """What forces explain at `coordinates` (p,), with all that was weighed; so many forces and windows at most."""
+    few = short(problem, windows)
+    if not len(few):  # too little is measured to tell within tenths of a second which force acts
+        return Finding((), (), 0.0, (), coordinates)
+    equations, of = regression(few, coordinates)
+    chosen: list[Candidate] = []
+    first: list[Candidate] = []
+    for _ in range(most):
+        ranked = weighed(equations, of)
+        first = first or ranked[:12]
+        if ranked[0].worth < LEAST_NATS:
+            break
+        chosen.append(ranked[0])
+        equations = equations.with_columns(_columns(equations, of, ranked[0].parts, ranked[0].form))
+    typical, each = _sizes(of, chosen[0], *few.recordings) if chosen else (0.0, ())
+    return Finding(tuple(chosen), tuple(first), typical, each, _taken_back(problem, coordinates, equations))
+
+
+def regression(few: Problem, coordinates: Array) -> tuple[Equations, Scene]:
+    """What recordings in short windows say of forces at `coordinates` (p,), and what forces may follow there.
+
+    Fitted beside any force are the parameters and what a wrong law of contact looks like.
+    """
+    found, of = answers(few, coordinates), scene(few, coordinates)
+    information = few.parameters.prior_information
+    equations = scattered(found, few.recordings[1], information, information @ coordinates)
+    for force, form in _law_of_contact(of):
+        equations = equations.with_columns(_columns(equations, of, families(of)[force], form))
+    return equations, of
+
+
+def acting(equations: Equations, of: Scene, candidate: Candidate) -> Array:
+    """A force as it was found, in the components' terms, shape (windows, 16)."""
+    return np.asarray(_columns(equations, of, candidate.parts, candidate.form) @ candidate.coefficients)
+
+
+def _taken_back(problem: Problem, coordinates: Array, equations: Equations) -> Array:
+    """Coordinates as what was found asks for them; not too far at a time."""
+    matrix, pull = equations.prior()
+    beside = equations.beside
+    matrix += np.einsum("wia,wij,wjb->ab", beside, equations.matrix, beside, optimize=True)
+    pull += np.einsum("wia,wi->a", beside, equations.pull)
+    step = np.clip(solve(matrix, pull)[: len(coordinates)], -_FARTHEST, _FARTHEST)
+    return problem.parameters.inside(coordinates + step)
+
+
+def _law_of_contact(of: Scene) -> Iterator[tuple[str, Form]]:
+    """Forces of all wheels alike as a wrong soil makes them, beyond what is linear in its parameters: fitted beside."""
+    for force, variable, names in _SOIL_LIKE:
+        parts = families(of).get(force, ())
+        if parts:
+            every = np.stack([of[part].follows[variable] for part in parts])
+            yield from ((force, form) for form in forms(variable, every, 1) if form.name in names)
+
+
+def _columns(equations: Equations, of: Scene, parts: Sequence[str], form: Form) -> Array:
+    """A form of a family of forces in the components' terms, shape (windows, 16, b)."""
+    inside = InForce(equations, of, parts)
+    return np.asarray(inside.T @ inside.basis(form))
+
+
+def weighed(equations: Equations, of: Scene) -> list[Candidate]:
+    """All candidates, best first."""
+    found: list[Candidate] = []
+    for force, parts in families(of).items():
+        found += candidates(equations, of, force, parts)
+        if force in _ON_GROUND:
+            repeated = ridges(equations, of, force, parts)
+            found += [repeated] if repeated else []
+    return sorted(found, key=lambda c: -c.worth)
+
+
+def _sizes(
+    of: Scene, candidate: Candidate, names: Sequence[str], recording: NDArray[np.int64]
+) -> tuple[float, tuple[tuple[str, float], ...]]:  # fmt: skip
+    """Root mean square of a force over everything, and in each recording."""
+    values = basis([of[part] for part in candidate.parts], candidate.form, recording) @ candidate.coefficients
+    each = tuple((name, _rms(values[recording == k])) for k, name in enumerate(names))
+    return _rms(values), each
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _where(found: Finding) -> str:
+    first = found.chosen[0]
+    each = ", ".join(f"{name} {size:.2g}" for name, size in found.per_recording)
+    text = f"{found.typical:.2g} {spaced(unit(first.force))} on average ({each})"
+    for other in found.chosen[1:]:
+        text += effect_words(f"; beside it {other.force} against {other.form.variable}, {other.form.name}")
+    return text

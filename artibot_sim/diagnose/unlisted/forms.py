@@ -1,0 +1,150 @@
+"""Forms in which a force may follow a variable: basis functions, and words for what was found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.diagnose.result import NOTHING
+from artibot_sim.diagnose.unlisted.variables import PLACE, ROLLING
+
+Array = NDArray[np.float64]
+Curve = Callable[[Array, NDArray[np.int64]], Array]
+"""From a variable (windows, k) and the numbers of the recordings (windows,) to basis functions (windows, k, b)."""
+
+UNITS = {
+    "speed": "m/s", "lateral speed": "m/s", "own speed": "m/s", "own lateral speed": "m/s", "own slip": "m/s",
+    "yaw rate": "rad/s", "articulation rate": "rad/s", "articulation angle": "rad", "curvature": "1/m",
+}  # fmt: skip
+"""Variables with a sign and a neutral value, and their units."""
+_PER = {"m/s": ("s/m", "s^2/m^2"), "rad/s": ("s/rad", "s^2/rad^2"), "rad": ("1/rad", "1/rad^2"), "1/m": ("m", "m^2")}
+TIME = "time since the start"
+WANDERING = "wandering in time"
+"""A form that says nothing of another day."""
+_KNOTS = 2.5
+"""s between the corners of a force that wanders in time."""
+_FADES = (4.0, 8.0, 16.0, 32.0)
+"""s in which a drag falls to a third."""
+_SHARP = 0.08
+"""Share of a variable's usual size over which a Coulomb-like force changes its sign."""
+
+
+@dataclass(frozen=True)
+class Form:
+    """One form in one variable.
+
+    Attributes
+    ----------
+    variable, name : str
+    curve : callable
+    size : callable
+        From the coefficients (b,) to the size that is reported.
+    per : str
+        What the force's unit is multiplied with in the size's unit.
+    across : bool
+        Whether it is to be found again in other recordings at the same value of the variable, or within each.
+    wave : (float, float), optional
+        Of a force that repeats over the ground: 2π/period along x and y of `map`, rad/m; `curve` takes the phase.
+    takes : str
+        The variable of the scene that `curve` takes, where it is not `variable`.
+    """
+
+    variable: str
+    name: str
+    curve: Curve
+    size: Callable[[Array], float]
+    per: str = ""
+    across: bool = False
+    wave: tuple[float, float] | None = None
+    takes: str = ""
+
+
+def amplitude(coefficients: Array) -> float:
+    """Of a sum of sines and cosines, those of several recordings one after the other: the mean amplitude."""
+    return float(np.sqrt((coefficients.reshape(-1, 2) ** 2).sum(axis=1)).mean())
+
+
+def _first(coefficients: Array) -> float:
+    return float(coefficients[0])
+
+
+def rms(coefficients: Array) -> float:
+    """Of values at corners."""
+    return float(np.sqrt(np.mean(coefficients**2)))
+
+
+def forms(variable: str, every: Array, recordings: int) -> Iterator[Form]:
+    """All forms in a variable that takes these values.
+
+    Parameters
+    ----------
+    every : array
+        Its values, to know its usual size.
+    recordings : int
+        How many there are.
+    """
+    usual = float(np.quantile(np.abs(every), 0.9))
+    if variable == NOTHING:
+        yield Form(variable, "constant", lambda u, r: np.ones((*u.shape, 1)), _first)
+    elif variable in UNITS and usual > 1e-6:
+        yield from _signed(variable, usual)
+    elif "wheel angle" in variable or variable == "own angle":
+        for count, name in ((1, "once a turn"), (2, "twice a turn")):
+            yield Form(variable, f"periodic, {name}", waves(count), amplitude)
+        if recordings > 1:
+            yield Form(variable, "periodic, once a turn", _own_phase(recordings), amplitude)
+    elif variable == "heading":
+        yield Form(variable, "periodic, once a turn", waves(1), amplitude)
+    elif variable == PLACE:
+        yield Form(variable, "towards a point, growing with the distance", lambda u, r: -u, _first, "1/m")
+    elif variable == ROLLING:
+        for fades in _FADES:
+            yield Form(
+                TIME, f"Coulomb-like, fading within {fades:g} s", _fading(fades), _first, takes=ROLLING,
+            )  # fmt: skip
+    elif variable == TIME:
+        corners = np.arange(every.min(), every.max() + _KNOTS, _KNOTS)
+        yield Form(variable, WANDERING, lambda u, r: _linear_between(u, corners), rms, across=recordings > 1)
+
+
+def _signed(variable: str, usual: float) -> Iterator[Form]:
+    linear, square = _PER[UNITS[variable]]
+    yield Form(variable, "linear", lambda u, r: u[..., None], _first, linear)
+    yield Form(variable, "quadratic", lambda u, r: (u * np.abs(u))[..., None], _first, square)
+    yield Form(variable, "Coulomb-like", lambda u, r: np.tanh(u / (_SHARP * usual))[..., None], _first)
+    yield Form(variable, "linear in its size", lambda u, r: np.abs(u)[..., None], _first, linear)
+
+
+def _fading(seconds: float) -> Curve:
+    return lambda u, r: (np.exp(-u[..., 0] / seconds) * u[..., 1])[..., None]
+
+
+def waves(count: int) -> Curve:
+    """cos and sin of so many times an angle."""
+    return lambda u, r: np.stack([np.cos(count * u), np.sin(count * u)], axis=-1)
+
+
+def _own_phase(recordings: int) -> Curve:
+    """Once a turn from an origin that each recording has for itself: encoders begin anywhere."""
+
+    def curve(u: Array, r: NDArray[np.int64]) -> Array:
+        table = np.zeros((*u.shape, recordings, 2))
+        mine = np.arange(len(u))
+        table[mine, :, r] = np.stack([np.cos(u), np.sin(u)], axis=-1)
+        return table.reshape(*u.shape, 2 * recordings)
+
+    return curve
+
+
+def _linear_between(u: Array, corners: Array) -> Array:
+    step = corners[1] - corners[0] if len(corners) > 1 else 1.0
+    return np.maximum(1.0 - np.abs(u[..., None] - corners) / step, 0.0)
+
+
+def unit(force: str, per: str = "") -> str:
+    """Of a force by its name, and of its coefficient."""
+    own = "N m" if "moment" in force or "torque" in force else "N"
+    return own + per.removeprefix("1") if per.startswith("1/") else f"{own} {per}".strip()

@@ -1,0 +1,256 @@
+"""Forces that a fit does not know of, wherever they come from: normal equations for them in short windows.
+
+Over seconds a rover's motion may take another branch of eq. 16 for every small push, and no linear answer holds. So the
+recordings are cut into windows of a few tenths of a second. In each, forces that grow linearly with time are fitted,
+simulated by the model: together with the torques these are all that a planar rover's motion can show. Around this
+common point, where what was measured is reproduced, everything that a force may follow is compared linearly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.estimation.kernels import Parts
+from artibot_sim.estimation.loss import Loss, spread
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.windows import CHANNEL_NAMES, Window, window_at
+from artibot_sim.model import MOTORS, Robot
+from artibot_sim.model.effects.residual_force import FORCES
+from artibot_sim.model.simulate.windows import KINDS
+
+Array = NDArray[np.float64]
+
+LENGTH = 0.3
+"""s that a window is compared."""
+LEAD = 0.1
+"""s before, in which its start is forgotten."""
+WINDOWS = 150
+"""Windows, at most."""
+KNOTS = 2
+"""Where forces of a window are given: at its beginning and its end."""
+MOTOR = len(FORCES)
+"""Where the motors' torques stand among the components of a force."""
+COMPONENTS = MOTOR + len(MOTORS)
+_WIDE = np.array([80.0, 80.0, 40.0, 40.0])
+"""Standard deviations of FORCES beforehand, N and N m."""
+_WIDE_TORQUE = 0.15
+"""The same of the motors' torques, N m."""
+_PROBE = np.array([6.0, 6.0, 3.0, 3.0])
+"""Changes of FORCES for their finite differences."""
+_START_STEP = np.array([1e-3, 1e-3, 1e-3, 3e-3, 3e-3, 3e-3, 1e-3, 3e-3])
+_PARAMETER_STEP = 0.04
+_ROUNDS = 3
+_TALLEST = 3.0
+"""Largest column that counts, over what nine of ten have."""
+_TORQUES = tuple(KINDS.index(f"torque_{motor}") for motor in MOTORS)
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What forces, parameters and starts do to the residuals of every short window, starts eliminated.
+
+    Attributes
+    ----------
+    matrix : array, shape (windows, 16 + p, 16 + p)
+        Information about the forces (component by component, KNOTS values each) and the parameters.
+    pull : array, shape (windows, 16 + p)
+        matrix · x = pull where a window is explained best; forces are counted from zero, parameters from the fit.
+    misfit : array, shape (windows,)
+        Weighted sum of squares without any force: misfit − 2 pull · x + x · matrix · x with x.
+    """
+
+    matrix: Array
+    pull: Array
+    misfit: Array
+
+    @property
+    def forces(self) -> int:
+        """How many unknowns are forces."""
+        return COMPONENTS * KNOTS
+
+
+def short(problem: Problem, most: int = WINDOWS) -> Problem:
+    """The same recordings in short windows, so many at most, taken evenly."""
+    places: list[tuple[int, int, int, int]] = []
+    for i, stretch in enumerate(problem.stretches):
+        dt = stretch.inputs.dt
+        size, lead = round(LENGTH / dt), round(LEAD / dt)
+        places += [(i, a, size, lead) for a in range(lead, len(stretch.inputs.t) - 1 - size, size)]
+    windows = [
+        window_at(problem.stretches[i], i, problem.parameters.robot, a - lead, size + lead, lead)
+        for i, a, size, lead in places[:: -(-len(places) // most)]
+    ]
+    return replace(problem, windows=[w for w in windows if len(w) >= 2 * problem.size])
+
+
+def ends(problem: Problem) -> Array:
+    """Where forces are given: when the compared part of each window begins and ends, shape (windows, KNOTS), s."""
+    end = np.array([w.t for w in problem.windows]) + problem.durations
+    return np.column_stack([end - LENGTH, end])
+
+
+@dataclass
+class _State:
+    """Where the windows' fits stand: starts (windows, 8 or 6), forces (windows, 4, KNOTS), torques (windows, 8)."""
+
+    starts: Array
+    forces: Array
+    torques: Array
+
+
+def answers(problem: Problem, coordinates: Array) -> Answers:
+    """Fit starts and forces of every short window, and the normal equations there."""
+    count = len(problem)
+    state = _State(
+        problem.starts.copy(), np.zeros((count, MOTOR, KNOTS)), np.zeros((count, len(MOTORS) * KNOTS))
+    )  # fmt: skip
+    for _ in range(_ROUNDS):
+        linear = _linearised(problem, coordinates, state, ())
+        state = _moved(problem, state, linear)
+    return _eliminated(problem, state, _linearised(problem, coordinates, state, range(len(coordinates))))
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """Residuals of the windows, and their columns by forces (n, 4 · KNOTS), starts and parameters."""
+
+    residuals: list[Array]
+    forces: list[Array]
+    starts: list[Array]
+    parameters: list[Array]
+
+
+def pushed(robot: Robot, forces: Array, t: Array) -> Robot:
+    """A robot with `forces` (4, KNOTS) at the times `t` (KNOTS,), linear between."""
+    rate = (forces[:, 1] - forces[:, 0]) / (t[1] - t[0])
+    values = dict(zip(FORCES, forces[:, 0].tolist(), strict=True))
+    values |= {f"{name}_rate": r for name, r in zip(FORCES, rate.tolist(), strict=True)}
+    return replace(robot, effects=dict(robot.effects) | {"residual_force": values | {"since": float(t[0])}})
+
+
+def _linearised(problem: Problem, coordinates: Array, state: _State, free: Sequence[int]) -> _Linear:
+    """Residuals and columns by finite differences; those of the parameters numbered `free`."""
+    plain, others = problem.parameters.robot_at(coordinates), []
+    for i in free:
+        moved = coordinates.copy()
+        moved[i] -= _PARAMETER_STEP
+        others.append(problem.parameters.robot_at(moved))
+    t, size, count = ends(problem), problem.size, len(problem)
+    variants = [_variants(plain, others, state.forces[w], t[w]) for w in range(count)]
+    each = len(variants[0])
+    robots = [robot for mine in variants for robot in mine]
+    robot = each * np.arange(count) + np.concatenate([np.arange(each), np.zeros(size, int)])[:, None]
+    starts = np.repeat(state.starts[None], each + size, axis=0)
+    starts[each:] += _START_STEP[:size, None, None] * np.eye(size)[:, None]
+    flat = problem.compare(problem.predictions(robots, robot, starts))
+    steps = np.concatenate([np.repeat(_PROBE, KNOTS), np.full(len(others), -_PARAMETER_STEP), _START_STEP[:size]])
+    table, n = (flat[1:] - flat[0]) / steps[:, None], MOTOR * KNOTS
+    forces, parameters, moves = (
+        [part.T for part in np.split(table[a:b], problem.samples.begin[1:-1], axis=1)]
+        for a, b in ((0, n), (n, n + len(others)), (n + len(others), None))
+    )
+    found = _Linear(list(problem.parts(flat[0])), forces, moves, parameters)
+    for part in (found.forces, found.parameters, found.starts):
+        _clip(problem.windows, part)
+    return found
+
+
+def _variants(plain: Robot, others: Sequence[Robot], forces: Array, t: Array) -> list[Robot]:
+    """A robot with its forces, with each of them changed at each knot, and other robots with the same forces."""
+    changed = []
+    for c in range(MOTOR):
+        for k in range(KNOTS):
+            more = forces.copy()
+            more[c, k] += _PROBE[c]
+            changed.append(pushed(plain, more, t))
+    return [pushed(plain, forces, t), *changed, *(pushed(other, forces, t) for other in others)]
+
+
+def _clip(windows: Sequence[Window], columns: list[Array]) -> None:
+    """Limit columns in place, channel by channel, to a few times what nine of ten have.
+
+    A finite difference across a switch of eq. 16 is as large as its step is small, and none of it is true.
+    """
+    channel, table = np.concatenate([w.channel for w in windows]), np.abs(np.concatenate(columns))
+    for c in np.unique(channel):
+        limit = _TALLEST * np.quantile(table[channel == c], 0.9, axis=0)
+        for window, part in zip(windows, columns, strict=True):
+            mine = window.channel == c
+            part[mine] = np.clip(part[mine], -limit, limit)
+
+
+def _weights(problem: Problem, residuals: Sequence[Array]) -> Parts:
+    """How much each sample counts, by the loss that these residuals ask for."""
+    loss = Loss(spread(problem.windows, residuals), np.ones(len(CHANNEL_NAMES)))
+    return problem.parts(loss.weights(problem.samples, np.concatenate(residuals)))
+
+
+def _explained(problem: Problem, state: _State, linear: _Linear) -> list[Array]:
+    """Residuals once the motors' torques are taken off: what samples are trusted by."""
+    t = ends(problem)
+    return [
+        residual + _torques(window, t[w]) @ state.torques[w]
+        for w, (window, residual) in enumerate(zip(problem.windows, linear.residuals, strict=True))
+    ]
+
+
+def _moved(problem: Problem, state: _State, linear: _Linear) -> _State:
+    """A damped step of every window's start and forces; torques, in which residuals are linear, as they are best."""
+    trusted = _explained(problem, state, linear)
+    weights, t = _weights(problem, trusted), ends(problem)
+    new = _State(state.starts.copy(), state.forces.copy(), state.torques.copy())
+    wide = np.repeat(_WIDE, KNOTS)
+    n, m = len(wide), len(wide) + len(MOTORS) * KNOTS
+    for w, (residual, G, S) in enumerate(zip(linear.residuals, linear.forces, linear.starts, strict=True)):
+        weight = weights[w]
+        J = np.hstack([G, _torques(problem.windows[w], t[w]), S])
+        known = np.zeros((J.shape[1], J.shape[1]))
+        known[:m, :m] = np.diag(np.concatenate([wide, np.full(m - n, _WIDE_TORQUE)]) ** -2.0)
+        known[m:, m:] = problem.start_weight[w].T @ problem.start_weight[w]
+        away = np.concatenate([state.forces[w].ravel(), np.zeros(m - n), state.starts[w] - problem.starts[w]])
+        H = (J.T * weight) @ J + known
+        move = -np.linalg.solve(H + 1e-3 * np.diag(np.diag(H)), J.T @ (weight * residual) + known @ away)
+        new.forces[w] += np.clip(move[:n], -wide, wide).reshape(MOTOR, KNOTS)
+        new.torques[w] = move[n:m]
+        limit = 2.0 * problem.start_sd[w]
+        new.starts[w] += np.clip(move[m:], -limit, limit)
+    return new
+
+
+def _eliminated(problem: Problem, state: _State, linear: _Linear) -> Answers:
+    trusted = _explained(problem, state, linear)
+    weights = _weights(problem, trusted)
+    matrices, pulls, misfits = [], [], []
+    t = ends(problem)
+    for w, window in enumerate(problem.windows):
+        weight = weights[w]
+        G = np.hstack([linear.forces[w], _torques(window, t[w])])
+        X, S, r = np.hstack([G, linear.parameters[w]]), linear.starts[w], linear.residuals[w]
+        known = problem.start_weight[w].T @ problem.start_weight[w]
+        away = state.starts[w] - problem.starts[w]
+        A, B = (S.T * weight) @ S + known, (S.T * weight) @ X
+        g = S.T @ (weight * r) + known @ away
+        solved = np.linalg.solve(A, np.column_stack([B, g]))
+        matrix = (X.T * weight) @ X - B.T @ solved[:, :-1]
+        pull = -(X.T @ (weight * r) - B.T @ solved[:, -1])
+        n, f = MOTOR * KNOTS, state.forces[w].ravel()
+        misfit = float(weight @ r**2 + away @ known @ away - g @ solved[:, -1])
+        misfits.append(misfit + 2.0 * pull[:n] @ f + f @ matrix[:n, :n] @ f)
+        pull += matrix[:, :n] @ f
+        matrices.append(matrix)
+        pulls.append(pull)
+    return Answers(np.array(matrices), np.array(pulls), np.array(misfits))
+
+
+def _torques(window: Window, t: Array) -> Array:
+    """Columns (n, 4 · KNOTS) of torques in the motors, which nothing but their own sensors notice."""
+    columns = np.zeros((len(window), len(MOTORS), KNOTS))
+    share = (window.t + window.plan.t - t[0]) / (t[1] - t[0])
+    for m, kind in enumerate(_TORQUES):
+        mine = window.plan.kind == kind
+        columns[mine, m] = np.column_stack([1.0 - share, share])[mine] / window.sigma[mine, None]
+    return columns.reshape(len(window), -1)

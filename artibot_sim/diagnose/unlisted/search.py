@@ -1,0 +1,303 @@
+"""Which force following which variable explains what a fit leaves: every pair is tried, each with all its forms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.diagnose.result import NOTHING
+from artibot_sim.diagnose.unlisted.forms import Form, forms
+from artibot_sim.diagnose.unlisted.response import COMPONENTS, KNOTS, Answers
+from artibot_sim.diagnose.unlisted.variables import PLACE, Acting, Scene
+
+# ----------------------------------------------------------------------
+# Which force following which variable explains what a fit leaves: every pair is tried, each with all its forms.
+# ----------------------------------------------------------------------
+
+
+_FOLDS = 4
+_PRICE = 3.0
+"""Nats that a coefficient costs: half the logarithm of the number of windows."""
+_CHOSEN = 2
+"""So many coefficients at most are paid for in what was proven."""
+_MOST = 2.0
+"""Nats that a single window may say for or against a force. One in which a switch of eq. 16 was missed says tens, of
+nothing; what acts all the time shows in many."""
+_RIDGE = 1e-9
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Normal equations of all windows, with what is fitted beside any candidate.
+
+    Attributes
+    ----------
+    matrix, pull : array, shape (windows, 16 + p, 16 + p) and (windows, 16 + p)
+        Of forces and parameters, see `response.Answers`; forces scatter from window to window.
+    misfit : array, shape (windows,)
+    recording : array of int, shape (windows,)
+        Which recording each window is of.
+    information, slope : array, shape (p, p) and (p,)
+        Of the parameters' prior, at the fit.
+    beside : array, shape (windows, 16 + p, q)
+        Columns fitted beside: the parameters, then what was found already.
+    """
+
+    matrix: Array
+    pull: Array
+    misfit: Array
+    recording: NDArray[np.int64]
+    information: Array
+    slope: Array
+    beside: Array
+
+    @property
+    def forces(self) -> int:
+        """How many unknowns are forces."""
+        return self.matrix.shape[1] - len(self.slope)
+
+    def with_columns(self, columns: Array) -> Equations:
+        """The same with columns (windows, 16, b) that are fitted from now on."""
+        p = len(self.slope)
+        tall = np.concatenate([columns, np.zeros((len(columns), p, columns.shape[2]))], axis=1)
+        return replace(self, beside=np.concatenate([self.beside, tall], axis=2))
+
+    def prior(self) -> tuple[Array, Array]:
+        """Information and pull of the prior for the columns fitted beside."""
+        q, p = self.beside.shape[2], len(self.slope)
+        matrix, pull = np.zeros((q, q)), np.zeros(q)
+        matrix[:p, :p], pull[:p] = self.information, -self.slope
+        return matrix, pull
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A force that follows a variable in a form, and what it explains.
+
+    Attributes
+    ----------
+    force : str
+    parts : tuple of str
+        The single forces that follow the same law.
+    form : Form
+    gain : float
+        Nats of log-likelihood, what is fitted beside adapted to it.
+    proven : float
+        The same on windows that its coefficients were not fitted to, no single one of which counts for much.
+    coefficients : array, shape (b,)
+    """
+
+    force: str
+    parts: tuple[str, ...]
+    form: Form
+    gain: float
+    proven: float
+    coefficients: Array
+
+    @property
+    def worth(self) -> float:
+        """Nats that count: what was gained less what as many free coefficients gain by chance, or what was proven.
+
+        There coefficients gain nothing by chance; what is left to chance is the choice among so many forces.
+        """
+        count = len(self.coefficients)
+        return min(self.gain - _PRICE * count, self.proven - _PRICE * min(count, _CHOSEN))
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Normal equations of the windows for some columns, and after them what is fitted beside.
+
+    Attributes
+    ----------
+    matrix, pull : array, shape (windows, n, n) and (windows, n)
+    """
+
+    matrix: Array
+    pull: Array
+
+
+def families(of: Scene) -> dict[str, tuple[str, ...]]:
+    """Forces that are tried: each alone, and groups that follow one law."""
+    found: dict[str, tuple[str, ...]] = {name: (name,) for name in of if PLACE not in of[name].follows}
+    groups = {
+        "lateral force of each wheel": "lateral force at ",
+        "lateral force of each front wheel": "lateral force at front_",
+        "lateral force of each back wheel": "lateral force at back_",
+        "longitudinal force of each wheel": "longitudinal force of the ",
+        "torque of each motor": "torque of motor ",
+        "front horizontal force": "front force along ",
+        "back horizontal force": "back force along ",
+    }
+    for name, beginning in groups.items():
+        parts = tuple(other for other in of if other.startswith(beginning))
+        if len(parts) > 1:
+            found[name] = parts
+    return found
+
+
+class InForce:
+    """The normal equations as one family of forces sees them: unknowns are its parts' values at the knots."""
+
+    def __init__(self, equations: Equations, of: Scene, parts: Sequence[str]) -> None:
+        self.equations, self.parts = equations, tuple(parts)
+        self.acting = [of[part] for part in parts]
+        n = equations.forces
+        self.T = components(self.acting)
+        turned = self.T.transpose(0, 2, 1)
+        MP = equations.matrix @ equations.beside
+        self._matrix = turned @ equations.matrix[:, :n, :n] @ self.T
+        self._pull = np.einsum("wij,wj->wi", turned, equations.pull[:, :n])
+        self._cross = turned @ MP[:, :n]
+        self._beside = equations.beside.transpose(0, 2, 1) @ MP
+        self._beside_pull = np.einsum("wji,wj->wi", equations.beside, equations.pull)
+
+    def basis(self, form: Form) -> Array:
+        """Values (windows, parts · k, b) of a form's functions."""
+        return basis(self.acting, form, self.equations.recording)
+
+    def sums(self, phi: Array) -> Sums:
+        """Normal equations of the coefficients of a basis (windows, parts · k, b)."""
+        b, q = phi.shape[2], self.equations.beside.shape[2]
+        turned = phi.transpose(0, 2, 1)
+        matrix, pull = np.empty((len(phi), b + q, b + q)), np.empty((len(phi), b + q))
+        matrix[:, :b, :b] = turned @ (self._matrix @ phi)
+        matrix[:, :b, b:] = turned @ self._cross
+        matrix[:, b:, :b] = matrix[:, :b, b:].transpose(0, 2, 1)
+        matrix[:, b:, b:] = self._beside
+        pull[:, :b], pull[:, b:] = np.einsum("wji,wj->wi", phi, self._pull), self._beside_pull
+        return Sums(matrix, pull)
+
+    def left(self) -> Array:
+        """What the residuals ask for (windows, parts · k) once everything beside is fitted."""
+        matrix, pull = self.equations.prior()
+        fitted = solve(matrix + self._beside.sum(axis=0), pull + self._beside_pull.sum(axis=0))
+        return np.asarray(self._pull - self._cross @ fitted)
+
+
+def components(acting: Sequence[Acting]) -> Array:
+    """From values of forces at the knots to the components' values, shape (windows, 16, parts · k)."""
+    windows = acting[0].make.shape[1]
+    T = np.zeros((windows, COMPONENTS, KNOTS, len(acting), KNOTS))
+    for j, part in enumerate(acting):
+        for k in range(KNOTS):
+            T[:, :, k, j, k] = part.make[:, :, k].T
+    return T.reshape(windows, COMPONENTS * KNOTS, len(acting) * KNOTS)
+
+
+def basis(acting: Sequence[Acting], form: Form, recording: NDArray[np.int64]) -> Array:
+    """Values (windows, parts · k, b) of a form's functions."""
+    return np.concatenate([form.curve(variable(a, form), recording) for a in acting], axis=1)
+
+
+def variable(acting: Acting, form: Form) -> Array:
+    """What a form takes, shape (windows, k): a variable, or the phase of a wave over the ground."""
+    if form.wave is not None:
+        x, y = place(acting)
+        return form.wave[0] * x + form.wave[1] * y
+    return np.zeros(acting.make.shape[1:]) if form.variable == NOTHING else acting.follows[form.takes or form.variable]
+
+
+def place(acting: Acting) -> tuple[Array, Array]:
+    """x and y, m: the wheel's own, or the module's."""
+    own = "own x" in acting.follows
+    return (acting.follows["own x"], acting.follows["own y"]) if own else (acting.follows["x"], acting.follows["y"])
+
+
+def solve(matrix: Array, pull: Array) -> Array:
+    """Of a matrix whose rows have very different units."""
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    even = matrix / np.outer(scale, scale) + _RIDGE * np.eye(len(pull))
+    return np.asarray(np.linalg.solve(even, pull / scale) / scale)
+
+
+def judge(equations: Equations, sums: Sums, form: Form, force: str, parts: Sequence[str]) -> Candidate:
+    """A candidate from its normal equations: what it gains over what is fitted beside alone."""
+    b = sums.pull.shape[1] - equations.beside.shape[2]
+    matrix, pull = _with_prior(equations, sums, np.ones(len(sums.pull), bool), b)
+    x = solve(matrix, pull)
+    gain = float(pull @ x) - float(pull[b:] @ solve(matrix[b:, b:], pull[b:]))
+    return Candidate(force, tuple(parts), form, 0.5 * gain, np.nan, x[:b])
+
+
+def proven(equations: Equations, sums: Sums, across: bool) -> float:
+    """Nats gained on windows that the coefficients were not fitted to, all windows in turn, each up to ± `_MOST`."""
+    b = sums.pull.shape[1] - equations.beside.shape[2]
+    # neighbours err alike: windows are left out in stretches of several
+    fold = equations.recording if across else (np.arange(len(sums.pull)) // _TOGETHER) % _FOLDS
+    total = 0.0
+    for k in np.unique(fold):
+        out = fold == k
+        if out.all():
+            return 0.0
+        matrix, pull = _with_prior(equations, sums, ~out, b)
+        with_it, without = solve(matrix, pull), solve(matrix[b:, b:], pull[b:])
+        M, m = sums.matrix[out], sums.pull[out]
+        gained = _explained(M, m, with_it) - _explained(M[:, b:, b:], m[:, b:], without)
+        total += float(np.clip(gained, -_MOST, _MOST).sum())
+    return total
+
+
+_TOGETHER = 8
+
+
+def _with_prior(equations: Equations, sums: Sums, rows: NDArray[np.bool_], b: int) -> tuple[Array, Array]:
+    matrix, pull = sums.matrix[rows].sum(axis=0), sums.pull[rows].sum(axis=0)
+    information, slope = equations.prior()
+    matrix[b:, b:] += information
+    pull[b:] += slope
+    return matrix, pull
+
+
+def _explained(matrix: Array, pull: Array, x: Array) -> Array:
+    """Of windows (n, m, m) and (n, m), shape (n,)."""
+    return np.asarray(pull @ x - 0.5 * (matrix @ x) @ x)
+
+
+def candidates(equations: Equations, of: Scene, force: str, parts: Sequence[str]) -> list[Candidate]:
+    """Every variable and form for one family of forces."""
+    inside = InForce(equations, of, parts)
+    names = [name for name in of[parts[0]].follows if all(name in of[part].follows for part in parts)]
+    if len(parts) == 1:
+        names = [name for name in names if name != "own angle"]  # it has another name there
+    recordings = int(equations.recording.max()) + 1
+    found = []
+    for name in names if PLACE in names else [NOTHING, *names]:
+        every = np.stack([a.follows[name] for a in inside.acting]) if name != NOTHING else np.zeros(1)
+        for form in forms(name, every, recordings):
+            sums = inside.sums(inside.basis(form))
+            candidate = judge(equations, sums, form, force, parts)
+            found.append(replace(candidate, proven=proven(equations, sums, form.across)))
+    return found
+
+
+# ----------------------------------------------------------------------
+# How much forces scatter from window to window for no reason that is looked for: the noise of the regression.
+#
+# A wheel taken to hold that slides is wrong by tens of newtons. What sensors' noise says about forces is therefore
+# too good; what counts is how far windows are from each other where nothing is hidden.
+# ----------------------------------------------------------------------
+
+
+Array = NDArray[np.float64]
+
+SCATTER = (6.0, 8.0, 2.5, 4.0, 0.02, 0.02, 0.02, 0.02)
+"""Standard deviations of the components of a force (N, N m) from window to window in recordings with nothing hidden."""
+ALIKE = 2.0
+"""How many windows in a row err alike there."""
+
+
+def scattered(found: Answers, recording: NDArray[np.int64], information: Array, slope: Array) -> Equations:
+    """The normal equations of what forces follow, once each window's own scatter is eliminated."""
+    n, p = found.forces, len(slope)
+    towards = found.matrix[:, :, :n]
+    A = found.matrix[:, :n, :n] + np.diag(np.repeat(SCATTER, KNOTS) ** -2.0)
+    solved = np.linalg.solve(A, np.concatenate([towards.transpose(0, 2, 1), found.pull[:, :n, None]], axis=2))
+    misfit = (found.misfit - np.einsum("wi,wi->w", found.pull[:, :n], solved[:, :, -1])) / ALIKE
+    matrix = (found.matrix - towards @ solved[:, :, :-1]) / ALIKE
+    pull = (found.pull - np.einsum("wij,wj->wi", towards, solved[:, :, -1])) / ALIKE
+    beside = np.broadcast_to(np.vstack([np.zeros((n, p)), np.eye(p)]), (len(matrix), n + p, p))
+    return Equations(matrix, pull, misfit, recording, information, slope, beside)

@@ -1,0 +1,1 @@
+"""What a model is worth: predictions, residuals, stability of what was fitted."""

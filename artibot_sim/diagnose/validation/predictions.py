@@ -1,0 +1,294 @@
+"""Predictions by the paper's model and by the extended one, and what each cause is worth on held-out data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.diagnose.commands.view import CommandView, command_view
+from artibot_sim.diagnose.records import HALF_WIDTH, ChannelBaseline, ChannelGain, Left, Options, Series
+from artibot_sim.diagnose.remains import leaves_more_than_noise
+from artibot_sim.diagnose.selection.decision import Decision
+from artibot_sim.estimation.kernels import Parts, Samples
+from artibot_sim.estimation.loss import Loss, channel_levels, merged, thinning
+from artibot_sim.estimation.measurements import CHANNEL_UNITS, Stretch, stretches
+from artibot_sim.estimation.windows import CHANNEL_NAMES
+from artibot_sim.experiment import Experiment
+from artibot_sim.identify.result import ChannelFit
+from artibot_sim.identify.validation import Held, deviations, hold_out
+from artibot_sim.model import Robot
+
+# ----------------------------------------------------------------------
+# Predictions of recordings by the paper's model and by the extended one, and what the extension is worth there.
+# ----------------------------------------------------------------------
+
+
+Array = NDArray[np.float64]
+
+_DRAWS = 500
+_STEPS = 2
+"""Of the starts that predictions begin with."""
+_BLOCK = 5.0
+"""s that are drawn together where there are no windows."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One recording, predicted by both models over the same windows.
+
+    Attributes
+    ----------
+    held_out : bool
+        Whether it took no part in the fit.
+    before, after : Held
+        By the paper's model with its soil identified, and by the extended one.
+    """
+
+    held_out: bool
+    before: Held
+    after: Held
+
+
+def predict(
+    experiment: Experiment, held_out: bool, baseline: Robot, extended: Robot, horizon: float, workers: int | None
+) -> Pair:
+    """A recording by both models; once only where they are the same."""
+    seen = stretches(experiment, baseline, HALF_WIDTH)
+    before = predicted(experiment, baseline, horizon, workers, seen)
+    same = extended.effects == baseline.effects and extended == baseline
+    return Pair(held_out, before, before if same else predicted(experiment, extended, horizon, workers, seen))
+
+
+def predicted(
+    experiment: Experiment, robot: Robot, horizon: float, workers: int | None, seen: Sequence[Stretch] = ()
+) -> Held:
+    """A recording by one model; `seen` are its stretches, where they are known already."""
+    return hold_out(experiment, robot, horizon, workers, steps=_STEPS, half_width=HALF_WIDTH, seen=seen)
+
+
+def gains(pairs: Sequence[Pair], commanded: Sequence[Series], seed: int) -> dict[str, ChannelGain]:
+    """What the extension is worth in each channel, with intervals from windows drawn anew."""
+    found = {}
+    for c, name in enumerate(CHANNEL_NAMES):
+        squares = np.array([_squares(at, c) for pair in pairs for at in _by_window(pair)]).reshape(-1, 3)
+        gain = _gain(CHANNEL_UNITS[name], squares, seed)
+        if gain is not None:
+            found[name] = gain
+    squares = np.array([row for series in commanded for row in _blocks(series)]).reshape(-1, 3)
+    gain = _gain("rad/s", squares, seed)
+    return found if gain is None else found | {"front_velocity": gain}
+
+
+def _gain(unit: str, squares: Array, seed: int) -> ChannelGain | None:
+    """From sums of squared errors before and after and numbers of samples, (n, 3); None where there are no samples."""
+    squares = squares[squares[:, 2] > 0]
+    if not len(squares):
+        return None
+    rng = np.random.default_rng(seed)
+    draws = []
+    for _ in range(_DRAWS):
+        total = squares[rng.integers(0, len(squares), len(squares))].sum(axis=0)
+        draws.append(np.sqrt(total[0] / total[2]) - np.sqrt(total[1] / total[2]))
+    total = squares.sum(axis=0)
+    low, high = np.quantile(draws, (0.025, 0.975)).tolist()
+    before, after = (float(np.sqrt(total[k] / total[2])) for k in (0, 1))
+    return ChannelGain(unit, before, after, (low, high))
+
+
+def _blocks(series: Series) -> list[tuple[float, float, float]]:
+    """Sums of squared errors before and after, and how many samples, of every few seconds."""
+    rows = []
+    for start in np.arange(series.t[0], series.t[-1], _BLOCK).tolist() if len(series.t) else []:
+        mine = (series.t >= start) & (series.t < start + _BLOCK)
+        before, after = series.before[mine].ravel(), series.after[mine].ravel()
+        known = np.isfinite(before) & np.isfinite(after)
+        before, after = before[known], after[known]
+        rows.append((float(before @ before), float(after @ after), float(len(before))))
+    return rows
+
+
+def _by_window(pair: Pair) -> list[tuple[Held, Held, int]]:
+    return [(pair.before, pair.after, i) for i in range(len(pair.before.windows))]
+
+
+def _squares(at: tuple[Held, Held, int], channel: int) -> tuple[float, float, float]:
+    """Sums of squared errors before and after (SI), and how many samples, of one window."""
+    before, after, i = at
+    _, first = deviations(before.windows[i], before.residuals[i], channel)
+    _, second = deviations(after.windows[i], after.residuals[i], channel)
+    return float(first @ first), float(second @ second), float(len(first))
+
+
+def baseline_levels(pairs: Sequence[Pair]) -> dict[str, ChannelBaseline]:
+    """How wrong the paper's model is over all recordings."""
+    found = {}
+    for name in CHANNEL_NAMES:
+        fits = [pair.before.summary.channels[name] for pair in pairs if name in pair.before.summary.channels]
+        if not fits:
+            continue
+        free = [pair.before.summary.free_run[name] for pair in pairs if name in pair.before.summary.free_run]
+        noise = float(np.median([fit.noise for fit in fits]))
+        found[name] = ChannelBaseline(fits[0].unit, _pooled(fits), noise, _pooled(free))
+    return found
+
+
+def _pooled(fits: Sequence[ChannelFit]) -> float:
+    """Root mean square over several recordings; NaN where there are none."""
+    count = sum(fit.count for fit in fits)
+    return float(np.sqrt(sum(fit.count * fit.rmse**2 for fit in fits) / count)) if count else float("nan")
+
+
+# ----------------------------------------------------------------------
+# What each named cause is worth on held-out data: by how much predictions err less once it is in the model.
+# ----------------------------------------------------------------------
+
+
+_WORSE = 0.1
+"""Growth of the held-out error beyond noise from which data speak against a cause: one that happens not to act in them
+adds a few hundredths."""
+_LITTLE = 0.5
+"""Share of that error which causes leave at most, where the fitted recordings show that there is something else."""
+
+
+@dataclass(frozen=True)
+class Worth:
+    """What one cause is worth on held-out data, beside those found before it.
+
+    Attributes
+    ----------
+    before, after : float
+        Mean squared error in units of noise, less the noise's share, without and with it.
+    nats : float
+        By how much the log-likelihood of the predictions grows, with noise as large and as slow as all causes together
+        leave it.
+    """
+
+    before: float
+    after: float
+    nats: float
+
+    @property
+    def share(self) -> float:
+        """Fraction by which the error beyond noise falls; 0 where there is none."""
+        return 1.0 - max(self.after, 0.0) / self.before if self.before > 0.0 else 0.0
+
+
+def improvements(
+    decision: Decision, pairs: Sequence[Pair], extended: Robot, view: CommandView, options: Options
+) -> dict[str, Worth]:
+    """What each cause is worth on held-out data, in the order in which they were found; the soil is fitted each time.
+
+    Parameters
+    ----------
+    pairs : sequence of Pair
+        Of what was held out.
+    extended : Robot
+        With all causes.
+    view : CommandView
+        Of the same recordings and others.
+    """
+    if not decision.named:
+        return {}
+    levels = merged(channel_levels(decision.problem.windows, decision.fit.point.residuals))
+    robots = [*_models(decision)[:-1], extended]
+    seen = [pair.before.experiment for pair in pairs]
+    held = [[predicted(one, robot, options.horizon, options.workers) for one in seen] for robot in robots[:-1]]
+    held.append([pair.after for pair in pairs])
+    names = [one.name for one in seen]
+    neutral = [pair.before for pair in pairs]
+    before = excess(neutral, _followed(view, extended, names, "before"), levels)
+    likely = _likelihoods([neutral, *held])
+    told = command_view(seen, decision.neutral_problem.parameters.robot)
+    heard = [0.0, *map(told.nats, robots)]
+    found = {}
+    for k, (named, robot, one) in enumerate(zip(decision.named, robots, held, strict=True)):
+        after = excess(one, _followed(view, robot, names, "after"), levels)
+        found[named.effect] = Worth(before, after, likely[k + 1] - likely[k] + heard[k + 1] - heard[k])
+        before = after
+    return found
+
+
+def _likelihoods(models: Sequence[Sequence[Held]]) -> list[float]:
+    """Log-likelihoods of the same recordings by several models, a constant apart; the last one says what noise is."""
+    windows = [window for held in models[-1] for window in held.windows]
+    if not windows:
+        return [0.0] * len(models)
+    each = [[residual for held in model for residual in held.residuals] for model in models]
+    levels = np.maximum(merged(channel_levels(windows, each[-1])), 1.0)
+    samples = Samples.of(windows)
+    flat = np.array([np.concatenate(one) / levels[samples.channel] for one in each])
+    loss = Loss(1.0, thinning(windows, Parts(flat[-1], samples.begin)), firm=True)
+    return (-0.5 * loss.totals(samples, flat).sum(axis=-1)).tolist()
+
+
+def is_refuted(gained: Mapping[str, Worth], gain: Mapping[str, ChannelGain]) -> bool:
+    """Whether held-out data are predicted worse with all that was named: in sum by `_WORSE`, and surely in one channel.
+
+    Parameters
+    ----------
+    gained : mapping of str to Worth
+        What `improvements` gives.
+    gain : mapping of str to ChannelGain
+        By channel, with intervals.
+    """
+    if not gained:
+        return False
+    before, after = _error(gained)
+    grown = after - before > _WORSE * (before if before > 0.0 else 1.0)
+    return grown and any(one.ci95[1] < 0.0 for one in gain.values())
+
+
+def is_minor(gained: Mapping[str, Worth], left: Mapping[str, Left]) -> bool:
+    """Whether all that was named takes little of the held-out error, and more than noise is left of the fitted one.
+
+    The cause of most of it is another one then, of which what was named may be no more than a part or the shadow.
+
+    Parameters
+    ----------
+    gained : mapping of str to Worth
+        What `improvements` gives.
+    left : mapping of str to Left
+        What the fit with all causes leaves.
+    """
+    if not gained or not leaves_more_than_noise(left):
+        return False
+    before, after = _error(gained)
+    return before > 0.0 and after > _LITTLE * before
+
+
+def _error(gained: Mapping[str, Worth]) -> tuple[float, float]:
+    """Held-out error beyond noise without any cause and with all of them."""
+    every = list(gained.values())
+    return every[0].before, every[-1].after
+
+
+def _models(decision: Decision) -> list[Robot]:
+    """The model once each of the named effects was added, in their order."""
+    robots, fitted, commanded = [], 0, {}
+    for named in decision.named:
+        if named.found:
+            commanded[named.effect] = {name: found.value for name, found in named.found.items()}
+        else:
+            fitted += 1
+        problem, fit = decision.fits[fitted]
+        robot = problem.parameters.robot_at(fit.point.coordinates)
+        robots.append(replace(robot, effects=dict(robot.effects) | commanded))
+    return robots
+
+
+def _followed(view: CommandView, robot: Robot, names: Sequence[str], which: str) -> list[Array]:
+    """Squared errors of the front motors' speeds in the recordings `names`, in units of noise, if commands say any."""
+    if not view.followed:
+        return []
+    _, series = view.seen_by(robot)
+    return [((getattr(series[name], which) / series[name].noise) ** 2).ravel() for name in names if name in series]
+
+
+def excess(held: Sequence[Held], commanded: Sequence[Array], levels: Array) -> float:
+    """Mean squared error in units of noise, `levels` (channels,) times what sensors show, less the noise's share."""
+    parts = [(r / levels[w.channel]) ** 2 for h in held for w, r in zip(h.windows, h.residuals, strict=True)]
+    every = np.concatenate([*parts, *commanded]) if parts or commanded else np.ones(1)
+    return float(np.mean(every[np.isfinite(every)])) - 1.0

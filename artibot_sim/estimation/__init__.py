@@ -1,0 +1,1 @@
+"""The estimator of identification and diagnosis: measurements, windows, loss, solver, search, uncertainty."""

@@ -1,0 +1,235 @@
+"""What a recording measured, as series that a prediction is held against, each with the noise found in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.experiment import Experiment
+from artibot_sim.experiment.inputs import MotorInputs, rotations
+from artibot_sim.experiment.measured import Measured
+from artibot_sim.experiment.smoothing import noise_of
+from artibot_sim.model import MOTORS, Robot
+from artibot_sim.model.simulate.windows import KINDS, MotorTable
+
+Array = NDArray[np.float64]
+
+CHANNELS = {
+    "position": ("x", "y"),
+    "yaw": ("yaw",),
+    "yaw_rate": ("yaw_rate",),
+    "articulation_yaw": ("articulation_yaw",),
+    "torque_front": ("torque_front_right", "torque_front_left"),
+    "torque_back": ("torque_back_right", "torque_back_left"),
+}
+"""Channel of the contract → what is sampled for it."""
+
+CHANNEL_UNITS = {
+    "position": "m", "yaw": "rad", "yaw_rate": "rad/s", "articulation_yaw": "rad", "torque_front": "N m",
+    "torque_back": "N m",
+}  # fmt: skip
+
+_GUESS = {
+    "position": 0.01, "yaw": 0.01, "yaw_rate": 0.01, "articulation_yaw": 0.005, "torque_front": 0.03,
+    "torque_back": 0.03,
+}  # fmt: skip
+"""Noise where there are too few samples to tell."""
+_LEAST = {
+    "position": 3e-4, "yaw": 3e-4, "yaw_rate": 5e-4, "articulation_yaw": 3e-4, "torque_front": 2e-3,
+    "torque_back": 2e-3,
+}  # fmt: skip
+"""Noise that is taken at least: encoders are smoothed and steps are finite, also where a recording is exact."""
+HALF_WIDTH = 0.04
+"""s around an instant whose encoder positions give a motor's rotation. Wider ones cut the peaks of slip, and every
+force comes out too large for it (0.3 % here); narrower ones leave more of the encoders' counts in the slip, and every
+force comes out too small."""
+TIMING = 0.005
+"""s to which it is known when something was measured."""
+_JUMP = 4.0
+"""Change from one sample to the next, in units of its noise, that counts as a jump."""
+MOTOR_GAP = 0.2
+"""s without a motor sample through which no window runs."""
+
+
+PAST = 0.1
+"""s between two looks at how the rover came to where it is."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """One measured quantity of one stretch.
+
+    Attributes
+    ----------
+    channel : str
+        One of CHANNELS.
+    kind : int
+        Place in `model.windows.KINDS`.
+    t, value : array, shape (n,)
+        s since the recording's start, SI.
+    sigma : float
+        Standard deviation of its noise.
+    """
+
+    channel: str
+    kind: int
+    t: Array
+    value: Array
+    sigma: float
+
+    @cached_property
+    def slack(self) -> Array:
+        """What an instant known to TIMING costs where the value jumps, shape (n,): a standard deviation beside `sigma`.
+
+        When a wheel breaks away torques fall by twenty times their noise within a sample. Stamps, the smoothed
+        rotations and the integration steps are not sure to a few milliseconds when that was.
+        """
+        if len(self.t) < 3 or not np.isfinite(self.sigma):
+            return np.zeros(len(self.t))
+        slope = np.abs(np.diff(self.value) / np.maximum(np.diff(self.t), 1e-4))
+        jump = np.abs(np.diff(self.value)) > _JUMP * np.sqrt(2.0) * self.sigma
+        slope = np.where(jump, slope, 0.0)
+        steepest = np.maximum(np.append(slope, 0.0), np.insert(slope, 0, 0.0))
+        limit = np.append(np.abs(np.diff(self.value)), 0.0)
+        return np.minimum(TIMING * steepest, np.maximum(limit, np.insert(limit[:-1], 0, 0.0)))
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A part of a recording through which the motors were measured without a gap.
+
+    Attributes
+    ----------
+    experiment : Experiment
+    measured : Measured
+        Of its segment.
+    inputs : MotorInputs
+        Knots through the stretch.
+    series : tuple of Series
+    half_width : float
+        s around an instant whose encoder positions gave the inputs.
+    """
+
+    experiment: Experiment
+    measured: Measured
+    inputs: MotorInputs
+    series: tuple[Series, ...]
+    half_width: float = HALF_WIDTH
+
+    @cached_property
+    def motion(self) -> tuple[Array, Array]:
+        """Times (m,), PAST s apart, and the motion then, (m, 8) in the order of `experiment.measured.Motion`."""
+        times = np.arange(self.inputs.t[0], self.inputs.t[-1], PAST)
+        return times, self.measured.along(times)
+
+    def table(self, kappa: float | None) -> MotorTable:
+        """How the motors turned, as the model takes it."""
+        turned = np.isfinite(self.inputs.velocity).all(axis=0)
+        return MotorTable(
+            self.inputs.dt,
+            np.ascontiguousarray(np.where(turned, self.inputs.position, 0.0)),
+            np.ascontiguousarray(np.where(turned, self.inputs.velocity, 0.0)),
+            np.ascontiguousarray(self.inputs.torque), self.inputs.modes, kappa,
+        )  # fmt: skip
+
+
+def stretches(experiment: Experiment, robot: Robot, half_width: float = HALF_WIDTH) -> list[Stretch]:
+    """The stretches of a recording, noise levels estimated from its own samples, motors smoothed over `half_width` s.
+
+    Raises
+    ------
+    ArtibotError
+        If the recording has no motor rotations, no source of where the rover went, or nothing of both at once.
+    """
+    motors = experiment.require("motor_torques")
+    if Measured(experiment, 0.0, 0.0).position_source is None:
+        experiment.require("total_station")
+    found = []
+    for t_start, t_end in experiment.segments:
+        measured = Measured(experiment, t_start, t_end)
+        times = motors.between(t_start - 1e-6, t_end + 1e-6).t
+        series = _series(measured, robot)
+        for a, b in _unbroken(times):
+            if not any(((s.t >= a) & (s.t <= b)).sum() >= 2 for s in series if s.channel == "position"):
+                continue
+            inputs = rotations(experiment, robot, a, b, half_width)
+            found.append(Stretch(experiment, measured, inputs, tuple(series), half_width))
+    if not found:
+        raise ArtibotError(
+            f"{experiment.path}: {motors.topic} and positions are never measured at the same time; "
+            "check the recording's stamps, or give the topics with --topic WANTED=FOUND"
+        )
+    return with_pooled_noise(found)
+
+
+def _unbroken(times: Array) -> list[tuple[float, float]]:
+    """Spans (s) without a gap of MOTOR_GAP, of at least half a second."""
+    if len(times) < 4:
+        return []
+    gap = max(MOTOR_GAP, 4.0 * float(np.median(np.diff(times))))
+    breaks = np.flatnonzero(np.diff(times) > gap)
+    firsts, lasts = np.concatenate(([0], breaks + 1)), np.concatenate((breaks, [len(times) - 1]))
+    return [(float(times[a]), float(times[b])) for a, b in zip(firsts, lasts, strict=True) if times[b] - times[a] > 0.5]
+
+
+def _series(measured: Measured, robot: Robot) -> list[Series]:
+    """Everything measured in a segment; noise as its own samples show it, NaN where they are too few."""
+    tables = {"position": measured.position(), "yaw": measured.yaw(), "yaw_rate": measured.yaw_rate()}
+    if robot.articulated:
+        tables["articulation_yaw"] = measured.articulation()
+    motors = measured.motors(robot.articulated)
+    tables |= {name: table for name, table in motors.items() if name in CHANNELS}
+    found = []
+    for channel, (t, values) in tables.items():
+        for column, name in zip(values.T, CHANNELS[channel], strict=True):
+            if len(t):
+                kind = KINDS.index("heading" if name == "yaw" and not measured.late_heading else name)
+                found.append(Series(channel, kind, t, np.ascontiguousarray(column), noise_of(t, column)))
+    return found
+
+
+def with_pooled_noise(found: Sequence[Stretch]) -> list[Stretch]:
+    """The same stretches with one noise level a channel: the median over all series that tell it."""
+    levels = noise_levels(found)
+    return [
+        replace(stretch, series=tuple(replace(s, sigma=levels[s.channel]) for s in stretch.series)) for stretch in found
+    ]
+
+
+def noise_levels(found: Sequence[Stretch]) -> dict[str, float]:
+    """Noise of each measured channel (standard deviation of one sample, SI)."""
+    levels: dict[str, list[float]] = {}
+    for stretch in found:
+        for series in stretch.series:
+            levels.setdefault(series.channel, []).append(series.sigma)
+    pooled = {}
+    for channel, values in levels.items():
+        known = [value for value in values if np.isfinite(value)]
+        pooled[channel] = max(float(np.median(known)) if known else _GUESS[channel], _LEAST[channel])
+    return pooled
+
+
+def missing(found: Sequence[Stretch], robot: Robot) -> list[str]:
+    """Channels that a rover like this could have and that nothing measured."""
+    present = {series.channel for stretch in found for series in stretch.series}
+    wanted = [
+        channel for channel in CHANNELS if robot.articulated or channel not in ("articulation_yaw", "torque_back")
+    ]
+    if "position" in present and "yaw" not in present:
+        wanted.remove("yaw")
+    return [channel for channel in wanted if channel not in present]
+
+
+def other_robot(experiment: Experiment, robot: Robot) -> Iterator[str]:
+    """A sentence where a recording says that it is of another robot than `robot`."""
+    named = experiment.metadata.get("robot")
+    if named and named != robot.name:
+        yield f"was recorded with robot '{named}', and is taken for '{robot.name}'"
+
+
+assert all(len(names) <= len(MOTORS) for names in CHANNELS.values())

@@ -1,0 +1,374 @@
+"""What can be estimated: parameters of a robot with priors and bounds, and effects, as coordinates of a fit."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.model import Robot
+from artibot_sim.model.effects import EFFECTS, effects_from_dict
+from artibot_sim.model.effects.base import Effect, Search
+from artibot_sim.model.robot.quantity import Quantity
+
+# ----------------------------------------------------------------------
+# An effect as coordinates of a fit: 0 where it is absent, 1 where it is plain.
+# ----------------------------------------------------------------------
+
+
+EFFECT_STEP = 0.02
+"""Change of a coordinate for its finite difference."""
+SPREAD = 1.5
+"""Standard deviation of a coordinate's prior: effects are about as large as what is plain, or a few times so."""
+_FARTHEST = 12.0
+"""Coordinates end here."""
+_SMALLEST = 0.05
+"""Least factor by which a logarithmic value can fall."""
+
+
+@dataclass(frozen=True)
+class Extension:
+    """One effect in a fit.
+
+    Attributes
+    ----------
+    id : str
+        Of the effect.
+    fixed : mapping of str to float or str
+        Parameters that are not fitted: which motor, where on the ground.
+    reference : float
+        What the logarithm of a value without a finite neutral one is taken from (`Search.reference`).
+    """
+
+    id: str
+    fixed: Mapping[str, float | str] = field(default_factory=dict)
+    reference: float = 1.0
+
+    def __len__(self) -> int:
+        return len(self.search.sizes) + bool(self.search.direction)
+
+    @property
+    def effect(self) -> Effect:
+        """Its declaration."""
+        return EFFECTS[self.id]
+
+    @cached_property
+    def search(self) -> Search:
+        """How it is looked for."""
+        found = self.effect.search
+        if found is None:
+            raise ArtibotError(f"effects.{self.id}: has no coordinates; it declares no `search`")
+        return found
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Parameters that are fitted; of a size with a direction its components along x and y."""
+        names = tuple(self.search.sizes)
+        return tuple(f"{names[0]}_{axis}" for axis in "xy") if self.search.direction else names
+
+    @cached_property
+    def _origin(self) -> Array:
+        """Values at coordinate 0, shape (sizes,)."""
+        neutral = [float(self.effect.parameters[name].neutral) for name in self.search.sizes]
+        if self.search.logarithmic:
+            return np.array([n if math.isfinite(n) and n > 0.0 else self.reference for n in neutral])
+        return np.array(neutral)
+
+    @cached_property
+    def _scale(self) -> Array:
+        return np.array(list(self.search.sizes.values()))
+
+    def values(self, coordinates: Array) -> dict[str, Any]:
+        """Parameters of the effect at coordinates (len,); neutral where it is absent."""
+        c = np.asarray(coordinates, float)
+        if self.search.direction:
+            size = min(float(self._scale[0] * np.hypot(c[0], c[1])), float(self._limits[1][0]))
+            turned = {self.search.direction: float(np.arctan2(c[1], c[0])) if size else 0.0}
+            return {next(iter(self.search.sizes)): size, **turned, **self.fixed}
+        if self.search.logarithmic:
+            values = self._origin * np.exp(c * self._scale)
+        else:
+            values = self._origin + c * self._scale
+        low, high = self._limits
+        return dict(zip(self.search.sizes, values.clip(low, high).tolist(), strict=True)) | dict(self.fixed)
+
+    def coordinates(self, values: Mapping[str, Any]) -> Array:
+        """Coordinates (len,) at parameters of the effect."""
+        known = np.array([float(values[name]) for name in self.search.sizes])
+        if self.search.direction:
+            heading = float(values[self.search.direction])
+            return np.asarray(known[0] / self._scale[0] * np.array([np.cos(heading), np.sin(heading)]), float)
+        if self.search.logarithmic:
+            return np.asarray(np.log(known / self._origin) / self._scale, float)
+        return np.asarray((known - self._origin) / self._scale, float)
+
+    @cached_property
+    def _limits(self) -> tuple[Array, Array]:
+        """Least and largest values, shape (sizes,) each."""
+        quantities = [self.effect.parameters[name].quantity for name in self.search.sizes]
+        ends = [(q.low, q.high) for q in quantities if isinstance(q, Quantity)]
+        return np.array([low for low, _ in ends]), np.array([high for _, high in ends])
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """Least and largest coordinates (len,)."""
+        if self.search.direction:
+            return np.full(2, -_FARTHEST), np.full(2, _FARTHEST)
+        ends = np.array(self._limits)
+        if self.search.logarithmic:
+            ends = np.log(np.maximum(ends / self._origin, _SMALLEST)) / self._scale
+        else:
+            ends = (ends - self._origin) / self._scale
+        least = max(self.search.least, -_FARTHEST) if self.one_sided else -_FARTHEST
+        return np.maximum(ends[0], least), np.minimum(ends[1], _FARTHEST)
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether the coordinates cannot be negative."""
+        parameter = self.effect.parameters[next(iter(self.search.sizes))]
+        return (
+            not self.search.direction and isinstance(parameter.quantity, Quantity)
+            and parameter.quantity.low == parameter.neutral
+        )  # fmt: skip
+
+    @property
+    def label(self) -> str:
+        """The effect's id with what is fixed, for messages."""
+        said = [f"{v:.2f}" if isinstance(v, float) else str(v) for v in self.fixed.values()]
+        return f"{self.id}({', '.join(said)})" if said else self.id
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Of the coordinates among all of a fit."""
+        return tuple(f"effects.{self.id}.{name}" for name in self.names)
+
+    def nearest(self, coordinates: Array) -> Array:
+        """The nearest coordinates (len,) within bounds."""
+        low, high = self.bounds
+        return np.asarray(np.clip(coordinates, low, high), float)
+
+
+# ----------------------------------------------------------------------
+# What can be identified: parameters of a robot with priors and bounds, as the numbers that a fit works on.
+# ----------------------------------------------------------------------
+
+
+Array = NDArray[np.float64]
+
+SOIL = ("k_l", "k_t", "mu_s", "mu_d", "u_w")
+"""What is identified unless `--fit` says otherwise."""
+
+MU_S = "contact.mu_s"
+MU_D = "contact.mu_d"
+
+PARAMETER_STEP = 4e-3
+"""Change of a logarithm for its finite difference: about what data leave open, so that switches that such a change
+moves are seen as often as they count."""
+_LONGEST = 0.25
+"""Longest step of a logarithm, and of an effect's coordinate."""
+_LONGEST_EFFECT = 0.7
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known beforehand: middle and standard deviation, in the parameter's unit."""
+
+    value: float
+    sd: float
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a fit.
+
+    Attributes
+    ----------
+    key : str
+        As in a robot file (``contact.k_l``).
+    name : str
+        Short, for tables.
+    unit : str
+    prior : Prior
+    low, high : float
+        Bounds of the value.
+    """
+
+    key: str
+    name: str
+    unit: str
+    prior: Prior
+    low: float
+    high: float
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the prior in the logarithm."""
+        return self.prior.sd / self.prior.value
+
+
+@dataclass(frozen=True)
+class ParameterSet:
+    """The parameters of a fit in their order, the robot that they change, and effects whose coordinates follow them."""
+
+    robot: Robot
+    parameters: tuple[Parameter, ...]
+    extensions: tuple[Extension, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.parameters) + sum(len(extension) for extension in self.extensions)
+
+    @cached_property
+    def keys(self) -> tuple[str, ...]:
+        """As in a robot file."""
+        own = tuple(parameter.key for parameter in self.parameters)
+        return own + tuple(key for extension in self.extensions for key in extension.keys)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Short ones."""
+        own = tuple(parameter.name for parameter in self.parameters)
+        return own + tuple(name for extension in self.extensions for name in extension.names)
+
+    @property
+    def spread(self) -> Array:
+        """Prior standard deviations of the logarithms, and of the effects' coordinates, shape (p,)."""
+        own = [parameter.spread for parameter in self.parameters]
+        return np.array(own + [SPREAD] * (len(self) - len(own)))
+
+    @cached_property
+    def steps(self) -> Array:
+        """Changes of the coordinates for finite differences, shape (p,).
+
+        mu_d steps downwards, for it may stand at mu_s, over which it cannot go.
+        """
+        own = [-PARAMETER_STEP if parameter.key == MU_D else PARAMETER_STEP for parameter in self.parameters]
+        return np.array(own + [PARAMETER_STEP] * (len(self) - len(own)))
+
+    @cached_property
+    def longest(self) -> Array:
+        """Longest steps of a fit, shape (p,)."""
+        own = [_LONGEST] * len(self.parameters)
+        return np.array(own + [_LONGEST_EFFECT] * (len(self) - len(own)))
+
+    @cached_property
+    def mixing(self) -> Array:
+        """Logarithms of the values over the priors' middles = mixing · coordinates, shape (p, p).
+
+        A wheel breaks away at a slip of mu_s F_n over k_l and k_t. So mu_s goes along when they change, and its own
+        coordinate is that slip: what moves by its gradient leaves the instants of breaking away nearly as they are.
+        """
+        matrix = np.eye(len(self))
+        row = self.index(MU_S)
+        for key in ("contact.k_l", "contact.k_t"):
+            column = self.index(key)
+            if row is not None and column is not None:
+                matrix[row, column] = 0.5
+        return matrix
+
+    @cached_property
+    def prior_information(self) -> Array:
+        """Of the coordinates, shape (p, p)."""
+        scaled = self.mixing / self.spread[:, None]
+        return scaled.T @ scaled
+
+    def values(self, coordinates: Array) -> Array:
+        """Values in SI units of the robot's own parameters at coordinates (p,)."""
+        own = len(self.parameters)
+        middles = np.array([p.prior.value for p in self.parameters])
+        values: Array = middles * np.exp(self.mixing[:own] @ coordinates)
+        return values
+
+    def coordinates(self, values: Sequence[float] | Array, extended: Array | None = None) -> Array:
+        """Coordinates (p,) at values of the robot's own parameters, and the effects' coordinates `extended` (0)."""
+        own = len(self.parameters)
+        middles = np.array([p.prior.value for p in self.parameters])
+        mine = np.linalg.solve(self.mixing[:own, :own], np.log(np.asarray(values, float) / middles))
+        rest = np.zeros(len(self) - own) if extended is None else extended
+        return np.concatenate([mine, rest])
+
+    @property
+    def places(self) -> list[slice]:
+        """Where the coordinates of each effect stand among all."""
+        ends = np.cumsum([len(self.parameters), *(len(extension) for extension in self.extensions)]).tolist()
+        return [slice(a, b) for a, b in zip(ends, ends[1:], strict=False)]
+
+    def extended(self, coordinates: Array) -> list[Array]:
+        """The coordinates of each effect."""
+        return [coordinates[place] for place in self.places]
+
+    def inside(self, coordinates: Array) -> Array:
+        """The nearest coordinates whose values are within bounds, mu_d not above mu_s."""
+        low = np.array([parameter.low for parameter in self.parameters])
+        high = np.array([parameter.high for parameter in self.parameters])
+        values = self.values(coordinates)
+        clipped = values.clip(low, high)
+        i, j = self.index(MU_S), self.index(MU_D)
+        if i is not None and j is not None:
+            clipped[j] = min(clipped[j], clipped[i])
+        parts = self.extended(coordinates)
+        nearest = [extension.nearest(part) for extension, part in zip(self.extensions, parts, strict=True)]
+        unchanged = (clipped == values).all() and all((a == b).all() for a, b in zip(nearest, parts, strict=True))
+        return coordinates if unchanged else self.coordinates(clipped, np.concatenate([np.empty(0), *nearest]))
+
+    def at_bound(self, coordinates: Array) -> list[bool]:
+        """Which of the robot's own parameters stand at a bound."""
+        values = self.values(coordinates)
+        return [
+            bool(v <= p.low * (1 + 1e-4) or v >= p.high * (1 - 1e-4))
+            for v, p in zip(values, self.parameters, strict=True)
+        ]
+
+    def robot_at(self, coordinates: Array) -> Robot:
+        """The robot at coordinates (p,), with the effects as they are there."""
+        robot = self.robot_with(self.values(coordinates))
+        if not self.extensions:
+            return robot
+        parts = zip(self.extensions, self.extended(coordinates), strict=True)
+        return replace(robot, effects=dict(robot.effects) | {e.id: e.values(part) for e, part in parts})
+
+    def candidate(self, coordinates: Array) -> Robot:
+        """The same for a simulation: where only soil changes, the rest of a robot that was checked is not again.
+
+        A fit makes thousands; to check a hundred numbers of each takes as long as to simulate seconds of driving.
+        """
+        keys = [parameter.key.split(".") for parameter in self.parameters]
+        if not all(key[0] == "contact" for key in keys):
+            return self.robot_at(coordinates)
+        soil = dict(zip([name for _, name in keys], self.values(coordinates).tolist(), strict=True))
+        mu_s, mu_d = (soil.get(name, getattr(self.robot.contact, name)) for name in ("mu_s", "mu_d"))
+        if mu_d > mu_s:
+            return self.robot_at(coordinates)
+        parts = zip(self.extensions, self.extended(coordinates), strict=True)
+        effects = dict(self.robot.effects) | effects_from_dict({e.id: e.values(part) for e, part in parts})
+        robot = copy.copy(self.robot)
+        object.__setattr__(robot, "contact", replace(self.robot.contact, **soil))
+        object.__setattr__(robot, "effects", MappingProxyType(effects))
+        return robot
+
+    @property
+    def uniform(self) -> bool:
+        """Whether the ground is the same everywhere and in all directions."""
+        at_work = [*self.robot.effects, *(extension.id for extension in self.extensions)]
+        return all(EFFECTS[name].uniform for name in at_work)
+
+    def robot_with(self, values: Array) -> Robot:
+        """The robot with values (p,); mu_d gives way to a smaller mu_s that is fitted, else mu_s to it."""
+        own = [parameter.key for parameter in self.parameters]
+        changes = dict(zip(own, np.asarray(values, float).tolist(), strict=True))
+        mu_s = changes.get(MU_S, self.robot.contact.mu_s)
+        mu_d = changes.get(MU_D, self.robot.contact.mu_d)
+        if mu_d > mu_s:
+            changes |= {MU_D: mu_s} if MU_S in changes else {MU_S: mu_d}
+        return self.robot.replace(changes)
+
+    def index(self, key: str) -> int | None:
+        """Place of a key, None if it is not fitted."""
+        return self.keys.index(key) if key in self.keys else None

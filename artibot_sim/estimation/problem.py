@@ -1,0 +1,391 @@
+"""Windows predicted by the model: residuals, and how they change with parameters and starts."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.estimation import kernels
+from artibot_sim.estimation.kernels import Parts, Samples
+from artibot_sim.estimation.measurements import Stretch
+from artibot_sim.estimation.parallel import threads
+from artibot_sim.estimation.parameters import ParameterSet
+from artibot_sim.estimation.windows import (
+    CHANNEL_NAMES,
+    Past,
+    Window,
+    lagging_forces,
+    past_of,
+    postures,
+    predecessors,
+    states,
+)
+from artibot_sim.model import Robot
+from artibot_sim.model.effects.tyre_relaxation import EFFECT
+from artibot_sim.model.simulate.sensors import measured_starts, sensor_errors, true_starts
+from artibot_sim.model.simulate.windows import KINDS, Items, Plan, WindowBatch, window_step
+
+# ----------------------------------------------------------------------
+# How residuals of windows change with parameters and starts.
+# ----------------------------------------------------------------------
+
+
+Array = NDArray[np.float64]
+
+_SHARE = 0.99
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Derivatives of the residuals of all windows.
+
+    Attributes
+    ----------
+    parameters : array, shape (p, n)
+        By the coordinates of the parameters, for all samples.
+    starts : array, shape (8 or 6, n)
+        By the start of the window that a sample is of.
+    """
+
+    parameters: Array
+    starts: Array
+
+
+def clip(of: Samples, table: Array) -> None:
+    """Limit sensitivities (c, n) in place, channel by channel, to three times what 99 of 100 have.
+
+    A finite difference across a switch of eq. 16 is as large as its step is small; a thousandth of all rows would
+    hold most of the information, and none of it is true.
+    """
+    largest = np.full((len(CHANNEL_NAMES), len(table)), np.inf)
+    for c, rows in enumerate(of.some()):
+        if len(rows):
+            largest[c] = 3.0 * _high(np.abs(table[:, rows]))
+    kernels.limit(of, table, largest)
+
+
+def moved_along(of: Samples, table: Array, starts: Array, moves: Array) -> None:
+    """Sensitivities (p, n), taken with starts that moved along by `moves` (p, windows, 8 or 6), as if these had stayed.
+
+    `starts` (8 or 6, n) are the sensitivities to them, limited already: so a step that takes the starts along cancels
+    them exactly. Differences with starts that stay would be limited themselves where a start's forces die away.
+    """
+    for row, move in zip(table, moves, strict=True):
+        if move.any():
+            row -= np.einsum("nk,kn->n", of.of_window(move), starts)
+
+
+def _high(values: Array) -> Array:
+    """What _SHARE of each row (c, n) is below, (c,)."""
+    place = _SHARE * (values.shape[1] - 1)
+    low = int(place)
+    high = min(low + 1, values.shape[1] - 1)
+    values.partition((low, high), axis=1)
+    return np.asarray(values[:, low] + (place - low) * (values[:, high] - values[:, low]), float)
+
+
+def rigid(of: Samples, predicted: Array, starts: Array) -> Array:
+    """How samples (n,) move with x, y and yaw of their windows' starts (windows, 8 or 6), shape (3, n).
+
+    As on ground that is the same everywhere and in all directions, where only positions and headings notice.
+    """
+    found, at = np.zeros((3, len(predicted))), of.of_window(starts[:, :2])
+    found[0, of.x], found[1, of.y], found[2, of.yaw] = 1.0, 1.0, 1.0
+    found[2, of.x] = at[of.y, 1] - predicted[of.y]
+    found[2, of.y] = predicted[of.x] - at[of.x, 0]
+    found /= of.sigma
+    return np.nan_to_num(found, copy=False)
+
+
+# ----------------------------------------------------------------------
+# Windows predicted by the model: residuals, and how they change with parameters and starts.
+# ----------------------------------------------------------------------
+
+
+Indices = NDArray[np.int64]
+
+_START_STEP = np.array([1e-3, 1e-3, 1e-3, 3e-3, 3e-3, 3e-3, 1e-3, 3e-3])
+"""The same for starts, in the order of START."""
+_RIGID = 3
+"""The first starts, x, y and yaw, move a window's prediction as a whole."""
+_LOST = 50.0
+"""Residual, in units of noise, of a sample that the simulation never reached."""
+_CALM = 10.0
+"""The same from which a sample pulls a whole window by its size no longer."""
+
+
+@dataclass
+class Problem:
+    """Some windows and the parameters that are to explain them.
+
+    Attributes
+    ----------
+    parameters : ParameterSet
+    stretches : sequence of Stretch
+    windows : sequence of Window
+    workers : int, optional
+        Threads; as many as cores by default.
+    kappa : sequence of float or None
+        Front shares of the stretches, where motors are under torque.
+    dt : float, optional
+        Integration step, s; the longest that the robot allows by default.
+    """
+
+    parameters: ParameterSet
+    stretches: Sequence[Stretch]
+    windows: Sequence[Window]
+    workers: int | None = None
+    kappa: Sequence[float | None] = ()
+    dt: float | None = None
+    _batch: WindowBatch = field(init=False, repr=False)
+    _before: list[int | None] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        kappa = self.kappa or [None] * len(self.stretches)
+        tables = [stretch.table(share) for stretch, share in zip(self.stretches, kappa, strict=True)]
+        dt = self.dt or window_step(self.parameters.robot, tables)
+        plans = [window.plan for window in self.windows]
+        self._before = predecessors(self.windows)
+        after = {before: i for i, before in enumerate(self._before) if before is not None}
+        ends = [
+            _state_at((self.windows[after[i]].first - w.first if i in after else w.knots) * tables[w.stretch].dt)
+            for i, w in enumerate(self.windows)
+        ]
+        self._batch = WindowBatch(tables, plans + ends, dt, self.workers)
+
+    def __len__(self) -> int:
+        return len(self.windows)
+
+    def part(self, rows: Sequence[int]) -> Problem:
+        """The same with some of the windows."""
+        return replace(self, windows=[self.windows[i] for i in rows])
+
+    def with_parameters(self, parameters: ParameterSet) -> Problem:
+        """The same windows, in the same integration steps, for other parameters to explain."""
+        new = copy.copy(self)  # what was worked out of the windows stays
+        new.parameters, new.dt = parameters, self._batch.dt
+        return new
+
+    def widening(self, window: Window) -> dict[str, float]:
+        """By channel of a window, by how much its noise is taken to be more than its sensor's own.
+
+        Samples beside a jump have a wider sigma: it is the narrowest ones' that tells.
+        """
+        sensor = {s.channel: s.sigma for s in self.stretches[window.stretch].series}
+        names = {int(c): CHANNEL_NAMES[c] for c in np.unique(window.channel)}
+        return {name: float(window.sigma[window.channel == c].min()) / sensor[name] for c, name in names.items()}
+
+    def rescaled(self, levels: Array) -> Problem:
+        """The same with the noise of each channel multiplied by `levels` (channels,)."""
+        windows = [replace(w, sigma=w.sigma * levels[w.channel]) for w in self.windows]
+        return replace(self, windows=windows)
+
+    @property
+    def size(self) -> int:
+        """How many numbers describe a start."""
+        return len(self.windows[0].start.mean)
+
+    @cached_property
+    def durations(self) -> Array:
+        """How long the windows are, shape (windows,), s."""
+        return np.array([window.knots * self.stretches[window.stretch].inputs.dt for window in self.windows])
+
+    @cached_property
+    def recordings(self) -> tuple[tuple[str, ...], Indices]:
+        """Names of the recordings, in the order of their paths, and which one each window is of, shape (windows,)."""
+        names = {str(stretch.experiment.path): stretch.experiment.name for stretch in self.stretches}
+        paths = [str(self.stretches[window.stretch].experiment.path) for window in self.windows]
+        every = sorted(set(paths))
+        return tuple(names[path] for path in every), np.array([every.index(path) for path in paths], np.int64)
+
+    @cached_property
+    def starts(self) -> Array:
+        """Measured starts, shape (windows, 8 or 6)."""
+        return np.array([window.start.mean for window in self.windows])
+
+    @cached_property
+    def start_sd(self) -> Array:
+        """Their standard deviations, same shape."""
+        return np.array([window.start.sd for window in self.windows])
+
+    @cached_property
+    def start_weight(self) -> Array:
+        """Square roots of their information, shape (windows, 8, 8) or (windows, 6, 6)."""
+        return np.array([window.start.weight for window in self.windows])
+
+    @cached_property
+    def start_information(self) -> Array:
+        """Their information, same shape."""
+        return np.asarray(self.start_weight.transpose(0, 2, 1) @ self.start_weight, float)
+
+    @cached_property
+    def samples(self) -> Samples:
+        """What was measured in all windows."""
+        return Samples.of(self.windows)
+
+    @cached_property
+    def _late(self) -> NDArray[np.bool_]:
+        return np.array([window.start.late for window in self.windows])
+
+    @cached_property
+    def _motors(self) -> tuple[Array, Array]:
+        return np.array([w.start.q for w in self.windows]), np.array([w.start.v for w in self.windows])
+
+    def simulate(
+        self, robots: Sequence[Robot], robot: Indices, window: Indices, guesses: Array, ends: bool = False
+    ) -> list[Array]:
+        """Predictions of windows, (n,) each, for rows of (which robot, window, start); or the states at their ends."""
+        plan = window + len(self.windows) if ends else window
+        return self._shared.run(robots, self._items(robots, robot, window, guesses, plan))
+
+    def predictions(self, robots: Sequence[Robot], robot: Indices, starts: Array) -> Array:
+        """Predictions of all samples, shape (sets, n), for sets of which `robot` (sets, windows) and starts."""
+        count = len(self.windows)
+        window, guesses = np.tile(np.arange(count), len(robot)), starts.reshape(-1, self.size)
+        items = self._items(robots, np.ascontiguousarray(robot).ravel(), window, guesses, window)
+        return self._shared.run_flat(robots, items).reshape(len(robot), -1)
+
+    @property
+    def _shared(self) -> WindowBatch:
+        """The batch, in as many threads as are free here."""
+        count = threads(self.workers)
+        if count == self._batch.workers:
+            return self._batch
+        batch = copy.copy(self._batch)
+        batch.workers = count
+        return batch
+
+    def _items(self, robots: Sequence[Robot], robot: Indices, window: Indices, guesses: Array, plan: Indices) -> Items:
+        q, v = self._motors
+        q, v = states(postures(robots), robot, q[window], v[window], guesses, self._late[window])
+        stretch, first, knots = (column[window] for column in self._places)
+        late = any(EFFECT.id in one.effects for one in robots)
+        lateral = lagging_forces(robots, robot, window, q, v, self._past) if late else None
+        return Items(robot, stretch, plan, first, knots, q, v, self._times[window], lateral)
+
+    @cached_property
+    def _past(self) -> Past:
+        robot = self.parameters.robot
+        return past_of(self.stretches, self.windows, (robot.front.l, robot.back.l if robot.back else 0.0))
+
+    @cached_property
+    def _places(self) -> Indices:
+        """Of each window stretch, first knot and intervals, shape (3, windows)."""
+        return np.array([(w.stretch, w.first, w.knots) for w in self.windows], np.int64).reshape(-1, 3).T
+
+    @cached_property
+    def _times(self) -> Array:
+        return np.array([w.t for w in self.windows])
+
+    def look(self, coordinates: Array, starts: Array, plans: Sequence[Plan]) -> list[Array]:
+        """Whatever `plans` (one a window) ask for, (m,) each."""
+        batch = WindowBatch(self._batch.tables, list(plans), self._batch.dt, threads(self.workers))
+        robots, count = [self.parameters.robot_at(coordinates)], np.arange(len(self.windows))
+        return batch.run(robots, self._items(robots, np.zeros_like(count), count, starts, count))
+
+    def carried(self, coordinates: Array, starts: Array) -> Array:
+        """Starts as the windows before predict them, where there is one; `starts` elsewhere."""
+        count = len(self.windows)
+        robots = [self.parameters.robot_at(coordinates)]
+        ends = self.simulate(robots, np.zeros(count, np.int64), np.arange(count), starts, ends=True)
+        own = np.array([starts[i] if b is None else ends[b][: self.size] for i, b in enumerate(self._before)])
+        seen = measured_starts(np.array([sensor_errors(robots[0])]), own, self._late)
+        followed = [b is not None and bool(np.isfinite(ends[b]).all()) for b in self._before]
+        return np.where(np.array(followed)[:, None], seen, starts)
+
+    def held(self, before: Robot, after: Robot, starts: Array) -> Array:
+        """Starts as the sensors of `after` see the rover move as `starts` did to those of `before`, places as they are.
+
+        A tracked point that is taken to be elsewhere would otherwise change the rover's motion, and all its forces.
+        """
+        old, new = sensor_errors(before), sensor_errors(after)
+        if old == new:
+            return starts
+        seen = measured_starts(np.array([new]), true_starts(np.array([old]), starts, self._late), self._late)
+        seen[:, :2] = starts[:, :2]
+        return seen
+
+    def residuals(self, coordinates: Sequence[Array], starts: Array) -> list[Parts]:
+        """Residuals in units of noise for several sets of coordinates (p,), window by window.
+
+        Parameters
+        ----------
+        starts : array, shape (windows, 8 or 6) or (sets, windows, 8 or 6)
+        """
+        return [self.parts(row) for row in self.flat_residuals(coordinates, starts)]
+
+    def flat_residuals(self, coordinates: Sequence[Array], starts: Array) -> Array:
+        """The same one after the other, shape (sets, n)."""
+        places: dict[bytes, int] = {}
+        which = [places.setdefault(c.tobytes(), len(places)) for c in coordinates]
+        robots = [self.parameters.candidate(np.frombuffer(c)) for c in places]
+        count = len(self.windows)
+        guesses = np.broadcast_to(starts, (len(which), count, self.size))
+        return self.compare(self.predictions(robots, np.repeat(which, count).reshape(-1, count), guesses))
+
+    def parts(self, flat: Array) -> Parts:
+        """Values of all samples, (n,), window by window."""
+        return Parts(flat, self.samples.begin)
+
+    def compare(self, predicted: Array) -> Array:
+        """Predictions (sets, n) made residuals in units of noise; yaw by its shortest way, what diverged very wrong."""
+        kernels.compare(self.samples, predicted, _LOST)
+        return predicted
+
+    def aligned(self, residuals: Array, starts: Array) -> tuple[Array, Array]:
+        """Starts moved and turned as a whole so that their paths fit best, and the residuals then: no simulation.
+
+        Where the ground is uniform only positions and headings notice; elsewhere the residuals are a guess.
+
+        Parameters
+        ----------
+        residuals : array, shape (sets, n)
+        starts : array, shape (sets, windows, 8 or 6)
+        """
+        starts, residuals = np.array(starts), np.array(residuals)
+        scratch = np.zeros((3, 3)), np.zeros(3)
+        kernels.align(self.samples, residuals, starts, self.starts, self.start_information, _CALM, *scratch)
+        return starts, residuals
+
+    def linearised(self, coordinates: Array, starts: Array, free: Sequence[int]) -> tuple[Parts, Sensitivity]:
+        """Residuals and their sensitivities to the parameters numbered `free` and to the starts."""
+        robots = [self.parameters.candidate(coordinates)]
+        for i in free:
+            moved = coordinates.copy()
+            moved[i] += self.parameters.steps[i]
+            robots.append(self.parameters.candidate(moved))
+        count, p = len(self.windows), len(free)
+        whole = range(_RIGID, self.size) if self.parameters.uniform else range(self.size)
+        robot = np.repeat([*range(1 + p), *(0 for _ in whole)], count).reshape(-1, count)
+        guesses = np.tile(starts, (len(robot), 1, 1))
+        for k in range(1, 1 + p):
+            guesses[k] = self.held(robots[0], robots[k], starts)
+        for k, column in enumerate(whole):
+            guesses[1 + p + k, :, column] += _START_STEP[column]
+        flat = self.predictions(robots, robot, guesses)
+        table = np.zeros((p + self.size, flat.shape[1]))
+        if self.parameters.uniform:
+            table[p : p + _RIGID] = rigid(self.samples, flat[0], starts)
+        self.compare(flat)
+        steps = np.concatenate([self.parameters.steps[list(free)], _START_STEP[list(whole)]])
+        rows = [*range(p), *(p + column for column in whole)]
+        table[rows] = (flat[1:] - flat[0]) / steps[:, None]
+        clip(self.samples, table)
+        moved_along(self.samples, table[:p], table[p:], (guesses[1 : 1 + p] - starts) / steps[:p, None, None])
+        return self.parts(flat[0].copy()), Sensitivity(table[:p], table[p:])
+
+
+_STATE = np.array([KINDS.index(k) for k in (
+    "origin_x", "origin_y", "heading", "v_x", "v_y", "turn_rate", "articulation_yaw", "articulation_rate"
+)])  # fmt: skip
+"""What `starts.START` is called among KINDS."""
+
+
+def _state_at(t: float) -> Plan:
+    """A look at the whole state `t` s after a window's start."""
+    return Plan(np.full(len(_STATE), t), _STATE)

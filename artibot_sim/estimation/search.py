@@ -1,0 +1,278 @@
+"""The way to the best fit: several starts, mu_s scanned at every step, one inflation that falls to 1."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.estimation.loss import Loss, spread, thinning
+from artibot_sim.estimation.parallel import side_by_side
+from artibot_sim.estimation.parameters import MU_S
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.solver import Point, Reduced, again, align, best_of, evaluate, polished, step
+from artibot_sim.estimation.windows import CHANNEL_NAMES, turned
+
+Array = NDArray[np.float64]
+
+SCAN = np.log1p(np.array([-0.35, -0.27, -0.2, -0.14, -0.09, -0.05, -0.025, 0.025, 0.05, 0.09, 0.14, 0.2, 0.27, 0.35]))
+"""Changes of mu_s tried at every step, as logarithms: its gradient is zero almost everywhere (eq. 16 switches)."""
+FINE = np.array([-0.015, -0.008, -0.004, -0.002, 0.002, 0.004, 0.008, 0.015])
+"""The same near the end."""
+_WIDE = (1, 3, 5, 8, 10, 12)
+"""Places in SCAN, by which a wide look begins."""
+_DRAWS = 0.6
+"""Further starts are drawn with this share of the prior's width."""
+_SHAKEN = np.array([0.1, 0.1, 0.3, 0.7, 0.7, 0.7, 0.3, 1.0])
+"""Sizes of random changes of a start, in its prior deviations: what a window's own samples leave open."""
+_DRAWN = np.array([0.1, 0.1, 0.3, 1.0, 1.0, 1.0, 1.0, 1.0])
+"""The same around a measured start: places and headings are aligned to the window's path anyway."""
+_JOSTLES = 8
+_FARTHEST = 0.12
+"""Random changes of all parameters: how many at every step, and the largest as a share of the longest step."""
+_COARSE = 4
+"""Steps between two coarse scans of mu_s."""
+_TURNS = (-0.06, -0.03, -0.015, 0.015, 0.03, 0.06)
+"""rad, by which a start's heading is turned for another try."""
+_CLOSE = 1.15
+"""An end whose loss is larger than the best one's by this factor is not gone on from."""
+_SMALL = 1.0
+"""Fall of the loss, per free parameter, under which a fit has converged."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How long to search.
+
+    Attributes
+    ----------
+    starts : int
+        The robot file's values and so many less one drawn from the prior.
+    first, finalists, last : int
+        Steps from every start, how many of the best go on, and steps at most for those.
+    seed : int
+        Of the drawn starts.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers search from one start each; the result is the same.
+    """
+
+    starts: int = 3
+    first: int = 3
+    finalists: int = 2
+    last: int = 6
+    seed: int = 0
+    scheduler: str | None = None
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A search's end.
+
+    Attributes
+    ----------
+    point : Point
+    loss : Loss
+    reduced : Reduced
+        Normal equations of the free parameters there.
+    free : tuple of int
+        Parameters that move by their gradient; mu_s, which is scanned, is none of them.
+    converged : bool
+    others : tuple of Point
+        Ends of the searches from other starts.
+    """
+
+    point: Point
+    loss: Loss
+    reduced: Reduced
+    free: tuple[int, ...]
+    converged: bool
+    others: tuple[Point, ...] = ()
+
+
+Tick = Callable[[], None]
+"""Hears that a part of the work is done."""
+
+
+def free_parameters(problem: Problem) -> tuple[int, ...]:
+    """All but mu_s."""
+    return tuple(i for i, key in enumerate(problem.parameters.keys) if key != MU_S)
+
+
+def search(problem: Problem, effort: Effort, tick: Tick = lambda: None, effects: Array | None = None) -> Fit:
+    """The best fit from several starts, noise levels as they stand; `effects` begin at coordinates given (neutral)."""
+    even = np.ones(len(CHANNEL_NAMES))
+    tasks = [(problem, coordinates, even, effort.first) for coordinates in first_guesses(problem, effort, effects)]
+    ends = side_by_side(_descended, tasks, problem.workers, tick, effort.scheduler)
+    ends.sort(key=lambda fit: fit.point.cost)
+    near = [fit for fit in ends[: effort.finalists] if fit.point.cost <= _CLOSE * ends[0].point.cost]
+    finals = side_by_side(lambda fit: settle(problem, fit.point, fit.loss, effort.last), near, problem.workers, tick)
+    finals.sort(key=lambda fit: fit.point.cost)
+    best = finals[0]
+    others = tuple(fit.point for fit in [*finals[1:], *ends[effort.finalists :]])
+    return Fit(best.point, best.loss, best.reduced, best.free, best.converged, others)
+
+
+def first_guesses(problem: Problem, effort: Effort, effects: Array | None = None) -> list[Array]:
+    """Coordinates to start from: the robot file's values and others drawn around them, effects as they are given."""
+    parameters = problem.parameters
+    middles = np.array([parameter.prior.value for parameter in parameters.parameters])
+    rng = np.random.default_rng(effort.seed)
+    drawn = rng.uniform(-_DRAWS, _DRAWS, (effort.starts - 1, len(middles))) * parameters.spread[: len(middles)]
+    return [parameters.coordinates(middles * np.exp(d), effects) for d in (np.zeros(len(middles)), *drawn)]
+
+
+def _descended(task: tuple[Problem, Array, Array, int]) -> Fit:
+    """What a worker of a cluster does."""
+    return _descend(*task)
+
+
+def _descend(problem: Problem, coordinates: Array, even: Array, steps: int) -> Fit:
+    """A few steps with an inflation that starts where most windows fit, and falls by thirds."""
+    free = free_parameters(problem)
+    inflation = spread(problem.windows, problem.residuals([coordinates], problem.starts)[0])
+    loss = Loss(inflation, even)
+    point = evaluate(problem, loss, [coordinates], problem.starts)[0]
+    damping, reduced = 1e-3, None
+    for k in range(steps):
+        point = scan(problem, loss, point, SCAN)
+        point = awake(problem, loss, point) if k % 2 == 1 else point
+        point, reduced, damping = step(problem, loss, point, free, damping)
+        loss = Loss(max(1.0, loss.inflation / 1.5), even)
+        point = again(problem, loss, point)
+    assert reduced is not None
+    common = Loss(1.0, even)  # ends of different starts are compared by one measure
+    return Fit(again(problem, common, point), loss, reduced, free, False)
+
+
+def settle(problem: Problem, point: Point, loss: Loss, steps: int) -> Fit:
+    """Steps until nothing is gained any more, mu_s scanned coarsely and finely in turn."""
+    free = free_parameters(problem)
+    point = again(problem, loss, point)
+    damping, reduced, converged, quiet = 1e-3, None, False, 0
+    for k in range(steps):
+        before = point.cost
+        point = scan(problem, loss, point, SCAN if k % _COARSE == 0 else FINE)
+        point = awake(problem, loss, point) if k % _COARSE == 1 else point
+        point = jostled(problem, loss, point, reduced, free) if reduced is not None else point
+        point, reduced, damping = step(problem, loss, point, free, damping)
+        if loss.inflation > 1.0:
+            loss = replace(loss, inflation=max(1.0, loss.inflation / 1.5))
+            point = again(problem, loss, point)
+            continue
+        quiet = quiet + 1 if before - point.cost < _SMALL * max(len(free), 1) else 0
+        converged = quiet >= 2
+        if converged:
+            break
+    assert reduced is not None
+    return Fit(point, loss, reduced, free, converged)
+
+
+def jostled(problem: Problem, loss: Loss, point: Point, reduced: Reduced, free: Sequence[int]) -> Point:
+    """The best of random changes of all parameters, as far as the data leave them open and a few times further.
+
+    Steps end where the jagged loss holds them. The valley that they would have to follow is where the normal
+    equations are flattest: all forces by one factor, say, and rolling resistance by its inverse.
+    """
+    information = problem.parameters.prior_information[np.ix_(free, free)]
+    values, vectors = np.linalg.eigh(reduced.matrix + information) if len(free) else (np.empty(0), np.empty((0, 0)))
+    rng = np.random.default_rng(int(point.cost * 1e3) % 2**32)
+    i = problem.parameters.index(MU_S)
+    candidates = []
+    for k in range(_JOSTLES):
+        size = (1.5, 5.0, 15.0)[k % 3]
+        coordinates = point.coordinates.copy()
+        move = vectors @ (size * rng.standard_normal(len(values)) / np.sqrt(values))
+        farthest = _FARTHEST * problem.parameters.longest[list(free)]
+        coordinates[list(free)] += np.clip(move, -farthest, farthest)
+        if i is not None:
+            coordinates[i] += 1e-3 * size * rng.standard_normal()
+        candidates.append(problem.parameters.inside(coordinates))
+    best = min(evaluate(problem, loss, candidates, point.starts), key=lambda p: p.cost)
+    best = align(problem, loss, best)
+    return best if best.cost < point.cost else point
+
+
+def scan(problem: Problem, loss: Loss, point: Point, changes: Array) -> Point:
+    """The best of the same point with other mu_s."""
+    points = _gripping(problem, loss, point, changes)
+    return min([point, *points], key=lambda p: p.cost)
+
+
+def sounded(problem: Problem, loss: Loss, point: Point) -> Point:
+    """The same by every other place of SCAN, then beside the best one: mostly the same end for half the work."""
+    tried = dict(zip(_WIDE, _gripping(problem, loss, point, SCAN[list(_WIDE)]), strict=False))
+    if not tried:
+        return point
+    least = min(tried, key=lambda k: tried[k].cost)
+    middle = len(SCAN) // 2
+    near = (least - 1, least + 1) if tried[least].cost < point.cost else (middle - 1, middle)
+    more = _gripping(problem, loss, point, SCAN[[k for k in near if 0 <= k < len(SCAN) and k not in tried]])
+    return min([point, *tried.values(), *more], key=lambda p: p.cost)
+
+
+def _gripping(problem: Problem, loss: Loss, point: Point, changes: Array) -> list[Point]:
+    """The point with other mu_s, none where it is not fitted."""
+    i = problem.parameters.index(MU_S)
+    if i is None:
+        return []
+    candidates = []
+    for change in changes:
+        coordinates = point.coordinates.copy()
+        coordinates[i] += change
+        candidates.append(problem.parameters.inside(coordinates))
+    return evaluate(problem, loss, candidates, point.starts)
+
+
+def awake(problem: Problem, loss: Loss, point: Point) -> Point:
+    """Every window tries other starts: as measured, as the window before predicts, and with other headings.
+
+    A start on the wrong branch of eq. 16 (a wheel holds that should slide) is a local optimum; mostly its heading is
+    to blame, for the side slip is what is left between heading and velocity. Windows that are explained worst try
+    random ones as well.
+    """
+    turns = [turned(point.starts, angle) for angle in _TURNS]
+    new = best_of(problem, loss, point.coordinates, [point.starts, problem.starts, *turns])
+    new = polished(problem, loss, new, problem.carried(point.coordinates, point.starts))
+    new = shaken(problem, loss, new)
+    return new if new.cost < point.cost else point
+
+
+def shaken(problem: Problem, loss: Loss, point: Point, tries: int = 12) -> Point:
+    """The windows that are explained worst try random starts around theirs, in three sizes, the best one polished.
+
+    With effects in the fit around the measured one as well: a start that made up for what the model lacked is far from
+    that, and on a branch of its own once the model has it.
+    """
+    size = np.array([len(window) for window in problem.windows])
+    poor = point.losses / size
+    worst = np.flatnonzero(poor > 1.08 * np.median(poor))
+    worst = worst[np.argsort(-poor[worst])][: max(2, len(poor) // 6)]
+    if not len(worst):
+        return point
+    rng = np.random.default_rng(int(point.cost * 1e3) % 2**32)
+    some = problem.part(worst.tolist())
+    scale = np.tile([0.15, 0.4, 1.0], -(-tries // 3))[:tries, None, None]
+    moves = rng.normal(size=(tries, len(worst), problem.size)) * problem.start_sd[worst] * scale
+    starts = point.starts[worst] + moves * _SHAKEN[: problem.size]
+    if problem.parameters.extensions:
+        anew = rng.normal(size=(2 * tries, len(worst), problem.size)) * problem.start_sd[worst] * _DRAWN[: problem.size]
+        anew *= np.tile([0.5, 1.0], tries)[:, None, None]
+        starts = np.concatenate([starts, problem.starts[worst] + anew])
+    tried = best_of(some, loss, point.coordinates, list(starts))
+    kept = some.parts(np.concatenate([point.residuals[k] for k in worst.tolist()]))
+    mine = Point(point.coordinates, point.starts[worst], kept, point.losses[worst], 0.0)
+    best = polished(some, loss, mine, tried.starts)
+    starts, losses, flat = point.starts.copy(), point.losses.copy(), point.residuals.flat.copy()
+    starts[worst], losses[worst] = best.starts, best.losses
+    residuals = problem.parts(flat)
+    for i, k in enumerate(worst.tolist()):
+        residuals[k][:] = best.residuals[i]
+    cost = point.cost + float(losses.sum() - point.losses.sum())
+    return replace(point, starts=starts, losses=losses, residuals=residuals, cost=cost)
+
+
+def thinned(problem: Problem, fit: Fit) -> Loss:
+    """The loss in which samples that err alike count as fewer."""
+    return Loss(1.0, thinning(problem.windows, fit.point.residuals))

@@ -1,0 +1,490 @@
+"""A recording cut into windows, each with a start of its own and the samples that it has to explain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.estimation.measurements import CHANNELS, PAST, Stretch
+from artibot_sim.experiment.inputs import start_state
+from artibot_sim.experiment.measured import Motion, forward_speed
+from artibot_sim.model import Robot, initial_state
+from artibot_sim.model.effects.tyre_relaxation import EFFECT, SLOWEST
+from artibot_sim.model.kernels.layout import BACK, GAMMA, MOTOR_COORDINATES, X, Y
+from artibot_sim.model.robot.derived import params
+from artibot_sim.model.simulate.sensors import sensor_errors, true_starts
+from artibot_sim.model.simulate.windows import KINDS, Plan
+
+# ----------------------------------------------------------------------
+# Where windows start: the measured state and its uncertainty, and the model's state at many guesses of it.
+# ----------------------------------------------------------------------
+
+
+_MOTORS = list(MOTOR_COORDINATES)
+
+START = ("x", "y", "yaw", "forward", "left", "yaw_rate", "articulation", "articulation_rate")
+"""What a start is described by: pose in `map` (m, rad), velocity in the front module's frame (m/s, rad/s), joint."""
+
+_SD = {
+    "x": 0.03, "y": 0.03, "yaw": 0.1, "forward": 0.03, "left": 0.03, "yaw_rate": 0.015, "articulation": 0.01,
+    "articulation_rate": 0.05,
+}  # fmt: skip
+"""Standard deviations of the measured start. A window's own samples correct it, so these are wide; the heading's in
+particular, which an integrated gyroscope would tie to its bias."""
+_BLIND = {"forward": 0.2, "left": 0.2, "yaw_rate": 0.3, "articulation": 0.5, "articulation_rate": 0.5, "yaw": 1.0}
+"""The same where nothing measures it."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """A window's start as measured.
+
+    Attributes
+    ----------
+    mean, sd : array, shape (8,)
+        In the order of START; a rigid robot has the first 6.
+    weight : array, shape (8, 8)
+        weight · (start − mean) has unit covariance. What was measured is the velocity in `map`, so a start that heads
+        more to the left has its velocity more to the right.
+    q, v : array, shape (16,)
+        The model's state at the mean, for sensors without errors.
+    late : bool
+        Whether the heading was measured with the positions, and is as late as they may be.
+    """
+
+    mean: Array
+    sd: Array
+    weight: Array
+    q: Array
+    v: Array
+    late: bool = False
+
+
+def start_of(
+    robot: Robot,
+    motion: Motion,
+    angles: Array,
+    speeds: Array,
+    poor: frozenset[str] = frozenset(),
+    known: Mapping[str, float] | None = None,
+    late: bool = False,
+) -> Start:
+    """A start from measurements.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+        NaN is unknown.
+    angles, speeds : array, shape (4,)
+        Of the motors, rad and rad/s.
+    poor : set of str
+        Names of START that are measured badly though they have a value.
+    known : mapping of str to float, optional
+        Standard deviations of names of START that are measured better or worse than usual.
+    late : bool
+        See `Start`.
+    """
+    c, s = np.cos(np.nan_to_num(motion.yaw)), np.sin(np.nan_to_num(motion.yaw))
+    forward, left = c * motion.vx + s * motion.vy, c * motion.vy - s * motion.vx
+    mean = np.array(
+        [motion.x, motion.y, motion.yaw, forward, left, motion.yaw_rate, motion.articulation, motion.articulation_rate]
+    )
+    count = 8 if robot.articulated else 6
+    blind = ~np.isfinite(mean) | np.array([name in poor for name in START])
+    usual = _SD | dict(known or {})
+    sd = np.array([_BLIND.get(name, usual[name]) if b else usual[name] for name, b in zip(START, blind, strict=True)])
+    turn = np.eye(8)
+    turn[3, 2], turn[4, 2] = -np.nan_to_num(left), np.nan_to_num(forward)
+    weight = (turn / sd[:, None])[:count, :count]
+    state = start_state(robot, motion, angles, speeds)
+    return Start(np.nan_to_num(mean)[:count], sd[:count], weight, state.q, state.v, late)
+
+
+def turned(starts: Array, angle: float) -> Array:
+    """Starts (n, 8 or 6) that head `angle` rad more to the left and move as before."""
+    new = starts.copy()
+    c, s = np.cos(angle), np.sin(angle)
+    new[:, 2] += angle
+    new[:, 3], new[:, 4] = c * starts[:, 3] + s * starts[:, 4], c * starts[:, 4] - s * starts[:, 3]
+    return new
+
+
+class Postures(NamedTuple):
+    """Of some robots what a start takes from them.
+
+    Attributes
+    ----------
+    level : array, shape (r, 16)
+        At rest on their wheels: heights, roll and pitch.
+    arms : array, shape (r, 2)
+        l_f and l_b, m.
+    sensors : array, shape (r, 6)
+        `SensorErrors` of each.
+    articulated : bool
+    """
+
+    level: Array
+    arms: Array
+    sensors: Array
+    articulated: bool
+
+
+def postures(robots: Sequence[Robot]) -> Postures:
+    """What `states` needs to know of robots, which are all articulated or all rigid."""
+    level = np.array([initial_state(robot).q for robot in robots])
+    arms = np.array([(robot.front.l, robot.back.l if robot.back else 0.0) for robot in robots])
+    sensors = np.array([sensor_errors(robot) for robot in robots])
+    return Postures(level, arms, sensors, robots[0].articulated)
+
+
+def states(
+    of: Postures, robot: NDArray[np.int64], q: Array, v: Array, guesses: Array, late: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """The model's states at guesses of starts: q and v, shape (n, 16) each.
+
+    Parameters
+    ----------
+    of : Postures
+    robot : array of int, shape (n,)
+    q, v : array, shape (n, 16)
+        States whose motors are taken over, as their encoders show them.
+    guesses : array, shape (n, 8 or 6)
+        In the order of START, as sensors show it: a guess means another motion for a robot whose sensors have errors.
+    late : array of bool, shape (n,)
+        See `Start`.
+
+    Notes
+    -----
+    The joint is closed as seen from above (eq. 13), its rates as well; pitch, where there is any, changes that by
+    less than 1e-4 of l, which eq. 25's stabilisation draws in.
+    """
+    turned = of.sensors[robot, :1]
+    motor_q, motor_v = q[:, _MOTORS] / turned, v[:, _MOTORS] / turned
+    guesses = true_starts(of.sensors[robot], guesses, late)
+    q, v = of.level[robot], np.zeros_like(v)
+    q[:, _MOTORS], v[:, _MOTORS] = motor_q, motor_v
+    x, y, yaw, forward, left, rate = guesses[:, :6].T
+    c, s = np.cos(yaw), np.sin(yaw)
+    q[:, 0], q[:, 1], q[:, 5] = x, y, yaw
+    v[:, 0], v[:, 1], v[:, 5] = c * forward - s * left, s * forward + c * left, rate
+    if not of.articulated:
+        return q, v
+    bend, bend_rate = guesses[:, 6:].T
+    l_f, l_b = of.arms[robot].T
+    yaw_b, rate_b = yaw + bend, rate + bend_rate
+    c_b, s_b = np.cos(yaw_b), np.sin(yaw_b)
+    q[:, 8], q[:, 9], q[:, 13] = x - l_f * c - l_b * c_b, y - l_f * s - l_b * s_b, yaw_b
+    v[:, 8] = v[:, 0] + l_f * rate * s + l_b * rate_b * s_b
+    v[:, 9] = v[:, 1] - l_f * rate * c - l_b * rate_b * c_b
+    v[:, 13] = rate_b
+    return q, v
+
+
+# ----------------------------------------------------------------------
+# A recording cut into windows, each with a start of its own and the samples that it has to explain.
+# ----------------------------------------------------------------------
+
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+CHANNEL_NAMES = tuple(CHANNELS)
+HEADINGS = (KINDS.index("yaw"), KINDS.index("heading"))
+"""Kinds that are angles in `map`."""
+_STILL = 0.05
+"""rad/s: a motor whose smoothed speed is less stands."""
+_CALM = 0.5
+"""s around a start that should be calm."""
+_SURE = 2.0
+"""Standard deviation of a start's measured pose, in the noise of one sample."""
+_OVER = 0.1
+"""How much faster than its wheels say a rigid rover may be measured to move, as a share of their speed."""
+_POSITIONS = 4
+"""Positions without which a window says nothing."""
+_NEAR_START = 0.7
+"""s without a position around a start, after which its pose and velocity count as badly known."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """A stretch of time with what was measured in it.
+
+    Attributes
+    ----------
+    stretch : int
+        Which stretch of the recordings.
+    first, knots : int
+        First knot of the stretch's inputs, and intervals.
+    t : float
+        Start, s since the recording's beginning.
+    start : Start
+    plan : Plan
+        When and what was measured.
+    value, sigma : array, shape (n,)
+        Measured, and the noise's standard deviation.
+    channel : array of int, shape (n,)
+        Places in CHANNEL_NAMES.
+    """
+
+    stretch: int
+    first: int
+    knots: int
+    t: float
+    start: Start
+    plan: Plan
+    value: Array
+    sigma: Array
+    channel: Indices
+
+    def __len__(self) -> int:
+        return len(self.value)
+
+    @cached_property
+    def counts(self) -> Array:
+        """Samples of each channel, shape (channels,)."""
+        return np.bincount(self.channel, minlength=len(CHANNEL_NAMES)).astype(float)
+
+    @cached_property
+    def places(self) -> tuple[Indices, Indices, Indices]:
+        """Which samples are x, y and angles in `map`."""
+        kind = self.plan.kind
+        x, y, heading = kind == 0, kind == 1, np.isin(kind, HEADINGS)
+        return np.flatnonzero(x), np.flatnonzero(y), np.flatnonzero(heading)
+
+
+def cut(found: Sequence[Stretch], robot: Robot, length: float, lead: float = 0.0) -> list[Window]:
+    """All stretches cut into windows of about `length` s; a shorter stretch is one window.
+
+    With a `lead` (s) every window but a stretch's first begins so much earlier, in the one before, and that part is
+    not compared: slip forgets within tenths of a second with which velocities a window began.
+    """
+    windows: list[Window] = []
+    for i, stretch in enumerate(found):
+        knots = len(stretch.inputs.t) - 1
+        count = max(1, round(knots * stretch.inputs.dt / length))
+        edges = _calm(stretch, np.linspace(0, knots, count + 1).round().astype(int))
+        before = round(lead / stretch.inputs.dt)
+        for a, b in zip(edges.tolist(), edges[1:].tolist(), strict=False):
+            first = max(0, a - before)
+            windows.append(window_at(stretch, i, robot, first, b - first, a - first))
+    return [window for window in windows if (window.channel == 0).sum() >= 2 * _POSITIONS]
+
+
+def predecessors(windows: Sequence[Window]) -> list[int | None]:
+    """For each window which one runs when it begins, None where none does."""
+    found: list[int | None] = []
+    for window in windows:
+        running = [
+            i for i, w in enumerate(windows)
+            if w.stretch == window.stretch and w.first < window.first <= w.first + w.knots
+        ]  # fmt: skip
+        found.append(max(running, key=lambda i: windows[i].first) if running else None)
+    return found
+
+
+def _calm(stretch: Stretch, edges: Indices) -> Indices:
+    """Edges moved by up to an eighth of a window to where least happens.
+
+    A window that starts while a wheel breaks away is explained by its start or not at all.
+    """
+    inputs, new = stretch.inputs, edges.copy()
+    unrest = _unrest(stretch)
+    for k in range(1, len(edges) - 1):
+        reach = (edges[k + 1] - edges[k]) // 8
+        near = np.arange(edges[k] - reach, edges[k] + reach + 1)
+        # a tie, as at standstill, leaves the edge where it is
+        new[k] = near[np.argmin(unrest[near] + 1e-6 * np.abs(near - edges[k]) * inputs.dt)]
+    return new
+
+
+def _unrest(stretch: Stretch) -> Array:
+    """How much changes around each knot (n,): variances over _CALM of torques and rates over their noises'."""
+    t = stretch.inputs.t
+    total = np.zeros(len(t))
+    for series in stretch.series:
+        if series.channel in ("position", "yaw", "articulation_yaw") or len(series.t) < 10:
+            continue
+        value = np.interp(t, series.t, series.value)
+        size = max(3, round(_CALM / stretch.inputs.dt))
+        kernel = np.ones(size) / size
+        mean = np.convolve(np.pad(value, size, mode="edge"), kernel, "same")[size:-size]
+        square = np.convolve(np.pad(value**2, size, mode="edge"), kernel, "same")[size:-size]
+        total += np.maximum(square - mean**2, 0.0) / series.sigma**2
+    return total
+
+
+def window_at(stretch: Stretch, number: int, robot: Robot, first: int, knots: int, lead: int = 0) -> Window:
+    """The window from a knot on, its start estimated from the measurements around it; `lead` knots are not compared."""
+    t = float(stretch.inputs.t[first])
+    end = t + knots * stretch.inputs.dt
+    times, kinds, values, sigmas, channels = [], [], [], [], []
+    for series in stretch.series:
+        # a sample on the border of two windows counts for the earlier one: a start is not predicted
+        rows = slice(*np.searchsorted(series.t, (t + lead * stretch.inputs.dt + 1e-6, end + 1e-6)))
+        size = len(series.t[rows])
+        times.append(series.t[rows] - t)
+        values.append(series.value[rows])
+        kinds.append(np.full(size, series.kind))
+        sigmas.append(np.hypot(series.sigma, series.slack[rows]))
+        channels.append(np.full(size, CHANNEL_NAMES.index(series.channel)))
+    plan = Plan(np.concatenate(times), np.concatenate(kinds).astype(np.int64))
+    return Window(
+        number, first, knots, t, measured_start(stretch, robot, first), plan, np.concatenate(values),
+        np.concatenate(sigmas), np.concatenate(channels).astype(np.int64),
+    )  # fmt: skip
+
+
+def measured_start(stretch: Stretch, robot: Robot, knot: int) -> Start:
+    """The state at a knot as the measurements around it give it."""
+    inputs, measured, t = stretch.inputs, stretch.measured, float(stretch.inputs.t[knot])
+    motion = measured.at(t)
+    speeds = inputs.measured_velocity[knot]
+    if (np.abs(speeds[np.isfinite(speeds)]) < _STILL).all():
+        motion = motion._replace(vx=0.0, vy=0.0, yaw_rate=0.0, articulation_rate=0.0)
+    times, _ = measured.position()
+    away = float(np.abs(times - t).min()) if len(times) else np.inf
+    poor = frozenset({"forward", "left"} if away > _NEAR_START else set())
+    if not len(measured.yaw_rate()[0]):
+        poor |= {"yaw_rate"}
+    motion = _finite(motion, inputs.velocity[knot], robot)
+    return start_of(robot, motion, inputs.position[knot], speeds, poor, _known(stretch), measured.late_heading)
+
+
+def _known(stretch: Stretch) -> dict[str, float]:
+    """How well a measured pose is known: where headings are measured, too, a start need not guess its own."""
+    sigma = {series.channel: series.sigma for series in stretch.series}
+    if "yaw" not in sigma:
+        return {}
+    place = min(_SURE * sigma["position"], 0.03)
+    heading = {"yaw": min(_SURE * sigma["yaw"], 0.1)} if stretch.measured.late_heading else {}
+    return {"x": place, "y": place} | heading
+
+
+def _finite(motion: Motion, speeds: Array, robot: Robot) -> Motion:
+    """The motion with velocities of rolling where none could be measured; the articulation stays unknown."""
+    wheels = np.nan_to_num(speeds[:2]) * robot.drive.front.tau * robot.wheel.r_w
+    forward, yaw = float(wheels.mean()), float(np.nan_to_num(motion.yaw))
+    if not np.isfinite([motion.vx, motion.vy]).all():
+        motion = motion._replace(vx=forward * np.cos(yaw), vy=forward * np.sin(yaw))
+    motion = motion._replace(yaw=yaw, yaw_rate=float(np.nan_to_num(motion.yaw_rate)))
+    return motion if robot.articulated else _driven(motion, wheels, robot)
+
+
+def _driven(motion: Motion, wheels: Array, robot: Robot) -> Motion:
+    """A rigid rover's motion, no faster than its wheels make it.
+
+    Its velocities are mostly differences of poses, and where those jump (6 m/s, 8 rad/s have been seen) no window
+    could be predicted from them. `wheels` (2,) are the speeds of its rims, m/s.
+    """
+    c, s = np.cos(motion.yaw), np.sin(motion.yaw)
+    over = _OVER * float(np.abs(wheels).max())
+    turn = float(wheels[0] - wheels[1]) / robot.front.i_y
+    rate = float(np.clip(motion.yaw_rate, min(turn, 0.0) - over, max(turn, 0.0) + over))
+    forward = float(np.clip(c * motion.vx + s * motion.vy, wheels.min() - over, wheels.max() + over))
+    aside = 0.5 * robot.front.i_x * abs(rate) + over
+    left = float(np.clip(c * motion.vy - s * motion.vx, -aside, aside))
+    return motion._replace(vx=c * forward - s * left, vy=s * forward + c * left, yaw_rate=rate)
+
+
+# ----------------------------------------------------------------------
+# Lateral forces that lag, where windows start: they remember the way that the wheels came.
+# ----------------------------------------------------------------------
+
+
+_SAMPLES = round(6.0 / PAST)
+"""So many before a window's start are remembered."""
+_NEAR_PAST = 0.25
+"""s around a start whose motion, in the mean, is the start's: single rates are noisy."""
+
+
+class Past(NamedTuple):
+    """How wheels came to where windows start, as measured.
+
+    Attributes
+    ----------
+    way : array, shape (windows, m + 1)
+        How far away each of m intervals before the start begins, m, the oldest first; 0 at the start.
+    aside : array, shape (windows, m, 2, 4)
+        By how much each module's lateral velocity (m/s) and turn rate (rad/s) differed in those from what they are
+        at the start; last, by how much what the place of the tracked point adds to that velocity did, for a metre
+        ahead of the front module's origin and for a metre to its left (m/s).
+    """
+
+    way: Array
+    aside: Array
+
+
+def past_of(stretches: Sequence[Stretch], windows: Sequence[Window], arms: tuple[float, float]) -> Past:
+    """The way before every window; before a stretch begins all was as it starts. `arms` are l_f and l_b, m."""
+    way, aside = np.zeros((len(windows), _SAMPLES + 1)), np.zeros((len(windows), _SAMPLES, 2, 4))
+    for i, window in enumerate(windows):
+        times, motion = stretches[window.stretch].motion
+        last = int(np.searchsorted(times, window.t, side="right"))
+        speed, side = _in_modules(motion[max(0, last - _SAMPLES) : last], arms)
+        n = len(speed)
+        if not n:
+            continue
+        _, here = _in_modules(motion[np.abs(times - window.t) <= _NEAR_PAST], arms)
+        side = side - here.mean(axis=0)
+        steps = PAST * np.maximum(np.abs(speed), SLOWEST)
+        way[i, :] = steps.sum()
+        way[i, _SAMPLES - n : -1] = np.cumsum(steps[::-1])[::-1]
+        way[i, -1] = 0.0
+        aside[i, _SAMPLES - n :] = side
+    return Past(way, aside)
+
+
+def relaxation_length(robot: Robot) -> float:
+    """Way over which its tyres' lateral forces build up, m; 0 where they do so at once."""
+    return float(robot.effects.get(EFFECT.id, {}).get("length", 0.0))
+
+
+def time_over(stretch: Stretch, t: float, way: float) -> float:
+    """Time from `t` (s) on in which the wheels come so far (m) as lagging forces count it, s."""
+    times, motion = stretch.motion
+    speed = np.abs(forward_speed(np.nan_to_num(motion[times >= t])))
+    return PAST * int(np.searchsorted(np.cumsum(PAST * np.maximum(speed, SLOWEST)), way))
+
+
+def _in_modules(motion: Array, arms: tuple[float, float]) -> tuple[Array, Array]:
+    """Forward speed (n,) of the tracked point; both modules' lateral velocities, turn rates and leverage (n, 2, 4)."""
+    motion = np.nan_to_num(motion)
+    _, _, yaw, vx, vy, rate, bend, bend_rate = motion.T
+    forward, left = forward_speed(motion), np.cos(yaw) * vy - np.sin(yaw) * vx
+    c, s, rate_b = np.cos(bend), np.sin(bend), rate + bend_rate
+    behind = -s * forward + c * (left - arms[0] * rate) - arms[1] * rate_b
+    front = np.column_stack([left, rate, rate, np.zeros_like(rate)])
+    return forward, np.stack([front, np.column_stack([behind, rate_b, c * rate, s * rate])], axis=1)
+
+
+def lagging_forces(robots: Sequence[Robot], robot: Indices, window: Indices, q: Array, v: Array, past: Past) -> Array:
+    """Lateral forces (n, 8) at starts q and v (n, 16): what the starts ask for, less what has yet to build up.
+
+    dF/dt = (F_steady − F) |p_x| / length is a mean over the way that the wheel came, the last `length` weighing most.
+    """
+    found = np.zeros((len(robot), 8))
+    for r, one in enumerate(robots):
+        rows = np.flatnonzero(robot == r)
+        length = relaxation_length(one)
+        if not length or not len(rows):
+            continue
+        p, seen = params(one), sensor_errors(one)
+        left = np.exp(-past.way[window[rows]] / length)
+        weight = np.diff(left, axis=1)
+        weight[:, 0] += left[:, 0]
+        behind = np.einsum("wm,wmab->wab", weight, past.aside[window[rows]])
+        for module, body in enumerate((p.front, p.back) if one.articulated else (p.front,)):
+            b = BACK * module
+            c, s = np.cos(q[rows, b + GAMMA]), np.sin(q[rows, b + GAMMA])
+            aside = c * v[rows, b + Y] - s * v[rows, b + X] + behind[:, module, 0]
+            aside -= seen.arm_x * behind[:, module, 2] + seen.arm_y * behind[:, module, 3]
+            sweep = body.half_x * (v[rows, b + GAMMA] + behind[:, module, 1])
+            ends = -body.k_t * np.column_stack([aside + sweep, aside - sweep])
+            found[rows, 4 * module : 4 * module + 4] = np.tile(ends, 2)
+    return found

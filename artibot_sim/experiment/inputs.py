@@ -1,0 +1,343 @@
+"""What a simulation of a recording is fed with: motor rotations or commands, and a start state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.experiment.columns import Channel, Experiment, Floats
+from artibot_sim.experiment.measured import Motion
+from artibot_sim.experiment.smoothing import bridge, fit_beside, fresh, hermite, local_fit
+from artibot_sim.model import MOTORS, Commands, Mode, Robot, Rollout, State, initial_state
+from artibot_sim.model.robot.parameters import SensorErrors
+from artibot_sim.model.simulate.commands import as_executed
+from artibot_sim.model.simulate.rollout import default_modes
+from artibot_sim.model.simulate.sensors import sensor_errors, tracked_point, true_starts
+
+# ----------------------------------------------------------------------
+# What turns the motors when a recording is simulated again: measured rotations, or recorded commands.
+# ----------------------------------------------------------------------
+
+
+HALF_WIDTH = 0.04
+"""s around each instant whose encoder positions give angle and speed there."""
+GAP = 0.5
+"""Silence of a command, s, after which the motor is taken to have been told to stand."""
+_KNOT = 0.01
+
+
+@dataclass(frozen=True)
+class MotorInputs:
+    """Inputs of all motors over one stretch of a recording.
+
+    Attributes
+    ----------
+    t : (n,) knots, s, `dt` apart.
+    dt : s.
+    position, velocity : (n, 4) rad, rad/s, motor-side; NaN columns for motors without.
+    torque : (n, 4) N·m, held from its knot on; NaN for eq. 30.
+    modes : of the four motors.
+    measured_position, measured_velocity : (n, 4) what the encoders say, for start states; NaN where nothing is known.
+    """
+
+    t: Floats
+    dt: float
+    position: Floats
+    velocity: Floats
+    torque: Floats
+    modes: tuple[Mode, ...]
+    measured_position: Floats
+    measured_velocity: Floats
+
+    def commands(self, first: int, last: int, offset: Floats) -> Commands:
+        """Return the commands from knot `first` to knot `last`, with `offset` (4,) rad added to the angles."""
+        part = slice(first, last + 1)
+        return Commands(
+            self.dt, self.velocity[part], position=self.position[part] + offset, torque=self.torque[part],
+            t0=float(self.t[first]),
+        )  # fmt: skip
+
+
+def rotations(
+    experiment: Experiment, robot: Robot, t_start: float, t_end: float, half_width: float = HALF_WIDTH
+) -> MotorInputs:
+    """Return inputs that turn every motor as it was measured to turn.
+
+    Encoder positions give both angle and speed, by a cubic fitted locally (`half_width`, s); a motor without
+    positions is turned by its recorded speed. Back motors without either are driven by their recorded torque, or
+    share eq. 30's.
+
+    Raises
+    ------
+    ArtibotError
+        If a front motor's rotation is not in the recording.
+    """
+    motors = experiment.require("motor_torques")
+    t = _knots(t_start, t_end, _KNOT)
+    position, velocity = np.full((2, len(t), 4), np.nan)
+    for i, motor in enumerate(MOTORS[: _count(robot)]):
+        found = _rotation(motors, motor, t, t_start, t_end, half_width)
+        if found is not None:
+            position[:, i], velocity[:, i] = found
+        elif i < 2:
+            raise ArtibotError(
+                f"{experiment.path}: topic {motors.topic} has neither position nor velocity of {motor}; it has "
+                f"{', '.join(motors.columns)}; resimulate from commands instead, or give the topic with --topic"
+            )
+    turned = np.isfinite(velocity).all(axis=0)
+    torque = np.full_like(velocity, np.nan)
+    for i in np.flatnonzero(~turned).tolist():
+        torque[:, i] = _held(motors, f"{MOTORS[i]}.effort", t)
+    modes = tuple(Mode.PRESCRIBED if given else Mode.TORQUE for given in turned)
+    return MotorInputs(t, _KNOT, position, velocity, torque, modes, position, velocity)
+
+
+def commands(experiment: Experiment, robot: Robot, t_start: float, t_end: float, back: str = "auto") -> MotorInputs:
+    """Return inputs that do again what `/motor_command` says: front speeds, linear from one to the next.
+
+    Parameters
+    ----------
+    back : `kappa`: the back motors share their torque by eq. 30; `effort`: they get the recorded back efforts;
+        `auto`: eq. 30 where the recording names its kappa, or has no back efforts.
+
+    Raises
+    ------
+    ArtibotError
+        If the recording has no front speeds, or no back efforts and they were asked for.
+    """
+    names = [f"{motor}.velocity" for motor in MOTORS[:2]]
+    channel = experiment.require("motor_command", *names)
+    spacing = float(np.median(np.diff(channel.t))) if len(channel) > 1 else _KNOT
+    dt = min(_KNOT, max(1e-3, round(spacing, 3)))
+    t = _knots(t_start, t_end, dt)
+    velocity = np.full((len(t), 4), np.nan)
+    for i, name in enumerate(names):
+        velocity[:, i] = _commanded(*channel.series(name), t)
+    torque = np.full_like(velocity, np.nan)
+    if robot.articulated and _by_effort(experiment, channel, back):
+        for i in (2, 3):
+            torque[:, i] = _held(channel, f"{MOTORS[i]}.effort", t)
+    measured = np.full((2, len(t), 4), np.nan)
+    motors = experiment.channels.get("motor_torques")
+    for i, motor in enumerate(MOTORS[: _count(robot)]):
+        found = _rotation(motors, motor, t, t_start, t_end) if motors else None
+        if found is not None:
+            measured[:, :, i] = found
+    position = np.full_like(velocity, np.nan)
+    mean = 0.5 * (velocity[1:, :2] + velocity[:-1, :2])
+    position[:, :2] = np.vstack([np.zeros((1, 2)), np.cumsum(dt * mean, axis=0)])
+    modes = default_modes(robot)  # front motors that an effect limits are driven
+    return MotorInputs(t, dt, position, velocity, torque, modes, measured[0], measured[1])
+
+
+def _count(robot: Robot) -> int:
+    return 4 if robot.articulated else 2
+
+
+def _knots(t_start: float, t_end: float, dt: float) -> Floats:
+    """Return knots from `t_start` to the first one not before `t_end`."""
+    count = max(2, int(np.ceil((t_end - t_start) / dt - 1e-6)) + 1)
+    return np.asarray(t_start + dt * np.arange(count), float)
+
+
+def _by_effort(experiment: Experiment, channel: Channel, back: str) -> bool:
+    recorded = all(f"{motor}.effort" in channel for motor in MOTORS[2:])
+    if back == "effort" and not recorded:
+        raise ArtibotError(
+            f"{experiment.path}: topic {channel.topic} has no back efforts; it has {', '.join(channel.columns)}; "
+            "leave them to eq. 30 with --back kappa"
+        )
+    return recorded and (back == "effort" or (back == "auto" and "kappa" not in experiment.metadata))
+
+
+def _rotation(
+    motors: Channel, motor: str, t: Floats, t_start: float, t_end: float, half_width: float = HALF_WIDTH
+) -> tuple[Floats, Floats] | None:
+    """Return angle and speed (n,) of one motor at knots, or None if it is not recorded there."""
+    margin = 0.5  # s of neighbours beyond the ends of a stretch; never those of another segment, which is further off
+    for quantity in ("position", "velocity"):
+        name = f"{motor}.{quantity}"
+        if name not in motors:
+            continue
+        times, values = motors.series(name)
+        used = (times >= t_start - margin) & (times <= t_end + margin)
+        times, values = times[used], values[used]
+        new = fresh(values)
+        times, values = times[new], values[new]
+        if len(times) > 3:
+            if quantity == "position":
+                return _from_positions(times, values, t, half_width)
+            return _from_speeds(times, values, t)
+    return None
+
+
+def _from_positions(times: Floats, values: Floats, t: Floats, half_width: float) -> tuple[Floats, Floats]:
+    value, rate = fit_beside(times, values, t, half_width)
+    value, rate = value[:, None], rate[:, None]
+    spacing = float(np.median(np.diff(times)))
+    value, rate = bridge(times, t, value, rate, max(0.1, 4.0 * spacing))
+    return value[:, 0], rate[:, 0]
+
+
+def _from_speeds(times: Floats, values: Floats, t: Floats) -> tuple[Floats, Floats]:
+    """Return the integral of recorded speeds, smoothed where they are dense enough for it, and the speeds."""
+    if float(np.median(np.diff(times))) <= HALF_WIDTH / 2:
+        values, _ = local_fit(times, values, times, HALF_WIDTH)
+    speed = np.interp(t, times, values)
+    angle = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t) * (speed[1:] + speed[:-1]))))
+    return angle, speed
+
+
+def _commanded(times: Floats, values: Floats, t: Floats) -> Floats:
+    """Return commanded speeds (n,) at knots: 0 before the first, after the last and in long silences."""
+    speed = np.interp(t, times, values, left=0.0, right=0.0)
+    at = np.clip(np.searchsorted(times, t), 1, max(1, len(times) - 1))
+    silent = (times[at] - times[at - 1] > GAP) & (t > times[at - 1]) & (t < times[at]) if len(times) > 1 else False
+    near = (t >= times[0] - 1e-6) & (t <= times[-1] + _KNOT)  # the grid's last knot may lie past the last command
+    held = np.interp(t, times, values)
+    return np.where(silent, 0.0, np.where(near, held, speed))
+
+
+def _held(channel: Channel, name: str, t: Floats) -> Floats:
+    """Return the last value at or before each knot; NaN (eq. 30) before the first, and where none is recorded."""
+    if name not in channel:
+        return np.full(len(t), np.nan)
+    times, values = channel.series(name)
+    at = np.searchsorted(times, t + 1e-6, side="right") - 1
+    return np.where(at >= 0, values[np.maximum(at, 0)], np.nan)
+
+
+# ----------------------------------------------------------------------
+# A simulation as its robot's sensors record it, and measurements as the model takes them: see `model.sensors`.
+# ----------------------------------------------------------------------
+
+
+def recorded_motors(result: Rollout, robot: Robot) -> tuple[Floats, Floats, Floats]:
+    """Return motor positions, velocities and torques (n, 4) as recorded, rad, rad/s, N·m."""
+    errors = sensor_errors(robot)
+    turned, pulled = errors.encoder_scale, errors.torque_scale
+    return turned * result.motor_position, turned * result.motor_velocity, pulled * result.motor_torque
+
+
+def recorded_point(result: Rollout, robot: Robot) -> dict[str, Floats]:
+    """Return the columns of a total station that sees the tracked point; before the start it stood still."""
+    errors = sensor_errors(robot)
+    t, coordinates = result.t, [0, 1, 5]
+    at = np.clip(t - errors.delay, t[0], t[-1])
+    i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, max(len(t) - 2, 0))
+    j = np.minimum(i + 1, len(t) - 1)
+    pose, rate = result.q[:, coordinates], result.v[:, coordinates]
+    late = hermite(t[i], t[j], pose[i], pose[j], rate[i], rate[j], at)[0] if len(t) > 1 else pose
+    point = tracked_point(errors, late)
+    return {"x": point[:, 0], "y": point[:, 1], "z": np.interp(at, t, result["z_f"])}
+
+
+def sees_itself(errors: SensorErrors) -> bool:
+    """Whether the tracked point is the front module's origin, at once."""
+    return errors.arm_x == errors.arm_y == errors.delay == 0.0
+
+
+def true_motion(errors: SensorErrors, motion: Motion, late: bool) -> Motion:
+    """The rover's own motion where sensors with errors measured `motion`, its heading as late as positions or not."""
+    if errors._replace(encoder_scale=1.0, torque_scale=1.0) == SensorErrors():
+        return motion
+    x, y, yaw, vx, vy, rate = np.nan_to_num(np.array(motion[:6], float)).tolist()
+    c, s = np.cos(yaw), np.sin(yaw)
+    start = np.array([[x, y, yaw, c * vx + s * vy, c * vy - s * vx, rate]])
+    x, y, yaw, forward, left, rate = true_starts(np.array([errors]), start, np.array([late]))[0].tolist()
+    c, s = np.cos(yaw), np.sin(yaw)
+    true = Motion(x, y, yaw, c * forward - s * left, s * forward + c * left, rate, *motion[6:])
+    return Motion(*(float("nan") if np.isnan(old) else new for old, new in zip(motion, true, strict=True)))
+
+
+def true_inputs(inputs: MotorInputs, errors: SensorErrors, recorded: bool) -> MotorInputs:
+    """What turns the motors, from encoders and torques with errors: all of it if `recorded`, else the start alone."""
+    turned, pulled = errors.encoder_scale, errors.torque_scale
+    if turned == pulled == 1.0:
+        return inputs
+    angle, speed = inputs.measured_position / turned, inputs.measured_velocity / turned
+    start = replace(inputs, measured_position=angle, measured_velocity=speed)
+    if not recorded:
+        return start
+    return replace(
+        start, position=inputs.position / turned, velocity=inputs.velocity / turned, torque=inputs.torque / pulled
+    )
+
+
+def executed_inputs(inputs: MotorInputs, robot: Robot) -> MotorInputs:
+    """Inputs from commands at the end of their way to the front motors: delayed, lagging, without what is too small."""
+    given = Commands(inputs.dt, inputs.velocity, position=inputs.position, t0=float(inputs.t[0]))
+    followed = as_executed(robot, given)
+    if followed is given:
+        return inputs
+    return replace(inputs, velocity=followed.velocity, position=followed.position)
+
+
+def recorded_efforts(experiment: Experiment, t: float) -> Floats:
+    """Return the recorded torques (4,) nearest to `t`, N·m; NaN where none is recorded."""
+    motors = experiment.channels.get("motor_torques")
+    efforts = np.full(4, np.nan)
+    if motors is not None:
+        row = int(np.argmin(np.abs(motors.t - t)))
+        for i, motor in enumerate(MOTORS):
+            if f"{motor}.effort" in motors:
+                efforts[i] = motors[f"{motor}.effort"][row]
+    return efforts
+
+
+# ----------------------------------------------------------------------
+# A state of the model from measurements.
+# ----------------------------------------------------------------------
+
+
+def start_state(
+    robot: Robot, motion: Motion, position: Floats, velocity: Floats, torque: Floats | None = None, t: float = 0.0
+) -> State:
+    """Return a rover that moves as measured, on its wheels at static equilibrium.
+
+    Parameters
+    ----------
+    robot : whose state it is.
+    motion : of the front module in `map`; what is NaN counts as 0.
+    position, velocity : (4,) motors, rad and rad/s; a speed that is NaN is that of rolling without slip.
+    torque : (4,) N·m of the motors just before, which eq. 30 feeds back; NaN or None counts as 0.
+    t : s.
+
+    Raises
+    ------
+    ArtibotError
+        If the joint cannot be closed at the measured articulation.
+    """
+    x, y, yaw, vx, vy, yaw_rate, bend, bend_rate = np.nan_to_num(np.array(motion, float), nan=0.0).tolist()
+    state = initial_state(robot, x=x, y=y, yaw=yaw, articulation_yaw=bend if robot.articulated else 0.0, t=t)
+    q, v = state.q.copy(), state.v.copy()
+    v[[0, 1, 5]] = vx, vy, yaw_rate
+    if robot.back is not None:
+        yaw_b, rate_b = yaw + bend, yaw_rate + bend_rate
+        l_f, l_b = robot.front.l, robot.back.l
+        # eq. 13 differentiated: both modules' ends of the joint move alike
+        v[8] = vx + l_f * yaw_rate * np.sin(yaw) + l_b * rate_b * np.sin(yaw_b)
+        v[9] = vy - l_f * yaw_rate * np.cos(yaw) - l_b * rate_b * np.cos(yaw_b)
+        v[13] = rate_b
+    motors = (6, 7, 14, 15) if robot.articulated else (6, 7)
+    rolling = _rolling(robot, q, v)
+    for i, coordinate in enumerate(motors):
+        q[coordinate] = position[i] if np.isfinite(position[i]) else 0.0
+        v[coordinate] = velocity[i] if np.isfinite(velocity[i]) else rolling[i]
+    fed_back = state.torque if torque is None else np.nan_to_num(torque, nan=0.0)
+    return replace(state, q=q, v=v, torque=fed_back)
+
+
+def _rolling(robot: Robot, q: Floats, v: Floats) -> Floats:
+    """Return the speeds (4,) of motors whose wheels roll without slip, rad/s."""
+    speeds = np.zeros(4)
+    for k, (module, drive) in enumerate(((robot.front, robot.drive.front), (robot.back, robot.drive.back))):
+        if module is None or drive is None:
+            continue
+        yaw, rate = q[8 * k + 5], v[8 * k + 5]
+        forward = np.cos(yaw) * v[8 * k] + np.sin(yaw) * v[8 * k + 1]
+        for side, sign in enumerate((1.0, -1.0)):  # right, left
+            speeds[2 * k + side] = (forward + sign * rate * module.i_y / 2) / (robot.wheel.r_w * drive.tau)
+    return speeds

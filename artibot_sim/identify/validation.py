@@ -1,0 +1,356 @@
+"""A recording that was not fitted: predicted window by window, run freely, and held against kinematic models."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from artibot_sim.estimation.loss import SAMPLE_BEND, Loss
+from artibot_sim.estimation.measurements import CHANNEL_UNITS, HALF_WIDTH, Stretch, noise_levels, stretches
+from artibot_sim.estimation.parameters import ParameterSet
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import awake
+from artibot_sim.estimation.solver import Point, evaluate, step
+from artibot_sim.estimation.windows import CHANNEL_NAMES, HEADINGS, Window, cut, predecessors, window_at
+from artibot_sim.experiment import Experiment
+from artibot_sim.experiment.smoothing import fresh
+from artibot_sim.identify.result import ChannelFit, Prediction, spaced
+from artibot_sim.model import Robot
+from artibot_sim.model.simulate.windows import KINDS, Plan
+
+# ----------------------------------------------------------------------
+# How far predictions are from measurements, channel by channel.
+# ----------------------------------------------------------------------
+
+
+Array = NDArray[np.float64]
+
+
+def deviations(window: Window, residual: Array, channel: int) -> tuple[Array, Array]:
+    """Times (m,) after the window's start and absolute errors (m,) in SI units; of positions the distance."""
+    mine = window.channel == channel
+    t, error, kind = window.plan.t[mine], (residual * window.sigma)[mine], window.plan.kind[mine]
+    if CHANNEL_NAMES[channel] != "position":
+        return t, np.abs(error)
+    x, y = kind == 0, kind == 1
+    return t[x], np.hypot(error[x], error[y])
+
+
+def channel_fits(
+    windows: Sequence[Window], residuals: Sequence[Array], noise: Mapping[str, float], last: bool = False
+) -> dict[str, ChannelFit]:
+    """Sizes of all errors (or, with `last`, of each window's last one) by channel; `noise` is of one coordinate."""
+    found = {}
+    for c, name in enumerate(CHANNEL_NAMES):
+        parts = [deviations(w, r, c)[1] for w, r in zip(windows, residuals, strict=True)]
+        parts = [part[-1:] if last else part for part in parts if len(part)]
+        if not parts:
+            continue
+        error = np.concatenate(parts)
+        level = noise[name] * (np.sqrt(2.0) if name == "position" else 1.0)
+        means = [float(np.sqrt(np.mean(part**2))) for part in parts]
+        found[name] = ChannelFit(
+            CHANNEL_UNITS[name], float(level), float(np.sqrt(np.mean(error**2))), float(np.median(error)),
+            float(np.quantile(error, 0.9)), len(error), float(np.median(means) / level),
+        )  # fmt: skip
+    return found
+
+
+_WORST = 0.05
+"""Share of windows that are named."""
+_LEAP = 2.0
+"""m/s from one measured position to the next, faster than any rover here drives."""
+_FEWEST = 20
+
+
+def end_errors(windows: Sequence[Window], residuals: Sequence[Array], name: str) -> Array:
+    """Absolute errors of a channel at the windows' ends, shape (windows,), SI; NaN where it was not measured."""
+    ends = [deviations(w, r, CHANNEL_NAMES.index(name))[1][-1:] for w, r in zip(windows, residuals, strict=True)]
+    return np.array([end[0] if len(end) else np.nan for end in ends])
+
+
+def worst_of(error: Array) -> NDArray[np.int64]:
+    """Which windows are named as the worst, the worst first."""
+    return np.argsort(-error)[: round(_WORST * len(error))]
+
+
+def outliers(windows: Sequence[Window], residuals: Sequence[Array]) -> tuple[str, ...]:
+    """Sentences that name the windows with the largest errors at their ends, and whether their positions leap."""
+    if len(windows) < _FEWEST:
+        return ()
+    said = []
+    for name in ("position", "yaw"):
+        error = end_errors(windows, residuals, name)
+        if not np.isfinite(error).all():
+            continue
+        worst = worst_of(error).tolist()
+        share = float((error[worst] ** 2).sum() / max(float((error**2).sum()), 1e-300))
+        listed = ", ".join(f"{error[i]:.2f} at {windows[i].t:.0f} s{'*' if _leaps(windows[i]) else ''}" for i in worst)
+        said.append(
+            f"the worst {len(worst)} of {len(windows)} windows hold {100 * share:.0f} % of the squared error of {name} "
+            f"at the ends: {listed} ({spaced(CHANNEL_UNITS[name])})"
+        )
+    if any("*" in sentence for sentence in said):
+        said.append(f"*: measured positions leap there, by more than {_LEAP:g} m/s from one to the next")
+    return tuple(said)
+
+
+def _leaps(window: Window) -> bool:
+    """Whether measured positions are further apart than a rover gets; held ones are left out."""
+    x, y, _ = window.places
+    points, t = np.column_stack([window.value[x], window.value[y]]), window.plan.t[x]
+    new = fresh(points)
+    away = np.hypot(*np.diff(points[new], axis=0).T)
+    return bool((away > _LEAP * np.maximum(np.diff(t[new]), 1e-3)).any())
+
+
+# ----------------------------------------------------------------------
+# Kinematic models of skid steering, which a model with forces has to beat: fitted to the same windows.
+# ----------------------------------------------------------------------
+
+
+MODELS = {
+    "ideal": (),
+    "effective track": ("track",),
+    "ICR": ("track", "speed_scale", "lateral"),
+}
+"""Model → what is fitted: the track that turns (m), speed over that of rolling, leftward speed per yaw rate (m)."""
+
+
+@dataclass(frozen=True)
+class Kinematic:
+    """One model: m rolled per rad of a motor, effective track (m), speed scale, leftward velocity per yaw rate (m)."""
+
+    name: str
+    rolled: float
+    track: float
+    speed_scale: float = 1.0
+    lateral: float = 0.0
+
+    def predict(self, problem: Problem, starts: Array) -> list[Array]:
+        """Residuals of position and yaw of every window, in units of noise, (n,) each; others are left out (0)."""
+        every = []
+        for number, window in enumerate(problem.windows):
+            stretch = problem.stretches[window.stretch]
+            part = slice(window.first, window.first + window.knots + 1)
+            speed, dt = stretch.inputs.velocity[part, :2] * self.rolled, stretch.inputs.dt
+            pose = self._integrate(speed, dt, starts[number])
+            t = np.arange(len(pose)) * dt
+            predicted = window.value.copy()
+            for column, kinds in enumerate(((0,), (1,), HEADINGS)):
+                mine = np.isin(window.plan.kind, kinds)
+                predicted[mine] = np.interp(window.plan.t[mine], t, pose[:, column])
+            every.append(predicted)
+        return list(problem.parts(problem.compare(np.concatenate(every)[None])[0]))
+
+    def _integrate(self, speed: Array, dt: float, start: Array) -> Array:
+        """Poses (n, 3) from speeds of the right and the left wheels (n, 2), m/s."""
+        rate = self.speed_scale * (speed[:, 0] - speed[:, 1]) / self.track
+        forward, left = self.speed_scale * speed.mean(axis=1), self.lateral * rate
+        yaw = start[2] + _cumulated(rate, dt)
+        c, s = np.cos(yaw), np.sin(yaw)
+        x, y = _cumulated(c * forward - s * left, dt), _cumulated(s * forward + c * left, dt)
+        return np.column_stack([start[0] + x, start[1] + y, yaw])
+
+
+def _cumulated(rate: Array, dt: float) -> Array:
+    """Integral by the trapezoidal rule, from 0."""
+    return np.concatenate(([0.0], np.cumsum(0.5 * dt * (rate[1:] + rate[:-1]))))
+
+
+def ideal(robot: Robot) -> Kinematic:
+    """Wheels that roll without slip."""
+    return Kinematic("ideal", robot.wheel.r_w * robot.drive.front.tau, robot.front.i_y)
+
+
+def fitted(problem: Problem, names: Sequence[str] = tuple(MODELS)) -> list[Kinematic]:
+    """The models fitted to a problem's windows from their measured starts, with the same loss of a sample."""
+    robot = problem.parameters.robot
+    rolled = robot.wheel.r_w * robot.drive.front.tau
+    models = []
+    for name in names:
+        free = MODELS[name]
+        first = {"track": 2.0 * robot.front.i_y, "speed_scale": 1.0, "lateral": 0.0}
+        if not free:
+            models.append(ideal(robot))
+            continue
+
+        def residual(values: Array, name: str = name, free: Sequence[str] = free) -> Array:
+            model = Kinematic(name, rolled, **dict(zip(free, values.tolist(), strict=True)))
+            return np.concatenate(model.predict(problem, problem.starts))
+
+        found = least_squares(residual, [first[key] for key in free], loss="huber", f_scale=SAMPLE_BEND, x_scale=0.1)
+        models.append(Kinematic(name, rolled, **dict(zip(free, found.x.tolist(), strict=True))))
+    return models
+
+
+# ----------------------------------------------------------------------
+# A recording that was not fitted: predicted window by window, and run freely.
+# ----------------------------------------------------------------------
+
+
+_STEPS = 4
+_OTHER = 0.3
+"""s during which other wheels slide than in the measured run, before the branch counts as left."""
+_LOOK = 0.02
+_FAR = 4.0
+"""Distance, in the sensor's noise, that a run which has left its branch must reach."""
+
+
+@dataclass(frozen=True)
+class Free:
+    """One simulation of a whole stretch.
+
+    Attributes
+    ----------
+    window : Window
+        All of the stretch.
+    residual : array, shape (n,)
+        In units of noise.
+    left : float or None
+        s of the recording.
+    """
+
+    window: Window
+    residual: Array
+    left: float | None
+
+
+@dataclass(frozen=True)
+class Held:
+    """Predictions of a held-out recording, in detail (for pictures); `summary` is what counts.
+
+    Attributes
+    ----------
+    experiment : Experiment
+    windows : list of Window
+        Those that were predicted.
+    residuals : list of array
+        In units of noise, (n,) each.
+    free : list of Free
+    summary : Prediction
+    stretches : sequence of Stretch
+        What the windows are of.
+    rivals : mapping of str to list of array
+        Residuals of position and yaw by kinematic models.
+    """
+
+    experiment: Experiment
+    windows: list[Window]
+    residuals: list[Array]
+    free: list[Free]
+    summary: Prediction
+    stretches: Sequence[Stretch] = ()
+    rivals: Mapping[str, list[Array]] = field(default_factory=dict)
+
+
+def hold_out(
+    experiment: Experiment,
+    robot: Robot,
+    horizon: float,
+    workers: int | None = None,
+    rivals: Sequence[Kinematic] = (),
+    steps: int = _STEPS,
+    half_width: float = HALF_WIDTH,
+    seen: Sequence[Stretch] = (),
+) -> Held:
+    """Predict a recording with a robot as it is; `rivals` predict it as well.
+
+    Every window of `horizon` s starts from what the window before it measured: the start of that one is estimated
+    from its own samples, and the model carries it to its end. Where there is none before (the first of a stretch,
+    or a stretch no longer than a window) a prediction starts from the measured pose, rolling as its wheels say.
+    Starts are estimated by so many `steps`, motors smoothed over `half_width` s, unless the recording's stretches were
+    `seen` already.
+    """
+    found = list(seen) or stretches(experiment, robot, half_width)
+    windows = cut(found, robot, horizon)
+    problem = Problem(ParameterSet(robot, ()), found, windows, workers)
+    here = np.empty(0)
+    point = fitted_starts(problem, steps)
+    carried = problem.carried(here, point.starts)
+    followed = [before is not None for before in predecessors(windows)]
+    alone = [i for i in range(len(windows)) if not followed[i]]
+    short = len(alone) > len(windows) // 2
+    chosen = list(range(len(windows))) if short else [i for i in range(len(windows)) if followed[i]]
+    if short:
+        carried[alone] = problem.starts[alone]
+    residuals = problem.residuals([here], carried)[0]
+    noise = noise_levels(found)
+    free = _free_runs(problem, point, found, robot, workers)
+    predicted = [windows[i] for i in chosen]
+    errors = [residuals[i] for i in chosen]
+    rolled = {m.name: m.predict(problem, carried) for m in rivals}
+    others = {name: [own[i] for i in chosen] for name, own in rolled.items()}
+    left = next((run.left for run in free if run.left is not None), None)
+    summary = Prediction(
+        experiment.name, horizon, len(chosen), channel_fits(predicted, errors, noise),
+        channel_fits(predicted, errors, noise, last=True),
+        channel_fits([run.window for run in free], [run.residual for run in free], noise), left,
+        "windows are separate: each starts from its measured pose" if short else "",
+        {name: _ends(predicted, own, noise) for name, own in others.items()},
+        outliers(predicted, errors) if short else (),
+    )  # fmt: skip
+    return Held(experiment, predicted, errors, free, summary, found, others)
+
+
+def _ends(windows: Sequence[Window], residuals: Sequence[Array], noise: Mapping[str, float]) -> dict[str, ChannelFit]:
+    """Errors of a kinematic model at the ends of predictions."""
+    fits = channel_fits(windows, residuals, noise, last=True)
+    return {name: fit for name, fit in fits.items() if name in ("position", "yaw")}
+
+
+def fitted_starts(problem: Problem, steps: int = _STEPS) -> Point:
+    """Starts that explain their windows best, the parameters as they are."""
+    here = np.zeros(len(problem.parameters))
+    loss = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
+    point = evaluate(problem, loss, [here], problem.starts)[0]
+    for _ in range(steps):
+        point = awake(problem, loss, point)
+        point, _, _ = step(problem, loss, point, ())
+    return point
+
+
+def _free_runs(
+    problem: Problem, point: Point, found: Sequence[Stretch], robot: Robot, workers: int | None
+) -> list[Free]:
+    """Every stretch of several windows in one go, from the start that its first window was given."""
+    runs = []
+    for number, stretch in enumerate(found):
+        mine = [i for i, w in enumerate(problem.windows) if w.stretch == number]
+        if len(mine) < 2:
+            continue
+        first = problem.windows[mine[0]]
+        whole = window_at(stretch, number, robot, first.first, len(stretch.inputs.t) - 1 - first.first)
+        alone = Problem(ParameterSet(robot, ()), found, [whole], workers)
+        start = point.starts[mine[0]][None]
+        residual = alone.residuals([np.empty(0)], start)[0][0]
+        runs.append(Free(whole, residual, _left(problem, point, mine, alone, start, residual)))
+    return runs
+
+
+def _left(
+    problem: Problem, point: Point, mine: Sequence[int], alone: Problem, start: Array, residual: Array
+) -> float | None:
+    """When other wheels slide than in the windows that follow the measurements, and the run goes astray for it."""
+    whole = alone.windows[0]
+    t, error = deviations(whole, residual, CHANNEL_NAMES.index("position"))
+    if not len(t) or error.max() < _FAR * whole.sigma[whole.channel == 0][0]:
+        return None
+    sliding = KINDS.index("sliding")
+    times = [np.arange(0.0, duration, _LOOK) for duration in problem.durations]
+    followed = problem.look(np.empty(0), point.starts, [Plan(x, np.full(len(x), sliding)) for x in times])
+    at = np.concatenate([problem.windows[i].t + times[i] for i in mine])
+    patterns = np.concatenate([followed[i] for i in mine])
+    free = alone.look(np.empty(0), start, [Plan(np.maximum(at - whole.t, 0.0), np.full(len(at), sliding))])[0]
+    other = patterns != free
+    need = round(_OTHER / _LOOK)
+    for k in np.flatnonzero(other):
+        if other[k : k + need].mean() > 0.9 and len(other[k : k + need]) == need:
+            after = error[t >= at[k] - whole.t]
+            if len(after) and after.max() > _FAR * whole.sigma[whole.channel == 0][0]:
+                return float(at[k])
+    return None

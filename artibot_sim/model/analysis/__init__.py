@@ -1,0 +1,1 @@
+"""What the model says of itself: influence (eq. 24) and how long a step may be."""

@@ -1,0 +1,1 @@
+"""What makes the model fast: compilation, layout, steps, loops, lanes."""

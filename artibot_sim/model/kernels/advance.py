@@ -1,0 +1,32 @@
+"""Which compiled loop a rover takes: on a plane where it stays on one, else in space."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from artibot_sim.model.kernels import loop, plane_loop
+
+
+def advance(integrator: str, given: tuple[Any, ...], effects: tuple[Any, ...] = ()) -> tuple[int, int]:
+    """Advance a rover, in place.
+
+    Parameters
+    ----------
+    integrator : {"rk4", "semi_implicit"}
+    given
+        What `loop.integrate_rk4` takes, but for effects.
+    effects : tuple, optional
+        Effects' record and the lateral forces; with them the way is always that of space. Without, whoever starts
+        level stays so.
+
+    Returns
+    -------
+    tuple of int
+        `loop.OK` or `loop.DIVERGED`, and the number of rows written.
+    """
+    implicit = integrator == "semi_implicit"
+    if not effects:
+        status, rows = (plane_loop.level_semi if implicit else plane_loop.level_rk4)(*given)
+        if status != plane_loop.LEAVES:
+            return status, rows
+    return (loop.integrate_semi_implicit if implicit else loop.integrate_rk4)(*given, *effects)

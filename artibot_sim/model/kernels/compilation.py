@@ -1,0 +1,229 @@
+"""How the model's loops are compiled: numba, cached on disk by the content of the model's sources."""
+
+from __future__ import annotations
+
+import fcntl
+import gc
+import hashlib
+import importlib.util
+import os
+import sys
+import time
+import types
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
+
+from artibot_sim import progress
+
+# ----------------------------------------------------------------------
+# Numba, imported without what takes a third of the time until a first rollout and is never used here.
+# ----------------------------------------------------------------------
+
+
+__all__ = ["FunctionCache", "config", "event", "numba"]
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """No search for garbage among ten thousand new objects, and no `coverage` but where it measures already.
+
+    Numba imports coverage wherever it is installed, in case somebody measures with it.
+    """
+    collects, absent = gc.isenabled(), "coverage" not in sys.modules
+    gc.disable()
+    if absent:
+        sys.modules["coverage"] = None  # type: ignore[assignment]  # so says Python that something cannot be imported
+    try:
+        yield
+    finally:
+        if absent:
+            del sys.modules["coverage"]
+        if collects:
+            gc.enable()
+
+
+def _spare_scipy() -> None:
+    """Give numba the one extension module of SciPy that it asks for, without the package around it.
+
+    Numba looks for a BLAS when it first compiles or loads anything, by importing `scipy.linalg`: a quarter of the
+    time to a first rollout. Nothing changes for whoever imports `scipy.linalg` later.
+    """
+    package = "scipy.linalg"
+    if package in sys.modules or importlib.util.find_spec("scipy") is None:
+        return
+    spec = importlib.util.find_spec(package)
+    if spec is None or spec.submodule_search_locations is None:
+        return
+    stand_in = types.ModuleType(package)
+    stand_in.__path__ = list(spec.submodule_search_locations)
+    sys.modules[package] = stand_in
+    try:
+        importlib.import_module(f"{package}.cython_blas")
+    except ImportError:
+        pass  # numba will say what is missing, should anybody need it
+    finally:
+        del sys.modules[package]
+        vars(sys.modules["scipy"]).pop("linalg", None)
+
+
+with _undisturbed():
+    import numba
+    from numba.core import config, event
+    from numba.core.caching import FunctionCache
+
+    _spare_scipy()
+
+
+# ----------------------------------------------------------------------
+# How the model's loops are compiled: numba, cached on disk by the content of the model's sources.
+# ----------------------------------------------------------------------
+
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+_FAST = {"contract", "nsz"}
+"""Contraction to fused multiply-adds only: no reordering, and NaN stays visible to the divergence check."""
+
+
+def cache_folder() -> Path:
+    """Where compiled code is kept.
+
+    Numba looks only at the file of the outermost function when it decides whether cached code is stale; the
+    contact law is inlined from another file. So the folder's name is a hash of all of the model's sources.
+    """
+    digest = hashlib.sha256()
+    for source in sorted(Path(__file__).parents[1].rglob("*.py")):
+        digest.update(source.read_bytes())
+    root = os.environ.get("ARTIBOT_CACHE_DIR") or os.path.join(
+        os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "artibot"
+    )
+    return Path(root) / "numba" / digest.hexdigest()[:16]
+
+
+_CACHE = str(cache_folder())
+
+_PATIENCE = 300.0
+"""How long a process waits for another that compiles the same loop, s; then it compiles for itself."""
+_PAUSE = 0.05
+
+
+class _Compiling(event.Listener):
+    """Tells those who want to know when numba compiles something that the model's folder does not have."""
+
+    def __init__(self) -> None:
+        self._depth = 0
+
+    def on_start(self, event: event.Event | None) -> None:
+        """Called for a loop, and for every piece that is compiled into it."""
+        self._depth += 1
+        if self._depth == 1:
+            self._tell(True)
+
+    def on_end(self, event: event.Event | None) -> None:
+        """Called in the reverse order."""
+        self._depth -= 1
+        if self._depth == 0:
+            self._tell(False)
+
+    def _tell(self, begins: bool) -> None:
+        for hear in progress.compiling:
+            hear(begins)
+
+
+_COMPILING = _Compiling()
+event.register("numba:compile", _COMPILING)
+
+
+class _Shared(FunctionCache):
+    """Numba's cache of one loop: of several processes that miss it one compiles, the others wait and load.
+
+    The kernel lets go of the lock of a process that is killed. Within a process numba lets one thread compile at once.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self._lock = -1
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """What is on disk, or None where this process is to compile: then it holds the lock."""
+        found = super().load_overload(sig, target_context)
+        if found is None and self._held():
+            found = super().load_overload(sig, target_context)  # another may have been at it
+            if found is not None:
+                self._let_go()
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep what was compiled, and let the others load it."""
+        try:
+            super().save_overload(sig, data)
+        finally:
+            self._let_go()
+
+    def _held(self) -> bool:
+        """Take the lock, or wait for it; False where there can be none, or whoever has it takes too long."""
+        if self._lock >= 0:  # of a compilation that failed
+            return True
+        try:
+            Path(self.cache_path).mkdir(parents=True, exist_ok=True)
+            self._lock = os.open(f"{self.cache_path}/{self._py_func.__name__}.lock", os.O_RDWR | os.O_CREAT, 0o666)
+            if not self._taken() and not self._waited():
+                self._let_go()
+        except OSError:  # a file system without locks
+            self._let_go()
+        return self._lock >= 0
+
+    def _taken(self) -> bool:
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        return True
+
+    def _waited(self) -> bool:
+        """Wait for the lock; whoever wants to know hears that somebody compiles."""
+        until = time.monotonic() + _PATIENCE
+        _COMPILING.on_start(None)
+        try:
+            while time.monotonic() < until:
+                time.sleep(_PAUSE)
+                if self._taken():
+                    return True
+            return False
+        finally:
+            _COMPILING.on_end(None)
+
+    def _let_go(self) -> None:
+        if self._lock >= 0:
+            os.close(self._lock)
+            self._lock = -1
+
+
+def _jit(function: Function, cache: bool = False, **options: Any) -> Function:
+    saved = config.CACHE_DIR  # type: ignore[attr-defined]  # numba sets its options when it is imported
+    config.CACHE_DIR = _CACHE  # type: ignore[attr-defined]  # read when the function is decorated, so other users of numba keep their own
+    try:
+        compiled: Any = numba.njit(error_model="numpy", fastmath=_FAST, **options)(function)
+        if cache and compiled is not function:  # as it is where numba is told to compile nothing
+            compiled._cache = _Shared(function)  # what numba's own option `cache` sets
+        return compiled
+    finally:
+        config.CACHE_DIR = saved  # type: ignore[attr-defined]
+
+
+def inlined(function: Function) -> Function:
+    """A piece of the model, compiled into whatever calls it; it allocates nothing.
+
+    Python cannot call it: without the wrappers for that, everything compiles in half the time.
+    """
+    return _jit(function, forceinline=True, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+
+
+def kernel(function: Function) -> Function:
+    """A loop that Python calls: compiled once, cached on disk, runs without the interpreter's lock.
+
+    It allocates nothing either: counting references to arrays would cost half of its speed.
+    """
+    return _jit(function, cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True)

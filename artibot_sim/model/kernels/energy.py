@@ -1,0 +1,225 @@
+"""Where the energy goes: power of each named contribution in space and on a plane, and what is stored."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.model.effects import hooks
+from artibot_sim.model.equations.contact import unloaded_radius
+from artibot_sim.model.equations.plane import module_pairs
+from artibot_sim.model.equations.transmission import ROLLING_WIDTH, rolling_sign
+from artibot_sim.model.kernels.compilation import inlined
+from artibot_sim.model.kernels.elementary import sincos, tanh_alone
+from artibot_sim.model.kernels.integrators import EFFICIENCY, coordinate_of, motor_count, motor_of
+from artibot_sim.model.kernels.layout import (
+    ACC,
+    ALPHA,
+    BACK,
+    E_ARTICULATION,
+    E_DRAG,
+    E_GEAR,
+    E_JOINT,
+    E_MOTOR,
+    E_NORMAL,
+    E_OFFSET,
+    E_PUSH,
+    E_ROLLING,
+    E_SLIP_L,
+    E_SLIP_T,
+    E_TILT,
+    ETA,
+    F_L,
+    F_N,
+    F_T,
+    GAMMA,
+    LOAD,
+    M_D,
+    M_J,
+    M_M,
+    M_R,
+    MOTOR,
+    MOTOR_COORDINATES,
+    P_X,
+    P_Y,
+    PUSH,
+    Q_J,
+    X,
+    Y,
+    Z,
+)
+from artibot_sim.model.robot.derived import params
+from artibot_sim.model.robot.robot import Robot
+
+# ----------------------------------------------------------------------
+# Where the energy goes: power of each named contribution, and what is stored.
+#
+# Over a rollout, what the motors put in and the joint does is stored or lost: sum(E_motor) + E_joint = stored(end)
+# − stored(start) + sum(all other E). `E_joint` is the work that the joint's force does on the modules, zero but for
+# the stabilisation of eq. 13.
+# ----------------------------------------------------------------------
+
+
+@inlined
+def motor_powers(v, p, fx, w, out):
+    """Power put in by the motors, and lost in the gears: (1/eta − 1) of what passes to the wheels."""
+    for motor in range(motor_count(p)):
+        c = coordinate_of(motor)
+        unit = motor_of(p, motor)
+        omega = unit.tau * v[c]
+        out[E_MOTOR + motor] = w[M_M + motor] * v[c]
+        passed = omega * (unit.J_w * unit.tau * w[ACC + c] + w[M_R + motor])
+        out[E_GEAR + motor] = (1.0 / w[ETA + motor] - 1.0) * passed
+        if fx is not None:
+            out[E_DRAG + motor] = w[M_D + motor] * v[c]
+
+
+@inlined
+def wheel_powers(body, p, fx, q, v, module, base, w, out):
+    """Power dissipated between the wheels of one module and the ground.
+
+    `E_offset`: the forces act u_w ahead of where the slip is taken. `E_tilt`: eq. 18 turns the normal force with
+    the module's roll, while the spring is vertical; zero without roll.
+    """
+    s_a, c_a = sincos(q[module + ALPHA])
+    s_g, c_g = sincos(q[module + GAMMA])
+    v_y = c_g * v[module + Y] - s_g * v[module + X]
+    v_z, alpha_dot, gamma_dot = v[module + Z], v[module + ALPHA], v[module + GAMMA]
+    for i in range(4):
+        j = base + i
+        x = body.half_x if i % 2 == 0 else -body.half_x
+        y = -body.half_y if i < 2 else body.half_y
+        motor = j // 2
+        omega = motor_of(p, motor).tau * v[coordinate_of(motor)]
+        F_l, F_t, F_n = w[F_L + j], w[F_T + j], w[F_N + j]
+        r_0, u_w = body.r_0, p.u_w
+        if fx is not None:
+            r_0 = unloaded_radius(body, p, fx, base // 4, 1.0 if i % 2 == 0 else -1.0, -1.0 if i < 2 else 1.0)
+            u_w *= hooks.lead(fx, math.sqrt(w[P_X + j] * w[P_X + j] + w[P_Y + j] * w[P_Y + j]))
+        out[E_SLIP_L + j] = F_l * (motor_of(p, motor).r_w * omega - w[P_X + j])
+        out[E_SLIP_T + j] = -F_t * w[P_Y + j]
+        out[E_OFFSET + j] = -u_w * gamma_dot * (F_t * c_a - F_n * s_a)
+        out[E_ROLLING + j] = u_w * omega * (F_l if p.literal_eq22 else F_n * rolling_sign(omega))
+        rate = v_z + alpha_dot * y * c_a
+        spring = p.k_n * max(r_0 - q[module + Z] - y * s_a, 0.0)
+        out[E_NORMAL + j] = (spring - F_n) * rate
+        along_normal = -s_a * (v_y + gamma_dot * x) + c_a * v_z + alpha_dot * y
+        out[E_TILT + j] = F_n * (rate - along_normal)
+
+
+@inlined
+def load_power(v, module, base, w):
+    """Power of the effects' forces on one module, W."""
+    o = LOAD + base
+    return w[o] * v[module + X] + w[o + 1] * v[module + Y] + w[o + 2] * v[module + GAMMA]
+
+
+@inlined
+def powers(q, v, p, fx, w, out):
+    """Power of every contribution (W) at a state whose row is `w`, into `out` (ENERGIES,)."""
+    motor_powers(v, p, fx, w, out)
+    wheel_powers(p.front, p, fx, q, v, 0, 0, w, out)
+    if fx is not None:
+        out[E_ARTICULATION] = w[M_J] * (v[BACK + GAMMA] - v[GAMMA])
+        out[E_PUSH] = w[PUSH] * v[X] + w[PUSH + 1] * v[Y] + load_power(v, 0, 0, w)
+    if p.two:
+        wheel_powers(p.back, p, fx, q, v, BACK, 4, w, out)
+        if fx is not None:
+            out[E_PUSH] += load_power(v, BACK, 3, w)
+        total = 0.0
+        for i in range(6):
+            total += w[Q_J + i] * v[i] + w[Q_J + 6 + i] * v[BACK + i]
+        out[E_JOINT] = total
+
+
+def stored_energy(robot: Robot, q: NDArray[np.float64], v: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """Energies stored in a state.
+
+    Parameters
+    ----------
+    q, v : array, shape (n, 16)
+        States (eqs 10, 11).
+
+    Returns
+    -------
+    dict of arrays, shape (n,), J
+        ``kinetic`` of the modules (eqs 5, 8), ``spin`` of motors and wheels, ``gravity`` (eq. 12) and ``elastic``
+        of the wheels' normal stiffness.
+    """
+    p = params(robot)
+    units = (p.right_front, p.left_front, p.right_back, p.left_back)[: 4 if p.two else 2]
+    kinetic, spin, gravity, elastic = (np.zeros(len(q)) for _ in range(4))
+    for unit, c in zip(units, MOTOR_COORDINATES, strict=False):
+        spin += 0.5 * (unit.J_m + unit.J_w * unit.tau**2) * v[:, c] ** 2
+    for body, b in ((p.front, 0), (p.back, BACK))[: 2 if p.two else 1]:
+        inertia = 1.0 / np.array(body.inverse)
+        kinetic += 0.5 * (v[:, b : b + 6] ** 2) @ inertia
+        gravity -= body.m * (q[:, b : b + 3] @ np.array([p.g_x, p.g_y, p.g_z]))
+        for y in (-body.half_y, body.half_y):
+            deflection = np.maximum(body.r_0 - q[:, b + Z] - y * np.sin(q[:, b + ALPHA]), 0.0)
+            elastic += 2 * 0.5 * p.k_n * deflection**2
+    return {"kinetic": kinetic, "spin": spin, "gravity": gravity, "elastic": elastic}
+
+
+# ----------------------------------------------------------------------
+# Where the energy goes on a plane: `energy.powers` without what only roll and heave bring.
+# ----------------------------------------------------------------------
+
+
+FIRST = tuple(map(np.int64, (0, 2, 4, 6)))
+"""The first wheel of each motor."""
+
+
+@inlined
+def pair_powers(p, unit, pair, pull, i, omega, gamma_dot, weight, e):
+    """Of two wheels that turn at `omega` (rad/s); `i` is the front one's number."""
+    rim, lead = unit.r_w * omega - pair.p_x, weight * p.u_w
+    sign = tanh_alone(omega * (1.0 / ROLLING_WIDTH))
+    roll_f, roll_b = (pull.F_lf, pull.F_lb) if p.literal_eq22 else (pair.F_nf * sign, pair.F_nb * sign)
+    e[E_SLIP_L + i] += weight * (pull.F_lf * rim)
+    e[E_SLIP_L + i + 1] += weight * (pull.F_lb * rim)
+    e[E_SLIP_T + i] -= weight * (pull.F_tf * pair.p_yf)
+    e[E_SLIP_T + i + 1] -= weight * (pull.F_tb * pair.p_yb)
+    e[E_OFFSET + i] -= lead * (gamma_dot * pull.F_tf)
+    e[E_OFFSET + i + 1] -= lead * (gamma_dot * pull.F_tb)
+    e[E_ROLLING + i] += lead * (omega * roll_f)
+    e[E_ROLLING + i + 1] += lead * (omega * roll_b)
+
+
+@inlined
+def motor_power(unit, motor, speed, acceleration, M_m, M_r, hold, weight, e):
+    """Put in by a motor, and lost in its gear."""
+    passed = unit.tau * speed * (unit.J_w * unit.tau * acceleration + M_r)
+    e[E_MOTOR + motor] += weight * (M_m * speed)
+    e[E_GEAR + motor] += weight * ((1.0 / hold[EFFICIENCY + motor] - 1.0) * passed)
+
+
+@inlined
+def level_powers(at, p, motions, trig, v, a, acting, M_m, M_r, hold, weight, e):
+    """Add `weight` (s) times the power of every contribution to the energies `e` (ENERGIES,).
+
+    Parameters
+    ----------
+    motions : tuple of 2 Motion
+        At which the forces are.
+    v : tuple of 10 floats
+        Rates that they act at.
+    """
+    f, b = motions
+    pulls, _, (l_x, l_y, turn_f, turn_b) = acting
+    one, two = p.right_front, p.left_front
+    pair_r, pair_l, _, _ = module_pairs(at.front, at.ground, None, f, trig[0], trig[1])
+    pair_powers(p, one, pair_r, pulls[0], FIRST[0], one.tau * v[6], v[2], weight, e)
+    pair_powers(p, two, pair_l, pulls[1], FIRST[1], two.tau * v[7], v[2], weight, e)
+    motor_power(one, MOTOR[0], v[6], a[6], M_m[0], M_r[0], hold, weight, e)
+    motor_power(two, MOTOR[1], v[7], a[7], M_m[1], M_r[1], hold, weight, e)
+    if p.two:
+        one, two = p.right_back, p.left_back
+        pair_r, pair_l, _, _ = module_pairs(at.back, at.ground, None, b, trig[2], trig[3])
+        pair_powers(p, one, pair_r, pulls[2], FIRST[2], one.tau * v[8], v[5], weight, e)
+        pair_powers(p, two, pair_l, pulls[3], FIRST[3], two.tau * v[9], v[5], weight, e)
+        motor_power(one, MOTOR[2], v[8], a[8], M_m[2], M_r[2], hold, weight, e)
+        motor_power(two, MOTOR[3], v[9], a[9], M_m[3], M_r[3], hold, weight, e)
+        e[E_JOINT] += weight * (l_x * (v[3] - v[0]) + l_y * (v[4] - v[1]) + (turn_f * v[2] + turn_b * v[5]))

@@ -1,0 +1,172 @@
+"""Where a block of rovers side by side (`kernels.lanes`) holds what, effects' parameters included."""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from artibot_sim.model.effects import EFFECTS, RECORD_DTYPE, at_work
+from artibot_sim.model.effects.base import Values
+from artibot_sim.model.equations.plane import Body, Ground
+from artibot_sim.model.kernels.compilation import inlined
+
+# ----------------------------------------------------------------------
+# Effects' parameters of one lane (`lanes`), under the names by which hooks ask for them.
+# ----------------------------------------------------------------------
+
+
+EFFECT_VALUES = RECORD_DTYPE.itemsize // np.dtype(np.float64).itemsize
+"""How many numbers a record of effects holds; the first is the time."""
+
+
+def flat(record: Any) -> NDArray[np.float64]:
+    """Records of effects as rows of numbers, shape (n, EFFECT_VALUES)."""
+    values: NDArray[np.float64] = np.ascontiguousarray(record).view(np.float64).reshape(-1, EFFECT_VALUES)
+    return values
+
+
+SLOW_HOOKS = {"friction", "lead", "follow_rate", "resist"}
+"""Hooks whose answers cost more than all others together: exponentials, roots and quotients for every wheel."""
+
+LIGHT, FULL = (1.0,), (1.0, 1.0)
+"""Stand for the extended model as `fx` of lanes: without effects that answer SLOW_HOOKS, and with them."""
+
+
+def extension(effects: Mapping[str, Values]) -> tuple[float, ...] | None:
+    """What of the model a robot's effects need: None, LIGHT or FULL."""
+    hooks = {hook for effect, _ in at_work(effects).values() for hook in effect.hooks}
+    return None if not hooks else FULL if hooks & SLOW_HOOKS else LIGHT
+
+
+def reader(lanes: int, full: bool) -> Callable[..., Any]:
+    """A function that puts together from a block what `effects.record` would be for one lane.
+
+    Named tuples of what hooks read: the compiler leaves out all that they do not, and all that comes of effects which
+    are neutral here because it is not the `full` model. It is written out because compiled code cannot go through
+    names.
+    """
+    known: dict[str, Any] = {}
+    place, entries = 1, ["t"]
+    names = RECORD_DTYPE.names or ()
+    for name in names[1:]:
+        parameters = EFFECTS[name].parameters
+        known[f"_{name}"] = namedtuple(name, parameters)
+        numbers = [f"S[at + {(place + k) * lanes}]" for k in range(len(parameters))]
+        if not full and SLOW_HOOKS & set(EFFECTS[name].hooks):
+            numbers = [repr(parameter.number(parameter.neutral)) for parameter in parameters.values()]
+        entries.append(f"_{name}({', '.join(numbers)})")
+        place += len(parameters)
+    known["_Effects"] = namedtuple("Effects", names)
+    exec(f"def lane_effects(S, at, t):\n    return _Effects({', '.join(entries)})\n", known)
+    return inlined(known["lane_effects"])
+
+
+# ----------------------------------------------------------------------
+# Where a block of rovers holds what: see `lanes`.
+# ----------------------------------------------------------------------
+
+
+LANES = 8
+"""Rovers in a block."""
+
+SIZE = 10
+"""Coordinates that move on a plane: x, y, gamma of the front module, of the back one, and the motors' angles."""
+
+MOTORS = 6 * LANES
+"""Where the motors begin among them."""
+
+_SIZES = {
+    # state; stage, first accelerations and sums of them of RK4; the same of lateral forces that lag (N)
+    "Q": SIZE, "V": SIZE, "ACC": SIZE, "Q_S": SIZE, "V_S": SIZE, "FIRST": SIZE, "SUM": SIZE,
+    "LAG": 8, "LAG_S": 8, "LAG_RATE": 8, "SUM_LAG": 8,
+    # yaws of both modules when their sines and cosines were last taken, and these
+    "FACING": 2, "SINE": 2, "COSINE": 2,
+    # commands: angles and speeds at both ends of a cubic, its last coefficients; the inverse of its length, 0 after
+    # the last one
+    "P_0": 4, "V_0": 4, "P_1": 4, "V_1": 4, "C_2": 4, "C_3": 4, "GOING": 4,
+    # commanded torque (NaN: eq. 30), eq. 30's factor of the front motors' sum; held through a step: torque (NaN:
+    # whatever it takes to follow the command), gear ratio over efficiency, inertia and its inverse
+    "GIVEN": 4, "SHARE": 1, "HELD": 4, "GEARED": 4, "INERTIA": 4, "INV_J": 4,
+    # motors: speed of their wheels' rims, the sign of rolling resistance, sums over the two wheels of F_l and u F_n,
+    # drag, torque now and a step before, inverse efficiency; factors of speed and angle behind the command; the lever
+    # of F_l, and whether rolling resistance is beside it
+    "RIM": 4, "SIGN": 4, "PULL": 4, "U_F_N": 4, "DRAG": 4, "TORQUE": 4, "PREVIOUS": 4, "GEAR": 4,
+    "MODE": 4, "TAU": 4, "R_W": 4, "J_M": 4, "J_W": 4, "DRIVING": 4, "BRAKING": 4, "TORQUE_MAX": 4,
+    "DAMPING": 4, "STIFFNESS": 4, "LEVER": 4, "ROLLS": 4,
+    "BODY_F": len(Body._fields), "BODY_B": len(Body._fields), "GROUND": len(Ground._fields),
+    # whether a coordinate is sound, and in how many rows it was
+    "SOUND": SIZE, "KEPT": SIZE,
+    "EFFECTS": EFFECT_VALUES,
+}  # fmt: skip
+
+_BEGINS = [LANES * sum(list(_SIZES.values())[:k]) for k in range(len(_SIZES))]
+
+AT: Any = namedtuple("At", list(_SIZES))(*_BEGINS)  # type: ignore[arg-type]  # mypy knows no fields from a list
+"""Where each quantity begins in a block."""
+
+BLOCK = LANES * sum(_SIZES.values())
+"""Size of a block."""
+
+LIMIT_V, LIMIT_Q = 1e6, 1e12
+"""Beyond, a rover has diverged, as in `loop`."""
+
+
+def aligned(size: int) -> NDArray[np.float64]:
+    """So many zeros that begin where a line of the cache does: else each access to eight numbers is to two lines."""
+    line = 64
+    room = np.zeros(size + line // 8)
+    first = -room.ctypes.data % line // 8
+    return room[first : first + size]
+
+
+def _line_up_stack(typing_context: Any) -> Any:
+    """Have the stack of the loop that calls this begin where a line of the cache does.
+
+    Compilers put aside in the stack what registers have no room for. They line it up only where something there wants
+    that: here a variable that nobody reads.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        variable = cgutils.alloca_once(builder, ir.ArrayType(ir.DoubleType(), 8))
+        variable.align = 64
+        empty = ir.FunctionType(ir.VoidType(), [variable.type])
+        builder.asm(empty, "", "r", [variable], side_effect=True)
+        return context.get_dummy_value()
+
+    return types.none(), generate
+
+
+line_up_stack: Any = intrinsic(_line_up_stack)
+
+
+light_effects, all_effects = reader(LANES, full=False), reader(LANES, full=True)
+
+
+@inlined
+def effects_at(S, fx, e, t):
+    """With effects: those of a lane at `t` (s) since its start."""
+    if fx is not None:
+        at = AT.EFFECTS + e
+        if len(fx) == 1:
+            return light_effects(S, at, S[at] + t)
+        return all_effects(S, at, S[at] + t)
+    return None
+
+
+@inlined
+def four(S, at):
+    """Four numbers of a lane."""
+    return S[at], S[at + LANES], S[at + 2 * LANES], S[at + 3 * LANES]
+
+
+@inlined
+def put4(S, at, a, b, c, d):
+    """Write four numbers of a lane."""
+    S[at], S[at + LANES], S[at + 2 * LANES], S[at + 3 * LANES] = a, b, c, d

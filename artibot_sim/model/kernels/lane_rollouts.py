@@ -1,0 +1,191 @@
+"""Whole rollouts in lanes: the compiled loops below `batch.rollout_batch`."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.model.equations.dynamics import module_gravity
+from artibot_sim.model.kernels.compilation import inlined, kernel
+from artibot_sim.model.kernels.integrators import hold_efficiencies, right_hand_side
+from artibot_sim.model.kernels.lane_layout import AT, EFFECT_VALUES, LANES, SIZE, effects_at, line_up_stack
+from artibot_sim.model.kernels.lane_loading import PLACES, load_lane, load_motors
+from artibot_sim.model.kernels.lanes import check, cubics, end_stage, leave_knot, next_knot, sound_rows, stage
+from artibot_sim.model.kernels.layout import BACK, BEHIND, FRONT
+from artibot_sim.model.kernels.loop import command_at, commanded_torques, hermite, keep
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+KEPT_SIZE = 2 * SIZE + 16
+"""Numbers of a row in lanes: coordinates, rates, inverse efficiencies, torques of the step before, lagging forces."""
+
+
+class Lot(NamedTuple):
+    """Up to LANES rollouts of equal length; arrays as `loop.integrate_rk4` takes them, one row each.
+
+    Attributes
+    ----------
+    records : array of PARAMS_DTYPE, shape (n,)
+    effects : array, shape (n, EFFECT_VALUES)
+        Flat records of effects, their times those of the starts.
+    modes : array of int, shape (n, 4)
+    share : array, shape (n,)
+    q, v : array, shape (n, 16)
+    eta, torque : array, shape (n, 4)
+    lateral : array, shape (n, 8)
+    position, velocity, torque_d : array, shape (k, 4)
+        Knots of all commands, one after the other.
+    first, last : array of int, shape (n,)
+        First and last knot of each rollout's.
+    """
+
+    records: NDArray[np.void]
+    effects: Array
+    modes: Indices
+    share: Array
+    q: Array
+    v: Array
+    eta: Array
+    torque: Array
+    lateral: Array
+    position: Array
+    velocity: Array
+    torque_d: Array
+    first: Indices
+    last: Indices
+
+
+@inlined
+def load_lot(S, lot, fx):
+    """Rollouts into lanes; lanes that are left over repeat the first."""
+    for e in range(LANES):
+        i = e if e < lot.share.shape[0] else 0
+        if fx is not None:
+            for k in range(EFFECT_VALUES):
+                S[AT.EFFECTS + k * LANES + e] = lot.effects[i, k]
+        load_motors(S, e, lot.records[i], lot.modes, i, lot.eta, i, lot.share[i])
+        load_lane(S, e, lot.records[i], effects_at(S, fx, e, 0.0), lot.q, lot.v, i)
+        for motor in range(4):
+            S[AT.PREVIOUS + motor * LANES + e] = lot.torque[i, motor]
+        for k in range(8):
+            S[AT.LAG + k * LANES + e] = S[AT.LAG_S + k * LANES + e] = lot.lateral[i, k]
+        next_knot(S, e, lot.position, lot.velocity, lot.first[i], 1.0)
+
+
+@inlined
+def load_knot(S, lot, knot, h):
+    """All lanes' commands from a knot to the next, `h` seconds later; after the last one they stay."""
+    leave_knot(S)
+    for e in range(LANES):
+        i = e if e < lot.share.shape[0] else 0
+        here, ahead = min(lot.first[i] + knot, lot.last[i]), min(lot.first[i] + knot + 1, lot.last[i])
+        next_knot(S, e, lot.position, lot.velocity, ahead, 1.0)
+        for motor in range(4):
+            S[AT.GIVEN + motor * LANES + e] = lot.torque_d[here, motor]
+            S[AT.GOING + motor * LANES + e] = 1.0 / h if ahead > here else 0.0
+    cubics(S)
+
+
+@inlined
+def keep_state(S, row, kept):
+    """All that a step begins with, into `kept`."""
+    o = row * KEPT_SIZE * LANES
+    for j in range(2 * SIZE * LANES):
+        kept[o + j] = S[AT.Q + j]
+    o += 2 * SIZE * LANES
+    for j in range(4 * LANES):
+        kept[o + j], kept[o + 4 * LANES + j] = S[AT.GEAR + j], S[AT.PREVIOUS + j]
+    for j in range(8 * LANES):
+        kept[o + 8 * LANES + j] = S[AT.LAG + j]
+    check(S)
+
+
+@kernel
+def run_lot(lot, dt, steps, every, knot_steps, settings, S, kept, rows, fx=None):
+    """Advance all rollouts of a lot by `steps` steps; keep what each `every`-th begins with, and the end.
+
+    Parameters
+    ----------
+    lot : Lot
+    settings : array of int, shape (2,)
+        As in `window_lanes.run_windows`.
+    S : array, shape (BLOCK,)
+    kept : array, shape (rows · KEPT_SIZE · LANES,)
+    rows : array of int, shape (LANES,)
+        How many rows of each are sound: an output.
+    """
+    line_up_stack()
+    load_lot(S, lot, fx)
+    for step in range(steps):
+        phase = step % knot_steps
+        if phase == 0:
+            load_knot(S, lot, step // knot_steps, knot_steps * dt)
+        if step % every == 0:
+            keep_state(S, step // every, kept)
+        for k in range(settings[0]):
+            stage(S, fx, k, phase * dt, dt * step, dt, settings[1])
+            end_stage(S, fx, k, dt)
+    keep_state(S, (steps + every - 1) // every, kept)
+    for e in range(LANES):
+        rows[e] = sound_rows(S, e)
+
+
+@inlined
+def unpack(kept, row, e, two, q, v, eta, previous, lateral):
+    """A row of lane `e`, into the planar coordinates of q and v (16,), eta and previous (4,), lateral (8,)."""
+    o = row * KEPT_SIZE * LANES + e
+    for i in range(SIZE):
+        if not two and PLACES[i] >= BACK:
+            continue
+        q[PLACES[i]], v[PLACES[i]] = kept[o + i * LANES], kept[o + (SIZE + i) * LANES]
+    o += 2 * SIZE * LANES
+    for motor in range(4 if two else 2):
+        eta[motor], previous[motor] = 1.0 / kept[o + motor * LANES], kept[o + (4 + motor) * LANES]
+    for k in range(8):
+        lateral[k] = kept[o + (8 + k) * LANES]
+
+
+@kernel
+def fill_rows(
+    p, modes, share, position, velocity, torque_d, kept, lane, rows, dt, steps, every, knot_steps, work,
+    q, v, eta, previous, lateral, out_q, out_v, out_w, fx=None,
+):  # fmt: skip
+    """Rows of a lane as `loop.integrate_rk4` keeps them, contributions and all.
+
+    Parameters
+    ----------
+    p, modes, share, position, velocity, torque_d, work
+        As there.
+    rows : int
+        How many.
+    q, v, eta, previous, lateral : array
+        q and v (16,) as they start; then the state of the last row is in them.
+    fx : record, optional
+        Effects, with the time of the start.
+    """
+    w, drive, cubic, hold, _, _, _, _, _, _, _, lag, _ = work
+    start = 0.0
+    if fx is not None:
+        start = fx.t
+    module_gravity(p.front, p, FRONT, w)
+    if p.two:
+        module_gravity(p.back, p, BEHIND, w)
+    for row in range(rows):
+        step = min(row * every, steps)
+        knot, s = step // knot_steps, (step % knot_steps) * dt
+        unpack(kept, row, lane, p.two, q, v, eta, previous, lateral)
+        for k in range(8):
+            lag[k] = lateral[k]
+        hermite(position, velocity, knot, knot_steps * dt, cubic)
+        commanded_torques(torque_d, knot, share, previous, hold)
+        hold_efficiencies(p, eta, hold)
+        command_at(cubic, s, modes, drive)
+        if fx is not None:
+            fx.t = start + dt * step
+        right_hand_side(q, v, p, fx, modes, drive, hold, lag, w)
+        keep(q, row, out_q)
+        keep(v, row, out_v)
+        keep(w, row, out_w)

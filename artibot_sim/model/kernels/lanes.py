@@ -1,0 +1,317 @@
+"""Motors of rovers side by side (`lanes`): commands, and eqs 21 to 23 and 26 to 30.
+
+Loops run over four motors × LANES in one piece: one over eight lanes would be written out before it is looked at.
+"""
+
+from __future__ import annotations
+
+import math
+
+from artibot_sim.model.effects import hooks
+from artibot_sim.model.equations.plane import Body, Ground, Motion, planar_accelerations, within_friction
+from artibot_sim.model.equations.transmission import ROLLING_WIDTH, TORQUE, rolling_sign
+from artibot_sim.model.kernels.compilation import inlined
+from artibot_sim.model.kernels.elementary import sincos, turn_by
+from artibot_sim.model.kernels.lane_layout import AT, LANES, LIMIT_Q, LIMIT_V, MOTORS, SIZE, effects_at, four, put4
+from artibot_sim.model.kernels.layout import MOTOR
+
+
+@inlined
+def follow_command(S, j, s):
+    """A motor's command `s` seconds after the knot, and what it does if it follows (eqs 26 to 28, or a velocity loop).
+
+    Returns the speed of its wheels, rad/s.
+    """
+    c_0, c_1, c_2, c_3 = S[AT.P_0 + j], S[AT.V_0 + j], S[AT.C_2 + j], S[AT.C_3 + j]
+    d = c_0 + s * (c_1 + s * (c_2 + s * c_3))
+    d_dot = c_1 + s * (2.0 * c_2 + 3.0 * s * c_3)
+    d_ddot = 2.0 * c_2 + 6.0 * s * c_3
+    speed = S[AT.V_S + MOTORS + j]
+    behind, back = d_dot - speed, d - S[AT.Q_S + MOTORS + j]
+    S[AT.ACC + MOTORS + j] = d_ddot + S[AT.DAMPING + j] * behind + S[AT.STIFFNESS + j] * back
+    omega = S[AT.TAU + j] * speed
+    S[AT.RIM + j], S[AT.SIGN + j] = S[AT.R_W + j] * omega, math.copysign(1.0, omega)
+    return omega
+
+
+@inlined
+def drag_motors(S, fx, t):
+    """With effects: drag on all motors, at the stage."""
+    for e in range(LANES):
+        effects = effects_at(S, fx, e, t)
+        right_f, left_f, right_b, left_b = four(S, AT.V_S + MOTORS + e)
+        put4(
+            S, AT.DRAG + e, hooks.drag(effects, MOTOR[0], right_f), hooks.drag(effects, MOTOR[1], left_f),
+            hooks.drag(effects, MOTOR[2], right_b), hooks.drag(effects, MOTOR[3], left_b),
+        )  # fmt: skip
+
+
+@inlined
+def smooth_signs(S):
+    """Signs of rolling resistance where not all wheels turn fast, by an exponential for each."""
+    for j in range(4 * LANES):
+        S[AT.SIGN + j] = rolling_sign(S[AT.TAU + j] * S[AT.V_S + MOTORS + j])
+
+
+@inlined
+def turn_motors(S, fx):
+    """Torques of all motors (eq. 21), and what those that are not prescribed do, at the stage.
+
+    Of all motors: a loop over the back ones only is so short that it is written out, without vectors, and slower.
+    """
+    for j in range(4 * LANES):
+        rolling = S[AT.ROLLS + j] * S[AT.U_F_N + j] * S[AT.SIGN + j]
+        load = S[AT.GEARED + j] * (S[AT.LEVER + j] * S[AT.PULL + j] + rolling)  # eq. 22, motor side
+        if fx is not None:
+            load += S[AT.DRAG + j]
+        wish, limit, held = S[AT.ACC + MOTORS + j], S[AT.TORQUE_MAX + j], S[AT.HELD + j]
+        needed = S[AT.INERTIA + j] * wish + load
+        M_m = min(max(held if held == held else needed, -limit), limit)
+        S[AT.ACC + MOTORS + j] = wish if M_m == needed else (M_m - load) * S[AT.INV_J + j]
+        S[AT.TORQUE + j] = M_m
+
+
+@inlined
+def hold_torques(S):
+    """Held through a step: torques, commanded ones or eq. 30 from the step before (NaN commands it), and inertias."""
+    for e in range(LANES):
+        shared = S[AT.SHARE + e] * (S[AT.PREVIOUS + e] + S[AT.PREVIOUS + LANES + e])
+        hold_motor(S, e, 0.0)
+        hold_motor(S, e + LANES, 0.0)
+        hold_motor(S, e + 2 * LANES, shared)
+        hold_motor(S, e + 3 * LANES, shared)
+
+
+@inlined
+def hold_motor(S, j, shared):
+    """As `hold_torques` for one motor of a lane."""
+    given, tau = S[AT.GIVEN + j], S[AT.TAU + j]
+    torque, gear = given if given == given else shared, tau * S[AT.GEAR + j]
+    inertia = S[AT.J_M + j] + S[AT.J_W + j] * tau * gear
+    S[AT.HELD + j] = torque if S[AT.MODE + j] == TORQUE else math.nan
+    S[AT.GEARED + j], S[AT.INERTIA + j], S[AT.INV_J + j] = gear, inertia, 1.0 / inertia
+
+
+@inlined
+def feed_back(S, fx):
+    """What the next step takes from the start of this one: torques (eq. 30) and efficiencies (eq. 23)."""
+    for j in range(4 * LANES):
+        torque = S[AT.TORQUE + j]
+        through_gear = torque - S[AT.DRAG + j] if fx is not None else torque
+        drives = 1.0 if through_gear * S[AT.V + MOTORS + j] >= 0.0 else 0.0  # a choice of places is no vector code
+        S[AT.PREVIOUS + j] = torque
+        S[AT.GEAR + j] = drives * S[AT.DRIVING + j] + (1.0 - drives) * S[AT.BRAKING + j]
+
+
+@inlined
+def next_knot(S, e, position, velocity, row, turned):
+    """A lane's commands at the knot in `row`; recorded rotations are `turned` times the true ones."""
+    for motor in range(4):
+        j = motor * LANES + e
+        if turned != 1.0:
+            S[AT.P_1 + j], S[AT.V_1 + j] = position[row, motor] / turned, velocity[row, motor] / turned
+        else:
+            S[AT.P_1 + j], S[AT.V_1 + j] = position[row, motor], velocity[row, motor]
+
+
+@inlined
+def leave_knot(S):
+    """The knot ahead is the one behind."""
+    for j in range(4 * LANES):
+        S[AT.P_0 + j], S[AT.V_0 + j] = S[AT.P_1 + j], S[AT.V_1 + j]
+
+
+@inlined
+def cubics(S):
+    """Coefficients of the commands' cubics (see `loop.hermite`)."""
+    for j in range(4 * LANES):
+        going, a, b = S[AT.GOING + j], S[AT.V_0 + j], S[AT.V_1 + j]
+        rise = (S[AT.P_1 + j] - S[AT.P_0 + j]) * going
+        S[AT.C_2 + j], S[AT.C_3 + j] = (3.0 * rise - 2.0 * a - b) * going, (a + b - 2.0 * rise) * (going * going)
+
+
+# ----------------------------------------------------------------------
+# Many rovers side by side: RK4 steps of LANES rovers at once, in the processor's vector units.
+#
+# All numbers of a block of rovers stand in one flat array `S`, quantity by quantity: component i of lane e at
+# ``S[AT.quantity + i * LANES + e]``. Loops over lanes are innermost and their bodies have no branches and no calls,
+# which is what compilers make vector code of (short bodies over all motors at once: a loop over eight lanes would
+# be written out before it is looked at). Lanes know nothing of each other: results do not depend on which rovers
+# share a block, and one that diverges disturbs no other.
+#
+# `fx` is None for the paper's model. In the extended one it is LIGHT or FULL (`lane_effects`), whose lengths the
+# compiler knows, and effects' parameters are in `S`.
+# ----------------------------------------------------------------------
+
+
+NEAR = 0.05
+"""How far a module may turn (rad) until sine and cosine of its yaw are taken anew: what `turn_by` knows."""
+
+
+@inlined
+def body_of(S, at):
+    """A module of the lane whose numbers begin at `at`."""
+    return Body(
+        S[at], S[at + LANES], S[at + 2 * LANES], S[at + 3 * LANES], S[at + 4 * LANES], S[at + 5 * LANES],
+        S[at + 6 * LANES], S[at + 7 * LANES], S[at + 8 * LANES], S[at + 9 * LANES], S[at + 10 * LANES],
+        S[at + 11 * LANES], S[at + 12 * LANES],
+    )  # fmt: skip
+
+
+@inlined
+def motion_of(S, q, v):
+    """A module's motion from coordinates at `q` and rates at `v`."""
+    return Motion(S[q], S[q + LANES], S[q + 2 * LANES], S[v], S[v + LANES], S[v + 2 * LANES])
+
+
+@inlined
+def face(S, least):
+    """Sines and cosines of yaws that have turned by `least` (rad) since they were last taken.
+
+    In between, `turn_by` does the rest. A lane's depend on its own yaws only, whoever else has turned.
+    """
+    for e in range(LANES):
+        for module in range(2):
+            j, yaw = module * LANES + e, S[AT.Q_S + (3 * module + 2) * LANES + e]
+            s, c = sincos(yaw)
+            before, s_0, c_0 = S[AT.FACING + j], S[AT.SINE + j], S[AT.COSINE + j]
+            turned = abs(yaw - before) >= least
+            S[AT.FACING + j] = yaw if turned else before
+            S[AT.SINE + j], S[AT.COSINE + j] = s if turned else s_0, c if turned else c_0
+
+
+@inlined
+def begin_stage(S, s):
+    """Motors' commands `s` seconds after the knot, and what motors do that follow them.
+
+    Returns
+    -------
+    rolls : bool
+        Whether all wheels turn so fast that `rolling_sign` is ±1 to the bit, which spares an exponential for each.
+    near : bool
+        Whether no module has turned too far for `turn_by` since its sine and cosine were last taken.
+    """
+    rolls, near = 0, 0
+    for e in range(LANES):
+        for motor in range(4):
+            rolls += abs(follow_command(S, motor * LANES + e, s)) > 20.0 * ROLLING_WIDTH
+        for module in range(2):
+            yaw = S[AT.Q_S + (3 * module + 2) * LANES + e]
+            near += abs(yaw - S[AT.FACING + module * LANES + e]) < NEAR
+    return rolls == 4 * LANES, near == 2 * LANES
+
+
+@inlined
+def move_modules(S, fx, t):
+    """Accelerations of both modules, and what the motors' wheels meet, at the stage."""
+    for e in range(LANES):
+        g = AT.GROUND + e
+        ground = Ground(S[g], S[g + LANES], S[g + 2 * LANES], S[g + 3 * LANES], S[g + 4 * LANES])
+        q, v, lag = AT.Q_S + e, AT.V_S + e, AT.LAG_S + e
+        f, b = motion_of(S, q, v), motion_of(S, q + 3 * LANES, v + 3 * LANES)
+        turn_f, turn_b = f.gamma - S[AT.FACING + e], b.gamma - S[AT.FACING + LANES + e]
+        s_f, c_f = turn_by(turn_f, S[AT.SINE + e], S[AT.COSINE + e])
+        s_b, c_b = turn_by(turn_b, S[AT.SINE + LANES + e], S[AT.COSINE + LANES + e])
+        on_f, on_b, pulls, _, _ = planar_accelerations(
+            within_friction, body_of(S, AT.BODY_F + e), body_of(S, AT.BODY_B + e), ground, effects_at(S, fx, e, t),
+            f, b, (s_f, c_f, s_b, c_b), four(S, AT.RIM + e), four(S, lag), four(S, lag + 4 * LANES),
+        )  # fmt: skip
+        a = AT.ACC + e
+        S[a], S[a + LANES], S[a + 2 * LANES] = on_f
+        S[a + 3 * LANES], S[a + 4 * LANES], S[a + 5 * LANES] = on_b
+        right_f, left_f, right_b, left_b = pulls
+        put4(S, AT.PULL + e, right_f.F_l, left_f.F_l, right_b.F_l, left_b.F_l)
+        if fx is not None and len(fx) > 1:
+            put4(S, AT.U_F_N + e, right_f.u_F_n, left_f.u_F_n, right_b.u_F_n, left_b.u_F_n)
+            lag = AT.LAG_RATE + e
+            put4(S, lag, right_f.rate_f, right_f.rate_b, left_f.rate_f, left_f.rate_b)
+            put4(S, lag + 4 * LANES, right_b.rate_f, right_b.rate_b, left_b.rate_f, left_b.rate_b)
+
+
+@inlined
+def next_stage(S, k, dt):
+    """From stage `k` of the classical Runge-Kutta method to the next; after the last one, advance the state.
+
+    Speeds at the stages come of accelerations at those before, so only these are summed.
+    """
+    h = dt if k == 2 else 0.5 * dt
+    if k == 0:
+        for j in range(SIZE * LANES):
+            speed, acceleration = S[AT.V_S + j], S[AT.ACC + j]
+            S[AT.FIRST + j] = S[AT.SUM + j] = acceleration
+            S[AT.Q_S + j], S[AT.V_S + j] = S[AT.Q + j] + h * speed, S[AT.V + j] + h * acceleration
+    elif k < 3:
+        for j in range(SIZE * LANES):
+            speed, acceleration = S[AT.V_S + j], S[AT.ACC + j]
+            S[AT.SUM + j] += acceleration
+            S[AT.Q_S + j], S[AT.V_S + j] = S[AT.Q + j] + h * speed, S[AT.V + j] + h * acceleration
+    else:
+        for j in range(SIZE * LANES):
+            total = S[AT.SUM + j]
+            q = S[AT.Q + j] + dt * (S[AT.V + j] + dt / 6.0 * total)
+            v = S[AT.V + j] + dt / 6.0 * (2.0 * total - S[AT.FIRST + j] + S[AT.ACC + j])
+            S[AT.Q + j], S[AT.Q_S + j], S[AT.V + j], S[AT.V_S + j] = q, q, v, v
+
+
+@inlined
+def next_lag(S, k, dt):
+    """As `next_stage` for the lateral forces that lag."""
+    h = dt if k == 2 else 0.5 * dt
+    weight = 1.0 if k == 0 or k == 3 else 2.0
+    for j in range(8 * LANES):
+        rate = S[AT.LAG_RATE + j]
+        total = weight * rate + (S[AT.SUM_LAG + j] if k > 0 else 0.0)
+        S[AT.SUM_LAG + j] = total
+        S[AT.LAG + j] += dt / 6.0 * total if k == 3 else 0.0
+        S[AT.LAG_S + j] = S[AT.LAG + j] if k == 3 else S[AT.LAG + j] + h * rate
+
+
+@inlined
+def stage(S, fx, k, s, elapsed, dt, turning):
+    """Stage `k` of a step that begins `s` seconds after a knot and `elapsed` seconds after the start.
+
+    Motors' torques are computed at the first `turning` stages: at all where one is not prescribed, at the first where
+    anybody asks for torques.
+    """
+    if k == 0:  # whoever turns: of what it knows to stay, the compiler makes a version of everything
+        hold_torques(S)
+    late = 0.0 if k == 0 else 1.0 if k == 3 else 0.5
+    rolls, near = begin_stage(S, s + late * dt)
+    at_knot = k == 0 and s == 0.0
+    if at_knot or not near:
+        face(S, 0.0 if at_knot else NEAR)
+    move_modules(S, fx, elapsed + late * dt)
+    if k < turning:
+        if fx is not None:
+            drag_motors(S, fx, elapsed + late * dt)
+        if not rolls:
+            smooth_signs(S)
+        turn_motors(S, fx)
+        if k == 0:
+            feed_back(S, fx)
+
+
+@inlined
+def end_stage(S, fx, k, dt):
+    """To the next stage, and after the last one to the next step."""
+    next_stage(S, k, dt)
+    if fx is not None and len(fx) > 1:
+        next_lag(S, k, dt)
+
+
+@inlined
+def check(S):
+    """Count the rows that are sound so far, coordinate by coordinate: finite, and within what a rover can do."""
+    for j in range(SIZE * LANES):
+        fine = abs(S[AT.V + j]) < LIMIT_V and abs(S[AT.Q + j]) < LIMIT_Q
+        sound = S[AT.SOUND + j] if fine else 0.0
+        S[AT.SOUND + j], S[AT.KEPT + j] = sound, S[AT.KEPT + j] + sound
+
+
+@inlined
+def sound_rows(S, e):
+    """How many rows of a lane are sound, from the first on."""
+    kept = S[AT.KEPT + e]
+    for i in range(1, SIZE):
+        kept = min(kept, S[AT.KEPT + i * LANES + e])
+    return int(kept)

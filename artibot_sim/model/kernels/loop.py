@@ -1,0 +1,299 @@
+"""The compiled integration loop: the only place where speed beats looks."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.model.equations.dynamics import module_gravity
+from artibot_sim.model.equations.transmission import TORQUE, efficiency
+from artibot_sim.model.kernels.compilation import inlined, kernel
+from artibot_sim.model.kernels.energy import powers
+from artibot_sim.model.kernels.integrators import (
+    D_DDOT,
+    D_DOT,
+    TORQUE_D,
+    D,
+    coordinate_of,
+    hold_efficiencies,
+    motor_count,
+    motor_of,
+    right_hand_side,
+    semi_implicit_step,
+)
+from artibot_sim.model.kernels.layout import ACC, BEHIND, ENERGIES, FRONT, M_D, M_M, ROW
+
+OK, DIVERGED = 0, 1
+LIMIT = 1e6
+"""A speed (m/s or rad/s) or angle beyond which a rollout has diverged; motors of Epi.q reach 3000 rad/s."""
+
+
+class Work(NamedTuple):
+    """Arrays that a loop works in, so that it allocates nothing."""
+
+    w: NDArray[np.float64]
+    drive: NDArray[np.float64]
+    cubic: NDArray[np.float64]
+    hold: NDArray[np.float64]
+    eta_next: NDArray[np.float64]
+    q: NDArray[np.float64]
+    v: NDArray[np.float64]
+    sum_q: NDArray[np.float64]
+    sum_v: NDArray[np.float64]
+    e: NDArray[np.float64]
+    power: NDArray[np.float64]
+    lag: NDArray[np.float64]
+    sum_lag: NDArray[np.float64]
+
+
+def workspace() -> Work:
+    """A fresh one, for one loop at a time."""
+    return Work(*map(np.zeros, (ROW, 12, 16, 16, 4, 16, 16, 16, 16, ENERGIES, ENERGIES, 16, 8)))
+
+
+@inlined
+def hermite(position, velocity, knot, h, cubic):
+    """Coefficients of the commands' cubic between two knots, motor by motor, into `cubic` (16,)."""
+    last = position.shape[0] - 1
+    i, j = min(knot, last), min(knot + 1, last)
+    for motor in range(4):
+        rise = (position[j, motor] - position[i, motor]) / h
+        a, b = velocity[i, motor], velocity[j, motor]
+        cubic[motor] = position[i, motor]
+        cubic[4 + motor] = a
+        cubic[8 + motor] = (3.0 * rise - 2.0 * a - b) / h if j > i else 0.0
+        cubic[12 + motor] = (a + b - 2.0 * rise) / (h * h) if j > i else 0.0
+
+
+@inlined
+def command_at(cubic, s, modes, drive):
+    """Commanded angles, speeds and accelerations `s` seconds after the knot, into `drive` (12,)."""
+    for motor in range(4):
+        if modes[motor] == TORQUE:
+            continue
+        c0, c1, c2, c3 = cubic[motor], cubic[4 + motor], cubic[8 + motor], cubic[12 + motor]
+        drive[D + motor] = c0 + s * (c1 + s * (c2 + s * c3))
+        drive[D_DOT + motor] = c1 + s * (2.0 * c2 + 3.0 * s * c3)
+        drive[D_DDOT + motor] = 2.0 * c2 + 6.0 * s * c3
+
+
+@inlined
+def mean_acceleration(cubic, s, dt, drive):
+    """Mean of the commanded accelerations from `s` to ``s + dt``, in place of the instant's."""
+    for motor in range(4):
+        drive[D_DDOT + motor] = 2.0 * cubic[8 + motor] + 3.0 * cubic[12 + motor] * (2.0 * s + dt)
+
+
+@inlined
+def commanded_torques(torque_d, knot, back_factor, previous, hold):
+    """Torques held through a step: commanded ones, or eq. 30 from the step before (NaN commands it)."""
+    i = min(knot, torque_d.shape[0] - 1)
+    shared = back_factor * (previous[0] + previous[1])
+    for motor in range(4):
+        given = torque_d[i, motor]
+        hold[TORQUE_D + motor] = given if not math.isnan(given) else (shared if motor > 1 else 0.0)
+
+
+@inlined
+def feed_back(p, fx, v, w, eta, previous):
+    """What the next step takes from this one: efficiencies (eq. 23) and the torques of eq. 30 (Fig. 7)."""
+    for motor in range(motor_count(p)):
+        previous[motor] = through_gear = w[M_M + motor]
+        if fx is not None:
+            through_gear -= w[M_D + motor]
+        eta[motor] = efficiency(motor_of(p, motor), through_gear, v[coordinate_of(motor)])
+
+
+@inlined
+def sound(q, v):
+    """Whether a state is finite and within what a rover can do."""
+    for i in range(16):
+        if not (abs(v[i]) < LIMIT and abs(q[i]) < 1e12):
+            return False
+    return True
+
+
+@inlined
+def prepare(
+    p, modes, phase, knot, knot_steps, dt, position, velocity, torque_d, back_factor, previous, eta, cubic, hold,
+):  # fmt: skip
+    """What is held through a step that begins `phase` steps after a knot; returns the time since the knot, s."""
+    if phase == 0:
+        hermite(position, velocity, knot, knot_steps * dt, cubic)
+    commanded_torques(torque_d, knot, back_factor, previous, hold)
+    hold_efficiencies(p, eta, hold)
+    return phase * dt
+
+
+@inlined
+def add_powers(q, v, p, fx, w, weight, e, pw):
+    """Accumulate `weight` (s) times the power of every contribution."""
+    powers(q, v, p, fx, w, pw)
+    for i in range(ENERGIES):
+        e[i] += weight * pw[i]
+
+
+@inlined
+def next_stage(k, q, v, dt, w, q_s, v_s, sum_q, sum_v):
+    """From stage `k` of the classical Runge-Kutta method to the next; after the last one, advance (q, v)."""
+    weight = 1.0 if k == 0 or k == 3 else 2.0
+    h = dt if k == 2 else 0.5 * dt
+    for i in range(16):
+        speed, acceleration = v_s[i], w[ACC + i]
+        sum_q[i] = weight * speed if k == 0 else sum_q[i] + weight * speed
+        sum_v[i] = weight * acceleration if k == 0 else sum_v[i] + weight * acceleration
+        if k == 3:
+            q[i] += dt / 6.0 * sum_q[i]
+            v[i] += dt / 6.0 * sum_v[i]
+            q_s[i], v_s[i] = q[i], v[i]
+        else:
+            q_s[i] = q[i] + h * speed
+            v_s[i] = v[i] + h * acceleration
+
+
+@inlined
+def next_lag(k, lateral, dt, lag, sum_lag):
+    """As `next_stage` for the lateral forces that lag; `lag` holds the stage's and then their rates."""
+    weight = 1.0 if k == 0 or k == 3 else 2.0
+    h = dt if k == 2 else 0.5 * dt
+    for i in range(8):
+        sum_lag[i] = weight * lag[8 + i] if k == 0 else sum_lag[i] + weight * lag[8 + i]
+        if k == 3:
+            lateral[i] += dt / 6.0 * sum_lag[i]
+        lag[i] = lateral[i] if k == 3 else lateral[i] + h * lag[8 + i]
+
+
+@inlined
+def keep(values, row, out):
+    """Copy what is kept of an instant."""
+    for i in range(len(values)):
+        out[row, i] = values[i]
+
+
+@kernel
+def integrate_rk4(
+    q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
+    work, out_q, out_v, out_w, out_e, fx=None, lateral=None,
+):  # fmt: skip
+    """Advance the state in place by `steps` steps and keep every `every`-th row, the first and the last included.
+
+    Parameters
+    ----------
+    q, v : array, shape (16,)
+    eta, previous : array, shape (4,)
+        Efficiencies for the next step, and motor torques of the step before.
+    position, velocity, torque_d : array, shape (n, 4)
+        Commands at knots `knot_steps` steps apart; the first is at the start.
+    out_e : array or None
+        None leaves the energies out, at compile time.
+    fx : record, optional
+        Effects' parameters, with the time of the start in ``fx.t`` (see `effects.record`); without it, at compile time,
+        it is the paper's model.
+    lateral : array, shape (8,), where there is `fx`
+        Lateral forces of tyres that need some way to build them up, N; advanced in place, too.
+
+    Returns
+    -------
+    tuple of int
+        OK or DIVERGED, and the number of rows written.
+    """
+    w, drive, cubic, hold, eta_next, q_s, v_s, sum_q, sum_v, e, pw, lag, sum_lag = work
+    start = 0.0
+    if fx is not None:
+        start = fx.t
+        for i in range(8):
+            lag[i] = lateral[i]
+    for i in range(16):
+        q_s[i], v_s[i] = q[i], v[i]
+    module_gravity(p.front, p, FRONT, w)
+    if p.two:
+        module_gravity(p.back, p, BEHIND, w)
+    row = 0
+    for step in range(steps + 1):
+        s = prepare(
+            p, modes, step % knot_steps, step // knot_steps, knot_steps, dt, position, velocity, torque_d, back_factor,
+            previous, eta, cubic, hold,
+        )  # fmt: skip
+        for k in range(4):
+            if k != 2:
+                command_at(cubic, s + (0.0 if k == 0 else 0.5 if k == 1 else 1.0) * dt, modes, drive)
+            if fx is not None:
+                fx.t = start + dt * (step + (0.0 if k == 0 else 1.0 if k == 3 else 0.5))
+            right_hand_side(q_s, v_s, p, fx, modes, drive, hold, lag, w)
+            if k == 0:
+                if step == steps or step % every == 0:
+                    if not sound(q, v):
+                        return DIVERGED, row
+                    keep(q, row, out_q)
+                    keep(v, row, out_v)
+                    keep(w, row, out_w)
+                    if out_e is not None:
+                        keep(e, row, out_e)
+                    row += 1
+                if step == steps:
+                    return OK, row
+                feed_back(p, fx, v, w, eta_next, previous)
+            if out_e is not None:
+                add_powers(q_s, v_s, p, fx, w, dt / (6.0 if k == 0 or k == 3 else 3.0), e, pw)
+            next_stage(k, q, v, dt, w, q_s, v_s, sum_q, sum_v)
+            if fx is not None:
+                next_lag(k, lateral, dt, lag, sum_lag)
+        for motor in range(motor_count(p)):
+            eta[motor] = eta_next[motor]
+    return OK, row
+
+
+@kernel
+def integrate_semi_implicit(
+    q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
+    work, out_q, out_v, out_w, out_e, fx=None, lateral=None,
+):  # fmt: skip
+    """As `integrate_rk4`; a row's contributions are those that act from its state to the next."""
+    w, drive, cubic, hold, _, q_old, v_old, _, _, e, pw, lag, _ = work
+    start = 0.0
+    if fx is not None:
+        start = fx.t
+        for i in range(8):
+            lag[i] = lateral[i]
+    module_gravity(p.front, p, FRONT, w)
+    if p.two:
+        module_gravity(p.back, p, BEHIND, w)
+    row = 0
+    for step in range(steps + 1):
+        s = prepare(
+            p, modes, step % knot_steps, step // knot_steps, knot_steps, dt, position, velocity, torque_d, back_factor,
+            previous, eta, cubic, hold,
+        )  # fmt: skip
+        command_at(cubic, s, modes, drive)
+        mean_acceleration(cubic, s, dt, drive)
+        for i in range(16):
+            q_old[i], v_old[i] = q[i], v[i]
+        if fx is not None:
+            fx.t = start + dt * step
+        semi_implicit_step(q, v, p, fx, modes, drive, hold, lag, dt, w)
+        if step == steps or step % every == 0:
+            if not sound(q_old, v_old):
+                return DIVERGED, row
+            keep(q_old, row, out_q)
+            keep(v_old, row, out_v)
+            keep(w, row, out_w)
+            if out_e is not None:
+                keep(e, row, out_e)
+            row += 1
+        if step == steps:
+            for i in range(16):
+                q[i], v[i] = q_old[i], v_old[i]
+            break
+        feed_back(p, fx, v, w, eta, previous)
+        if fx is not None:
+            for i in range(8):
+                lateral[i] += dt * lag[8 + i]
+                lag[i] = lateral[i]
+        if out_e is not None:
+            for i in range(16):
+                v_old[i] = 0.5 * (v_old[i] + v[i])
+            add_powers(q_old, v_old, p, fx, w, dt, e, pw)
+    return OK, row

@@ -1,0 +1,188 @@
+"""The compiled loops of `loop` for a rover that stays on a plane, which most do: a third of the work a step.
+
+They take what those take and give the same to rounding. A rover that does not start level is left to them.
+"""
+
+from __future__ import annotations
+
+from artibot_sim.model.equations.dynamics import module_gravity
+from artibot_sim.model.equations.transmission import efficiency
+from artibot_sim.model.kernels.compilation import inlined, kernel
+from artibot_sim.model.kernels.energy import level_powers
+from artibot_sim.model.kernels.layout import BEHIND, FRONT
+from artibot_sim.model.kernels.loop import DIVERGED, OK, command_at, keep, mean_acceleration, prepare, sound
+from artibot_sim.model.kernels.plane_step import (
+    heading,
+    level,
+    level_accelerations,
+    level_semi_implicit,
+    motions,
+    near,
+    stand,
+    turned,
+    unload,
+    write_row,
+)
+
+NOTHING = (0.0,) * 10
+
+LEAVES = 2
+"""The status of a rover that does not stand level; nothing has been done then."""
+
+
+@inlined
+def load(q):
+    """Of q or v (16,), those that move on a plane."""
+    return q[0], q[1], q[5], q[8], q[9], q[13], q[6], q[7], q[14], q[15]
+
+
+@inlined
+def along(q, h, v):
+    """q + h v, of ten."""
+    return (
+        q[0] + h * v[0], q[1] + h * v[1], q[2] + h * v[2], q[3] + h * v[3], q[4] + h * v[4],
+        q[5] + h * v[5], q[6] + h * v[6], q[7] + h * v[7], q[8] + h * v[8], q[9] + h * v[9],
+    )  # fmt: skip
+
+
+@inlined
+def middle(a, b):
+    """The mean of ten and ten."""
+    return (
+        0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2]), 0.5 * (a[3] + b[3]), 0.5 * (a[4] + b[4]),
+        0.5 * (a[5] + b[5]), 0.5 * (a[6] + b[6]), 0.5 * (a[7] + b[7]), 0.5 * (a[8] + b[8]), 0.5 * (a[9] + b[9]),
+    )  # fmt: skip
+
+
+@inlined
+def feed_torques(p, M_m, v, eta, previous):
+    """What the next step takes from this one, see `loop.feed_back`."""
+    previous[0], previous[1] = M_m[0], M_m[1]
+    eta[0], eta[1] = efficiency(p.right_front, M_m[0], v[6]), efficiency(p.left_front, M_m[1], v[7])
+    if p.two:
+        previous[2], previous[3] = M_m[2], M_m[3]
+        eta[2], eta[3] = efficiency(p.right_back, M_m[2], v[8]), efficiency(p.left_back, M_m[3], v[9])
+
+
+@inlined
+def keep_row(q, v, w, e, row, out_q, out_v, out_w, out_e):
+    """A row into the tables."""
+    keep(q, row, out_q)
+    keep(v, row, out_v)
+    keep(w, row, out_w)
+    if out_e is not None:
+        keep(e, row, out_e)
+
+
+@inlined
+def begin(q, v, p, w):
+    """Gravity into the row; a rover at q and v; its coordinates and rates as tuples."""
+    module_gravity(p.front, p, FRONT, w)
+    if p.two:
+        module_gravity(p.back, p, BEHIND, w)
+    return stand(p, q), load(q), load(v)
+
+
+@kernel
+def level_rk4(
+    q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
+    work, out_q, out_v, out_w, out_e,
+):  # fmt: skip
+    """As `loop.integrate_rk4` for a rover that stands level, without effects; LEAVES for another."""
+    if not level(p, None, q, v):
+        return LEAVES, 0
+    w, drive, cubic, hold, eta_next, _, _, _, _, e, _, _, _ = work
+    at, here, rate = begin(q, v, p, w)
+    row = phase = knot = since = 0
+    begun, known = here, (0.0, 1.0, 0.0, 1.0)
+    for step in range(steps + 1):
+        s = prepare(
+            p, modes, phase, knot, knot_steps, dt, position, velocity, torque_d, back_factor, previous, eta, cubic,
+            hold,
+        )  # fmt: skip
+        q_k, v_k, sum_q, sum_v = here, rate, NOTHING, NOTHING
+        for k in range(4):
+            if k != 2:
+                command_at(cubic, s + (0.0 if k == 0 else 0.5 if k == 1 else 1.0) * dt, modes, drive)
+            if k > 0 and near(begun, q_k):
+                trig = turned(known, begun, q_k)
+            else:
+                begun, trig = q_k, heading(q_k)
+                known = trig
+            a, acting, M_m, M_r = level_accelerations(
+                at, p, q_k, v_k, trig, modes, drive, hold, k == 0 or out_e is not None
+            )
+            kept = k == 0 and (since == 0 or step == steps)
+            if kept:
+                write_row(at, p.two, motions(q_k, v_k), trig, a, acting, M_m, M_r, hold, w)
+            if k == 0:
+                if kept:
+                    unload(here, p.two, q)
+                    unload(rate, p.two, v)
+                    if not sound(q, v):
+                        return DIVERGED, row
+                    keep_row(q, v, w, e, row, out_q, out_v, out_w, out_e)
+                    row += 1
+                if step == steps:
+                    return OK, row
+                feed_torques(p, M_m, v_k, eta_next, previous)
+            weight = 1.0 if k == 0 or k == 3 else 2.0
+            if out_e is not None:
+                level_powers(at, p, motions(q_k, v_k), trig, v_k, a, acting, M_m, M_r, hold, dt / 6.0 * weight, e)
+            sum_q, sum_v = along(sum_q, weight, v_k), along(sum_v, weight, a)
+            h = dt if k == 2 else 0.5 * dt
+            q_k, v_k = along(here, h, v_k), along(rate, h, a)
+        here, rate = along(here, dt / 6.0, sum_q), along(rate, dt / 6.0, sum_v)
+        for motor in range(4 if p.two else 2):
+            eta[motor] = eta_next[motor]
+        phase, since = phase + 1, since + 1
+        if phase == knot_steps:
+            phase, knot = 0, knot + 1
+        if since == every:
+            since = 0
+    return OK, row
+
+
+@kernel
+def level_semi(
+    q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
+    work, out_q, out_v, out_w, out_e,
+):  # fmt: skip
+    """As `loop.integrate_semi_implicit` for a rover that stands level, without effects; LEAVES for another."""
+    if not level(p, None, q, v):
+        return LEAVES, 0
+    w, drive, cubic, hold, _, _, _, _, _, e, _, _, _ = work
+    at, here, rate = begin(q, v, p, w)
+    row = phase = knot = since = 0
+    for step in range(steps + 1):
+        s = prepare(
+            p, modes, phase, knot, knot_steps, dt, position, velocity, torque_d, back_factor, previous, eta, cubic,
+            hold,
+        )  # fmt: skip
+        command_at(cubic, s, modes, drive)
+        mean_acceleration(cubic, s, dt, drive)
+        trig = heading(here)
+        new, a, acting, M_m, M_r = level_semi_implicit(at, p, here, rate, trig, modes, drive, hold, dt)
+        mean = middle(rate, new)
+        kept = since == 0 or step == steps
+        if kept:
+            write_row(at, p.two, motions(here, rate), trig, a, acting, M_m, M_r, hold, w)
+        if kept:
+            unload(here, p.two, q)
+            unload(rate, p.two, v)
+            if not sound(q, v):
+                return DIVERGED, row
+            keep_row(q, v, w, e, row, out_q, out_v, out_w, out_e)
+            row += 1
+        if step == steps:
+            break
+        feed_torques(p, M_m, new, eta, previous)
+        if out_e is not None:
+            level_powers(at, p, motions(here, rate), trig, mean, a, acting, M_m, M_r, hold, dt, e)
+        here, rate = along(here, dt, mean), new
+        phase, since = phase + 1, since + 1
+        if phase == knot_steps:
+            phase, knot = 0, knot + 1
+        if since == every:
+            since = 0
+    return OK, row

@@ -1,0 +1,1 @@
+"""The model in plain NumPy, slowly and literally: where a reader begins."""

@@ -1,0 +1,131 @@
+"""Wheel and ground in plain NumPy: eqs 15 to 20, and what the effects make of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.model.reference.effects import NEUTRAL, PlainEffects
+from artibot_sim.model.robot.derived import params
+from artibot_sim.model.robot.parameters import ModuleParams, MotorParams, Params
+from artibot_sim.model.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+def rotation_x(a: float) -> tuple[Array, Array, Array]:
+    """R_x(a) and its first and second derivatives."""
+    c, s = math.cos(a), math.sin(a)
+    return (
+        np.array([[1, 0, 0], [0, c, -s], [0, s, c]]),
+        np.array([[0, 0, 0], [0, -s, -c], [0, c, -s]]),
+        np.array([[0, 0, 0], [0, -c, s], [0, -s, -c]]),
+    )
+
+
+def rotation_y(a: float) -> tuple[Array, Array, Array]:
+    """R_y(a) and its first and second derivatives."""
+    c, s = math.cos(a), math.sin(a)
+    return (
+        np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]),
+        np.array([[-s, 0, c], [0, 0, 0], [-c, 0, -s]]),
+        np.array([[-c, 0, -s], [0, 0, 0], [s, 0, -c]]),
+    )
+
+
+def rotation_z(a: float) -> tuple[Array, Array, Array]:
+    """R_z(a) and its first and second derivatives."""
+    c, s = math.cos(a), math.sin(a)
+    return (
+        np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]),
+        np.array([[-s, -c, 0], [c, -s, 0], [0, 0, 0]]),
+        np.array([[-c, s, 0], [-s, -c, 0], [0, 0, 0]]),
+    )
+
+
+@dataclass(frozen=True)
+class Wheels:
+    """Contact of eight (or four) wheels.
+
+    Velocities (m/s), forces (N), their distance ahead of the centres (m), what eq. 16 left of eq. 15's forces, the
+    longitudinal slip coefficients (N s/m), rates of lagging lateral forces (N/s), generalised forces (n, 16).
+    """
+
+    p_x: Array
+    p_y: Array
+    F_n: Array
+    F_l: Array
+    F_t: Array
+    u: Array
+    held: Array
+    k_l: Array
+    rate: Array
+    Q: Array
+
+
+def modules_of(p: Params) -> list[tuple[ModuleParams, int]]:
+    """The modules there are, each with the offset of its coordinates."""
+    return [(p.front, 0), (p.back, 8)][: 2 if p.two else 1]
+
+
+def motors_of(p: Params) -> list[MotorParams]:
+    """The motors there are."""
+    return [p.right_front, p.left_front, p.right_back, p.left_back][: 4 if p.two else 2]
+
+
+def contact_forces(robot: Robot, q: Array, v: Array) -> Wheels:
+    """Eqs 15 to 20 for every wheel at a state (16,), (16,)."""
+    return contact(params(robot), q, v)
+
+
+def contact(
+    p: Params, q: Array, v: Array, fx: PlainEffects = NEUTRAL, lateral: Array | None = None, dt: float = 0.0
+) -> Wheels:
+    """`contact_forces` from the kernel's parameters.
+
+    Lateral forces that lag, now `lateral` (8,), are those at the end of a step `dt`.
+    """
+    lagging = np.zeros(8) if lateral is None else lateral
+    places = [(body, b, side, end) for body, b in modules_of(p) for side in (-1, 1) for end in (1, -1)]
+    rows = [_wheel(p, *place, q, v, fx, lagging[i], dt) for i, place in enumerate(places)]
+    return Wheels(*(np.array(part) for part in zip(*rows, strict=True)))
+
+
+def _wheel(
+    p: Params, body: ModuleParams, b: int, side: int, end: int, q: Array, v: Array, fx: PlainEffects, F_lag: float,
+    dt: float,
+) -> tuple:  # fmt: skip
+    """One wheel: `side` is −1 on the right, `end` is 1 in front."""
+    R_x, dR_x, _ = rotation_x(q[b + 3])
+    R_z, dR_z, _ = rotation_z(q[b + 5])
+
+    def partials(point: Array) -> Array:
+        """d p_*/d x of eq. 19 (3, 16); pitch does not move a wheel."""
+        jacobian = np.zeros((3, 16))
+        jacobian[:, b : b + 3] = np.eye(3)
+        jacobian[:, b + 3] = R_z @ dR_x @ point
+        jacobian[:, b + 5] = dR_z @ R_x @ point
+        return jacobian
+
+    centre = np.array([end * body.half_x, side * body.half_y, 0.0])
+    place = q[b : b + 3] + R_z @ R_x @ centre
+    rate = (partials(centre) @ v)[2]
+    v_x, v_y, _ = (R_z @ R_x).T @ (partials(centre) @ v)
+    r_0 = body.r_0 + fx.extra_load(body, b, side, end) / p.k_n
+    F_n = max(p.k_n * (r_0 - place[2]) - p.c_n * rate, 0.0)
+    motor = motors_of(p)[(0 if b == 0 else 2) + (0 if side < 0 else 1)]
+    slip = motor.r_w * motor.tau * v[b + (6 if side < 0 else 7)] - v_x
+    soil, grip = fx.soil(), fx.soil() * fx.grip(place[0], place[1])
+    F_l, steady = soil * body.k_l * slip, -soil * body.k_t * v_y
+    F_t, F_rate = fx.lagged(steady, F_lag, v_x, dt)
+    F_h, held = math.hypot(F_l, F_t), 1.0
+    if F_h > grip * body.mu_s * F_n:
+        held = fx.friction(grip * body.mu_s, grip * body.mu_d, math.hypot(slip, v_y)) * F_n / F_h
+    F_l, F_t = held * F_l, held * F_t + fx.lateral(v_y)
+    u = p.u_w * fx.lead(math.hypot(v_x, v_y))
+    applied = centre + np.array([u, 0.0, 0.0])  # eq. 20
+    Q = partials(applied).T @ (R_z @ R_x @ np.array([F_l, F_t, F_n]))  # eq. 18
+    return v_x, v_y, F_n, F_l, F_t, u, held, soil * body.k_l, F_rate, Q

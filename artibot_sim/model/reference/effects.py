@@ -1,0 +1,99 @@
+"""The effects in plain Python, as the contract's table states them; nothing here is shared with compiled code."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from artibot_sim.model.effects.base import Values
+from artibot_sim.model.robot.parameters import ModuleParams
+
+
+@dataclass(frozen=True)
+class PlainEffects:
+    """A robot's effects at the time `t` (s); without any the model is the paper's."""
+
+    values: Mapping[str, Values] = field(default_factory=dict)
+    t: float = 0.0
+
+    def _of(self, effect: str, name: str, neutral: float = 0.0) -> float:
+        return float(self.values.get(effect, {}).get(name, neutral))
+
+    def at(self, t: float) -> PlainEffects:
+        """The same at another time."""
+        return PlainEffects(self.values, t)
+
+    def soil(self) -> float:
+        """Factor of k_l, k_t, mu_s and mu_d."""
+        return max(0.05, 1 - self._of("soil_softening", "rate") * self.t)
+
+    def grip(self, x: float, y: float) -> float:
+        """Factor of mu_s and mu_d at a place in `map`."""
+        away = math.hypot(x - self._of("friction_patch", "x"), y - self._of("friction_patch", "y"))
+        inside = away < self._of("friction_patch", "radius")
+        return self._of("friction_patch", "scale", 1.0) if inside else 1.0
+
+    def friction(self, mu_s: float, mu_d: float, slip: float) -> float:
+        """Coefficient of a wheel that slides at `slip` (m/s)."""
+        velocity = self._of("stribeck", "velocity")
+        return mu_d + (mu_s - mu_d) * math.exp(-slip / velocity) if velocity > 0 else mu_d
+
+    def lateral(self, p_y: float) -> float:
+        """Force on top of eq. 16's, N."""
+        return -self._of("bulldozing", "coefficient") * abs(p_y) * p_y
+
+    def lead(self, speed: float) -> float:
+        """Factor of u_w."""
+        return 1 + self._of("rolling_resistance_speed", "coefficient") * speed
+
+    def lagged(self, steady: float, now: float, p_x: float, dt: float) -> tuple[float, float]:
+        """F_t before saturation at the end of `dt`, and its rate."""
+        length = self._of("tyre_relaxation", "length")
+        if length == 0:
+            return steady, 0.0
+        follow = max(abs(p_x), 0.05) / length
+        rate = follow * (steady - now) / (1 + dt * follow)
+        return now + dt * rate, rate
+
+    def centre(self, b: int) -> tuple[float, float]:
+        """Centre of mass of the module whose coordinates begin at `b`."""
+        return (self._of("com_offset", "x"), self._of("com_offset", "y")) if b == 0 else (0.0, 0.0)
+
+    def extra_load(self, body: ModuleParams, b: int, side: int, end: int) -> float:
+        """What a wheel carries more than a quarter of its module's weight, N."""
+        x, y = self.centre(b)
+        weight = body.m * 9.81 * math.cos(self._of("slope", "grade"))
+        return weight / 4 * ((1 + end * x / body.half_x) * (1 + side * y / body.half_y) - 1)
+
+    def drag(self, motor: int, theta_dot: float) -> float:
+        """Torque against a motor's rotation, N m."""
+        names = ("front_right", "front_left", "back_right", "back_left")
+        dragged = self.values.get("motor_drag", {}).get("motor", names[0])
+        return self._of("motor_drag", "torque") * math.tanh(theta_dot / 0.5) if dragged == names[motor] else 0.0
+
+    def joint(self, angle: float, rate: float) -> float:
+        """Torque against the articulation's yaw, N m."""
+        torque = self._of("joint_friction", "torque") * math.tanh(rate / 0.01)
+        torque += self._of("joint_damping", "coefficient") * rate + self._of("joint_stiffness", "stiffness") * angle
+        beyond = abs(angle) - self._of("joint_stop", "angle", math.inf)
+        if beyond > 0:
+            torque += math.copysign(max(4000 * beyond + 40 * rate * math.copysign(1, angle), 0.0), angle)
+        return torque
+
+    def push(self) -> tuple[float, float]:
+        """Force on the front module's origin, N."""
+        force, heading = self._of("external_force", "force"), self._of("external_force", "heading")
+        return force * math.cos(heading), force * math.sin(heading)
+
+    def load(self, module: int, forward: float) -> tuple[float, float, float]:
+        """Force along and across a module's own frame, N, and yaw moment, N m, at its forward speed, m/s."""
+        since = self.t - self._of("residual_force", "since")
+        names = ("front_surge", "front_sway", "front_turn") if module == 0 else ("", "", "back_turn")
+        surge, sway, turn = (
+            self._of("residual_force", n) + since * self._of("residual_force", f"{n}_rate") for n in names
+        )
+        return surge - self._of("motion_resistance", "force") * math.tanh(forward / 0.05), sway, turn
+
+
+NEUTRAL = PlainEffects()

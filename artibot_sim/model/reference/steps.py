@@ -1,0 +1,152 @@
+"""Both integrators in plain NumPy, on the equations of :mod:`artibot_sim.model.reference.dynamics`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.model.equations.transmission import Mode
+from artibot_sim.model.kernels.layout import MOTOR_COORDINATES
+from artibot_sim.model.reference.contact import Wheels, contact, modules_of, motors_of
+from artibot_sim.model.reference.dynamics import body_system, follow, load_torque, solve, solve_augmented
+from artibot_sim.model.reference.effects import NEUTRAL, PlainEffects
+from artibot_sim.model.robot.parameters import Params
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PlainState:
+    """q, v (16,), the efficiencies for the next step, the torques of the last (4,), lateral forces that lag (8,)."""
+
+    q: Array
+    v: Array
+    eta: Array
+    torque: Array
+    lateral: Array = field(default_factory=lambda: np.zeros(8))
+
+
+def _hold(p: Params, state: PlainState, command: Array, back_factor: float) -> Array:
+    """Torques held through a step: commanded ones; where NaN, eq. 30 behind and zero in front."""
+    shared = back_factor * (state.torque[0] + state.torque[1])
+    default = np.array([0.0, 0.0, shared, shared])
+    return np.where(np.isnan(command), default, command)
+
+
+def _feed_back(p: Params, torque: Array, theta_dot: Array, eta: Array, fx: PlainEffects) -> Array:
+    """Eq. 23 for the next step, judged by what goes through the gear."""
+    fresh = eta.copy()
+    for i, motor in enumerate(motors_of(p)):
+        M_gear = torque[i] - fx.drag(i, theta_dot[i])
+        fresh[i] = motor.eta_d if M_gear * theta_dot[i] >= 0 else 1.0 / motor.eta_r
+    return fresh
+
+
+MOTOR_COLUMNS = list(MOTOR_COORDINATES)
+
+
+def rk4_step(
+    p: Params,
+    state: PlainState,
+    modes: Sequence[Mode],
+    drives: Sequence[Array],
+    command: Array,
+    factor: float,
+    dt: float,
+    fx: PlainEffects = NEUTRAL,
+) -> PlainState:
+    """One step of the classical Runge-Kutta method.
+
+    Parameters
+    ----------
+    drives : sequence of 3 arrays, shape (3, 4)
+        Commanded angles, speeds and accelerations at the step's start, middle and end.
+    command : array, shape (4,)
+        Commanded torques through the step.
+    factor : float
+        Of eq. 30, for one back motor.
+    fx : PlainEffects
+        At the step's start.
+    """
+    held = _hold(p, state, command, factor)
+    active = np.arange(16) < (16 if p.two else 8)
+    k_q, k_v, k_lag, torque = [], [], [], state.torque
+    q, v, lateral = state.q, state.v, state.lateral
+    for stage, (h, drive) in enumerate(
+        zip((0.5, 0.5, 1.0, 0.0), (drives[0], drives[1], drives[1], drives[2]), strict=True)
+    ):
+        now = fx.at(fx.t + (0.0, 0.5, 0.5, 1.0)[stage] * dt)
+        solution = solve(p, q, v, modes, drive, state.eta, held, now, lateral)
+        if stage == 0:
+            torque = solution.torque
+        k_q.append(v)
+        k_v.append(np.where(active, solution.acceleration, 0.0))
+        k_lag.append(np.resize(solution.wheels.rate, 8))
+        q, v = state.q + h * dt * k_q[-1], state.v + h * dt * k_v[-1]
+        lateral = state.lateral + h * dt * k_lag[-1]
+    weights = np.array([1, 2, 2, 1]) / 6 * dt
+    eta = _feed_back(p, torque, state.v[MOTOR_COLUMNS], state.eta, fx)
+    ends = (now + weights @ np.array(k) for now, k in ((state.q, k_q), (state.v, k_v), (state.lateral, k_lag)))
+    new_q, new_v, new_lateral = ends
+    return PlainState(new_q, new_v, eta, torque, new_lateral)
+
+
+def semi_implicit_step(
+    p: Params,
+    state: PlainState,
+    modes: Sequence[Mode],
+    drive: Array,
+    command: Array,
+    factor: float,
+    dt: float,
+    fx: PlainEffects = NEUTRAL,
+) -> PlainState:
+    """One step of symplectic Euler with implicit wheel spin and, where the step is long for it, slip.
+
+    `drive` (3, 4) holds the commanded angles and speeds at the step's start and the mean acceleration over it.
+    """
+    held = _hold(p, state, command, factor)
+    v = state.v.copy()
+    torque = np.zeros(4)
+    old = contact(p, state.q, state.v, fx, state.lateral)
+    for i in range(len(motors_of(p))):
+        v[MOTOR_COLUMNS[i]], torque[i] = _next_speed(p, state, old, i, modes[i], drive[:, i], held[i], dt, fx)
+    wheels = contact(p, state.q, v, fx, state.lateral, dt)
+    for i, motor in enumerate(motors_of(p)):
+        if modes[i] == Mode.PRESCRIBED:
+            c = MOTOR_COLUMNS[i]
+            load = motor.tau / state.eta[i] * load_torque(p, wheels, i, motor.tau * v[c]) + fx.drag(i, v[c])
+            inertia = motor.J_m + motor.J_w * motor.tau**2 / state.eta[i]
+            torque[i] = inertia * (v[c] - state.v[c]) / dt + load
+    mass, n, phi, right = body_system(p, state.q, state.v, wheels, fx, dt)
+    acceleration, _ = solve_augmented(mass, phi, n, right)
+    new_v = v.copy()
+    bodies = [i for _, offset in modules_of(p) for i in range(offset, offset + 6)]
+    new_v[bodies] = state.v[bodies] + dt * acceleration[bodies]
+    vertical = np.isin(np.arange(16) % 8, (2, 3, 4))
+    new_q = state.q + dt * np.where(vertical, new_v, 0.5 * (state.v + new_v))
+    eta = _feed_back(p, torque, new_v[MOTOR_COLUMNS], state.eta, fx)
+    return PlainState(new_q, new_v, eta, torque, state.lateral + dt * np.resize(wheels.rate, 8))
+
+
+def _next_speed(
+    p: Params, state: PlainState, wheels: Wheels, i: int, mode: Mode, drive: Array, held: float, dt: float,
+    fx: PlainEffects,
+) -> tuple[float, float]:  # fmt: skip
+    """Speed of a motor after a step, the slip of its wheels linearised by the secant of eqs 15, 16; its torque."""
+    motor, c = motors_of(p)[i], MOTOR_COLUMNS[i]
+    theta, theta_dot = state.q[c], state.v[c]
+    _, d_dot, d_ddot = drive
+    if mode == Mode.PRESCRIBED:
+        return theta_dot + dt * follow(p, theta, theta_dot, drive), 0.0
+    eta, pair, drag = state.eta[i], slice(2 * i, 2 * i + 2), fx.drag(i, theta_dot)
+    slope = motor.r_w * (wheels.k_l[pair] @ wheels.held[pair])
+    inertia = motor.J_m + motor.J_w * motor.tau**2 / eta + dt * motor.tau / eta * motor.r_w * slope * motor.tau
+    inertia += dt * drag / theta_dot if theta_dot != 0 else 0.0
+    load = motor.tau / eta * load_torque(p, wheels, i, motor.tau * theta_dot) + drag
+    M = held if mode == Mode.TORQUE else inertia * (d_ddot + p.velocity_gain * (d_dot - theta_dot)) + load
+    M = min(max(M, -motor.torque_max), motor.torque_max)
+    return theta_dot + dt * (M - load) / inertia, M

@@ -1,0 +1,1 @@
+"""A robot: its quantities, its file, its parameters as compiled code takes them."""

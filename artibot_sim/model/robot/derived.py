@@ -1,0 +1,106 @@
+"""A robot's numbers as the kernel takes them, derived quantities included.
+
+:class:`Params` is what Python reads; :func:`packed` lays it out as one NumPy record, which compiled code takes by
+reference and reads by the same names.
+"""
+
+from __future__ import annotations
+
+from typing import Any, get_type_hints
+
+import numpy as np
+
+from artibot_sim.model.effects import at_work
+from artibot_sim.model.robot.environment import STANDARD_GRAVITY, gravity
+from artibot_sim.model.robot.parameters import ModuleParams, MotorParams, Params
+from artibot_sim.model.robot.robot import Drive, Module, Robot
+
+
+def starred(robot: Robot, module: Module) -> tuple[float, float, float, float]:
+    """Mass and inertias with the wheels: m*, J_x*, J_y*, J_z* of eq. 9.
+
+    Four wheels at (±i_x/2, ±i_y/2) add m_w i_y², m_w i_x² and m_w (i_x² + i_y²); the printed factor is twice that
+    (`readings.literal_eq9`). J_y* is not printed; it follows by the same rule.
+    """
+    wheel, factor = robot.wheel, 2.0 if robot.readings.literal_eq9 else 1.0
+    m_w = factor * wheel.m_w
+    return (
+        module.m + 4 * wheel.m_w,
+        module.J_x + 4 * wheel.J_wx + m_w * module.i_y**2,
+        module.J_y + 4 * wheel.J_wy + m_w * module.i_x**2,
+        module.J_z + 4 * wheel.J_wx + m_w * (module.i_x**2 + module.i_y**2),
+    )
+
+
+def _module(robot: Robot, module: Module, sign: float) -> ModuleParams:
+    m, J_x, J_y, J_z = starred(robot, module)
+    inverse = (1 / m, 1 / m, 1 / m, 1 / J_x, 1 / J_y, 1 / J_z)
+    # Under its weight every wheel has the rolling radius r_w, so that wheels, origins and joint are coplanar and the
+    # rover stands level, as section 4.3 assumes; with one unloaded radius for both modules it would pitch.
+    r_0 = robot.wheel.r_w + m * STANDARD_GRAVITY / (4 * robot.contact.k_n)
+    soil = robot.contact
+    return ModuleParams(
+        m, J_x, J_y, J_z, module.i_x / 2, module.i_y / 2, sign * module.l, module.O_z, r_0,
+        soil.k_l, soil.k_t, soil.mu_s, soil.mu_d, inverse,
+    )  # fmt: skip
+
+
+def _motor(robot: Robot, drive: Drive) -> MotorParams:
+    J_w = robot.wheel.wheels_per_motor * robot.wheel.J_wy
+    return MotorParams(drive.tau, robot.wheel.r_w, drive.eta_d, drive.eta_r, drive.J_m, J_w, drive.torque_max)
+
+
+def params(robot: Robot) -> Params:
+    """The kernel's view of `robot`, with what its effects change in these numbers.
+
+    A rigid robot's missing module is filled with the front's numbers, unused.
+    """
+    front = _motor(robot, robot.drive.front)
+    back = _motor(robot, robot.drive.back or robot.drive.front)
+    contact, control = robot.contact, robot.control
+    g = gravity(0.0, 0.0)
+    p = Params(
+        two=robot.articulated,
+        front=_module(robot, robot.front, -1.0),
+        back=_module(robot, robot.back or robot.front, 1.0),
+        right_front=front,
+        left_front=front,
+        right_back=back,
+        left_back=back,
+        k_n=contact.k_n,
+        c_n=contact.c_n,
+        u_w=contact.u_w,
+        literal_eq22=robot.readings.literal_eq22,
+        A_motor=control.A_motor,
+        A_joint=control.A_joint,
+        velocity_gain=control.velocity_gain,
+        g_x=g[0],
+        g_y=g[1],
+        g_z=g[2],
+    )
+    for effect, values in at_work(robot.effects).values():
+        if effect.adapt is not None:
+            p = effect.adapt(p, values)
+    return p
+
+
+def _dtype(cls: type) -> np.dtype:
+    """The record type of a (nested) named tuple of floats, bools and tuples of floats."""
+    fields: list[tuple[Any, ...]] = []
+    for name, kind in get_type_hints(cls).items():
+        if kind in (float, bool):
+            fields.append((name, np.dtype(kind)))
+        elif hasattr(kind, "_fields"):
+            fields.append((name, _dtype(kind)))
+        else:
+            fields.append((name, np.float64, (len(kind.__args__),)))
+    return np.dtype(fields, align=True)
+
+
+PARAMS_DTYPE = _dtype(Params)
+
+
+def packed(p: Params) -> np.void:
+    """`p` as one record."""
+    record: np.void = np.array([p], dtype=PARAMS_DTYPE)[0]
+    return record

@@ -1,0 +1,283 @@
+"""A robot as one frozen tree of physical parameters, under the paper's symbols.
+
+Every number a simulation uses is a field here, declared once with its unit, bounds and meaning. Files are read
+and written by :mod:`artibot_sim.model.robot.file`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.model.effects import EFFECTS, effects_from_dict
+from artibot_sim.model.robot.quantity import Quantity, not_negative, positive, quantity
+
+MOTORS = ("front_right", "front_left", "back_right", "back_left")
+"""Motor names in the order of every (…, 4) array (the paper's fr, fl, br, bl)."""
+
+WHEELS = tuple(f"{motor}_{end}" for motor in MOTORS for end in ("front", "back"))
+"""Wheel names in the order of every (…, 8) array (the paper's frf, frb, flf, …)."""
+
+WHEEL_JOINTS = tuple(f"{wheel}_wheel" for wheel in WHEELS)
+"""Wheel joints as published in ``/joint_states``."""
+
+
+@dataclass(frozen=True)
+class Module:
+    """One module, without its wheels (Table 2 and Fig. 3)."""
+
+    m: float = positive("kg", "mass of the module without its four wheels")
+    J_x: float = positive("kg m^2", "roll inertia without wheels, about the module's origin")
+    J_y: float = positive("kg m^2", "pitch inertia without wheels")
+    J_z: float = positive("kg m^2", "yaw inertia without wheels")
+    i_x: float = positive("m", "longitudinal spacing of the wheels (along x, as eq. 20 uses it)")
+    i_y: float = positive("m", "track: lateral spacing of the wheels (along y, as eq. 20 uses it)")
+    l: float = not_negative("m", "distance from the module's origin to the joint")  # noqa: E741 - the paper's symbol
+    O_z: float = quantity("m", -10.0, 10.0, "height of the joint above the module's origin", 0.0)
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """The wheels, all alike (eq. 9 and Table 2)."""
+
+    r_w: float = positive("m", "nominal wheel radius")
+    m_w: float = not_negative("kg", "mass of one wheel with its share of the carrier")
+    J_wx: float = not_negative("kg m^2", "inertia of one wheel unit about its diameter (J_w,x = J_w,z)")
+    J_wy: float = positive("kg m^2", "inertia of one wheel about its axle")
+    wheels_per_motor: float = quantity("-", 2, 2, "wheels that one motor turns", 2.0)
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Soil and tyre (eqs 15, 16 and Table 4)."""
+
+    k_n: float = positive("N/m", "normal stiffness of a wheel")
+    k_l: float = positive("N s/m", "longitudinal slip coefficient")
+    k_t: float = positive("N s/m", "transversal slip coefficient (k_r in Table 4)")
+    mu_s: float = positive("-", "horizontal over normal force at which a wheel breaks away")
+    mu_d: float = positive("-", "horizontal over normal force of a sliding wheel")
+    u_w: float = not_negative("m", "offset of the normal force ahead of the wheel centre: rolling resistance")
+    c_n: float = not_negative("N s/m", "normal damping of a wheel; the paper has none", 0.0)
+
+
+@dataclass(frozen=True)
+class Polarity:
+    """Sense of each motor on the real drive: +1 if positive counts drive the rover forward."""
+
+    right: float = quantity("-", -1, 1, "right motor", 1.0)
+    left: float = quantity("-", -1, 1, "left motor", 1.0)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Motor and gearbox of one module's two sides (eqs 21-23 and Table 3)."""
+
+    tau: float = positive("-", "reduction ratio: wheel speed over motor speed")
+    eta_d: float = quantity("-", 0.0, 1.0, "efficiency when the motor drives the wheels", low_open=True)
+    eta_r: float = quantity("-", 0.0, 1.0, "efficiency when the wheels drive the motor", low_open=True)
+    J_m: float = not_negative("kg m^2", "inertia of the rotor")
+    torque_max: float = quantity("N m", 0.0, math.inf, "largest torque of one motor", math.inf, low_open=True)
+    rated_torque: float = quantity("N m", 0.0, math.inf, "continuous torque of one motor", math.inf, low_open=True)
+    torque_constant: float = quantity("N m/A", 0.0, math.inf, "torque per ampere", math.inf, low_open=True)
+    polarity: Polarity = field(default_factory=Polarity)
+
+
+@dataclass(frozen=True)
+class Drives:
+    """The drives of both modules."""
+
+    front: Drive
+    back: Drive | None = None
+
+
+@dataclass(frozen=True)
+class Control:
+    """What is set, not measured: torque sharing, constraint stabilisation, velocity loop."""
+
+    kappa: float = quantity("-", 0.0, 1.0, "share of the front module in the traction torque (eq. 29)", low_open=True)
+    A_motor: float = positive("1/s", "Baumgarte rate of prescribed motors (eqs 27, 28; B = A^2)", 100.0)
+    A_joint: float = not_negative("1/s", "Baumgarte rate of the joint; 0 is eq. 25 as printed", 20.0)
+    velocity_gain: float = positive("1/s", "velocity loop of driven motors: acceleration per speed error", 40.0)
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Which reading of the printed equations is computed (see the list of errata in the docs)."""
+
+    literal_eq9: bool = False
+    literal_eq22: bool = False
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A rover: everything that `rollout` needs to know about it.
+
+    Attributes
+    ----------
+    front, back : Module
+        `back` is None for a rigid robot.
+    drive : Drives
+        ``drive.front`` and ``drive.back``; also as `drive_front` and `drive_back`.
+    effects : mapping of str to mapping
+        Model extensions by id; absent is neutral.
+    sources : mapping of str to str
+        Where each number comes from, by key (``contact.k_l``).
+    intervals : mapping of str to (float, float)
+        95 % intervals of identified parameters, by key.
+
+    Raises
+    ------
+    ArtibotError
+        When a value is out of bounds or contradicts another, with its key.
+    """
+
+    name: str
+    front: Module
+    wheel: Wheel
+    contact: Contact
+    drive: Drives
+    control: Control
+    back: Module | None = None
+    readings: Readings = Readings()
+    effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    description: str = ""
+    sources: Mapping[str, str] = field(default_factory=dict, compare=False)
+    intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "effects", MappingProxyType(effects_from_dict(self.effects)))
+        for name in ("sources", "intervals"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+        for key, spec, value in self.quantities():
+            spec.check(key, value)
+        _check_together(self)
+
+    @property
+    def articulated(self) -> bool:
+        """Whether the robot has a back module."""
+        return self.back is not None
+
+    @property
+    def drive_front(self) -> Drive:
+        """Drive of the front motors."""
+        return self.drive.front
+
+    @property
+    def drive_back(self) -> Drive | None:
+        """Drive of the back motors, None for a rigid robot."""
+        return self.drive.back
+
+    def quantities(self) -> Iterator[tuple[str, Quantity, float]]:
+        """Every physical parameter as (key, declaration, value), in the order of a robot file."""
+        yield from _walk(self, "")
+
+    def effect_quantities(self) -> Iterator[tuple[str, Quantity, float]]:
+        """Every number of the effects that the robot has, as `quantities` (``"effects.slope.grade"``)."""
+        for name, values in self.effects.items():
+            for parameter, declared in EFFECTS[name].parameters.items():
+                if isinstance(declared.quantity, Quantity):
+                    yield f"effects.{name}.{parameter}", declared.quantity, float(values[parameter])
+
+    def as_vector(self, keys: Sequence[str]) -> NDArray[np.float64]:
+        """Values of `keys` (``"contact.k_l"``, ``"effects.slope.grade"``, …) as an array, for fitting."""
+        values = {key: value for key, _, value in (*self.quantities(), *self.effect_quantities())}
+        return np.array([_look_up(values, key) for key in keys])
+
+    def with_vector(self, keys: Sequence[str], values: Sequence[float] | NDArray[np.float64]) -> Robot:
+        """A robot whose `keys` have `values` (same order), all else as here."""
+        return self.replace(dict(zip(keys, map(float, values), strict=True)))
+
+    def replace(self, changes: Mapping[str, Any], *, source: str = "assumed: set by hand") -> Robot:
+        """A robot with other values.
+
+        Parameters
+        ----------
+        changes : mapping
+            Key (``"contact.k_l"``, ``"front.m"``, ``"effects.slope.grade"`` of an effect it has) to value.
+        source : str
+            What is noted as the origin of the changed values.
+        """
+        own = {key for key, _, _ in self.quantities()}
+        known = own | {key for key, _, _ in self.effect_quantities()}
+        for key in changes:
+            if key not in known and key not in _SWITCHES:
+                raise ArtibotError(f"{key}: not a parameter of robot '{self.name}'; known: {', '.join(sorted(known))}")
+        sources = dict(self.sources) | {key: source for key in changes if key in known}
+        leaves: dict[tuple[str, ...], Any] = {
+            tuple(key.split(".")): float(v) if key in own else bool(v)
+            for key, v in changes.items()
+            if key not in known - own
+        }
+        effects = {name: dict(values) for name, values in self.effects.items()}
+        for key in (known - own) & set(changes):
+            _, name, parameter = key.split(".")
+            effects[name][parameter] = float(changes[key])
+        return _replace_leaves(self, leaves | {("sources",): sources, ("effects",): effects})
+
+
+def _walk(node: Any, path: str) -> Iterator[tuple[str, Quantity, float]]:
+    for name, declared in _entries(node.__class__):
+        value, key = getattr(node, name), f"{path}{name}"
+        if declared is not None:
+            yield key, declared, value
+        elif dataclasses.is_dataclass(value):
+            yield from _walk(value, f"{key}.")
+
+
+@cache
+def _entries(kind: type) -> tuple[tuple[str, Quantity | None], ...]:
+    """Names of a dataclass's fields, each with its declaration where it is a physical parameter."""
+    return tuple((entry.name, entry.metadata.get("quantity")) for entry in dataclasses.fields(kind))
+
+
+def _look_up(values: Mapping[str, float], key: str) -> float:
+    if key not in values:
+        raise ArtibotError(f"{key}: not a parameter; known: {', '.join(sorted(values))}")
+    return values[key]
+
+
+_SWITCHES = tuple(f"readings.{entry.name}" for entry in dataclasses.fields(Readings))
+
+
+def _replace_leaves(node: Any, leaves: Mapping[tuple[str, ...], Any]) -> Any:
+    """A copy of the tree with these leaves changed, all at once: the checks see only the finished tree."""
+    changed = {path[0]: value for path, value in leaves.items() if len(path) == 1}
+    for head in {path[0] for path in leaves if len(path) > 1}:
+        below = {path[1:]: value for path, value in leaves.items() if path[0] == head and len(path) > 1}
+        changed[head] = _replace_leaves(getattr(node, head), below)
+    return dataclasses.replace(node, **changed)
+
+
+def _check_together(robot: Robot) -> None:
+    """Relations between parameters that bounds alone do not catch."""
+    if (robot.back is None) != (robot.drive.back is None):
+        raise ArtibotError("drive.back: a robot has it exactly when it has a back module; give both or neither")
+    if robot.contact.mu_d > robot.contact.mu_s:
+        raise ArtibotError(
+            f"contact.mu_d: {robot.contact.mu_d:g} exceeds mu_s {robot.contact.mu_s:g}; "
+            "eq. 16 lets the force drop when a wheel breaks away, so mu_d must not be larger"
+        )
+    for name in ("front", "back"):
+        module: Module | None = getattr(robot, name)
+        if module is None:
+            continue
+        J = sorted((module.J_x, module.J_y, module.J_z))
+        if J[2] > (J[0] + J[1]) * (1 + 1e-9):
+            raise ArtibotError(
+                f"{name}.J_x, J_y, J_z: {module.J_x:g}, {module.J_y:g}, {module.J_z:g} kg m^2 break the triangle "
+                "inequality, which every body obeys; check the largest one"
+            )
+    for name in ("front", "back"):
+        drive: Drive | None = getattr(robot.drive, name)
+        for side in ("right", "left"):
+            if drive is not None and abs(getattr(drive.polarity, side)) != 1:
+                raise ArtibotError(f"drive.{name}.polarity.{side}: must be 1 or -1")

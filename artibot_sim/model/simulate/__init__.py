@@ -1,0 +1,1 @@
+"""Simulations: commands, states, rollouts, batches, windows, a stepper, sensors."""

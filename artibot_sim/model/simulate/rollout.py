@@ -1,0 +1,372 @@
+"""Simulate: `rollout` checks what it is given, runs the compiled loop and names what comes out."""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.model.analysis.stability import implicit_slip, largest_step
+from artibot_sim.model.effects import at_work, record
+from artibot_sim.model.equations.kinematics import articulation
+from artibot_sim.model.equations.transmission import Mode, back_torque_factor
+from artibot_sim.model.kernels.layout import (
+    COLUMNS,
+    COORDINATES,
+    ENERGIES,
+    ENERGY_COLUMNS,
+    GAMMA,
+    M_M,
+    MOTOR_COORDINATES,
+    ROW,
+)
+from artibot_sim.model.robot.derived import packed, params
+from artibot_sim.model.robot.parameters import Params
+from artibot_sim.model.robot.robot import Robot
+from artibot_sim.model.simulate.commands import Commands
+from artibot_sim.model.simulate.state import State, initial_state
+
+# ----------------------------------------------------------------------
+# What `rollout` is asked for: modes, steps and rows, checked.
+# ----------------------------------------------------------------------
+
+
+Array = NDArray[np.float64]
+
+INTEGRATORS = ("rk4", "semi_implicit")
+
+DEFAULT_MODES = (Mode.PRESCRIBED, Mode.PRESCRIBED, Mode.TORQUE, Mode.TORQUE)
+"""As in the paper: front motors follow their profile, back motors share their torque."""
+
+
+def default_modes(robot: Robot) -> tuple[Mode, Mode, Mode, Mode]:
+    """As in the paper, but front motors that an effect limits are driven: prescribed ones know no limit."""
+    if any(effect.drives_front for effect, _ in at_work(robot.effects).values()):
+        return Mode.DRIVEN, Mode.DRIVEN, *DEFAULT_MODES[2:]
+    return DEFAULT_MODES
+
+
+def chosen_modes(robot: Robot, commands: Commands, modes: Mode | Sequence[Mode] | None) -> tuple[Mode, ...]:
+    """The four modes asked for, or the default ones; those moved by speed must have speeds in `commands`."""
+    chosen = (
+        default_modes(robot) if modes is None else (modes,) * 4 if isinstance(modes, Mode) else tuple(map(Mode, modes))
+    )
+    if len(chosen) != 4:
+        raise ArtibotError(f"modes: {len(chosen)} given; expected one, or four in the order of MOTORS")
+    names = ("front_right", "front_left", "back_right", "back_left")[: 4 if robot.articulated else 2]
+    for name, mode, given in zip(names, chosen, commands.commanded, strict=False):
+        if mode != Mode.TORQUE and not given:
+            raise ArtibotError(f"commands.velocity: no speeds for {name}, which is {mode.name}; give its column")
+    return chosen
+
+
+def unlimited_beside_prescribed(p: Params, modes: tuple[Mode, ...]) -> Params:
+    """Motors that share the torque of prescribed ones, which have no limit, have none themselves."""
+    if Mode.DRIVEN in modes[:2]:
+        return p
+    right = p.right_back if modes[2] == Mode.DRIVEN else p.right_back._replace(torque_max=math.inf)
+    left = p.left_back if modes[3] == Mode.DRIVEN else p.left_back._replace(torque_max=math.inf)
+    return p._replace(right_back=right, left_back=left)
+
+
+def check_step(commands: Commands, dt: float, integrator: str, every: int) -> None:
+    """Refuse an integrator that is unknown, and a step or a distance of rows that cannot be."""
+    if integrator not in INTEGRATORS:
+        raise ArtibotError(f"integrator: '{integrator}'; expected one of {', '.join(INTEGRATORS)}")
+    if not (math.isfinite(dt) and dt > 0):
+        raise ArtibotError(f"dt: {dt} s; expected a finite step greater than 0, such as 0.001 s")
+    ratio = commands.dt / dt
+    if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6:
+        raise ArtibotError(f"dt: {dt:g} s does not divide the commands' knot spacing of {commands.dt:g} s")
+    if not (isinstance(every, int | np.integer) and every >= 1):
+        raise ArtibotError(f"every: {every!r}; expected a number of steps of at least 1")
+
+
+def number_of_steps(duration: float, dt: float) -> int:
+    """Steps in a duration (s)."""
+    if not (math.isfinite(duration) and duration >= 0):
+        raise ArtibotError(f"duration: {duration} s; expected a finite time of at least 0")
+    return round(duration / dt)
+
+
+class Setup(NamedTuple):
+    """What is to be simulated, checked: `p` and `modes` as the kernel takes them, `kappa`, where from, how far."""
+
+    robot: Robot
+    commands: Commands
+    p: Params
+    modes: tuple[Mode, ...]
+    kappa: float
+    start: State
+    steps: int
+
+
+def prepare(
+    robot: Robot, commands: Commands, dt: float, integrator: str, every: int, modes: Mode | Sequence[Mode] | None,
+    kappa: float | None, state: State | None, duration: float | None,
+) -> Setup:  # fmt: skip
+    """Check what `rollout` is given, see there."""
+    chosen = chosen_modes(robot, commands, modes)
+    check_step(commands, dt, integrator, every)
+    p = unlimited_beside_prescribed(params(robot), chosen)
+    longest, mode = largest_step(p, integrator, chosen)
+    if dt > longest:
+        mend = "" if integrator == "semi_implicit" else ", or use the integrator 'semi_implicit'"
+        raise ArtibotError(
+            f"dt: {dt:g} s is unstable with '{integrator}'; expected at most {longest:.3g} s ({mode}); "
+            f"take a shorter step{mend}"
+        )
+    share = robot.control.kappa if kappa is None else float(kappa)
+    if not 0.0 < share <= 1.0:
+        raise ArtibotError(f"kappa: {share:g}; expected a share of the front module in (0, 1] (eq. 29)")
+    start = initial_state(robot, t=commands.t0) if state is None else state
+    steps = number_of_steps(commands.duration if duration is None else duration, dt)
+    return Setup(robot, commands, p, chosen, share, start, steps)
+
+
+def driven_by(commands: Commands) -> tuple[Array, Array, Array]:
+    """Positions, velocities and torques (n, 4) as the kernel takes them: zeros where none are commanded.
+
+    All can be written, as those of `Stepper` are: numba compiles anew for one that cannot.
+    """
+    given = np.array(commands.commanded)
+    position, velocity = np.where(given, commands.position, 0.0), np.where(given, commands.velocity, 0.0)
+    return position, velocity, commands.torque.copy()
+
+
+# ----------------------------------------------------------------------
+# Simulate: `rollout` checks what it is given, runs the compiled loop and names what comes out.
+# ----------------------------------------------------------------------
+
+
+__all__ = ["DEFAULT_MODES", "INTEGRATORS", "Rollout", "Status", "rollout", "unlimited_beside_prescribed"]
+
+
+class Status(enum.IntEnum):
+    """How a rollout ended."""
+
+    OK = 0
+    DIVERGED = 1
+
+
+_PLACES = {
+    **{name: ("q", i) for i, name in enumerate(COORDINATES)},
+    **{f"{name}_dot": ("v", i) for i, name in enumerate(COORDINATES)},
+    **{name: ("row", i) for i, name in enumerate(COLUMNS)},
+}
+"""Column → the array of a Rollout that holds it, and where."""
+
+_ENERGY_PLACES = {name: ("energy", i) for i, name in enumerate(ENERGY_COLUMNS)}
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """What a simulation gives: rows at ``t``, every quantity under its name (see `columns`).
+
+    Attributes
+    ----------
+    status : Status
+        DIVERGED where the state left the finite world; the rows end before that, and there are none where it
+        began outside.
+    message : str
+        One line for a person.
+    t : array, shape (n,), s
+    q, v : array, shape (n, 16)
+        Generalised coordinates and their rates.
+    row : array, shape (n, len(COLUMNS))
+        Contributions by name.
+    energy : array, shape (n, len(ENERGY_COLUMNS)) or None
+        Energies since the start (J), where asked for.
+    final_state : State or None
+        To go on from; None after a divergence.
+    """
+
+    robot: Robot
+    status: Status
+    message: str
+    t: Array
+    q: Array
+    v: Array
+    row: Array
+    energy: Array | None
+    final_state: State | None
+    modes: tuple[Mode, ...] = DEFAULT_MODES
+
+    def __post_init__(self) -> None:
+        for array in (self.t, self.q, self.v, self.row, self.energy):
+            if array is not None:
+                array.setflags(write=False)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names that ``rollout[name]`` knows."""
+        return tuple(_PLACES if self.energy is None else _PLACES | _ENERGY_PLACES)
+
+    def __getitem__(self, name: str) -> Array:
+        place = _PLACES.get(name) or (None if self.energy is None else _ENERGY_PLACES.get(name))
+        if place is None:
+            hint = "; pass energy=True to rollout for energies" if name in _ENERGY_PLACES else ""
+            raise ArtibotError(f"rollout: no column '{name}'; known: {', '.join(self.columns)}{hint}")
+        table, column = place
+        values: Array = getattr(self, table)[:, column]
+        return values
+
+    @property
+    def pose(self) -> Array:
+        """x, y (m) and yaw (rad) of the front module in `map`, shape (n, 3)."""
+        return self.q[:, [0, 1, GAMMA]]
+
+    @cached_property
+    def twist(self) -> Array:
+        """Forward and leftward velocity (m/s) and yaw rate (rad/s) of the front module, in its frame, (n, 3)."""
+        c, s = np.cos(self.q[:, GAMMA]), np.sin(self.q[:, GAMMA])
+        x, y = self.v[:, 0], self.v[:, 1]
+        return np.column_stack([c * x + s * y, c * y - s * x, self.v[:, GAMMA]])
+
+    @property
+    def motor_position(self) -> Array:
+        """Motor angles, rad, shape (n, 4)."""
+        return self.q[:, MOTOR_COORDINATES]
+
+    @property
+    def motor_velocity(self) -> Array:
+        """Motor speeds, rad/s, shape (n, 4)."""
+        return self.v[:, MOTOR_COORDINATES]
+
+    @property
+    def motor_torque(self) -> Array:
+        """Motor torques, N m, shape (n, 4)."""
+        return self.row[:, M_M : M_M + 4]
+
+    @cached_property
+    def _tau(self) -> Array:
+        drive = self.robot.drive
+        return np.array([drive.front.tau] * 2 + [(drive.back or drive.front).tau] * 2)
+
+    @property
+    def wheel_position(self) -> Array:
+        """Wheel angles, rad, shape (n, 8), in the order of WHEELS."""
+        return np.repeat(self.motor_position * self._tau, 2, axis=1)
+
+    @property
+    def wheel_velocity(self) -> Array:
+        """Wheel speeds, rad/s, shape (n, 8)."""
+        return np.repeat(self.motor_velocity * self._tau, 2, axis=1)
+
+    @property
+    def articulation_yaw(self) -> Array:
+        """gamma_b − gamma_f, rad, shape (n,); the paper's gamma_r is its negative."""
+        return articulation(self.q)[:, 0] if self.robot.articulated else np.zeros(len(self.t))
+
+    @property
+    def articulation_roll(self) -> Array:
+        """alpha_b − alpha_f, rad, shape (n,)."""
+        return articulation(self.q)[:, 1] if self.robot.articulated else np.zeros(len(self.t))
+
+
+def rollout(
+    robot: Robot,
+    commands: Commands,
+    *,
+    dt: float = 1e-3,
+    integrator: str = "rk4",
+    every: int = 10,
+    modes: Mode | Sequence[Mode] | None = None,
+    kappa: float | None = None,
+    state: State | None = None,
+    duration: float | None = None,
+    energy: bool = False,
+) -> Rollout:
+    """Simulate a rover (eqs 1 to 30).
+
+    Parameters
+    ----------
+    robot : Robot
+    commands : Commands
+        What the motors are told, from its ``t0``; `dt` must divide the spacing of its knots.
+    dt : float
+        Integration step, s.
+    integrator : {"rk4", "semi_implicit"}
+        Explicit fourth order, or one right-hand side a step with implicit wheel spin and slip.
+    every : int
+        A row is kept each `every` steps, and at the end.
+    modes : Mode or sequence of 4 Mode, optional
+        How each motor is moved; front prescribed and back under torque by default, as in the paper (front driven
+        where an effect limits them). Torque limits hold for motors that are driven, and for torques only beside
+        driven ones: prescribed front motors have no limit, so their share has none.
+    kappa : float, optional
+        Front share of eq. 29, in (0, 1]; the robot's own by default.
+    state : State, optional
+        Where to start; at rest at the origin by default.
+    duration : float, optional
+        Length, s; that of `commands` by default. Past the last knot the commands stay.
+    energy : bool
+        Whether to account for the energy of every contribution.
+
+    Raises
+    ------
+    ArtibotError
+        Naming what is wrong, the value found, what is expected, and the mend.
+
+    Notes
+    -----
+    The step before feeds back (Fig. 7): back torques of a step are eq. 30 of the front torques at the start of the
+    step before, and the efficiencies are those of eq. 23 there. Both are in `State`, so a rollout continued from
+    `final_state` at a knot equals one that was never cut, bit for bit.
+    """
+    setup = prepare(robot, commands, dt, integrator, every, modes, kappa, state, duration)
+    return simulate(setup, dt, integrator, every, energy)
+
+
+def simulate(setup: Setup, dt: float, integrator: str, every: int, energy: bool) -> Rollout:
+    """As `rollout`, of what was checked already."""
+    from artibot_sim.model.kernels import loop
+    from artibot_sim.model.kernels.advance import advance
+
+    robot, commands, p, modes, kappa, start, steps = setup
+    if integrator == "semi_implicit":
+        p = implicit_slip(p, dt)
+    rows = -(-steps // every) + 1
+    q, v, eta, torque, lateral = (array.copy() for array in (start.q, start.v, start.eta, start.torque, start.lateral))
+    out_q, out_v, out_w = np.empty((rows, 16)), np.empty((rows, 16)), np.empty((rows, ROW))
+    out_e = np.empty((rows, ENERGIES)) if energy else None
+    fx = record(robot.effects, start.t)
+    given = (
+        q, v, eta, torque, packed(p), np.array(modes, dtype=np.int64), dt, steps, every, *driven_by(commands),
+        round(commands.dt / dt), back_torque_factor(robot, kappa), loop.workspace(), out_q, out_v, out_w, out_e,
+    )  # fmt: skip
+    status, kept = advance(integrator, given, () if fx is None else (fx, lateral))
+    final = State(start.t + steps * dt, q, v, eta, torque, lateral) if status == Status.OK else None
+    return finished(setup, dt, integrator, every, kept, (out_q, out_v, out_w, out_e), final)
+
+
+def finished(
+    setup: Setup, dt: float, integrator: str, every: int, kept: int,
+    tables: tuple[Array, Array, Array, Array | None], final: State | None,
+) -> Rollout:  # fmt: skip
+    """A rollout's result: the first `kept` rows of q, v, the named contributions and energies; diverged if not `final`.
+
+    Tables have a row each `every` steps, and one for the end.
+    """
+    rows = -(-setup.steps // every) + 1
+    t = setup.start.t + np.minimum(np.arange(rows) * every, setup.steps)[:kept] * dt
+    if final is not None:
+        message = f"{setup.steps} steps of {dt:g} s with {integrator}"
+    elif not kept:
+        message = "diverged before its first step: the state it starts from has a speed or angle that no rover has"
+    else:
+        message = (
+            f"diverged between {t[-1]:.3f} and {t[-1] + every * dt:.3f} s; try a shorter dt than {dt:g} s, "
+            "the integrator 'semi_implicit', or less extreme commands"
+        )
+    q, v, w, e = (None if table is None else table[:kept] for table in tables)
+    assert q is not None and v is not None and w is not None
+    status = Status.DIVERGED if final is None else Status.OK
+    return Rollout(setup.robot, status, message, t, q, v, w, e, final, setup.modes)

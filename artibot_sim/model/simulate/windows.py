@@ -1,0 +1,502 @@
+"""Many short rollouts of one recording: windows × perturbed robots × perturbed starts, sampled where sensors were.
+
+Fitting needs thousands of short simulations whose motors turn as they were measured, of which only what sensors saw
+is wanted. `WindowBatch` runs them in threads (the compiled code holds no lock), each exactly as `rollout` would.
+
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.model.analysis.stability import largest_step
+from artibot_sim.model.effects import RECORD_DTYPE, record
+from artibot_sim.model.equations.transmission import Mode, back_torque_factor
+from artibot_sim.model.kernels import loop
+from artibot_sim.model.kernels.advance import advance
+from artibot_sim.model.kernels.lane_layout import FULL, LIGHT, extension, flat
+from artibot_sim.model.kernels.layout import ROW
+from artibot_sim.model.kernels.sampling import COLUMNS, gather, sample
+from artibot_sim.model.robot.derived import PARAMS_DTYPE, params
+from artibot_sim.model.robot.robot import Robot
+from artibot_sim.model.simulate.batch import available_cores
+from artibot_sim.model.simulate.rollout import unlimited_beside_prescribed
+from artibot_sim.model.simulate.sensors import sensor_errors
+
+if TYPE_CHECKING:
+    from artibot_sim.model.kernels.window_lanes import Work
+
+# ----------------------------------------------------------------------
+# What `WindowBatch` is given, laid out for compiled code: knots of all tables, samples of all plans, robots.
+# ----------------------------------------------------------------------
+
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Knots:
+    """Tables one after the other.
+
+    Attributes
+    ----------
+    position, velocity, torque : array, shape (k, 4)
+    begin, steps : array of int, shape (tables,)
+        First row of each table, and integration steps from a knot to the next.
+    modes : array of int, shape (tables, 4)
+    free : array of bool, shape (tables,)
+        Whether any motor is not prescribed.
+    """
+
+    position: Array
+    velocity: Array
+    torque: Array
+    begin: Indices
+    steps: Indices
+    modes: Indices
+    free: Mask
+
+    @classmethod
+    def of(cls, tables: Sequence[MotorTable], dt: float) -> Knots:
+        """Of tables, whose `dt` are whole multiples of the step `dt`, s."""
+        position, velocity, torque = (
+            _real(np.concatenate([np.empty((0, 4)), *(getattr(table, name) for table in tables)]))
+            for name in ("position", "velocity", "torque")
+        )
+        lengths = [len(table.position) for table in tables]
+        modes = np.array([table.modes for table in tables], dtype=np.int64).reshape(-1, 4)
+        begin, steps = np.cumsum([0, *lengths])[:-1], np.array([round(table.dt / dt) for table in tables], np.int64)
+        return cls(position, velocity, torque, begin, steps, modes, (modes != Mode.PRESCRIBED).any(axis=1))
+
+
+@dataclass(frozen=True)
+class Looks:
+    """Plans one after the other.
+
+    Attributes
+    ----------
+    t : array, shape (m,)
+    kind : array of int, shape (m,)
+    begin, sizes : array of int, shape (plans,)
+    torques, wheels : array of bool, shape (plans,)
+        Whether they ask for torques, and for what single wheels do.
+    """
+
+    t: Array
+    kind: Indices
+    begin: Indices
+    sizes: Indices
+    torques: Mask
+    wheels: Mask
+
+    @classmethod
+    def of(cls, plans: Sequence[Plan]) -> Looks:
+        """Of plans."""
+        sizes = np.array([len(plan.t) for plan in plans], np.int64)
+        t = np.concatenate([np.empty(0), *(plan.t for plan in plans)])
+        kind = np.concatenate([np.empty(0, np.int64), *(plan.kind for plan in plans)])
+        torques, wheels = (
+            np.array([((plan.kind >= low) & (plan.kind < high)).any() for plan in plans], dtype=bool)
+            for low, high in ((10, 14), (14, 16))
+        )
+        return cls(t, kind, np.cumsum(sizes) - sizes, sizes, torques, wheels)
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """Robots as compiled code takes them.
+
+    Attributes
+    ----------
+    robots : sequence of Robot
+    records : array of PARAMS_DTYPE, shape (r,)
+    eta : array, shape (r, 4)
+        Efficiencies of a first step.
+    effects : array of RECORD_DTYPE, shape (r,)
+        Zeros for those without.
+    extended : array of int, shape (r,)
+        Which need the extended model: 0 none, 1 LIGHT, 2 FULL.
+    share : array, shape (r, tables)
+        Eq. 30's factor.
+    sensors : array, shape (r, 6)
+        Rows of SensorErrors.
+    """
+
+    robots: Sequence[Robot]
+    records: NDArray[Any]
+    eta: Array
+    effects: NDArray[Any]
+    extended: Indices
+    share: Array
+    sensors: Array
+
+    @classmethod
+    def of(cls, robots: Sequence[Robot], tables: Sequence[MotorTable], free: bool) -> Fleet:
+        """Of robots; eq. 30 is for tables with `free` motors."""
+        every = [params(robot) for robot in robots]
+        modes = {table.modes for table in tables}
+        if len(modes) == 1:
+            every = [unlimited_beside_prescribed(p, next(iter(modes))) for p in every]
+        drives = [(robot.drive.front, robot.drive.back or robot.drive.front) for robot in robots]
+        effects, extended = np.zeros(len(robots), RECORD_DTYPE), np.zeros(len(robots), np.int64)
+        for i, robot in enumerate(robots):
+            found = record(robot.effects, 0.0) if robot.effects else None
+            if found is not None:
+                effects[i], extended[i] = found, len(extension(robot.effects) or ())
+        share = np.zeros((len(robots), len(tables)))
+        if free:
+            share[:] = [[back_torque_factor(robot, table.kappa) for table in tables] for robot in robots]
+        eta = np.array([[front.eta_d] * 2 + [back.eta_d] * 2 for front, back in drives]).reshape(-1, 4)
+        sensors = np.array([sensor_errors(robot) for robot in robots], dtype=float).reshape(-1, 6)
+        return cls(robots, np.array(every, dtype=PARAMS_DTYPE), eta, effects, extended, share, sensors)
+
+
+def level(fleet: Fleet, items: Items) -> Mask:
+    """Which items stay on a plane, shape (n,)."""
+    from artibot_sim.model.kernels.lane_loading import find_level
+
+    found = np.zeros(len(items), bool)
+    extended = fleet.extended[items.robot] > 0
+    for rows, effects in ((~extended, None), (extended, fleet.effects)):
+        if rows.any():
+            some = np.zeros(int(rows.sum()), bool)
+            find_level(fleet.records, effects, _whole(items.robot[rows]), items.q[rows], items.v[rows], some)
+            found[rows] = some
+    return found
+
+
+def lane_work(fleet: Fleet, items: Items, knots: Knots, looks: Looks, ends: Indices) -> Work:
+    """All that lanes need; `ends` (n,) are where the items' results end."""
+    from artibot_sim.model.kernels.window_lanes import Work
+
+    sizes, begin = looks.sizes[items.plan], looks.begin[items.plan]
+    return Work(
+        fleet.records, fleet.eta, flat(fleet.effects), fleet.sensors, knots.position, knots.velocity, knots.torque,
+        knots.modes[items.table], fleet.share[items.robot, items.table], _whole(items.robot),
+        knots.begin[items.table] + items.first, _whole(items.knots), _real(items.q), _real(items.v), _real(items.t),
+        lagging(items), begin, begin + sizes, looks.t, looks.kind, ends - sizes,
+    )  # fmt: skip
+
+
+def lagging(items: Items) -> Array:
+    """Lateral forces that lag, (n, 8), at the starts of all items."""
+    return np.zeros((len(items), 8)) if items.lateral is None else _real(items.lateral)
+
+
+def _whole(values: Indices) -> Indices:
+    """A copy that compiled code takes whatever it was."""
+    return np.array(values, dtype=np.int64, order="C")
+
+
+def _real(values: Array) -> Array:
+    """The same for numbers."""
+    return np.array(values, dtype=np.float64, order="C")
+
+
+# ----------------------------------------------------------------------
+# Windows one by one, by the kernels of `rollout`: for what does not stay on a plane, or is asked how wheels
+# slide.
+# ----------------------------------------------------------------------
+
+
+class SingleBuffers(NamedTuple):
+    """What one thread writes into."""
+
+    work: loop.Work
+    q: Array
+    v: Array
+    w: Array
+    rows: Array
+
+
+def single_buffers(rows: int) -> SingleBuffers:
+    """Fresh ones, for items of at most `rows` rows."""
+    return SingleBuffers(
+        loop.workspace(), np.empty((rows, 16)), np.empty((rows, 16)), np.empty((rows, ROW)), np.empty(rows * COLUMNS)
+    )
+
+
+def run_window(
+    fleet: Fleet, items: Items, i: int, table: MotorTable, plan: Plan, dt: float, room: SingleBuffers, out: Array
+) -> None:
+    """Item `i`: what its plan asks for, into `out` (m,), which is left as it is from where the rollout diverged."""
+    r, first, knots = int(items.robot[i]), int(items.first[i]), int(items.knots[i])
+    part, knot_steps = slice(first, first + knots + 1), round(table.dt / dt)
+    position, velocity, torque = (
+        np.ascontiguousarray(array[part]) for array in (table.position, table.velocity, table.torque)
+    )  # as `rollout` has them: another order would be compiled for anew
+    extra: tuple[Any, ...] = ()
+    if fleet.extended[r]:
+        fx = fleet.effects[r].copy()
+        fx["t"] = items.t[i]
+        extra = (fx, np.zeros(8) if items.lateral is None else items.lateral[i].copy())
+    work, q, v, w, rows = room
+    turned, pulled = fleet.sensors[r, :2]
+    given = (
+        items.q[i].copy(), items.v[i].copy(), fleet.eta[r].copy(), np.zeros(4), fleet.records[r],
+        np.array(table.modes, dtype=np.int64), dt, knots * knot_steps, knot_steps, position / turned,
+        velocity / turned, torque / pulled, knot_steps, fleet.share[r, items.table[i]], work, q, v, w, None,
+    )  # fmt: skip
+    _, kept = advance("rk4", given, extra)
+    if kept > 1:
+        gather(q, v, w, kept, rows)
+        sample(rows, table.dt, kept, fleet.robots[r].articulated, plan.t, plan.kind, fleet.sensors, r, out)
+
+
+# ----------------------------------------------------------------------
+# Many short rollouts of one recording: windows × perturbed robots × perturbed starts, sampled where sensors were.
+#
+# Fitting needs thousands of short simulations whose motors turn as they were measured, of which only what sensors
+# saw is wanted. `WindowBatch` runs them in threads (the compiled code holds no lock), each exactly as `rollout`
+# would.
+# ----------------------------------------------------------------------
+
+
+KINDS = (
+    "x", "y", "yaw", "articulation_yaw", "yaw_rate", "v_x", "v_y", "a_x", "a_y", "articulation_rate",
+    "torque_front_right", "torque_front_left", "torque_back_right", "torque_back_left", "sliding", "grip",
+    "origin_x", "origin_y", "heading", "turn_rate",
+)  # fmt: skip
+"""What can be sampled, by its name.
+
+As sensors see it, their errors included (`sensors.SensorErrors`): position of the tracked point in `map` and the yaw
+that comes with it, yaw rate, motor torques (N·m). Without such errors: articulation, and in the front module's frame
+velocity and acceleration of its origin (m/s, m/s²); its origin, heading and turn rate; which wheels slide (bit i for
+wheel i of WHEELS, as eq. 16 had it at the row before), and the largest share of its normal force that a wheel holds
+without sliding."""
+
+_STEPS = (5e-3, 2.5e-3, 2e-3, 1e-3, 5e-4)
+_MARGIN = 0.8  # of the longest stable step: at the limit itself errors do not decay
+
+
+@dataclass(frozen=True)
+class MotorTable:
+    """How the motors turned through one stretch of a recording: knots `dt` apart, cubic between them.
+
+    Attributes
+    ----------
+    dt : float, s
+    position, velocity : array, shape (n, 4)
+        Motor-side as recorded, rad and rad/s; zeros for motors that do not exist. A robot whose encoders have a scale
+        turned by as much less.
+    torque : array, shape (n, 4)
+        N m, for motors under torque, recorded likewise; NaN is eq. 30.
+    modes : tuple of 4 Mode
+    kappa : float or None
+        Front share of eq. 29, where a motor is under eq. 30's torque; None is the robot's own.
+    """
+
+    dt: float
+    position: Array
+    velocity: Array
+    torque: Array
+    modes: tuple[Mode, ...]
+    kappa: float | None = None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Where a window is looked at.
+
+    Attributes
+    ----------
+    t : array, shape (m,)
+        s after the window's first knot, at most its length.
+    kind : array, shape (m,)
+        Which of KINDS.
+    """
+
+    t: Array
+    kind: Indices
+
+
+@dataclass(frozen=True)
+class Items:
+    """What to run, one row each: all arrays have the same length n.
+
+    Attributes
+    ----------
+    robot, table, plan : array of int, shape (n,)
+        Indices into what the batch was given.
+    first, knots : array of int, shape (n,)
+        First knot of the table, and how many intervals follow.
+    q, v : array, shape (n, 16)
+        Start states: the rover's own, motors included, not as its sensors show them.
+    t : array, shape (n,)
+        When they are, s since the recording's start: some effects change with time.
+    lateral : array, shape (n, 8), optional
+        Lateral forces that lag (N, in the order of WHEELS) as they are then; zero by default.
+    """
+
+    robot: Indices
+    table: Indices
+    plan: Indices
+    first: Indices
+    knots: Indices
+    q: Array
+    v: Array
+    t: Array
+    lateral: Array | None = None
+
+    def __len__(self) -> int:
+        return len(self.robot)
+
+
+@dataclass
+class WindowBatch:
+    """Runs items; keeps what it can between calls.
+
+    Rovers that stay on a plane run side by side in the processor's vector units (`window_lanes`); the others, and
+    those of which it is asked how wheels slide or grip, one by one. Both give what `rollout` would, to rounding, and
+    neither depends on what else runs.
+
+    Parameters
+    ----------
+    tables : sequence of MotorTable
+    plans : sequence of Plan
+    dt : float
+        Integration step of RK4, s; it divides every table's `dt`.
+    workers : int, optional
+        Threads; as many as cores by default. Results do not depend on it.
+    """
+
+    tables: Sequence[MotorTable]
+    plans: Sequence[Plan]
+    dt: float
+    workers: int | None = None
+    _knots: Knots = field(init=False, repr=False)
+    _looks: Looks = field(init=False, repr=False)
+    _spare: dict[Callable[[int], Any], list[tuple[int, Any]]] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        for i, table in enumerate(self.tables):
+            ratio = table.dt / self.dt
+            if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6:
+                raise ArtibotError(f"dt: {self.dt:g} s does not divide table {i}'s knot spacing of {table.dt:g} s")
+        self._knots, self._looks = Knots.of(self.tables, self.dt), Looks.of(self.plans)
+
+    def run(self, robots: Sequence[Robot], items: Items) -> list[Array]:
+        """What each item's plan asks for, (m,) each; NaN from where a rollout diverged."""
+        if not len(items):
+            return []
+        sizes = self._looks.sizes[items.plan]
+        found, ends = self.run_flat(robots, items), np.cumsum(sizes)
+        return [found[begin:end] for begin, end in zip(ends - sizes, ends, strict=True)]
+
+    def run_flat(self, robots: Sequence[Robot], items: Items) -> Array:
+        """The same one after the other."""
+        fleet = Fleet.of(robots, self.tables, bool(self._knots.free.any()))
+        ends = np.cumsum(self._looks.sizes[items.plan])
+        out = np.full(int(ends[-1]) if len(ends) else 0, math.nan)
+        together = level(fleet, items) & ~self._looks.wheels[items.plan]
+        groups = list(self._groups(fleet, items, np.flatnonzero(together)))
+        alone = np.flatnonzero(~together)
+        work = lane_work(fleet, items, self._knots, self._looks, ends) if groups else None
+
+        def run(part: int, parts: int) -> None:
+            for group in groups:
+                self._run_lanes(work, group, part, parts, out)
+            if len(alone[part::parts]):
+                self._run_alone(fleet, items, alone[part::parts], ends, out)
+
+        in_threads(run, self.workers or available_cores())
+        return out
+
+    def _groups(self, fleet: Fleet, items: Items, rows: Indices) -> Iterator[_Group]:
+        """Items that can share a block: those with most knots first."""
+        steps, free = self._knots.steps[items.table[rows]], self._knots.free[items.table[rows]]
+        key = 8 * steps + 4 * free + fleet.extended[items.robot[rows]]
+        for value in np.unique(key):
+            mine = rows[key == value]
+            order = mine[np.argsort(-items.knots[mine], kind="stable")]
+            torques = bool(self._looks.torques[items.plan[mine]].any())
+            most = int(items.knots[order[0]])
+            yield _Group(order, int(value) // 8, bool(value & 4), torques, int(value) & 3, most)
+
+    def _run_lanes(self, work: Any, group: _Group, part: int, parts: int, out: Array) -> None:
+        """A thread's part of a group."""
+        from artibot_sim.model.kernels import window_lanes
+
+        extra = ((), (LIGHT,), (FULL,))[group.extended]
+        count, buffers = self._borrow(window_lanes.buffers, group.most + 1)
+        settings = np.array([4, 4 if group.free else int(group.torques)], dtype=np.int64)
+        window_lanes.run_windows(work, group.order, part, parts, self.dt, group.steps, settings, buffers, out, *extra)
+        self._spare[window_lanes.buffers].append((count, buffers))
+
+    def _run_alone(self, fleet: Fleet, items: Items, rows: Indices, ends: Indices, out: Array) -> None:
+        """Items one by one."""
+
+        count, buffers = self._borrow(single_buffers, int(items.knots[rows].max()) + 1)
+        for i in rows:
+            table, plan = self.tables[items.table[i]], self.plans[items.plan[i]]
+            mine = out[ends[i] - len(plan.t) : ends[i]]
+            run_window(fleet, items, int(i), table, plan, self.dt, buffers, mine)
+        self._spare[single_buffers].append((count, buffers))
+
+    def _borrow(self, make: Callable[[int], Any], rows: int) -> tuple[int, Any]:
+        """Buffers that no other thread has, for at least so many rows."""
+        try:
+            count, found = self._spare.setdefault(make, []).pop()
+        except IndexError:
+            count, found = 0, None
+        return (count, found) if count >= rows else (rows, make(rows))
+
+
+class _Group(NamedTuple):
+    """Items that run side by side: whose they are, steps a knot, `free` motors, `torques` wanted, longest one."""
+
+    order: Indices
+    steps: int
+    free: bool
+    torques: bool
+    extended: int
+    most: int
+
+
+def in_threads(run: Callable[[int, int], None], workers: int) -> None:
+    """``run(k, workers)`` for every k at once, this thread among them; the first exception is raised again."""
+    failed: list[BaseException] = []
+
+    def guarded(k: int) -> None:
+        try:
+            run(k, workers)
+        except BaseException as error:  # noqa: BLE001 - raised again below, in the calling thread
+            failed.append(error)
+
+    others = [threading.Thread(target=guarded, args=(k,), name=f"windows-{k}") for k in range(1, workers)]
+    for thread in others:
+        thread.start()
+    guarded(0)
+    for thread in others:
+        thread.join()
+    if failed:
+        raise failed[0]
+
+
+def window_step(robot: Robot, tables: Sequence[MotorTable]) -> float:
+    """The longest of a few steps (s) that divides the tables' spacing and that RK4 takes with some margin.
+
+    Raises
+    ------
+    ArtibotError
+        If none does.
+    """
+    limits = [largest_step(params(robot), "rk4", modes)[0] for modes in {table.modes for table in tables}]
+    longest = _MARGIN * min(limits, default=math.inf)
+    for dt in _STEPS:
+        if dt <= longest and all(abs(table.dt / dt - round(table.dt / dt)) < 1e-6 for table in tables):
+            return dt
+    raise ArtibotError(
+        f"robot '{robot.name}': RK4 is stable up to {longest / _MARGIN:.2g} s only, too little for fitting; "
+        "check its masses, inertias and slip coefficients"
+    )

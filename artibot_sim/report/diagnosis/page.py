@@ -1,0 +1,491 @@
+"""A diagnosis as a page: what is wrong, where, why, how sure, what it gains, and what to measure next."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from artibot_sim.diagnose import result
+from artibot_sim.diagnose.records import Candidate, Found, Unexplained, Verdict
+from artibot_sim.diagnose.result import Diagnosis
+from artibot_sim.identify.result import number, spaced
+from artibot_sim.model.effects import EFFECTS
+from artibot_sim.model.effects.base import Choice
+from artibot_sim.report import style
+from artibot_sim.report.diagnosis import charts as charts
+from artibot_sim.report.diagnosis import charts as panels
+from artibot_sim.report.diagnosis.charts import interval
+from artibot_sim.report.page import filled, render_frame
+from artibot_sim.report.panels import Panel, extent
+from artibot_sim.report.web import chart
+
+# ----------------------------------------------------------------------
+# Style and script of a diagnosis' page.
+# ----------------------------------------------------------------------
+
+
+CSS = """
+h1 { font-size: 1.55rem; line-height: 1.25; max-width: 62ch; }
+h2 { font-size: 1.2rem; margin: 34px 0 4px; border-top: 2px solid @GRID@; padding-top: 14px; }
+h3 { font-size: .98rem; margin: 12px 0 0; }
+main p, main li { max-width: 84ch; }
+main p { color: @MUTED@; margin: 4px 0; }
+header p.sure { color: inherit; max-width: 84ch; font-size: 1rem; }
+header p.verdict { display: inline-block; margin: 0 0 6px; padding: 1px 10px; border-radius: 10px; color: #fff;
+  font-weight: 600; background: @MUTED@; }
+header p.verdict.named { background: @GOOD@; } header p.verdict.ambiguous { background: @TIE@; }
+header p.verdict.unexplained { background: @BAD@; }
+p.next { color: inherit; font-weight: 600; }
+ul { padding-left: 1.2em; margin: 6px 0; } li { margin: 4px 0; overflow-wrap: anywhere; }
+ul.said li::first-letter { text-transform: uppercase; }
+ul.warnings li { list-style: none; border-left: 4px solid @TIE@; padding-left: 10px; margin-left: -1.2em; }
+details { margin: 8px 0; } summary { cursor: pointer; padding: 4px 0; color: @GOOD@; }
+.first, .row, .grid3 { display: grid; grid-template-columns: minmax(0, 1fr); gap: 0 24px; }
+.plot.square { height: min(92vw, 460px); }
+.plot.low { height: 230px; } .plot.bars { height: 380px; }
+table td:nth-child(2) { color: inherit; }
+.wrap { display: inline-block; white-space: normal; min-width: 14em; max-width: min(56em, 78vw); text-align: left; }
+td.text { text-align: left; } th.text { text-align: left; }
+tr.found td, tr.found th { font-weight: 600; } tr.ties th { color: @TIE@; }
+svg.ci { display: block; }
+@media (max-width: 600px) { h1 { font-size: 1.25rem; } }
+@media (min-width: 860px) {
+  .first { grid-template-columns: minmax(0, 11fr) minmax(0, 9fr); }
+  .first .plot.square { height: 500px; }
+  .row { grid-template-columns: repeat(2, minmax(0, 1fr)); }
+  .grid3 { grid-template-columns: repeat(3, minmax(0, 1fr)); }
+  .grid3 .plot.square { height: 330px; } .grid3 .plot { height: 240px; }
+  .row .plot.bars { height: 420px; }
+}
+@media print {
+  body { font-size: 11pt; } main, header, footer { max-width: none; padding: 0; }
+  .cell, table, li { break-inside: avoid; } h2, h3 { break-after: avoid; }
+  details:not([open]) { display: none; } summary { list-style: none; color: inherit; font-weight: 600; }
+  .scroll { overflow: visible; } th, td { padding-right: 8px; font-size: 9.5pt; }
+  .first, .row, .grid3 { grid-template-columns: repeat(2, minmax(0, 1fr)); }
+}
+"""
+
+SCRIPT = """
+"use strict";
+const coarse = window.matchMedia("(pointer: coarse)").matches;  // a finger on a chart scrolls the page
+const settings = {responsive: true, displayModeBar: false};
+const done = new Set();
+function draw(place) {  // a place in a closed part has no size, so it waits until it is opened
+  const i = Number(place.id.slice(4));
+  if (done.has(i)) return null;
+  done.add(i);
+  charts[i].layout.dragmode = coarse ? false : "zoom";
+  return Plotly.newPlot(place, charts[i].data, charts[i].layout, settings);
+}
+function drawAll(places) {
+  return Promise.all(places.map(draw)).then(() => { document.documentElement.dataset.drawn = String(done.size); });
+}
+const all = location.hash === "#all";
+for (const part of document.querySelectorAll("details")) {
+  if (all) part.open = true;
+  part.addEventListener("toggle", () => { if (part.open) drawAll([...part.querySelectorAll(".plot")]); });
+}
+drawAll([...document.querySelectorAll(".plot")].filter(place => !place.closest("details:not([open])")));
+function fit(width) {  // a sheet of paper has room for two columns of this, px; null is as wide as the screen has room
+  for (const i of done) Plotly.relayout("plot" + i, {width: width, autosize: width === null});
+}
+window.addEventListener("beforeprint", () => fit(340));
+window.addEventListener("afterprint", () => fit(null));
+"""
+
+
+# ----------------------------------------------------------------------
+# The tables of a diagnosis' page, as HTML.
+# ----------------------------------------------------------------------
+
+
+def table(columns: Sequence[str], rows: Sequence[tuple[str, Sequence[str]]], text: int = 1) -> str:
+    """A table; cells are HTML.
+
+    Parameters
+    ----------
+    columns : sequence of str
+        Headings, plain text.
+    rows : sequence of (class, cells)
+    text : int
+        So many columns at the left hold text, the others numbers.
+    """
+    if not rows:
+        return ""
+    head = "".join(f"<th{_left(i, text)}>{html.escape(column)}</th>" for i, column in enumerate(columns))
+    body = []
+    for name, cells in rows:
+        first = f'<th scope="row" class="text">{cells[0]}</th>'
+        rest = "".join(f"<td{_left(i, text)}>{cell}</td>" for i, cell in enumerate(cells[1:], 1))
+        body.append(f'<tr class="{name}">{first}{rest}</tr>')
+    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{"".join(body)}</tbody></table></div>'
+
+
+def _left(column: int, text: int) -> str:
+    return ' class="text"' if column < text else ""
+
+
+def figure(value: float, digits: int = 3) -> str:
+    """A number as a cell."""
+    return number(value, digits).replace("-", "−") if np.isfinite(value) else "–"
+
+
+def baseline(found: Diagnosis) -> str:
+    """Every channel's error of the paper's model against its noise."""
+    rows = []
+    for name, base in found.baseline.items():
+        ratio = base.rmse / base.noise if base.noise > 0 else float("nan")
+        cells = (
+            html.escape(result.channel_words(name)), html.escape(spaced(base.unit)), figure(base.noise),
+            figure(base.rmse), figure(ratio, 2), figure(base.free_run_rmse),
+        )  # fmt: skip
+        rows.append(("", cells))
+    return table(("channel", "unit", "noise", "RMSE", "÷ noise", "RMSE of free runs"), rows, 2)
+
+
+def gain(found: Diagnosis) -> str:
+    """What each channel gains on held-out data."""
+    rows = []
+    for name, g in found.gain.items():
+        low, high = g.ci95
+        less = 100 * result.lost(g)
+        interval_ = f"{figure(low)} … {figure(high)}"
+        cells = (
+            html.escape(result.channel_words(name)), html.escape(spaced(g.unit)), figure(g.before),
+            figure(g.after), f"{less:.0f} %".replace("-", "−"), interval_,
+        )  # fmt: skip
+        rows.append(("", cells))
+    return table(("channel", "unit", "before", "after", "less by", "before − after, 95 %"), rows, 2)
+
+
+def parameters(found: Diagnosis) -> str:
+    """Every parameter of every cause, with its interval."""
+    rows = []
+    for cause in found.causes:
+        for i, (name, p) in enumerate(cause.parameters.items()):
+            effect = html.escape(result.effect_words(cause.effect)) if i == 0 else ""
+            rows.append(("found" if i == 0 else "", (effect, *_parameter(cause.effect, name, p))))
+    docs = [_physics(cause.effect) for cause in found.causes if cause.effect in EFFECTS]
+    columns = ("effect", "parameter", "value", "unit", "95 %", "from neutral (dashed)")
+    return "".join(docs) + table(columns, rows, 2)
+
+
+def _physics(effect: str) -> str:
+    """What an effect is, in a paragraph."""
+    said = EFFECTS[effect].doc.replace("`", "")
+    return f"<p><b>{html.escape(result.effect_words(effect))}</b>: {html.escape(said)}</p>"
+
+
+def _parameter(effect: str, name: str, p: Found) -> tuple[str, ...]:
+    said = html.escape(result.effect_words(name))
+    if isinstance(p.value, str):
+        return said, html.escape(result.effect_words(p.value)), "", "", ""
+    between = f"{figure(p.ci95[0], 4)} … {figure(p.ci95[1], 4)}" if p.ci95 else ""
+    drawn = interval(p.value, p.ci95, neutral(effect, name))
+    return said, figure(p.value, 4), html.escape(spaced(p.unit)), between, drawn
+
+
+def neutral(effect: str, name: str) -> float:
+    """Where a parameter's effect is absent; NaN where that is no number, or the parameter says no size."""
+    declared = EFFECTS.get(effect)
+    if declared is None or name not in list(declared.parameters)[: declared.sizes]:
+        return float("nan")
+    value = declared.parameters[name].neutral
+    return float("nan") if isinstance(value, str) else float(value)
+
+
+def unit_of(effect: str, name: str) -> str:
+    """Unit of an effect's parameter; empty where it has none."""
+    declared = EFFECTS.get(effect)
+    if declared is None or name not in declared.parameters:
+        return ""
+    quantity = declared.parameters[name].quantity
+    return "" if isinstance(quantity, Choice) else quantity.unit
+
+
+def ranking(found: Diagnosis) -> str:
+    """Every effect, best first."""
+    named = {cause.effect for cause in found.causes}
+    tied = {name for cause in found.causes for name in cause.ties}
+    rows = []
+    for c in sorted(found.ranking, key=lambda c: (c.effect not in named, -c.log10_bayes_factor)):
+        role = "found" if c.effect in named else "ties" if c.effect in tied else ""
+        how = "fitted" if c.fitted else "screened"
+        cells = (
+            html.escape(result.effect_words(c.effect)), role, f"{c.log10_bayes_factor:.1f}".replace("-", "−"), how,
+            html.escape(_values(c)), f'<span class="wrap">{html.escape(c.note)}</span>',
+        )  # fmt: skip
+        rows.append((role, cells))
+    return table(("effect", "", "log10 Bayes factor", "", "best at", ""), rows, 2)
+
+
+def _values(candidate: Candidate) -> str:
+    said = []
+    for name, value in candidate.values.items():
+        if isinstance(value, str):
+            said.append(result.effect_words(value))
+        else:
+            said.append(f"{result.effect_words(name)} {result.amount(value, unit_of(candidate.effect, name), 3)}")
+    return ", ".join(said).replace("-", "−")
+
+
+def excluded(found: Diagnosis) -> str:
+    """Sizes that are excluded of effects that were not found."""
+    rows = []
+    for candidate in found.ranking:
+        names = (*candidate.excluded_above, *candidate.excluded_below)
+        said = result.excluded_words(candidate, {name: unit_of(candidate.effect, name) for name in names})
+        if not said:
+            continue
+        rows.append(("", (html.escape(result.effect_words(candidate.effect)), html.escape(said))))
+    return table(("effect", "excluded"), rows, 2)
+
+
+def unexplained(what: Unexplained) -> str:
+    """What acts and is on no list."""
+    rows = [
+        ("", (label, f'<span class="wrap">{html.escape(text)}</span>'))
+        for label, text in (
+            ("force", result.effect_words(what.force)), ("follows", result.effect_words(what.variable)),
+            ("form", what.form), ("size", result.amount(what.size, what.unit, 3)), ("where", what.where),
+        )
+    ]  # fmt: skip
+    return table(("not on the list", ""), rows, 2)
+
+
+# ----------------------------------------------------------------------
+# A diagnosis as a page: what is wrong, where, why, how sure, what it gains, and what to measure next.
+# ----------------------------------------------------------------------
+
+
+HINT = (
+    "Drag over a chart to zoom in, double-click for all; click on a legend to hide a line. "
+    "With #all at the end of the address every part is open, for printing."
+)
+_VERDICTS = {
+    Verdict.NONE: "nothing found", Verdict.NAMED: "cause found", Verdict.AMBIGUOUS: "several causes tie",
+    Verdict.UNEXPLAINED: "not on the list",
+}  # fmt: skip
+
+
+def page_of(found: Diagnosis, version: str) -> bytes:
+    """The page (UTF-8) of a diagnosis."""
+    page = _Page(_as_drawn(found))
+    body = "".join(
+        (
+            _first_screen(page), _wrong(page), _where(page), _why(page), _parameters(found), _gains(page), _next(found),
+            _data(found), _free_runs(page), _excluded(found),
+        )
+    )  # fmt: skip
+    head = (
+        f'<p class="verdict {found.verdict.value}">{html.escape(_VERDICTS[found.verdict])}</p>'
+        f"<h1>{html.escape(result.headline(found))}</h1>"
+        f'<p class="sure">{html.escape(result.sureness(found))}</p>'
+    )
+    colours = {"GRID": style.GRID, "MUTED": style.MUTED, "GOOD": style.TRUE, "BAD": style.ODOMETRIC, "TIE": style.LEFT}
+    title = f"{found.robot.name}: {_VERDICTS[found.verdict]}"
+    return render_frame(title, head, body, _foot(found, version), page.charts, css=filled(CSS, colours), script=SCRIPT)
+
+
+def _as_drawn(found: Diagnosis) -> Diagnosis:
+    """The diagnosis without an extended model where nothing is named: that is the paper's, and would cover it."""
+    if found.causes:
+        return found
+    looks = tuple(
+        replace(
+            look, after=(), free_after=(),
+            channels={name: replace(one, after=np.full_like(one.after, np.nan)) for name, one in look.channels.items()},
+        )
+        for look in found.looks
+    )  # fmt: skip
+    gain = {name: replace(one, after=float("nan")) for name, one in found.gain.items()}
+    return replace(found, looks=looks, gain=gain)
+
+
+class _Page:
+    """A diagnosis and the charts that its page has so far."""
+
+    def __init__(self, found: Diagnosis) -> None:
+        self.found = found
+        self.charts: list[dict[str, Any]] = []
+        self.channel = result.headline_channel(found)
+        self.wrong = panels.wrong_channels(found)
+
+    def place(
+        self, drawing: Mapping[str, Any] | Panel | None, title: str = "", kind: str = "plot", legend: bool = True
+    ) -> str:
+        """HTML of the place of a chart; empty for None."""
+        if drawing is None:
+            return ""
+        if isinstance(drawing, Panel):
+            title = title or drawing.title
+            kind = "plot square" if drawing.equal else kind
+            drawing = chart(drawing, extent([line.x for line in drawing.lines]))
+            drawing["layout"] |= {"hovermode": "closest", "showlegend": legend}
+        self.charts.append(dict(drawing))
+        head = f"<h3>{html.escape(title)}</h3>" if title else ""
+        return f'<div class="cell">{head}<div id="plot{len(self.charts) - 1}" class="{kind}"></div></div>'
+
+    def row(self, cells: Iterable[str], name: str = "row") -> str:
+        """Charts side by side, where there is room; empty without charts."""
+        inside = "".join(cells)
+        return f'<div class="{name}">{inside}</div>' if inside else ""
+
+
+def section(title: str, *parts: str) -> str:
+    """A part of the page, empty if it has nothing to say."""
+    inside = "".join(parts)
+    return f"<section><h2>{html.escape(title)}</h2>{inside}</section>" if inside else ""
+
+
+def folded(title: str, *parts: str) -> str:
+    """A part that is opened by a click."""
+    inside = "".join(parts)
+    return f"<details><summary>{html.escape(title)}</summary>{inside}</details>" if inside else ""
+
+
+def paragraph(text: str, name: str = "") -> str:
+    """A paragraph of plain text."""
+    return f'<p class="{name}">{html.escape(text)}</p>' if text else ""
+
+
+def listed(lines: Sequence[str], name: str = "") -> str:
+    """A list of plain texts."""
+    inside = "".join(f"<li>{html.escape(line)}</li>" for line in lines)
+    return f'<ul class="{name}">{inside}</ul>' if inside else ""
+
+
+def _first_screen(page: _Page) -> str:
+    """The picture under the sentence: measured, paper's model, extended model; and all channels beside it."""
+    found = page.found
+    look = panels.telling_look(found, page.channel) if page.channel else None
+    cells = []
+    if look is not None and len(look.path):
+        held = "held out" if look.held_out else "fitted"
+        cells.append(page.place(panels.path(look, f"{look.name} ({held}), predicted {found.horizon:g} s ahead")))
+    beside = page.place(charts.before_and_after(found), "Errors against the sensors' noise", "plot low")
+    if look is not None and page.channel is not None and page.channel in look.channels:
+        beside += page.place(panels.over_time(found, look, page.channel), kind="plot low")
+    cells.append(f'<div class="beside">{beside}</div>')
+    return page.row(cells, "first")
+
+
+def _wrong(page: _Page) -> str:
+    """Channels against their noise, and errors over time."""
+    found = page.found
+    text = (
+        f"Predictions {found.horizon:g} s ahead by the paper's model with its soil identified from the same recordings."
+        " With ÷ noise at 1 they are as good as the sensor."
+    )
+    parts = [paragraph(text), baseline(found)]
+    for look in found.looks:
+        cells = [page.place(panels.over_time(found, look, name)) for name in found.baseline if name in look.channels]
+        parts.append(folded(f"Errors over time: {look.name}{' (held out)' if look.held_out else ''}", page.row(cells)))
+    return section("What is wrong", *parts)
+
+
+def _where(page: _Page) -> str:
+    """Sentences, the map, and errors over what the rover did."""
+    found = page.found
+    parts = []
+    for channel in dict.fromkeys(place.channel for place in found.where):
+        said = [place.what for place in found.where if place.channel == channel]
+        parts.append(f"<h3>{html.escape(result.channel_words(channel)).capitalize()}</h3>{listed(said, 'said')}")
+    if not found.where:
+        parts.append(paragraph("No channel is wrong by much more than its noise."))
+    shown = page.wrong or ([page.channel] if page.channel else [])
+    for index, channel in enumerate(shown):
+        title = f"The error of the {result.channel_words(channel)} on the map"
+        cells = [page.place(charts.error_map(found, channel), title, "plot square")]
+        over = panels.over_covariates(found, channel)
+        cells += [page.place(panel, legend=i == 0) for i, panel in enumerate(over)]
+        row = page.row(cells, "grid3")
+        name = result.channel_words(channel)
+        parts.append(row if index == 0 else folded(f"The same for the {name}", row))
+    return section("Where and when", *parts)
+
+
+def _why(page: _Page) -> str:
+    """Evidence of all effects."""
+    found = page.found
+    if not found.ranking:
+        return ""
+    text = (
+        "Evidence against the model without the effect, of both views together: ground motion and torques for motors "
+        "that turn as measured, motor speeds for given commands."
+    )
+    parts = [paragraph(text), page.row([page.place(charts.evidence(found), kind="plot bars")])]
+    if found.unexplained is not None:
+        parts.append(unexplained(found.unexplained))
+    parts.append(folded(f"All {len(found.ranking)} effects", ranking(found)))
+    return section("Why", *parts)
+
+
+def _parameters(found: Diagnosis) -> str:
+    return section("Parameters", parameters(found)) if found.causes else ""
+
+
+def _gains(page: _Page) -> str:
+    found = page.found
+    if not found.gain or not found.causes:
+        return ""
+    where = f"on held-out data ({', '.join(found.holdout)})" if found.holdout else "on data held out"
+    text = (
+        f"Predictions {found.horizon:g} s ahead {where}: the paper's model, its soil identified, and the extended one."
+    )
+    return section("What it gains", paragraph(text), gain(found))
+
+
+def _next(found: Diagnosis) -> str:
+    what = found.next_experiment
+    if what is None:
+        return ""
+    said = [paragraph(what.what, "next")]
+    if what.separates:
+        between = result.joined([result.effect_words(name) for name in what.separates])
+        odds = result.odds(what.nats / charts.LOG10)
+        said.append(paragraph(f"It would separate {between} by {what.nats:.0f} nats ({odds})."))
+    return section("What to measure next", *said)
+
+
+def _data(found: Diagnosis) -> str:
+    return section("Doubts about the data", listed(found.warnings, "warnings")) if found.warnings else ""
+
+
+def _free_runs(page: _Page) -> str:
+    """Whole runs from their start, with the branch that each took."""
+    looks = [look for look in page.found.looks if look.free_before]
+    if not looks:
+        return ""
+    text = (
+        "Whole recordings in one run from their start. The model has several branches (which wheels slide): a run that "
+        "takes another one than the rover did goes astray with every parameter right, so none of this is evidence."
+    )
+    cells = [page.place(panels.path(look, f"{look.name}: free runs", free=True)) for look in looks]
+    return section("Free runs", paragraph(text), listed(result.branch_words(page.found)), page.row(cells))
+
+
+def _excluded(found: Diagnosis) -> str:
+    inside = excluded(found)
+    text = (
+        "Effects that were not found, and the sizes that these recordings exclude: departures from the paper's model "
+        "from so much on, limits below so much, a patch for nine tenths of the ground driven on. An effect that is not "
+        "here may have any size."
+    )
+    if found.verdict is Verdict.UNEXPLAINED:
+        text += " That holds beside what is on no list only as far as that neither hides an effect nor looks like one."
+    return section("What it is not", paragraph(text), inside) if inside else ""
+
+
+def _foot(found: Diagnosis, version: str) -> str:
+    held = f"; held out: {', '.join(found.holdout)}" if found.holdout else ""
+    said = [
+        f"Robot {found.robot.name}; fitted: {', '.join(found.bags)}{held}; seed {found.seed}; {found.seconds:.0f} s."
+    ]
+    said += [asked] if (asked := result.asked(found)) else []
+    return "".join(map(paragraph, (*said, HINT, f"artibot {version}")))
