@@ -108,7 +108,7 @@ class StagedRun(LawOnBodies):
 
 
 # ----------------------------------------------------------------------
-# The same rover in Drake: its articulated-body algorithm, the paper's contact law beside it (see `law_bodies`).
+# The same rover in Drake: its articulated-body algorithm, the paper's contact law beside it (see `LawOnBodies`).
 # ----------------------------------------------------------------------
 
 
@@ -209,7 +209,7 @@ def _fixed(name: str, body: Any, at: Any) -> Any:
 
 
 # ----------------------------------------------------------------------
-# The same rover in Pinocchio: its forward dynamics (ABA), the paper's contact law beside it (see `law_bodies`).
+# The same rover in Pinocchio: its forward dynamics (ABA), the paper's contact law beside it (see `LawOnBodies`).
 # ----------------------------------------------------------------------
 
 
@@ -278,7 +278,7 @@ class PinocchioRun(StagedRun):
 
 # ----------------------------------------------------------------------
 # The same rover in PyBullet: its multi-body and its own step, the paper's contact law beside it (see
-# `law_bodies`).
+# `LawOnBodies`).
 #
 # PyBullet does not hand out accelerations, so there is no RK4 around it: forces go in and it makes a step of
 # Euler's symplectic method. The motors turn alone, so they are stepped here, by the same method.

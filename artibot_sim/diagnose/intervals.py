@@ -3,7 +3,7 @@
 A fit's curvature holds mu_s fixed, and the loss is jagged: it says too little. So the fit is made again at other values
 of mu_s and of the effect's size. Then windows are weighted at random many times (Rubin's bootstrap), each time the
 place with the least loss is taken, and one step from it. Losses and steps are those with the encoders' noise taken off
-(`identify/noise_share.py`). The mean of all draws is the value, for single places hold by chance.
+(`estimation/encoder_noise.py`). The mean of all draws is the value, for single places hold by chance.
 """
 
 from __future__ import annotations

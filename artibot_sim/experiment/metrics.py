@@ -246,7 +246,7 @@ class Metric:
     ----------
     unit : of all the others.
     rmse, median, p90 : of the absolute deviations (of positions: of the distance).
-    noise : standard deviation of the recording's own noise, as `local_fit.noise_of` estimates it; of positions
+    noise : standard deviation of the recording's own noise, as `smoothing.noise_of` estimates it; of positions
         that of the distance. NaN if there are too few samples.
     count : how many deviations.
     """

@@ -336,7 +336,7 @@ def resimulate(
     drive : `rotations`: all motors turn as measured (four where recorded, else the back ones by torque);
         `commands`: the front motors do what `/motor_command` says, the back ones share by eq. 30.
     horizon : s; each segment is cut into windows of this length, each started anew. None: free runs.
-    back : with `commands`, `kappa`, `effort` or `auto` (see `motor_inputs.commands`).
+    back : with `commands`, `kappa`, `effort` or `auto` (see `inputs.commands`).
     progress : hears now and then the share that is simulated.
 
     Returns

@@ -593,7 +593,7 @@ class Study:
     branches : Sweep
         Agri.q over i_x / i_y, i_y kept.
     suspects : dict of str to (3, 3) array
-        See `suspects.tried`.
+        See `section7.tried`.
     """
 
     runs: dict[tuple[str, str], dict[float, Run]]

@@ -198,7 +198,7 @@ class Trial:
 
     @cached_property
     def starts(self) -> Array:
-        """What sensors make of the windows' starts, shape (windows, 8 or 6): see `identify.starts`."""
+        """What sensors make of the windows' starts, shape (windows, 8 or 6): see `estimation.windows`."""
         rows = self.edges[:-1]
         pose, twist = self.result.pose[rows], self.result.twist[rows]
         columns = [pose, twist]

@@ -258,7 +258,7 @@ def renoised(problem: Problem, fit: Fit, levels: Array, loss: Loss, steps: int) 
 # What noise of the measured rotations adds to a fit's cost: a model that answers them less is not the truer for
 # it.
 #
-# The steps of encoders go through the contact into predicted torques (`identify/noisy_inputs.py`). Back wheels with
+# The steps of encoders go through the contact into predicted torques (`estimation/encoder_noise.py`). Back wheels with
 # less grip, say, make less of that noise, and so a better fit of recordings with nothing hidden.
 # ----------------------------------------------------------------------
 

@@ -121,7 +121,7 @@ class Effect:
         What the extended kernel calls, by the hook's name (see `effects.hooks`).
     command : callable, optional
         (values, h, first) → `Step`: what happens to commands on their way to the front motors, sampled each `h` s,
-        `first` (2,) having been commanded for long. See `command_way`.
+        `first` (2,) having been commanded for long. See `commands.as_executed`.
     sensor : callable, optional
         (SensorErrors, values) → SensorErrors: what the effect changes in what sensors make of the truth.
     drives_front : bool

@@ -2,8 +2,8 @@
 
 Without roll, pitch and heave each wheel keeps its static load, and of the joint's four rows only x and y are left,
 with a 2×2 Schur complement. Nothing is approximated: from a level start the sixteen coordinates of `dynamics` stay
-level by themselves (`level.level` says which starts are), and both forms agree to rounding, step by step. Both modules
-keep coordinates of their own, since a step that only knew one of them would have other errors.
+level by themselves (`plane_step.level` says which starts are), and both forms agree to rounding, step by step. Both
+modules keep coordinates of their own, since a step that only knew one of them would have other errors.
 
 Values pass as tuples. Nothing here branches, so that loops over many rovers (`lanes`) become vector code; only eq. 16
 is a function that is handed in, `within_friction` there, and for one rover alone (`level_step`) `contact.saturated`,

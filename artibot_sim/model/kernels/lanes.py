@@ -139,7 +139,7 @@ def cubics(S):
 # be written out before it is looked at). Lanes know nothing of each other: results do not depend on which rovers
 # share a block, and one that diverges disturbs no other.
 #
-# `fx` is None for the paper's model. In the extended one it is LIGHT or FULL (`lane_effects`), whose lengths the
+# `fx` is None for the paper's model. In the extended one it is LIGHT or FULL (`lane_layout`), whose lengths the
 # compiler knows, and effects' parameters are in `S`.
 # ----------------------------------------------------------------------
 

@@ -151,7 +151,7 @@ def write_row(at, two, motions, trig, a, acting, M_m, M_r, hold, w):
     a : tuple of 10 floats
         Accelerations.
     acting : tuple
-        See `level_step.level_accelerations`.
+        See `plane_step.level_accelerations`.
     M_m, M_r : tuple of 4 floats
         Torques, N m.
     """
