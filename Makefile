@@ -7,7 +7,7 @@ export VENV
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-run demo test lint types bench bench-can growth faults faults-live fuzz eq30 diagnose-campaign bags pictures colcon clean
+.PHONY: help setup setup-run demo test lint types bench bench-can growth faults faults-live fuzz eq30 diagnose-campaign bags pictures colcon map clean
 
 help: ## this list
 	@echo "make TARGET, of which:"
@@ -69,6 +69,9 @@ pictures: setup-run ## draw the pictures of README and docs again
 
 colcon: setup ## build the ROS 2 package into install/, for `source install/setup.bash`
 	@$(abspath $(VENV))/bin/colcon build --packages-select artibot_sim
+
+map: setup-run ## draw docs/architecture.md, the map of rooms and files, from the tree
+	@$(PY) scripts/map.py
 
 clean: ## remove what the other targets made, .venv included
 	@rm -rf $(VENV) build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis *.egg-info
