@@ -19,9 +19,10 @@ from imports import BELOW_ALL, DRIVER, LAYERS, edges, modules_below, part_of  # 
 
 HEAD = """# Map of the house
 
-Drawn from the tree by `make map`; a test holds this page to it. The physics is a library without ROS, CAN, files or wall
-clock; everything else is a thin edge around it. Imports run one way, from the top of the list of rooms to its bottom, and no
-two files import each other (`test/imports.py`). A reader begins with `model/reference/`, which reads like the paper.
+Drawn from the tree by `make map`; a test holds this page to it. The physics is a library without ROS, CAN, files or
+wall clock; everything else is a thin edge around it. Imports run one way, from the top of the list of rooms to its
+bottom, and no two files import each other (`test/imports.py`). A reader begins with `model/reference/`, which reads
+like the paper.
 
 ## Which room imports which
 

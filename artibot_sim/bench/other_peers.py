@@ -47,13 +47,13 @@ class LawOnBodies(ABC):
         self.arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
 
     @abstractmethod
-    def look(self, q: Array, v: Array) -> list[tuple[Array, Array, Array, Array]]:
+    def bodies_at(self, q: Array, v: Array) -> list[tuple[Array, Array, Array, Array]]:
         """Origin (m), rotation (3, 3), velocity (m/s) and angular velocity (rad/s) of both modules in `map`."""
 
     def forces(self, q: Array, v: Array) -> tuple[Array, Array]:
         """What the law does: generalised forces (12,), and forces and moments at the modules' origins (2, 6)."""
         a = self.arrays
-        places = self.look(q, v)
+        places = self.bodies_at(q, v)
         common = places[0][0]  # MuJoCo gives all velocities at one point
         for body, (origin, rotation, velocity, turn) in zip(BODIES, places, strict=True):
             a["xpos"][body], a["xmat"][body], a["cvel"][body, :3] = origin, rotation.ravel(), turn
@@ -167,7 +167,7 @@ class DrakeRun(StagedRun):
             add(f"motor{i}", RevoluteJoint, 1, plant.world_body(), plant.AddRigidBody(f"motor{i}", unit))
         return joints
 
-    def look(self, q: Array, v: Array) -> list[tuple[Array, Array, Array, Array]]:
+    def bodies_at(self, q: Array, v: Array) -> list[tuple[Array, Array, Array, Array]]:
         """Origin, rotation, velocity and angular velocity of both modules in `map`."""
         plant, state = self.plant, np.empty(24)
         state[self._q], state[12 + self._v] = q, v
@@ -182,7 +182,7 @@ class DrakeRun(StagedRun):
         return places
 
     def solve(self, q: Array, v: Array, torque: Array, wrench: Array) -> Array:
-        """Accelerations at what `look` was given last."""
+        """Accelerations at what `bodies_at` was given last."""
         from pydrake.multibody.math import SpatialForce
 
         plant, forces = self.plant, np.empty(12)
@@ -254,7 +254,7 @@ class PinocchioRun(StagedRun):
     def _inertia(self, module: ModuleParams, centre: Array) -> Any:
         return self._pin.Inertia(module.m, centre, np.diag([module.J_x, module.J_y, module.J_z]))
 
-    def look(self, q: Array, v: Array) -> list[tuple[Array, Array, Array, Array]]:
+    def bodies_at(self, q: Array, v: Array) -> list[tuple[Array, Array, Array, Array]]:
         """Origin, rotation, velocity and angular velocity of both modules in `map`."""
         pin = self._pin
         pin.forwardKinematics(self.model, self.data, q, v)
@@ -269,7 +269,7 @@ class PinocchioRun(StagedRun):
         return places
 
     def solve(self, q: Array, v: Array, torque: Array, wrench: Array) -> Array:
-        """Accelerations at what `look` was given last."""
+        """Accelerations at what `bodies_at` was given last."""
         for (joint, rotation, arm), acting in zip(self._arms, wrench, strict=True):
             force, moment = acting[:3], acting[3:]
             self._forces[joint] = self._pin.Force(rotation.T @ force, rotation.T @ (moment + np.cross(arm, force)))
@@ -361,7 +361,7 @@ class PybulletRun(LawOnBodies):
             + "</robot>"
         )
 
-    def look(self, q: Array, v: Array) -> list[tuple[Array, Array, Array, Array]]:
+    def bodies_at(self, q: Array, v: Array) -> list[tuple[Array, Array, Array, Array]]:
         """Origin, rotation, velocity and angular velocity of both modules in `map`, as PyBullet has them."""
         bullet, rover, world = self._bullet, self._rover, self._world
         place, turned = bullet.getBasePositionAndOrientation(rover, world)

@@ -67,8 +67,8 @@ def command(
             for path, size in zip(recordings, sizes, strict=True)
         ]
         robots = [robot_of_recording(robot, experiment) for experiment in experiments]
-        told = bar.stage("drawing", _DRAWING * sum(sizes))
-        drawn = draw(experiments, robots, png=png, html=html, json=as_json, progress=told)
+        drawing = bar.stage("drawing", _DRAWING * sum(sizes))
+        drawn = draw(experiments, robots, png=png, html=html, json=as_json, progress=drawing)
     _print(drawn, experiments)
 
 

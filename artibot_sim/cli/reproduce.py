@@ -74,10 +74,10 @@ def _calibrations(progress: Callable[[float], None], quick: bool) -> Mapping[str
     found = {}
     for i, (name, problem) in enumerate(PROBLEMS.items()):
 
-        def tell(share: float, done: int = i) -> None:
+        def advance(share: float, done: int = i) -> None:
             progress((done + share) / len(PROBLEMS))
 
-        found[name] = calibrate(problem, 2, tell) if quick else calibrate(problem, progress=tell)
+        found[name] = calibrate(problem, 2, advance) if quick else calibrate(problem, progress=advance)
     return found
 
 

@@ -129,7 +129,7 @@ class _Clock:
     def tell_to(self, bar: Bar) -> Any:
         """What the sweep tells how far it is."""
 
-        def tell(done: int, before: int) -> None:
+        def advance(done: int, before: int) -> None:
             if done == before:
                 self._began = time.monotonic()
             self.done, self.before, self.seconds = done, before, time.monotonic() - self._began
@@ -143,7 +143,7 @@ class _Clock:
             note = f"{done}/{total}, {self.rate:.3g} runs/s, {hours} left" if self.rate else f"{done}/{total}"
             bar.show(float(done), "simulating", note=note)
 
-        return tell
+        return advance
 
     @property
     def rate(self) -> float:

@@ -64,12 +64,12 @@ def read_bag(
         If the recording is damaged, empty, foreign, has none of the topics, or a renamed topic is not in it.
         The message names the file, what was found and the mend.
     """
-    tell, twice = progress or (lambda _: None), False
+    advance, twice = progress or (lambda _: None), False
 
     def first_half(share: float) -> None:
         nonlocal twice
         twice = True
-        tell(0.5 * share)
+        advance(0.5 * share)
 
     info = bag_info(path, progress=first_half)
     found = {channel.topic: channel.ros_type for channel in info.channels if channel.encoding == "cdr"}
@@ -77,7 +77,7 @@ def read_bag(
         encodings = ", ".join(sorted({channel.encoding or "none" for channel in info.channels}))
         raise ArtibotError(f"{path}: no topic is encoded as cdr (found: {encodings}); expected a ROS 2 recording")
     wanted, remarks = _choose(info, found, topics or {}, namespace)
-    rows = _read_rows(info, wanted, (lambda share: tell(0.5 + 0.5 * share)) if twice else tell)
+    rows = _read_rows(info, wanted, (lambda share: advance(0.5 + 0.5 * share)) if twice else advance)
     channels = {key: table.channel(remarks) for key, table in rows.items() if table.stamps}
     if not channels:
         present = ", ".join(sorted(found)) or "no topic at all"

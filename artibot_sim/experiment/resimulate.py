@@ -436,10 +436,10 @@ class _Run:
             motion = motion._replace(vx=0.0, vy=0.0, yaw_rate=0.0, articulation_rate=0.0)
             velocity[:] = 0.0
             efforts = None  # eq. 30 feeds back what was before the first movement
-        told = np.array([mode == Mode.PRESCRIBED for mode in inputs.modes])
-        velocity = np.where(told, inputs.velocity[first], velocity)
+        prescribed = np.array([mode == Mode.PRESCRIBED for mode in inputs.modes])
+        velocity = np.where(prescribed, inputs.velocity[first], velocity)
         origin = np.where(np.isfinite(position), position, 0.0)
-        offset = np.where(told, origin - np.nan_to_num(inputs.position[first]), 0.0)
+        offset = np.where(prescribed, origin - np.nan_to_num(inputs.position[first]), 0.0)
         return start_state(self.robot, motion, origin, velocity, efforts, t), offset
 
     def _remark(self, text: str) -> None:

@@ -90,7 +90,7 @@ def write_channels(
         If the folder exists, a key is not the contract's, or a column's length is not that of its stamps.
     """
     folder = Path(folder)
-    tell = progress or (lambda _: None)
+    advance = progress or (lambda _: None)
     streams = [
         iter(sorted((_Outgoing(stamp, -1, key, data) for stamp, data in messages), key=_when))
         for key, messages in (latched or {}).items()
@@ -106,7 +106,7 @@ def write_channels(
             bag.register(BY_KEY[key].name, BY_KEY[key].ros_type, LATCHED if BY_KEY[key].latched else STATE)
         for number, message in enumerate(heapq.merge(*streams, key=_when)):  # hours of messages need not fit in memory
             if number % _TELL_EVERY == 0:
-                tell(number / total)
+                advance(number / total)
             bag.write(BY_KEY[message.key].name, message.data, message.log_ns, message.log_ns)
     return folder
 

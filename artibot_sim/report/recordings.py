@@ -49,15 +49,15 @@ def draw(
     measured = [measure(experiment) for experiment in experiments]
     names = labels(experiments)
     files: dict[Path, bytes] = {}
-    tell = progress or (lambda _: None)
+    advance = progress or (lambda _: None)
     for path, render in ((png, _png), (html, _page), (json, _json)):
-        tell(len(files) / 3)
+        advance(len(files) / 3)
         if path is not None:
             if path in files:
                 raise ArtibotError(f"{path}: asked for twice; give each output its own name")
             files[path] = render(figure, experiments, names, measured)
     write_files(files)
-    tell(1.0)
+    advance(1.0)
     return Drawn(figure, names, measured, list(files))
 
 

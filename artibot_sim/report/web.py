@@ -28,7 +28,7 @@ def chart(panel: Panel, time_span: tuple[float, float]) -> dict[str, Any]:
     time_span : (first, last)
         Of a time axis, s.
     """
-    data = [_polygons(panel.outlines, *look) for look in _ROVER] if panel.outlines else []
+    data = [_polygons(panel.outlines, *colours) for colours in _ROVER] if panel.outlines else []
     data += [_line(panel, line) for line in panel.lines]
     data += [_arrows(arrows) for arrows in panel.arrows]
     if len(panel.starts):

@@ -565,14 +565,14 @@ def section6(quick: bool = False, progress: Callable[[float], None] | None = Non
 
 def study(robot: Robot, quick: bool = False, progress: Callable[[float], None] | None = None) -> Study:
     """Run all simulations of section 6."""
-    tell = progress or (lambda _: None)
+    advance = progress or (lambda _: None)
     smooth = {test: rotation_driven(robot, test, KAPPA) for test in TESTS}
     jump = {test: rotation_driven(robot, test, KAPPA, entry=0.0) for test in TESTS}
-    tell(0.1)
+    advance(0.1)
     driven = []
     for i, kappa in enumerate(DRIVEN_KAPPAS):
         driven.append(fit_limit(robot, kappa, 0.04 if quick else 0.01))
-        tell(0.1 + 0.9 * (i + 1) / len(DRIVEN_KAPPAS))
+        advance(0.1 + 0.9 * (i + 1) / len(DRIVEN_KAPPAS))
     angle = {test: arc_angle(test, robot) for test in TESTS}
     gap = {test: odometric_gap(test) for test in TESTS}
     return Study(robot, smooth, jump, tuple(driven), angle, gap)

@@ -618,28 +618,28 @@ def study(
     calibrations: Mapping[str, Calibration] = CALIBRATIONS,
 ) -> Study:
     """Run all simulations of section 7."""
-    tell = progress or (lambda _: None)
+    advance = progress or (lambda _: None)
     runs = {}
     for i, name in enumerate(ROBOTS):
         manoeuvre = load_manoeuvre(f"table6_{name}")
         for geometry, robot in ((SHIPPED, load_robot(name)), (BEST, calibrations[name].apply())):
             runs[name, geometry] = {kappa: drive(robot, manoeuvre, kappa) for kappa in KAPPAS}
-        tell(0.1 * (i + 1))
+        advance(0.1 * (i + 1))
     lengths, length = np.linspace(0.03, 0.22, 9 if quick else 39), {}
     for i, geometry in enumerate((SHIPPED, BEST)):
         epiq = runs["epiq", geometry][KAPPAS[0]].robot
-        length[geometry] = sweep(epiq, "epiq", lengths, ("front.l", "back.l"), _span(tell, 0.2 + 0.2 * i, 0.2))
+        length[geometry] = sweep(epiq, "epiq", lengths, ("front.l", "back.l"), _span(advance, 0.2 + 0.2 * i, 0.2))
     agriq = load_robot("agriq")
     ratios = np.linspace(0.45, 1.0, 9 if quick else 34)
     spacing = ratios * agriq.front.i_y
-    branches = sweep(agriq, "agriq", spacing, ("front.i_x", "back.i_x"), _span(tell, 0.6, 0.4))
+    branches = sweep(agriq, "agriq", spacing, ("front.i_x", "back.i_x"), _span(advance, 0.6, 0.4))
     branches = Sweep(ratios, branches.e_gamma, branches.e_x, branches.front_axle)
     return Study(runs, calibrations, length, branches, tried())
 
 
-def _span(tell: Callable[[float], None], start: float, length: float) -> Callable[[float], None]:
+def _span(advance: Callable[[float], None], start: float, length: float) -> Callable[[float], None]:
     """Report a part's share of being done as one of the whole."""
-    return lambda share: tell(start + length * share)
+    return lambda share: advance(start + length * share)
 
 
 def sweep(

@@ -243,19 +243,19 @@ def sweep(
     ArtibotError
         Where the folder holds something else, cannot be written, or work could not go on. What is finished is kept.
     """
-    tell = progress or (lambda done, before: None)
+    advance = progress or (lambda done, before: None)
     if chunk is not None and chunk < 1:
         raise ArtibotError(f"chunk: {chunk}; expected at least 1 run")
     size = chunk or chunk_size(plan.count)
     with Folder(Path(out), plan) as folder:
         before = finished = sum(count for _, count in folder.done())
-        tell(finished, before)
+        advance(finished, before)
         missing = list(folder.missing(size))
         for number, data in _done(plan, missing, workers, scheduler):
             first, count = missing[number]
             folder.add(first, count, data)
             finished += count
-            tell(finished, before)
+            advance(finished, before)
         folder.finish()
         return Outcome(folder.path, folder.table, plan.count, before)
 
