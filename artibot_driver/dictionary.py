@@ -35,6 +35,9 @@ PDO_LENGTH: Final = 8
 
 _DISABLED, _FRAME_29_BIT, _ID = 1 << 31, 1 << 29, 0x7FF
 
+NO_REMOTE_FRAME: Final = 1 << 30
+"""Bit of a PDO's COB-ID that says nothing about the identifier: no remote frame is answered (TPDO), reserved (RPDO)."""
+
 
 @dataclass(frozen=True)
 class Field:
@@ -72,12 +75,15 @@ class PdoMap:
         CAN identifier, without the node's id where `relative`.
     fields : tuple of Field
         In the order of their bytes, little endian.
+    flags : int
+        Bits of the COB-ID beside the identifier that the EDS sets: :data:`NO_REMOTE_FRAME` or 0.
     """
 
     name: str
     cob_id: int
     relative: bool
     fields: tuple[Field, ...]
+    flags: int = 0
 
     @property
     def to_drive(self) -> bool:
@@ -166,7 +172,12 @@ def _pdo_maps(dictionary: ObjectDictionary) -> Iterator[PdoMap]:
                     "expected an 11-bit one from 0x180 to 0x57F"
                 )
             fields = tuple(_fields(dictionary, communication + 0x200 + number, name))
-            yield PdoMap(name, cob_id & _ID, bool(identifier.relative), fields)
+            yield PdoMap(name, cob_id & _ID, _is_relative(identifier), fields, cob_id & NO_REMOTE_FRAME)
+
+
+def _is_relative(variable: ODVariable) -> bool:
+    """Whether the EDS adds the node's id, however it spells ``$NODEID``; canopen knows capital letters only."""
+    return "$NODEID" in str(getattr(variable, "default_raw", "")).upper() or bool(variable.relative)
 
 
 def _fields(dictionary: ObjectDictionary, mapping: int, name: str) -> Iterator[Field]:

@@ -15,7 +15,7 @@ from typing import Final
 from canopen.objectdictionary import ObjectDictionary, ODVariable
 
 from artibot_driver.config import DriverConfig
-from artibot_driver.dictionary import PdoMap, load_dictionary
+from artibot_driver.dictionary import NO_REMOTE_FRAME, PdoMap, load_dictionary
 from artibot_driver.pdo import Codec
 from artibot_driver.scaling import INT32, MotorScaling, motor_scaling
 from artibot_sim.errors import ArtibotError
@@ -23,6 +23,9 @@ from artibot_sim.model import MOTORS, Robot, load_robot
 
 LARGEST_LOAD: Final = 0.8
 """Share of a bus's bits that SYNC, PDOs and heartbeats may take: the rest is for SDOs, emergencies and repeats."""
+
+ROUNDING: Final = 0.01
+"""Share of a ramp or a limit that a drive may round it by."""
 
 LARGEST_SETUP_LOAD: Final = 0.9
 """The same while drives are set up: less than what is taken for a flood."""
@@ -32,14 +35,45 @@ LARGEST_SETUP_LOAD: Final = 0.9
 class Setting:
     """One object of a drive and the integer it must have.
 
-    `written` ones the driver writes and reads back; the others belong to the drive's commissioning and are only
-    compared.
+    Attributes
+    ----------
+    written : bool
+        Whether the driver writes it where it differs; the others belong to the drive's commissioning and are only
+        compared.
+    tolerance : int
+        How far from `value` the drive may hold it: drives round ramps to what they can count.
+    ignored : int
+        Bits that do not matter, and are left as the drive has them.
+    part : str
+        Settings in a row with the same one are written together, in this order; empty for one by itself.
     """
 
     index: int
     subindex: int
     value: int
     written: bool = True
+    tolerance: int = 0
+    ignored: int = 0
+    part: str = ""
+
+    @property
+    def key(self) -> tuple[int, int]:
+        """Index and subindex."""
+        return self.index, self.subindex
+
+    @property
+    def is_mapping(self) -> bool:
+        """Whether it belongs to the mapping of a PDO."""
+        return 0x1600 <= self.index < 0x1800 or 0x1A00 <= self.index < 0x1C00
+
+    def accepts(self, found: int) -> bool:
+        """Whether a drive that holds `found` is set as it has to be."""
+        return abs((found & ~self.ignored) - (self.value & ~self.ignored)) <= self.tolerance
+
+
+def rounded(index: int, value: int) -> Setting:
+    """A ramp or a limit: CiA 402 says nothing of the steps in which a drive holds it."""
+    return Setting(index, 0, value, tolerance=max(1, round(ROUNDING * value)))
 
 
 @dataclass(frozen=True)
@@ -85,6 +119,7 @@ class Rig:
     def _identity(self, motor: str) -> Iterator[Setting]:
         """What scaling rests on: never written, for a wrong one means another motor or encoder than was configured."""
         scale = self.scaling[motor]
+        yield from self._make()
         yield Setting(0x6076, 0, scale.rated_torque, False)
         yield Setting(0x608F, 1, scale.counts_per_turn, False)
         yield Setting(0x608F, 2, 1, False)
@@ -94,6 +129,16 @@ class Rig:
             yield Setting(ratio, 1, 1, False)
             yield Setting(ratio, 2, 1, False)
         yield Setting(0x1019, 0, 0, False)  # SYNC without a counter
+
+    def _make(self) -> Iterator[Setting]:
+        """The identity object (1018h) as the EDS has it; product codes are of a vendor, so without one none counts."""
+        device = self.dictionary.device_information
+        vendor = default_of(self.dictionary, 0x1018, 1) or device.vendor_number or 0
+        product = default_of(self.dictionary, 0x1018, 2) or device.product_number or 0
+        revision = default_of(self.dictionary, 0x1018, 3) or device.revision_number or 0
+        for subindex, value, ignored in ((1, vendor, 0), (2, product, 0), (3, revision, 0xFFFF)):
+            if vendor and value:
+                yield Setting(0x1018, subindex, value, False, ignored=ignored)
 
     def _communication(self, motor: str) -> Iterator[Setting]:
         config, node = self.config, self.config.node_ids[motor]
@@ -113,12 +158,12 @@ class Rig:
         yield Setting(0x6007, 0, 1)  # the driver is lost: a fault, which only a fault reset ends
         yield Setting(0x605A, 0, 2)  # quick stop: slow down on the quick stop ramp, then switch on disabled
         yield Setting(0x605E, 0, 2)  # fault: slow down on the quick stop ramp
-        yield Setting(0x6072, 0, scale.torque_limit.raw(math.inf).raw)
-        yield Setting(0x6080, 0, scale.speed_limit.raw(config.max_speed * turn).raw + 1)  # not below what is commanded
-        yield Setting(0x6083, 0, acceleration)
-        yield Setting(0x6084, 0, acceleration)
-        yield Setting(0x6085, 0, scale.acceleration.raw(config.stop_deceleration * turn).raw)
-        yield Setting(0x6087, 0, scale.torque_slope.raw(config.torque_slope).raw)
+        yield rounded(0x6072, scale.torque_limit.raw(math.inf).raw)
+        yield rounded(0x6080, scale.speed_limit.raw(config.max_speed * turn).raw + 1)  # not below what is commanded
+        yield rounded(0x6083, acceleration)
+        yield rounded(0x6084, acceleration)
+        yield rounded(0x6085, scale.acceleration.raw(config.stop_deceleration * turn).raw)
+        yield rounded(0x6087, scale.torque_slope.raw(config.torque_slope).raw)
         yield Setting(0x6060, 0, int(config.mode(motor)))
 
 
@@ -207,13 +252,14 @@ def _pdo_settings(each: PdoMap, node: int) -> Iterator[Setting]:
     number = int(each.name[4:]) - 1
     communication = (0x1400 if each.to_drive else 0x1800) + number
     mapping = communication + 0x200
-    yield Setting(communication, 1, each.id_of(node) | 1 << 31)
-    yield Setting(mapping, 0, 0)
+    cob_id = each.id_of(node) | each.flags
+    yield Setting(communication, 1, cob_id | 1 << 31, ignored=NO_REMOTE_FRAME, part=each.name)
+    yield Setting(mapping, 0, 0, part=each.name)
     for k, field in enumerate(each.fields, 1):
-        yield Setting(mapping, k, field.index << 16 | field.subindex << 8 | field.bits)
-    yield Setting(mapping, 0, len(each.fields))
-    yield Setting(communication, 2, 1)
-    yield Setting(communication, 1, each.id_of(node))
+        yield Setting(mapping, k, field.index << 16 | field.subindex << 8 | field.bits, part=each.name)
+    yield Setting(mapping, 0, len(each.fields), part=each.name)
+    yield Setting(communication, 2, 1, part=each.name)
+    yield Setting(communication, 1, cob_id, ignored=NO_REMOTE_FRAME, part=each.name)
 
 
 def has_object(dictionary: ObjectDictionary, index: int, subindex: int) -> bool:
@@ -222,6 +268,15 @@ def has_object(dictionary: ObjectDictionary, index: int, subindex: int) -> bool:
         return False
     entry = dictionary[index]
     return subindex == 0 if isinstance(entry, ODVariable) else subindex in entry
+
+
+def default_of(dictionary: ObjectDictionary, index: int, subindex: int) -> int:
+    """The number that an EDS gives an object; 0 where it gives none."""
+    if not has_object(dictionary, index, subindex):
+        return 0
+    entry = dictionary[index]
+    value = (entry if isinstance(entry, ODVariable) else entry[subindex]).default
+    return value if isinstance(value, int) else 0
 
 
 def motor_per_metre(robot: Robot, motor: str) -> float:

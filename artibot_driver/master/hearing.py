@@ -40,6 +40,7 @@ KINDS: Final = (
     "feedback_too_early", "emergencies", "drive_restarts", "settings_lost", "sdo_repeats", "sdo_unexpected",
     "sdo_of_others", "foreign_sync", "foreign_nmt", "foreign_commands", "reads_cut_short", "not_sent", "stops",
     "setpoints_missing", "setpoints_stale", "setpoints_invalid", "saturated_velocity", "saturated_torque",
+    "drive_warns", "drive_at_limit",
 )  # fmt: skip
 """All that is counted."""
 

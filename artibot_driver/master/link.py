@@ -7,7 +7,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Final
 
-from artibot_driver.cia402 import State, controlword_for, state_of
+from artibot_driver.cia402 import State, StatusBit, controlword_for, state_of
 from artibot_driver.dictionary import PdoMap
 from artibot_driver.emcy import error_text
 from artibot_driver.frames import Emcy, Frame, Heartbeat, NmtState, Sdo
@@ -26,6 +26,9 @@ POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_
 ODD_MOST: Final = 3
 """Statuswords in a row that report another state than the one a drive was led to: fewer may be frames out of order."""
 
+TWICE_MOST: Final = 10
+"""Periods in which a PDO came twice, less those in which none did: more than that is no accident of a late reading."""
+
 _STARTED: Final = (Stage.STARTING, Stage.CHECKING, Stage.RUNNING)
 
 
@@ -42,6 +45,7 @@ def is_warning(code: int) -> bool:
 class Heard:
     """What a drive has said last; times are steady ns, None where it has never said it since it was sought."""
 
+    operational_ns: int | None = None
     heartbeat_ns: int | None = None
     nmt: NmtState | None = None
     feedback_ns: int | None = None
@@ -65,6 +69,8 @@ class Link:
         A severe emergency that the master has not dealt with yet.
     doubtful : bool
         Whether it has left its state by itself: it may have restarted, and its settings are to be read again.
+    shares_id : bool
+        Whether a second node answers under its id.
     """
 
     def __init__(self, rig: Rig, motor: str, tally: Counter[str]) -> None:
@@ -74,7 +80,9 @@ class Link:
         self.heard = Heard()
         self.restarted = ""
         self.alarm: Emcy | None = None
-        self.doubtful = False
+        self.doubtful = self.shares_id = False
+        self._twice = 0
+        self._came_twice = self._missed_beat = False
         self._mode = int(rig.config.mode(motor))
         self._codec = rig.codec
         self._rpdos = tuple(each for each in rig.codec.maps.values() if each.to_drive)
@@ -94,6 +102,7 @@ class Link:
             return
         if name in self._in_period:
             self._tally["duplicate"] += 1
+            self._came_twice = True
         elif self._in_period and self._in_period[-1] > name:
             self._tally["out_of_order"] += 1
         self._in_period.append(name)
@@ -103,6 +112,7 @@ class Link:
         indices = [each.index for each in pdo.map.fields]
         if STATUSWORD in indices:
             self.heard.feedback_ns, self.heard.sampled_ns = now, sampled
+            self.heard.operational_ns = self.heard.operational_ns or now
             self.setup.started()
         if POSITION in indices:
             self.heard.position_ns = now
@@ -117,6 +127,7 @@ class Link:
     def take_heartbeat(self, beat: Heartbeat, now: int) -> None:
         """A heartbeat; one that says that the drive is not operational any more has it set up again."""
         self.heard.heartbeat_ns, self.heard.nmt = now, beat.state
+        self._missed_beat = False
         if beat.state is NmtState.BOOT_UP:
             self._left("has restarted")
         elif beat.state is not NmtState.OPERATIONAL and self.setup.stage in (Stage.CHECKING, Stage.RUNNING):
@@ -157,6 +168,10 @@ class Link:
             wrong = expected is not None and (self.state is not expected or not self.mode_fits)
             self.heard.odd = self.heard.odd + 1 if wrong else 0
             self.doubtful = self.doubtful or self.heard.odd >= ODD_MOST
+            self._count_status_bits()
+        self._twice = min(self._twice + 1, 2 * TWICE_MOST) if self._came_twice else max(self._twice - 1, 0)
+        self.shares_id = self._twice > (0 if self.shares_id else TWICE_MOST)
+        self._came_twice = False
         self._in_period.clear()
 
     # What is known of it.
@@ -184,6 +199,21 @@ class Link:
     def heartbeat_age(self, now: int) -> float:
         """Since its last heartbeat, s."""
         return _age(self.heard.heartbeat_ns, now)
+
+    def misses_heartbeat(self, now: int, timeout: float) -> bool:
+        """Whether it is operational, but no heartbeat has come for `timeout` (s), or none since it became so."""
+        since = self.heard.heartbeat_ns or self.heard.operational_ns
+        return self.setup.stage is Stage.RUNNING and since is not None and _age(since, now) > timeout
+
+    def doubt_once(self) -> None:
+        """Have the settings read again where heartbeats begin to be missed: their period is one of them."""
+        self.doubtful = self.doubtful or not self._missed_beat
+        self._missed_beat = True
+
+    def _count_status_bits(self) -> None:
+        word = self.heard.objects.get(STATUSWORD, 0)
+        self._tally["drive_warns"] += bool(word & StatusBit.WARNING)
+        self._tally["drive_at_limit"] += bool(word & StatusBit.INTERNAL_LIMIT)
 
     def fault_text(self) -> str:
         """What its fault is, as far as it has told."""
@@ -239,6 +269,7 @@ class Link:
             heartbeat_age=self.heartbeat_age(now),
             feedback_age=self.feedback_age(now),
             progress=self.setup.progress,
+            remark=self.setup.remark,
         )
 
 

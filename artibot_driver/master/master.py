@@ -221,7 +221,7 @@ class Master:
         return Facts(
             carries=self._bus_state.carries_frames,
             alone=self._hearing.leads,
-            complete=len(heard) == len(self._links),
+            complete=len(heard) == len(self._links) and not any(link.shares_id for link in heard),
             faulted=any(link.in_fault for link in running),
             enable=enable,
             incident=self._stop is not None,

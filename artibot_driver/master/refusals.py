@@ -19,6 +19,7 @@ _MENDS: Final = {
     0x1019: "set it to {expected} in the drive: the driver's SYNC has no counter",
     0x6091: "set it to {expected} in the drive: gears belong into the robot file (drive.{module}.tau)",
     0x6096: "set it to {expected} in the drive: its unit of velocity is the parameter velocity_exponent",
+    0x1018: "give the EDS of this drive (parameter eds)",
     0x60A9: "set velocity_exponent to the drive's, or its unit of velocity to {expected:#x}",
 }
 _SWAPPED = "are two node ids swapped (node_ids.*)? "
@@ -37,7 +38,8 @@ def differs(rig: Rig, motor: str, setting: Setting, found: int) -> str:
     if setting.written:
         return f"{where}, which was written; the drive has not taken it: see its manual, or change the parameter"
     mend = _MENDS.get(setting.index, "commission the drive anew")
-    return f"{where}; {_SWAPPED}{mend.format(module=motor.partition('_')[0], expected=setting.value)}"
+    asked = "" if setting.index == 0x1018 else _SWAPPED
+    return f"{where}; {asked}{mend.format(module=motor.partition('_')[0], expected=setting.value)}"
 
 
 def aborted(rig: Rig, motor: str, setting: Setting, write: bool, code: int) -> str:

@@ -1,15 +1,18 @@
 """Setting one drive up without waiting for it: frames to send now, answers as they come.
 
-One SDO request is under way at a time, as CiA 301 has it; the next goes out as soon as the answer is read. All that was
-written is read back once the drive has been started, so that a drive that restarted on the way, unheard, is found out:
-it has lost what was written before.
+One SDO request is under way at a time, as CiA 301 has it; the next goes out as soon as the answer is read. An object is
+read first and written only where it is not right already: a drive's maker may have fixed it. All settings are read
+again once the drive has been started, so that a drive that restarted on the way, unheard, is found out: it has lost
+what was written before.
 """
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
-from typing import Final
+from dataclasses import replace
+from itertools import groupby
+from typing import Final, NamedTuple
 
 from canopen.objectdictionary import ODVariable
 
@@ -34,6 +37,14 @@ _HEAD_BYTES = 4
 _SEEKING = Setting(0x1000, 0, 0)  # device type: every node has it
 _CIA402 = 402  # its low half names the profile
 _ASKING = (Stage.SETTING, Stage.CHECKING)
+_REVISION = (0x1018, 3)
+
+
+class Access(NamedTuple):
+    """One SDO request: a setting that is read, or written."""
+
+    setting: Setting
+    write: bool
 
 
 class Setup:
@@ -44,13 +55,16 @@ class Setup:
     stage : Stage
     refusal : str
         Why the drive is refused, as one line with the mend; empty where it is not.
+    remark : str
+        What is odd about a drive that is set up all the same; empty where nothing is.
     """
 
     def __init__(self, rig: Rig, motor: str, tally: Counter[str]) -> None:
         self._rig, self.motor, self.node = rig, motor, rig.codec.nodes[motor]
         self._tally = tally
-        first, checks = _first(rig.settings(motor)), _checks(rig.settings(motor))
-        self._steps, self._settled = (*first, *checks), len(first)
+        self._parts = parts_of(rig.settings(motor))
+        self._checks = tuple(each for part in self._parts for each in last_of(part) if each.written)
+        self._total = len(self._checks) + sum(len(last_of(part)) for part in self._parts)
         self._failed: Setting | None = None
         self.refusal = ""
         self.restart()
@@ -58,8 +72,11 @@ class Setup:
     def restart(self) -> None:
         """Seek the drive and set it up from the beginning."""
         self.stage = Stage.SEEKING
-        self.refusal = ""
-        self._next = 0
+        self.refusal = self.remark = ""
+        self._queue: deque[Access] = deque()
+        self._part, self._done = -1, 0
+        self._found: dict[tuple[int, int], int] = {}
+        self._wrong: list[Setting] = []
         self._tries = 0
         self._due = 0
         self._asked = False
@@ -68,13 +85,17 @@ class Setup:
     def check(self) -> None:
         """Have the settings of a drive that is set up read again."""
         if self.stage is Stage.RUNNING:
-            self.stage, self._next = Stage.CHECKING, self._settled
-            self._tries, self._asked = 0, False
+            self._check()
+
+    def _check(self) -> None:
+        self.stage, self._done = Stage.CHECKING, self._total - len(self._checks)
+        self._queue = deque(Access(each, False) for each in self._checks)
+        self._tries, self._asked = 0, False
 
     @property
     def progress(self) -> float:
         """Share of the settings that are done."""
-        return self._next / len(self._steps)
+        return self._done / self._total
 
     def step(self, now: int) -> Iterator[Frame]:
         """Frames that are due now."""
@@ -100,42 +121,48 @@ class Setup:
                 self.restart()
                 return
         self._asked, self._due = True, now + ANSWER_TIMEOUT
-        setting, write = self._steps[self._next]
-        yield self._request(setting, write)
+        yield self._request(*self._queue[0])
 
     def started(self) -> None:
         """The drive has been heard to be operational."""
         if self.stage is Stage.STARTING:
-            self.stage = Stage.CHECKING
+            self._check()
 
     def take(self, answer: Sdo) -> None:
         """An answer of the drive; what was not asked for is only counted."""
-        if self.stage is Stage.SEEKING and (answer.index, answer.subindex) == (_SEEKING.index, _SEEKING.subindex):
+        if self.stage is Stage.SEEKING and (answer.index, answer.subindex) == _SEEKING.key:
             if answer.service == "upload" and int.from_bytes(answer.data[:2], "little") == _CIA402:
                 self.stage = Stage.SETTING
+                self._next_part()
             else:
                 self._tally["sdo_unexpected"] += 1
             return
-        setting, write = self._steps[self._next] if self._next < len(self._steps) else (_SEEKING, False)
+        setting, write = self._queue[0] if self._queue else (_SEEKING, False)
         expected = "download" if write else "upload"
-        fits = (answer.index, answer.subindex) == (setting.index, setting.subindex)
+        fits = (answer.index, answer.subindex) == setting.key
         if self.stage not in _ASKING or not self._asked or not fits or answer.service not in (expected, "abort"):
             self._tally["sdo_unexpected"] += 1
         elif answer.service == "abort":
             self._take_abort(setting, write, int.from_bytes(answer.data, "little"))
-        elif not write and (found := self._found(setting, answer)) is not None:
-            self._take_difference(setting, found)
-        else:
+        elif write:
             self._advance()
+        else:
+            self._compare(setting, answer)
 
-    def _found(self, setting: Setting, answer: Sdo) -> int | None:
-        """The value that a drive has instead of the one that it should have."""
-        size = self._size(setting)
-        found = int.from_bytes(answer.data[:size], "little", signed=setting.value < 0)
-        return None if found == setting.value else found
-
-    def _take_difference(self, setting: Setting, found: int) -> None:
-        if setting.written and self._is_first(setting):
+    def _compare(self, setting: Setting, answer: Sdo) -> None:
+        """Take the value that was read: right, to be written, or a reason to refuse the drive."""
+        found = int.from_bytes(answer.data[: self._size(setting)], "little", signed=setting.value < 0)
+        if self.stage is Stage.SETTING and setting.written:
+            self._found[setting.key] = found
+        if setting.accepts(found):
+            self._advance()
+        elif setting.key == _REVISION:
+            self.remark = differs(self._rig, self.motor, setting, found)
+            self._advance()
+        elif self.stage is Stage.SETTING and setting.written:
+            self._wrong.append(setting)
+            self._advance()
+        elif setting.written and self._is_first(setting):
             self._tally["settings_lost"] += 1
             self.restart()
         else:
@@ -144,6 +171,9 @@ class Setup:
     def _take_abort(self, setting: Setting, write: bool, code: int) -> None:
         if code in TRANSIENT and self._tries + 1 < TRIES:
             self._due = 0  # as if it had not been answered
+        elif self.stage is Stage.SETTING and setting.written and not write:
+            self._wrong.append(setting)  # it cannot be read: whether it can be written is to be seen
+            self._advance()
         elif setting.written and self._is_first(setting):
             self.restart()
         else:
@@ -158,12 +188,35 @@ class Setup:
         self.stage, self.refusal, self._failed = Stage.REFUSED, text, None
 
     def _advance(self) -> None:
-        self._next += 1
+        """Go on after an answer."""
+        done = self._queue.popleft()
+        self._done += not done.write
         self._tries, self._asked = 0, False
-        if self._next == self._settled:
-            self.stage, self._due, self._started = Stage.STARTING, 0, None
-        elif self._next == len(self._steps):
+        if self._queue:
+            return
+        if self.stage is Stage.CHECKING:
             self.stage, self._failed = Stage.RUNNING, None
+        elif self._wrong:
+            self._queue = deque(Access(each, True) for each in self._to_write())
+            self._wrong = []
+        else:
+            self._next_part()
+
+    def _next_part(self) -> None:
+        """Read what belongs together, or start the drive where all is as it should be."""
+        self._part += 1
+        self._found = {}
+        if self._part < len(self._parts):
+            self._queue = deque(Access(each, False) for each in last_of(self._parts[self._part]))
+        else:
+            self.stage, self._due, self._started = Stage.STARTING, 0, None
+
+    def _to_write(self) -> Iterator[Setting]:
+        """The settings of a part of which some are wrong; a mapping that is right stays, for it may be fixed."""
+        mapping = any(each.is_mapping for each in self._wrong)
+        for each in self._parts[self._part]:
+            if mapping or not each.is_mapping:
+                yield replace(each, value=each.value | self._found.get(each.key, 0) & each.ignored)
 
     def _request(self, setting: Setting, write: bool) -> Frame:
         size = self._size(setting)
@@ -189,16 +242,12 @@ def due(setups: Sequence[Setup], now: int, most: int, turn: int) -> list[Frame]:
     return frames
 
 
-Step = tuple[Setting, bool]
-"""A setting, and whether it is written; else it is read."""
+def parts_of(settings: tuple[Setting, ...]) -> tuple[tuple[Setting, ...], ...]:
+    """Settings that are written together, and each of the others by itself, in their order."""
+    groups = groupby(enumerate(settings), key=lambda pair: pair[1].part or str(pair[0]))
+    return tuple(tuple(each for _, each in group) for _, group in groups)
 
 
-def _first(settings: tuple[Setting, ...]) -> tuple[Step, ...]:
-    """What is asked before the drive is started: the drive's own objects are read, the others written."""
-    return tuple((each, each.written) for each in settings)
-
-
-def _checks(settings: tuple[Setting, ...]) -> tuple[Step, ...]:
-    """What is asked after it: every object that was written, for the value that was written to it last."""
-    last = {(each.index, each.subindex): each for each in settings if each.written}
-    return tuple((each, False) for each in last.values())
+def last_of(part: tuple[Setting, ...]) -> tuple[Setting, ...]:
+    """What each object of a part has to hold in the end: a PDO is switched off and emptied on the way."""
+    return tuple({each.key: each for each in part}.values())

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from artibot_driver.bus_health import BusState
-from artibot_driver.cia402 import State
+from artibot_driver.cia402 import State, StatusBit
 from artibot_driver.master.phases import Phase
 from artibot_sim.sharing import Law
 
@@ -157,6 +157,8 @@ class DriveStatus:
         Since its last heartbeat and its last TPDO1, s; infinite where there was none.
     progress : float
         Of its setting up, 0 to 1.
+    remark : str
+        What is odd about it, though it keeps from nothing; mostly empty.
     """
 
     motor: str
@@ -170,6 +172,17 @@ class DriveStatus:
     heartbeat_age: float
     feedback_age: float
     progress: float
+    remark: str = ""
+
+    @property
+    def warns(self) -> bool:
+        """Whether its statusword's warning bit is set."""
+        return bool(self.statusword & StatusBit.WARNING)
+
+    @property
+    def at_limit(self) -> bool:
+        """Whether its statusword says that an internal limit acts."""
+        return bool(self.statusword & StatusBit.INTERNAL_LIMIT)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Final
 from artibot_driver.bus_health import BusState
 from artibot_driver.cia402 import State
 from artibot_driver.config import DriverConfig
+from artibot_driver.frames import HEARTBEAT_BASE
 from artibot_driver.master.link import ODD_MOST, Link
 from artibot_driver.master.traffic import Traffic
 from artibot_driver.master.values import Reason, Stage, Stop
@@ -87,7 +88,18 @@ def text_of(link: Link, now: int, config: DriverConfig) -> str:
         return f"in fault: {link.fault_text()}"
     if link.setup.stage is not Stage.RUNNING:
         return link.setup.stage.value
-    return "" if is_heard(link, now, config) else "silent"
+    if link.feedback_age(now) > config.drive_timeout:
+        return "silent"
+    if link.shares_id:
+        return f"every answer comes twice: a second node has the id {link.node}; give one of them another"
+    if is_heard(link, now, config):
+        return ""
+    if not link.misses_heartbeat(now, HEARTBEATS * config.drive_timeout):
+        return "its first heartbeat is waited for"
+    return (
+        f"feedback comes, but no heartbeat (identifier {HEARTBEAT_BASE + link.node:#x}), though 1017h asks for one "
+        f"every {1e3 * config.drive_period:g} ms: see the drive's manual, and what keeps this identifier from the bus"
+    )
 
 
 def is_heard(link: Link, now: int, config: DriverConfig) -> bool:
@@ -99,15 +111,18 @@ def is_heard(link: Link, now: int, config: DriverConfig) -> bool:
 def rest(links: Sequence[Link], now: int, config: DriverConfig) -> None:
     """Where nothing turns: what has happened is dealt with, and drives that are away are sought.
 
-    The settings of a doubtful drive are read again, and one that has fallen silent is set up anew.
+    The settings of a doubtful drive are read again, and one that has fallen silent is set up anew; not one that sends
+    feedback without heartbeats, for that is something to be named.
     """
     for link in links:
         link.restarted, link.alarm = "", None
         if link.doubtful and not link.in_fault:
             link.doubtful = False
             link.setup.check()
-        if link.setup.stage in (Stage.CHECKING, Stage.RUNNING) and not is_heard(link, now, config):
+        if link.setup.stage in (Stage.CHECKING, Stage.RUNNING) and link.feedback_age(now) > config.drive_timeout:
             link.forget()
+        elif link.misses_heartbeat(now, HEARTBEATS * config.drive_timeout):
+            link.doubt_once()
 
 
 def retry(links: Sequence[Link]) -> None:

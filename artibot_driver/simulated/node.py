@@ -12,6 +12,7 @@ from typing import Final
 
 from canopen.objectdictionary import ObjectDictionary
 
+from artibot_driver.dictionary import NO_REMOTE_FRAME
 from artibot_driver.frames import (
     HEARTBEAT_BASE,
     SDO_REQUEST,
@@ -159,7 +160,7 @@ class CanopenNode(ABC):
                 self._take_sync()
             else:
                 for communication in self._rpdos:
-                    if can_id == values[communication, 1]:
+                    if can_id == values[communication, 1] & ~NO_REMOTE_FRAME:
                         self._take_rpdo(communication, data)
 
     def _take_nmt(self, data: bytes) -> None:

@@ -8,7 +8,7 @@ from typing import Final
 
 from canopen.objectdictionary import ObjectDictionary, ODVariable
 
-from artibot_driver.dictionary import FORMATS
+from artibot_driver.dictionary import FORMATS, NO_REMOTE_FRAME
 
 NO_OBJECT: Final = 0x06020000
 NO_SUBINDEX: Final = 0x06090011
@@ -121,7 +121,7 @@ class Objects:
         communication = (index & ~0x200, 1)
         if not is_mapping:
             enabled = subindex == 1 and not value & _DISABLED
-            if enabled and not 0x180 <= value <= 0x57F:
+            if enabled and not 0x180 <= value & ~NO_REMOTE_FRAME <= 0x57F:
                 raise Abort(INVALID_VALUE)
             return
         if not self.values[communication] & _DISABLED or (subindex and self.values[index, 0]):
@@ -146,7 +146,11 @@ class Objects:
         if cob_id & _DISABLED or not words:
             return None
         keys = tuple((word >> 16, word >> 8 & 0xFF) for word in words)
-        return cob_id, struct.Struct("<" + "".join(_format(self._variables[key]) for key in keys)), keys
+        return (
+            cob_id & ~NO_REMOTE_FRAME,
+            struct.Struct("<" + "".join(_format(self._variables[key]) for key in keys)),
+            keys,
+        )
 
 
 def _variables(dictionary: ObjectDictionary) -> dict[Key, ODVariable]:

@@ -1,7 +1,7 @@
 """The SDO server of a simulated drive (CiA 301): expedited transfers, and segmented reading of texts.
 
-Nothing that a drive lets write is longer than four bytes, so segmented and block downloads are refused, as CiA 301
-allows. Whatever bytes come, a request has one answer or none.
+Nothing that a drive lets write is longer than four bytes, so segmented and block downloads are refused, and so are
+block uploads, which no server need know. Whatever bytes come, a request has one answer or none.
 """
 
 from __future__ import annotations
@@ -42,12 +42,21 @@ class SdoServer:
             self._key, self._rest = (index, subindex), None
             if specifier == _DOWNLOAD and request[0] & 0x02:
                 return self._download(request)
-            if specifier in (_UPLOAD, _BLOCK_UPLOAD):  # a server may answer a block upload with an ordinary one
+            if specifier == _UPLOAD or (specifier == _BLOCK_UPLOAD and self._may_switch(request)):
                 return self._upload()
             raise Abort(NO_SUCH_COMMAND)
         except Abort as refusal:
             self._rest = None
             return _HEAD.pack(0x80, *self._key) + struct.pack("<I", refusal.code)
+
+    def _may_switch(self, request: bytes) -> bool:
+        """Whether a block upload that is begun may be answered by an ordinary one.
+
+        CiA 301 allows that where the object has no more bytes than the protocol switch threshold, byte 5 of the
+        request; with a threshold of 0 never.
+        """
+        begins, threshold = request[0] & 3 == 0, request[5]
+        return begins and 0 < len(self._objects.read(self._key)) <= threshold
 
     def _download(self, request: bytes) -> bytes:
         said = request[0] & 1  # a client need not say the size: then it is the object's own

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
@@ -17,6 +17,12 @@ from artibot_sim.nodes.motor_publishers import stamp_of_ns
 OK, WARN, ERROR, STALE = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE)
 
 _FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
+_NOTES: tuple[tuple[str, Callable[[DriveStatus], bool]], ...] = (
+    ("the drive warns (statusword, bit 7)", lambda drive: drive.warns),
+    ("an internal limit acts (statusword, bit 11)", lambda drive: drive.at_limit),
+)
+"""What a statusword adds to the state, and who says so."""
+
 _BUS_LEVELS = {BusState.ACTIVE: OK, BusState.WARNING: WARN, BusState.PASSIVE: WARN}
 
 
@@ -106,21 +112,25 @@ def _bus(config: DriverConfig, status: Status) -> DiagnosticStatus:
 def _drive(robot: str, drive: DriveStatus) -> DiagnosticStatus:
     state = drive.state.name.lower().replace("_", " ") if drive.state else "unknown"
     level, text = OK, state
+    notes = [words for words, holds in _NOTES if holds(drive)] + ([drive.remark] if drive.remark else [])
     if drive.stage is Stage.SEEKING:
         level, text = STALE, drive.trouble or drive.stage.value
     elif drive.stage is Stage.REFUSED or drive.state in _FAULTS:
         level, text = ERROR, _joined((state, drive.emergency, drive.trouble))
-    elif drive.trouble or drive.emergency or drive.stage is not Stage.RUNNING:
-        level, text = WARN, _joined((drive.trouble or drive.stage.value, drive.emergency))
-    elif drive.statusword & StatusBit.WARNING:
-        level, text = WARN, _joined((state, "the drive warns, and says no more"))
+    elif drive.stage is Stage.RUNNING and drive.trouble:
+        level, text = ERROR, _joined((drive.trouble, drive.emergency, *notes))
+    elif drive.emergency or drive.stage is not Stage.RUNNING:
+        level, text = WARN, _joined((drive.trouble or drive.stage.value, drive.emergency, *notes))
+    elif notes:
+        level, text = WARN, _joined((state, *notes))
     values = {
         "node id": drive.node,
         "stage": drive.stage.name,
         "state": state,
         "statusword": f"{drive.statusword:#06x}",
         "motor supply": bool(drive.statusword & StatusBit.VOLTAGE_ENABLED),
-        "at a limit": bool(drive.statusword & StatusBit.INTERNAL_LIMIT),
+        "warns": drive.warns,
+        "at a limit": drive.at_limit,
         "emergency": drive.emergency,
         "error code": f"{drive.error_code:#06x}",
         "since heartbeat (s)": drive.heartbeat_age,
