@@ -11,6 +11,9 @@ from artibot_sim.errors import ArtibotError
 AGAIN = 0.2
 """Between two attempts to open a lost bus, s."""
 
+OPENING = 1.0
+"""An attempt that is under way is waited for so long at the end, s."""
+
 
 class BusKeeper:
     """Opens, opens again and closes a bus.
@@ -65,7 +68,8 @@ class Search:
         self._ended = threading.Event()
         self._lock = threading.Lock()
         self._found: Bus | None = None
-        threading.Thread(target=self._run, name="bus", daemon=True).start()
+        self._thread = threading.Thread(target=self._run, name="bus", daemon=True)
+        self._thread.start()
 
     def _run(self) -> None:
         while not self._ended.is_set():
@@ -88,9 +92,10 @@ class Search:
         return found
 
     def end(self) -> None:
-        """Search no more, and close what was found."""
+        """Search no more, and close what was found; the thread is over by then, unless opening hangs."""
         with self._lock:
             self._ended.set()
+        self._thread.join(OPENING)
         found = self.take()
         if found is not None:
             found.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
@@ -13,6 +14,9 @@ from artibot_driver.config import DriverConfig
 from artibot_driver.master import DriveStatus, Phase, Stage, Status
 from artibot_sim.nodes.driver_answers import obstacles, stop_text
 from artibot_sim.nodes.motor_publishers import stamp_of_ns
+
+DRIVER = "driver"
+"""The node's own name."""
 
 OK, WARN, ERROR, STALE = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE)
 
@@ -26,8 +30,46 @@ _NOTES: tuple[tuple[str, Callable[[DriveStatus], bool]], ...] = (
 _BUS_LEVELS = {BusState.ACTIVE: OK, BusState.WARNING: WARN, BusState.PASSIVE: WARN}
 
 
+@dataclass(frozen=True)
+class Identity:
+    """Whose diagnostics they are.
+
+    Attributes
+    ----------
+    robot : str
+        The robot file's name.
+    place : str
+        What tells this driver from another robot's: ``rover1`` for the node ``/rover1/driver``; empty for ``/driver``.
+    """
+
+    robot: str
+    place: str = ""
+
+    @classmethod
+    def of_node(cls, robot: str, full_name: str) -> Identity:
+        """The identity of a node with this fully qualified name."""
+        return cls(robot, full_name.strip("/").removesuffix(DRIVER).rstrip("/"))
+
+    def name(self, part: str) -> str:
+        """Name of a part's status."""
+        return f"{self._before}artibot driver: {part}"
+
+    def hardware(self, what: str) -> str:
+        """Hardware id of a part's status."""
+        return f"{self._before}{what}"
+
+    @property
+    def _before(self) -> str:
+        return f"{self.place}/" if self.place else ""
+
+
 def diagnostics(
-    t_ns: int, config: DriverConfig, robot: str, status: Status | None, own: Mapping[str, object], fault: str = ""
+    t_ns: int,
+    config: DriverConfig,
+    identity: Identity,
+    status: Status | None,
+    own: Mapping[str, object],
+    fault: str = "",
 ) -> DiagnosticArray:
     """All statuses of one instant.
 
@@ -35,6 +77,7 @@ def diagnostics(
     ----------
     t_ns : int
         Stamp.
+    identity : Identity
     status : Status or None
         The master's; None while the driver is not configured.
     own : mapping
@@ -46,9 +89,10 @@ def diagnostics(
     stamp_of_ns(message, t_ns)
     if status is None:
         level, text = (ERROR, fault) if fault else (STALE, "not configured")
-        message.status = [_status(level, "driver", robot, text, own)]
+        message.status = [_status(identity, level, "driver", identity.robot, text, own)]
         return message
-    message.status = [_driver(robot, status, own), _bus(config, status), *(_drive(robot, d) for d in status.drives)]
+    message.status = [_driver(identity, status, own), _bus(identity, config, status)]
+    message.status += [_drive(identity, drive) for drive in status.drives]
     return message
 
 
@@ -57,10 +101,12 @@ def essence(message: DiagnosticArray) -> tuple[tuple[bytes, str, str], ...]:
     return tuple((each.level, each.name, each.message) for each in message.status)
 
 
-def _status(level: bytes, name: str, hardware: str, text: str, values: Mapping[str, object]) -> DiagnosticStatus:
+def _status(
+    identity: Identity, level: bytes, part: str, hardware: str, text: str, values: Mapping[str, object]
+) -> DiagnosticStatus:
     pairs = [KeyValue(key=key, value=_word(value)) for key, value in values.items()]
     return DiagnosticStatus(
-        level=level, name=f"artibot driver: {name}", hardware_id=hardware, message=text, values=pairs
+        level=level, name=identity.name(part), hardware_id=identity.hardware(hardware), message=text, values=pairs
     )
 
 
@@ -70,7 +116,7 @@ def _word(value: object) -> str:
     return "" if value is None else str(value)
 
 
-def _driver(robot: str, status: Status, own: Mapping[str, object]) -> DiagnosticStatus:
+def _driver(identity: Identity, status: Status, own: Mapping[str, object]) -> DiagnosticStatus:
     level, text = OK, status.phase.value
     if status.stop is not None:
         level = WARN if status.stop.reason.asked_for else ERROR
@@ -90,10 +136,10 @@ def _driver(robot: str, status: Status, own: Mapping[str, object]) -> Diagnostic
         **own,
         **status.counters,
     }
-    return _status(level, "driver", robot, text, values)
+    return _status(identity, level, "driver", identity.robot, text, values)
 
 
-def _bus(config: DriverConfig, status: Status) -> DiagnosticStatus:
+def _bus(identity: Identity, config: DriverConfig, status: Status) -> DiagnosticStatus:
     bus = status.bus
     level = _BUS_LEVELS.get(bus.state, ERROR)
     values = {
@@ -106,10 +152,10 @@ def _bus(config: DriverConfig, status: Status) -> DiagnosticStatus:
         "last trouble": bus.reason,
     }
     text = bus.state.value if level == OK else _joined((bus.state.value, bus.reason))
-    return _status(level, "bus", f"{config.interface} {config.channel}", text, values)
+    return _status(identity, level, "bus", f"{config.interface} {config.channel}", text, values)
 
 
-def _drive(robot: str, drive: DriveStatus) -> DiagnosticStatus:
+def _drive(identity: Identity, drive: DriveStatus) -> DiagnosticStatus:
     state = drive.state.name.lower().replace("_", " ") if drive.state else "unknown"
     level, text = OK, state
     notes = [words for words, holds in _NOTES if holds(drive)] + ([drive.remark] if drive.remark else [])
@@ -137,7 +183,8 @@ def _drive(robot: str, drive: DriveStatus) -> DiagnosticStatus:
         "since feedback (s)": drive.feedback_age,
         "set up": f"{100 * drive.progress:.0f} %",
     }
-    return _status(level, drive.motor, f"{robot} {drive.motor} (node {drive.node})", text, values)
+    hardware = f"{identity.robot} {drive.motor} (node {drive.node})"
+    return _status(identity, level, drive.motor, hardware, text, values)
 
 
 def _joined(parts: Iterable[str]) -> str:

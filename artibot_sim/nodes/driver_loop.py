@@ -20,7 +20,7 @@ from artibot_sim.nodes import driver_parameters as parameters
 from artibot_sim.nodes.driver_answers import obstacles, stop_text
 from artibot_sim.nodes.driver_bus import BusKeeper
 from artibot_sim.nodes.driver_commands import CommandDesk, Silence
-from artibot_sim.nodes.driver_diagnostics import diagnostics
+from artibot_sim.nodes.driver_diagnostics import Identity, diagnostics
 from artibot_sim.nodes.driver_publishers import DriverPublishers
 from artibot_sim.nodes.inputs import Inputs
 from artibot_sim.nodes.pacer import Pacer
@@ -50,6 +50,7 @@ class DriverLoop:
 
     def __init__(self, node: Node, rig: Rig, settings: dict[str, Any]) -> None:
         self._rig, self._settings, self._log = rig, settings, node.get_logger()
+        self._identity = Identity.of_node(rig.robot.name, node.get_fully_qualified_name())
         rules = parameters.rules(settings, rig.robot, rig.config)
         self.desk = CommandDesk(Inputs(node, rules, settings["cmd_vel_stamped"], beside=True, aged=True))
         self._out = DriverPublishers(node, rig.robot, settings["odom_frame"], settings["base_frame"])
@@ -62,6 +63,7 @@ class DriverLoop:
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
         self._stop: Stop | None = None
         self._logged: tuple[Phase, bool] | None = None
+        self._warned: set[str] = set()
         self._law_name = settings["law"]
         self._law = parameters.law_of(self._law_name)
 
@@ -141,6 +143,10 @@ class DriverLoop:
             else:
                 self._log.error(f"stopped: {stop_text(stop)}")
         self._stop = stop
+        warned = {drive.motor: drive.emergency for drive in status.drives if drive.warns}
+        for motor in warned.keys() - self._warned:
+            self._log.warning(f"drive {motor} warns (statusword, bit 7): {warned[motor] or 'it says no more'}")
+        self._warned = set(warned)
 
     def _follow_system_clock(self) -> None:
         epoch = time.time_ns() - time.monotonic_ns()
@@ -176,4 +182,4 @@ class DriverLoop:
             "callback most (ms)": held_up,
         }
         t_ns = time.monotonic_ns() + self._epoch_ns
-        return diagnostics(t_ns, self.config, self._rig.robot.name, self.status, own, fault)
+        return diagnostics(t_ns, self.config, self._identity, self.status, own, fault)

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from artibot_sim.nodes.process import built
 from artibot_sim.nodes.ros_args import parameter_files
 from artibot_sim.nodes.run import LoopNode, node_main, run_loop
 
@@ -79,7 +80,7 @@ def run(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
     def make(asked: list[int]) -> LoopNode:
         from artibot_sim.nodes.driver_lifecycle import DriverNode
 
-        return DriverNode(overrides, asked)
+        return built(DriverNode, overrides, asked)
 
     return run_loop("driver", ros_args, make)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from artibot_sim.nodes.process import destroyed, ros_process
+from artibot_sim.nodes.process import built, destroyed, ros_process
 from artibot_sim.nodes.run import node_main
 
 
@@ -78,7 +78,7 @@ def run(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
 
         from artibot_sim.nodes.planner_publisher import PlannerNode
 
-        with destroyed(PlannerNode(overrides, asked)) as node:
+        with destroyed(built(PlannerNode, overrides, asked)) as node:
             executor = SingleThreadedExecutor()
             executor.add_node(node)
             return node.run(executor)

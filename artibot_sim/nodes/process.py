@@ -5,15 +5,15 @@ from __future__ import annotations
 import gc
 import signal
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from typing import Protocol, TypeVar
 
 from artibot_driver.priority import drop_priority, take_priority
 from artibot_sim.errors import ArtibotError
 from artibot_sim.nodes.ros_args import split_ros_args
 
-__all__ = ["asked_to_end", "destroyed", "ros_process", "split_ros_args", "undisturbed"]
+__all__ = ["asked_to_end", "built", "destroyed", "ros_process", "split_ros_args", "undisturbed"]
 
 _SWITCH = 5e-4  # s: a thread hands over to the one that waits after so long; Python's own 5 ms are too many
 
@@ -102,6 +102,23 @@ def ros_process(name: str, ros_args: Sequence[str]) -> Iterator[list[int]]:
             raise ArtibotError(f"--ros-args: {reason}; expected a name such as /rover1/odom") from error
         finally:
             rclpy.try_shutdown()
+
+
+def built(kind: Callable[..., Node], *args: object) -> Node:
+    """Make a node; one that refuses a parameter half-way is destroyed before the refusal goes on.
+
+    By then it is a participant of the middleware, and nobody else has it to destroy it. Left behind it does what
+    :func:`destroyed` says: the process has given its refusal, and now and then ends with SIGABRT ("corrupted …").
+    """
+    assert isinstance(kind, type)
+    node: Node = kind.__new__(kind)
+    try:
+        node.__init__(*args)  # type: ignore[misc]
+    except BaseException:
+        with suppress(AttributeError):  # not even begun
+            node.destroy_node()
+        raise
+    return node
 
 
 @contextmanager

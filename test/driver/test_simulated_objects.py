@@ -155,6 +155,27 @@ def test_a_segmented_or_block_download_is_refused() -> None:
         assert struct.unpack_from("<I", answer, 4)[0] == NO_SUCH_COMMAND
 
 
+@pytest.mark.parametrize(
+    ("index", "threshold", "switches"),
+    [
+        (0x1000, 0, False),  # CiA 301: no protocol switch is allowed
+        (0x1000, 3, False),  # the object has four bytes
+        (0x1000, 4, True),
+        (0x1008, 12, False),
+        (0x1008, 13, True),
+    ],
+)
+def test_a_block_upload_becomes_an_ordinary_one_up_to_the_switch_threshold_only(
+    index: int, threshold: int, switches: bool
+) -> None:
+    server = SdoServer(fresh())
+    answer = server.answer(struct.pack("<BHBBBH", 0xA0, index, 0, 64, threshold, 0))
+    if switches:
+        assert answer is not None and answer[0] >> 5 == 2  # upload response
+    else:
+        assert answer == abort(index, 0, NO_SUCH_COMMAND)
+
+
 @given(requests=st.lists(st.binary(max_size=8) | st.binary(min_size=8, max_size=8), max_size=30))
 def test_any_bytes_get_one_answer_of_eight_bytes_or_none(requests: list[bytes]) -> None:
     server = SdoServer(fresh())

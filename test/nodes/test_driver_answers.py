@@ -15,7 +15,7 @@ from artibot_driver.config import config_from_parameters
 from artibot_driver.master import BusStatus, DriveStatus, Phase, Reason, Stage, Status, Stop
 from artibot_sim.model import MOTORS
 from artibot_sim.nodes.driver_answers import PATIENCE, Pending, answer, obstacles
-from artibot_sim.nodes.driver_diagnostics import ERROR, OK, STALE, WARN, diagnostics, essence
+from artibot_sim.nodes.driver_diagnostics import ERROR, OK, STALE, WARN, Identity, diagnostics, essence
 from artibot_sim.nodes.driver_start import START_WITHIN, StartWish
 
 CONFIG = config_from_parameters({})
@@ -87,8 +87,11 @@ def test_what_is_in_the_way_names_motor_node_and_trouble() -> None:
         (READY, [OK] * 6),
         (with_drive(0, stage=Stage.SEEKING, state=None, heartbeat_age=math.inf), [OK, OK, STALE, OK, OK, OK]),
         (with_drive(3, state=State.FAULT, emergency="2310h over-current"), [OK, OK, OK, OK, OK, ERROR]),
-        (with_drive(1, trouble="late"), [OK, OK, OK, WARN, OK, OK]),
+        (with_drive(1, trouble="a second node has the id 2"), [OK, OK, OK, ERROR, OK, OK]),
+        (with_drive(1, stage=Stage.CHECKING), [OK, OK, OK, WARN, OK, OK]),
         (with_drive(2, statusword=0xC0), [OK, OK, OK, OK, WARN, OK]),
+        (with_drive(2, statusword=0x0C37), [OK, OK, OK, OK, WARN, OK]),
+        (with_drive(0, remark="another revision"), [OK, OK, WARN, OK, OK, OK]),
         (replace(READY, stop=STOP), [ERROR, OK, OK, OK, OK, OK]),
         (replace(READY, stop=replace(STOP, reason=Reason.DISABLE)), [OK, OK, OK, OK, OK, OK]),
         (replace(READY, phase=Phase.LISTENING), [WARN, OK, OK, OK, OK, OK]),
@@ -101,7 +104,7 @@ def test_what_is_in_the_way_names_motor_node_and_trouble() -> None:
     ],
 )
 def test_levels_of_diagnostics(status: Status, levels: list[bytes]) -> None:
-    message = diagnostics(1, CONFIG, "agriq", status, {"kappa": 0.8})
+    message = diagnostics(1, CONFIG, Identity("agriq"), status, {"kappa": 0.8})
     assert [each.name for each in message.status] == [f"artibot driver: {n}" for n in ("driver", "bus", *MOTORS)]
     assert [each.level for each in message.status] == levels
     assert all(each.hardware_id and each.message for each in message.status)
@@ -112,16 +115,43 @@ def test_levels_of_diagnostics(status: Status, levels: list[bytes]) -> None:
         assert values["stop motor"] == "back_left"
 
 
+def test_warning_and_limit_are_said_with_their_bits() -> None:
+    message = diagnostics(
+        1, CONFIG, Identity("agriq"), with_drive(1, statusword=0x08B7, emergency="2351h load high"), {}
+    )
+    (status,) = (each for each in message.status if each.name.endswith("front_left"))
+    for part in ("2351h load high", "warns (statusword, bit 7)", "internal limit acts (statusword, bit 11)"):
+        assert part in status.message
+
+
+@pytest.mark.parametrize(
+    ("full_name", "name", "hardware"),
+    [
+        ("/driver", "artibot driver: bus", "agriq"),
+        ("/rover1/driver", "rover1/artibot driver: bus", "rover1/agriq"),
+        ("/farm/rover2/driver", "farm/rover2/artibot driver: bus", "farm/rover2/agriq"),
+        ("/left_rover", "left_rover/artibot driver: bus", "left_rover/agriq"),
+    ],
+)
+def test_two_rovers_are_told_apart_by_name_and_hardware_id(full_name: str, name: str, hardware: str) -> None:
+    message = diagnostics(1, CONFIG, Identity.of_node("agriq", full_name), READY, {})
+    assert message.status[1].name == name
+    assert message.status[0].hardware_id == hardware
+    others = diagnostics(1, CONFIG, Identity.of_node("agriq", "/another/driver"), READY, {})
+    assert not {each.name for each in message.status} & {each.name for each in others.status}
+    assert not {each.hardware_id for each in message.status} & {each.hardware_id for each in others.status}
+
+
 @pytest.mark.parametrize(("word", "supply", "limit"), [(0x40, False, False), (0x50, True, False), (0x0C50, True, True)])
 def test_supply_and_limit_are_told_by_the_statusword(word: int, supply: bool, limit: bool) -> None:
-    message = diagnostics(1, CONFIG, "agriq", with_drive(3, statusword=word), {})
+    message = diagnostics(1, CONFIG, Identity("agriq"), with_drive(3, statusword=word), {})
     values = {pair.key: pair.value for pair in message.status[-1].values}
     assert (values["motor supply"], values["at a limit"]) == (str(supply), str(limit))
 
 
 def test_news_is_what_a_person_would_want_to_know() -> None:
     def told(status: Status | None, load: float = 0.0, fault: str = "") -> object:
-        return essence(diagnostics(1, CONFIG, "agriq", status, {"load": load}, fault))
+        return essence(diagnostics(1, CONFIG, Identity("agriq"), status, {"load": load}, fault))
 
     assert told(READY) == told(READY, 1.0), "numbers that always change are none"
     assert told(READY) != told(replace(READY, phase=Phase.ENABLED))

@@ -25,6 +25,13 @@ sys.exit(status)
 PROCESS_S = {"dds.shm.wdog", "dds.log"}
 """Those that belong to the library, which ends them itself, and to no node."""
 
+REFUSED = {
+    "driver": ("--kappa", "0.3"),
+    "sim": ("--ros-args", "-p", "kappa:=7.0"),
+    "planner": ("--ros-args", "-p", "manoeuvre:=nowhere"),
+}
+"""What a node refuses when it already is a participant of the middleware."""
+
 STARTED = {"sim": "is ready", "driver": "driver on", "record": "recording to"}
 """What a node says once it runs, where it has to be told to end."""
 
@@ -44,6 +51,18 @@ def test_no_thread_of_the_middleware_is_left(start_node: NodeStarter, tmp_path: 
             node.wait_for(STARTED[word])
             node.stop()
         node.wait()
-    left = set(node.output.partition("left: ")[2].split())
+    assert not threads_of_the_middleware(node.output)
+
+
+@pytest.mark.parametrize("word", REFUSED)
+def test_a_node_that_refuses_a_parameter_leaves_none_either(start_node: NodeStarter, word: str) -> None:
+    node = start_node.run([sys.executable, "-c", LISTED, word, *REFUSED[word]], name=word)
+    assert node.wait() == 2
+    assert not threads_of_the_middleware(node.output)
+
+
+def threads_of_the_middleware(output: str) -> set[str]:
+    """Those of a node among the threads that are left."""
+    left = set(output.partition("left: ")[2].split())
     assert left
-    assert not {name for name in left if name.startswith("dds.")} - PROCESS_S
+    return {name for name in left if name.startswith("dds.")} - PROCESS_S
