@@ -16,6 +16,8 @@ from artibot_sim.model.effects import EFFECTS
 _SPREAD = {"contact": 0.4, "wheel.r_w": 0.05, "front.m": 0.3, "back.m": 0.3}
 """Standard deviation of the prior over its middle, by key or by section; a guess in a robot file is a wide prior."""
 _GEOMETRY_SPREAD = 0.15
+_BEFOREHAND = ("assumed", "inferred", "datasheet", "stated")
+"""Sources of numbers that no recording was asked for yet."""
 _WIDEST = 5.0
 """Bounds lie this many prior deviations from the middle, in the logarithm."""
 
@@ -54,7 +56,7 @@ def parameter_set(robot: Robot, fit: Sequence[str] = SOIL, priors: Mapping[str, 
     parameters = []
     for key in keys:
         quantity, value = quantities[key]
-        prior = known.get(key) or Prior(value, _spread(key) * abs(value))
+        prior = known.get(key) or _prior(robot, key, value)
         if not (prior.value > 0 and np.isfinite(prior.value)):
             raise ArtibotError(
                 f"prior: {key} has the middle {prior.value:g} {quantity.unit}; a fit needs one that is finite and "
@@ -119,6 +121,17 @@ def _key(name: str, quantities: Mapping[str, object]) -> str:
 
 def _short(key: str) -> str:
     return key.removeprefix("contact.")
+
+
+def _prior(robot: Robot, key: str, value: float) -> Prior:
+    """What the robot file says of a number: by its interval, else by how well such numbers are known.
+
+    An interval of what was identified is not taken: the same recordings would count twice.
+    """
+    low, high = robot.intervals.get(key, (0.0, 0.0))
+    if 0.0 < low < value < high and robot.sources.get(key, "").startswith(_BEFOREHAND):
+        return Prior(value, value * float(np.log(high / low)) / (2.0 * 1.96))
+    return Prior(value, _spread(key) * abs(value))
 
 
 def _spread(key: str) -> float:
