@@ -236,6 +236,7 @@ ALL_EFFECTS: dict[str, dict[str, Any]] = {
     "torque_limit": {"front_max": 5.0},
     "tyre_relaxation": {"length": 0.1},
     "wheel_radius_mismatch": {"relative": 0.003},
+    "wheel_resistance": {"share": 0.01},
 }
 """Every effect at work at once, each a little."""
 

@@ -21,6 +21,7 @@ SEVERITY_1 = {
     "com_offset": {"x": 0.06, "y": -0.04},
     "residual_force": {"back_turn": 10.0, "front_sway": 10.0, "front_sway_rate": -3.0, "since": 1.0},
     "motion_resistance": {"force": 30.0},
+    "wheel_resistance": {"share": 0.08},
     "payload": {"mass": 15.0, "module": "back"},
     "joint_friction": {"torque": 10.0},
     "joint_damping": {"coefficient": 30.0},

@@ -10,6 +10,7 @@ import pytest
 from model.effects import SEVERITY_1, with_effects
 from model.helpers import energy_gap, from_knot, front_commands, ramp, standstill
 
+from artibot_sim.diagnose.candidates.hypotheses import hypotheses
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS, WHEELS, Mode, Robot, initial_state, load_robot, rollout, save_robot
 from artibot_sim.model.effects import EFFECTS
@@ -151,6 +152,41 @@ def test_motion_resistance_is_pulled_against_by_the_wheels(agriq, speed):
     held = turn(with_effects(agriq, motion_resistance={"force": 30.0}), speed=speed, yaw_rate=0.0)
     more = total(held, "F_l")[-1] - total(free, "F_l")[-1]
     assert more == pytest.approx(np.sign(speed) * 60.0, rel=1e-3)  # both modules are resisted
+
+
+@pytest.mark.parametrize("speed", [0.4, -0.4])
+def test_wheel_resistance_is_a_share_of_what_friction_holds(agriq, speed):
+    share = 0.08
+    free = turn(agriq, speed=speed, yaw_rate=0.0)
+    held = turn(with_effects(agriq, wheel_resistance={"share": share}), speed=speed, yaw_rate=0.0)
+    more = total(held, "F_l")[-1] - total(free, "F_l")[-1]
+    assert more == pytest.approx(np.sign(speed) * share * agriq.contact.mu_s * total(held, "F_n")[-1], rel=1e-6)
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
+def test_wheel_resistance_points_against_each_wheel_s_motion(husky, integrator):
+    """A rover that turns on the spot is held back at each wheel, sideways for the most part; no force is left over."""
+    share = 0.1
+    robot = with_effects(husky, wheel_resistance={"share": share})
+    result = turn(robot, speed=0.0, yaw_rate=0.8, integrator=integrator)
+    moment = np.zeros(len(result.t))
+    for wheel in FRONT:
+        x = 0.5 * husky.front.i_x * (1 if wheel.endswith("_front") else -1)
+        y = 0.5 * husky.front.i_y * (1 if "left" in wheel else -1)
+        p_x, p_y = result[f"p_x_{wheel}"], result[f"p_y_{wheel}"]
+        force = share * husky.contact.mu_s * result[f"F_n_{wheel}"]
+        moment -= force * (x * p_y - y * p_x) / np.maximum(np.hypot(p_x, p_y), 1e-9)
+    turning = np.abs(result["gamma_f_dot"]) > 0.4
+    assert turning.sum() > 100
+    np.testing.assert_allclose(result["load_gamma_f"][turning], moment[turning], rtol=1e-6)
+    assert np.abs(result["load_x_f"]).max() < 0.02 * np.abs(moment).max()
+
+
+@pytest.mark.parametrize("name", ["wheel_resistance", "motion_resistance"])
+@pytest.mark.parametrize("robot", ["agriq", "husky"])
+def test_a_diagnosis_tries_the_grounds_resistance(request, robot, name):
+    tried = hypotheses(request.getfixturevalue(robot), [])
+    assert [len(one.probes) for one in tried if one.id == name] == [3]
 
 
 def test_a_push_from_behind_relieves_the_motors(agriq, straight):

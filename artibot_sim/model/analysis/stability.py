@@ -37,9 +37,9 @@ def implicit_slip(p: Params, dt: float) -> Params:
     h = dt / (1.0 + OVERSHOOT)
 
     def module(body: ModuleParams) -> ModuleParams:
-        across = body.k_t + p.lateral_damping
-        m = max(body.m, h * 4.0 * max(body.k_l, across))
-        J_z = max(body.J_z, h * 4.0 * (across * body.half_x**2 + body.k_l * body.half_y**2))
+        along, across = body.k_l + p.forward_damping, body.k_t + p.lateral_damping
+        m = max(body.m, h * 4.0 * max(along, across))
+        J_z = max(body.J_z, h * 4.0 * (across * body.half_x**2 + along * body.half_y**2))
         return body._replace(inverse=(1 / m, 1 / m, *body.inverse[2:5], 1 / J_z), sluggish=m - body.m)
 
     return p._replace(front=module(p.front), back=module(p.back))
@@ -140,6 +140,7 @@ def _slip_matrix(
             along, across = np.zeros(size), np.zeros(size)
             along[3 * (i // 2) : 3 * (i // 2) + 3] = -c, -s, y
             across[3 * (i // 2) : 3 * (i // 2) + 3] = -s, c, x
+            damping += p.forward_damping * np.outer(along, along)
             force = along.copy()
             if free[i]:
                 k = 3 * len(bodies) + spinning.index(i)

@@ -97,5 +97,11 @@ load = reduce(_load_sum, _all("load"))
 resist = reduce(_sum, _all("resist"))
 """(fx, module, forward) → force against a module's forward motion, N, its origin moving forward at `forward` (m/s)."""
 
+wheel_resist = reduce(_vector_sum, _all("wheel_resist"))
+"""(fx, friction, p_x, p_y) → force along and across a wheel on its centre, N, which moves at p_x and p_y (m/s).
+
+`friction` is what friction holds of it (mu_s F_n, N). The wheel's motor does not feel this force.
+"""
+
 centre = reduce(_vector_sum, _all("centre"))
 """(fx, module) → centre of mass of a module in its own frame, x and y, m."""

@@ -169,6 +169,26 @@ def motor_wheels(body, fx, unit, pair, soil, omega, motor, lag, dt, w):
 
 
 @inlined
+def resistance(body, fx, module, forward, pair_r, pair_l, soil_r, soil_l, c_a):
+    """With effects: what the ground does to a module beside eq. 16, and its wheels do not feel.
+
+    The module's origin moves forward at `forward` (m/s).
+
+    Returns
+    -------
+    tuple of 3 floats
+        Force along and across the module, N, and yaw moment, N m.
+    """
+    rf_x, rf_y = hooks.wheel_resist(fx, soil_r.mu_sf * pair_r.F_nf, pair_r.p_x, pair_r.p_yf)
+    rb_x, rb_y = hooks.wheel_resist(fx, soil_r.mu_sb * pair_r.F_nb, pair_r.p_x, pair_r.p_yb)
+    lf_x, lf_y = hooks.wheel_resist(fx, soil_l.mu_sf * pair_l.F_nf, pair_l.p_x, pair_l.p_yf)
+    lb_x, lb_y = hooks.wheel_resist(fx, soil_l.mu_sb * pair_l.F_nb, pair_l.p_x, pair_l.p_yb)
+    right, left, front, back = rf_x + rb_x, lf_x + lb_x, rf_y + lf_y, rb_y + lb_y
+    turn = body.half_x * (front - back) + body.half_y * c_a * (right - left)
+    return (right + left) - hooks.resist(fx, module, forward), front + back, turn
+
+
+@inlined
 def generalised_forces(body, p, fx, s_a, c_a, s_g, c_g, right, left, pair_r, pair_l, soil_r, soil_l, module, w):
     """Eqs 17, 18: the wheels' forces on one module's x, y, z, alpha, beta, gamma, also into the row.
 

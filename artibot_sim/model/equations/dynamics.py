@@ -44,17 +44,17 @@ def mass_centre(fx, module, s_g, c_g):
 
 
 @inlined
-def about_mass_centre(body, p, fx, forward, forces, s_g, c_g, module, w):
+def about_mass_centre(body, p, fx, resisted, forces, s_g, c_g, module, w):
     """Forces on a module at its origin (x, y, z, alpha, gamma), the effects' added, moved to its centre of mass.
 
-    `forward` is the origin's speed along the module, m/s.
+    `resisted` is what `contact.resistance` returns.
     """
     x, y, z, alpha, gamma = forces
     push_x, push_y = hooks.push(fx, module)
     if module == 0:
         w[PUSH], w[PUSH + 1] = push_x, push_y
     surge, sway, turn = hooks.load(fx, module)
-    surge -= hooks.resist(fx, module, forward)
+    surge, sway, turn = surge + resisted[0], sway + resisted[1], turn + resisted[2]
     load_x, load_y = c_g * surge - s_g * sway, s_g * surge + c_g * sway
     o = LOAD + 3 * module
     w[o], w[o + 1], w[o + 2] = load_x, load_y, turn
@@ -116,14 +116,15 @@ def module_gravity(body, p, module, w):
 
 
 @inlined
-def free_acceleration(body, p, fx, v_x, v_y, gamma_dot, s_g, c_g, forces, module, dt, w):
+def free_acceleration(body, p, fx, v_x, v_y, gamma_dot, s_g, c_g, forces, resisted, module, dt, w):
     """M⁻¹ n of one module's x, y, z, alpha and gamma, the joint left out; beta has none.
 
     `body.sluggish` (over a step `dt`) resists a change of the velocity as seen from the module, so that it has no
-    effect in a steady turn. With effects x and y are those of the centre of mass.
+    effect in a steady turn. With effects x and y are those of the centre of mass; `resisted` is what
+    `contact.resistance` returns.
     """
     if fx is not None:
-        forces = about_mass_centre(body, p, fx, c_g * v_x + s_g * v_y, forces, s_g, c_g, module, w)
+        forces = about_mass_centre(body, p, fx, resisted, forces, s_g, c_g, module, w)
     x, y, z, alpha, gamma = forces
     m, extra = body.inverse[0], body.sluggish
     if dt > 0.0 and extra != 0.0:

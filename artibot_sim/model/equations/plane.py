@@ -16,7 +16,7 @@ import math
 from typing import NamedTuple
 
 from artibot_sim.model.effects import hooks
-from artibot_sim.model.equations.contact import Pair, soil_under
+from artibot_sim.model.equations.contact import Pair, resistance, soil_under
 from artibot_sim.model.equations.dynamics import mass_centre
 from artibot_sim.model.kernels.compilation import inlined
 from artibot_sim.model.kernels.elementary import inverse_root
@@ -181,7 +181,9 @@ def module_forces(limited, body, ground, fx, module, at, s_g, c_g, rims, lags, s
     if fx is not None:
         push_x, push_y = hooks.push(fx, module)
         surge, sway, turn = hooks.load(fx, module)
-        surge -= hooks.resist(fx, module, c_g * at.x_dot + s_g * at.y_dot)
+        forward = c_g * at.x_dot + s_g * at.y_dot
+        along, across, turned = resistance(body, fx, module, forward, pair_r, pair_l, soil_r, soil_l, 1.0)
+        surge, sway, turn = surge + along, sway + across, turn + turned
         x, y = x + (push_x + (c_g * surge - s_g * sway)), y + (push_y + (s_g * surge + c_g * sway))
         turning += turn
         r_x, r_y = mass_centre(fx, module, s_g, c_g)

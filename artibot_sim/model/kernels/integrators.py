@@ -11,7 +11,14 @@ commanded angle, speed and acceleration, ``hold`` what stays through the step.
 from __future__ import annotations
 
 from artibot_sim.model.effects import hooks
-from artibot_sim.model.equations.contact import generalised_forces, motor_wheels, saturated, soil_under, wheel_pairs
+from artibot_sim.model.equations.contact import (
+    generalised_forces,
+    motor_wheels,
+    resistance,
+    saturated,
+    soil_under,
+    wheel_pairs,
+)
 from artibot_sim.model.equations.dynamics import (
     back_to_origin,
     free_acceleration,
@@ -200,7 +207,10 @@ def module_forces(move, body, right, left, q, v, p, fx, s_a, c_a, s_g, c_g, modu
     forces = generalised_forces(
         body, p, fx, s_a, c_a, s_g, c_g, on_right, on_left, pair_r, pair_l, soil_r, soil_l, module, w
     )
-    return free_acceleration(body, p, fx, v[b + X], v[b + Y], v[b + GAMMA], s_g, c_g, forces, module, dt, w)
+    resisted = 0.0, 0.0, 0.0
+    if fx is not None:
+        resisted = resistance(body, fx, module, v_x, pair_r, pair_l, soil_r, soil_l, c_a)
+    return free_acceleration(body, p, fx, v[b + X], v[b + Y], v[b + GAMMA], s_g, c_g, forces, resisted, module, dt, w)
 
 
 @inlined

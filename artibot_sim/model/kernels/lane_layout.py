@@ -32,7 +32,7 @@ def flat(record: Any) -> NDArray[np.float64]:
     return values
 
 
-SLOW_HOOKS = {"friction", "lead", "follow_rate", "resist"}
+SLOW_HOOKS = {"friction", "lead", "follow_rate", "resist", "wheel_resist"}
 """Hooks whose answers cost more than all others together: exponentials, roots and quotients for every wheel."""
 
 LIGHT, FULL = (1.0,), (1.0, 1.0)

@@ -51,7 +51,8 @@ class Wheels:
     """Contact of eight (or four) wheels.
 
     Velocities (m/s), forces (N), their distance ahead of the centres (m), what eq. 16 left of eq. 15's forces, the
-    longitudinal slip coefficients (N s/m), rates of lagging lateral forces (N/s), generalised forces (n, 16).
+    longitudinal slip coefficients (N s/m), rates of lagging lateral forces (N/s), generalised forces (n, 16), and those
+    of the effects' resistance beside eq. 16 (n, 16).
     """
 
     p_x: Array
@@ -64,6 +65,7 @@ class Wheels:
     k_l: Array
     rate: Array
     Q: Array
+    R: Array
 
 
 def modules_of(p: Params) -> list[tuple[ModuleParams, int]]:
@@ -128,4 +130,7 @@ def _wheel(
     u = p.u_w * fx.lead(math.hypot(v_x, v_y))
     applied = centre + np.array([u, 0.0, 0.0])  # eq. 20
     Q = partials(applied).T @ (R_z @ R_x @ np.array([F_l, F_t, F_n]))  # eq. 18
-    return v_x, v_y, F_n, F_l, F_t, u, held, soil * body.k_l, F_rate, Q
+    flat = R_z @ np.array([*fx.wheel_resist(grip * body.mu_s * F_n, v_x, v_y), 0.0])
+    R = np.zeros(16)
+    R[[b, b + 1]], R[b + 5] = flat[:2], flat @ partials(centre)[:, b + 5]
+    return v_x, v_y, F_n, F_l, F_t, u, held, soil * body.k_l, F_rate, Q, R

@@ -142,12 +142,13 @@ def body_system(
     n[:2] += fx.push()
     for body, b in modules_of(p):
         h = dt / (1 + OVERSHOOT)
-        k_t = body.k_t + p.lateral_damping
-        m = max(body.m, h * 4 * max(body.k_l, k_t))
-        J_z = max(body.J_z, h * 4 * (k_t * body.half_x**2 + body.k_l * body.half_y**2))
+        k_l, k_t = body.k_l + p.forward_damping, body.k_t + p.lateral_damping
+        m = max(body.m, h * 4 * max(k_l, k_t))
+        J_z = max(body.J_z, h * 4 * (k_t * body.half_x**2 + k_l * body.half_y**2))
         surge, sway, turn = fx.load(b // 8, float(v[b : b + 2] @ rotation_z(q[b + 5])[0][:2, 0]))
         n[b : b + 2] += rotation_z(q[b + 5])[0][:2, :2] @ np.array([surge, sway])
         n[b + 5] += turn
+        n += wheels.R[4 * (b // 8) : 4 * (b // 8) + 4].sum(axis=0)
         x, y = fx.centre(b)
         r = rotation_z(q[b + 5])[0][:2, :2] @ np.array([x, y])
         across, rate = (

@@ -43,6 +43,12 @@ class PlainEffects:
         """Force on top of eq. 16's, N."""
         return -self._of("bulldozing", "coefficient") * abs(p_y) * p_y
 
+    def wheel_resist(self, friction: float, p_x: float, p_y: float) -> tuple[float, float]:
+        """Force along and across a wheel on its centre, N, of which friction holds `friction`."""
+        speed = math.hypot(p_x, p_y)
+        force = self._of("wheel_resistance", "share") * friction * math.tanh(speed / 0.02)
+        return (-force * p_x / speed, -force * p_y / speed) if speed > 0 else (0.0, 0.0)
+
     def lead(self, speed: float) -> float:
         """Factor of u_w."""
         return 1 + self._of("rolling_resistance_speed", "coefficient") * speed

@@ -60,6 +60,7 @@ class Params(NamedTuple):
     joint_damping: float = 0.0  # steepest slopes of what effects bring, which limit the step: N m s/rad, N m/rad
     joint_stiffness: float = 0.0
     lateral_damping: float = 0.0  # of each wheel beside k_t, N s/m
+    forward_damping: float = 0.0  # and beside k_l, whatever the wheel turns
 
 
 class SensorErrors(NamedTuple):
