@@ -22,7 +22,7 @@ from artibot_driver.config import config_from_parameters
 from artibot_driver.frames import Frame, NmtCommand, nmt
 from artibot_driver.rig import Rig, load_rig
 from artibot_driver.simulated.drive import POWERED, SimulatedDrive
-from artibot_driver.simulated.shaft import InertialShaft
+from artibot_driver.simulated.motion import InertialShaft
 from artibot_sim.progress import Bar, Report
 
 _BATCH = 100_000

@@ -13,8 +13,7 @@ from typing import Final
 
 import can
 
-from artibot_driver.bus import Bus, open_bus
-from artibot_driver.bus_health import BusState
+from artibot_driver.bus import Bus, BusState, open_bus
 from artibot_sim.errors import ArtibotError
 
 Say = Callable[[bool, str], None]

@@ -9,8 +9,7 @@ from typing import Final
 
 import can
 
-from artibot_driver.bus import Bus
-from artibot_driver.bus_health import BusState
+from artibot_driver.bus import Bus, BusState
 from artibot_driver.explain import Heard
 from artibot_driver.frames import HEARTBEAT_BASE, SDO_REQUEST, SDO_RESPONSE
 from artibot_driver.pdo import Codec

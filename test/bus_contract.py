@@ -14,8 +14,7 @@ import pytest
 from canopen.profiles.p402 import BaseNode402
 from drive_bench import running_drives
 
-from artibot_driver.bus import Bus, open_bus
-from artibot_driver.bus_health import BusState
+from artibot_driver.bus import Bus, BusState, open_bus
 from artibot_driver.cia402 import State
 from artibot_driver.config import config_from_parameters
 from artibot_driver.dictionary import load_dictionary

@@ -17,7 +17,7 @@ from artibot_driver.frames import Emcy, Frame, NmtCommand, NmtState, heartbeat, 
 from artibot_driver.pdo import Decoded, Pdo
 from artibot_driver.rig import Rig, load_rig
 from artibot_driver.simulated.drive import SimulatedDrive
-from artibot_driver.simulated.shaft import InertialShaft
+from artibot_driver.simulated.motion import InertialShaft
 
 STEP = 2_000_000
 """Between two steps of a drive, ns."""

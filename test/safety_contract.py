@@ -21,8 +21,7 @@ from artibot_driver.cia402 import State
 from artibot_driver.config import config_from_parameters
 from artibot_driver.faults import campaign
 from artibot_driver.faults.catalogue import ON_A_BUS
-from artibot_driver.faults.live import LiveWorld
-from artibot_driver.faults.place import Place
+from artibot_driver.faults.live_loop import LiveWorld, Place
 from artibot_driver.faults.watchdog import HELD_UP, Stall, Watchdog, attended
 from artibot_driver.frames import Frame
 from artibot_driver.master import Phase

@@ -19,15 +19,12 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from artibot_driver.config import config_from_parameters
-from artibot_driver.faults.catalogue import BY_NAME, ON_A_BUS, Fault
-from artibot_driver.faults.combined import CAN_PASS, briefly, two
-from artibot_driver.faults.ledger import Key, Ledger
-from artibot_driver.faults.live import LiveWorld
-from artibot_driver.faults.outcome import NotReady, Outcome, table
-from artibot_driver.faults.place import LoopbackPlace, Place, SocketCanPlace
+from artibot_driver.faults.catalogue import BY_NAME, CAN_PASS, ON_A_BUS, Fault, briefly, two
+from artibot_driver.faults.closed_loop import VirtualWorld
+from artibot_driver.faults.live_loop import LiveWorld, LoopbackPlace, Place, SocketCanPlace
+from artibot_driver.faults.outcomes import Key, Ledger, NotReady, Outcome, table
 from artibot_driver.faults.trial import Trial
 from artibot_driver.faults.watchdog import HELD_UP, Watchdog, attended
-from artibot_driver.faults.world import VirtualWorld
 from artibot_driver.master import Reason
 from artibot_driver.rig import Rig, load_rig
 from artibot_sim.errors import ArtibotError

@@ -11,8 +11,8 @@ from typing import Final
 
 from artibot_driver.cia402 import State
 from artibot_driver.faults.catalogue import Fault
-from artibot_driver.faults.outcome import NotReady, Outcome
-from artibot_driver.faults.world import Sample, World
+from artibot_driver.faults.closed_loop import Sample, World
+from artibot_driver.faults.outcomes import NotReady, Outcome
 from artibot_driver.master import Phase, Reason, Setpoints, Stop
 from artibot_sim.model import MOTORS
 

@@ -2,7 +2,7 @@
 
 from artibot_driver.master.master import Master
 from artibot_driver.master.phases import Phase
-from artibot_driver.master.sharing import check_kappa, kappa_bounds
+from artibot_driver.master.setpoints import check_kappa, kappa_bounds
 from artibot_driver.master.values import (
     BusStatus,
     Commanded,

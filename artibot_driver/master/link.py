@@ -9,8 +9,7 @@ from typing import Final
 
 from artibot_driver.cia402 import State, StatusBit, controlword_for, state_of
 from artibot_driver.dictionary import PdoMap
-from artibot_driver.emcy import error_text
-from artibot_driver.frames import Emcy, Frame, Heartbeat, NmtState, Sdo
+from artibot_driver.frames import Emcy, Frame, Heartbeat, NmtState, Sdo, error_text
 from artibot_driver.master.setup import Setup
 from artibot_driver.master.values import DriveStatus, Stage
 from artibot_driver.pdo import Pdo

@@ -1,29 +1,125 @@
 """The master: one cycle in every SYNC period, from one thread, without waiting for anything.
 
 A cycle reads what has come, decides in which phase the drives are, and sends set-points, SYNC and the driver's own
-heartbeat, so that a loop that hangs is noticed by the drives. Requests may come from any thread; they only set a wish.
+heartbeat, so that a loop that hangs is noticed by the drives. Requests may come from any thread; the next cycle takes
+them.
 """
 
 from __future__ import annotations
 
+import enum
+import math
+import threading
 import time
 from collections import Counter
+from collections.abc import Sequence
 from types import MappingProxyType
-from typing import Final
+from typing import Final, NamedTuple
 
-from artibot_driver.bus_health import BusState
+from artibot_driver.bus import BusState
 from artibot_driver.cia402 import State
+from artibot_driver.config import DriverConfig
 from artibot_driver.frames import NmtCommand, NmtState, heartbeat, nmt
-from artibot_driver.master import report, setup, watch
-from artibot_driver.master.hearing import KINDS, Chance, Hearing, no_chance
+from artibot_driver.master import monitoring, setup
 from artibot_driver.master.link import POWERED, TORQUE, VELOCITY, Link
 from artibot_driver.master.phases import Facts, Phase, next_phase
-from artibot_driver.master.requests import Request, Requests, Wishes
-from artibot_driver.master.targets import STANDING, Integers, Targets
+from artibot_driver.master.reception import KINDS, Chance, Hearing, no_chance
+from artibot_driver.master.setpoints import STANDING, Integers, Targets
 from artibot_driver.master.traffic import AnyBus, Clock, Traffic
-from artibot_driver.master.values import Commanded, Cycle, Reason, Setpoints, Stage, Status, Stop
+from artibot_driver.master.values import (
+    Commanded,
+    Cycle,
+    DriveStatus,
+    Feedback,
+    Four,
+    Reason,
+    Setpoints,
+    Stage,
+    Status,
+    Stop,
+)
 from artibot_driver.rig import Rig
 from artibot_sim.model import MOTORS
+
+# ----------------------------------------------------------------------
+# Requests to the master: wishes that any thread may set, taken by the next cycle and then gone.
+# ----------------------------------------------------------------------
+
+
+class Request(enum.Enum):
+    """What can be asked for."""
+
+    ENABLE = "enable"
+    STOP = "stop"
+    RESET = "reset faults"
+
+
+class Wishes(NamedTuple):
+    """What was asked for since the last cycle; `stop` is the first of the reasons, with the cycle's time."""
+
+    enable: bool
+    reset: bool
+    stop: Stop | None
+    number: int
+
+
+class Requests:
+    """Wishes that wait for the next cycle."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._waiting: list[tuple[Request, Reason, str]] = []
+
+    def ask(self, request: Request, reason: Reason = Reason.DISABLE, text: str = "") -> None:
+        """Set a wish; the reason counts for a stop only."""
+        with self._lock:
+            self._waiting.append((request, reason, text))
+
+    def take(self, now: int) -> Wishes:
+        """All wishes, which are gone then."""
+        with self._lock:
+            waiting, self._waiting = self._waiting, []
+        kinds = {request for request, _, _ in waiting}
+        stops = [Stop(reason, text, now) for request, reason, text in waiting if request is Request.STOP]
+        return Wishes(Request.ENABLE in kinds, Request.RESET in kinds, stops[0] if stops else None, len(waiting))
+
+
+# ----------------------------------------------------------------------
+# What a cycle gives: feedback and status from what the drives have said.
+# ----------------------------------------------------------------------
+
+
+def feedback(links: Sequence[Link], now: int, config: DriverConfig) -> Feedback:
+    """What the drives have reported; NaN for those that are silent or not set up."""
+    known = [each.setup.stage is Stage.RUNNING and each.feedback_age(now) <= config.drive_timeout for each in links]
+
+    def four(values: Sequence[float]) -> Four:
+        one, two, three, four = (value if there else math.nan for value, there in zip(values, known, strict=True))
+        return one, two, three, four
+
+    one, two, three, last = (each.heard.sampled_ns if there else None for each, there in zip(links, known, strict=True))
+    return Feedback(
+        four([each.position(now, config.drive_timeout) for each in links]),
+        four([each.quantity(VELOCITY) for each in links]),
+        four([each.quantity(TORQUE) for each in links]),
+        (one, two, three, last),
+    )
+
+
+def drives(links: Sequence[Link], now: int, config: DriverConfig) -> tuple[DriveStatus, ...]:
+    """All about each drive, for a person."""
+    return tuple(link.status(now, monitoring.text_of(link, now, config)) for link in links)
+
+
+def refusal(links: Sequence[Link]) -> str:
+    """What keeps a drive from being set up for good; empty where nothing does."""
+    return next((link.setup.refusal for link in links if link.setup.refusal), "")
+
+
+# ----------------------------------------------------------------------
+# The master: one cycle in every SYNC period, from one thread, without waiting for anything.
+# ----------------------------------------------------------------------
+
 
 ENABLE_TIMEOUT: Final = 1_000_000_000
 """Drives that are not enabled after this long are given up, ns."""
@@ -129,12 +225,12 @@ class Master:
         if self._phase in (Phase.ENABLING, Phase.ENABLED):
             self._stop = self._trouble(now_ns, last, wishes.stop) or self._take_setpoints(now_ns, setpoints)
         elif not self._phase.moves:
-            watch.rest(self._links, now_ns, self._config)
+            monitoring.rest(self._links, now_ns, self._config)
         self._change_phase(now_ns, self._answer(now_ns, wishes))
         sent = self._move(now_ns, 1e-9 * min(now_ns - last, 2 * self._period))  # no leap down after a hold-up
         self._send(now_ns, sent)
         commanded = self._targets.commanded(sent, now_ns) if self._phase.moves else Commanded(stamp_ns=now_ns)
-        return Cycle(report.feedback(self._links, now_ns, self._config), commanded, self._status(now_ns))
+        return Cycle(feedback(self._links, now_ns, self._config), commanded, self._status(now_ns))
 
     def close(self, now_ns: int) -> None:
         """Take the drives' current away; they are left pre-operational, without a watch on the driver's heartbeat."""
@@ -152,14 +248,14 @@ class Master:
     def _trouble(self, now: int, last: int, asked: Stop | None) -> Stop | None:
         """The first reason to stop."""
         expected = State.OPERATION_ENABLED if self._phase is Phase.ENABLED else None
-        stop = asked or watch.first(
-            watch.loop_trouble(now, last, self._config),
-            watch.bus_trouble(now, self._bus_state, self._traffic),
+        stop = asked or monitoring.first(
+            monitoring.loop_trouble(now, last, self._config),
+            monitoring.bus_trouble(now, self._bus_state, self._traffic),
             self._hearing.trouble(now),
-            *(watch.drive_trouble(now, link, self._config, expected) for link in self._links),
+            *(monitoring.drive_trouble(now, link, self._config, expected) for link in self._links),
         )
         if stop is None and self._phase is Phase.ENABLING and now - self._since > ENABLE_TIMEOUT:
-            stop = watch.first(watch.enable_trouble(self._links, now))
+            stop = monitoring.first(monitoring.enable_trouble(self._links, now))
         return stop
 
     def _take_setpoints(self, now: int, given: Setpoints | None) -> Stop | None:
@@ -198,7 +294,7 @@ class Master:
         if self._phase.moves:
             return f"reset refused: the drives are {self._phase.name.lower()}"
         self._reset_until = now + RESET_TIME
-        watch.retry(self._links)
+        monitoring.retry(self._links)
         return "faults are being reset"
 
     def _enable_refused(self, now: int) -> str:
@@ -207,15 +303,17 @@ class Master:
             return f"they are {self._phase.name.lower()}"
         if not self._hearing.alone:
             return self._hearing.rival or Phase.LISTENING.value
-        trouble = watch.first(watch.bus_trouble(now, self._bus_state, self._traffic), self._hearing.trouble(now))
+        trouble = monitoring.first(
+            monitoring.bus_trouble(now, self._bus_state, self._traffic), self._hearing.trouble(now)
+        )
         if trouble is not None:
             return trouble.text
         ready = self._phase is Phase.READY and next_phase(Phase.READY, self._facts(now, True)) is Phase.ENABLING
-        return "" if ready else watch.enable_refused(self._links, now, self._config)
+        return "" if ready else monitoring.enable_refused(self._links, now, self._config)
 
     def _facts(self, now: int, enable: bool) -> Facts:
         running = [link for link in self._links if link.setup.stage is Stage.RUNNING]
-        heard = [link for link in running if watch.is_heard(link, now, self._config)]
+        heard = [link for link in running if monitoring.is_heard(link, now, self._config)]
         off = not any(link.state in POWERED for link in heard)
         since = None if self._released is None else now - self._released
         return Facts(
@@ -290,10 +388,10 @@ class Master:
             stop=self._stop,
             armed_ns=self._armed,
             following=self._following,
-            refusal=report.refusal(self._links),
+            refusal=refusal(self._links),
             notice=self._notice,
             requests=self._answered,
-            drives=report.drives(self._links, now, self._config),
+            drives=drives(self._links, now, self._config),
             bus=self._traffic.status(),
             counters=MappingProxyType(dict(self._tally)),
             rival=self._hearing.rival,

@@ -8,8 +8,7 @@ from typing import Final, Protocol
 
 import can
 
-from artibot_driver.bus import Health
-from artibot_driver.bus_health import BusState
+from artibot_driver.bus import BusState, Health
 from artibot_driver.frames import Frame
 from artibot_driver.master.values import BusStatus
 from artibot_driver.rig import frame_bits

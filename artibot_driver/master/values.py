@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from artibot_driver.bus_health import BusState
+from artibot_driver.bus import BusState
 from artibot_driver.cia402 import State, StatusBit
 from artibot_driver.master.phases import Phase
 from artibot_sim.sharing import Law

@@ -15,10 +15,9 @@ from artibot_driver.dictionary import load_dictionary
 from artibot_driver.frames import Frame, NmtState
 from artibot_driver.rig import Rig
 from artibot_driver.scaling import INT16, INT32, wrap
-from artibot_driver.simulated.motion import QUICK_STOP_AND_STAY, SLOW_DOWN_AND_STAY, STANDSTILL_RPM, Motion
+from artibot_driver.simulated.motion import FREE, QUICK_STOP_AND_STAY, SLOW_DOWN_AND_STAY, STANDSTILL_RPM, Motion, Shaft
 from artibot_driver.simulated.node import COMMUNICATION, COMMUNICATION_BIT, GENERIC, CanopenNode, require
 from artibot_driver.simulated.objects import INVALID_VALUE, Abort
-from artibot_driver.simulated.shaft import FREE, Shaft
 from artibot_sim.errors import ArtibotError
 
 SENSOR: Final = 0x7300

@@ -23,8 +23,7 @@ from artibot_driver.frames import (
     emcy,
     heartbeat,
 )
-from artibot_driver.simulated.objects import INVALID_VALUE, Abort, Key, Objects
-from artibot_driver.simulated.sdo_server import SdoServer
+from artibot_driver.simulated.objects import INVALID_VALUE, Abort, Key, Objects, SdoServer
 from artibot_sim.errors import ArtibotError
 
 HEARTBEAT_LOST, COMMUNICATION, REFUSED_VALUE, PDO_SHORT, PDO_LONG = 0x8130, 0x8100, 0x8200, 0x8210, 0x8220

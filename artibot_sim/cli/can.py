@@ -115,8 +115,7 @@ def _print(
     frames: Frames, explainer: Explainer, nodes: frozenset[str], kinds: frozenset[str], form: str | None, raw: bool
 ) -> int:
     """Print the frames that match; return how many."""
-    from artibot_driver.explain import matches
-    from artibot_driver.explain_text import COLUMNS, as_csv, as_json, for_reading
+    from artibot_driver.explain import COLUMNS, as_csv, as_json, for_reading, matches
 
     line = {"json": as_json, "csv": as_csv}.get(form or "", for_reading(raw))
     out, live, shown = sys.stdout, frames.end_ns is None, 0
@@ -254,8 +253,7 @@ def settings(params: str | None, robot: str | None, motor: str | None) -> int:
     Example:
       artibot can settings --params my_rover.yaml --node front_right
     """
-    from artibot_driver.explain import Explainer
-    from artibot_driver.explain_text import setting_text
+    from artibot_driver.explain import Explainer, setting_text
 
     explainer = Explainer(load_rig_for(params, robot, None))
     motors = list(explainer.rig.codec.nodes)

@@ -13,8 +13,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
-from artibot_driver.bus import Bus, open_bus
-from artibot_driver.bus_health import BusState
+from artibot_driver.bus import Bus, BusState, open_bus
 from artibot_driver.config import DriverConfig, load_config
 from artibot_driver.frames import Frame
 from artibot_driver.listener import interface_of

@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from artibot_driver.simulated.shaft import FREE, InertialShaft, Shaft, ShaftCommand, ShaftState
+from artibot_driver.simulated.motion import FREE, InertialShaft, Shaft, ShaftCommand, ShaftState
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS, Robot, Status, initial_state
 from artibot_sim.model.kernels.layout import MOTOR_COORDINATES

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from artibot_driver.bus_health import BusState
+from artibot_driver.bus import BusState
 from artibot_driver.cia402 import State, StatusBit
 from artibot_driver.config import DriverConfig
 from artibot_driver.master import DriveStatus, Phase, Stage, Status

@@ -12,7 +12,7 @@ from typing import Any
 
 from rclpy.node import Node
 
-from artibot_driver.bus_health import BusState
+from artibot_driver.bus import BusState
 from artibot_driver.config import DriverConfig
 from artibot_driver.master import Cycle, Master, Phase, Status, Stop
 from artibot_driver.rig import Rig

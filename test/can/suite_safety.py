@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from safety_contract import SafetyContract
 
-from artibot_driver.faults.place import SocketCanPlace
+from artibot_driver.faults.live_loop import SocketCanPlace
 
 
 @pytest.fixture

@@ -11,8 +11,7 @@ import pytest
 from bus_contract import BusContract, Place, random_frame, received, wait_for
 from drive_bench import running_drives
 
-from artibot_driver.bus import Bus, open_bus
-from artibot_driver.bus_health import BusState
+from artibot_driver.bus import Bus, BusState, open_bus
 from artibot_driver.cia402 import State, state_of
 from artibot_driver.config import config_from_parameters
 from artibot_driver.frames import Emcy, Frame, NmtCommand, NmtState, heartbeat, nmt

@@ -14,8 +14,7 @@ import pytest
 from bus_contract import BusContract, Place, received, wait_for
 from can.interfaces.virtual import channels
 
-from artibot_driver.bus import open_bus
-from artibot_driver.bus_health import BusState
+from artibot_driver.bus import BusState, open_bus
 from artibot_driver.frames import Frame
 from artibot_driver.loopback import HOST, BusServer, loopback_bus, unless_gone
 from artibot_sim.errors import ArtibotError

@@ -17,8 +17,7 @@ from hypothesis import strategies as st
 from artibot_driver.cia402 import State, statusword
 from artibot_driver.config import config_from_parameters
 from artibot_driver.dbc import dbc_text
-from artibot_driver.explain import KINDS, Explainer, matches
-from artibot_driver.explain_text import COLUMNS, as_csv, as_json, for_reading
+from artibot_driver.explain import COLUMNS, KINDS, Explainer, as_csv, as_json, for_reading, matches
 from artibot_driver.frames import Frame, NmtCommand, NmtState, heartbeat, nmt
 from artibot_driver.rig import load_rig
 from artibot_sim.model import MOTORS

@@ -17,12 +17,11 @@ import pytest
 from artibot_driver.cia402 import State
 from artibot_driver.config import config_from_parameters
 from artibot_driver.faults import campaign
-from artibot_driver.faults.catalogue import BY_NAME, CATALOGUE, Fault
-from artibot_driver.faults.combined import BRIEFLY, CAN_PASS, TWO, briefly, two
+from artibot_driver.faults.catalogue import BRIEFLY, BY_NAME, CAN_PASS, CATALOGUE, TWO, Fault, briefly, two
+from artibot_driver.faults.closed_loop import VirtualWorld, World
+from artibot_driver.faults.simulated_bus import Interference, UnreliableBus, wire
 from artibot_driver.faults.trial import BEFORE_END, Trial
 from artibot_driver.faults.watchdog import HELD_UP, Watchdog
-from artibot_driver.faults.wire import Interference, UnreliableBus, wire
-from artibot_driver.faults.world import VirtualWorld, World
 from artibot_driver.frames import Frame
 from artibot_driver.master import Master, Phase, Reason
 from artibot_driver.rig import load_rig

@@ -12,8 +12,8 @@ import pytest
 
 from artibot_driver.cia402 import Command, State, command_of, statusword
 from artibot_driver.config import config_from_parameters
-from artibot_driver.faults.wire import message_of
-from artibot_driver.faults.world import VirtualWorld
+from artibot_driver.faults.closed_loop import VirtualWorld
+from artibot_driver.faults.simulated_bus import message_of
 from artibot_driver.frames import Frame, Heartbeat, Sync
 from artibot_driver.master import Master, Phase, Reason, Setpoints, Stage
 from artibot_driver.pdo import Pdo

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from artibot_driver.config import config_from_parameters
-from artibot_driver.faults.wire import Interference
-from artibot_driver.faults.world import VirtualWorld
+from artibot_driver.faults.closed_loop import VirtualWorld
+from artibot_driver.faults.simulated_bus import Interference
 from artibot_driver.frames import Frame, NmtState
 from artibot_driver.master import Phase, Reason, Setpoints, Stage
 from artibot_driver.rig import load_rig

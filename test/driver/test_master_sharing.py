@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from artibot_driver.config import config_from_parameters
 from artibot_driver.master import check_kappa, kappa_bounds
-from artibot_driver.master.sharing import back_torque
+from artibot_driver.master.setpoints import back_torque
 from artibot_driver.rig import Rig, load_rig
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Robot, load_robot

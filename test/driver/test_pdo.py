@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from artibot_driver import fuzz
 from artibot_driver.dictionary import Field, PdoMap, load_dictionary
-from artibot_driver.emcy import ERRORS, error_text, register_text
 from artibot_driver.frames import (
+    ERRORS,
     Emcy,
     Frame,
     Heartbeat,
@@ -22,8 +22,10 @@ from artibot_driver.frames import (
     Sdo,
     Sync,
     Unknown,
+    error_text,
     heartbeat,
     nmt,
+    register_text,
 )
 from artibot_driver.pdo import Codec, Pdo
 from artibot_sim.errors import ArtibotError

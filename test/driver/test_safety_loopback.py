@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 from safety_contract import SafetyContract
 
-from artibot_driver.faults.place import LoopbackPlace
+from artibot_driver.faults.live_loop import LoopbackPlace
 
 
 @pytest.fixture(scope="module")

@@ -11,15 +11,14 @@ from typing import NamedTuple
 import can
 import pytest
 
-from artibot_driver.bus import Health
-from artibot_driver.bus_health import BusState
+from artibot_driver.bus import BusState, Health
 from artibot_driver.cia402 import State
 from artibot_driver.config import config_from_parameters
-from artibot_driver.faults.wire import message_of
-from artibot_driver.faults.world import VirtualWorld
+from artibot_driver.faults.closed_loop import VirtualWorld
+from artibot_driver.faults.simulated_bus import message_of
 from artibot_driver.frames import Frame, NmtState, heartbeat
 from artibot_driver.master import Cycle, Master, Phase, Reason, Setpoints
-from artibot_driver.master.hearing import LISTEN_TIME
+from artibot_driver.master.reception import LISTEN_TIME
 from artibot_driver.rig import load_rig
 
 RIG = load_rig(config_from_parameters({}))

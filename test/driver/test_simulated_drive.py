@@ -16,7 +16,7 @@ from artibot_driver.frames import Frame, Heartbeat, NmtCommand, NmtState, nmt
 from artibot_driver.pdo import Pdo
 from artibot_driver.rig import load_rig
 from artibot_driver.simulated.drive import SimulatedDrive
-from artibot_driver.simulated.shaft import FREE, ShaftState
+from artibot_driver.simulated.motion import FREE, ShaftState
 from artibot_sim.errors import ArtibotError
 from artibot_sim.resources import config_path
 

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from artibot_driver.dictionary import load_dictionary
 from artibot_driver.simulated import objects as codes
-from artibot_driver.simulated.objects import Abort, Objects
-from artibot_driver.simulated.sdo_server import NO_SUCH_COMMAND, TOGGLE_WRONG, SdoServer
+from artibot_driver.simulated.objects import NO_SUCH_COMMAND, TOGGLE_WRONG, Abort, Objects, SdoServer
 
 DICTIONARY = load_dictionary(node=3)
 

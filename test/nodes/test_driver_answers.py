@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="rclpy is not installed; run `make setup`, or source a ROS 2 Jazzy")
 
-from artibot_driver.bus_health import BusState
+from artibot_driver.bus import BusState
 from artibot_driver.cia402 import State
 from artibot_driver.config import config_from_parameters
 from artibot_driver.master import BusStatus, DriveStatus, Phase, Reason, Stage, Status, Stop

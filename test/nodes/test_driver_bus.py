@@ -10,7 +10,7 @@ import pytest
 
 from artibot_driver.bus import Bus
 from artibot_driver.config import DriverConfig, config_from_parameters
-from artibot_driver.faults.place import LoopbackPlace
+from artibot_driver.faults.live_loop import LoopbackPlace
 from artibot_driver.frames import Frame
 from artibot_sim.nodes import driver_bus
 from artibot_sim.nodes.driver_bus import BusKeeper, opened

@@ -11,7 +11,7 @@ import pytest
 from model.effects import SENSORS_1
 from sim_probe import TYPES, Probe, stamp_ns
 
-from artibot_driver.simulated.shaft import ShaftCommand
+from artibot_driver.simulated.motion import ShaftCommand
 from artibot_sim.model import load_robot, save_robot
 from artibot_sim.model.robot.parameters import SensorErrors
 from artibot_sim.nodes.drive_shafts import RoverShafts

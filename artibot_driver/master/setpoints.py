@@ -1,4 +1,4 @@
-"""Set-points of a cycle: what is followed, how it ramps down, and the integers that go into the frames."""
+"""Set-points of a cycle: what is followed, how it ramps down, eq. 30, and the integers that go into the frames."""
 
 from __future__ import annotations
 
@@ -6,11 +6,68 @@ import math
 from collections import Counter
 from typing import Final, NamedTuple
 
-from artibot_driver.master.sharing import back_torque, check_kappa
 from artibot_driver.master.values import NAN_PAIR, Commanded, Pair, Setpoints
 from artibot_driver.rig import Rig, motor_per_metre
+from artibot_driver.scaling import Scaled, largest_torque
 from artibot_sim.errors import ArtibotError
+from artibot_sim.model import Robot
+from artibot_sim.model.equations.transmission import back_torque_factor
 from artibot_sim.sharing import Cycle, Law
+
+# ----------------------------------------------------------------------
+# Eq. 30 in the drives' own counts, and the bounds that the motors' limits set to kappa.
+# ----------------------------------------------------------------------
+
+
+def kappa_bounds(robot: Robot) -> tuple[float, float]:
+    """Smallest and largest kappa with which no back motor needs more torque than it has.
+
+    With both front motors at their limit M_f, eq. 30 asks each back motor for M_f (tau_b/tau_f) (1/kappa − 1); that
+    this is at most M_b gives ``kappa >= 1/(1 + M_b tau_f/(M_f tau_b))``: 0.622 for Agri.q's four equal motors (section
+    6). It is rounded down to thousandths, as the paper states it: a permille of torque is one count. Where the robot
+    file limits neither or only one pair of motors the smallest is 0, which kappa has to exceed.
+    """
+    front, back = robot.drive.front, robot.drive.back
+    if back is None or math.isinf(largest_torque(front)) or math.isinf(largest_torque(back)):
+        return 0.0, 1.0
+    share = largest_torque(back) * front.tau / (largest_torque(front) * back.tau)
+    return math.floor(1e3 / (1.0 + share) + 1e-9) / 1e3, 1.0
+
+
+def check_kappa(robot: Robot, kappa: float) -> float:
+    """`kappa`, if it is one that the motors allow.
+
+    Raises
+    ------
+    ArtibotError
+        With the bounds and where they come from.
+    """
+    low, high = kappa_bounds(robot)
+    if not (low <= kappa <= high and kappa > 0.0):  # NaN is not either
+        raise ArtibotError(
+            f"kappa: found {kappa:g}, expected {low:g} to {high:g} for robot '{robot.name}': with less the back motors "
+            "would need more than their torque_max when the front motors are at theirs"
+        )
+    return kappa
+
+
+def back_torque(rig: Rig, motor: str, kappa: float, front: tuple[int, int]) -> Scaled:
+    """The target torque (6071h) of a back motor's drive by eq. 30, exact to rounding.
+
+    Parameters
+    ----------
+    front : (int, int)
+        Torque actual values (6077h) of the front right and left drive, in their counts.
+    """
+    right, left = rig.scaling["front_right"].torque, rig.scaling["front_left"].torque
+    total = right.si(front[0]) + left.si(front[1])
+    return rig.scaling[motor].torque.raw(back_torque_factor(rig.robot, kappa) * total)
+
+
+# ----------------------------------------------------------------------
+# Set-points of a cycle: what is followed, how it ramps down, and the integers that go into the frames.
+# ----------------------------------------------------------------------
+
 
 FRONT: Final = ("front_right", "front_left")
 BACK: Final = ("back_right", "back_left")

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import can
 
-from artibot_driver.bus import Health
-from artibot_driver.bus_health import BusState
+from artibot_driver.bus import BusState, Health
 from artibot_driver.frames import Frame
 from artibot_driver.master.traffic import AnyBus
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from artibot_driver.bus_health import BusState
+from artibot_driver.bus import BusState
 from artibot_driver.cia402 import State
 from artibot_driver.config import DriverConfig
 from artibot_driver.frames import HEARTBEAT_BASE
