@@ -33,7 +33,7 @@ from artibot_sim.nodes.driver_loop import DriverLoop
 from artibot_sim.nodes.driver_services import Services
 from artibot_sim.nodes.driver_start import StartWish
 from artibot_sim.nodes.pacer import check_stats
-from artibot_sim.nodes.parameters import refuse_unknown
+from artibot_sim.nodes.parameters import keep_types, refuse_unknown
 from artibot_sim.sharing import is_file
 
 SERVE_EVERY = 0.02
@@ -74,10 +74,10 @@ class DriverNode(LifecycleNode):
         given = {**overrides, "use_sim_time": False}  # drives know one time only
         super().__init__("driver", parameter_overrides=[Parameter(name, value=value) for name, value in given.items()])
         self.robot, self.settings = parameters.declare_all(self)
-        refuse_unknown(self)
         rig = load_rig(config_from_parameters(parameters.of_drives(self.settings)))
         check_stats(self.settings["stats"])
         self.loop = DriverLoop(self, rig, self.settings)
+        refuse_unknown(self)  # now that those are declared which override the topics' quality of service
         self._fault, self._started = "", False
         self._asked, self._ended_at = asked, 0.0
         self._wish = StartWish()
@@ -85,6 +85,7 @@ class DriverNode(LifecycleNode):
         self._server = Server()
         self._serve_at = 0.0
         self._requests = Services(self, self._request)
+        keep_types(self)
         self.add_on_set_parameters_callback(self._on_parameters)
 
     # -- lifecycle ----------------------------------------------------------------------------------------------

@@ -7,14 +7,14 @@ from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 
 from artibot_driver.master import Commanded, Feedback
 from artibot_sim.model import Robot
 from artibot_sim.nodes.driver_diagnostics import essence
-from artibot_sim.nodes.motor_publishers import QUIET, STATE_QOS, MotorPublishers, WheelJoints, stamp_of_ns
+from artibot_sim.nodes.motor_publishers import MotorPublishers, WheelJoints, stamp_of_ns
 from artibot_sim.nodes.odometry import Odometry, metres_per_radian
+from artibot_sim.nodes.qos import PUBLISHED, publisher
 
 EVERY_NS = 1_000_000_000
 """Between two /diagnostics where nothing changes."""
@@ -34,11 +34,11 @@ class DriverPublishers:
     """
 
     def __init__(self, node: Node, robot: Robot, odom_frame: str, base_frame: str) -> None:
-        self._motors = MotorPublishers(node, robot, STATE_QOS, qos_profile_sensor_data, odom_frame, base_frame)
+        self._motors = MotorPublishers(node, robot, PUBLISHED, odom_frame, base_frame)
         self._wheels = WheelJoints(robot)
-        self._joints = node.create_publisher(JointState, "joint_states", qos_profile_sensor_data, event_callbacks=QUIET)
+        self._joints = publisher(node, JointState, "joint_states")
         self._joints_message = JointState(name=list(self._wheels.names))
-        self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", STATE_QOS, event_callbacks=QUIET)
+        self._diagnostics = publisher(node, DiagnosticArray, "/diagnostics")
         self._odometry = Odometry(metres_per_radian(robot), robot.front.i_y)
         self._odometry.reset(0.0, 0.0, 0.0)
         self._sampled = 0

@@ -9,7 +9,7 @@ from typing import Any
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
@@ -18,6 +18,7 @@ from artibot_sim.nodes.command_messages import SIGN_OF_LIFE, TOPICS, Rules, Sour
 from artibot_sim.nodes.lateness import Lateness
 from artibot_sim.nodes.profile import Profile, Refused
 from artibot_sim.nodes.profile_reader import ProfileReader
+from artibot_sim.nodes.qos import LATCHED, subscription
 from artibot_sim.nodes.stamps import SECOND, stamp_of
 
 IN_FLIGHT = 1.0
@@ -29,7 +30,8 @@ MOST_AT_ONCE = 20
 SHORTEST = 12
 """A serialised message with a stamp has so many bytes at least."""
 
-PROFILE_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+TYPES_EVERY = 0.25
+"""Between two checks of who publishes a command topic as what, s; each looks at one topic."""
 
 
 class Inputs:
@@ -77,24 +79,22 @@ class Inputs:
         self._ways: dict[str, Lateness] = {}
         sensor = qos_profile_sensor_data
         self._subscriptions = [
-            node.create_subscription(JointState, TOPICS[Source.LIVE], self._on_request, sensor),
-            node.create_subscription(
-                TwistStamped if stamped else Twist, TOPICS[Source.CMD_VEL], self._on_twist, sensor
-            ),
-            node.create_subscription(Odometry, SIGN_OF_LIFE, self._on_planner, sensor, raw=True),
+            subscription(node, JointState, TOPICS[Source.LIVE], self._on_request, sensor),
+            subscription(node, TwistStamped if stamped else Twist, TOPICS[Source.CMD_VEL], self._on_twist, sensor),
+            subscription(node, Odometry, SIGN_OF_LIFE, self._on_planner, sensor, raw=True),
         ]
         self._stamped = stamped
         self._reader = ProfileReader(beside)
         self._node, self._profiles = node, None
+        self._types_at, self._types_of = 0.0, 0
+        self._strangers: set[tuple[str, str, str]] = set()
         self.hear_profiles(True)
 
     def hear_profiles(self, wanted: bool) -> None:
         """Subscribe to profiles or not: a planner waits for somebody who does before it publishes its one."""
         if wanted and self._profiles is None:
             topic = TOPICS[Source.PROFILE]
-            self._profiles = self._node.create_subscription(
-                JointTrajectory, topic, self._on_profile, PROFILE_QOS, raw=True
-            )
+            self._profiles = subscription(self._node, JointTrajectory, topic, self._on_profile, LATCHED, raw=True)
         elif not wanted and self._profiles is not None:
             self._node.destroy_subscription(self._profiles)
             self._profiles = None
@@ -128,15 +128,37 @@ class Inputs:
 
     def take(self) -> None:
         """Hear the messages that have come, without an executor."""
-        for subscription in (*self._subscriptions, *([self._profiles] if self._profiles else [])):
-            handle = subscription.handle
+        for heard in (*self._subscriptions, *([self._profiles] if self._profiles else [])):
+            handle = heard.handle
             with handle:
                 for _ in range(MOST_AT_ONCE):
-                    taken = handle.take_message(subscription.msg_type, subscription.raw)
+                    taken = handle.take_message(heard.msg_type, heard.raw)
                     if taken is None:
                         break
-                    subscription.callback(*taken)
+                    heard.callback(*taken)
         self._take_profiles()
+        if time.monotonic() >= self._types_at:
+            self._types_at = time.monotonic() + TYPES_EVERY
+            self._types_of = (self._types_of + 1) % len(self._subscriptions)
+            self._check_types(self._subscriptions[self._types_of])
+
+    def _check_types(self, subscribed: Any) -> None:
+        """Warn once of each node that publishes a topic as another type: its messages never arrive here."""
+        kind = subscribed.msg_type
+        expected = f"{kind.__module__.partition('.')[0]}/msg/{kind.__name__}"
+        for info in self._node.get_publishers_info_by_topic(subscribed.topic_name):
+            stranger = (f"{info.node_namespace.rstrip('/')}/{info.node_name}", subscribed.topic_name, info.topic_type)
+            if info.topic_type == expected or stranger in self._strangers:
+                continue
+            self._strangers.add(stranger)
+            mend = ""
+            if kind in (Twist, TwistStamped):
+                flag = "false" if self._stamped else "true"
+                mend = f", or set the parameter cmd_vel_stamped of {self._node.get_name()} to {flag}"
+            self._log.warning(
+                f"{stranger[1]} comes from {stranger[0]} as {stranger[2]} and is not taken: "
+                f"publish {expected} there{mend}"
+            )
 
     def decide(self, knot_ns: int, knots: int = 1) -> arbiter.Decision:
         """Commands for the period of `knots` intervals of `knot_ns` nanoseconds that begins now, ``t_ns``."""
@@ -236,15 +258,17 @@ class Inputs:
         self.state = arbiter.hear_twist(self.state, velocity, self._said_at(TOPICS[Source.CMD_VEL], info))
 
     def _on_planner(self, message: bytes, info: dict[str, Any]) -> None:
-        if self._outdated(info) or len(message) < SHORTEST:
+        if self.deaf or self._outdated(info) or len(message) < SHORTEST:
             return
         stamp_ns = stamp_of(message)
         off = (stamp_ns - self.t_ns) / SECOND
         # a recording that is played again is no planner; without a stamp nobody can tell
         if stamp_ns and self.rules.needs_sign_of_life and abs(off) > self.rules.sign_tolerance:
-            self._log.warning(
-                f"planned/odom is stamped {off:+.1f} s from now: taken for no sign of life (a replay, another clock?)",
-                throttle_duration_sec=5.0,
-            )
+            if self._stopped_at is None:  # else the time does not go on that stamps are held against
+                self._log.warning(
+                    f"planned/odom is stamped {off:+.1f} s from now: taken for no sign of life (a replay, another "
+                    "clock?)",
+                    throttle_duration_sec=5.0,
+                )
             return
         self.state = arbiter.hear_planner(self.state, self._said_at(SIGN_OF_LIFE, info))

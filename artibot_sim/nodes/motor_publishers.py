@@ -5,24 +5,17 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
-from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 
 from artibot_sim.model import MOTORS, WHEEL_JOINTS, Robot
 from artibot_sim.nodes.odometry import Odometry as Believed
-
-QUIET = PublisherEventCallbacks(use_default_callbacks=False)
-"""No event handlers for publishers: two each would make every wait of the executor twice as long."""
-
-STATE_QOS = QoSProfile(depth=10)
-"""For what is no sensor (odometry, truth, commands, /clock): reliable, which every subscriber can take."""
+from artibot_sim.nodes.qos import PUBLISHED, publisher
 
 
 def numbers(values: Any) -> array[float]:
@@ -67,8 +60,7 @@ class MotorPublishers:
     ----------
     node : rclpy Node
     robot : Robot
-    state, sensor : QoSProfile
-        Of what is a state (odometry, command) and of what is measured.
+    qos : QoSProfile
     odom_frame, base_frame : str
     """
 
@@ -76,18 +68,16 @@ class MotorPublishers:
         self,
         node: Node,
         robot: Robot,
-        state: QoSProfile,
-        sensor: QoSProfile,
+        qos: QoSProfile = PUBLISHED,
         odom_frame: str = "odom",
         base_frame: str = "base_link",
     ) -> None:
-        publisher = partial(node.create_publisher, event_callbacks=QUIET)
         self.motors = MOTORS if robot.articulated else MOTORS[:2]
-        self._odom = publisher(Odometry, "odom", state)
+        self._odom = publisher(node, Odometry, "odom", qos)
         self._odom_message = odometry_message(odom_frame, base_frame)
-        self._torques = publisher(JointState, "motor_torques", sensor)
+        self._torques = publisher(node, JointState, "motor_torques", qos)
         self._torques_message = JointState(name=list(self.motors))
-        self._command = publisher(JointState, "motor_command", state)
+        self._command = publisher(node, JointState, "motor_command", qos)
         self._command_message = JointState(name=list(self.motors))
 
     def odom(self, t_ns: int, believed: Believed) -> None:

@@ -25,7 +25,6 @@ def declare(node: Any, spec: Spec, default: Value | None = None) -> Value:
         description=spec.doc,
         additional_constraints=spec.expected,
         read_only=not spec.live,
-        dynamic_typing=type(spec.default) is float,  # so that `rate: 50` is taken; Spec.check has the last word
     )
     low = max(spec.low, spec.above)
     if type(spec.default) is float:
@@ -33,12 +32,44 @@ def declare(node: Any, spec: Spec, default: Value | None = None) -> Value:
     elif type(spec.default) is int:
         descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(spec.high), step=1)]
     value = spec.default if default is None else default
+    _take_integers(node, spec)
     try:
         found = node.declare_parameter(spec.name, list(value) if isinstance(value, tuple) else value, descriptor).value
     except (InvalidParameterValueException, InvalidParameterTypeException) as error:
         given = node._parameter_overrides[spec.name].value  # rclpy's errors have it in their prose alone
         raise ArtibotError(f"parameter {spec.name}: found {given!r}, expected {spec.expected}") from error
     return spec.check(found)
+
+
+def _take_integers(node: Any, spec: Spec) -> None:
+    """Make `rate: 50` of a parameter file the number 50.0 that it stands for."""
+    given = node._parameter_overrides.get(spec.name)
+    if given is not None and type(spec.default) in (float, tuple):
+        node._parameter_overrides[spec.name] = _as_floats(given)
+
+
+def _as_floats(parameter: Any) -> Any:
+    """The parameter with its integers as floats."""
+    from rclpy.parameter import Parameter
+
+    if parameter.type_ == Parameter.Type.INTEGER:
+        return Parameter(parameter.name, Parameter.Type.DOUBLE, float(parameter.value))
+    if parameter.type_ == Parameter.Type.INTEGER_ARRAY:
+        return Parameter(parameter.name, Parameter.Type.DOUBLE_ARRAY, list(map(float, parameter.value)))
+    return parameter
+
+
+def keep_types(node: Any) -> None:
+    """Have `ros2 param set /sim kappa 1` set the number 1.0: a parameter's type is that of its declaration."""
+    from rclpy.parameter import Parameter
+
+    numbers = (Parameter.Type.DOUBLE, Parameter.Type.DOUBLE_ARRAY)
+
+    def before(changes: list[Any]) -> list[Any]:
+        known = node._parameters
+        return [_as_floats(p) if p.name in known and known[p.name].type_ in numbers else p for p in changes]
+
+    node.add_pre_set_parameters_callback(before)
 
 
 def warn_of_unknown(node: Any) -> None:
@@ -57,9 +88,9 @@ def refuse_unknown(node: Any) -> None:
 
 
 def _unknown(node: Any) -> Iterator[tuple[str, str]]:
-    """Parameters that were given and not declared, each with the mend."""
+    """Parameters that were given and not declared, each with the mend; for when all publishers are made."""
     known = [name for name in node._parameters if name != "use_sim_time"]
     for name in node._parameter_overrides:
-        if not node.has_parameter(name) and not name.startswith("qos_overrides."):
+        if not node.has_parameter(name):
             near = difflib.get_close_matches(name, known, n=1)
             yield name, f"did you mean {near[0]}?" if near else f"{node.get_name()} has {', '.join(sorted(known))}"

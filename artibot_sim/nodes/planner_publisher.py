@@ -15,7 +15,6 @@ from nav_msgs.msg import Odometry, Path
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node, NodeNameNonExistentError
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from trajectory_msgs.msg import JointTrajectory
 
 from artibot_driver.priority import take_priority
@@ -23,6 +22,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot
 from artibot_sim.nodes import planner_messages as messages
 from artibot_sim.nodes.parameters import Spec, declare, warn_of_unknown
+from artibot_sim.nodes.qos import LATCHED, publisher
 from artibot_sim.planning import load_manoeuvre, plan
 
 SPECS = (
@@ -95,17 +95,14 @@ class PlannerNode(Node):
             start=(get("start.x"), get("start.y"), get("start.yaw")),
             wheel_speed_limit=get("wheel_speed_limit") or None,
         )
-        warn_of_unknown(self)
         self.start_ns: int | None = None
         self.finished = False
         self._asked = asked
-        latched = QoSProfile(
-            depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-        )
-        self._path = self.create_publisher(Path, "planned/path", latched)
-        self._profile = self.create_publisher(JointTrajectory, "planned/front_velocity", latched)
-        self._odom = self.create_publisher(Odometry, "planned/odom", 10)
+        self._path = publisher(self, Path, "planned/path", LATCHED)
+        self._profile = publisher(self, JointTrajectory, "planned/front_velocity", LATCHED)
+        self._odom = publisher(self, Odometry, "planned/odom")
         self._frames = (get("frame_id"), get("child_frame_id"))
+        warn_of_unknown(self)
 
     def run(self, executor: SingleThreadedExecutor) -> int:
         """Publish the plan and stay until it is over; return the exit status.

@@ -99,6 +99,7 @@ def run(
     import rclpy
 
     from artibot_sim.experiment.writer import BagWriter
+    from artibot_sim.nodes.parameters import warn_of_unknown
     from artibot_sim.nodes.process import destroyed, ros_process
     from artibot_sim.nodes.record_can import CanTap, open_listener
     from artibot_sim.nodes.recorder import Recorder, Selection
@@ -114,6 +115,7 @@ def run(
         metadata = {"can": f"{listener.interface} {listener.channel}", **metadata} if listener else metadata
         bag = BagWriter(folder, metadata, compression=compression, sync_period=sync)
         recorder = Recorder(node, bag, selection)
+        warn_of_unknown(node)
         node.get_logger().info(f"recording to {folder}; Ctrl-C ends it")
         tap = CanTap(recorder, listener) if listener else None
         try:

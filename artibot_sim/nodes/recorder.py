@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.experiment.topics import TOPICS, Qos
+from artibot_sim.experiment.topics import GLOBAL, TOPICS, Qos
 from artibot_sim.experiment.writer import BagWriter
 from artibot_sim.nodes.record_types import describe, import_message, qos_dict
 
@@ -23,13 +23,16 @@ DISCOVERY_PERIOD = 0.2
 DEPTH = 2000
 """Messages that the middleware may hold between two visits, and over a hiccup of the machine."""
 
+FOR_VIEWERS = ("robot_description", "/tf", "/tf_static", "tf", "tf_static")
+"""What RViz and Foxglove place a rover with; the last two where a namespace has transforms of its own."""
+
 
 class Selection:
     """Which topics to record.
 
     Parameters
     ----------
-    patterns : names with `*` and `?`; None for the topics of the contract.
+    patterns : names with `*` and `?`; None for the topics of the contract, and what viewers place the rover with.
     exclude : patterns of what to leave out.
     everything : record all that is not hidden.
     resolve : turns a relative name into the one on the graph (namespace, remapping).
@@ -42,8 +45,10 @@ class Selection:
         everything: bool,
         resolve: Callable[[str], str],
     ) -> None:
-        contract = [topic.name.lstrip("/") for topic in TOPICS]
-        self.patterns = [name if set(name) & set("*?") else resolve(name) for name in patterns or contract]
+        # a namespace moves relative names only; /clock and its like stay what they are in any
+        usual = [topic.name if topic.name in GLOBAL else topic.name.lstrip("/") for topic in TOPICS]
+        asked = patterns or (*usual, *FOR_VIEWERS)
+        self.patterns = [name if set(name) & set("*?") else resolve(name) for name in asked]
         self.exclude = list(exclude)
         self.everything = everything
 

@@ -17,6 +17,7 @@ from artibot_sim.report.files import OutputFile
 _POSITIVE = Number(min=0, min_open=True)
 _NOT_NEGATIVE = Number(min=0)
 _TOPICS_HELP = "Topic to publish, * and ? allowed; repeat, or separate by commas.  [default: all that move no rover]"
+_WAIT_HELP = "Wait until every topic has so many subscribers.  [default: 1, for 3.5 s at most, then play]"
 _DRIVE_HELP = "Move a rover: publish the recorded inputs with new stamps, and the planner's sign of life."
 
 _ONLY = {
@@ -44,8 +45,10 @@ _FRAMES_HELP = "With --can: what the drives sent, or commands, which MOVE MOTORS
 )
 @click.option("--restamp", is_flag=True, help="With --loop: move header stamps of later passes on, as /clock does.")
 @click.option("--pause", is_flag=True, help="Begin paused; the services ~/pause and ~/step go on.")
-@click.option("--wait", type=click.IntRange(min=0), help="Wait until every topic has so many subscribers.")
-@click.option("--wait-timeout", type=_POSITIVE, default=30.0, show_default=True, help="But at most so long, s.")
+@click.option("--wait", type=click.IntRange(min=0), help=_WAIT_HELP)
+@click.option(
+    "--wait-timeout", type=_POSITIVE, default=30.0, show_default=True, help="With --wait: at most so long, s."
+)
 @click.option("--stats", type=OutputFile(), help="Write counts and lateness to this JSON file.")
 @click.option(
     "--can", metavar="CHANNEL", help="Play the recorded CAN frames on this bus (vcan0, ws://127.0.0.1:PORT/)."
@@ -151,6 +154,7 @@ def run(bag: Path, given: dict[str, Any], *, drive: bool, ros_args: Sequence[str
         If the recording cannot be read, has nothing to publish, or subscribers do not come.
     """
     from artibot_sim.experiment.reader import bag_info
+    from artibot_sim.nodes.parameters import warn_of_unknown
     from artibot_sim.nodes.process import destroyed, ros_process
     from artibot_sim.nodes.replay_selection import Wish
 
@@ -165,6 +169,7 @@ def run(bag: Path, given: dict[str, Any], *, drive: bool, ros_args: Sequence[str
         from artibot_sim.nodes.replay_run import drive_again, play
 
         with destroyed(rclpy.create_node("replay", start_parameter_services=False)) as node:
+            warn_of_unknown(node)
             return (drive_again if drive else play)(node, info, wish, given, asked)
 
 

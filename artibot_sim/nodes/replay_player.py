@@ -27,6 +27,10 @@ NAP = 0.02
 SERVICE_PERIOD = 0.02
 BUSY_PERIOD = 0.2
 """So often services are served when there is no time for it between messages, s."""
+DISCOVERY = 3.5
+"""Participants announce themselves every 3 s (Fast DDS): whoever is there has been found by then, s."""
+MATCHED = 0.1
+"""So long the subscriber's side of a match may take after ours, s."""
 ACKNOWLEDGED = 5.0
 """How long subscribers may take at the end to acknowledge what they were sent, s."""
 
@@ -96,6 +100,18 @@ class Player:
         """Recorded seconds since the beginning of the first pass."""
         return self._held if self._held is not None else (time.monotonic() - self._origin) * self.pace.rate
 
+    def wait_for_listeners(self) -> None:
+        """Wait until every topic has a subscriber, or all who are there have been found."""
+        deadline = time.monotonic() + DISCOVERY
+        while not self.asked and self._lacking(1) and time.monotonic() < deadline:
+            self._executor.spin_once(timeout_sec=NAP)
+        time.sleep(MATCHED)
+
+    def _lacking(self, count: int) -> list[str]:
+        """Topics with fewer subscribers."""
+        publishers = [outlet.publisher for outlet in self.outlets.values()]
+        return sorted(p.topic_name for p in publishers if p.get_subscription_count() < count)
+
     def wait_for_subscribers(self, count: int, timeout: float) -> None:
         """Wait until every topic has `count` subscribers.
 
@@ -106,14 +122,13 @@ class Player:
         """
         deadline = time.monotonic() + timeout
         while count and not self.asked:
-            lacking = [o.publisher.topic_name for o in self.outlets.values()
-                       if o.publisher.get_subscription_count() < count]  # fmt: skip
+            lacking = self._lacking(count)
             if not lacking:
-                time.sleep(0.1)  # the subscribers' side of the match
+                time.sleep(MATCHED)
                 return
             if time.monotonic() > deadline:
                 raise ArtibotError(
-                    f"{', '.join(sorted(lacking))}: fewer than {count} subscribers within {timeout:g} s; start them in "
+                    f"{', '.join(lacking)}: fewer than {count} subscribers within {timeout:g} s; start them in "
                     "the same ROS_DOMAIN_ID, name fewer --topics, or do not --wait"
                 )
             self._executor.spin_once(timeout_sec=NAP)

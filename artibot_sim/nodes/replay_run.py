@@ -53,7 +53,10 @@ def _play(
     latched = [topic for topic, outlet in outlets.items() if outlet.latched]
     source = Source(info.path, outlets, latched, stretch, given["loop"], frames.admits if frames else None)
     player = Player(node, source, outlets, recorded, pace, asked)
-    player.wait_for_subscribers(given["wait"] or 0, given["wait_timeout"])
+    if given["wait"] is None:
+        player.wait_for_listeners()
+    else:
+        player.wait_for_subscribers(given["wait"], given["wait_timeout"])
     length = (stretch.end_ns - stretch.begin_ns) / 1e9
     node.get_logger().info(f"playing {info.path}: {len(outlets)} topics, {length:.1f} s at {pace.rate:g} x")
     with undisturbed(PRIORITY if frames else 0):

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.experiment.topics import GLOBAL
 from artibot_sim.experiment.messages import CAN_FRAME
 from artibot_sim.experiment.storage import BagInfo, ChannelInfo
 from artibot_sim.nodes.command_messages import SIGN_OF_LIFE
@@ -19,8 +20,6 @@ _MOVING_TYPES = ("trajectory_msgs/msg/JointTrajectory", CAN_FRAME, "ackermann_ms
 _SPEED_TYPES = ("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped", "std_msgs/msg/Float64")
 _OWN = ("/clock", "/rosout", "/parameter_events")
 """Published by the replay itself, or by every node."""
-_GLOBAL = (*_OWN, "/tf", "/tf_static", "/diagnostics")
-"""Names that a namespace does not change."""
 
 
 def called(topic: str, name: str) -> bool:
@@ -125,7 +124,7 @@ def select(info: BagInfo, wish: Wish, resolve: Callable[[str], str]) -> Selectio
         if channel.encoding != "cdr":
             unread[topic] = channel.encoding or "none"
             continue
-        name = renames.get(topic, topic if topic in _GLOBAL else topic.lstrip("/"))
+        name = renames.get(topic, topic if topic in GLOBAL else topic.lstrip("/"))
         target = resolve(name)
         if called(target, REQUEST) and not called(topic, REQUEST):
             raise ArtibotError(

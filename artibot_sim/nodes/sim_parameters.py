@@ -60,8 +60,8 @@ OTHERS = (
          "(SCHED_FIFO), so that drives answer in time; 0, and where the system does not allow it: that of any other "
          "process.", low=0, high=99),
     Spec("publish_tf", True, "Publish /tf, where tf2_msgs can be imported."),
-    Spec("reliable", "auto", "Offer everything reliably with a long queue, for recording without loss; auto: when "
-         "rate is 0. Otherwise sensors have sensor QoS.", choices=("auto", "true", "false")),
+    Spec("reliable", "auto", "Keep a long queue for slow reliable subscribers, for recording without loss; auto: when "
+         "rate is 0. Everything is offered reliably in any case.", choices=("auto", "true", "false")),
     Spec("stats", "", "File for a statistic of lateness and CPU share (JSON), written at the end; empty: none."),
     Spec("noise.encoder_counts", 0, "Encoder counts a motor turn, to which positions are rounded; 0: not rounded.",
          low=0, high=10_000_000),

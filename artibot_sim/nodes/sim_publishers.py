@@ -5,19 +5,19 @@ from __future__ import annotations
 import importlib.util
 from array import array
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 
 from artibot_sim.model import Robot
-from artibot_sim.nodes.motor_publishers import QUIET, STATE_QOS, MotorPublishers, WheelJoints, odometry_message
+from artibot_sim.nodes.motor_publishers import MotorPublishers, WheelJoints, odometry_message
 from artibot_sim.nodes.odometry import Odometry as Believed
+from artibot_sim.nodes.qos import PUBLISHED, publisher
 from artibot_sim.nodes.sim_engine import Sample, quaternion
 from artibot_sim.nodes.sim_sensors import Sensors
 
@@ -32,7 +32,7 @@ class Published:
     """Which of the contract's topics this simulator publishes."""
 
     clock: bool
-    reliable: bool
+    long_queue: bool
     with_driver: bool
     tf: bool
     imu: bool
@@ -56,23 +56,21 @@ class Publishers:
 
     def __init__(self, node: Node, robot: Robot, what: Published) -> None:
         self.what = what
-        publisher = partial(node.create_publisher, event_callbacks=QUIET)
-        state = LONG_QOS if what.reliable else STATE_QOS
-        qos = LONG_QOS if what.reliable else qos_profile_sensor_data
-        self._clock = publisher(Clock, "/clock", STATE_QOS) if what.clock else None
+        qos = LONG_QOS if what.long_queue else PUBLISHED
+        self._clock = publisher(node, Clock, "/clock") if what.clock else None
         self._clock_message = Clock()
-        self._truth = publisher(Odometry, "ground_truth/odom", state)
+        self._truth = publisher(node, Odometry, "ground_truth/odom", qos)
         self._truth_message = odometry_message("map")
         self._wheels = None if what.with_driver else WheelJoints(robot)
         wheels = self._wheels.names if self._wheels else ()
         joints = (*wheels, *(ARTICULATION_JOINTS if robot.articulated else ()))
         self._bends = robot.articulated
-        self._joints = publisher(JointState, "joint_states", qos) if joints else None
+        self._joints = publisher(node, JointState, "joint_states", qos) if joints else None
         self._joints_message = JointState(name=list(joints))
-        self._motors = None if what.with_driver else MotorPublishers(node, robot, state, qos)
-        self._imu = publisher(Imu, "imu/data", qos) if what.imu else None
+        self._motors = None if what.with_driver else MotorPublishers(node, robot, qos)
+        self._imu = publisher(node, Imu, "imu/data", qos) if what.imu else None
         self._imu_message = _imu()
-        self._station = publisher(PointStamped, "total_station/point", qos) if what.station else None
+        self._station = publisher(node, PointStamped, "total_station/point", qos) if what.station else None
         self._station_message = PointStamped()
         self._station_message.header.frame_id = "map"
         self._tf = None

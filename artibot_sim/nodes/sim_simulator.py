@@ -36,7 +36,7 @@ from artibot_sim.nodes import sim_parameters as parameters
 from artibot_sim.nodes import sim_settings as settings
 from artibot_sim.nodes.odometry import Odometry, metres_per_radian
 from artibot_sim.nodes.pacer import Pacer, check_stats
-from artibot_sim.nodes.parameters import warn_of_unknown
+from artibot_sim.nodes.parameters import keep_types, warn_of_unknown
 from artibot_sim.nodes.sim_engine import Diverged, Timing
 from artibot_sim.nodes.sim_mover import CommandedMover, DrivenMover, Mover
 from artibot_sim.nodes.sim_publishers import Published, Publishers, has_tf
@@ -99,6 +99,7 @@ class SimNode(Node):
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/step", self._on_step)
+        keep_types(self)
         self.add_on_set_parameters_callback(self._on_parameters)
         warn_of_unknown(self)
 
@@ -116,7 +117,7 @@ class SimNode(Node):
             self.get_logger().info("no /tf: tf2_msgs cannot be imported (it comes with a full ROS 2)")
         return Published(
             clock=settings.switched(self.settings, "publish_clock", get("rate") != 1),
-            reliable=settings.switched(self.settings, "reliable", get("rate") == 0),
+            long_queue=settings.switched(self.settings, "reliable", get("rate") == 0),
             with_driver=get("with_driver"),
             tf=tf,
             imu=get("imu.enabled"),

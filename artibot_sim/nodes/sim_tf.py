@@ -12,6 +12,7 @@ from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
 
 from artibot_sim.model import Robot
+from artibot_sim.nodes.qos import publisher
 from artibot_sim.nodes.sim_engine import Sample, quaternion
 
 FRAMES = ("map", "odom", "base_link", "articulation_link", "back_link")
@@ -29,7 +30,7 @@ class Transforms:
     """
 
     def __init__(self, node: Node, robot: Robot) -> None:
-        self._publisher = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=100))
+        self._publisher = publisher(node, TFMessage, "/tf", QoSProfile(depth=100))
         frames = FRAMES if robot.articulated else FRAMES[:3]
         self._transforms = [_transform(a, b) for a, b in pairwise(frames)]
         self._front, self._back = robot.front, robot.back

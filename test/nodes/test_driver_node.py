@@ -33,7 +33,7 @@ from artibot_driver.pdo import Pdo
 from artibot_driver.rig import load_rig
 from artibot_sim.model import MOTORS, load_robot
 from artibot_sim.model.equations.transmission import back_torque_factor
-from artibot_sim.nodes.inputs import PROFILE_QOS
+from artibot_sim.nodes.qos import LATCHED
 from artibot_sim.sharing import LAWS, Cycle, load_law
 from ros_helpers import NodeProcess
 
@@ -290,7 +290,7 @@ def test_a_back_effort_beyond_the_motor_s_limit_stops_it(probe: DriverProbe) -> 
 
 def test_messages_without_content_neither_move_nor_end_it(probe: DriverProbe, driver: NodeProcess) -> None:
     topics = {"planned/odom": Odometry, "planned/front_velocity": JointTrajectory}
-    publishers = [probe.node.create_publisher(kind, topic, PROFILE_QOS) for topic, kind in topics.items()]
+    publishers = [probe.node.create_publisher(kind, topic, LATCHED) for topic, kind in topics.items()]
     probe.enabled()
     probe.until(lambda: all(each.get_subscription_count() for each in publishers), "the driver's subscriptions")
     for length in (4, 8):

@@ -192,15 +192,24 @@ def test_topics_by_pattern_and_duration(publishers: Publishers, start_node: Node
     assert {c.topic for c in bag_info(tmp_path / "run").channels} == {"/a/one", "/b/one"}
 
 
-def test_names_are_resolved_in_the_nodes_namespace(
+def test_relative_names_are_resolved_in_the_node_s_namespace_and_global_ones_stay(
     publishers: Publishers, start_node: NodeStarter, tmp_path: Path
 ) -> None:
+    from diagnostic_msgs.msg import DiagnosticArray
+    from rosgraph_msgs.msg import Clock
+    from std_msgs.msg import String
+
     publishers.add("/rover1/odom", joint_state())
     publishers.add("/odom", joint_state())
+    publishers.add("/clock", Clock)
+    publishers.add("/diagnostics", DiagnosticArray)
+    publishers.add("/rover1/robot_description", String, latched=True)
     node = start_node("record", "-o", tmp_path / "run", "--duration", "3", "--ros-args", "-r", "__ns:=/rover1")
     with publishers.running():
         assert node.wait(30) == 0
-    assert {c.topic for c in bag_info(tmp_path / "run").channels} == {"/rover1/odom"}
+    found = {c.topic: c.message_count for c in bag_info(tmp_path / "run").channels}
+    assert set(found) == {"/rover1/odom", "/clock", "/diagnostics", "/rover1/robot_description"}
+    assert all(found.values())
 
 
 def test_a_publisher_that_offers_less_joins(publishers: Publishers, start_node: NodeStarter, tmp_path: Path) -> None:

@@ -75,6 +75,19 @@ def test_all_messages_in_order_byte_for_byte_at_their_times(
     assert START_NS <= clock[0] <= clock[-1] <= START_NS + 1_600_000_000
 
 
+@pytest.mark.parametrize("topics", [TWO, dict([*TWO.items()][:1])], ids=["all", "one"])
+def test_who_listens_already_misses_nothing(
+    start_node: NodeStarter, ros_context: Context, counted: Path, topics: dict[str, str]
+) -> None:
+    """Also where nobody wants the other topics, and without --wait."""
+    listener = Listener(ros_context, topics)
+    with listener.listening():
+        assert start_node("replay", counted).wait() == 0
+    expected = recorded(counted)
+    for topic in topics:
+        assert listener.bytes_of(topic) == expected[topic]
+
+
 def test_rate_start_end_topics_and_remapping(start_node: NodeStarter, ros_context: Context, counted: Path) -> None:
     names = {"/recorded/torques": TWO["/motor_torques"], "/elsewhere": TWO["/ground_truth/odom"], **TWO}
     listener = Listener(ros_context, names)

@@ -44,9 +44,7 @@ def test_topics_types_stamps_and_rest(start_node, ros_context) -> None:
     assert ("/tf" in found) == (importlib.util.find_spec("tf2_msgs") is not None)
     for topic in MEASURED:
         info = probe.node.get_publishers_info_by_topic(f"/{topic}")
-        sensor = topic in ("joint_states", "motor_torques")
-        offered = ReliabilityPolicy.BEST_EFFORT if sensor else ReliabilityPolicy.RELIABLE
-        assert [i.qos_profile.reliability for i in info] == [offered]
+        assert [i.qos_profile.reliability for i in info] == [ReliabilityPolicy.RELIABLE]
         stamps = np.array([stamp_ns(message) for message in probe.got[topic]])
         assert np.diff(stamps).min() == np.median(np.diff(stamps)) == 10_000_000
         assert abs(stamps[-1] * 1e-9 - time.time()) < 5.0, "without /clock stamps are system time"

@@ -175,7 +175,7 @@ def test_transforms_where_tf2_msgs_is(monkeypatch: pytest.MonkeyPatch) -> None:
 
     robot = load_robot("epiq")
     published: list[list] = []
-    node = Record(create_publisher=lambda *_: Record(publish=published.append))
+    node = Record(create_publisher=lambda *_, **__: Record(publish=published.append))
     state = Engine(robot, Timing.of(100.0, 1e-3), Start(1.0, 2.0, 0.5, 0.6)).state
     bend = np.array([[0.6, 0.0], [0.0, 0.0]])
     Transforms(node, robot).publish(

@@ -1,0 +1,58 @@
+"""Publishers and subscriptions of the nodes: quality of service, and its overrides by parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import copy
+from typing import Any
+
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.exceptions import InvalidParameterTypeException
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from artibot_sim.errors import ArtibotError
+
+QUIET = PublisherEventCallbacks(use_default_callbacks=False)
+"""No event handlers for publishers: two each would make every wait of the executor twice as long."""
+
+PUBLISHED = QoSProfile(depth=10)
+"""For everything that is published: reliable, which serves reliable subscribers and best-effort ones."""
+
+LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""For what latecomers need: the last message is sent to them."""
+
+
+def publisher(node: Node, kind: type, topic: str, qos: QoSProfile = PUBLISHED) -> Any:
+    """Make a publisher whose history, depth and reliability parameters ``qos_overrides.<topic>.publisher.*`` override.
+
+    Raises
+    ------
+    ArtibotError
+        When an override is refused.
+    """
+    return _overridable(
+        node.create_publisher, kind, topic, copy(qos),
+        event_callbacks=QUIET, qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+    )  # fmt: skip
+
+
+def subscription(
+    node: Node, kind: type, topic: str, callback: Callable[..., None], qos: QoSProfile, raw: bool = False
+) -> Any:
+    """Make a subscription; ``qos_overrides.<topic>.subscription.*`` override it. Errors are those of `publisher`."""
+    return _overridable(
+        node.create_subscription, kind, topic, callback, copy(qos),
+        raw=raw, qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+    )  # fmt: skip
+
+
+def _overridable(make: Callable[..., Any], kind: type, topic: str, *args: Any, **options: Any) -> Any:
+    try:
+        return make(kind, topic, *args, **options)
+    except (RuntimeError, InvalidParameterTypeException) as error:  # rclpy's own words for a value that is none
+        raise ArtibotError(
+            f"qos_overrides of {topic}: {error}; expected history keep_last or keep_all, an integer depth, reliability "
+            "reliable or best_effort"
+        ) from error
