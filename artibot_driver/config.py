@@ -75,6 +75,20 @@ LAW = Spec(
     live=True,
 )
 
+ODOMETRY = (
+    Spec("publish_tf", True, "Publish the transforms on /tf, where tf2_msgs can be imported; false where a filter such "
+         "as robot_localization publishes that of odom."),
+    Spec("frame_prefix", "", "Before the name of every frame but map, as robot_state_publisher has it: rover1/ gives "
+         "rover1/odom, so that several rovers share one tree."),
+    Spec("odometry.travel_slip", 0.02, "Standard deviation of the travelled distance relative to that of odom, 1.",
+         low=0.0, high=1.0),
+    Spec("odometry.turn_slip", 0.2, "The same for the turned angle, which slip shortens: Agri.q 0.2, Epi.q 0.1, "
+         "Husky 0.35. The three set odom's covariances, which grow with way and turn.", low=0.0, high=1.0),
+    Spec("odometry.side_slip", 0.06, "Standard deviation of the drift to the side relative to the distance, 1.",
+         low=0.0, high=1.0),
+)  # fmt: skip
+"""What whoever publishes odom says of it: driver and simulator alike."""
+
 _COMMANDING = (
     KAPPA,
     LAW,
@@ -93,6 +107,7 @@ _COMMANDING = (
     Spec("cmd_vel_stamped", True, "cmd_vel is a TwistStamped; false: a Twist."),
     Spec("odom_frame", "odom", "Frame of odom."),
     Spec("base_frame", "base_link", "Frame of the front module, child of odom_frame."),
+    *ODOMETRY,
     Spec("realtime_priority", 50, "Priority of the loop among the machine's real-time threads (SCHED_FIFO); 0, and "
          "where the system does not allow it: that of any other process.", low=0, high=99),
     Spec("stats", "", "File for a statistic of lateness and CPU share (JSON), written at the end; empty: none."),

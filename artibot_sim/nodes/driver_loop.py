@@ -53,7 +53,7 @@ class DriverLoop:
         self._identity = Identity.of_node(rig.robot.name, node.get_fully_qualified_name())
         rules = parameters.rules(settings, rig.robot, rig.config)
         self.desk = CommandDesk(Inputs(node, rules, settings["cmd_vel_stamped"], beside=True, aged=True))
-        self._out = DriverPublishers(node, rig.robot, settings["odom_frame"], settings["base_frame"])
+        self._out = DriverPublishers(node, rig.robot, settings)
         self._keeper = BusKeeper(rig.config)
         self._period_ns = 1_000 * rig.config.sync_period_us
         self.pacer = Pacer(self._period_ns, 1.0)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
@@ -13,8 +14,9 @@ from artibot_driver.master import Commanded, Feedback
 from artibot_sim.model import Robot
 from artibot_sim.nodes.driver_diagnostics import essence
 from artibot_sim.nodes.motor_publishers import MotorPublishers, WheelJoints, stamp_of_ns
-from artibot_sim.nodes.odometry import Odometry, metres_per_radian
+from artibot_sim.nodes.odometry import Odometry, Slip, metres_per_radian
 from artibot_sim.nodes.qos import PUBLISHED, publisher
+from artibot_sim.nodes.transforms import Frames, has_tf
 
 EVERY_NS = 1_000_000_000
 """Between two /diagnostics where nothing changes."""
@@ -30,17 +32,19 @@ class DriverPublishers:
     ----------
     node : rclpy Node
     robot : Robot
-    odom_frame, base_frame : str
+    settings : mapping
+        The node's parameters.
     """
 
-    def __init__(self, node: Node, robot: Robot, odom_frame: str, base_frame: str) -> None:
-        self._motors = MotorPublishers(node, robot, PUBLISHED, odom_frame, base_frame)
+    def __init__(self, node: Node, robot: Robot, settings: Mapping[str, Any]) -> None:
+        get = settings.__getitem__
+        frames = Frames.of(get("frame_prefix"), odom=get("odom_frame"), base=get("base_frame"))
+        self._motors = MotorPublishers(node, robot, PUBLISHED, frames, has_tf(node, get("publish_tf")))
         self._wheels = WheelJoints(robot)
         self._joints = publisher(node, JointState, "joint_states")
         self._joints_message = JointState(name=list(self._wheels.names))
         self._diagnostics = publisher(node, DiagnosticArray, "/diagnostics")
-        self._odometry = Odometry(metres_per_radian(robot), robot.front.i_y)
-        self._odometry.reset(0.0, 0.0, 0.0)
+        self._odometry = Odometry(metres_per_radian(robot), robot.front.i_y, Slip.of(settings, robot))
         self._sampled = 0
         self._told: tuple[tuple[bytes, str, str], ...] = ()
         self._told_ns = self._looked_ns = 0

@@ -14,8 +14,16 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 
 from artibot_sim.model import MOTORS, WHEEL_JOINTS, Robot
+from artibot_sim.nodes.odometry import UNKNOWN
 from artibot_sim.nodes.odometry import Odometry as Believed
 from artibot_sim.nodes.qos import PUBLISHED, publisher
+from artibot_sim.nodes.transforms import Frames, TransformPublisher
+
+PLANAR = np.array([6 * i + j for i in (0, 1, 5) for j in (0, 1, 5)])
+"""Of a 6 x 6 covariance: x, y and yaw with each other."""
+
+UPRIGHT = np.array([7 * i for i in (2, 3, 4)])
+"""Of a 6 x 6 covariance: the variances of height, roll and pitch."""
 
 
 def numbers(values: Any) -> array[float]:
@@ -29,8 +37,9 @@ def stamp_of_ns(message: Any, t_ns: int) -> None:
 
 
 def odometry_message(frame: str, child: str = "base_link") -> Odometry:
-    """An empty Odometry between two frames."""
+    """An empty Odometry between two frames, in which height, roll and pitch are unknown."""
     message = Odometry(child_frame_id=child)
+    message.pose.covariance[UPRIGHT] = message.twist.covariance[UPRIGHT] = UNKNOWN
     message.header.frame_id = frame
     return message
 
@@ -61,7 +70,9 @@ class MotorPublishers:
     node : rclpy Node
     robot : Robot
     qos : QoSProfile
-    odom_frame, base_frame : str
+    frames : Frames
+    tf : bool
+        Whether the transform from `odom` to the front module goes with ``odom``.
     """
 
     def __init__(
@@ -69,19 +80,21 @@ class MotorPublishers:
         node: Node,
         robot: Robot,
         qos: QoSProfile = PUBLISHED,
-        odom_frame: str = "odom",
-        base_frame: str = "base_link",
+        frames: Frames | None = None,
+        tf: bool = False,
     ) -> None:
+        frames = frames or Frames()
         self.motors = MOTORS if robot.articulated else MOTORS[:2]
         self._odom = publisher(node, Odometry, "odom", qos)
-        self._odom_message = odometry_message(odom_frame, base_frame)
+        self._odom_message = odometry_message(frames.odom, frames.base)
+        self._transform = TransformPublisher(node, (frames.odom, frames.base)) if tf else None
         self._torques = publisher(node, JointState, "motor_torques", qos)
         self._torques_message = JointState(name=list(self.motors))
         self._command = publisher(node, JointState, "motor_command", qos)
         self._command_message = JointState(name=list(self.motors))
 
     def odom(self, t_ns: int, believed: Believed) -> None:
-        """Publish where the rover believes it is."""
+        """Publish where the rover believes it is, and how sure that is."""
         message = self._odom_message
         stamp_of_ns(message, t_ns)
         x, y, yaw = believed.pose
@@ -89,7 +102,11 @@ class MotorPublishers:
         q = message.pose.pose.orientation
         q.z, q.w = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
         message.twist.twist.linear.x, message.twist.twist.angular.z = believed.twist
+        message.pose.covariance[PLANAR] = believed.pose_covariance.ravel()
+        message.twist.covariance[PLANAR] = believed.twist_covariance.ravel()
         self._odom.publish(message)
+        if self._transform:
+            self._transform.publish(t_ns, ((x, y, 0.0), (0.0, 0.0, yaw)))
 
     def torques(self, t_ns: int, position: Any, velocity: Any, torque: Any) -> None:
         """Publish what the motors do, arrays of shape (4,): rad, rad/s, N·m, motor-side."""

@@ -57,6 +57,7 @@ SPECS = (
     Spec("path_interval", 0.1, "Time between poses of planned/path, s.", low=1e-3, high=100.0),
     Spec("frame_id", "map", "Frame of the planned poses."),
     Spec("child_frame_id", "base_link", "Frame of the front module."),
+    Spec("frame_prefix", "", "Before child_frame_id, as in the simulator and the driver: rover1/."),
     Spec("wheel_speed_limit", 0.0, "Warn of wheels faster over ground, m/s; 0: never.", low=0.0, high=100.0),
 )  # fmt: skip
 """Every parameter; none can be changed while the node runs, for the profile is published once."""
@@ -101,7 +102,7 @@ class PlannerNode(Node):
         self._path = publisher(self, Path, "planned/path", LATCHED)
         self._profile = publisher(self, JointTrajectory, "planned/front_velocity", LATCHED)
         self._odom = publisher(self, Odometry, "planned/odom")
-        self._frames = (get("frame_id"), get("child_frame_id"))
+        self._frames = (get("frame_id"), get("frame_prefix") + get("child_frame_id"))
         warn_of_unknown(self)
 
     def run(self, executor: SingleThreadedExecutor) -> int:

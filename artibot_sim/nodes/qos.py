@@ -6,6 +6,7 @@ from collections.abc import Callable
 from copy import copy
 from typing import Any
 
+from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
@@ -24,6 +25,21 @@ LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability
 """For what latecomers need: the last message is sent to them."""
 
 
+class Polled(CallbackGroup):
+    """For subscriptions whose messages are taken by hand: an executor leaves them alone."""
+
+    def can_execute(self, entity: Any) -> bool:
+        """Never."""
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        """Never."""
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        """Nothing was begun."""
+
+
 def publisher(node: Node, kind: type, topic: str, qos: QoSProfile = PUBLISHED) -> Any:
     """Make a publisher whose history, depth and reliability parameters ``qos_overrides.<topic>.publisher.*`` override.
 
@@ -39,12 +55,13 @@ def publisher(node: Node, kind: type, topic: str, qos: QoSProfile = PUBLISHED) -
 
 
 def subscription(
-    node: Node, kind: type, topic: str, callback: Callable[..., None], qos: QoSProfile, raw: bool = False
-) -> Any:
+    node: Node, kind: type, topic: str, callback: Callable[..., None], qos: QoSProfile, *, raw: bool = False,
+    group: CallbackGroup | None = None,
+) -> Any:  # fmt: skip
     """Make a subscription; ``qos_overrides.<topic>.subscription.*`` override it. Errors are those of `publisher`."""
     return _overridable(
         node.create_subscription, kind, topic, callback, copy(qos),
-        raw=raw, qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        raw=raw, callback_group=group, qos_overriding_options=QoSOverridingOptions.with_default_policies(),
     )  # fmt: skip
 
 

@@ -17,6 +17,7 @@ from artibot_sim.model.simulate.commands import CommandWay, travelled
 from artibot_sim.model.simulate.rollout import default_modes
 from artibot_sim.nodes.arbiter import Decision
 from artibot_sim.nodes.command_messages import Source
+from artibot_sim.nodes.rotations import rotation
 
 Array = NDArray[np.float64]
 
@@ -240,28 +241,3 @@ def gravity_of(robot: Robot) -> Array:
     """Gravity in `map`, m/s², shape (3,): tilted on a slope."""
     p = params(robot)
     return np.array([p.g_x, p.g_y, p.g_z])
-
-
-def rotation(roll: float, pitch: float, yaw: float) -> Array:
-    """R = R_z R_y R_x (eq. 2), shape (3, 3): from a module's frame to `map`."""
-    s_a, c_a, s_b, c_b = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
-    s_g, c_g = math.sin(yaw), math.cos(yaw)
-    return np.array(
-        [
-            [c_g * c_b, c_g * s_b * s_a - s_g * c_a, c_g * s_b * c_a + s_g * s_a],
-            [s_g * c_b, s_g * s_b * s_a + c_g * c_a, s_g * s_b * c_a - c_g * s_a],
-            [-s_b, c_b * s_a, c_b * c_a],
-        ]
-    )
-
-
-def quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
-    """The same rotation as x, y, z, w."""
-    s_a, c_a, s_b, c_b = math.sin(roll / 2), math.cos(roll / 2), math.sin(pitch / 2), math.cos(pitch / 2)
-    s_g, c_g = math.sin(yaw / 2), math.cos(yaw / 2)
-    return (
-        s_a * c_b * c_g - c_a * s_b * s_g,
-        c_a * s_b * c_g + s_a * c_b * s_g,
-        c_a * c_b * s_g - s_a * s_b * c_g,
-        c_a * c_b * c_g + s_a * s_b * s_g,
-    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from artibot_driver.config import ODOMETRY
 from artibot_sim import parameters
 from artibot_sim.errors import ArtibotError
 from artibot_sim.nodes.command_messages import parse_sources
@@ -59,7 +60,8 @@ OTHERS = (
     Spec("realtime_priority", 50, "With with_driver: priority of the loop among the machine's real-time threads "
          "(SCHED_FIFO), so that drives answer in time; 0, and where the system does not allow it: that of any other "
          "process.", low=0, high=99),
-    Spec("publish_tf", True, "Publish /tf, where tf2_msgs can be imported."),
+    *ODOMETRY,
+    Spec("map_frame", "map", "Frame of the ground truth, common to all rovers."),
     Spec("reliable", "auto", "Keep a long queue for slow reliable subscribers, for recording without loss; auto: when "
          "rate is 0. Everything is offered reliably in any case.", choices=("auto", "true", "false")),
     Spec("stats", "", "File for a statistic of lateness and CPU share (JSON), written at the end; empty: none."),
@@ -73,6 +75,10 @@ OTHERS = (
     Spec("imu.gyro_noise", 0.0, "Sigma of the yaw rate, rad/s.", low=0.0, high=10.0),
     Spec("imu.gyro_bias", 0.0, "Constant error of the yaw rate, rad/s.", low=-1.0, high=1.0),
     Spec("imu.acceleration_noise", 0.0, "Sigma of the accelerations, m/s^2.", low=0.0, high=100.0),
+    Spec("imu.gyro_deviation", 0.0, "Standard deviation of the yaw rate that imu/data states, rad/s; 0: that of its "
+         "noise and bias.", low=0.0, high=10.0),
+    Spec("imu.acceleration_deviation", 0.0, "The same for the accelerations, m/s^2; 0: that of their noise.", low=0.0,
+         high=100.0),
     Spec("total_station.enabled", False, "Publish total_station/point."),
     Spec("total_station.rate", 10.0, "Points per second of simulated time, Hz.", low=0.01, high=1000.0),
     Spec("total_station.noise", 0.0, "Sigma of each coordinate, m.", low=0.0, high=10.0),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from array import array
 from dataclasses import dataclass
 from typing import Any
@@ -15,13 +14,19 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 
 from artibot_sim.model import Robot
-from artibot_sim.nodes.motor_publishers import MotorPublishers, WheelJoints, odometry_message
+from artibot_sim.nodes.motor_publishers import MotorPublishers, WheelJoints
+from artibot_sim.nodes.odometry import UNKNOWN
 from artibot_sim.nodes.odometry import Odometry as Believed
 from artibot_sim.nodes.qos import PUBLISHED, publisher
-from artibot_sim.nodes.sim_engine import Sample, quaternion
+from artibot_sim.nodes.rotations import quaternion
+from artibot_sim.nodes.sim_engine import Sample
 from artibot_sim.nodes.sim_sensors import Sensors
+from artibot_sim.nodes.transforms import Frames, SimulatedTransforms
 
 ARTICULATION_JOINTS = ("articulation_yaw", "articulation_roll")
+
+LEAST_RATE, LEAST_ACCELERATION = 1e-3, 1e-2
+"""Standard deviations (rad/s, m/s²) that imu/data states at least: filters invert covariances."""
 
 LONG_QOS = QoSProfile(depth=2000)
 """For recording at full speed: a reliable subscriber loses nothing while it is less than this behind."""
@@ -37,11 +42,9 @@ class Published:
     tf: bool
     imu: bool
     station: bool
-
-
-def has_tf() -> bool:
-    """Whether /tf can be published: tf2_msgs is not among the wheels on PyPI."""
-    return importlib.util.find_spec("tf2_msgs") is not None
+    frames: Frames
+    gyro_deviation: float
+    acceleration_deviation: float
 
 
 class Publishers:
@@ -60,24 +63,21 @@ class Publishers:
         self._clock = publisher(node, Clock, "/clock") if what.clock else None
         self._clock_message = Clock()
         self._truth = publisher(node, Odometry, "ground_truth/odom", qos)
-        self._truth_message = odometry_message("map")
+        self._truth_message = Odometry(child_frame_id=what.frames.base)  # no covariance: nothing is estimated
+        self._truth_message.header.frame_id = what.frames.map
         self._wheels = None if what.with_driver else WheelJoints(robot)
         wheels = self._wheels.names if self._wheels else ()
         joints = (*wheels, *(ARTICULATION_JOINTS if robot.articulated else ()))
         self._bends = robot.articulated
         self._joints = publisher(node, JointState, "joint_states", qos) if joints else None
         self._joints_message = JointState(name=list(joints))
-        self._motors = None if what.with_driver else MotorPublishers(node, robot, qos)
+        self._motors = None if what.with_driver else MotorPublishers(node, robot, qos, what.frames, what.tf)
         self._imu = publisher(node, Imu, "imu/data", qos) if what.imu else None
-        self._imu_message = _imu()
+        self._imu_message = _imu(what)
         self._station = publisher(node, PointStamped, "total_station/point", qos) if what.station else None
         self._station_message = PointStamped()
-        self._station_message.header.frame_id = "map"
-        self._tf = None
-        if what.tf:
-            from artibot_sim.nodes.sim_tf import Transforms
-
-            self._tf = Transforms(node, robot)
+        self._station_message.header.frame_id = what.frames.map
+        self._tf = SimulatedTransforms(node, robot, what.frames, what.with_driver) if what.tf else None
 
     def clock_listeners(self) -> int:
         """How many subscribers /clock has, 0 when it is not published."""
@@ -109,7 +109,7 @@ class Publishers:
             if station_due:
                 self._publish_station(stamp, sensors.station(tracked))
         if self._tf:
-            self._tf.publish(stamp, sample, believed.pose)
+            self._tf.publish(t_ns, sample, believed.pose)
 
     def _publish_truth(self, stamp: tuple[int, int], sample: Sample) -> None:
         message = self._truth_message
@@ -152,8 +152,11 @@ class Publishers:
         self._station.publish(message)  # type: ignore[union-attr]
 
 
-def _imu() -> Imu:
+def _imu(what: Published) -> Imu:
     message = Imu()
-    message.header.frame_id = "base_link"
+    message.header.frame_id = what.frames.base
     message.orientation_covariance[0] = -1.0  # no orientation is measured (REP-145 way of saying so)
+    message.angular_velocity_covariance[[0, 4]] = UNKNOWN
+    message.angular_velocity_covariance[8] = max(what.gyro_deviation, LEAST_RATE) ** 2
+    message.linear_acceleration_covariance[[0, 4, 8]] = max(what.acceleration_deviation, LEAST_ACCELERATION) ** 2
     return message

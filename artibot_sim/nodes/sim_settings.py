@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -58,6 +59,11 @@ def sensor_model(settings: Settings) -> SensorModel:
         station_loss=settings["total_station.loss"],
         prism=settings["total_station.prism"],
     )
+
+
+def gyro_deviation(settings: Settings) -> float:
+    """What imu/data states of its yaw rate: as given, or what noise and bias come to (rad/s)."""
+    return settings["imu.gyro_deviation"] or math.hypot(settings["imu.gyro_noise"], settings["imu.gyro_bias"])
 
 
 def check_drives(settings: Settings) -> None:

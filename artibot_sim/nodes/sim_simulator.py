@@ -34,13 +34,14 @@ from artibot_sim.model import load_robot
 from artibot_sim.model.simulate.sensors import sensor_errors
 from artibot_sim.nodes import sim_parameters as parameters
 from artibot_sim.nodes import sim_settings as settings
-from artibot_sim.nodes.odometry import Odometry, metres_per_radian
+from artibot_sim.nodes.odometry import Odometry, Slip, metres_per_radian
 from artibot_sim.nodes.pacer import Pacer, check_stats
 from artibot_sim.nodes.parameters import keep_types, warn_of_unknown
 from artibot_sim.nodes.sim_engine import Diverged, Timing
 from artibot_sim.nodes.sim_mover import CommandedMover, DrivenMover, Mover
-from artibot_sim.nodes.sim_publishers import Published, Publishers, has_tf
+from artibot_sim.nodes.sim_publishers import Published, Publishers
 from artibot_sim.nodes.sim_sensors import Sensors
+from artibot_sim.nodes.transforms import Frames, has_tf
 
 SERVE_EVERY = 0.05
 """How often services and parameters are served while simulated time runs, s."""
@@ -84,7 +85,8 @@ class SimNode(Node):
         self.timing = Timing.of(get("publish_rate"), get("dt"))
         self.sensors = Sensors(settings.sensor_model(self.settings), get("seed"), sensor_errors(self.robot))
         self.mover = self._mover()
-        self.odometry = Odometry(metres_per_radian(self.robot), self.robot.front.i_y)
+        slip = Slip.of(self.settings, self.robot)
+        self.odometry = Odometry(metres_per_radian(self.robot), self.robot.front.i_y, slip)
         self._believe_start()
         self.out = Publishers(self, self.robot, self._published())
         self.pacer = Pacer(self.timing.period_ns, get("rate"))
@@ -112,16 +114,16 @@ class SimNode(Node):
 
     def _published(self) -> Published:
         get = self.settings.__getitem__
-        tf = get("publish_tf") and has_tf()
-        if get("publish_tf") and not tf:
-            self.get_logger().info("no /tf: tf2_msgs cannot be imported (it comes with a full ROS 2)")
         return Published(
             clock=settings.switched(self.settings, "publish_clock", get("rate") != 1),
             long_queue=settings.switched(self.settings, "reliable", get("rate") == 0),
             with_driver=get("with_driver"),
-            tf=tf,
+            tf=has_tf(self, get("publish_tf")),
             imu=get("imu.enabled"),
             station=get("total_station.enabled"),
+            frames=Frames.of(get("frame_prefix"), get("map_frame")),
+            gyro_deviation=settings.gyro_deviation(self.settings),
+            acceleration_deviation=get("imu.acceleration_deviation") or get("imu.acceleration_noise"),
         )
 
     def _on_parameters(self, changes: list[Parameter]) -> SetParametersResult:

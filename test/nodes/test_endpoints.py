@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="rclpy is not installed; run `make setup`, or source a ROS 2 Jazzy")
@@ -137,3 +138,31 @@ def test_the_driver_s_measurements_reach_reliable_subscribers(start_node: Any, r
         for topic in topics:
             (info,) = probe.node.get_publishers_info_by_topic(topic)
             assert info.qos_profile.reliability == ReliabilityPolicy.RELIABLE, topic
+
+
+def test_filters_find_frames_and_covariances_that_they_can_use(start_node: Any, ros_context: Any) -> None:
+    """robot_localization takes zeros for absolute trust; a prefix keeps two rovers' frames apart."""
+    start_node("sim", "--params", "sim_noisy", "--ros-args", "-p", "frame_prefix:=rover1/", "-p", "map_frame:=field")
+    probe = Probe(ros_context, ("odom", "ground_truth/odom", "imu/data", "total_station/point"))
+    probe.ready()
+    probe.repeat(lambda: probe.send_request([60.0, 40.0]), 1.0)
+    first, last, imu = probe.got["odom"][0], probe.last("odom"), probe.last("imu/data")
+    assert (last.header.frame_id, last.child_frame_id, imu.header.frame_id) == (
+        "rover1/odom", "rover1/base_link", "rover1/base_link",
+    )  # fmt: skip
+    assert (probe.last().header.frame_id, probe.last().child_frame_id) == ("field", "rover1/base_link")
+    assert probe.last("total_station/point").header.frame_id == "field"
+    before, after = (np.array(m.pose.covariance).reshape(6, 6) for m in (first, last))
+    for covariance in (before, after, np.array(last.twist.covariance).reshape(6, 6)):
+        assert np.linalg.eigvalsh(covariance).min() > 0
+        assert (np.diag(covariance)[2:5] >= 1e6).all(), "height, roll and pitch are not measured"
+    assert (np.diag(after)[[0, 1, 5]] > 4 * np.diag(before)[[0, 1, 5]]).all()
+    rate, acceleration = (np.array(c).reshape(3, 3) for c in (imu.angular_velocity_covariance,
+                                                              imu.linear_acceleration_covariance))  # fmt: skip
+    names = ["imu.gyro_noise", "imu.gyro_bias", "imu.acceleration_noise"]
+    found = probe.call(GetParameters, "sim/get_parameters", GetParameters.Request(names=names)).values
+    noise, bias, shake = (value.double_value for value in found)
+    assert noise > 0 and shake > 0
+    assert rate[2, 2] == pytest.approx(noise**2 + bias**2)
+    assert np.diag(acceleration) == pytest.approx([shake**2] * 3)
+    assert imu.orientation_covariance[0] == -1.0

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-import sys
-import types
 import xml.etree.ElementTree as ET
-from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace as Record
 
@@ -160,46 +157,3 @@ def test_urdf_joints_and_geometry(name: str) -> None:
     masses = sum(float(mass.get("value")) for mass in root.iter("mass"))
     bodies = robot.front.m + (back.m if back else 0.0) + len(wheels) * robot.wheel.m_w
     assert masses == pytest.approx(bodies, abs=2e-3)
-
-
-def test_transforms_where_tf2_msgs_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a stand-in for tf2_msgs: the chain puts both modules where the truth is, whatever odometry believes."""
-    pytest.importorskip("geometry_msgs", reason="ROS 2 messages are not installed")
-    stand_in = types.ModuleType("tf2_msgs.msg")
-    stand_in.TFMessage = lambda transforms: transforms  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "tf2_msgs", types.ModuleType("tf2_msgs"))
-    monkeypatch.setitem(sys.modules, "tf2_msgs.msg", stand_in)
-    monkeypatch.delitem(sys.modules, "artibot_sim.nodes.sim_tf", raising=False)
-    from artibot_sim.nodes.sim_engine import Engine, Start, Timing
-    from artibot_sim.nodes.sim_tf import FRAMES, Transforms
-
-    robot = load_robot("epiq")
-    published: list[list] = []
-    node = Record(create_publisher=lambda *_, **__: Record(publish=published.append))
-    state = Engine(robot, Timing.of(100.0, 1e-3), Start(1.0, 2.0, 0.5, 0.6)).state
-    bend = np.array([[0.6, 0.0], [0.0, 0.0]])
-    Transforms(node, robot).publish(
-        (1, 2), Record(position=state.q[:3], rpy=state.q[3:6], articulation=bend), (0.9, 2.2, 0.4)
-    )
-    total = np.eye(4)
-    for stamped, (parent, child) in zip(published[0], pairwise(FRAMES), strict=True):
-        assert (stamped.header.frame_id, stamped.child_frame_id) == (parent, child)
-        assert (stamped.header.stamp.sec, stamped.header.stamp.nanosec) == (1, 2)
-        total = total @ matrix(stamped.transform)
-        if child == "base_link":
-            np.testing.assert_allclose(total[:3, 3], state.q[:3], atol=1e-12)
-    np.testing.assert_allclose(total[:3, 3], state.q[8:11], atol=1e-6)
-    assert math.atan2(total[1, 0], total[0, 0]) == pytest.approx(state.q[13])
-
-
-def matrix(transform) -> np.ndarray:
-    q, p = transform.rotation, transform.translation
-    x, y, z, w = q.x, q.y, q.z, q.w
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), p.x],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), p.y],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), p.z],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
-    )
