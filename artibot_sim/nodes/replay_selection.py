@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.experiment.topics import GLOBAL
 from artibot_sim.experiment.messages import CAN_FRAME
 from artibot_sim.experiment.storage import BagInfo, ChannelInfo
+from artibot_sim.experiment.topics import GLOBAL
 from artibot_sim.nodes.command_messages import SIGN_OF_LIFE
 
 REQUEST = "motor_command_request"
