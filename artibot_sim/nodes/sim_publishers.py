@@ -90,13 +90,13 @@ class Publishers:
             self._clock.publish(self._clock_message)
 
     def publish(self, t_ns: int, sample: Sample, sensors: Sensors, believed: Believed, station_due: bool) -> None:
-        """Publish one instant on every topic; `believed` goes on by it."""
+        """Publish one instant on every topic; `believed` goes on by it, unless a driver has the odometry."""
         stamp = divmod(t_ns, 1_000_000_000)
         self.clock(t_ns)
         self._publish_truth(stamp, sample)
         position, velocity = sensors.encoders(sample.motor_position), sensors.velocities(sample.motor_velocity)
-        believed.update((float(position[0]), float(position[1])), (float(velocity[0]), float(velocity[1])))
         if self._motors:
+            believed.update((float(position[0]), float(position[1])), (float(velocity[0]), float(velocity[1])))
             self._motors.torques(t_ns, position, velocity, sensors.torques(sample.motor_torque))
             self._motors.command(t_ns, sample.command, sample.motor_torque[2:])
             self._motors.odom(t_ns, believed)
