@@ -92,6 +92,7 @@ class MotorPublishers:
         self._torques_message = JointState(name=list(self.motors))
         self._command = publisher(node, JointState, "motor_command", qos)
         self._command_message = JointState(name=list(self.motors))
+        self.publishers = (self._odom, self._torques, self._command)
 
     def odom(self, t_ns: int, believed: Believed) -> None:
         """Publish where the rover believes it is, and how sure that is."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from array import array
 from dataclasses import dataclass
 from typing import Any
 
 from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Odometry
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
@@ -82,6 +84,13 @@ class Publishers:
     def clock_listeners(self) -> int:
         """How many subscribers /clock has, 0 when it is not published."""
         return self._clock.get_subscription_count() if self._clock else 0
+
+    def wait_acknowledged(self, seconds: float) -> None:
+        """Give reliable subscribers the time to take what they were sent, before the publishers vanish."""
+        own = (self._clock, self._truth, self._joints, self._imu, self._station)
+        until = time.monotonic() + seconds
+        for each in (*filter(None, own), *(self._motors.publishers if self._motors else ())):
+            each.wait_for_all_acked(Duration(seconds=max(0.0, until - time.monotonic())))
 
     def clock(self, t_ns: int) -> None:
         """Publish /clock, if it is published at all."""

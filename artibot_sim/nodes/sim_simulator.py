@@ -52,6 +52,9 @@ IDLE = 0.02
 STEPPED_NS = 50_000_000
 """Stamps and system time may differ by this much before the system clock counts as set."""
 
+ACKNOWLEDGED = 5.0
+"""How long subscribers may take at the end to acknowledge what they were sent, s."""
+
 TICKS, TICK_EVERY = 5, 0.2
 """Repetitions of a standing /clock after its subscribers changed, and their spacing (s): discovery takes a while."""
 
@@ -237,8 +240,10 @@ class SimNode(Node):
             self._time_stands(self.standing)
 
     def finish(self) -> None:
-        """Close what moves the rover."""
+        """Close what moves the rover; where nothing is to be lost, slow subscribers still get what was published."""
         self.mover.close()
+        if self.out.what.long_queue and not self._asked:
+            self.out.wait_acknowledged(ACKNOWLEDGED)
 
     def statistics(self) -> dict[str, Any]:
         """How late publications were."""

@@ -190,8 +190,11 @@ def full_speed_run(start_node, ros_context) -> dict[str, dict[int, bytes]]:
     assert {stamp_ns(m) for m in probe.got["/clock"]} == {10_000_000}, "held after the first step"
     probe.send_profile(stamp_ns(probe.last("/clock")) + 1_000_000_000, bump(4.0))
     probe.until(lambda: not node.running, "the end", 60.0)
-    probe.spin(0.3)
     assert node.wait() == 0
+    counts: list[int] = []
+    while counts[-2:-1] != counts[-1:] or not counts:  # what was received and is not taken yet
+        counts.append(sum(map(len, probe.got.values())))
+        probe.spin(0.5)
     probe.node.destroy_node()
     found = {"odom": {}, "truth": {}, "torques": {}}
     for name, topic in (("odom", "odom"), ("truth", "ground_truth/odom")):
