@@ -18,6 +18,7 @@ KINDS: Final = {
     "nodes": ("", ".yaml"),
     "manoeuvres": ("manoeuvres", ".yaml"),
     "sweeps": ("sweeps", ".yaml"),
+    "columns": ("columns", ".yaml"),
     "urdf": ("urdf", ".urdf"),
     "eds": ("", ".eds"),
 }
@@ -52,7 +53,7 @@ def config_names(kind: str) -> tuple[str, ...]:
 
     Parameters
     ----------
-    kind : {"robots", "nodes", "manoeuvres", "sweeps", "urdf", "eds"}
+    kind : {"robots", "nodes", "manoeuvres", "sweeps", "columns", "urdf", "eds"}
     """
     folder, suffix = _place(kind)
     return tuple(sorted(path.stem for path in folder.glob(f"*{suffix}") if _is_kind(kind, path)))
@@ -63,7 +64,7 @@ def config_path(kind: str, name: str) -> Path:
 
     Parameters
     ----------
-    kind : {"robots", "nodes", "manoeuvres", "urdf", "eds"}
+    kind : {"robots", "nodes", "manoeuvres", "sweeps", "columns", "urdf", "eds"}
     name : str
         Name without suffix, such as ``"agriq"``.
 

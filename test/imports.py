@@ -12,6 +12,7 @@ LAYERS = (
     "sharing",
     "planning",
     "experiment",
+    "exchange",
     "estimation",
     "identify",
     "diagnose",
@@ -54,7 +55,7 @@ OWNERS = {
     "pinocchio": ("bench",),
     "pydrake": ("bench",),
     "pybullet": ("bench",),
-    "pyarrow": ("sweep",),
+    "pyarrow": ("exchange", "sweep"),
     "distributed": ("cluster",),
     "dask": ("cluster",),
 }

@@ -27,7 +27,7 @@ _SQLITE_MAGIC = b"SQLite format 3\x00"
 _DAMAGE = (struct.error, LookupError, ValueError, ArithmeticError, RuntimeError, MemoryError, OSError)
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 _OTHERS = {
-    b"#ROSBAG V": "a ROS 1 bag; convert it with `rosbags-convert`",
+    b"#ROSBAG V": "a ROS 1 bag; convert it: rosbags-convert --src {file} --dst {new} --dst-typestore ros2_jazzy",
     ZSTD_MAGIC: "a zstd-compressed file; decompress it with `zstd -d` first",
     b"PK\x03\x04": "a zip archive; unpack it first",
     b"\x1f\x8b": "a gzip archive; unpack it first",
@@ -57,7 +57,7 @@ def check_file(file: Path) -> str:
     if not head.startswith(MAGIC):
         for magic, what in _OTHERS.items():
             if head.startswith(magic):
-                raise ArtibotError(f"{file}: this is {what}")
+                raise ArtibotError(f"{file}: this is {what.format(file=file, new=file.with_suffix(''))}")
         raise ArtibotError(f"{file}: not a recording: begins with {head[:8]!r}, expected MCAP's {MAGIC!r}")
     if tail != MAGIC or size < 2 * len(MAGIC) + 29:
         raise ArtibotError(
@@ -196,6 +196,8 @@ def storage_files(path: Path | str) -> tuple[Path, ...]:
     packed = sorted(path.glob("*.mcap.zstd")) + sorted(path.glob("*.db3.zstd"))
     if packed:
         raise ArtibotError(f"{packed[0]}: compressed as a whole file; decompress it with `zstd -d` first")
+    for file in sorted(path.glob("*.bag")):
+        check_file(file)  # a ROS 1 bag says how to convert it
     raise ArtibotError(f"{path}: no .mcap or .db3 file in this folder; expected a rosbag2 recording")
 
 

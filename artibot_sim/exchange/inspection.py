@@ -1,0 +1,427 @@
+"""`inspect`: what a recording holds, what it is good for, and what to type where something is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.experiment.columns import SEGMENT_GAP, Channel, Experiment
+from artibot_sim.experiment.messages import MANY_ROWS, READABLE
+from artibot_sim.experiment.reader import bag_info, read_bag
+from artibot_sim.experiment.storage import BagInfo
+from artibot_sim.experiment.topics import BY_KEY, TOPICS, find_namespace
+from artibot_sim.model import MOTORS
+from artibot_sim.progress import Report
+from artibot_sim.resources import config_names
+
+_GAP_PERIODS = 8.0
+"""A silence of so many usual periods, and of more than SEGMENT_GAP, is a gap."""
+_FEW = 20
+"""Samples from which on a share of held values means anything."""
+_STANDSTILL = 3.0
+"""s without a change after which a value stands still, and is not held by a recorder that is faster than a sensor."""
+_RATES = ("velocity", "effort", "_rate", "vx", "vy")
+"""Ends of the names of what is zero at a standstill."""
+_STRETCH = 0.5
+"""s that motors and positions must overlap at least, for one window."""
+_POSES = ("nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped")
+_STAND_INS: dict[str, tuple[str, ...]] = {
+    "ground_truth_odom": _POSES,
+    "total_station": ("geometry_msgs/msg/PointStamped",),
+    "motor_torques": ("sensor_msgs/msg/JointState",),
+    "motor_command": ("sensor_msgs/msg/JointState",),
+    "imu": ("sensor_msgs/msg/Imu",),
+    "cmd_vel": ("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"),
+}
+"""Channel that a recording may have under another name → the types that can be read as it."""
+_BELIEFS = ("/odom", "/odometry/filtered", "/planned/odom")
+"""Ends of names of what the robot itself believes: no measurement of where it was."""
+
+
+@dataclass(frozen=True)
+class TopicView:
+    """One topic of a recording.
+
+    Attributes
+    ----------
+    topic, ros_type : names.
+    messages : how many.
+    read_as : topic of the contract that it is read as; empty if it is not read.
+    rate : Hz, one over the median time between samples; NaN where there are too few.
+    distinct : Hz, samples that do not repeat the one before; NaN where it is not known.
+    gaps : start and length (s) of silences longer than 0.5 s within segments.
+    columns : quantities that hold a finite value.
+    """
+
+    topic: str
+    ros_type: str
+    messages: int
+    read_as: str = ""
+    rate: float = float("nan")
+    distinct: float = float("nan")
+    gaps: tuple[tuple[float, float], ...] = ()
+    columns: tuple[str, ...] = ()
+
+    @property
+    def held(self) -> float:
+        """Share of the samples that repeat the one before, 0 where it is not known."""
+        share = 1.0 - self.distinct / self.rate
+        return max(0.0, share) if np.isfinite(share) else 0.0
+
+
+@dataclass(frozen=True)
+class Use:
+    """Something to do with a recording.
+
+    Attributes
+    ----------
+    name : of the command.
+    ready : whether the recording has all it needs.
+    lacks : what is missing, or what cannot be found from it; empty if nothing.
+    command : what to type, ready or not.
+    """
+
+    name: str
+    ready: bool
+    lacks: tuple[str, ...]
+    command: str
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What a recording holds and what it is good for.
+
+    Attributes
+    ----------
+    path, storage, size : the recording, `mcap` or `sqlite3`, bytes.
+    started_ns, duration : first stamp, and s from the first to the last.
+    segments : (start, end) in s of the parts between gaps of all topics.
+    robot, metadata : the robot that the recording names (may be empty), and all strings of its record.
+    topics : every topic, those that are read first.
+    uses : what it is good for.
+    advice : what to do about names, types and namespaces, one line each.
+    remarks : what was repaired or left out while reading.
+    """
+
+    path: Path
+    storage: str
+    size: int
+    started_ns: int
+    duration: float
+    segments: tuple[tuple[float, float], ...]
+    robot: str
+    metadata: Mapping[str, str]
+    topics: tuple[TopicView, ...]
+    uses: tuple[Use, ...]
+    advice: tuple[str, ...]
+    remarks: tuple[str, ...] = field(default=())
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return everything as plain data for JSON; what is not known is None."""
+        found = asdict(replace(self, metadata=dict(self.metadata)))
+        found["path"] = str(self.path)
+        for topic in found["topics"]:
+            for key in ("rate", "distinct"):
+                topic[key] = None if np.isnan(topic[key]) else topic[key]
+        return found
+
+
+def inspect_recording(
+    path: Path | str,
+    topics: Mapping[str, str] | None = None,
+    *,
+    namespace: str | None = None,
+    progress: Report | None = None,
+) -> Inspection:
+    """Say what a recording holds and what it is good for.
+
+    Parameters
+    ----------
+    path, topics, namespace, progress : as of :func:`artibot_sim.experiment.read_bag`.
+
+    Raises
+    ------
+    ArtibotError
+        If it is no recording, or damaged, or a renamed topic is not in it. A recording of topics that artibot does
+        not know is no error: what to do about it is in `advice`.
+    """
+    info = bag_info(path)
+    renames = dict(topics or {})
+    experiment: Experiment | None = None
+    advice: list[str] = []
+    try:
+        experiment = read_bag(path, renames, namespace=namespace, progress=progress)
+    except ArtibotError as error:
+        if renames or namespace is not None:
+            raise
+        advice += _unread(info, str(error))
+    options = _options(renames, namespace)
+    views = _topics(info, experiment)
+    segments = experiment.segments if experiment else ()
+    unread = [view for view in views if not view.read_as]
+    advice += _renames(experiment, unread, options, Path(path))
+    advice += _robot_advice(info.metadata.get("robot", ""), experiment)
+    return Inspection(
+        path=info.path,
+        storage="sqlite3" if info.files[0].suffix == ".db3" else "mcap",
+        size=sum(file.stat().st_size for file in info.files),
+        started_ns=experiment.start_ns if experiment else info.start_ns,
+        duration=experiment.duration if experiment else (info.end_ns - info.start_ns) / 1e9,
+        segments=segments,
+        robot=info.metadata.get("robot", ""),
+        metadata=info.metadata,
+        topics=views,
+        uses=tuple(_uses(experiment, info, options)),
+        advice=tuple(advice),
+        remarks=experiment.remarks if experiment else (),
+    )
+
+
+def _options(renames: Mapping[str, str], namespace: str | None) -> str:
+    """Return the options that read the recording as it was read here, with a blank before each."""
+    words = [f" --topic {wanted}={found}" for wanted, found in renames.items()]
+    return "".join(words + ([f" --namespace {namespace}"] if namespace is not None else []))
+
+
+def _unread(info: BagInfo, error: str) -> Iterator[str]:
+    """Say what to type where nothing could be read."""
+    names = [channel.topic for channel in info.channels]
+    try:
+        find_namespace(names)
+    except ArtibotError as several:
+        yield f"{several}: artibot inspect {info.path} --namespace NAME"
+        return
+    if not any(channel.ros_type in READABLE for channel in info.channels):
+        yield error.removeprefix(f"{info.path}: ")
+
+
+def _topics(info: BagInfo, experiment: Experiment | None) -> tuple[TopicView, ...]:
+    """Return every topic, those that are read first, in the order of the contract."""
+    counts: dict[str, int] = {}
+    types: dict[str, str] = {}
+    for channel in info.channels:
+        counts[channel.topic] = counts.get(channel.topic, 0) + channel.message_count
+        types[channel.topic] = channel.ros_type
+    channels = experiment.channels if experiment else {}
+    found = []
+    for key in [topic.key for topic in TOPICS if topic.key in channels]:
+        measured = channels[key]
+        view = TopicView(measured.topic, types[measured.topic], counts.pop(measured.topic), BY_KEY[key].name)
+        found.append(_measured_view(view, measured, experiment.segments if experiment else ()))
+    return (*found, *(TopicView(topic, types[topic], count) for topic, count in sorted(counts.items())))
+
+
+def _measured_view(view: TopicView, channel: Channel, segments: Sequence[tuple[float, float]]) -> TopicView:
+    """Add rates, gaps and quantities to a topic."""
+    columns = tuple(name for name, values in channel.columns.items() if np.isfinite(values).any() and name != "message")
+    if view.ros_type in MANY_ROWS:
+        return replace(view, columns=columns)
+    rate, distinct = _rates(channel, columns, segments)
+    return replace(view, rate=rate, distinct=distinct, gaps=_gaps(channel, segments), columns=columns)
+
+
+def _rates(channel: Channel, columns: Sequence[str], segments: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Return samples and changes a second (Hz) of the column that changes most often; standstills do not count."""
+    found = [(float("nan"), float("nan"))]
+    for name in columns:
+        t, values = channel.series(name)
+        # not across segments: a logger of windows of 2 s is silent between them
+        parts = [(t >= first) & (t <= last) for first, last in segments]
+        steps = [np.diff(t[part]) for part in parts]
+        step = np.concatenate(steps) if steps else np.empty(0)
+        if len(step) < _FEW or not np.ptp(values):
+            continue
+        changes, moving = map(sum, zip(*(_changes(name, t[part], values[part]) for part in parts), strict=True))
+        period = float(np.median(step))
+        if period > 0 and moving > 0:
+            found.append((1.0 / period, changes / moving))
+    if len(found) > 1:
+        return max(found[1:], key=lambda pair: pair[1])
+    step = np.diff(channel.t)
+    return (1.0 / float(np.median(step)), float("nan")) if len(step) and np.median(step) > 0 else found[0]
+
+
+def _changes(name: str, t: np.ndarray, values: np.ndarray) -> tuple[int, float]:
+    """Return how often a value changed, and the time (s) of all but its standstills.
+
+    A speed that stays the same for long stands still only if it is zero: otherwise it is held.
+    """
+    if len(t) < 2:
+        return 0, 0.0
+    at = np.flatnonzero(np.diff(values) != 0) + 1
+    starts = np.concatenate(([0], at))
+    runs = np.diff(np.concatenate((t[starts], [t[-1]])))
+    still = runs > _STANDSTILL
+    if name.endswith(_RATES):
+        still &= values[starts] == 0.0
+    return len(at), float(runs[~still].sum())
+
+
+def _gaps(channel: Channel, segments: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """Return start and length (s) of a topic's silences within segments."""
+    usual = float(np.median(np.diff(channel.t))) if len(channel) > 2 else 0.0
+    found = []
+    for first, last in segments:
+        t = channel.t[(channel.t >= first - 1e-6) & (channel.t <= last + 1e-6)]
+        step = np.diff(t)
+        far = np.flatnonzero(step > max(SEGMENT_GAP, _GAP_PERIODS * usual))
+        found += [(float(t[i]), float(step[i])) for i in far]
+    return tuple(found)
+
+
+# ----------------------------------------------------------------------
+# What it is good for.
+# ----------------------------------------------------------------------
+
+
+def _uses(experiment: Experiment | None, info: BagInfo, options: str) -> Iterator[Use]:
+    """Yield what the recording can be used for, in the order of a day's work."""
+    path, robot = info.path, info.metadata.get("robot", "")
+    rover = robot if robot in config_names("robots") else "ROBOT"
+    if experiment is None:
+        nothing = ("a topic that artibot reads",)
+        for name in ("plot", "resimulate", "identify", "diagnose"):
+            yield Use(name, False, nothing, f"artibot inspect {path} --topic WANTED=FOUND")
+        return
+    drawn = {"motor_torques", "ground_truth_odom", "total_station", "odom", "planned_odom"} & set(experiment.channels)
+    yield Use("plot", bool(drawn), () if drawn else ("a pose or motors",), f"artibot plot {path}{options}")
+    wheels, where = _motor_faults(experiment), _place_faults(experiment)
+    commands = _command_faults(experiment)
+    inputs = "commands" if wheels and not commands else "rotations"
+    lacks = tuple(wheels if inputs == "rotations" else commands)
+    again = f"artibot replay {path} --resimulate {inputs} --robot {rover} --out check{options}"
+    yield Use("resimulate", not lacks, lacks, again)
+    lacks = (*wheels, *where, *(() if wheels or where else _overlap_faults(experiment)))
+    limits = lacks or tuple(_limits(experiment))
+    yield Use("identify", not lacks, limits, f"artibot identify {path} --robot {rover} --out soil.yaml{options}")
+    if not lacks and commands:
+        limits = (*limits, "no front speeds on /motor_command: no delay, lag or dead band can be found")
+    yield Use("diagnose", not lacks, limits, f"artibot diagnose {path} --robot {rover} --out found{options}")
+
+
+def _motor_faults(experiment: Experiment) -> list[str]:
+    """What keeps the model from being turned by the recorded rotations."""
+    motors = experiment.channels.get("motor_torques")
+    if motors is None:
+        return ["/motor_torques (velocity of front_right and front_left)"]
+    absent = [name for name in MOTORS[:2] if not _has(motors, f"{name}.velocity", f"{name}.position")]
+    if not absent:
+        return []
+    there = sorted({name.rpartition(".")[0] for name in motors.columns if "." in name}) or ["nothing"]
+    return [f"rotation of {' and '.join(absent)} on {motors.topic}, which has {', '.join(there)}"]
+
+
+def _has(channel: Channel, *names: str) -> bool:
+    return any(name in channel and np.isfinite(channel[name]).any() for name in names)
+
+
+def _command_faults(experiment: Experiment) -> list[str]:
+    command = experiment.channels.get("motor_command")
+    if command is not None and all(_has(command, f"{name}.velocity") for name in MOTORS[:2]):
+        return []
+    return ["front speeds on /motor_command"]
+
+
+def _place_faults(experiment: Experiment) -> list[str]:
+    for key in ("total_station", "ground_truth_odom"):
+        channel = experiment.channels.get(key)
+        if channel is not None and _has(channel, "x") and _has(channel, "y"):
+            return []
+    return ["where the rover went: /total_station/point or /ground_truth/odom"]
+
+
+def _overlap_faults(experiment: Experiment) -> list[str]:
+    """Whether motors and positions were ever measured at the same time."""
+    place = experiment.channels.get("total_station") or experiment.channels["ground_truth_odom"]
+    motors = experiment.channels["motor_torques"]
+    if min(place.t[-1], motors.t[-1]) - max(place.t[0], motors.t[0]) >= _STRETCH:
+        return []
+    return [f"{place.topic} and {motors.topic} at the same time (stamps of two clocks?)"]
+
+
+def _limits(experiment: Experiment) -> Iterator[str]:
+    """Yield what is not recorded and what therefore stays unknown."""
+    motors = experiment.channels["motor_torques"]
+    if not any(_has(motors, f"{name}.effort") for name in MOTORS):
+        yield "no torques: forces are known only by how the rover slips"
+    truth = experiment.channels.get("ground_truth_odom")
+    gyro = "imu" in experiment.channels and _has(experiment.channels["imu"], "yaw_rate")
+    heading = "total_station" not in experiment.channels and truth is not None and _has(truth, "yaw")
+    if not gyro and not heading:
+        yield "no heading and no yaw rate: turning is known only from the path"
+    joints = experiment.channels.get("joint_states")
+    back = any(_has(motors, f"{name}.velocity", f"{name}.effort") for name in MOTORS[2:])
+    if back and (joints is None or not _has(joints, "articulation_yaw.position")):
+        yield "no articulation_yaw on /joint_states: the back module is known only by its pull"
+
+
+# ----------------------------------------------------------------------
+# Topics under other names and of other types.
+# ----------------------------------------------------------------------
+
+
+def _renames(experiment: Experiment | None, unread: Sequence[TopicView], options: str, path: Path) -> Iterator[str]:
+    """Yield one line for each thing that may be there under another name, with what to type."""
+    channels: Mapping[str, Channel] = experiment.channels if experiment else {}
+    for key, types in _STAND_INS.items():
+        if key in channels or (key == "total_station" and "ground_truth_odom" in channels):
+            continue
+        if key == "ground_truth_odom" and "total_station" in channels:
+            continue
+        taken = [view.topic for view in unread if view.ros_type in types and not view.topic.endswith(_BELIEFS)]
+        if taken:
+            wanted = BY_KEY[key].name
+            others = f" (or {', '.join(taken[1:])})" if len(taken) > 1 else ""
+            yield f"if {taken[0]}{others} is it: artibot inspect {path}{options} --topic {wanted}={taken[0]}"
+    yield from _joint_names(channels, path)
+    strange = [view for view in unread if view.ros_type not in READABLE and view.messages]
+    wheels = [view.topic for view in strange if view.ros_type.startswith("std_msgs/msg/Float")]
+    if wheels and _lacks_motors(channels):
+        yield (
+            f"{', '.join(wheels[:2])}: a number each; name what they are in a YAML file: "
+            f"artibot import {path} --columns columns.yaml --out {path.name}_named"
+        )
+
+
+def _robot_advice(robot: str, experiment: Experiment | None) -> Iterator[str]:
+    """Yield what to give as --robot where the recording does not say, or names a robot that is not shipped."""
+    shipped = config_names("robots")
+    if robot in shipped or experiment is None:
+        return
+    motors = experiment.channels.get("motor_torques")
+    back = motors is not None and any(_has(motors, f"{name}.velocity", f"{name}.effort") for name in MOTORS[2:])
+    kind = "articulated (it has back motors)" if back else "of one rigid module (it has no back motors)"
+    which = f"robot '{robot}' has no file here" if robot else "no robot is named"
+    like = "agriq" if back else "husky"
+    make = f"artibot robot new NAME --like {like} --help"
+    yield f"{which}; it is {kind}: for ROBOT give {', '.join(shipped)}, or make a file: {make}"
+
+
+def _lacks_motors(channels: Mapping[str, Channel]) -> bool:
+    motors = channels.get("motor_torques")
+    return motors is None or not all(_has(motors, f"{name}.velocity", f"{name}.position") for name in MOTORS[:2])
+
+
+def _joint_names(channels: Mapping[str, Channel], path: Path) -> Iterator[str]:
+    """Yield how to name motors that are called otherwise."""
+    if not _lacks_motors(channels):
+        return
+    for key in ("motor_torques", "joint_states"):
+        channel = channels.get(key)
+        if channel is None:
+            continue
+        joints = list(
+            dict.fromkeys(n.rpartition(".")[0] for n in channel.columns if n.endswith(("velocity", "position")))
+        )
+        known = set(MOTORS) | {"articulation_yaw", "articulation_roll"}
+        if strange := [joint for joint in joints if joint not in known]:
+            yield (
+                f"{channel.topic} names {', '.join(strange[:4])}; artibot's motors are {', '.join(MOTORS)}: name "
+                f"them in a YAML file: artibot import {path} --columns columns.yaml --out {path.name}_named"
+            )
+            return
