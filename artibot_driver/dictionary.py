@@ -97,7 +97,7 @@ class PdoMap:
 
     @cached_property
     def position(self) -> dict[str, int]:
-        """Field's name → its place among the values."""
+        """Field's name → its position among the values."""
         return {field.name: k for k, field in enumerate(self.fields)}
 
     def id_of(self, node: int) -> int:
@@ -183,14 +183,14 @@ def _is_relative(variable: ODVariable) -> bool:
 def _fields(dictionary: ObjectDictionary, mapping: int, name: str) -> Iterator[Field]:
     total, names = 0, set()
     for subindex in range(1, _default(_entry(dictionary, mapping, 0)) + 1):
-        place = f"{mapping:04X}h:{subindex}"
+        where = f"{mapping:04X}h:{subindex}"
         word = _default(_entry(dictionary, mapping, subindex))
-        field = _field(dictionary, word, f"{place}: {name}")
+        field = _field(dictionary, word, f"{where}: {name}")
         total += field.bits
         if total > 8 * PDO_LENGTH:
-            raise ArtibotError(f"{place}: {name} maps {total} bits; expected at most {8 * PDO_LENGTH}")
+            raise ArtibotError(f"{where}: {name} maps {total} bits; expected at most {8 * PDO_LENGTH}")
         if field.name in names:
-            raise ArtibotError(f"{place}: {name} maps '{field.name}' twice; expected each object once")
+            raise ArtibotError(f"{where}: {name} maps '{field.name}' twice; expected each object once")
         names.add(field.name)
         yield field
 

@@ -33,7 +33,7 @@ KINDS: Final = ("rpdo", "tpdo", "sync", "nmt", "heartbeat", "emcy", "sdo", "erro
 ALL, DRIVER, NOBODY = "all", "driver", "-"
 
 
-class Heard(Protocol):
+class AnyFrame(Protocol):
     """What is asked of a frame; a recording's have it."""
 
     @property
@@ -109,7 +109,7 @@ class Explainer:
         """How a node is called."""
         return self._names.get(node) or f"node {node}"
 
-    def explain(self, frame: Heard) -> Explained:
+    def explain(self, frame: AnyFrame) -> Explained:
         """What a frame says."""
         if frame.is_error:
             return Explained(
@@ -191,13 +191,13 @@ class Explainer:
 
     def _object(self, index: int, subindex: int) -> ODVariable | None:
         """An object of the EDS, None for one that it does not have."""
-        place = (index, subindex)
-        if place not in self._objects:
+        key = (index, subindex)
+        if key not in self._objects:
             entry: Any = self.rig.dictionary.get(index)
             if entry is not None and not isinstance(entry, ODVariable):
                 entry = entry.get(subindex)
-            self._objects[place] = entry
-        return self._objects[place]
+            self._objects[key] = entry
+        return self._objects[key]
 
 
 def _label(variable: ODVariable) -> str:
@@ -272,7 +272,7 @@ def names(rig: Rig) -> Iterator[str]:
 
 SECOND: Final = 1_000_000_000
 
-Line = Callable[[float, int, Heard, Explained], str]
+Line = Callable[[float, int, AnyFrame, Explained], str]
 """Takes seconds since the recording's beginning, the stamp in ns, the frame and what it says; returns its line(s)."""
 
 COLUMNS: Final = (
@@ -284,7 +284,7 @@ COLUMNS: Final = (
 def for_reading(raw: bool = False) -> Line:
     """Lines of columns; with `raw` identifier, bytes and the objects' integers too."""
 
-    def line(t: float, _stamp_ns: int, frame: Heard, found: Explained) -> str:
+    def line(t: float, _stamp_ns: int, frame: AnyFrame, found: Explained) -> str:
         said = [_value_text(value, raw) for value in found.values]
         text = ", ".join([*said, *([found.note] if found.note else [])])
         bytes_text = f"{_identifier(frame):>8}  {_data(frame):<16}  " if raw else ""
@@ -293,7 +293,7 @@ def for_reading(raw: bool = False) -> Line:
     return line
 
 
-def as_json(t: float, stamp_ns: int, frame: Heard, found: Explained) -> str:
+def as_json(t: float, stamp_ns: int, frame: AnyFrame, found: Explained) -> str:
     """One object a frame."""
     return json.dumps(
         {
@@ -317,7 +317,7 @@ def as_json(t: float, stamp_ns: int, frame: Heard, found: Explained) -> str:
     )  # fmt: skip
 
 
-def as_csv(t: float, stamp_ns: int, frame: Heard, found: Explained) -> str:
+def as_csv(t: float, stamp_ns: int, frame: AnyFrame, found: Explained) -> str:
     """Rows of COLUMNS."""
     sink = io.StringIO()
     rows = csv.writer(sink, lineterminator="\n")
@@ -330,11 +330,11 @@ def as_csv(t: float, stamp_ns: int, frame: Heard, found: Explained) -> str:
     return sink.getvalue().rstrip("\n")
 
 
-def _identifier(frame: Heard) -> str:
+def _identifier(frame: AnyFrame) -> str:
     return f"{frame.can_id:08X}" if frame.is_extended else f"{frame.can_id:03X}"
 
 
-def _data(frame: Heard) -> str:
+def _data(frame: AnyFrame) -> str:
     return f"R{frame.dlc}" if frame.is_remote else bytes(frame.data).hex().upper()
 
 

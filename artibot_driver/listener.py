@@ -79,7 +79,7 @@ class Listener:
         self._next_watch = 0.0
         self._open()
 
-    def hear(self, timeout: float) -> can.Message | None:
+    def receive(self, timeout: float) -> can.Message | None:
         """The next frame of any kind within about `timeout` (s), or None."""
         self._unwatched += 1
         if self._unwatched < _BATCH and self._bus is not None and (message := self._bus.receive_any(0.0)) is not None:

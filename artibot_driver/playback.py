@@ -10,7 +10,7 @@ from typing import Final
 import can
 
 from artibot_driver.bus import Bus, BusState
-from artibot_driver.explain import Heard
+from artibot_driver.explain import AnyFrame
 from artibot_driver.frames import HEARTBEAT_BASE, SDO_REQUEST, SDO_RESPONSE
 from artibot_driver.pdo import Codec
 from artibot_sim.errors import ArtibotError
@@ -50,7 +50,7 @@ def identifiers_of_commands(codec: Codec, driver_id: int) -> frozenset[int]:
     return frozenset([0, codec.sync_id, HEARTBEAT_BASE + driver_id, *pdos, *requests])
 
 
-class Chooser:
+class FrameChoice:
     """Says which frames to send again.
 
     Error frames never are: they tell of a controller, not of the bus.
@@ -63,7 +63,7 @@ class Chooser:
             Which.COMMANDS: identifiers_of_commands(codec, driver_id),
         }.get(which, frozenset(range(0x800)))
 
-    def wants(self, frame: Heard) -> bool:
+    def wants(self, frame: AnyFrame) -> bool:
         """Whether to send a frame."""
         if frame.is_error:
             return False
@@ -84,7 +84,7 @@ class Sender:
         self.bus = bus
         self.sent = self.failed = 0
 
-    def send(self, frame: Heard) -> bool:
+    def send(self, frame: AnyFrame) -> bool:
         """Send a frame; False, and counted, where the bus is gone or full for too long."""
         message = can.Message(
             arbitration_id=frame.can_id,

@@ -1,4 +1,4 @@
-"""SI values ↔ the integers of a drive's objects, motor-side, in one place.
+"""SI values ↔ the integers of a drive's objects, motor-side, in one where.
 
 A drive counts positions in encoder increments, velocities in decimal fractions of rpm (its SI unit velocity, 60A9h,
 says which), torques in permille of its motor's rated torque (6076h, whole mN m). All are rounded half to even. What an
@@ -157,9 +157,9 @@ def motor_scaling(
     ArtibotError
         When the robot has no such motor, or its file no rated torque, with the key and the mend.
     """
-    drive, place = _drive(robot, motor)
+    drive, where = _drive(robot, motor)
     sign = drive.polarity.right if motor.endswith("right") else drive.polarity.left
-    rated = _rated_torque(drive, place)
+    rated = _rated_torque(drive, where)
     limit = min(largest_torque(drive), UINT16[1] * 1e-6 * rated)
     step, thousandth = RPM * 10.0**velocity_exponent, rated * 1e-6
     current = None if math.isinf(drive.torque_constant) else round(rated / drive.torque_constant)
@@ -194,16 +194,16 @@ def _drive(robot: Robot, motor: str) -> tuple[Drive, str]:
     return drive, f"robot '{robot.name}': drive.{module}"
 
 
-def _rated_torque(drive: Drive, place: str) -> int:
+def _rated_torque(drive: Drive, where: str) -> int:
     """The rated torque as a drive holds it, whole mN m, which its permille are permille of."""
     if math.isinf(drive.rated_torque):
         raise ArtibotError(
-            f"{place}.rated_torque: missing; a drive counts torque in permille of it. Add it to the file"
+            f"{where}.rated_torque: missing; a drive counts torque in permille of it. Add it to the file"
         )
     rated = round(drive.rated_torque * 1e3)
     if not 1 <= rated <= UINT32[1]:
         raise ArtibotError(
-            f"{place}.rated_torque: {drive.rated_torque:g} N m; a drive holds 0.001 to {UINT32[1] / 1e3:g}"
+            f"{where}.rated_torque: {drive.rated_torque:g} N m; a drive holds 0.001 to {UINT32[1] / 1e3:g}"
         )
     return rated
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from artibot_driver.explain import Heard
+from artibot_driver.explain import AnyFrame
 from artibot_driver.rig import frame_bits
 
 _SECOND: Final = 1_000_000_000
@@ -54,7 +54,7 @@ class Traffic:
         self._first_ns = self._last_ns = 0
         self._second = self._bits_of_second = 0
 
-    def add(self, frame: Heard, stamp_ns: int) -> None:
+    def add(self, frame: AnyFrame, stamp_ns: int) -> None:
         """Count a frame."""
         key = Key(frame.can_id, frame.is_extended, frame.is_error)
         bits = 0 if frame.is_error else longest_bits(len(frame.data), frame.is_extended)

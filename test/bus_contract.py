@@ -22,7 +22,7 @@ from artibot_driver.frames import Emcy, Frame, Heartbeat, NmtCommand, NmtState, 
 from artibot_driver.pdo import Pdo
 from artibot_driver.rig import Rig, load_rig
 
-Place = tuple[str, str]
+BusAddress = tuple[str, str]
 """Interface and channel."""
 
 
@@ -40,11 +40,11 @@ def received(bus: Bus, timeout: float = 5.0) -> Frame:
 
 
 class BusContract:
-    """Inherit, and give a fixture ``place`` with the interface and channel of a fresh bus."""
+    """Inherit, and give a fixture ``address`` with the interface and channel of a fresh bus."""
 
     @pytest.fixture
-    def pair(self, place: Place) -> Iterator[tuple[Bus, Bus]]:
-        with open_bus(*place) as one, open_bus(*place) as other:
+    def pair(self, address: BusAddress) -> Iterator[tuple[Bus, Bus]]:
+        with open_bus(*address) as one, open_bus(*address) as other:
             yield one, other
 
     @pytest.fixture
@@ -67,8 +67,8 @@ class BusContract:
         assert pair[0].receive(0.05) is None
         assert pair[1].receive() is None
 
-    def test_everyone_hears_everyone(self, place: Place, pair: tuple[Bus, Bus]) -> None:
-        with open_bus(*place) as third:
+    def test_everyone_hears_everyone(self, address: BusAddress, pair: tuple[Bus, Bus]) -> None:
+        with open_bus(*address) as third:
             for sender, listeners in ((pair[0], (pair[1], third)), (third, pair)):
                 assert sender.send(Frame(0x123, b"abc"))
                 assert [received(bus) for bus in listeners] == [Frame(0x123, b"abc")] * 2
@@ -83,26 +83,26 @@ class BusContract:
         assert remote is not None
         assert (remote.arbitration_id, remote.is_remote_frame) == (0x181, True)
 
-    def test_a_fresh_bus_is_active_and_closes_twice(self, place: Place) -> None:
-        bus = open_bus(*place)
+    def test_a_fresh_bus_is_active_and_closes_twice(self, address: BusAddress) -> None:
+        bus = open_bus(*address)
         health = bus.health()
         assert (health.state, health.reason) == (BusState.ACTIVE, "")
         assert health.state.carries_frames
         bus.close()
         bus.close()
 
-    def test_what_was_sent_last_arrives_though_the_sender_closes(self, place: Place) -> None:
-        with open_bus(*place) as listener:
-            with open_bus(*place) as chatter:
+    def test_what_was_sent_last_arrives_though_the_sender_closes(self, address: BusAddress) -> None:
+        with open_bus(*address) as listener:
+            with open_bus(*address) as chatter:
                 for k in range(20):
                     assert listener.send(Frame(0x100 + k, b""))  # left unread by the one that closes
                 assert chatter.send(Frame(0x181, b"last"))
             assert received(listener) == Frame(0x181, b"last")
 
-    def test_a_canopen_node_is_set_up_as_the_rig_says_and_speaks_the_codec(self, place: Place, rig: Rig) -> None:
+    def test_a_canopen_node_is_set_up_as_the_rig_says_and_speaks_the_codec(self, address: BusAddress, rig: Rig) -> None:
         """canopen's node takes every setting from canopen's master, and our codec reads and writes its PDOs."""
         motor, node = "back_left", rig.config.node_ids["back_left"]
-        with CanopenNetwork(place) as drives, CanopenNetwork(place) as masters, open_bus(*place) as ours:
+        with CanopenNetwork(address) as drives, CanopenNetwork(address) as masters, open_bus(*address) as ours:
             drive = drives.create_node(node, load_dictionary(node=node))
             drive.tpdo.read(from_od=True)
             drive.rpdo.read(from_od=True)
@@ -130,9 +130,11 @@ class BusContract:
         assert collected[0] == Pdo(node, rig.codec.maps["TPDO1"], (0x0237, -123456, -250))
         assert collected[1] == Emcy(node, 0x8130, 0x11, bytes(5))
 
-    def test_canopen_s_master_sets_a_simulated_drive_up_drives_it_and_is_lost(self, place: Place, rig: Rig) -> None:
+    def test_canopen_s_master_sets_a_simulated_drive_up_drives_it_and_is_lost(
+        self, address: BusAddress, rig: Rig
+    ) -> None:
         node = rig.config.node_ids["front_left"]
-        with CanopenNetwork(place) as network, open_bus(*place) as bus, running_drives(bus, rig) as drives:
+        with CanopenNetwork(address) as network, open_bus(*address) as bus, running_drives(bus, rig) as drives:
             master = BaseNode402(node, load_dictionary(node=node))
             network.add_node(master)
             assert wait_for(lambda: drives["front_left"].nmt is NmtState.PRE_OPERATIONAL)
@@ -161,8 +163,8 @@ class BusContract:
             assert drives["back_left"].state is State.SWITCH_ON_DISABLED
             network.sync.stop()
 
-    def test_canopen_understands_our_services(self, place: Place) -> None:
-        with CanopenNetwork(place) as network, open_bus(*place) as ours:
+    def test_canopen_understands_our_services(self, address: BusAddress) -> None:
+        with CanopenNetwork(address) as network, open_bus(*address) as ours:
             remote = network.add_node(5, load_dictionary(node=5))
             local = network.create_node(6, load_dictionary(node=6))
             assert ours.send(heartbeat(5, NmtState.OPERATIONAL))
@@ -212,8 +214,8 @@ def transmitted(pdo: canopen.pdo.PdoMap, period: float) -> Iterator[None]:
 class CanopenNetwork:
     """canopen's network on a bus of its own, closed with the block."""
 
-    def __init__(self, place: Place) -> None:
-        self._bus = open_bus(*place)
+    def __init__(self, address: BusAddress) -> None:
+        self._bus = open_bus(*address)
         self._network = canopen.Network(self._bus.raw)
 
     def __enter__(self) -> canopen.Network:

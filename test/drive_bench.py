@@ -28,7 +28,7 @@ class Bench:
 
     Attributes
     ----------
-    heard : list
+    received : list
         What the drive has sent, decoded.
     beating : bool
         Whether the master sends its heartbeat.
@@ -38,20 +38,20 @@ class Bench:
         self.rig = rig or load_rig(config_from_parameters({k.replace("__", "."): v for k, v in given.items()}))
         self.motor, self.node = motor, self.rig.config.node_ids[motor]
         self.scaling = self.rig.scaling[motor]
-        self.heard: list[Decoded] = []
+        self.received: list[Decoded] = []
         self.shaft = InertialShaft()
-        self.drive = SimulatedDrive(self.rig, motor, self.shaft, self._hear)
+        self.drive = SimulatedDrive(self.rig, motor, self.shaft, self._receive)
         self.now = 1_000_000_000
         self.beating = True
         self.controlword = 0
         self._cycles = 0
 
-    def _hear(self, frame: Frame) -> None:
+    def _receive(self, frame: Frame) -> None:
         decoded = self.rig.codec.decode(*frame)
         assert isinstance(decoded, Decoded.__args__), decoded
-        self.heard.append(decoded)
+        self.received.append(decoded)
 
-    def tell(self, frame: Frame) -> None:
+    def send(self, frame: Frame) -> None:
         """Send a frame to the drive."""
         self.drive.receive(*frame, self.now)
 
@@ -68,25 +68,25 @@ class Bench:
         for each in self.rig.settings(self.motor):
             if each.written:
                 self.write(each.index, each.value, each.subindex)
-        self.tell(nmt(NmtCommand.START))
+        self.send(nmt(NmtCommand.START))
         self.beat()
 
     def write(self, index: int, value: int, subindex: int = 0) -> None:
         """Write an object as an SDO does; it must be taken."""
-        self.heard.clear()
+        self.received.clear()
         size = len(self.drive.objects.read((index, subindex)))
         head = bytes((0x23 | (4 - size) << 2, index & 0xFF, index >> 8, subindex))
-        self.tell(Frame(0x600 + self.node, head + (value & 0xFFFFFFFF).to_bytes(4, "little")))
-        assert any(getattr(each, "service", "") == "download" for each in self.heard), (hex(index), self.heard)
+        self.send(Frame(0x600 + self.node, head + (value & 0xFFFFFFFF).to_bytes(4, "little")))
+        assert any(getattr(each, "service", "") == "download" for each in self.received), (hex(index), self.received)
 
     def beat(self) -> None:
         """The master's heartbeat."""
-        self.tell(heartbeat(self.rig.config.driver_id, NmtState.OPERATIONAL))
+        self.send(heartbeat(self.rig.config.driver_id, NmtState.OPERATIONAL))
 
     def cycle(self, velocity: int = 0, torque: int = 0) -> None:
         """One SYNC period: set-points, SYNC, 10 ms, and the master's heartbeat when due."""
-        self.tell(self.rig.codec.pdo("RPDO1", self.node, (self.controlword, velocity, torque)))
-        self.tell(self.rig.codec.sync())
+        self.send(self.rig.codec.pdo("RPDO1", self.node, (self.controlword, velocity, torque)))
+        self.send(self.rig.codec.sync())
         self.advance(0.01)
         self._cycles += 1
         if self.beating and self._cycles % 5 == 0:
@@ -110,14 +110,14 @@ class Bench:
 
     def feedback(self, name: str) -> int:
         """A field of the last PDO that has it."""
-        for each in reversed(self.heard):
+        for each in reversed(self.received):
             if isinstance(each, Pdo) and name in each.map.position:
                 return each.value(name)
         raise AssertionError(f"no {name} heard")
 
     def emergencies(self) -> list[int]:
         """Error codes heard, in order."""
-        return [each.code for each in self.heard if isinstance(each, Emcy)]
+        return [each.code for each in self.received if isinstance(each, Emcy)]
 
     def enabled(self) -> Bench:
         """Set up and enabled."""

@@ -179,4 +179,4 @@ def foreign_drives(eds: str, drive_eds: str = "", **others: object) -> Iterator[
         stack.callback(network.disconnect)
         drives = {m: ForeignDrive(network, rig, m, drive_eds or eds, **others) for m in rig.codec.nodes}  # type: ignore[arg-type]
         bus = stack.enter_context(open_bus("virtual", channel))
-        yield Foreign(Master(bus, rig, chance=random.Random(1).random), rig, drives)
+        yield Foreign(Master(bus, rig, delay=random.Random(1).random), rig, drives)

@@ -57,7 +57,7 @@ class FrameMaster:
         word = self.fields[motor].get("statusword")
         return None if word is None else state_of(word)
 
-    def hear(self, until: float) -> bool:
+    def receive(self, until: float) -> bool:
         """Take one frame, waiting for it until then (steady s)."""
         message = self.bus.receive(max(0.0, until - time.monotonic()))
         if message is None:
@@ -84,7 +84,7 @@ class FrameMaster:
         begun = time.monotonic()
         while not self._sdo:
             assert time.monotonic() < begun + 1.0, f"{motor} {index:04X}h: no answer"
-            self.hear(begun + 1.0)
+            self.receive(begun + 1.0)
         answer = self._sdo.pop()
         assert answer.service != "abort", (motor, hex(index), subindex, answer.data[::-1].hex())
         return int.from_bytes(answer.data, "little")
@@ -116,7 +116,7 @@ class FrameMaster:
         self._next += period
         while time.monotonic() < self._next:
             waited = bool(self._waiting)
-            if self.hear(self._next) and waited and not self._waiting:
+            if self.receive(self._next) and waited and not self._waiting:
                 self.latency.append(time.monotonic() - begun)
         self.unanswered += bool(self._waiting)
 

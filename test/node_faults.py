@@ -60,7 +60,7 @@ LOOKED_AT = [base + node for base in (0x80, 0x200) for node in RIG.codec.nodes.v
 
 FRONT_NODES = (RIG.codec.nodes["front_right"], RIG.codec.nodes["front_left"])
 
-Place = tuple[str, str]
+BusAddress = tuple[str, str]
 
 
 @dataclass
@@ -75,7 +75,7 @@ class Rover:
         Characters that the driver had printed when the trial began.
     """
 
-    place: Place
+    address: BusAddress
     start_node: NodeStarter
     probe: DriverProbe
     drives: Drives
@@ -249,28 +249,28 @@ class Rover:
         )
 
 
-def start_driver(start_node: NodeStarter, place: Place) -> NodeProcess:
+def start_driver(start_node: NodeStarter, address: BusAddress) -> NodeProcess:
     """A driver that listens to cmd_vel as impatiently as to live requests."""
     parameters = ["--ros-args", "-p", "cmd_vel_timeout:=0.1"]
     parameters += [] if PRIORITY else ["-p", "realtime_priority:=0"]
-    return start_node("driver", "--interface", place[0], "--channel", place[1], *parameters)
+    return start_node("driver", "--interface", address[0], "--channel", address[1], *parameters)
 
 
 @contextlib.contextmanager
-def running_rover(place: Place, folder: Path) -> Iterator[Rover]:
+def running_rover(address: BusAddress, folder: Path) -> Iterator[Rover]:
     """A rover whose drives are set up: for several tests, for it takes long to start; its files go into `folder`."""
     with contextlib.ExitStack() as stack:
         start_node, context = stack.enter_context(ros_processes("faults", folder))
-        driver = start_driver(start_node, place)
+        driver = start_driver(start_node, address)
         watched = stack.enter_context(Watchdog(watchdog.WATCHING if PRIORITY else 0))
-        drives = stack.enter_context(drives_on(*place))
-        sniffer = stack.enter_context(Sniffer(*place, LOOKED_AT))
+        drives = stack.enter_context(drives_on(*address))
+        sniffer = stack.enter_context(Sniffer(*address, LOOKED_AT))
         stack.enter_context(prompt())
         probe = DriverProbe(context, ["motor_torques"])
         probe.until(lambda: probe.got["motor_torques"] != [] or not driver.running, "the driver's topics", 120.0)
         assert driver.running, driver.output
         probe.listened()
-        yield Rover(place, start_node, probe, drives, sniffer, driver, watched, random.Random(SEED))
+        yield Rover(address, start_node, probe, drives, sniffer, driver, watched, random.Random(SEED))
 
 
 class NodeFaults:
@@ -334,7 +334,7 @@ class NodeFaults:
             rover.probe.spin(max(0.0, rest - time.monotonic()))
             rover.check_rest()
             rover.probe.diagnostics.clear()
-            rover.driver = start_driver(rover.start_node, rover.place)
+            rover.driver = start_driver(rover.start_node, rover.address)
             rover.probe.until(lambda: rover.probe.part("driver") != {}, "the next driver", 60.0)
             rover.probe.repeat(send, 0.3)
             rover.check_rest()

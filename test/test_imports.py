@@ -36,8 +36,8 @@ def test_a_circle_of_files_is_seen() -> None:
 def test_every_module_has_its_place() -> None:
     parts = {part_of(module): module for module, _ in modules_below(ROOT)}
     assert {"model", "planning", "experiment", "nodes", "cli", "errors"} <= set(parts)  # the walk does find them
-    strangers = {module for part, module in parts.items() if part not in ("", DRIVER, *LAYERS, *BELOW_ALL)}
-    assert not strangers, "name their layer in test/imports.py"
+    noise_frames = {module for part, module in parts.items() if part not in ("", DRIVER, *LAYERS, *BELOW_ALL)}
+    assert not noise_frames, "name their layer in test/imports.py"
 
 
 @pytest.mark.parametrize(

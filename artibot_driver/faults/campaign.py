@@ -20,9 +20,9 @@ from typing import Final, NamedTuple
 
 from artibot_driver.config import config_from_parameters
 from artibot_driver.faults.catalogue import BY_NAME, CAN_PASS, ON_A_BUS, Fault, briefly, two
-from artibot_driver.faults.closed_loop import VirtualWorld
-from artibot_driver.faults.live_loop import LiveWorld, LoopbackPlace, Place, SocketCanPlace
-from artibot_driver.faults.outcomes import Key, Ledger, NotReady, Outcome, table
+from artibot_driver.faults.closed_loop import VirtualLoop
+from artibot_driver.faults.live_loop import LiveLoop, SwitchableBus, SwitchableLoopback, SwitchableSocketCan
+from artibot_driver.faults.outcomes import Key, NotReady, Outcome, TrialLog, table
 from artibot_driver.faults.trial import Trial
 from artibot_driver.faults.watchdog import HELD_UP, Watchdog, attended
 from artibot_driver.master import Reason
@@ -67,7 +67,7 @@ def draw(number: int, seed: int, faults: Sequence[Fault]) -> tuple[random.Random
 def virtual_trial(number: int, seed: int, names: Sequence[str]) -> Outcome:
     """One trial in time of its own."""
     rng, fault, motor = draw(number, seed, [BY_NAME[name] for name in names])
-    return Trial(VirtualWorld(_rig(), rng), fault, motor).run()
+    return Trial(VirtualLoop(_rig(), rng), fault, motor).run()
 
 
 @cache
@@ -76,7 +76,9 @@ def _rig() -> Rig:
     return load_rig(config_from_parameters({}))
 
 
-def live_trial(number: int, seed: int, names: Sequence[str], rig: Rig, place: Place, watchdog: Watchdog) -> Outcome:
+def live_trial(
+    number: int, seed: int, names: Sequence[str], rig: Rig, bus: SwitchableBus, watchdog: Watchdog
+) -> Outcome:
     """One trial on a real bus; void, and made again, where the machine held something up meanwhile.
 
     That is said by the watchdog, or by a driver whose loop nothing else had held up. Also void is what did not come so
@@ -86,9 +88,9 @@ def live_trial(number: int, seed: int, names: Sequence[str], rig: Rig, place: Pl
     for k in range(LIVE_TRIES):
         rng, fault, motor = draw(number, seed, [BY_NAME[name] for name in names])
         watchdog.longest()
-        with LiveWorld(rig, rng, place) as world:
+        with LiveLoop(rig, rng, bus) as loop:
             try:
-                outcome = Trial(world, fault, motor).run()
+                outcome = Trial(loop, fault, motor).run()
             except NotReady as error:
                 complaints = [f"could not be tried: {error}"]
                 continue
@@ -110,13 +112,13 @@ def live_rig(names: Sequence[str]) -> Rig:
 
 def live(tasks: Sequence[Task], seed: int, channel: str) -> Iterator[Outcome]:
     """Outcomes of trials on a real bus, in order."""
-    place: Place = LoopbackPlace() if channel == "loopback" else SocketCanPlace(channel)
+    bus: SwitchableBus = SwitchableLoopback() if channel == "loopback" else SwitchableSocketCan(channel)
     try:
         with attended() as watchdog:
             for task in tasks:
-                yield live_trial(task.number, seed, task.names, live_rig(task.names), place, watchdog)
+                yield live_trial(task.number, seed, task.names, live_rig(task.names), bus, watchdog)
     finally:
-        place.close()
+        bus.close()
 
 
 def virtual(tasks: Sequence[Task], seed: int, jobs: int) -> Iterator[Outcome]:
@@ -156,9 +158,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(tasks: Sequence[Task], options: argparse.Namespace) -> list[Outcome]:
     """Make the trials that are not made yet; say what is wrong as soon as it is known."""
-    ledger = Ledger(options.log, options.seed, options.channel or IN_MEMORY)
-    left = [task for task in tasks if task.key not in ledger.done]
-    done = [ledger.done[task.key] for task in tasks if task.key in ledger.done]
+    trial_log = TrialLog(options.log, options.seed, options.channel or IN_MEMORY)
+    left = [task for task in tasks if task.key not in trial_log.done]
+    done = [trial_log.done[task.key] for task in tasks if task.key in trial_log.done]
     if done:
         print(f"{len(done)} trials are in {options.log} already; {len(left)} to go", flush=True)
     if options.channel and left:
@@ -167,7 +169,7 @@ def _run(tasks: Sequence[Task], options: argparse.Namespace) -> list[Outcome]:
         running = virtual(left, options.seed, options.jobs)
     with Bar(total=len(left)) as bar:
         for k, (task, outcome) in enumerate(zip(left, running, strict=True)):
-            ledger.write(task.key, outcome)
+            trial_log.write(task.key, outcome)
             done.append(outcome)
             for complaint in dict.fromkeys(outcome.complaints):
                 text = f"trial {task.number} (seed {options.seed}): {outcome.fault}, {outcome.motor}: {complaint}"

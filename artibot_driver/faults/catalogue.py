@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
-from artibot_driver.faults.closed_loop import World
+from artibot_driver.faults.closed_loop import ClosedLoop
 from artibot_driver.faults.simulated_bus import Interference
 from artibot_driver.frames import Frame, NmtCommand, NmtState, heartbeat, nmt
 from artibot_driver.master import Reason, Setpoints
@@ -25,7 +25,7 @@ BY_THE_DRIVES: Final = 0.3
 
 _OVER_CURRENT: Final = 0x2310
 
-Act = Callable[[World, str], None]
+Act = Callable[[ClosedLoop, str], None]
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Fault:
     Attributes
     ----------
     inject, mend : callable
-        Take the world and the motor that is concerned, where one is.
+        Take the loop and the motor that is concerned, where one is.
     stops : bool
         Whether the rover has to stop; else it may also go on as commanded.
     within : float
@@ -64,172 +64,172 @@ class Fault:
     group: str = ""
 
 
-def _nothing(world: World, motor: str) -> None:
+def _nothing(loop: ClosedLoop, motor: str) -> None:
     """There is nothing to mend."""
 
 
-def _unplug(world: World, motor: str) -> None:
-    world.with_crew(lambda crew: crew.unplug(motor))
+def _unplug(loop: ClosedLoop, motor: str) -> None:
+    loop.with_drives(lambda drive_set: drive_set.unplug(motor))
 
 
-def _plug(world: World, motor: str) -> None:
-    world.with_crew(lambda crew: crew.plug(motor))
+def _plug(loop: ClosedLoop, motor: str) -> None:
+    loop.with_drives(lambda drive_set: drive_set.plug(motor))
 
 
-def _cut_power(world: World, motor: str) -> None:
-    world.with_crew(lambda crew: crew.cut_power(motor))
+def _cut_power(loop: ClosedLoop, motor: str) -> None:
+    loop.with_drives(lambda drive_set: drive_set.cut_power(motor))
 
 
-def _power(world: World, motor: str) -> None:
-    world.with_crew(lambda crew: crew.power(motor, world.now))
+def _power(loop: ClosedLoop, motor: str) -> None:
+    loop.with_drives(lambda drive_set: drive_set.power(motor, loop.now))
 
 
-def _restart(world: World, motor: str) -> None:
-    world.with_crew(lambda crew: crew.drives[motor].power_on(world.now))
+def _restart(loop: ClosedLoop, motor: str) -> None:
+    loop.with_drives(lambda drive_set: drive_set.drives[motor].power_on(loop.now))
 
 
-def _restart_unheard(world: World, motor: str) -> None:
-    world.with_crew(lambda crew: crew.restart_unheard(motor, world.now))
+def _restart_unheard(loop: ClosedLoop, motor: str) -> None:
+    loop.with_drives(lambda drive_set: drive_set.restart_unheard(motor, loop.now))
 
 
-def _let_go(world: World, motor: str) -> None:
-    world.with_crew(lambda crew: crew.drives[motor].let_go())
+def _let_go(loop: ClosedLoop, motor: str) -> None:
+    loop.with_drives(lambda drive_set: drive_set.drives[motor].let_go())
 
 
-def _fail(world: World, motor: str) -> None:
-    world.with_crew(lambda crew: crew.drives[motor].fail(_OVER_CURRENT))
+def _fail(loop: ClosedLoop, motor: str) -> None:
+    loop.with_drives(lambda drive_set: drive_set.drives[motor].fail(_OVER_CURRENT))
 
 
-def _fail_for_long(world: World, motor: str) -> None:
-    world.with_crew(lambda crew: crew.drives[motor].fail(_OVER_CURRENT, lasting=True))
+def _fail_for_long(loop: ClosedLoop, motor: str) -> None:
+    loop.with_drives(lambda drive_set: drive_set.drives[motor].fail(_OVER_CURRENT, lasting=True))
 
 
-def _mend_drive(world: World, motor: str) -> None:
-    world.with_crew(lambda crew: crew.drives[motor].mend())
+def _mend_drive(loop: ClosedLoop, motor: str) -> None:
+    loop.with_drives(lambda drive_set: drive_set.drives[motor].mend())
 
 
-def _emergency(world: World, motor: str) -> None:
-    codec = world.rig.codec
-    world.inject([codec.emcy(codec.nodes[motor], _OVER_CURRENT, 1)])
+def _emergency(loop: ClosedLoop, motor: str) -> None:
+    codec = loop.rig.codec
+    loop.inject([codec.emcy(codec.nodes[motor], _OVER_CURRENT, 1)])
 
 
-def _hang(world: World, motor: str) -> None:
-    world.hung = True
+def _hang(loop: ClosedLoop, motor: str) -> None:
+    loop.hung = True
 
 
-def _wake(world: World, motor: str) -> None:
-    world.hung = False
+def _wake(loop: ClosedLoop, motor: str) -> None:
+    loop.hung = False
 
 
-def _replace_driver(world: World, motor: str) -> None:
-    world.new_master()
-    world.hung = False
+def _replace_driver(loop: ClosedLoop, motor: str) -> None:
+    loop.new_master()
+    loop.hung = False
 
 
-def _down(world: World, motor: str) -> None:
-    world.bus_down()
+def _down(loop: ClosedLoop, motor: str) -> None:
+    loop.bus_down()
 
 
-def _up(world: World, motor: str) -> None:
-    world.bus_up()
+def _up(loop: ClosedLoop, motor: str) -> None:
+    loop.bus_up()
 
 
-def _off(world: World, motor: str) -> None:
-    world.bus_off()
+def _off(loop: ClosedLoop, motor: str) -> None:
+    loop.bus_off()
 
 
-def _on(world: World, motor: str) -> None:
-    world.bus_on()
+def _on(loop: ClosedLoop, motor: str) -> None:
+    loop.bus_on()
 
 
-def _cable_off(world: World, motor: str) -> None:
-    world.cable_off()
+def _cable_off(loop: ClosedLoop, motor: str) -> None:
+    loop.cable_off()
 
 
-def _cable_on(world: World, motor: str) -> None:
-    world.cable_on()
+def _cable_on(loop: ClosedLoop, motor: str) -> None:
+    loop.cable_on()
 
 
-def _flood(world: World, motor: str) -> None:
-    world.flood = world.full
+def _flood(loop: ClosedLoop, motor: str) -> None:
+    loop.flood = loop.full
 
 
-def _end_flood(world: World, motor: str) -> None:
-    world.flood = 0.0
+def _end_flood(loop: ClosedLoop, motor: str) -> None:
+    loop.flood = 0.0
 
 
 def _interfering(interference: Interference) -> Act:
-    def inject(world: World, motor: str) -> None:
-        world.unreliable.interference = interference
+    def inject(loop: ClosedLoop, motor: str) -> None:
+        loop.unreliable.interference = interference
 
     return inject
 
 
-def _noise(world: World, motor: str) -> None:
-    world.noise = world.strangers
+def _noise(loop: ClosedLoop, motor: str) -> None:
+    loop.noise = loop.noise_frames
 
 
-def _quiet(world: World, motor: str) -> None:
-    world.noise = 0
-    world.unreliable.interference = Interference()
+def _quiet(loop: ClosedLoop, motor: str) -> None:
+    loop.noise = 0
+    loop.unreliable.interference = Interference()
 
 
-def _commanding(change: Callable[[Setpoints, World], Setpoints | None]) -> Act:
+def _commanding(change: Callable[[Setpoints, ClosedLoop], Setpoints | None]) -> Act:
     """From now on the commands are changed so."""
 
-    def inject(world: World, motor: str) -> None:
-        before = world.command
+    def inject(loop: ClosedLoop, motor: str) -> None:
+        before = loop.command
 
         def command(now: int) -> Setpoints | None:
             given = before(now)
-            return None if given is None else change(given, world)
+            return None if given is None else change(given, loop)
 
-        world.command = command
+        loop.command = command
 
     return inject
 
 
-def _nan(given: Setpoints, world: World) -> Setpoints:
+def _nan(given: Setpoints, loop: ClosedLoop) -> Setpoints:
     return replace(given, front_velocity=(given.front_velocity[0], math.nan))
 
 
-def _infinite(given: Setpoints, world: World) -> Setpoints:
+def _infinite(given: Setpoints, loop: ClosedLoop) -> Setpoints:
     return replace(given, front_velocity=(math.inf, given.front_velocity[1]))
 
 
-def _too_fast(given: Setpoints, world: World) -> Setpoints:
-    return replace(given, front_velocity=(1.5 * world.rig.config.max_speed * world.turn, given.front_velocity[1]))
+def _too_fast(given: Setpoints, loop: ClosedLoop) -> Setpoints:
+    return replace(given, front_velocity=(1.5 * loop.rig.config.max_speed * loop.turn, given.front_velocity[1]))
 
 
-def _too_strong(given: Setpoints, world: World) -> Setpoints:
+def _too_strong(given: Setpoints, loop: ClosedLoop) -> Setpoints:
     return replace(given, back_effort=(1.1, math.nan))
 
 
-def _no_kappa(given: Setpoints, world: World) -> Setpoints:
+def _no_kappa(given: Setpoints, loop: ClosedLoop) -> Setpoints:
     return replace(given, kappa=0.5)
 
 
-def _old(given: Setpoints, world: World) -> Setpoints:
+def _old(given: Setpoints, loop: ClosedLoop) -> Setpoints:
     return replace(given, stamp_ns=0)
 
 
-def _stop_nodes(world: World, motor: str) -> None:
-    world.inject([nmt(NmtCommand.STOP)])
+def _stop_nodes(loop: ClosedLoop, motor: str) -> None:
+    loop.inject([nmt(NmtCommand.STOP)])
 
 
-def _reset_node(world: World, motor: str) -> None:
-    world.inject([nmt(NmtCommand.RESET_NODE, world.rig.codec.nodes[motor])])
+def _reset_node(loop: ClosedLoop, motor: str) -> None:
+    loop.inject([nmt(NmtCommand.RESET_NODE, loop.rig.codec.nodes[motor])])
 
 
-def _second_driver(world: World, motor: str) -> None:
-    codec = world.rig.codec
+def _second_driver(loop: ClosedLoop, motor: str) -> None:
+    codec = loop.rig.codec
     command = codec.pdo("RPDO1", codec.nodes[motor], (0x0F, 0, 0))
-    world.inject([command, heartbeat(world.rig.config.driver_id, NmtState.OPERATIONAL)])
+    loop.inject([command, heartbeat(loop.rig.config.driver_id, NmtState.OPERATIONAL)])
 
 
-def _strange_frames(world: World, motor: str) -> None:
-    node = world.rig.codec.nodes[motor]
-    world.inject([Frame(0x180 + node, b""), Frame(0x180 + node, bytes(3)), Frame(0x700 + node, b"\x99")])
+def _strange_frames(loop: ClosedLoop, motor: str) -> None:
+    node = loop.rig.codec.nodes[motor]
+    loop.inject([Frame(0x180 + node, b""), Frame(0x180 + node, bytes(3)), Frame(0x700 + node, b"\x99")])
 
 
 _R = Reason
@@ -332,14 +332,14 @@ def two(one: Fault, other: Fault, delay: float) -> Fault:
     """Both, `delay` seconds apart; the one that has to stop the rover comes first."""
     first, second = (one, other) if one.stops or not other.stops else (other, one)
 
-    def inject(world: World, motor: str) -> None:
-        first.inject(world, motor)
-        world.run(delay)
-        second.inject(world, motor)
+    def inject(loop: ClosedLoop, motor: str) -> None:
+        first.inject(loop, motor)
+        loop.run(delay)
+        second.inject(loop, motor)
 
-    def mend(world: World, motor: str) -> None:
+    def mend(loop: ClosedLoop, motor: str) -> None:
         for each in (second, first):
-            each.mend(world, motor)
+            each.mend(loop, motor)
 
     known = bool(first.reasons and second.reasons)
     return Fault(
@@ -358,16 +358,16 @@ def two(one: Fault, other: Fault, delay: float) -> Fault:
 def briefly(fault: Fault, time: float) -> Fault:
     """A fault that is over after `time` seconds: the rover stops as it must for the fault, or goes on."""
 
-    def inject(world: World, motor: str) -> None:
-        fault.inject(world, motor)
-        world.run(time)
-        fault.mend(world, motor)
+    def inject(loop: ClosedLoop, motor: str) -> None:
+        fault.inject(loop, motor)
+        loop.run(time)
+        fault.mend(loop, motor)
 
     return replace(
         fault,
         name=f"{fault.name} for {time:.3f} s",
         inject=inject,
-        mend=lambda world, motor: None,
+        mend=lambda loop, motor: None,
         stops=False,
         reasons=(),
         held=HELD,

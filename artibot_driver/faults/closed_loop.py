@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 from artibot_driver.bus import BusState
 from artibot_driver.cia402 import State
-from artibot_driver.faults.simulated_bus import UnreliableBus, WireBus, wire
+from artibot_driver.faults.simulated_bus import MemoryBus, UnreliableBus, memory_buses
 from artibot_driver.frames import Frame
 from artibot_driver.master import Cycle, Master, Phase, Setpoints
 from artibot_driver.master.traffic import AnyBus
@@ -27,7 +27,7 @@ from artibot_sim.model import MOTORS
 # ----------------------------------------------------------------------
 
 
-class Seen(NamedTuple):
+class DriveStates(NamedTuple):
     """What the four drives do at one moment, in the order of ``MOTORS``; `velocity` is the motors', rad/s."""
 
     state: tuple[State, ...]
@@ -35,7 +35,7 @@ class Seen(NamedTuple):
     velocity: tuple[float, ...]
 
 
-class Crew:
+class DriveSet:
     """Four drives on one end of a bus. For one thread at a time."""
 
     def __init__(self, rig: Rig, bus: AnyBus) -> None:
@@ -76,9 +76,9 @@ class Crew:
                 drive.step(now)
         self._last = now
 
-    def seen(self) -> Seen:
+    def states(self) -> DriveStates:
         """What the drives do now."""
-        return Seen(
+        return DriveStates(
             tuple(drive.state for drive in self.drives.values()),
             tuple(shaft.asked for shaft in self.shafts.values()),
             tuple(shaft.state().velocity for shaft in self.shafts.values()),
@@ -119,7 +119,7 @@ class Crew:
 DRIVE_STEP: Final = 2_000_000
 """Between two steps of the drives, ns."""
 
-STRANGERS: Final = 10
+NOISE_FRAMES: Final = 10
 """Frames in a period from nodes that are none of ours, where there is a noise."""
 
 QUEUE: Final = (10, 100)
@@ -133,10 +133,10 @@ class Sample(NamedTuple):
 
     now: int
     cycle: Cycle | None
-    seen: Seen
+    drives: DriveStates
 
 
-class World(ABC):
+class ClosedLoop(ABC):
     """What faults and trials are written against.
 
     Attributes
@@ -149,7 +149,7 @@ class World(ABC):
         Foreign frames, as a share of what the bus can carry.
     noise : int
         Random frames in every period, from nodes that are none of ours.
-    strangers : int
+    noise_frames : int
         Frames in a period that make a noise.
     full : float
         The flood that fills the bus.
@@ -163,7 +163,7 @@ class World(ABC):
         self.hung = False
         self.flood = 0.0
         self.noise = 0
-        self.strangers = STRANGERS
+        self.noise_frames = NOISE_FRAMES
         self.full = 1.0
         self.trace: list[Sample] = []
         self.period = 1000 * rig.config.sync_period_us
@@ -181,7 +181,7 @@ class World(ABC):
         """Let so much time pass."""
 
     @abstractmethod
-    def with_crew(self, what: Callable[[Crew], object]) -> None:
+    def with_drives(self, what: Callable[[DriveSet], object]) -> None:
         """Do something to the drives."""
 
     @abstractmethod
@@ -233,9 +233,9 @@ class World(ABC):
     def foreign_frames(self) -> list[Frame]:
         """What others put on the bus in one period."""
         most = self.rig.config.bitrate * 1e-9 * self.period / 111  # eight bytes, without stuff bits
-        return [_FLOOD_FRAME] * round(self.flood * most) + [self._strange_frame() for _ in range(self.noise)]
+        return [_FLOOD_FRAME] * round(self.flood * most) + [self._noise_frame() for _ in range(self.noise)]
 
-    def _strange_frame(self) -> Frame:
+    def _noise_frame(self) -> Frame:
         """A service of a node that is none of ours, or an identifier that is nobody's."""
         ours = (*self.rig.codec.nodes.values(), self.rig.config.driver_id, 0)
         node = self.rng.choice([each for each in range(128) if each not in ours])
@@ -243,15 +243,15 @@ class World(ABC):
         return Frame(base + node, self.rng.randbytes(self.rng.randrange(9)))
 
 
-class VirtualWorld(World):
+class VirtualLoop(ClosedLoop):
     """In time of its own, on a bus in memory: the same seed gives the same trial."""
 
     def __init__(self, rig: Rig, rng: random.Random) -> None:
         super().__init__(rig, rng)
         self._now = 1_000_000_000
-        self._near, self._far = wire()
+        self._near, self._far = memory_buses()
         self.unreliable = UnreliableBus(self._near, rng)
-        self.crew = Crew(rig, self._far)
+        self.drive_set = DriveSet(rig, self._far)
         self.master = Master(self.unreliable, rig, clock=lambda: self._now)
 
     @property
@@ -265,17 +265,17 @@ class VirtualWorld(World):
             self.inject(self.foreign_frames())
             cycle = None if self.hung else self.master.cycle(self._now, self.command(self._now))
             for _ in range(self.period // DRIVE_STEP):
-                self.crew.step(self._now)
+                self.drive_set.step(self._now)
                 self._now += DRIVE_STEP
-            self.trace.append(Sample(self._now, cycle, self.crew.seen()))
+            self.trace.append(Sample(self._now, cycle, self.drive_set.states()))
 
     def new_master(self) -> None:
         """Have another master take the place of this one."""
         self.master = Master(self.unreliable, self.rig, clock=lambda: self._now)
 
-    def with_crew(self, what: Callable[[Crew], object]) -> None:
+    def with_drives(self, what: Callable[[DriveSet], object]) -> None:
         """Do something to the drives."""
-        what(self.crew)
+        what(self.drive_set)
 
     def inject(self, frames: list[Frame]) -> None:
         """Have somebody else send frames."""
@@ -299,7 +299,7 @@ class VirtualWorld(World):
         """Have it come back."""
         self._set(BusState.ACTIVE, self._near)
 
-    def _set(self, state: BusState, *ends: WireBus) -> None:
+    def _set(self, state: BusState, *ends: MemoryBus) -> None:
         for end in ends:
             end.state = state
             end.inbox.clear()

@@ -16,7 +16,7 @@ import can
 from can.typechecking import CanFilters
 
 from artibot_driver.bus import Bus, open_bus
-from artibot_driver.faults.closed_loop import DRIVE_STEP, Crew, Sample, World
+from artibot_driver.faults.closed_loop import DRIVE_STEP, ClosedLoop, DriveSet, Sample
 from artibot_driver.faults.simulated_bus import UnreliableBus
 from artibot_driver.frames import Frame
 from artibot_driver.loopback import channel_of, start_server
@@ -36,7 +36,7 @@ _REOPEN: Final = 10.0
 _SIOCGIFFLAGS, _SIOCSIFFLAGS, _IFF_UP = 0x8913, 0x8914, 1
 
 
-class Place(Protocol):
+class SwitchableBus(Protocol):
     """A bus that trials can take down."""
 
     def open(self) -> Bus:
@@ -52,7 +52,7 @@ class Place(Protocol):
         """Leave nothing behind."""
 
 
-class LoopbackPlace:
+class SwitchableLoopback:
     """The loopback bus; to take it down is to kill its server, to give it back to start another on the same port."""
 
     def __init__(self) -> None:
@@ -86,7 +86,7 @@ class LoopbackPlace:
         self.down()
 
 
-class SocketCanPlace:
+class SwitchableSocketCan:
     """An interface of this kernel; to put it down and up takes the right to do so."""
 
     def __init__(self, channel: str) -> None:
@@ -128,7 +128,7 @@ class SocketCanPlace:
 # ----------------------------------------------------------------------
 
 
-STRANGERS_OF_ONE: Final = 2
+NOISE_FRAMES_ONE_CORE: Final = 2
 """The same where a single processor carries bus, drives, driver and whoever makes the noise."""
 
 _BUS_OFF, _RESTARTED = 0x040, 0x100  # classes of error frames
@@ -137,31 +137,31 @@ _NOTHING: Final[CanFilters] = [{"can_id": 0x1FFFFFFF, "can_mask": 0x1FFFFFFF, "e
 """Filter for one who only talks."""
 
 
-class LiveWorld(World):
+class LiveLoop(ClosedLoop):
     """On a real bus; a context manager, for the thread of the drives ends with it."""
 
-    def __init__(self, rig: Rig, rng: random.Random, place: Place) -> None:
+    def __init__(self, rig: Rig, rng: random.Random, bus: SwitchableBus) -> None:
         super().__init__(rig, rng)
-        self._place = place
+        self._switchable = bus
         self._buses = self._open()
         self.unreliable = UnreliableBus(self._buses[0], rng)
-        self._crew = Crew(rig, self._buses[1])
+        self._drive_set = DriveSet(rig, self._buses[1])
         self.master = Master(self.unreliable, rig)
         self._lock = threading.Lock()
         self._finished = threading.Event()
         self._thread = threading.Thread(target=self._drives, name="drives")
         self._next = self.now
         if os.cpu_count() == 1:
-            self.strangers = STRANGERS_OF_ONE
+            self.noise_frames = NOISE_FRAMES_ONE_CORE
             self.full = 1.0 - rig.bus_load  # beside the drives' own frames; elsewhere more than a bus could carry
 
     def _open(self) -> list[Bus]:
         """Ends of the bus for the master, the drives, and others who do not listen."""
-        buses = [self._place.open() for _ in range(3)]
+        buses = [self._switchable.open() for _ in range(3)]
         buses[2].raw.set_filters(_NOTHING)
         return buses
 
-    def __enter__(self) -> LiveWorld:
+    def __enter__(self) -> LiveLoop:
         self._thread.start()
         return self
 
@@ -174,7 +174,7 @@ class LiveWorld(World):
     def _drives(self) -> None:
         while not self._finished.wait(1e-9 * DRIVE_STEP):
             with self._lock:
-                self._crew.step(self.now)
+                self._drive_set.step(self.now)
 
     @property
     def now(self) -> int:
@@ -193,13 +193,13 @@ class LiveWorld(World):
             else:
                 self._next = self.now
             with self._lock:
-                seen = self._crew.seen()
-            self.trace.append(Sample(self.now, cycle, seen))
+                drives = self._drive_set.states()
+            self.trace.append(Sample(self.now, cycle, drives))
 
-    def with_crew(self, what: Callable[[Crew], object]) -> None:
+    def with_drives(self, what: Callable[[DriveSet], object]) -> None:
         """Do something to the drives."""
         with self._lock:
-            what(self._crew)
+            what(self._drive_set)
 
     def new_master(self) -> None:
         """Have another master take the place of this one."""
@@ -212,17 +212,17 @@ class LiveWorld(World):
 
     def bus_down(self) -> None:
         """Have the bus carry nothing any more."""
-        self._place.down()
+        self._switchable.down()
         self._next = self.now
 
     def bus_up(self) -> None:
         """Have it carry frames again."""
-        if self._place.up():
+        if self._switchable.up():
             for bus in self._buses:
                 bus.close()
             with self._lock:
                 self._buses = self._open()
-                self._crew.use_bus(self._buses[1])
+                self._drive_set.use_bus(self._buses[1])
             self.unreliable.bus = self._buses[0]
             self.master.use_bus(self.unreliable)
         self._next = self.now

@@ -107,7 +107,7 @@ Key = tuple[int, str]
 _BEGIN = '{"seed": '
 
 
-class Ledger:
+class TrialLog:
     """The trials of one seed on one bus.
 
     Parameters

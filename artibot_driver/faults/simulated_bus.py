@@ -13,7 +13,7 @@ from artibot_driver.frames import Frame
 from artibot_driver.master.traffic import AnyBus
 
 
-class WireBus:
+class MemoryBus:
     """One end of a bus in memory.
 
     Attributes
@@ -26,7 +26,7 @@ class WireBus:
 
     def __init__(self) -> None:
         self.inbox: deque[Frame] = deque()
-        self.other: WireBus = self
+        self.other: MemoryBus = self
         self.state = BusState.ACTIVE
 
     def send(self, frame: Frame) -> bool:
@@ -44,9 +44,9 @@ class WireBus:
         return Health(self.state, None, None, "" if self.state is BusState.ACTIVE else self.state.value)
 
 
-def wire() -> tuple[WireBus, WireBus]:
+def memory_buses() -> tuple[MemoryBus, MemoryBus]:
     """A bus in memory with two ends."""
-    one, other = WireBus(), WireBus()
+    one, other = MemoryBus(), MemoryBus()
     one.other, other.other = other, one
     return one, other
 

@@ -11,7 +11,7 @@ from typing import Final
 
 from artibot_driver.cia402 import State
 from artibot_driver.faults.catalogue import Fault
-from artibot_driver.faults.closed_loop import Sample, World
+from artibot_driver.faults.closed_loop import ClosedLoop, Sample
 from artibot_driver.faults.outcomes import NotReady, Outcome
 from artibot_driver.master import Phase, Reason, Setpoints, Stop
 from artibot_sim.model import MOTORS
@@ -30,25 +30,25 @@ LEAP: Final = 0.06
 
 
 class Trial:
-    """One fault in a world.
+    """One fault in a loop.
 
     Parameters
     ----------
-    world : World
+    loop : ClosedLoop
     fault : Fault
     motor : str
         Which drive is concerned, where one is.
     """
 
-    def __init__(self, world: World, fault: Fault, motor: str) -> None:
-        self.world, self.fault = world, fault
+    def __init__(self, loop: ClosedLoop, fault: Fault, motor: str) -> None:
+        self.loop, self.fault = loop, fault
         self.outcome = Outcome(fault.name, fault.group or fault.name, motor)
-        rng = world.rng
+        rng = loop.rng
         self.speed = rng.uniform(0.2, 1.2)  # of the faster front wheel over ground, m/s
         sides = [self.speed * rng.choice((-1, 1)), 0.0]
         sides[1] = sides[0] * rng.uniform(0.3, 1.0)
         rng.shuffle(sides)
-        self.velocity = (sides[0] * world.turn, sides[1] * world.turn)
+        self.velocity = (sides[0] * loop.turn, sides[1] * loop.turn)
         self.duration = rng.uniform(0.4, 1.2)
 
     def run(self) -> Outcome:
@@ -59,23 +59,23 @@ class Trial:
         NotReady
             When the loop does not come up.
         """
-        world, fault, motor = self.world, self.fault, self.outcome.motor
+        loop, fault, motor = self.loop, self.fault, self.outcome.motor
         self.get_moving()
-        world.run(world.rng.uniform(0.0, 0.1))
-        begin, first = world.now, len(world.trace)
-        fault.inject(world, motor)
-        watched = BEFORE_END + fault.held + self.speed / world.rig.config.stop_deceleration
-        world.run(watched + self.duration)
-        stop = _stop_in(world.trace[first:])
-        left = 0.0 if stop is None else watched - 1e-9 * (world.now - stop.at_ns)
+        loop.run(loop.rng.uniform(0.0, 0.1))
+        begin, first = loop.now, len(loop.trace)
+        fault.inject(loop, motor)
+        watched = BEFORE_END + fault.held + self.speed / loop.rig.config.stop_deceleration
+        loop.run(watched + self.duration)
+        stop = _stop_in(loop.trace[first:])
+        left = 0.0 if stop is None else watched - 1e-9 * (loop.now - stop.at_ns)
         if left > 0.0:  # a stop that came late takes its time, too
-            world.run(left)
-        self.judge(begin, world.trace[first:])
+            loop.run(left)
+        self.judge(begin, loop.trace[first:])
         if self.outcome.stopped:
             self.come_back(first)
         else:
-            fault.mend(world, motor)
-            self.expect(world.last.status.phase is Phase.ENABLED, "is not enabled any more, though it did not stop")
+            fault.mend(loop, motor)
+            self.expect(loop.last.status.phase is Phase.ENABLED, "is not enabled any more, though it did not stop")
         return self.outcome
 
     def expect(self, is_so: bool, complaint: str) -> None:
@@ -85,26 +85,26 @@ class Trial:
 
     def get_moving(self) -> None:
         """Up, enabled, and at the commanded speed."""
-        world = self.world
-        if not world.run_until(Phase.READY, 5.0):
-            raise NotReady(f"not ready after 5 s: {_troubles(world)}")
-        world.master.enable()
-        if not world.run_until(Phase.ENABLED, 2.0):
-            raise NotReady(f"not enabled: {world.last.status.stop}")
+        loop = self.loop
+        if not loop.run_until(Phase.READY, 5.0):
+            raise NotReady(f"not ready after 5 s: {_troubles(loop)}")
+        loop.master.enable()
+        if not loop.run_until(Phase.ENABLED, 2.0):
+            raise NotReady(f"not enabled: {loop.last.status.stop}")
         self.command_freshly()
-        world.run(0.3)
-        if world.last.status.phase is not Phase.ENABLED or not self.as_commanded(world.trace[-1]):
-            raise NotReady(f"not driving: {world.last.status.stop}")
+        loop.run(0.3)
+        if loop.last.status.phase is not Phase.ENABLED or not self.as_commanded(loop.trace[-1]):
+            raise NotReady(f"not driving: {loop.last.status.stop}")
 
     def command_freshly(self) -> None:
         """Somebody commands, and goes on doing so."""
         velocity = self.velocity
-        self.world.command = lambda now: Setpoints(velocity, now)
+        self.loop.command = lambda now: Setpoints(velocity, now)
 
     def as_commanded(self, sample: Sample) -> bool:
         """Whether the front drives have the commanded set-points."""
-        step = abs(self.world.rig.scaling[MOTORS[0]].velocity.step)
-        asked = [each.velocity for each in sample.seen.asked[:2]]
+        step = abs(self.loop.rig.scaling[MOTORS[0]].velocity.step)
+        asked = [each.velocity for each in sample.drives.asked[:2]]
         return all(a is not None and abs(a - v) <= step for a, v in zip(asked, self.velocity, strict=True))
 
     def judge(self, begin: int, samples: Sequence[Sample]) -> None:
@@ -125,7 +125,7 @@ class Trial:
 
     def judge_times(self, begin: int, samples: Sequence[Sample]) -> None:
         """When the motors were slowed down, and when they stood or were free."""
-        outcome, fault, config = self.outcome, self.fault, self.world.rig.config
+        outcome, fault, config = self.outcome, self.fault, self.loop.rig.config
         ramp = self.speed / config.stop_deceleration
         reactions, ends = [], []
         for k in range(len(MOTORS)):
@@ -142,16 +142,16 @@ class Trial:
         self.expect_calm(begin, samples)
 
     def _slowed(self, k: int, sample: Sample) -> bool:
-        asked = sample.seen.asked[k]
+        asked = sample.drives.asked[k]
         if k > 1:
             return asked.is_free
         return asked.velocity is None or abs(asked.velocity) < 0.999 * abs(self.velocity[k])
 
     def _ended(self, k: int, sample: Sample) -> bool:
-        asked = sample.seen.asked[k]
+        asked = sample.drives.asked[k]
         if asked.is_free or asked.torque == 0.0:
             return True
-        return k < 2 and abs(sample.seen.velocity[k]) < STANDSTILL * self.world.turn
+        return k < 2 and abs(sample.drives.velocity[k]) < STANDSTILL * self.loop.turn
 
     def expect_calm(self, begin: int, samples: Sequence[Sample]) -> None:
         """From the reaction on nothing is asked for that is faster than before."""
@@ -160,80 +160,80 @@ class Trial:
             for sample in samples:
                 if sample.now < begin or (math.isinf(least) and not self._slowed(k, sample)):
                     continue
-                asked = abs(sample.seen.asked[k].velocity or 0.0)
-                self.expect(asked <= least + LEAP * self.world.turn, f"{MOTORS[k]} was made to go faster again")
+                asked = abs(sample.drives.asked[k].velocity or 0.0)
+                self.expect(asked <= least + LEAP * self.loop.turn, f"{MOTORS[k]} was made to go faster again")
                 least = min(least, asked)
 
     def come_back(self, first: int) -> None:
         """End the fault; nothing may move but after an enable and a fresh command."""
-        world, fault = self.world, self.fault
-        fault.mend(world, self.outcome.motor)
+        loop, fault = self.loop, self.fault
+        fault.mend(loop, self.outcome.motor)
         self.command_freshly()
-        begin, mark = world.now, len(world.trace)
+        begin, mark = loop.now, len(loop.trace)
         resting = (Phase.READY, Phase.LOCKED)
-        while world.now < begin + 1_000_000_000 * (REJOIN + 1.0):
-            world.run(1e-9 * world.period)
-            if world.last.status.phase in resting and world.trace[-1].cycle is not None:
+        while loop.now < begin + 1_000_000_000 * (REJOIN + 1.0):
+            loop.run(1e-9 * loop.period)
+            if loop.last.status.phase in resting and loop.trace[-1].cycle is not None:
                 break
-        self.outcome.rejoined = 1e-9 * (world.now - begin)
-        self.expect(world.last.status.phase in resting, f"is still {world.last.status.phase.name}")
+        self.outcome.rejoined = 1e-9 * (loop.now - begin)
+        self.expect(loop.last.status.phase in resting, f"is still {loop.last.status.phase.name}")
         self.expect(self.outcome.rejoined <= REJOIN, f"took {self.outcome.rejoined:.2f} s to be back")
-        phases = {sample.cycle.status.phase for sample in world.trace[mark:] if sample.cycle}
+        phases = {sample.cycle.status.phase for sample in loop.trace[mark:] if sample.cycle}
         self.expect(Phase.LISTENING in phases or not fault.silent, "did not listen before it spoke again")
-        world.run(0.2)
+        loop.run(0.2)
         if fault.reasons and fault.stops:
-            kept, known = world.last.status.stop, self.outcome.reason
+            kept, known = loop.last.status.stop, self.outcome.reason
             is_kept = kept is not None and kept.reason in ((known,) if known else fault.reasons)
             self.expect(is_kept, f"the first reason was not kept: {kept}")
         self.reset()
-        self.expect_rest(world.trace[mark:], "before it was enabled")
-        self.expect_left_alone(world.trace[first:])
+        self.expect_rest(loop.trace[mark:], "before it was enabled")
+        self.expect_left_alone(loop.trace[first:])
         self.enable_again()
 
     def reset(self) -> None:
         """Reset faults where there are some; an enable is refused before that."""
-        world = self.world
-        if world.last.status.phase is not Phase.LOCKED:
+        loop = self.loop
+        if loop.last.status.phase is not Phase.LOCKED:
             return
-        world.master.enable()
-        world.run(0.05)
-        self.expect(world.last.status.phase is Phase.LOCKED, "could be enabled with a drive in fault")
-        world.master.reset_fault()
-        self.expect(world.run_until(Phase.READY, 1.0), f"is not ready after a reset: {_troubles(world)}")
-        world.run(0.1)
+        loop.master.enable()
+        loop.run(0.05)
+        self.expect(loop.last.status.phase is Phase.LOCKED, "could be enabled with a drive in fault")
+        loop.master.reset_fault()
+        self.expect(loop.run_until(Phase.READY, 1.0), f"is not ready after a reset: {_troubles(loop)}")
+        loop.run(0.1)
 
     def enable_again(self) -> None:
         """An enable alone moves nothing, and neither do commands from before; a fresh one does."""
-        world, mark = self.world, len(self.world.trace)
-        old = Setpoints(self.velocity, world.now)
-        world.command = lambda now: old
-        world.run(0.02)
-        self.expect(self.enabled(), f"cannot be enabled again: {world.last.status.notice}")
-        world.run(0.2)
-        self.expect_rest(world.trace[mark:], "on a command from before the enable")
+        loop, mark = self.loop, len(self.loop.trace)
+        old = Setpoints(self.velocity, loop.now)
+        loop.command = lambda now: old
+        loop.run(0.02)
+        self.expect(self.enabled(), f"cannot be enabled again: {loop.last.status.notice}")
+        loop.run(0.2)
+        self.expect_rest(loop.trace[mark:], "on a command from before the enable")
         self.command_freshly()
-        world.run(0.1)
-        self.expect(self.as_commanded(world.trace[-1]), f"does not move again: {world.last.status.stop}")
-        world.command = lambda now: replace(old, front_velocity=(0.0, 0.0), stamp_ns=now)
+        loop.run(0.1)
+        self.expect(self.as_commanded(loop.trace[-1]), f"does not move again: {loop.last.status.stop}")
+        loop.command = lambda now: replace(old, front_velocity=(0.0, 0.0), stamp_ns=now)
 
     def enabled(self) -> bool:
         """Whether the drives become enabled in time.
 
         Who had filled the bus may still have frames under way, for which an enable is refused: it is asked for again.
         """
-        world, end = self.world, self.world.now + round(1e9 * REJOIN)
+        loop, end = self.loop, self.loop.now + round(1e9 * REJOIN)
         each = 0.25 * REJOIN if Reason.BUS_OVERLOADED in self.fault.reasons else REJOIN
-        while world.now < end:
-            world.master.enable()
-            if world.run_until(Phase.ENABLED, each):
+        while loop.now < end:
+            loop.master.enable()
+            if loop.run_until(Phase.ENABLED, each):
                 return True
         return False
 
     def expect_rest(self, samples: Sequence[Sample], when: str) -> None:
         """Nothing is asked of a front motor but to become slower than it is already."""
         for k in range(2):
-            most = abs(samples[0].seen.velocity[k])
-            for asked in (abs(sample.seen.asked[k].velocity or 0.0) for sample in samples):
+            most = abs(samples[0].drives.velocity[k])
+            for asked in (abs(sample.drives.asked[k].velocity or 0.0) for sample in samples):
                 self.expect(asked <= most, f"{MOTORS[k]} moved {when}")
                 most = min(most, asked) if asked else most
 
@@ -241,7 +241,7 @@ class Trial:
         """No drive that has left operation enabled comes back to it by itself."""
         on = State.OPERATION_ENABLED
         for k, motor in enumerate(MOTORS):
-            again = any(a.seen.state[k] is not on and b.seen.state[k] is on for a, b in pairwise(samples))
+            again = any(a.drives.state[k] is not on and b.drives.state[k] is on for a, b in pairwise(samples))
             self.expect(not again, f"{motor} was enabled again without being asked to")
 
 
@@ -272,5 +272,5 @@ def _for_good_after(begin: int, samples: Sequence[Sample], holds: Callable[[Samp
     return ended
 
 
-def _troubles(world: World) -> str:
-    return "; ".join(each.trouble for each in world.last.status.drives if each.trouble)
+def _troubles(loop: ClosedLoop) -> str:
+    return "; ".join(each.trouble for each in loop.last.status.drives if each.trouble)

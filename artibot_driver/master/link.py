@@ -22,7 +22,7 @@ STATUSWORD, VELOCITY, TORQUE, POSITION, MODE, ERROR_CODE = 0x6041, 0x606C, 0x607
 IN_FAULT: Final = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 
-ODD_MOST: Final = 3
+MISMATCHES_MOST: Final = 3
 """Statuswords in a row that report another state than the one a drive was led to: fewer may be frames out of order."""
 
 TWICE_MOST: Final = 10
@@ -41,7 +41,7 @@ def is_warning(code: int) -> bool:
 
 
 @dataclass
-class Heard:
+class Received:
     """What a drive has said last; times are steady ns, None where it has never said it since it was sought."""
 
     operational_ns: int | None = None
@@ -52,7 +52,7 @@ class Heard:
     position_ns: int | None = None
     objects: dict[int, int] = field(default_factory=dict)
     emergency: Emcy | None = None
-    odd: int = 0
+    mismatches: int = 0
 
 
 class Link:
@@ -60,7 +60,7 @@ class Link:
 
     Attributes
     ----------
-    heard : Heard
+    heard : Received
     setup : Setup
     restarted : str
         How it was noticed that the drive left operational by itself, until the master has dealt with it.
@@ -76,7 +76,7 @@ class Link:
         self.motor, self.node, self._tally = motor, rig.codec.nodes[motor], tally
         self.scaling = rig.scaling[motor]
         self.setup = Setup(rig, motor, tally)
-        self.heard = Heard()
+        self.received = Received()
         self.restarted = ""
         self.alarm: Emcy | None = None
         self.doubtful = self.shares_id = False
@@ -107,15 +107,15 @@ class Link:
         self._in_period.append(name)
         for each, value in zip(pdo.map.fields, pdo.values, strict=True):
             if each.subindex == 0:
-                self.heard.objects[each.index] = value
+                self.received.objects[each.index] = value
         indices = [each.index for each in pdo.map.fields]
         if STATUSWORD in indices:
-            self.heard.feedback_ns, self.heard.sampled_ns = now, sampled
-            self.heard.operational_ns = self.heard.operational_ns or now
+            self.received.feedback_ns, self.received.sampled_ns = now, sampled
+            self.received.operational_ns = self.received.operational_ns or now
             self.setup.started()
         if POSITION in indices:
-            self.heard.position_ns = now
-            self._count_on(self.heard.objects[POSITION])
+            self.received.position_ns = now
+            self._count_on(self.received.objects[POSITION])
 
     def _count_on(self, raw: int) -> None:
         if self._total is None or self._anew:
@@ -125,7 +125,7 @@ class Link:
 
     def take_heartbeat(self, beat: Heartbeat, now: int) -> None:
         """A heartbeat; one that says that the drive is not operational any more has it set up again."""
-        self.heard.heartbeat_ns, self.heard.nmt = now, beat.state
+        self.received.heartbeat_ns, self.received.nmt = now, beat.state
         self._missed_beat = False
         if beat.state is NmtState.BOOT_UP:
             self._left("has restarted")
@@ -141,7 +141,7 @@ class Link:
     def take_emcy(self, emcy: Emcy) -> None:
         """An emergency message."""
         self._tally["emergencies"] += 1
-        self.heard.emergency = emcy if emcy.code else None
+        self.received.emergency = emcy if emcy.code else None
         if emcy.code and not is_warning(emcy.code):
             self.alarm = emcy
 
@@ -155,18 +155,18 @@ class Link:
     def forget(self) -> None:
         """The drive is gone, or has lost its settings: seek it and set it up from the beginning."""
         self.setup.restart()
-        emergency = self.heard.emergency
-        self.heard = Heard(emergency=emergency)
+        emergency = self.received.emergency
+        self.received = Received(emergency=emergency)
         self._anew, self.doubtful = True, False
 
     def end_period(self, expected: State | None) -> None:
         """Before the next SYNC: count what did not come, and feedback that is not what was asked for."""
-        if self.setup.stage is Stage.RUNNING and self.heard.feedback_ns is not None and not self._in_period:
+        if self.setup.stage is Stage.RUNNING and self.received.feedback_ns is not None and not self._in_period:
             self._tally["missed_feedback"] += 1
         if self._in_period:
             wrong = expected is not None and (self.state is not expected or not self.mode_fits)
-            self.heard.odd = self.heard.odd + 1 if wrong else 0
-            self.doubtful = self.doubtful or self.heard.odd >= ODD_MOST
+            self.received.mismatches = self.received.mismatches + 1 if wrong else 0
+            self.doubtful = self.doubtful or self.received.mismatches >= MISMATCHES_MOST
             self._count_status_bits()
         self._twice = min(self._twice + 1, 2 * TWICE_MOST) if self._came_twice else max(self._twice - 1, 0)
         self.shares_id = self._twice > (0 if self.shares_id else TWICE_MOST)
@@ -178,13 +178,13 @@ class Link:
     @property
     def state(self) -> State | None:
         """State of CiA 402 that it reported last."""
-        word = self.heard.objects.get(STATUSWORD)
+        word = self.received.objects.get(STATUSWORD)
         return None if word is None else state_of(word)
 
     @property
     def mode_fits(self) -> bool:
         """Whether its mode of operation is the one that was set, as far as it tells."""
-        return self.heard.objects.get(MODE, self._mode) == self._mode
+        return self.received.objects.get(MODE, self._mode) == self._mode
 
     @property
     def in_fault(self) -> bool:
@@ -193,15 +193,15 @@ class Link:
 
     def feedback_age(self, now: int) -> float:
         """Since its last statusword, s."""
-        return _age(self.heard.feedback_ns, now)
+        return _age(self.received.feedback_ns, now)
 
     def heartbeat_age(self, now: int) -> float:
         """Since its last heartbeat, s."""
-        return _age(self.heard.heartbeat_ns, now)
+        return _age(self.received.heartbeat_ns, now)
 
     def misses_heartbeat(self, now: int, timeout: float) -> bool:
         """Whether it is operational, but no heartbeat has come for `timeout` (s), or none since it became so."""
-        since = self.heard.heartbeat_ns or self.heard.operational_ns
+        since = self.received.heartbeat_ns or self.received.operational_ns
         return self.setup.stage is Stage.RUNNING and since is not None and _age(since, now) > timeout
 
     def doubt_once(self) -> None:
@@ -210,13 +210,13 @@ class Link:
         self._missed_beat = True
 
     def _count_status_bits(self) -> None:
-        word = self.heard.objects.get(STATUSWORD, 0)
+        word = self.received.objects.get(STATUSWORD, 0)
         self._tally["drive_warns"] += bool(word & StatusBit.WARNING)
         self._tally["drive_at_limit"] += bool(word & StatusBit.INTERNAL_LIMIT)
 
     def fault_text(self) -> str:
         """What its fault is, as far as it has told."""
-        emergency, code = self.heard.emergency, self.heard.objects.get(ERROR_CODE, 0)
+        emergency, code = self.received.emergency, self.received.objects.get(ERROR_CODE, 0)
         if emergency is not None and (not code or emergency.code == code):
             return emergency.text
         return error_text(code) if code else "no error code"
@@ -226,13 +226,13 @@ class Link:
 
         It may come in another PDO than the statusword, and be lost alone.
         """
-        if self._total is None or _age(self.heard.position_ns, now) > timeout:
+        if self._total is None or _age(self.received.position_ns, now) > timeout:
             return math.nan
         return self.scaling.position.si(self._total - self._origin)
 
     def quantity(self, index: int) -> float:
         """Velocity (606Ch) or torque (6077h) actual value, SI; NaN before it was heard."""
-        raw = self.heard.objects.get(index)
+        raw = self.received.objects.get(index)
         scale = self.scaling.velocity if index == VELOCITY else self.scaling.torque
         return math.nan if raw is None else scale.si(raw)
 
@@ -255,7 +255,7 @@ class Link:
 
     def status(self, now: int, trouble: str) -> DriveStatus:
         """All about it, for a person."""
-        emergency = self.heard.emergency
+        emergency = self.received.emergency
         return DriveStatus(
             motor=self.motor,
             node=self.node,
@@ -263,8 +263,8 @@ class Link:
             state=self.state,
             trouble=trouble,
             emergency="" if emergency is None else emergency.text,
-            error_code=self.heard.objects.get(ERROR_CODE, 0),
-            statusword=self.heard.objects.get(STATUSWORD, 0),
+            error_code=self.received.objects.get(ERROR_CODE, 0),
+            statusword=self.received.objects.get(STATUSWORD, 0),
             heartbeat_age=self.heartbeat_age(now),
             feedback_age=self.feedback_age(now),
             progress=self.setup.progress,

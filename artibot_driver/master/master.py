@@ -23,7 +23,7 @@ from artibot_driver.frames import NmtCommand, NmtState, heartbeat, nmt
 from artibot_driver.master import monitoring, setup
 from artibot_driver.master.link import POWERED, TORQUE, VELOCITY, Link
 from artibot_driver.master.phases import Facts, Phase, next_phase
-from artibot_driver.master.reception import KINDS, Chance, Hearing, no_chance
+from artibot_driver.master.reception import KINDS, Delay, Receiver, no_delay
 from artibot_driver.master.setpoints import STANDING, Integers, Targets
 from artibot_driver.master.traffic import AnyBus, Clock, Traffic
 from artibot_driver.master.values import (
@@ -42,7 +42,7 @@ from artibot_driver.rig import Rig
 from artibot_sim.model import MOTORS
 
 # ----------------------------------------------------------------------
-# Requests to the master: wishes that any thread may set, taken by the next cycle and then gone.
+# Requests to the master: asked that any thread may set, taken by the next cycle and then gone.
 # ----------------------------------------------------------------------
 
 
@@ -54,7 +54,7 @@ class Request(enum.Enum):
     RESET = "reset faults"
 
 
-class Wishes(NamedTuple):
+class AskedFor(NamedTuple):
     """What was asked for since the last cycle; `stop` is the first of the reasons, with the cycle's time."""
 
     enable: bool
@@ -64,7 +64,7 @@ class Wishes(NamedTuple):
 
 
 class Requests:
-    """Wishes that wait for the next cycle."""
+    """AskedFor that wait for the next cycle."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -75,13 +75,13 @@ class Requests:
         with self._lock:
             self._waiting.append((request, reason, text))
 
-    def take(self, now: int) -> Wishes:
-        """All wishes, which are gone then."""
+    def take(self, now: int) -> AskedFor:
+        """All asked, which are gone then."""
         with self._lock:
             waiting, self._waiting = self._waiting, []
         kinds = {request for request, _, _ in waiting}
         stops = [Stop(reason, text, now) for request, reason, text in waiting if request is Request.STOP]
-        return Wishes(Request.ENABLE in kinds, Request.RESET in kinds, stops[0] if stops else None, len(waiting))
+        return AskedFor(Request.ENABLE in kinds, Request.RESET in kinds, stops[0] if stops else None, len(waiting))
 
 
 # ----------------------------------------------------------------------
@@ -97,7 +97,9 @@ def feedback(links: Sequence[Link], now: int, config: DriverConfig) -> Feedback:
         one, two, three, four = (value if there else math.nan for value, there in zip(values, known, strict=True))
         return one, two, three, four
 
-    one, two, three, last = (each.heard.sampled_ns if there else None for each, there in zip(links, known, strict=True))
+    one, two, three, last = (
+        each.received.sampled_ns if there else None for each, there in zip(links, known, strict=True)
+    )
     return Feedback(
         four([each.position(now, config.drive_timeout) for each in links]),
         four([each.quantity(VELOCITY) for each in links]),
@@ -147,16 +149,16 @@ class Master:
     rig : Rig
     clock : Clock
         To bound the time that reading takes.
-    chance : Chance
+    delay : Delay
         So that of two drivers started together one is first on the bus.
     """
 
-    def __init__(self, bus: AnyBus, rig: Rig, clock: Clock = time.monotonic_ns, chance: Chance = no_chance) -> None:
+    def __init__(self, bus: AnyBus, rig: Rig, clock: Clock = time.monotonic_ns, delay: Delay = no_delay) -> None:
         self._rig, self._config, self._clock = rig, rig.config, clock
         self._period = 1000 * rig.config.sync_period_us
         self._tally: Counter[str] = Counter(dict.fromkeys(KINDS, 0))
         self._links = tuple(Link(rig, motor, self._tally) for motor in MOTORS)
-        self._hearing = Hearing(rig, self._links, self._tally, chance)
+        self._receiver = Receiver(rig, self._links, self._tally, delay)
         self._targets = Targets(rig, self._tally)
         self._requests, self._answered, self._notice = Requests(), 0, ""
         self._phase, self._bus_state = Phase.OFFLINE, BusState.ACTIVE
@@ -196,14 +198,14 @@ class Master:
     def use_bus(self, bus: AnyBus) -> None:
         """Go on with another bus where the old one is lost: listen first, then set all drives up again."""
         self._traffic = Traffic(bus, self._config.bitrate, self._period, self._tally, self._clock)
-        self._hearing.begin()
+        self._receiver.begin()
 
     def poll(self, now_ns: int) -> None:
         """Read what has come and go on with setting up, without set-points and SYNC."""
-        self._hearing.resume(now_ns)
+        self._receiver.resume(now_ns)
         for message in self._traffic.read():
-            self._hearing.take(message, now_ns, self._sync)
-        if self._hearing.leads:
+            self._receiver.take(message, now_ns, self._sync)
+        if self._receiver.leads:
             self._polls, setups = self._polls + 1, [link.setup for link in self._links]
             self._traffic.send(setup.due(setups, now_ns, self._rig.requests_a_cycle, self._polls))
 
@@ -220,13 +222,13 @@ class Master:
         last, self._last = now_ns if self._last is None else self._last, now_ns
         self.poll(now_ns)
         self._bus_state = self._traffic.look(now_ns, HEALTH_PERIOD)
-        self._hearing.listen(now_ns, self._bus_state.carries_frames, self._phase in (Phase.READY, Phase.LOCKED))
-        wishes = self._requests.take(now_ns)
+        self._receiver.listen(now_ns, self._bus_state.carries_frames, self._phase in (Phase.READY, Phase.LOCKED))
+        asked = self._requests.take(now_ns)
         if self._phase in (Phase.ENABLING, Phase.ENABLED):
-            self._stop = self._trouble(now_ns, last, wishes.stop) or self._take_setpoints(now_ns, setpoints)
+            self._stop = self._trouble(now_ns, last, asked.stop) or self._take_setpoints(now_ns, setpoints)
         elif not self._phase.moves:
             monitoring.rest(self._links, now_ns, self._config)
-        self._change_phase(now_ns, self._answer(now_ns, wishes))
+        self._change_phase(now_ns, self._answer(now_ns, asked))
         sent = self._move(now_ns, 1e-9 * min(now_ns - last, 2 * self._period))  # no leap down after a hold-up
         self._send(now_ns, sent)
         commanded = self._targets.commanded(sent, now_ns) if self._phase.moves else Commanded(stamp_ns=now_ns)
@@ -237,7 +239,7 @@ class Master:
         frames = [frame for link in self._links for frame in link.frames(State.SWITCH_ON_DISABLED, 0, 0, False)]
         frames.append(self._rig.codec.sync())
         frames += [nmt(NmtCommand.RESET_COMMUNICATION, link.node) for link in self._links]
-        if self._hearing.leads:  # one that only listened leaves the drives to whoever leads them
+        if self._receiver.leads:  # one that only listened leaves the drives to whoever leads them
             self._traffic.send(frames)
         self._phase, self._armed, self._following = Phase.CONFIGURING, None, False
         for link in self._links:
@@ -251,7 +253,7 @@ class Master:
         stop = asked or monitoring.first(
             monitoring.loop_trouble(now, last, self._config),
             monitoring.bus_trouble(now, self._bus_state, self._traffic),
-            self._hearing.trouble(now),
+            self._receiver.trouble(now),
             *(monitoring.drive_trouble(now, link, self._config, expected) for link in self._links),
         )
         if stop is None and self._phase is Phase.ENABLING and now - self._since > ENABLE_TIMEOUT:
@@ -276,18 +278,18 @@ class Master:
         self._targets.follow(given)
         return None
 
-    def _answer(self, now: int, wishes: Wishes) -> bool:
+    def _answer(self, now: int, asked: AskedFor) -> bool:
         """Say what becomes of the requests; whether the drives are to be enabled."""
         refused = ""
-        self._answered += wishes.number
-        if wishes.reset:
+        self._answered += asked.number
+        if asked.reset:
             self._notice = self._reset(now)
-        if wishes.enable:
-            refused = "a stop was asked for as well" if wishes.stop else self._enable_refused(now)
+        if asked.enable:
+            refused = "a stop was asked for as well" if asked.stop else self._enable_refused(now)
             self._notice = f"enable refused: {refused}" if refused else "the drives are being enabled"
-        if wishes.stop:
-            self._notice = f"stop: {wishes.stop.text}"
-        return wishes.enable and not refused
+        if asked.stop:
+            self._notice = f"stop: {asked.stop.text}"
+        return asked.enable and not refused
 
     def _reset(self, now: int) -> str:
         """Begin to reset faults, but none that is still to come while the rover moves; what became of it."""
@@ -301,10 +303,10 @@ class Master:
         """Why the drives cannot be enabled now; empty where they can."""
         if self._phase.moves:
             return f"they are {self._phase.name.lower()}"
-        if not self._hearing.alone:
-            return self._hearing.rival or Phase.LISTENING.value
+        if not self._receiver.alone:
+            return self._receiver.other_driver or Phase.LISTENING.value
         trouble = monitoring.first(
-            monitoring.bus_trouble(now, self._bus_state, self._traffic), self._hearing.trouble(now)
+            monitoring.bus_trouble(now, self._bus_state, self._traffic), self._receiver.trouble(now)
         )
         if trouble is not None:
             return trouble.text
@@ -318,7 +320,7 @@ class Master:
         since = None if self._released is None else now - self._released
         return Facts(
             carries=self._bus_state.carries_frames,
-            alone=self._hearing.leads,
+            alone=self._receiver.leads,
             complete=len(heard) == len(self._links) and not any(link.shares_id for link in heard),
             faulted=any(link.in_fault for link in running),
             enable=enable,
@@ -352,7 +354,7 @@ class Master:
         if self._phase is Phase.ENABLING or self._released is not None:
             return Integers(self._targets.integers((0, 0)).velocity, (0, 0))
         right, left = (
-            link.heard.objects.get(TORQUE, 0) if link.feedback_age(now) <= self._config.drive_timeout else 0
+            link.received.objects.get(TORQUE, 0) if link.feedback_age(now) <= self._config.drive_timeout else 0
             for link in self._links[:2]
         )
         return self._targets.integers((right, left))
@@ -365,8 +367,8 @@ class Master:
         return State.OPERATION_ENABLED if powered else State.SWITCH_ON_DISABLED
 
     def _send(self, now: int, sent: Integers) -> None:
-        if not self._hearing.leads:  # its first word moves nothing, and stops no other driver
-            self._hearing.spoke(now, self._traffic.send([self._rig.codec.sync()] * self._hearing.alone))
+        if not self._receiver.leads:  # its first word moves nothing, and stops no other driver
+            self._receiver.note_sent(now, self._traffic.send([self._rig.codec.sync()] * self._receiver.alone))
             return
         reset = not self._phase.moves and now < self._reset_until
         targets = ((sent.velocity[0], 0), (sent.velocity[1], 0), (0, sent.torque[0]), (0, sent.torque[1]))
@@ -379,7 +381,7 @@ class Master:
         if now >= self._beat_due:
             frames.append(heartbeat(self._config.driver_id, NmtState.OPERATIONAL))
             self._beat_due = now + round(1e9 * self._config.driver_period) - self._period // 2
-        self._hearing.spoke(now, self._traffic.send(frames))
+        self._receiver.note_sent(now, self._traffic.send(frames))
         self._sync = now
 
     def _status(self, now: int) -> Status:
@@ -394,5 +396,5 @@ class Master:
             drives=drives(self._links, now, self._config),
             bus=self._traffic.status(),
             counters=MappingProxyType(dict(self._tally)),
-            rival=self._hearing.rival,
+            other_driver=self._receiver.other_driver,
         )

@@ -9,7 +9,7 @@ from artibot_driver.bus import BusState
 from artibot_driver.cia402 import State
 from artibot_driver.config import DriverConfig
 from artibot_driver.frames import HEARTBEAT_BASE
-from artibot_driver.master.link import ODD_MOST, Link
+from artibot_driver.master.link import MISMATCHES_MOST, Link
 from artibot_driver.master.traffic import Traffic
 from artibot_driver.master.values import Reason, Stage, Stop
 
@@ -58,7 +58,7 @@ def drive_trouble(now: int, link: Link, config: DriverConfig, expected: State | 
     silence = link.heartbeat_age(now)
     if silence > HEARTBEATS * config.drive_timeout:
         yield found(Reason.DRIVE_SILENT, f"has sent no heartbeat for {silence:.3f} s")
-    if expected is not None and link.heard.odd >= ODD_MOST:
+    if expected is not None and link.received.mismatches >= MISMATCHES_MOST:
         mode = "" if link.mode_fits else ", in another mode of operation than was set"
         yield found(Reason.DRIVE_STATE, f"is in state '{link.state}', expected '{expected}'{mode}")
 

@@ -26,11 +26,11 @@ the bus then, none still follows what another one has commanded."""
 SPREAD: Final = 200_000_000
 """By so much at most, as chance has it, one driver listens longer than another that was started with it, ns."""
 
-Chance = Callable[[], float]
+Delay = Callable[[], float]
 """A number from 0 to 1, anew at each call."""
 
 
-def no_chance() -> float:
+def no_delay() -> float:
     """Always the same: a run can be repeated."""
     return 0.0
 
@@ -45,7 +45,7 @@ KINDS: Final = (
 """All that is counted."""
 
 
-class Hearing:
+class Receiver:
     """Reads frames for the drives of a rig.
 
     Parameters
@@ -55,7 +55,7 @@ class Hearing:
         Of its drives.
     tally : Counter
         Gets what is counted.
-    chance : Chance
+    delay : Delay
         How much of :data:`SPREAD` it listens longer.
 
     Attributes
@@ -66,13 +66,13 @@ class Hearing:
         Whether its first word since then has gone out, and no other driver has answered it.
     """
 
-    def __init__(self, rig: Rig, links: Sequence[Link], tally: Counter[str], chance: Chance = no_chance) -> None:
+    def __init__(self, rig: Rig, links: Sequence[Link], tally: Counter[str], delay: Delay = no_delay) -> None:
         self._codec, self._driver = rig.codec, rig.config.driver_id
         self._links = {link.node: link for link in links}
         self._tally = tally
         self._second: tuple[int, str] | None = None
         self._least = max(LISTEN_TIME, round(1e9 * rig.config.driver_timeout) + LONGER_THAN_DRIVES)
-        self._chance = chance
+        self._delay = delay
         self.alone = self.leads = self._led = False
         self._other: tuple[int, str] | None
         self._quiet_since: int | None
@@ -132,9 +132,9 @@ class Hearing:
     def begin(self) -> None:
         """Listen whether somebody else leads the drives, which are to be set up anew."""
         self.alone = self.leads = self._led = False
-        self._spoke = 0
+        self._sent_at = 0
         self._other = self._quiet_since = None
-        self._patience = self._least + round(self._chance() * SPREAD)
+        self._patience = self._least + round(self._delay() * SPREAD)
         for link in self._links.values():
             link.forget()
 
@@ -156,12 +156,12 @@ class Hearing:
             self._quiet_since = max(self._quiet_since, self._other[0] if self._other else 0)
             if now - self._quiet_since >= self._patience:
                 self.alone, self._other, self._second = True, None, None
-                self._spoke = now
+                self._sent_at = now
 
-    def spoke(self, now: int, heard: bool) -> None:
+    def note_sent(self, now: int, heard: bool) -> None:
         """A cycle has said what it had to say; `heard` where the bus has taken something of it."""
         if heard:
-            self.leads, self._spoke = True, now
+            self.leads, self._sent_at = True, now
 
     def resume(self, now: int) -> None:
         """Listen again after a silence of one's own, before anything that came in it is read.
@@ -169,11 +169,11 @@ class Hearing:
         Whatever the reason (a bus that is down or takes no frames, a loop that was held up): after so long no drive
         follows any more, and another driver may have begun to lead them. Before that nobody else has begun.
         """
-        if self.alone and now - self._spoke >= self._least:
+        if self.alone and now - self._sent_at >= self._least:
             self.begin()
 
     @property
-    def rival(self) -> str:
+    def other_driver(self) -> str:
         """Another driver that was heard while listening, one clause with the mend; empty where none was."""
         if self.alone or self._other is None:
             return ""

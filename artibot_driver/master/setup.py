@@ -109,7 +109,7 @@ class Setup:
     refusal : str
         Why the drive is refused, as one line with the mend; empty where it is not.
     remark : str
-        What is odd about a drive that is set up all the same; empty where nothing is.
+        What is mismatches about a drive that is set up all the same; empty where nothing is.
     """
 
     def __init__(self, rig: Rig, motor: str, tally: Counter[str]) -> None:

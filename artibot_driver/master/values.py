@@ -158,7 +158,7 @@ class DriveStatus:
     progress : float
         Of its setting up, 0 to 1.
     remark : str
-        What is odd about it, though it keeps from nothing; mostly empty.
+        What is mismatches about it, though it keeps from nothing; mostly empty.
     """
 
     motor: str
@@ -216,7 +216,7 @@ class Status:
         Steady time of the last enable: set-points have to be younger. None where it is not enabled.
     following : bool
         Whether the set-points handed over act.
-    rival : str
+    other_driver : str
         Another driver that was heard while listening, one clause with the mend; else empty.
     refusal : str
         What keeps a drive from being set up for good, as an :class:`ArtibotError` would say it; else empty.
@@ -239,7 +239,7 @@ class Status:
     drives: tuple[DriveStatus, ...]
     bus: BusStatus
     counters: Mapping[str, int]
-    rival: str = ""
+    other_driver: str = ""
 
 
 @dataclass(frozen=True)

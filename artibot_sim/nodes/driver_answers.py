@@ -83,8 +83,8 @@ def stop_text(stop: Stop) -> str:
 
 def obstacles(status: Status) -> str:
     """What is in the way of enabling, or empty."""
-    if status.rival or status.refusal:
-        return status.rival or status.refusal
+    if status.other_driver or status.refusal:
+        return status.other_driver or status.refusal
     if not status.bus.state.carries_frames:
         return f"bus: {status.bus.reason or status.bus.state.value}"
     found = []

@@ -22,7 +22,7 @@ class Silence:
     text: str
 
 
-class CommandDesk:
+class CommandGate:
     """Takes commands while the drives are enabled, and only those that came after the enable.
 
     Parameters

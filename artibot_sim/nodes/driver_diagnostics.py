@@ -123,7 +123,7 @@ def _driver(identity: Identity, status: Status, own: Mapping[str, object]) -> Di
         text = f"stopped: {stop_text(status.stop)}"
         if status.stop.reason.asked_for and not status.phase.moves:
             level = OK
-    elif status.phase in (Phase.OFFLINE, Phase.LOCKED) or status.refusal or status.rival:
+    elif status.phase in (Phase.OFFLINE, Phase.LOCKED) or status.refusal or status.other_driver:
         level, text = ERROR, _joined((text, obstacles(status)))
     elif status.phase in (Phase.LISTENING, Phase.CONFIGURING):
         level, text = WARN, _joined((text, obstacles(status)))

@@ -33,7 +33,7 @@ PATIENCE = 60.0
 """The driver is waited for so long, s."""
 
 
-class SyncEar:
+class SyncListener:
     """Hears SYNC on a bus, in a thread of its own.
 
     Attributes
@@ -111,7 +111,7 @@ def exercise(node: Any, channel: str, seconds: float) -> dict[str, Any]:
     print("waiting for the driver", flush=True)
     if not client.wait_for_service(PATIENCE):
         raise ArtibotError(f"exercise: no driver within {PATIENCE:g} s")
-    ear, begin = SyncEar(channel), time.monotonic()
+    ear, begin = SyncListener(channel), time.monotonic()
     try:
         while (now := time.monotonic()) < begin + seconds:
             speed = 60.0 * math.sin(now - begin)

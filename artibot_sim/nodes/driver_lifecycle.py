@@ -31,7 +31,7 @@ from artibot_sim.nodes.callbacks import Server
 from artibot_sim.nodes.driver_answers import obstacles
 from artibot_sim.nodes.driver_loop import DriverLoop
 from artibot_sim.nodes.driver_services import Services
-from artibot_sim.nodes.driver_start import StartWish
+from artibot_sim.nodes.driver_start import AutoEnable
 from artibot_sim.nodes.pacer import check_stats
 from artibot_sim.nodes.parameters import keep_types, refuse_unknown
 from artibot_sim.sharing import is_file
@@ -42,13 +42,13 @@ SERVE_EVERY = 0.02
 IDLE = 0.05
 """How long the executor is waited in at a time while there is no bus, s."""
 
-FAREWELL = 2.0
+SHUTDOWN_TIME = 2.0
 """Beyond the ramp to standstill, how long the drives are given to switch off at the end, s."""
 
 SWITCH = 5e-4
 """How long another thread (that reads a profile) may keep the loop waiting, s."""
 
-GOODBYE = 0.1
+REPLY_TIME = 0.1
 """How long the process stays for its last answers, s."""
 
 DONE, FAILED = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
@@ -80,7 +80,7 @@ class DriverNode(LifecycleNode):
         refuse_unknown(self)  # now that those are declared which override the topics' quality of service
         self._fault, self._started = "", False
         self._asked, self._ended_at = asked, 0.0
-        self._wish = StartWish()
+        self._auto_enable = AutoEnable()
         self._by_itself = False
         self._server = Server()
         self._serve_at = 0.0
@@ -106,7 +106,7 @@ class DriverNode(LifecycleNode):
             return FAILED
         self._fault = ""
         if self.settings["enable_on_start"]:
-            self._wish.begin(time.monotonic())
+            self._auto_enable.begin(time.monotonic())
         return DONE
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -132,7 +132,7 @@ class DriverNode(LifecycleNode):
         if self.loop.phase.moves:
             self.get_logger().error("cannot be cleaned up: the rover is still coming to standstill")
             return FAILED
-        self._wish.end()
+        self._auto_enable.end()
         self._requests.end("the bus was closed")
         self.loop.close()
         return DONE
@@ -161,7 +161,7 @@ class DriverNode(LifecycleNode):
             return self._fault or "not configured; use the lifecycle's configure first"
         if self._ended_at:
             return "the driver is ending"
-        self._wish.end()
+        self._auto_enable.end()
         getattr(self.loop.master, name)()
         return self.loop.status.requests
 
@@ -223,7 +223,7 @@ class DriverNode(LifecycleNode):
 
     def _let_answers_leave(self, executor: SingleThreadedExecutor) -> None:
         """The last answers of services take a moment to get away."""
-        until = time.monotonic() + GOODBYE
+        until = time.monotonic() + REPLY_TIME
         while time.monotonic() < until:
             executor.spin_once(timeout_sec=0.02)
 
@@ -245,11 +245,11 @@ class DriverNode(LifecycleNode):
             self.loop.diagnose(self.label, self._fault, self._server.most_ms)
 
     def _enable_if_wished(self, master: Master, status: Status) -> None:
-        wish = self._wish.look(status, time.monotonic())
-        if wish.enable:
+        auto_enable = self._auto_enable.look(status, time.monotonic())
+        if auto_enable.enable:
             master.enable()
-        elif wish.lapsed:
-            self.get_logger().warning(f"enable_on_start has lapsed: {wish.lapsed}; call ~/enable")
+        elif auto_enable.lapsed:
+            self.get_logger().warning(f"enable_on_start has lapsed: {auto_enable.lapsed}; call ~/enable")
 
     def _over(self) -> bool:
         """Whether all is done after the process was asked to end."""
@@ -261,5 +261,5 @@ class DriverNode(LifecycleNode):
             if self.loop.master is not None:
                 self.loop.master.disable()
         config = self.loop.config
-        patience = config.max_speed / config.stop_deceleration + FAREWELL
+        patience = config.max_speed / config.stop_deceleration + SHUTDOWN_TIME
         return not self.loop.phase.moves or time.monotonic() > self._ended_at + patience

@@ -19,7 +19,7 @@ from artibot_driver.rig import Rig
 from artibot_sim.nodes import driver_parameters as parameters
 from artibot_sim.nodes.driver_answers import obstacles, stop_text
 from artibot_sim.nodes.driver_bus import BusKeeper
-from artibot_sim.nodes.driver_commands import CommandDesk, Silence
+from artibot_sim.nodes.driver_commands import CommandGate, Silence
 from artibot_sim.nodes.driver_diagnostics import Identity, diagnostics
 from artibot_sim.nodes.driver_publishers import DriverPublishers
 from artibot_sim.nodes.inputs import Inputs
@@ -52,7 +52,7 @@ class DriverLoop:
         self._rig, self._settings, self._log = rig, settings, node.get_logger()
         self._identity = Identity.of_node(rig.robot.name, node.get_fully_qualified_name())
         rules = parameters.rules(settings, rig.robot, rig.config)
-        self.desk = CommandDesk(Inputs(node, rules, settings["cmd_vel_stamped"], beside=True, aged=True))
+        self.gate = CommandGate(Inputs(node, rules, settings["cmd_vel_stamped"], beside=True, aged=True))
         self._out = DriverPublishers(node, rig.robot, settings)
         self._keeper = BusKeeper(rig.config)
         self._period_ns = 1_000 * rig.config.sync_period_us
@@ -85,7 +85,7 @@ class DriverLoop:
         ArtibotError
             When it cannot be opened, with the mend.
         """
-        self.master = Master(self._keeper.open(), self._rig, chance=random.random)
+        self.master = Master(self._keeper.open(), self._rig, delay=random.random)
         self._periods = 1
         self.pacer.start()
 
@@ -98,19 +98,19 @@ class DriverLoop:
 
     def refresh_rules(self) -> None:
         """Have arbitration and torque sharing go by the parameters as they are now."""
-        self.desk.inputs.rules = parameters.rules(self._settings, self._rig.robot, self.config)
+        self.gate.inputs.rules = parameters.rules(self._settings, self._rig.robot, self.config)
         if self._settings["law"] != self._law_name:  # a file's law is run anew by reading it: not for another kappa
             self._law_name = self._settings["law"]
             self._law = parameters.law_of(self._law_name)
 
     def step(self, master: Master, listen: bool) -> Status:
         """One SYNC period, at its deadline; with `listen` commands are followed."""
-        self.desk.inputs.t_ns = t_ns = self.pacer.deadline_ns + self._epoch_ns
-        self.desk.inputs.take()
+        self.gate.inputs.t_ns = t_ns = self.pacer.deadline_ns + self._epoch_ns
+        self.gate.inputs.take()
         setpoints = None
         if self.status is not None and listen:
             kappa = self._settings["kappa"]
-            found = self.desk.decide(self.status, t_ns, self._period_ns, self._periods, kappa, self._law)
+            found = self.gate.decide(self.status, t_ns, self._period_ns, self._periods, kappa, self._law)
             if isinstance(found, Silence):
                 master.stop(found.reason, found.text)
             else:
@@ -118,7 +118,7 @@ class DriverLoop:
         cycle = master.cycle(time.monotonic_ns(), setpoints)
         self._periods = self.pacer.skip()
         self.status = cycle.status
-        self.desk.follow(cycle.status)
+        self.gate.follow(cycle.status)
         self._publish(cycle)
         self._say_what_is_new(cycle.status)
         if cycle.status.bus.state is BusState.LOST and (bus := self._keeper.again()) is not None:
@@ -132,7 +132,7 @@ class DriverLoop:
         self._out.commanded(cycle.commanded, self._epoch_ns)
 
     def _say_what_is_new(self, status: Status) -> None:
-        news = (status.phase, bool(status.rival))
+        news = (status.phase, bool(status.other_driver))
         if news != self._logged:
             self._logged = news
             self._log.info("; ".join(filter(None, (status.phase.value, obstacles(status)))))
@@ -172,13 +172,13 @@ class DriverLoop:
     def _diagnostics(self, lifecycle: str, fault: str, held_up: float) -> Any:
         own = {
             "lifecycle": lifecycle,
-            "commanded by": self.desk.source.value,
+            "commanded by": self.gate.source.value,
             "kappa": self._settings["kappa"],
             "law": self._settings["law"],
             "loop late p99 (ms)": 1e3 * self.pacer.recent(1000, 99),
             "loop late most (ms)": 1e3 * self.pacer.recent(1000, 100),
             "periods missed": self.pacer.overruns,
-            "commands late most (ms)": 1e3 * self.desk.inputs.latest,
+            "commands late most (ms)": 1e3 * self.gate.inputs.latest,
             "callback most (ms)": held_up,
         }
         t_ns = time.monotonic_ns() + self._epoch_ns

@@ -1,4 +1,4 @@
-"""The driver's services: each sets a wish, and answers once it is known what came of it."""
+"""The driver's services: each sets a auto_enable, and answers once it is known what came of it."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ class Verdict(NamedTuple):
     lapsed: str = ""
 
 
-class StartWish:
+class AutoEnable:
     """The wish to be enabled as soon as the drives are set up."""
 
     def __init__(self) -> None:

@@ -104,14 +104,14 @@ class CanTap:
     def _run(self) -> None:
         """Pass frames on until the end, and then those that are there already: the thread's body."""
         while not self._ending.is_set():
-            message = self._listener.hear(_PATIENCE)
+            message = self._listener.receive(_PATIENCE)
             if message is not None:
                 self._take(message)
             if self.missed >= max(1, 10 * self._said_missed):
                 self._say_missed()
         end_ns, deadline = time.time_ns(), time.monotonic() + (_LAST_FRAMES if self._listener.own_clock else _BRIEF)
         while (self._last_ns < end_ns or not self._listener.own_clock) and time.monotonic() < deadline:
-            message = self._listener.hear(0.0)
+            message = self._listener.receive(0.0)
             if message is None:
                 return
             self._take(message)

@@ -16,7 +16,7 @@ from artibot_driver.config import load_config
 from artibot_driver.dictionary import load_dictionary
 from artibot_driver.listener import interface_of
 from artibot_driver.pdo import Codec
-from artibot_driver.playback import Chooser, Sender, Which, check_alone
+from artibot_driver.playback import FrameChoice, Sender, Which, check_alone
 from artibot_sim.experiment.can_frames import CanFrame, can_topics, frame_decoder
 from artibot_sim.experiment.storage import BagInfo, ChannelInfo, RawMessage
 from artibot_sim.nodes.process import asked_to_end, undisturbed
@@ -80,7 +80,7 @@ class FrameOutlet:
     publishers : topic → where its messages go.
     """
 
-    def __init__(self, bus: Bus, chooser: Chooser, channels: Sequence[ChannelInfo], warn: Say) -> None:
+    def __init__(self, bus: Bus, chooser: FrameChoice, channels: Sequence[ChannelInfo], warn: Say) -> None:
         name = f"CAN bus {bus.channel}"
         self._decoders = {channel.topic: frame_decoder(channel) for channel in channels}
         self.publishers = {topic: FramePublisher(decode, self._send, name) for topic, decode in self._decoders.items()}
@@ -139,7 +139,7 @@ def frame_outlet(info: BagInfo, given: dict[str, Any], warn: Say) -> Iterator[Fr
     channels = [channel for channel in info.channels if channel.topic in topics]
     which = Which(given["can_frames"] or Which.DRIVES.value)
     config = load_config(given["can_params"] or "driver")
-    chooser = Chooser(which, Codec(load_dictionary(config.eds), config.node_ids), config.driver_id)
+    chooser = FrameChoice(which, Codec(load_dictionary(config.eds), config.node_ids), config.driver_id)
     bus = open_bus(interface_of(given["can"], given["can_interface"]), given["can"])
     try:
         outlet = FrameOutlet(bus, chooser, channels, warn)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 from safety_contract import SafetyContract
 
-from artibot_driver.faults.live_loop import SocketCanPlace
+from artibot_driver.faults.live_loop import SwitchableSocketCan
 
 
 @pytest.fixture
-def site() -> SocketCanPlace:
-    return SocketCanPlace("vcan0")
+def site() -> SwitchableSocketCan:
+    return SwitchableSocketCan("vcan0")
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 
 import pytest
-from bus_contract import BusContract, Place, random_frame, received, wait_for
+from bus_contract import BusAddress, BusContract, random_frame, received, wait_for
 from drive_bench import running_drives
 
 from artibot_driver.bus import Bus, BusState, open_bus
@@ -28,7 +28,7 @@ def ip(*words: str) -> None:
 
 
 @pytest.fixture
-def place() -> Place:
+def address() -> BusAddress:
     return "socketcan", "vcan0"
 
 
@@ -45,7 +45,7 @@ class TestVcan(BusContract):
     """All of :class:`BusContract`."""
 
 
-def test_candump_shows_what_the_codec_encodes(place: Place) -> None:
+def test_candump_shows_what_the_codec_encodes(address: BusAddress) -> None:
     frames = [
         CODEC.sync(),
         nmt(NmtCommand.START),
@@ -55,7 +55,7 @@ def test_candump_shows_what_the_codec_encodes(place: Place) -> None:
         CODEC.emcy(2, 0x8130, 0x11),
     ]
     command = ["candump", "-L", "-n", str(len(frames)), "vcan0"]
-    with open_bus(*place) as bus, subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as dump:
+    with open_bus(*address) as bus, subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as dump:
         wait_until_listened("vcan0", 2)
         assert all(bus.send(frame) for frame in frames)
         shown, _ = dump.communicate(timeout=20)
@@ -74,8 +74,8 @@ def wait_until_listened(channel: str, sockets: int) -> None:
     assert wait_for(enough, 10.0)
 
 
-def test_what_cansend_sends_is_decoded(place: Place) -> None:
-    with open_bus(*place) as bus:
+def test_what_cansend_sends_is_decoded(address: BusAddress) -> None:
+    with open_bus(*address) as bus:
         for word in ("181#3702E8030000F4FF", "081#3081110000000000", "181#37", "1F334455#00"):
             subprocess.run(["cansend", "vcan0", word], check=True)
         messages = [bus.receive(5.0) for _ in range(4)]
@@ -132,8 +132,8 @@ ERRORS = [  # as a CAN controller's driver reports them; cansend can send error 
 ]
 
 
-def test_error_frames_tell_the_controller_s_state(place: Place) -> None:
-    with open_bus(*place) as bus:
+def test_error_frames_tell_the_controller_s_state(address: BusAddress) -> None:
+    with open_bus(*address) as bus:
         for word, state in ERRORS:
             subprocess.run(["cansend", "vcan0", word], check=True)
             assert wait_for(lambda state=state: bus.receive(0.01) is None and bus.health().state is state), word
@@ -182,9 +182,9 @@ def test_an_interface_that_is_down_names_the_mend(own_interface: str) -> None:
         open_bus("socketcan", own_interface)
 
 
-def test_a_flood_is_survived_and_the_bus_works_after_it(place: Place) -> None:
+def test_a_flood_is_survived_and_the_bus_works_after_it(address: BusAddress) -> None:
     rng = random.Random(3)
-    with open_bus(*place) as bus, open_bus(*place) as other:
+    with open_bus(*address) as bus, open_bus(*address) as other:
         sent = sum(other.send(random_frame(rng)) for _ in range(20_000))  # nobody reads: the socket's buffer overflows
         begin, taken = time.monotonic(), drained(bus)
         assert 0 < taken <= sent
@@ -202,10 +202,10 @@ def drained(bus: Bus) -> int:
     return count
 
 
-def test_candump_and_cansend_talk_to_a_simulated_drive(place: Place) -> None:
+def test_candump_and_cansend_talk_to_a_simulated_drive(address: BusAddress) -> None:
     rig = load_rig(config_from_parameters({}))
     with (
-        open_bus(*place) as bus,
+        open_bus(*address) as bus,
         subprocess.Popen(["candump", "-L", "vcan0"], stdout=subprocess.PIPE, text=True) as dump,
     ):
         wait_until_listened("vcan0", 2)

@@ -11,7 +11,7 @@ import time
 from collections.abc import Iterator
 
 import pytest
-from bus_contract import BusContract, Place, received, wait_for
+from bus_contract import BusAddress, BusContract, received, wait_for
 from can.interfaces.virtual import channels
 
 from artibot_driver.bus import BusState, open_bus
@@ -22,7 +22,7 @@ from ros_helpers import ROOT
 
 
 @pytest.fixture(scope="module")
-def place() -> Iterator[Place]:
+def address() -> Iterator[BusAddress]:
     with loopback_bus() as channel:
         yield "remote", channel
 
@@ -120,15 +120,15 @@ def test_the_server_ends_with_the_process_that_started_it() -> None:
     assert wait_for(refused, 10.0)
 
 
-def test_a_taken_port_says_so(place: Place) -> None:
-    port = int(place[1].rstrip("/").rpartition(":")[2])
+def test_a_taken_port_says_so(address: BusAddress) -> None:
+    port = int(address[1].rstrip("/").rpartition(":")[2])
     expected = rf"loopback bus: did not start: port {port} on 127.0.0.1: .*in use"
     with pytest.raises(ArtibotError, match=expected), loopback_bus(port):
         pass
 
 
-def test_only_this_machine_is_served(place: Place) -> None:
-    assert place[1].startswith("ws://127.0.0.1:")
+def test_only_this_machine_is_served(address: BusAddress) -> None:
+    assert address[1].startswith("ws://127.0.0.1:")
 
 
 @pytest.mark.parametrize(

@@ -18,8 +18,8 @@ from artibot_driver.cia402 import State
 from artibot_driver.config import config_from_parameters
 from artibot_driver.faults import campaign
 from artibot_driver.faults.catalogue import BRIEFLY, BY_NAME, CAN_PASS, CATALOGUE, TWO, Fault, briefly, two
-from artibot_driver.faults.closed_loop import VirtualWorld, World
-from artibot_driver.faults.simulated_bus import Interference, UnreliableBus, wire
+from artibot_driver.faults.closed_loop import ClosedLoop, VirtualLoop
+from artibot_driver.faults.simulated_bus import Interference, UnreliableBus, memory_buses
 from artibot_driver.faults.trial import BEFORE_END, Trial
 from artibot_driver.faults.watchdog import HELD_UP, Watchdog
 from artibot_driver.frames import Frame
@@ -42,7 +42,7 @@ def test_two_faults_at_once_and_those_that_pass_by_end_well_too(number: int) -> 
     rng = random.Random(f"{SEED}/{number}")
     pair = two(*rng.sample(CATALOGUE, 2), rng.uniform(0.0, 0.3))
     for fault in (pair, briefly(rng.choice(CAN_PASS), rng.uniform(0.01, 0.15))):
-        outcome = Trial(VirtualWorld(load_rig(config_from_parameters({})), rng), fault, rng.choice(MOTORS)).run()
+        outcome = Trial(VirtualLoop(load_rig(config_from_parameters({})), rng), fault, rng.choice(MOTORS)).run()
         assert not outcome.complaints, (f"seed {SEED}, trial {number}", outcome)
 
 
@@ -62,7 +62,7 @@ def test_the_same_seed_gives_the_same_trial() -> None:
 
 
 def test_mishaps_that_are_counted_do_happen() -> None:
-    w = VirtualWorld(load_rig(config_from_parameters({})), random.Random(1))
+    w = VirtualLoop(load_rig(config_from_parameters({})), random.Random(1))
     assert w.run_until(Phase.READY, 3.0)
     w.unreliable.interference = Interference(0.1, 0.1, 0.1, 0.1)
     w.run(3.0)
@@ -72,7 +72,7 @@ def test_mishaps_that_are_counted_do_happen() -> None:
 
 
 def test_an_unreliable_bus_invents_nothing_and_keeps_nothing() -> None:
-    near, far = wire()
+    near, far = memory_buses()
     bus = UnreliableBus(near, random.Random(2))
     bus.interference = Interference(reordered=0.3, duplicated=0.2)
     for k in range(200):
@@ -120,7 +120,7 @@ class Hasty(Master):
     """A master that speaks again without listening."""
 
     def poll(self, now_ns):  # type: ignore[no-untyped-def]
-        self._hearing.spoke(now_ns, self._hearing.alone)
+        self._receiver.note_sent(now_ns, self._receiver.alone)
         super().poll(now_ns)
 
 
@@ -135,7 +135,7 @@ class Hasty(Master):
     ],
 )
 def test_a_trial_notices_a_driver_that_is_at_fault(master: type[Master], fault: Fault, complaint: str) -> None:
-    w = VirtualWorld(load_rig(config_from_parameters({})), random.Random(5))
+    w = VirtualLoop(load_rig(config_from_parameters({})), random.Random(5))
     w.master = master(w.unreliable, w.rig, clock=lambda: w.now)
     outcome = Trial(w, fault, "back_left").run()
     assert any(part in each for each in outcome.complaints for part in complaint.split("|")), outcome
@@ -144,12 +144,12 @@ def test_a_trial_notices_a_driver_that_is_at_fault(master: type[Master], fault: 
 def test_a_stop_that_comes_late_is_watched_to_its_end() -> None:
     """What need not stop at all may do so in the last moment that is watched; the ramp takes its time after that."""
 
-    def inject(world: World, motor: str) -> None:
-        before, late = world.command, world.now + round(1e9 * (BEFORE_END + ramp + trial.duration - 0.2))
-        world.command = lambda now: before(now) if now < late else None
+    def inject(loop: ClosedLoop, motor: str) -> None:
+        before, late = loop.command, loop.now + round(1e9 * (BEFORE_END + ramp + trial.duration - 0.2))
+        loop.command = lambda now: before(now) if now < late else None
 
-    fault = Fault("silence, later", inject, lambda world, motor: None, False, 0.15, (Reason.COMMAND_SILENCE,))
-    w = VirtualWorld(load_rig(config_from_parameters({})), random.Random(5))
+    fault = Fault("silence, later", inject, lambda loop, motor: None, False, 0.15, (Reason.COMMAND_SILENCE,))
+    w = VirtualLoop(load_rig(config_from_parameters({})), random.Random(5))
     trial = Trial(w, fault, "back_left")
     ramp = trial.speed / w.rig.config.stop_deceleration
     outcome = trial.run()
@@ -195,8 +195,8 @@ def test_a_log_that_is_something_else_is_refused_and_left_alone(
     assert log.read_text(encoding="utf-8") == "not a trial"
 
 
-class Quick(VirtualWorld):
-    """A world in time of its own in place of one in real time; while it lasts the watchdog may be held up."""
+class Quick(VirtualLoop):
+    """A loop in time of its own in place of one in real time; while it lasts the watchdog may be held up."""
 
     held_up: list[int] = []  # noqa: RUF012  # processes to be held up, one after the other
 
@@ -216,7 +216,7 @@ class Quick(VirtualWorld):
 
 
 def test_a_trial_that_the_machine_held_up_is_void_and_never_judged(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(campaign, "LiveWorld", Quick)
+    monkeypatch.setattr(campaign, "LiveLoop", Quick)
     rig = load_rig(config_from_parameters({}))
     monkeypatch.setattr(campaign, "LIVE_TRIES", 3)
     with Watchdog(0) as watchdog:

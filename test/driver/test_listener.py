@@ -1,4 +1,4 @@
-"""Hearing a bus for hours: all frames of every kind, and a bus that goes away is said once and awaited."""
+"""Receiver a bus for hours: all frames of every kind, and a bus that goes away is said once and awaited."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_frames_of_every_kind_are_heard_with_their_time_of_arrival() -> None:
         before = time.time_ns()
         for message in KINDS:
             assert sender.send_message(message)
-        heard = [listener.hear(5.0) for _ in KINDS]
+        heard = [listener.receive(5.0) for _ in KINDS]
         after = time.time_ns()
         for sent, got in zip(KINDS, heard, strict=True):
             assert got is not None
@@ -67,9 +67,9 @@ def test_a_burst_larger_than_a_batch_is_heard_in_full_and_in_order() -> None:
         listener = Listener("remote", channel, unsaid)
         for k in range(700):
             sender.send_message(can.Message(arbitration_id=1, data=k.to_bytes(4, "big"), is_extended_id=False))
-        heard = [listener.hear(5.0) for _ in range(700)]
+        heard = [listener.receive(5.0) for _ in range(700)]
         assert [int.from_bytes(message.data, "big") for message in heard if message is not None] == list(range(700))
-        assert listener.hear(0.0) is None
+        assert listener.receive(0.0) is None
         listener.close()
 
 
@@ -81,19 +81,19 @@ def test_a_bus_that_goes_away_is_said_once_and_heard_again_when_it_is_back() -> 
     try:
         server.kill()
         server.wait()
-        assert wait_for(lambda: listener.hear(0.05) is None and bool(said), 10.0)
+        assert wait_for(lambda: listener.receive(0.05) is None and bool(said), 10.0)
         begin = time.monotonic()
         for _ in range(20):
-            assert listener.hear(0.1) is None
+            assert listener.receive(0.1) is None
         assert time.monotonic() - begin > 0.3, "it waits, and is not busy"
         assert [bad for bad, _ in said] == [True]
         assert "waiting for it" in said[0][1]
         server = serve(port)
-        assert wait_for(lambda: listener.hear(0.05) is None and len(said) == 2, 10.0)
+        assert wait_for(lambda: listener.receive(0.05) is None and len(said) == 2, 10.0)
         assert said[1][0] is False
         with open_bus("remote", listener.channel) as sender:
             sender.send_message(KINDS[0])
-            assert wait_for(lambda: listener.hear(0.05) is not None, 10.0)
+            assert wait_for(lambda: listener.receive(0.05) is not None, 10.0)
     finally:
         listener.close()
         server.kill()

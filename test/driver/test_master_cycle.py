@@ -12,7 +12,7 @@ import pytest
 
 from artibot_driver.cia402 import Command, State, command_of, statusword
 from artibot_driver.config import config_from_parameters
-from artibot_driver.faults.closed_loop import VirtualWorld
+from artibot_driver.faults.closed_loop import VirtualLoop
 from artibot_driver.faults.simulated_bus import message_of
 from artibot_driver.frames import Frame, Heartbeat, Sync
 from artibot_driver.master import Master, Phase, Reason, Setpoints, Stage
@@ -22,10 +22,10 @@ from artibot_sim.model import MOTORS
 from artibot_sim.sharing import Law, load_law
 
 RIG = load_rig(config_from_parameters({}))
-TURN = VirtualWorld(RIG, random.Random(0)).turn
+TURN = VirtualLoop(RIG, random.Random(0)).turn
 
 
-class Logged(VirtualWorld):
+class Logged(VirtualLoop):
     """Notes every frame on the wire, in order, as ``candump`` does."""
 
     def __init__(self, seed: int = 1) -> None:
@@ -179,13 +179,13 @@ def test_nothing_moves_before_an_enable_and_without_a_fresh_command() -> None:
     w.master.enable()
     assert w.run_until(Phase.ENABLED, 1.0)
     w.run(0.5)
-    assert not any(asked.velocity for sample in w.trace for asked in sample.seen.asked[:2])
+    assert not any(asked.velocity for sample in w.trace for asked in sample.drives.asked[:2])
     assert w.last.status.counters["setpoints_stale"] > 40
     assert not w.last.status.following
     w.command = lambda now: replace(old, stamp_ns=now)
     w.run(0.05)
     assert w.last.status.following
-    assert w.trace[-1].seen.asked[0].velocity == pytest.approx(50.0, abs=1e-3)
+    assert w.trace[-1].drives.asked[0].velocity == pytest.approx(50.0, abs=1e-3)
 
 
 def test_an_enable_that_comes_too_early_is_refused_and_forgotten() -> None:
@@ -273,14 +273,14 @@ def test_a_rolling_rover_is_caught_on_a_ramp_when_it_is_enabled() -> None:
     w = Logged()
     assert w.run_until(Phase.READY, 3.0)
     for motor in ("front_right", "front_left"):
-        w.crew.shafts[motor]._state = w.crew.shafts[motor].state()._replace(velocity=0.6 * TURN)
+        w.drive_set.shafts[motor]._state = w.drive_set.shafts[motor].state()._replace(velocity=0.6 * TURN)
     w.run(0.05)
     w.master.enable()
     assert w.run_until(Phase.ENABLED, 1.0)
-    speeds = [w.crew.shafts["front_right"].state().velocity]
+    speeds = [w.drive_set.shafts["front_right"].state().velocity]
     for _ in range(30):
         w.run(0.01)
-        speeds.append(w.crew.shafts["front_right"].state().velocity)
+        speeds.append(w.drive_set.shafts["front_right"].state().velocity)
     drops = [(a - b) / TURN / 0.01 for a, b in itertools.pairwise(speeds)]
     assert max(drops) < 1.5 * RIG.config.stop_deceleration
     assert speeds[-1] < 0.2 * TURN
@@ -290,7 +290,7 @@ def test_a_speed_that_no_rover_has_is_not_what_an_enable_begins_with() -> None:
     """An encoder that has gone wrong: the ramp begins at max_speed at most, and is over as soon as that allows."""
     w = Logged()
     assert w.run_until(Phase.READY, 3.0)
-    shaft = w.crew.shafts["front_right"]
+    shaft = w.drive_set.shafts["front_right"]
     shaft._state = shaft.state()._replace(velocity=50.0 * RIG.config.max_speed * TURN)
     w.run(0.05)
     w.master.enable()
@@ -301,12 +301,12 @@ def test_a_speed_that_no_rover_has_is_not_what_an_enable_begins_with() -> None:
 
 def lets_go(w: Logged, motor: str) -> None:
     """As a drive does whose STO is cut and given back: without current, and no fault."""
-    w.crew.drives[motor].let_go()
+    w.drive_set.drives[motor].let_go()
 
 
 def restarts(w: Logged, motor: str) -> None:
     """As a drive does whose supply was away for a moment; it is set up again before the ramp is over."""
-    w.crew.drives[motor].power_on(w.now)
+    w.drive_set.drives[motor].power_on(w.now)
 
 
 @pytest.mark.parametrize("leave", [lets_go, restarts])
@@ -324,7 +324,7 @@ def test_a_drive_that_has_left_is_not_enabled_again_by_the_stop(
     assert w.last.status.stop.motor == motor
     w.run(2.0)
     assert w.last.status.phase is Phase.READY
-    states = [sample.seen.state[MOTORS.index(motor)] for sample in w.trace[begin:]]
+    states = [sample.drives.state[MOTORS.index(motor)] for sample in w.trace[begin:]]
     assert State.OPERATION_ENABLED not in states
 
 
@@ -338,23 +338,23 @@ def test_frames_out_of_order_after_an_enable_take_no_current_away() -> None:
         w._near.inbox.append(late)
         w.run(0.05)
     assert w.last.status.phase is Phase.ENABLED
-    assert all(sample.seen.state == (State.OPERATION_ENABLED,) * 4 for sample in w.trace[-15:])
+    assert all(sample.drives.state == (State.OPERATION_ENABLED,) * 4 for sample in w.trace[-15:])
 
 
 def test_the_first_reason_is_kept_until_the_next_enable() -> None:
     w = Logged().enabled()
     w.command = lambda now: Setpoints((60.0, 60.0), now)
     w.run(0.3)
-    w.crew.drives["back_left"].fail(0x4310)
+    w.drive_set.drives["back_left"].fail(0x4310)
     w.run(0.05)
-    w.crew.unplug("front_left")
+    w.drive_set.unplug("front_left")
     w.master.disable()
     w.run(1.0)
     stop = w.last.status.stop
     assert stop is not None
     assert (stop.reason, stop.motor) == (Reason.DRIVE_FAULT, "back_left")
     assert "4310h drive too hot" in stop.text
-    w.crew.plug("front_left")
+    w.drive_set.plug("front_left")
     w.master.reset_fault()
     w.run(2.0)
     w.master.reset_fault()
@@ -372,7 +372,7 @@ def test_a_reset_asked_for_under_way_resets_no_fault_that_is_still_to_come() -> 
     w.master.reset_fault()
     w.run(0.02)
     assert w.last.status.notice == "reset refused: the drives are enabled"
-    w.crew.drives["back_left"].fail(0x2310)
+    w.drive_set.drives["back_left"].fail(0x2310)
     w.run(0.9)
     assert w.last.status.phase is Phase.LOCKED
 
@@ -426,7 +426,7 @@ def test_reading_ends_when_its_time_is_over_whatever_waits() -> None:
         def health(self):  # type: ignore[no-untyped-def]
             return w.unreliable.health()
 
-    w = VirtualWorld(RIG, random.Random(1))
+    w = VirtualLoop(RIG, random.Random(1))
     master = Master(Slow(), RIG, clock=lambda: now[0])
     begin = now[0]
     master.cycle(now[0], None)
@@ -476,9 +476,9 @@ def test_close_takes_the_current_away_at_once_and_leaves_no_fault() -> None:
     w.master.close(w.now)
     w.hung = True
     w.run(0.01)
-    assert all(asked.is_free for asked in w.trace[-1].seen.asked)
+    assert all(asked.is_free for asked in w.trace[-1].drives.asked)
     w.run(0.5)
-    assert {drive.state for drive in w.crew.drives.values()} == {State.SWITCH_ON_DISABLED}
+    assert {drive.state for drive in w.drive_set.drives.values()} == {State.SWITCH_ON_DISABLED}
 
 
 def test_a_driver_that_takes_over_enabled_drives_stops_them_and_keeps_them_locked() -> None:
@@ -490,8 +490,8 @@ def test_a_driver_that_takes_over_enabled_drives_stops_them_and_keeps_them_locke
     begin = len(w.trace)
     w.run(1.5)
     assert w.last.status.phase is Phase.LOCKED
-    assert not any(State.OPERATION_ENABLED in sample.seen.state for sample in w.trace[begin + 17 :])
-    speeds = [abs(sample.seen.velocity[0]) for sample in w.trace[begin + 17 :]]
+    assert not any(State.OPERATION_ENABLED in sample.drives.state for sample in w.trace[begin + 17 :])
+    speeds = [abs(sample.drives.velocity[0]) for sample in w.trace[begin + 17 :]]
     assert all(b <= a + 1e-6 for a, b in itertools.pairwise(speeds))
     assert speeds[-1] < 0.02 * TURN
     w.master.enable()
@@ -521,7 +521,7 @@ def test_feedback_is_stamped_with_the_sync_that_sampled_it() -> None:
 
 
 def test_the_load_is_told_also_after_the_loop_was_held_up() -> None:
-    w = VirtualWorld(RIG, random.Random(4))
+    w = VirtualLoop(RIG, random.Random(4))
     assert w.run_until(Phase.READY, 3.0)
     w.run(0.1)
     usual = w.last.status.bus.load

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from artibot_driver.config import config_from_parameters
-from artibot_driver.faults.closed_loop import VirtualWorld
+from artibot_driver.faults.closed_loop import VirtualLoop
 from artibot_driver.faults.simulated_bus import Interference
 from artibot_driver.frames import Frame, NmtState
 from artibot_driver.master import Phase, Reason, Setpoints, Stage
@@ -19,13 +19,13 @@ from artibot_sim.model import MOTORS
 from artibot_sim.resources import config_path
 
 
-def world(seed: int = 1, **given: object) -> VirtualWorld:
+def loop(seed: int = 1, **given: object) -> VirtualLoop:
     rig = load_rig(config_from_parameters({name.replace("__", "."): value for name, value in given.items()}))
-    return VirtualWorld(rig, random.Random(seed))
+    return VirtualLoop(rig, random.Random(seed))
 
 
-def driving() -> VirtualWorld:
-    made = world()
+def driving() -> VirtualLoop:
+    made = loop()
     assert made.run_until(Phase.READY, 3.0)
     made.master.enable()
     assert made.run_until(Phase.ENABLED, 1.0)
@@ -35,9 +35,9 @@ def driving() -> VirtualWorld:
 
 
 def test_every_setting_arrives_and_nothing_moves() -> None:
-    w = world()
+    w = loop()
     assert w.run_until(Phase.READY, 2.0)
-    for motor, drive in w.crew.drives.items():
+    for motor, drive in w.drive_set.drives.items():
         assert drive.nmt is NmtState.OPERATIONAL
         for each in w.rig.settings(motor):
             if (each.index, each.subindex) not in (
@@ -49,7 +49,7 @@ def test_every_setting_arrives_and_nothing_moves() -> None:
                 (0x1A01, 0),
             ):
                 assert drive.objects.values[each.index, each.subindex] == each.value, (motor, each)
-    assert all(asked.is_free for sample in w.trace for asked in sample.seen.asked)
+    assert all(asked.is_free for sample in w.trace for asked in sample.drives.asked)
     assert [drive.stage for drive in w.last.status.drives] == [Stage.RUNNING] * 4
 
 
@@ -69,9 +69,9 @@ def test_every_setting_arrives_and_nothing_moves() -> None:
 def test_another_motor_than_was_configured_is_refused_and_never_moved(
     key: tuple[int, int], value: int, message: str
 ) -> None:
-    w = world()
+    w = loop()
     w.run(0.01)
-    drive = w.crew.drives["back_left"]
+    drive = w.drive_set.drives["back_left"]
     drive.objects.values[key] = value
     w.run(2.0)
     status = w.last.status
@@ -84,7 +84,7 @@ def test_another_motor_than_was_configured_is_refused_and_never_moved(
     w.run(0.5)
     assert status.refusal in w.last.status.notice
     assert w.last.status.phase is Phase.CONFIGURING
-    assert all(asked.is_free for sample in w.trace for asked in sample.seen.asked)
+    assert all(asked.is_free for sample in w.trace for asked in sample.drives.asked)
     drive.objects.values[key] = next(
         each.value for each in w.rig.settings("back_left") if (each.index, each.subindex) == key
     )
@@ -96,33 +96,33 @@ def test_another_motor_than_was_configured_is_refused_and_never_moved(
 
 
 def test_a_drive_that_refuses_a_value_is_refused_with_its_reason() -> None:
-    w = world()
+    w = loop()
     w.run(0.01)
-    w.crew.drives["front_left"].objects.values[0x6502, 0] = 0  # no mode of operation is supported
+    w.drive_set.drives["front_left"].objects.values[0x6502, 0] = 0  # no mode of operation is supported
     w.run(2.0)
     assert "motor front_left (node 2): object 6060h" in w.last.status.refusal
     assert "writing 9 was refused (0x06090030:" in w.last.status.refusal
 
 
 def test_a_missing_drive_is_named_and_found_within_two_seconds() -> None:
-    w = world()
-    w.crew.cut_power("back_right")
+    w = loop()
+    w.drive_set.cut_power("back_right")
     w.run(2.0)
     assert w.last.status.phase is Phase.CONFIGURING
     assert [each.stage for each in w.last.status.drives] == [Stage.RUNNING, Stage.RUNNING, Stage.SEEKING, Stage.RUNNING]
     w.master.enable()
     w.run(0.02)
     assert "drive back_right (node 3): not heard" in w.last.status.notice
-    w.crew.power("back_right", w.now)
+    w.drive_set.power("back_right", w.now)
     assert w.run_until(Phase.READY, 2.0)
 
 
 def test_a_node_of_another_profile_is_not_set_up() -> None:
-    w = world()
-    w.crew.cut_power("front_left")
+    w = loop()
+    w.drive_set.cut_power("front_left")
     w.run(0.2)
-    w.crew.power("front_left", w.now)
-    w.crew.drives["front_left"].objects.values[0x1000, 0] = 0x0003_0191  # an input and output module, CiA 401
+    w.drive_set.power("front_left", w.now)
+    w.drive_set.drives["front_left"].objects.values[0x1000, 0] = 0x0003_0191  # an input and output module, CiA 401
     w.run(2.0)
     assert [each.stage for each in w.last.status.drives].count(Stage.SEEKING) == 1
     assert w.last.status.phase is Phase.CONFIGURING
@@ -131,7 +131,7 @@ def test_a_node_of_another_profile_is_not_set_up() -> None:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_frames_that_get_lost_only_make_it_slower(seed: int) -> None:
-    w = world(seed)
+    w = loop(seed)
     w.unreliable.interference = Interference(0.1, 0.1, 0.1, 0.1)
     assert w.run_until(Phase.READY, 10.0)
     counters = w.last.status.counters
@@ -141,9 +141,9 @@ def test_frames_that_get_lost_only_make_it_slower(seed: int) -> None:
 
 def test_setting_up_holds_up_nobody_else() -> None:
     """One drive rejoins again and again while the rest go on hearing SYNC in every period."""
-    w = world()
+    w = loop()
     assert w.run_until(Phase.READY, 2.0)
-    w.crew.drives["front_right"].power_on(w.now)
+    w.drive_set.drives["front_right"].power_on(w.now)
     before = w.last.status.counters["missed_feedback"]
     assert w.run_until(Phase.READY, 2.0)
     assert w.last.status.counters["missed_feedback"] == before
@@ -151,7 +151,7 @@ def test_setting_up_holds_up_nobody_else() -> None:
 
 def test_setting_up_leaves_room_on_a_bus_that_is_nearly_full() -> None:
     """All four at once, beside cyclic frames that take most of the bus: no flood, and an enable is taken at once."""
-    w = world(bus__bitrate=250_000)
+    w = loop(bus__bitrate=250_000)
     assert w.rig.bus_load > 0.7
     loads = []
     while not loads or w.last.status.phase is not Phase.READY:
@@ -167,26 +167,26 @@ def test_positions_go_on_after_a_drive_has_restarted() -> None:
     w = driving()
     before = w.last.feedback.position
     assert before[0] > 1.0
-    w.crew.drives["front_right"].power_on(w.now)
+    w.drive_set.drives["front_right"].power_on(w.now)
     assert w.run_until(Phase.READY, 3.0)
     w.run(0.1)
     after = w.last.feedback.position
-    moved = w.crew.shafts["front_right"].state().position
+    moved = w.drive_set.shafts["front_right"].state().position
     assert 0.0 <= after[0] - before[0] <= moved - before[0] + 1e-2  # what it turned while it was away is not known
     w.master.enable()
     assert w.run_until(Phase.ENABLED, 1.0)
     w.run(0.2)
-    begin, at = w.last.feedback.position[0], w.crew.shafts["front_right"].state().position
+    begin, at = w.last.feedback.position[0], w.drive_set.shafts["front_right"].state().position
     w.command = lambda now: Setpoints((30.0, 30.0), now)
     w.run(0.5)
-    turned = w.crew.shafts["front_right"].state().position - at
+    turned = w.drive_set.shafts["front_right"].state().position - at
     assert turned > 5.0
     assert w.last.feedback.position[0] - begin == pytest.approx(turned, abs=0.02 * turned + 0.5)
 
 
 def test_a_silent_drive_s_feedback_is_not_known() -> None:
     w = driving()
-    w.crew.unplug("back_left")
+    w.drive_set.unplug("back_left")
     w.run(0.5)
     feedback = w.last.feedback
     assert math.isnan(feedback.velocity[3])
@@ -237,18 +237,18 @@ def test_a_drive_that_reckons_with_a_ratio_of_its_own_is_refused(tmp_path: Path,
     own = RATIO.format(index=index) + "".join(PART.format(index=index, k=k, value=1 + (k == 0)) for k in range(3))
     eds = tmp_path / "other.eds"
     eds.write_text(config_path("eds", "drive").read_text(encoding="utf-8") + own, encoding="utf-8")
-    w = world(eds=str(eds))
+    w = loop(eds=str(eds))
     assert w.run_until(Phase.READY, 2.0)
-    w = world(eds=str(eds))
+    w = loop(eds=str(eds))
     w.run(0.01)
-    w.crew.drives["back_left"].objects.values[int(index, 16), 1] = 10
+    w.drive_set.drives["back_left"].objects.values[int(index, 16), 1] = 10
     w.run(1.0)
     assert w.last.status.phase is Phase.CONFIGURING
     assert re.search(said, w.last.status.refusal)
 
 
 def test_answers_that_nobody_asked_for_change_nothing() -> None:
-    w = world()
+    w = loop()
     rng = random.Random(3)
     for _ in range(150):
         node = w.rig.codec.nodes[rng.choice(MOTORS)]
@@ -258,18 +258,18 @@ def test_answers_that_nobody_asked_for_change_nothing() -> None:
     assert w.last.status.counters["sdo_unexpected"] > 100
 
 
-def restarts_unheard(w: VirtualWorld, motor: str, state: NmtState = NmtState.PRE_OPERATIONAL) -> None:
+def restarts_unheard(w: VirtualLoop, motor: str, state: NmtState = NmtState.PRE_OPERATIONAL) -> None:
     """Supply away for a moment, and the boot-up message lost; some drives are operational by themselves after that."""
-    drive = w.crew.drives[motor]
+    drive = w.drive_set.drives[motor]
     send, drive._send = drive._send, lambda frame: None
     drive.power_on(w.now)
     drive._send, drive.nmt = send, state
 
 
-def lost_settings(w: VirtualWorld) -> list[tuple[str, int]]:
+def lost_settings(w: VirtualLoop) -> list[tuple[str, int]]:
     """Objects that are not as they were set."""
     found = []
-    for motor, drive in w.crew.drives.items():
+    for motor, drive in w.drive_set.drives.items():
         last = {(each.index, each.subindex): each.value for each in w.rig.settings(motor)}
         found += [(motor, key[0]) for key, value in last.items() if drive.objects.values[key] != value]
     return found
@@ -277,7 +277,7 @@ def lost_settings(w: VirtualWorld) -> list[tuple[str, int]]:
 
 @pytest.mark.parametrize("seed", range(15))
 def test_a_drive_that_restarts_unheard_while_it_is_set_up_is_set_up_again(seed: int) -> None:
-    w, rng = world(seed), random.Random(seed)
+    w, rng = loop(seed), random.Random(seed)
     w.run(rng.uniform(0.2, 1.2))
     motor = rng.choice(MOTORS)
     restarts_unheard(w, motor)
@@ -291,7 +291,7 @@ def test_a_drive_that_restarts_unheard_while_it_is_set_up_is_set_up_again(seed: 
 def test_a_drive_that_comes_back_operational_without_its_settings_is_found_out(motor: str) -> None:
     w = driving()
     restarts_unheard(w, motor, NmtState.OPERATIONAL)
-    w.crew.drives[motor].objects.values[0x1017, 0] = 40  # stored in it: it is heard as before
+    w.drive_set.drives[motor].objects.values[0x1017, 0] = 40  # stored in it: it is heard as before
     w.run(1.0)
     status = w.last.status
     assert status.stop is not None
@@ -303,16 +303,16 @@ def test_a_drive_that_comes_back_operational_without_its_settings_is_found_out(m
 
 def test_settings_that_are_as_they_were_cost_a_drive_nothing_but_time() -> None:
     w = driving()
-    w.crew.drives["front_left"].let_go()
+    w.drive_set.drives["front_left"].let_go()
     w.run(0.8)
     assert w.run_until(Phase.READY, 1.0)
     assert w.last.status.counters["settings_lost"] == w.last.status.counters["drive_restarts"] == 0
 
 
 def test_a_drive_that_does_not_keep_what_is_written_is_refused() -> None:
-    w = world()
+    w = loop()
     for _ in range(400):
-        w.crew.drives["back_right"].objects.values[0x6085, 0] = 1
+        w.drive_set.drives["back_right"].objects.values[0x6085, 0] = 1
         w.run(0.01)
     assert w.last.status.drives[2].stage is Stage.REFUSED
     assert "motor back_right (node 3): object 6085h" in w.last.status.refusal

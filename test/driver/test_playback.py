@@ -16,7 +16,7 @@ from artibot_driver.explain import Explainer
 from artibot_driver.frames import Frame, NmtState, heartbeat
 from artibot_driver.loopback import loopback_bus
 from artibot_driver.playback import (
-    Chooser,
+    FrameChoice,
     Sender,
     Which,
     check_alone,
@@ -48,8 +48,8 @@ def test_what_moves_motors_is_told_from_what_drives_say(can_id: int, data: bytes
     frame = Recorded(can_id, data, len(data))
     found = EXPLAINER.explain(frame)
     ours = found.node in RIG.codec.nodes
-    drives = Chooser(Which.DRIVES, RIG.codec, RIG.config.driver_id).wants(frame)
-    commands = Chooser(Which.COMMANDS, RIG.codec, RIG.config.driver_id).wants(frame)
+    drives = FrameChoice(Which.DRIVES, RIG.codec, RIG.config.driver_id).wants(frame)
+    commands = FrameChoice(Which.COMMANDS, RIG.codec, RIG.config.driver_id).wants(frame)
     assert not (drives and commands)
     from_them = found.kind in ("tpdo", "emcy", "heartbeat") or found.what.endswith("answer")
     to_them = found.kind in ("rpdo", "nmt", "sync") or found.what.endswith("request")
@@ -70,11 +70,11 @@ def test_the_two_share_nothing() -> None:
 
 
 def test_all_is_all_but_error_frames() -> None:
-    chooser = Chooser(Which.ALL, RIG.codec, RIG.config.driver_id)
+    chooser = FrameChoice(Which.ALL, RIG.codec, RIG.config.driver_id)
     assert chooser.wants(Recorded(0x1ABCDEF, b"", 0, is_extended=True))
     assert chooser.wants(Recorded(5, b"", 3, is_remote=True))
     assert not chooser.wants(Recorded(0x40, bytes(8), 8, is_error=True))
-    drives = Chooser(Which.DRIVES, RIG.codec, RIG.config.driver_id)
+    drives = FrameChoice(Which.DRIVES, RIG.codec, RIG.config.driver_id)
     assert not drives.wants(Recorded(0x181, b"", 0, is_extended=True))
     assert not drives.wants(Recorded(0x181, b"", 8, is_remote=True))
 

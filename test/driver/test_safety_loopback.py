@@ -7,18 +7,18 @@ from collections.abc import Iterator
 import pytest
 from safety_contract import SafetyContract
 
-from artibot_driver.faults.live_loop import LoopbackPlace
+from artibot_driver.faults.live_loop import SwitchableLoopback
 
 
 @pytest.fixture(scope="module")
-def site() -> Iterator[LoopbackPlace]:
-    place = LoopbackPlace()
-    yield place
-    place.close()
+def site() -> Iterator[SwitchableLoopback]:
+    bus = SwitchableLoopback()
+    yield bus
+    bus.close()
 
 
 @pytest.fixture
-def words(site: LoopbackPlace) -> tuple[str, str]:
+def words(site: SwitchableLoopback) -> tuple[str, str]:
     return "remote", site.channel
 
 

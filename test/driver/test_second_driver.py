@@ -14,7 +14,7 @@ import pytest
 from artibot_driver.bus import BusState, Health
 from artibot_driver.cia402 import State
 from artibot_driver.config import config_from_parameters
-from artibot_driver.faults.closed_loop import VirtualWorld
+from artibot_driver.faults.closed_loop import VirtualLoop
 from artibot_driver.faults.simulated_bus import message_of
 from artibot_driver.frames import Frame, NmtState, heartbeat
 from artibot_driver.master import Cycle, Master, Phase, Reason, Setpoints
@@ -25,13 +25,13 @@ RIG = load_rig(config_from_parameters({}))
 
 
 class Tap:
-    """A third end of a world's bus: hears master and drives, and is heard by both."""
+    """A third end of a loop's bus: hears master and drives, and is heard by both."""
 
-    def __init__(self, world: VirtualWorld) -> None:
-        self._world = world
+    def __init__(self, loop: VirtualLoop) -> None:
+        self._loop = loop
         self.inbox: deque[Frame] = deque()
         self.sent: list[Frame] = []
-        for end in (world._near, world._far):
+        for end in (loop._near, loop._far):
             end.send = self._heard(end.send)  # type: ignore[method-assign]
 
     def _heard(self, send):  # type: ignore[no-untyped-def]
@@ -44,7 +44,7 @@ class Tap:
 
     def send(self, frame: Frame) -> bool:
         self.sent.append(frame)
-        self._world.inject([frame])
+        self._loop.inject([frame])
         return True
 
     def receive(self, timeout: float = 0.0) -> can.Message | None:
@@ -58,7 +58,7 @@ class Two:
     """A rover under way, and another driver that is started."""
 
     def __init__(self) -> None:
-        self.first = VirtualWorld(RIG, random.Random(1))
+        self.first = VirtualLoop(RIG, random.Random(1))
         assert self.first.run_until(Phase.READY, 3.0)
         self.first.master.enable()
         assert self.first.run_until(Phase.ENABLED, 1.0)
@@ -83,12 +83,12 @@ def two() -> Two:
 class Silence(NamedTuple):
     """How a driver comes to say nothing, and to speak again."""
 
-    begin: Callable[[VirtualWorld], object]
-    end: Callable[[VirtualWorld], object]
+    begin: Callable[[VirtualLoop], object]
+    end: Callable[[VirtualLoop], object]
 
 
 SILENCES = {
-    "bus-off": Silence(VirtualWorld.bus_off, VirtualWorld.bus_on),
+    "bus-off": Silence(VirtualLoop.bus_off, VirtualLoop.bus_on),
     "hangs": Silence(lambda w: setattr(w, "hung", True), lambda w: setattr(w, "hung", False)),
     "cannot send": Silence(lambda w: setattr(w.unreliable, "cut", True), lambda w: setattr(w.unreliable, "cut", False)),
 }
@@ -102,7 +102,7 @@ def silence(request: pytest.FixtureRequest) -> Silence:
 def test_the_second_says_nothing_and_the_first_drives_on(two: Two) -> None:
     status = two.run(1.0).status
     assert status.phase is Phase.LISTENING
-    assert status.rival == "somebody else leads the drives: heard RPDO1 for node 1; end that driver"
+    assert status.other_driver == "somebody else leads the drives: heard RPDO1 for node 1; end that driver"
     two.second.enable()
     two.second.reset_fault()
     assert "enable refused: somebody else leads the drives" in two.run(0.5).status.notice
@@ -110,7 +110,7 @@ def test_the_second_says_nothing_and_the_first_drives_on(two: Two) -> None:
     two.first.run(0.2)
     assert two.tap.sent == []
     assert two.first.last.status.phase is Phase.ENABLED
-    assert two.first.trace[-1].seen.asked[0].velocity == pytest.approx(60.0, abs=1e-3)
+    assert two.first.trace[-1].drives.asked[0].velocity == pytest.approx(60.0, abs=1e-3)
     assert not two.first.last.status.counters["foreign_commands"]
 
 
@@ -119,8 +119,8 @@ def test_the_second_takes_over_once_the_drives_have_missed_the_first(two: Two) -
     two.first.hung, begin = True, len(two.first.trace)
     status = two.run(2.0).status
     assert status.phase is Phase.LOCKED  # all four are in fault: somebody has to look
-    assert status.rival == ""
-    asked = [abs(sample.seen.asked[0].velocity or 0.0) for sample in two.first.trace[begin:]]
+    assert status.other_driver == ""
+    asked = [abs(sample.drives.asked[0].velocity or 0.0) for sample in two.first.trace[begin:]]
     assert all(b <= a for a, b in pairwise(asked))
     two.second.reset_fault()
     assert two.run(1.5).status.phase is Phase.READY
@@ -143,8 +143,8 @@ def test_one_that_was_silent_leaves_the_drives_to_who_leads_them_now(two: Two, s
     assert cycle.status.counters["foreign_sync"] <= 1  # where it could not know that its first word would get through
     status = two.first.last.status
     assert status.phase is Phase.LISTENING
-    assert status.rival.startswith("somebody else leads the drives: heard ")
-    assert all({*sample.seen.state} == {State.OPERATION_ENABLED} for sample in two.first.trace[first:])
+    assert status.other_driver.startswith("somebody else leads the drives: heard ")
+    assert all({*sample.drives.state} == {State.OPERATION_ENABLED} for sample in two.first.trace[first:])
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -162,14 +162,14 @@ def test_what_still_waited_in_the_interface_of_one_whose_cable_was_off_stops_ano
     stop = two.run(0.01).status.stop
     assert stop is not None and stop.reason is Reason.SECOND_DRIVER
     assert two.run(0.5).status.counters["foreign_commands"] >= 4
-    asked = [abs(sample.seen.asked[0].velocity or 0.0) for sample in two.first.trace[first:]]
+    asked = [abs(sample.drives.asked[0].velocity or 0.0) for sample in two.first.trace[first:]]
     assert asked[0] < 30.0 and asked[-1] == 0.0
     assert all(b <= a for a, b in pairwise(asked))
     assert two.first.last.status.phase is Phase.LISTENING
 
 
 def test_one_that_was_silent_for_long_listens_first_and_is_soon_back(silence: Silence) -> None:
-    w = VirtualWorld(RIG, random.Random(1))
+    w = VirtualLoop(RIG, random.Random(1))
     assert w.run_until(Phase.READY, 3.0)
     silence.begin(w)
     w.run(5.0)
@@ -180,7 +180,7 @@ def test_one_that_was_silent_for_long_listens_first_and_is_soon_back(silence: Si
 
 
 def test_one_that_was_silent_for_less_than_others_listen_goes_on(silence: Silence) -> None:
-    w = VirtualWorld(RIG, random.Random(1))
+    w = VirtualLoop(RIG, random.Random(1))
     assert w.run_until(Phase.READY, 3.0)
     silence.begin(w)
     w.run(1e-9 * LISTEN_TIME - 2e-9 * w.period)
@@ -192,7 +192,7 @@ def test_one_that_was_silent_for_less_than_others_listen_goes_on(silence: Silenc
 
 def test_one_that_cannot_send_listens_without_end() -> None:
     """A cable that is unplugged: the controller takes no frames any more, and says nothing of that."""
-    w = VirtualWorld(RIG, random.Random(1))
+    w = VirtualLoop(RIG, random.Random(1))
     assert w.run_until(Phase.READY, 3.0)
     w.unreliable.cut = True
     w.run(1.0)
@@ -210,7 +210,7 @@ def test_one_that_cannot_send_listens_without_end() -> None:
     ],
 )
 def test_whatever_a_driver_says_keeps_another_one_silent(said: Frame) -> None:
-    w = VirtualWorld(RIG, random.Random(1))
+    w = VirtualLoop(RIG, random.Random(1))
     tap = Tap(w)
     for _ in range(50):
         w.inject([said])
@@ -222,7 +222,7 @@ def test_whatever_a_driver_says_keeps_another_one_silent(said: Frame) -> None:
 
 
 def test_what_drives_and_strangers_say_keeps_nobody_silent() -> None:
-    w = VirtualWorld(RIG, random.Random(1))
+    w = VirtualLoop(RIG, random.Random(1))
     w.noise = 5
     for node in RIG.codec.nodes.values():
         w.inject([RIG.codec.pdo("TPDO1", node, (0x250, 0, 0)), heartbeat(node, NmtState.OPERATIONAL)])
@@ -230,7 +230,7 @@ def test_what_drives_and_strangers_say_keeps_nobody_silent() -> None:
 
 
 def test_the_first_word_comes_after_listening_and_again_after_another_bus() -> None:
-    w = VirtualWorld(RIG, random.Random(1))
+    w = VirtualLoop(RIG, random.Random(1))
     tap = Tap(w)
     w.hung = True
     w.run(0.1)
@@ -251,27 +251,27 @@ def test_the_first_word_comes_after_listening_and_again_after_another_bus() -> N
 @pytest.mark.parametrize("seed", range(10))
 def test_of_two_started_at_once_one_leads_and_the_other_is_silent(seed: int) -> None:
     rng = random.Random(seed)
-    w = VirtualWorld(RIG, rng)
-    w.master = Master(w.unreliable, RIG, clock=lambda: w.now, chance=rng.random)
+    w = VirtualLoop(RIG, rng)
+    w.master = Master(w.unreliable, RIG, clock=lambda: w.now, delay=rng.random)
     tap = Tap(w)
-    other = Master(tap, RIG, clock=lambda: w.now, chance=rng.random)
+    other = Master(tap, RIG, clock=lambda: w.now, delay=rng.random)
     for _ in range(300):
         phases = {other.cycle(w.now, None).status.phase, w.last.status.phase if w.trace else Phase.OFFLINE}
         w.run(0.01)
-        assert {*w.trace[-1].seen.state} <= {State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED}
+        assert {*w.trace[-1].drives.state} <= {State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED}
     assert phases == {Phase.READY, Phase.LISTENING}
     first = w.master if w.last.status.phase is Phase.READY else other
     first.enable()
     for _ in range(20):
         other.cycle(w.now, None)
         w.run(0.01)
-    assert {*w.trace[-1].seen.state} == {State.OPERATION_ENABLED}
+    assert {*w.trace[-1].drives.state} == {State.OPERATION_ENABLED}
 
 
 def test_listening_outlasts_drives_that_wait_long_for_their_driver() -> None:
     """Whoever takes over finds no drive that still follows the driver before."""
     rig = load_rig(config_from_parameters({"heartbeat.driver_timeout": 1.0}))
-    w = VirtualWorld(rig, random.Random(1))
+    w = VirtualLoop(rig, random.Random(1))
     assert w.run_until(Phase.READY, 5.0)
     w.master.enable()
     assert w.run_until(Phase.ENABLED, 1.0)
@@ -279,4 +279,4 @@ def test_listening_outlasts_drives_that_wait_long_for_their_driver() -> None:
     w.run(0.3)
     w.new_master()
     assert w.run_until(Phase.CONFIGURING, 3.0)
-    assert State.OPERATION_ENABLED not in w.trace[-2].seen.state  # before its first word
+    assert State.OPERATION_ENABLED not in w.trace[-2].drives.state  # before its first word

@@ -28,34 +28,34 @@ SPEED = 1_000_000  # 1000 rpm, 0.44 m/s
 def test_power_on_is_a_boot_up_message_and_pre_operational_silence() -> None:
     bench = Bench(rig=RIG)
     bench.advance(0.1)
-    assert bench.heard == []
+    assert bench.received == []
     bench.drive.power_on(bench.now)
-    assert bench.heard == [Heartbeat(2, NmtState.BOOT_UP)]
+    assert bench.received == [Heartbeat(2, NmtState.BOOT_UP)]
     bench.advance(0.1)
-    bench.tell(bench.rig.codec.sync())
-    assert bench.heard[1:] == []
+    bench.send(bench.rig.codec.sync())
+    assert bench.received[1:] == []
     assert bench.drive.state is State.SWITCH_ON_DISABLED
 
 
 def test_heartbeats_come_with_their_period_and_tell_the_state() -> None:
     bench = Bench(rig=RIG)
     bench.set_up()
-    bench.heard.clear()
+    bench.received.clear()
     bench.run(1.0)
-    beats = [each for each in bench.heard if isinstance(each, Heartbeat)]
+    beats = [each for each in bench.received if isinstance(each, Heartbeat)]
     assert len(beats) == pytest.approx(25, abs=1)
     assert {beat.state for beat in beats} == {NmtState.OPERATIONAL}
 
 
 def test_each_sync_brings_every_pdo_once_and_set_points_wait_for_it() -> None:
     bench = Bench(rig=RIG).enabled()
-    bench.heard.clear()
-    bench.tell(RIG.codec.pdo("RPDO1", bench.node, (0x0F, SPEED, 0)))
+    bench.received.clear()
+    bench.send(RIG.codec.pdo("RPDO1", bench.node, (0x0F, SPEED, 0)))
     bench.advance(0.05)
     assert bench.shaft.state().velocity == pytest.approx(0.0, abs=1e-6)
-    bench.heard.clear()
-    bench.tell(RIG.codec.sync())
-    assert [each.map.name for each in bench.heard if isinstance(each, Pdo)] == ["TPDO1", "TPDO2"]
+    bench.received.clear()
+    bench.send(RIG.codec.sync())
+    assert [each.map.name for each in bench.received if isinstance(each, Pdo)] == ["TPDO1", "TPDO2"]
     bench.advance(0.05)
     assert bench.shaft.state().velocity > 20
 
@@ -120,7 +120,7 @@ def test_a_lost_master_stops_the_motor_on_the_ramp_and_needs_a_fault_reset(rig: 
     bench.run(1.5, velocity=SPEED)
     bench.beat()
     bench.beating = False
-    bench.heard.clear()
+    bench.received.clear()
     timeout = bench.rig.config.driver_timeout
     bench.advance(timeout)
     assert bench.drive.state is State.OPERATION_ENABLED
@@ -136,7 +136,7 @@ def test_a_lost_master_stops_the_motor_on_the_ramp_and_needs_a_fault_reset(rig: 
     assert bench.shaft.asked == FREE
     assert abs(bench.shaft.state().velocity) < 1.0
     # commands alone, heartbeat or not, move nothing; nor does a fault reset while the master is lost
-    bench.tell(nmt(NmtCommand.START))
+    bench.send(nmt(NmtCommand.START))
     bench.run(0.1, velocity=SPEED)
     bench.controlword = 0x80
     bench.cycle()
@@ -170,7 +170,7 @@ def test_other_reactions_to_a_lost_master_are_those_of_6007h(action: int, state:
     bench.write(0x6007, action)
     bench.run(1.0, velocity=SPEED)
     bench.beating = False
-    bench.heard.clear()
+    bench.received.clear()
     bench.advance(0.16)
     assert bench.drive.state is state
     assert bench.emergencies() == [0x8130]
@@ -222,7 +222,7 @@ def test_halt_stops_and_lets_go_on() -> None:
 def test_a_fault_of_its_own_is_told_and_outlasts_a_reset_while_its_cause_does() -> None:
     bench = Bench("back_left", rig=RIG).enabled()
     bench.run(0.2, torque=300)
-    bench.heard.clear()
+    bench.received.clear()
     bench.drive.fail(0x4310, 0x09, lasting=True)
     assert bench.emergencies() == [0x4310]
     bench.run(0.3, torque=300)
@@ -244,7 +244,7 @@ def test_an_encoder_that_fails_is_a_fault_and_the_motor_is_free(broken: float) -
     bench = Bench(rig=RIG).enabled()
     bench.run(0.2, velocity=SPEED)
     bench.shaft._state = ShaftState(broken, broken, 0.0)
-    bench.tell(RIG.codec.sync())
+    bench.send(RIG.codec.sync())
     bench.advance(0.01)
     assert bench.drive.state is State.FAULT
     assert bench.shaft.asked == FREE
@@ -255,7 +255,7 @@ def test_an_encoder_that_fails_is_a_fault_and_the_motor_is_free(broken: float) -
 def test_leaving_operational_stops_a_moving_drive(command: NmtCommand) -> None:
     bench = Bench(rig=RIG).enabled()
     bench.run(1.0, velocity=SPEED)
-    bench.tell(nmt(command, bench.node))
+    bench.send(nmt(command, bench.node))
     assert bench.drive.state is State.FAULT_REACTION_ACTIVE
     bench.advance(slowest_stop(bench) + 0.4)
     assert bench.drive.state is State.FAULT
@@ -265,12 +265,12 @@ def test_leaving_operational_stops_a_moving_drive(command: NmtCommand) -> None:
 def test_a_reset_of_the_node_frees_the_motor_at_once_and_forgets_all() -> None:
     bench = Bench(rig=RIG).enabled()
     bench.run(1.0, velocity=SPEED)
-    bench.tell(nmt(NmtCommand.RESET_NODE))
+    bench.send(nmt(NmtCommand.RESET_NODE))
     assert bench.shaft.asked == FREE
-    assert isinstance(bench.heard[-1], Heartbeat)
-    assert bench.heard[-1].state is NmtState.BOOT_UP
+    assert isinstance(bench.received[-1], Heartbeat)
+    assert bench.received[-1].state is NmtState.BOOT_UP
     assert bench.drive.objects.values[0x6060, 0] == 0
-    bench.tell(nmt(NmtCommand.START))
+    bench.send(nmt(NmtCommand.START))
     bench.run(0.2, velocity=SPEED)
     assert bench.shaft.asked == FREE
 
@@ -283,18 +283,18 @@ def test_commands_for_others_and_cut_ones_are_not_ours() -> None:
         Frame(0, b"\x02\x00\x00"),
         Frame(0, b"\x07\x00"),
     ):
-        bench.tell(frame)
+        bench.send(frame)
     assert bench.drive.nmt is NmtState.OPERATIONAL
 
 
 def test_a_cut_set_point_changes_nothing_and_is_told_once() -> None:
     bench = Bench(rig=RIG).enabled()
     bench.run(0.5, velocity=SPEED)
-    bench.heard.clear()
+    bench.received.clear()
     for _ in range(50):
-        bench.tell(Frame(0x200 + bench.node, bytes(7)))
+        bench.send(Frame(0x200 + bench.node, bytes(7)))
     assert bench.emergencies() == [0x8210]
-    bench.tell(RIG.codec.sync())
+    bench.send(RIG.codec.sync())
     assert bench.drive.state is State.OPERATION_ENABLED
     assert bench.drive.objects.values[0x60FF, 0] == SPEED
 
@@ -345,12 +345,12 @@ def test_no_frames_whatever_make_it_do_what_the_table_does_not_allow(
     frames: list[tuple[Frame, int]], enabled: bool
 ) -> None:
     bench = Bench(rig=RIG)
-    bench.drive = Watched(RIG, "front_left", bench.shaft, bench._hear)
+    bench.drive = Watched(RIG, "front_left", bench.shaft, bench._receive)
     bench.set_up()
     if enabled:
         bench.enabled()
     for frame, steps in frames:
-        bench.tell(frame)
+        bench.send(frame)
         bench.advance(steps * STEP * 1e-9)
         powered = bench.drive.state in (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
         assert powered or bench.shaft.asked == FREE

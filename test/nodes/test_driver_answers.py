@@ -16,7 +16,7 @@ from artibot_driver.master import BusStatus, DriveStatus, Phase, Reason, Stage, 
 from artibot_sim.model import MOTORS
 from artibot_sim.nodes.driver_answers import PATIENCE, Pending, answer, obstacles
 from artibot_sim.nodes.driver_diagnostics import ERROR, OK, STALE, WARN, Identity, diagnostics, essence
-from artibot_sim.nodes.driver_start import START_WITHIN, StartWish
+from artibot_sim.nodes.driver_start import START_WITHIN, AutoEnable
 
 CONFIG = config_from_parameters({})
 DRIVES = tuple(
@@ -95,7 +95,7 @@ def test_what_is_in_the_way_names_motor_node_and_trouble() -> None:
         (replace(READY, stop=STOP), [ERROR, OK, OK, OK, OK, OK]),
         (replace(READY, stop=replace(STOP, reason=Reason.DISABLE)), [OK, OK, OK, OK, OK, OK]),
         (replace(READY, phase=Phase.LISTENING), [WARN, OK, OK, OK, OK, OK]),
-        (replace(READY, phase=Phase.LISTENING, rival="somebody else leads"), [ERROR, OK, OK, OK, OK, OK]),
+        (replace(READY, phase=Phase.LISTENING, other_driver="somebody else leads"), [ERROR, OK, OK, OK, OK, OK]),
         (replace(READY, phase=Phase.CONFIGURING), [WARN, OK, OK, OK, OK, OK]),
         (
             replace(READY, phase=Phase.OFFLINE, bus=BusStatus(BusState.BUS_OFF, 0.0, 255, 0, "bus-off")),
@@ -159,18 +159,18 @@ def test_news_is_what_a_person_would_want_to_know() -> None:
     assert told(None) != told(None, fault="no bus")
 
 
-def looked(wish: StartWish, status: Status, now: float) -> tuple[bool, str]:
-    return wish.look(status, now)
+def looked(auto_enable: AutoEnable, status: Status, now: float) -> tuple[bool, str]:
+    return auto_enable.look(status, now)
 
 
 def test_enable_on_start_enables_once() -> None:
-    wish = StartWish()
-    assert looked(wish, READY, 5.0) == (False, "")
-    wish.begin(5.0)
-    assert looked(wish, replace(READY, phase=Phase.LISTENING), 5.1) == (False, "")
-    assert looked(wish, replace(READY, phase=Phase.CONFIGURING), 5.2) == (False, "")
-    assert looked(wish, READY, 6.0) == (True, "")
-    assert looked(wish, READY, 6.1) == (False, "")
+    auto_enable = AutoEnable()
+    assert looked(auto_enable, READY, 5.0) == (False, "")
+    auto_enable.begin(5.0)
+    assert looked(auto_enable, replace(READY, phase=Phase.LISTENING), 5.1) == (False, "")
+    assert looked(auto_enable, replace(READY, phase=Phase.CONFIGURING), 5.2) == (False, "")
+    assert looked(auto_enable, READY, 6.0) == (True, "")
+    assert looked(auto_enable, READY, 6.1) == (False, "")
 
 
 @pytest.mark.parametrize(
@@ -184,16 +184,16 @@ def test_enable_on_start_enables_once() -> None:
 def test_enable_on_start_lapses_after_a_while_or_when_something_has_happened(
     status: Status, after: float, why: str
 ) -> None:
-    wish = StartWish()
-    wish.begin(5.0)
-    enable, lapsed = looked(wish, status, 5.0 + after)
+    auto_enable = AutoEnable()
+    auto_enable.begin(5.0)
+    enable, lapsed = looked(auto_enable, status, 5.0 + after)
     assert not enable
     assert why in lapsed
-    assert looked(wish, READY, 5.1 + after) == (False, "")
+    assert looked(auto_enable, READY, 5.1 + after) == (False, "")
 
 
 def test_enable_on_start_ends_with_a_request_by_hand() -> None:
-    wish = StartWish()
-    wish.begin(5.0)
-    wish.end()
-    assert looked(wish, READY, 5.1) == (False, "")
+    auto_enable = AutoEnable()
+    auto_enable.begin(5.0)
+    auto_enable.end()
+    assert looked(auto_enable, READY, 5.1) == (False, "")

@@ -10,21 +10,21 @@ import pytest
 
 from artibot_driver.bus import Bus
 from artibot_driver.config import DriverConfig, config_from_parameters
-from artibot_driver.faults.live_loop import LoopbackPlace
+from artibot_driver.faults.live_loop import SwitchableLoopback
 from artibot_driver.frames import Frame
 from artibot_sim.nodes import driver_bus
 from artibot_sim.nodes.driver_bus import BusKeeper, opened
 
 
 @pytest.fixture
-def place() -> Iterator[LoopbackPlace]:
-    found = LoopbackPlace()
+def place() -> Iterator[SwitchableLoopback]:
+    found = SwitchableLoopback()
     yield found
     found.close()
 
 
 @pytest.fixture
-def config(place: LoopbackPlace) -> DriverConfig:
+def config(place: SwitchableLoopback) -> DriverConfig:
     return config_from_parameters({"bus.interface": "remote", "bus.channel": place.channel})
 
 
@@ -35,7 +35,7 @@ def wait_for_search_to_end() -> None:
         time.sleep(0.02)
 
 
-def test_a_lost_bus_is_found_again(place: LoopbackPlace, config: DriverConfig) -> None:
+def test_a_lost_bus_is_found_again(place: SwitchableLoopback, config: DriverConfig) -> None:
     keeper = BusKeeper(config)
     keeper.open()
     place.down()
@@ -53,7 +53,7 @@ def test_a_lost_bus_is_found_again(place: LoopbackPlace, config: DriverConfig) -
 
 
 def test_what_a_search_finds_after_its_end_is_closed_and_never_handed_out(
-    place: LoopbackPlace, config: DriverConfig, monkeypatch: pytest.MonkeyPatch
+    place: SwitchableLoopback, config: DriverConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The node is cleaned up and configured again while a search is just opening a bus."""
     opening, go_on, late = threading.Event(), threading.Event(), []

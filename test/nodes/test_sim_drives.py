@@ -137,7 +137,7 @@ def test_a_master_that_falls_silent_stops_the_rover_and_a_reset_switches_the_dri
         before = {motor: master.fields[motor]["position_actual_value"] for motor in MOTORS}
         answer = probe.trigger("reset")
         assert answer.success
-        assert wait_for(lambda: master.hear(time.monotonic() + 0.1) and set(master.boots) == set(MOTORS))
+        assert wait_for(lambda: master.receive(time.monotonic() + 0.1) and set(master.boots) == set(MOTORS))
         master.set_up()
         master.run(0.5, lambda t: bend(1.0, master))  # targets and control words of before: nobody has enabled anew
         after = {motor: master.fields[motor]["position_actual_value"] for motor in MOTORS}
