@@ -244,7 +244,7 @@ def _driver_results(found: dict[str, Any], seen: dict[str, Any], channel: str) -
 @contextmanager
 def _busy(channel: str, seconds: float, folder: str) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
     """A process that keeps the driver busy, and what it prints."""
-    command = [sys.executable, "-m", "artibot_sim.nodes.driver_exercise", channel, str(seconds)]
+    command = [sys.executable, "-m", "artibot_sim.nodes.driver.exercise", channel, str(seconds)]
     log = Path(folder) / "exercise.log"
     with (
         open(log, "wb") as sink,

@@ -18,8 +18,8 @@ class Word(NamedTuple):
 COMMANDS: Final[dict[str, Word]] = {
     "sim": Word("artibot_sim.nodes.sim_node:main", "Simulate a rover as a ROS 2 node."),
     "planner": Word("artibot_sim.nodes.planner_node:main", "Plan a manoeuvre and publish its path and wheel speeds."),
-    "driver": Word("artibot_sim.nodes.driver_node:main", "Drive a rover, real or simulated, over CAN."),
-    "drives": Word("artibot_sim.nodes.drives:main", "Simulate four CiA 402 drives on a CAN bus, without ROS."),
+    "driver": Word("artibot_sim.nodes.driver.command:main", "Drive a rover, real or simulated, over CAN."),
+    "drives": Word("artibot_sim.nodes.drives.command:main", "Simulate four CiA 402 drives on a CAN bus, without ROS."),
     "record": Word("artibot_sim.nodes.record_node:main", "Record topics to a bag that survives a crash."),
     "replay": Word("artibot_sim.nodes.replay_node:main", "Publish a recording again, or feed it to the model."),
     "recover": Word("artibot_sim.cli.recover:command", "Mend a recording that was cut off."),

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.nodes.crew import ChildFailed, Crew, Interrupted, noted_signals
+from artibot_sim.nodes.child_processes import ChildFailed, ChildProcesses, Interrupted, noted_signals
 from artibot_sim.nodes.demo_drive import (
     START,
     VCAN,
@@ -119,16 +119,16 @@ def _run(settings: Settings, asked: list[int], console: Console) -> int:
     }
     over_can = has_drives(settings.robot)
     channel = VCAN if over_can and is_free(VCAN) else ""
-    crew = Crew(logs, {**os.environ, **quiet}, asked)
+    children = ChildProcesses(logs, {**os.environ, **quiet}, asked)
     steps = Steps(console, (6 if channel else 7) if over_can else 5)
     try:
         _introduce(settings, console)
         if over_can:
-            drive_over_can(settings, crew, steps, channel)
+            drive_over_can(settings, children, steps, channel)
         else:
-            drive_by_topics(settings, crew, steps)
-        _replay(settings, crew, steps)
-        _draw(settings, crew, steps)
+            drive_by_topics(settings, children, steps)
+        _replay(settings, children, steps)
+        _draw(settings, children, steps)
         return _conclude(settings, console, began)
     except ChildFailed as failure:
         steps.stop()
@@ -138,7 +138,7 @@ def _run(settings: Settings, asked: list[int], console: Console) -> int:
         return 1
     finally:
         steps.stop()
-        crew.end()
+        children.end()
 
 
 def _introduce(settings: Settings, console: Console) -> None:
@@ -152,31 +152,31 @@ def _introduce(settings: Settings, console: Console) -> None:
     console.print(f"        export {variables}\n", style="cyan", markup=False, soft_wrap=True)
 
 
-def _replay(settings: Settings, crew: Crew, steps: Steps) -> None:
+def _replay(settings: Settings, children: ChildProcesses, steps: Steps) -> None:
     """Publish the recording again and compare what comes with it."""
     from artibot_sim.nodes.demo_echo import listening
 
     with listening(settings.recording, settings.domain) as echo:
         words = ["replay", str(settings.recording), "--rate", str(REPLAY_RATE), "--wait", "1"]
-        replay = begin(crew, steps, "Replay", words, note=lambda: f"{echo.count} of {echo.expected} messages")
+        replay = begin(children, steps, "Replay", words, note=lambda: f"{echo.count} of {echo.expected} messages")
 
         def listen() -> None:
             echo.take()
             steps.tick()
 
-        crew.wait_for_end(replay, START + OTHERS, listen)
-        crew.pause(lambda: echo.count >= echo.expected, STRAGGLERS, listen)
+        children.wait_for_end(replay, START + OTHERS, listen)
+        children.pause(lambda: echo.count >= echo.expected, STRAGGLERS, listen)
         difference = echo.difference()
         if difference:
             raise ChildFailed(replay, f"did not publish what was recorded: {difference}")
         steps.done(f"{echo.count} messages came again on {len(echo.heard)} topics, each the same to the byte")
 
 
-def _draw(settings: Settings, crew: Crew, steps: Steps) -> None:
+def _draw(settings: Settings, children: ChildProcesses, steps: Steps) -> None:
     """Draw the recording."""
     files = ["--png", str(settings.out / "drive.png"), "--html", str(settings.out / "drive.html")]
     words = ["plot", str(settings.recording), "--robot", settings.robot_name, *files]
-    crew.wait_for_end(begin(crew, steps, "Picture", words), OTHERS, steps.tick)
+    children.wait_for_end(begin(children, steps, "Picture", words), OTHERS, steps.tick)
     steps.done("drawn")
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.nodes.crew import Child, ChildFailed, Crew
+from artibot_sim.nodes.child_processes import Child, ChildFailed, ChildProcesses
 from artibot_sim.resources import local_environment
 
 if TYPE_CHECKING:
@@ -79,14 +79,20 @@ def is_free(channel: str) -> bool:
 
 
 def begin(
-    crew: Crew, steps: Steps, name: str, words: Sequence[str], *, stays: bool = False, note: Callable[[], str] = str
+    children: ChildProcesses,
+    steps: Steps,
+    name: str,
+    words: Sequence[str],
+    *,
+    stays: bool = False,
+    note: Callable[[], str] = str,
 ) -> Child:
     """Begin a step that is an ``artibot`` command."""
     steps.begin(name, shlex.join(["artibot", *words]), note)
-    return crew.start(*words, stays=stays)
+    return children.start(*words, stays=stays)
 
 
-def drive_over_can(settings: Settings, crew: Crew, steps: Steps, channel: str) -> None:
+def drive_over_can(settings: Settings, children: ChildProcesses, steps: Steps, channel: str) -> None:
     """Planner, driver, CAN bus, drives, model and back: a process each, as in a terminal each.
 
     Parameters
@@ -96,50 +102,50 @@ def drive_over_can(settings: Settings, crew: Crew, steps: Steps, channel: str) -
     """
     bus = None
     if not channel:
-        bus = begin(crew, steps, "CAN bus", ["can", "loopback"], stays=True)
-        crew.wait(bus, lambda: "ws://" in bus.output, START, "listening", steps.tick)
+        bus = begin(children, steps, "CAN bus", ["can", "loopback"], stays=True)
+        children.wait(bus, lambda: "ws://" in bus.output, START, "listening", steps.tick)
         channel = next(word for word in bus.output.split() if word.startswith("ws://"))
         steps.done(f"between processes, for this kernel has no {VCAN} that is free")
 
     words = ["sim", "--robot", settings.robot_name, "--with-driver", "--channel", channel]
-    sim = begin(crew, steps, "Simulator, with four CiA 402 drives", words, stays=True)
-    crew.wait(sim, lambda: READY in sim.output, START, "ready", steps.tick)
+    sim = begin(children, steps, "Simulator, with four CiA 402 drives", words, stays=True)
+    children.wait(sim, lambda: READY in sim.output, START, "ready", steps.tick)
     steps.done("the drives are on the bus; their shafts are the model's motors")
 
     words = ["driver", *settings.about, "--channel", channel, "--enable", *DRIVER_OPTIONS]
-    driver = begin(crew, steps, "Driver", words, stays=True)
-    crew.wait(driver, lambda: ENABLED in driver.output, START, "driving", steps.tick)
+    driver = begin(children, steps, "Driver", words, stays=True)
+    children.wait(driver, lambda: ENABLED in driver.output, START, "driving", steps.tick)
     steps.done("has set the drives up and enabled them")
 
-    record = _record(settings, crew, steps)
+    record = _record(settings, children, steps)
     words = ["planner", settings.manoeuvre, "--robot", settings.robot_name, "--start-delay", "2"]
-    planner = begin(crew, steps, "Planner", words, note=lambda: _how_far(planner))
-    crew.wait_for_end(planner, START + DRIVE, steps.tick)
+    planner = begin(children, steps, "Planner", words, note=lambda: _how_far(planner))
+    children.wait_for_end(planner, START + DRIVE, steps.tick)
     for child in (record, driver, sim, *([bus] if bus else [])):
-        crew.stop(child)
+        children.stop(child)
     _say_recorded(record, steps)
 
 
-def drive_by_topics(settings: Settings, crew: Crew, steps: Steps) -> None:
+def drive_by_topics(settings: Settings, children: ChildProcesses, steps: Steps) -> None:
     """Planner and simulator alone, at three times real time."""
     words = ["sim", *settings.about, *SIM_OPTIONS]
-    sim = begin(crew, steps, "Simulator", words, stays=True)
-    crew.wait(sim, lambda: READY in sim.output, START, "ready", steps.tick)
+    sim = begin(children, steps, "Simulator", words, stays=True)
+    children.wait(sim, lambda: READY in sim.output, START, "ready", steps.tick)
     steps.done("waits for a profile; time will run at three times its pace")
 
-    record = _record(settings, crew, steps)
+    record = _record(settings, children, steps)
     words = ["planner", settings.manoeuvre, "--robot", settings.robot_name, "--use-sim-time", "--start-delay", "3"]
-    planner = begin(crew, steps, "Planner", words, note=lambda: _how_far(planner))
-    crew.wait_for_end(planner, START + DRIVE, steps.tick)
-    crew.stop(sim)
-    crew.stop(record)
+    planner = begin(children, steps, "Planner", words, note=lambda: _how_far(planner))
+    children.wait_for_end(planner, START + DRIVE, steps.tick)
+    children.stop(sim)
+    children.stop(record)
     _say_recorded(record, steps)
 
 
-def _record(settings: Settings, crew: Crew, steps: Steps) -> Child:
+def _record(settings: Settings, children: ChildProcesses, steps: Steps) -> Child:
     words = ["record", "--robot", settings.robot.name, *settings.about[2:], "--out", str(settings.recording)]
-    record = begin(crew, steps, "Recorder", words, stays=True)
-    crew.wait(record, lambda: _records(record), START, f"recording {', '.join(SIMULATED)}", steps.tick)
+    record = begin(children, steps, "Recorder", words, stays=True)
+    children.wait(record, lambda: _records(record), START, f"recording {', '.join(SIMULATED)}", steps.tick)
     steps.done("has found the rover's topics")
     return record
 

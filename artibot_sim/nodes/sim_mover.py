@@ -12,8 +12,8 @@ from artibot_driver.priority import take_priority
 from artibot_driver.rig import load_rig
 from artibot_sim.model import Robot
 from artibot_sim.nodes import sim_settings
-from artibot_sim.nodes.drive_loop import drive_config, drive_states, open_drive_loop
-from artibot_sim.nodes.drive_shafts import RoverShafts
+from artibot_sim.nodes.drives.loop import drive_config, drive_states, open_drive_loop
+from artibot_sim.nodes.drives.motors import RoverShafts
 from artibot_sim.nodes.inputs import Inputs
 from artibot_sim.nodes.sim_engine import Engine, Sample, Timing
 from artibot_sim.nodes.sim_sensors import Sensors

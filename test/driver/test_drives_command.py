@@ -15,7 +15,7 @@ from artibot_driver.cia402 import State
 from artibot_driver.loopback import loopback_bus
 from artibot_driver.rig import load_rig
 from artibot_sim.cli import main
-from artibot_sim.nodes.drive_loop import drive_config
+from artibot_sim.nodes.drives.loop import drive_config
 from ros_helpers import NodeProcess, NodeStarter
 
 

@@ -14,9 +14,8 @@ from artibot_driver.cia402 import State
 from artibot_driver.config import config_from_parameters
 from artibot_driver.master import BusStatus, DriveStatus, Phase, Reason, Stage, Status, Stop
 from artibot_sim.model import MOTORS
-from artibot_sim.nodes.driver_answers import PATIENCE, Pending, answer, obstacles
-from artibot_sim.nodes.driver_diagnostics import ERROR, OK, STALE, WARN, Identity, diagnostics, essence
-from artibot_sim.nodes.driver_start import START_WITHIN, AutoEnable
+from artibot_sim.nodes.driver.publishers import ERROR, OK, STALE, WARN, Identity, diagnostics, essence
+from artibot_sim.nodes.driver.services import PATIENCE, START_WITHIN, AutoEnable, Pending, answer, obstacles
 
 CONFIG = config_from_parameters({})
 DRIVES = tuple(

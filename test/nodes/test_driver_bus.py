@@ -12,8 +12,8 @@ from artibot_driver.bus import Bus
 from artibot_driver.config import DriverConfig, config_from_parameters
 from artibot_driver.faults.live_loop import SwitchableLoopback
 from artibot_driver.frames import Frame
-from artibot_sim.nodes import driver_bus
-from artibot_sim.nodes.driver_bus import BusKeeper, opened
+from artibot_sim.nodes.driver import loop
+from artibot_sim.nodes.driver.loop import BusKeeper, opened
 
 
 @pytest.fixture
@@ -66,7 +66,7 @@ def test_what_a_search_finds_after_its_end_is_closed_and_never_handed_out(
         late.append(opened(config))
         return late[-1]
 
-    monkeypatch.setattr(driver_bus, "opened", slowly)
+    monkeypatch.setattr(loop, "opened", slowly)
     keeper = BusKeeper(config)
     first = keeper.open()
     assert keeper.again() is None

@@ -20,7 +20,7 @@ from artibot_driver.cia402 import State, state_of
 from artibot_driver.loopback import loopback_bus
 from artibot_driver.rig import load_rig
 from artibot_sim.model import MOTORS, Commands, Mode, load_robot, rollout
-from artibot_sim.nodes.drive_loop import drive_config
+from artibot_sim.nodes.drives.loop import drive_config
 from ros_helpers import ROOT
 
 pytest.importorskip("rclpy", reason="rclpy is not installed; run `make setup`, or source a ROS 2 Jazzy")

@@ -14,7 +14,7 @@ from sim_probe import TYPES, Probe, stamp_ns
 from artibot_driver.simulated.motion import ShaftCommand
 from artibot_sim.model import load_robot, save_robot
 from artibot_sim.model.robot.parameters import SensorErrors
-from artibot_sim.nodes.drive_shafts import RoverShafts
+from artibot_sim.nodes.drives.motors import RoverShafts
 from artibot_sim.nodes.sim_engine import Start, Timing, rotation
 from artibot_sim.nodes.sim_sensors import SensorModel, Sensors
 

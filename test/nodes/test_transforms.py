@@ -22,7 +22,8 @@ from rclpy.node import Node
 from artibot_driver.config import ALL_SPECS
 from artibot_driver.master import Feedback
 from artibot_sim.model import Robot, load_robot
-from artibot_sim.nodes import driver_publishers, transforms
+from artibot_sim.nodes import transforms
+from artibot_sim.nodes.driver import publishers
 from artibot_sim.nodes.odometry import Odometry, Slip, metres_per_radian
 from artibot_sim.nodes.sim_engine import Engine, Sample, Start, Timing
 from artibot_sim.nodes.sim_publishers import Published, Publishers
@@ -146,7 +147,7 @@ def test_with_a_driver_there_is_one_tree_and_the_driver_s_odometry_is_in_it(ros_
     robot = load_robot("agriq")
     node, other = Node("sim", context=ros_context), Node("driver", context=ros_context)
     sim = Publishers(node, robot, published(with_driver=True))
-    driver = driver_publishers.DriverPublishers(other, robot, driver_settings())
+    driver = publishers.DriverPublishers(other, robot, driver_settings())
     sensors, believed = Sensors(SensorModel(), 0), Odometry(1.0, 1.0)
     heard: list[Any] = []
     node.create_subscription(OdometryMessage, "odom", heard.append, 10)
@@ -179,7 +180,7 @@ def test_names_of_frames_have_one_prefix_but_the_map(ros_context: Any, sent: lis
     robot = load_robot("agriq")
     for name in ("rover1", "rover2"):
         node = Node("driver", namespace=name, context=ros_context)
-        driver = driver_publishers.DriverPublishers(node, robot, driver_settings(frame_prefix=f"{name}/"))
+        driver = publishers.DriverPublishers(node, robot, driver_settings(frame_prefix=f"{name}/"))
         driver.feedback(feedback(robot, 1, 0.0, 0.0), 0)
         sim = Publishers(node, robot, published(frames=Frames.of(f"{name}/")))
         sim.publish(10, sample_at(robot, 0.0, 0.0, 0.0, 0.0), Sensors(SensorModel(), 0), Odometry(1.0, 1.0), False)
@@ -193,6 +194,6 @@ def test_names_of_frames_have_one_prefix_but_the_map(ros_context: Any, sent: lis
 
 def test_without_publish_tf_a_filter_has_the_transform_for_itself(ros_context: Any, sent: list[Any]) -> None:
     node = Node("driver", context=ros_context)
-    driver = driver_publishers.DriverPublishers(node, load_robot("agriq"), driver_settings(publish_tf=False))
+    driver = publishers.DriverPublishers(node, load_robot("agriq"), driver_settings(publish_tf=False))
     driver.feedback(feedback(load_robot("agriq"), 1, 0.0, 0.0), 0)
     assert not sent

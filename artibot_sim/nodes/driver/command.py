@@ -78,7 +78,7 @@ def run(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
     """
 
     def make(asked: list[int]) -> LoopNode:
-        from artibot_sim.nodes.driver_lifecycle import DriverNode
+        from artibot_sim.nodes.driver.node import DriverNode
 
         return built(DriverNode, overrides, asked)
 

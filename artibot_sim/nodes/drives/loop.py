@@ -21,7 +21,7 @@ from artibot_driver.rig import Rig
 from artibot_driver.simulated.drive import SimulatedDrive
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS
-from artibot_sim.nodes.drive_shafts import Turned
+from artibot_sim.nodes.drives.motors import Turned
 
 MOST_AT_ONCE: Final = 200
 """Frames that are read at most when a slice is overdue: a flood of them must not stop the motors."""

@@ -13,9 +13,9 @@ from artibot_driver.priority import take_priority
 from artibot_driver.rig import load_rig
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS, load_robot
-from artibot_sim.nodes.crew import noted_signals
-from artibot_sim.nodes.drive_loop import DriveLoop, drive_config, drive_states, open_drive_loop
-from artibot_sim.nodes.drive_shafts import Flywheels, RoverShafts
+from artibot_sim.nodes.child_processes import noted_signals
+from artibot_sim.nodes.drives.loop import DriveLoop, drive_config, drive_states, open_drive_loop
+from artibot_sim.nodes.drives.motors import Flywheels, RoverShafts
 from artibot_sim.nodes.options import Number
 from artibot_sim.nodes.pacer import Pacer
 from artibot_sim.nodes.run import node_main

@@ -1,29 +1,138 @@
-"""One SYNC period of the driver after the other: what was heard, to the drives; what they report, to the topics.
+"""One SYNC period of the driver after the other: commands to the drives; what they report, to the topics.
 
 Deadlines are absolute, on a steady clock; those that were missed are not made up for. **Time** is steady: stamps and
-profiles follow the system clock as it stood when the rover last stood.
+profiles follow the system clock as it stood when the rover last stood. A bus that was lost is opened again beside the
+loop.
 """
 
 from __future__ import annotations
 
 import random
+import threading
 import time
 from typing import Any
 
 from rclpy.node import Node
 
-from artibot_driver.bus import BusState
+from artibot_driver.bus import Bus, BusState, open_bus
 from artibot_driver.config import DriverConfig
 from artibot_driver.master import Cycle, Master, Phase, Status, Stop
 from artibot_driver.rig import Rig
-from artibot_sim.nodes import driver_parameters as parameters
-from artibot_sim.nodes.driver_answers import obstacles, stop_text
-from artibot_sim.nodes.driver_bus import BusKeeper
-from artibot_sim.nodes.driver_commands import CommandGate, Silence
-from artibot_sim.nodes.driver_diagnostics import Identity, diagnostics
-from artibot_sim.nodes.driver_publishers import DriverPublishers
+from artibot_sim.errors import ArtibotError
+from artibot_sim.nodes.driver import parameters as parameters
+from artibot_sim.nodes.driver.commands import CommandGate, Silence
+from artibot_sim.nodes.driver.publishers import DriverPublishers, Identity, diagnostics
+from artibot_sim.nodes.driver.services import obstacles, stop_text
 from artibot_sim.nodes.inputs import Inputs
 from artibot_sim.nodes.pacer import Pacer
+
+# ----------------------------------------------------------------------
+# The driver's bus: opened at once or not at all, and opened again beside the loop where it was lost.
+# ----------------------------------------------------------------------
+
+
+AGAIN = 0.2
+"""Between two attempts to open a lost bus, s."""
+
+OPENING = 1.0
+"""An attempt that is under way is waited for so long at the end, s."""
+
+
+class BusKeeper:
+    """Opens, opens again and closes a bus.
+
+    Parameters
+    ----------
+    config : DriverConfig
+    """
+
+    def __init__(self, config: DriverConfig) -> None:
+        self._config = config
+        self._bus: Bus | None = None
+        self._search: Search | None = None
+
+    def open(self) -> Bus:
+        """Open the bus.
+
+        Raises
+        ------
+        ArtibotError
+            When it cannot be opened, with the mend.
+        """
+        self._bus = opened(self._config)
+        return self._bus
+
+    def again(self) -> Bus | None:
+        """A new bus in place of one that was lost, once there is one; never waits."""
+        if self._search is None:
+            self._search = Search(self._config)
+        found = self._search.take()
+        if found is None:
+            return None
+        if self._bus is not None:
+            self._bus.close()
+        self._bus, self._search = found, None
+        return found
+
+    def close(self) -> None:
+        """Close what is open, and what a search may still find; what was sent before still goes out."""
+        if self._search is not None:
+            self._search.end()
+        if self._bus is not None:
+            self._bus.close()
+        self._bus = self._search = None
+
+
+class Search:
+    """Tries to open a bus, in a thread of its own, until it has or is ended; what it finds then, nobody gets."""
+
+    def __init__(self, config: DriverConfig) -> None:
+        self._config = config
+        self._ended = threading.Event()
+        self._lock = threading.Lock()
+        self._found: Bus | None = None
+        self._thread = threading.Thread(target=self._run, name="bus", daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._ended.is_set():
+            try:
+                found = opened(self._config)
+            except ArtibotError:
+                self._ended.wait(AGAIN)
+                continue
+            with self._lock:
+                if self._ended.is_set():
+                    found.close()
+                else:
+                    self._found = found
+            return
+
+    def take(self) -> Bus | None:
+        """What it has found, once."""
+        with self._lock:
+            found, self._found = self._found, None
+        return found
+
+    def end(self) -> None:
+        """Search no more, and close what was found; the thread is over by then, unless opening hangs."""
+        with self._lock:
+            self._ended.set()
+        self._thread.join(OPENING)
+        found = self.take()
+        if found is not None:
+            found.close()
+
+
+def opened(config: DriverConfig) -> Bus:
+    """The bus of a configuration; raises :class:`ArtibotError` when it cannot be opened, with the mend."""
+    return open_bus(config.interface, config.channel, config.bitrate)
+
+
+# ----------------------------------------------------------------------
+# One SYNC period of the driver after the other: what was heard, to the drives; what they report, to the topics.
+# ----------------------------------------------------------------------
+
 
 STEPPED_NS = 50_000_000
 """A system clock that is off by more was set; the stamps follow when the rover stands."""

@@ -99,7 +99,7 @@ class Child:
             os.killpg(self.process.pid, number)
 
 
-class Crew:
+class ChildProcesses:
     """The children of one program.
 
     Parameters
@@ -120,7 +120,7 @@ class Crew:
 
     def start(self, *words: str, stays: bool = False) -> Child:
         """Start ``artibot WORDS…``."""
-        self._look()
+        self._check()
         log = self.logs / f"{len(self._children) + 1}-{words[0]}.log"
         child = Child(words, log, self.env, stays)
         self._children.append(child)
@@ -140,7 +140,7 @@ class Crew:
         """
         deadline = time.monotonic() + timeout
         while True:
-            self._look()
+            self._check()
             ended = child.status is not None  # looked at before: its last words count
             if done():
                 return
@@ -160,14 +160,14 @@ class Crew:
         """
         deadline = time.monotonic() + timeout
         while not done() and time.monotonic() < deadline:
-            self._look()
+            self._check()
             each()
             time.sleep(POLL)
 
     def wait_for_end(self, child: Child, timeout: float, each: Callable[[], None] = _nothing) -> None:
         """Wait until a child has ended by itself with status 0; raises as :meth:`wait`."""
         self.wait(child, lambda: child.status is not None, timeout, "finished", each)
-        self._look()
+        self._check()
 
     def stop(self, child: Child) -> None:
         """End a child as Ctrl-C does.
@@ -180,9 +180,9 @@ class Crew:
         child.stays = False
         child.send(signal.SIGINT)
         self.wait(child, lambda: child.status is not None, PATIENCE, "ended after Ctrl-C")
-        self._look()
+        self._check()
 
-    def _look(self) -> None:
+    def _check(self) -> None:
         """Raise if there was a signal, or a child has failed."""
         if self._asked:
             raise Interrupted(self._asked[0])

@@ -1,4 +1,4 @@
-"""A driver kept busy: ``python -m artibot_sim.nodes.driver_exercise CHANNEL SECONDS``, for benchmarks.
+"""A driver kept busy: ``python -m artibot_sim.nodes.driver.exercise CHANNEL SECONDS``, for benchmarks.
 
 Enables the drives, drives to and fro by live requests, and calls every service of the node meanwhile, over and over:
 its own, the lifecycle's, the parameters'. On the bus it listens to SYNC. Prints as JSON what it saw.
