@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+import sysconfig
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,16 @@ from artibot_sim import progress
 from artibot_sim.cli.words import COMMANDS
 from artibot_sim.errors import ArtibotError
 from artibot_sim.version import __version__
+
+_NAMES = "canopen distributed lz4 matplotlib mcap mujoco numba numpy plotly pyarrow rich rosbags scipy zstandard"
+PACKAGES = {
+    **{name: name for name in _NAMES.split()},
+    "can": "python-can",
+    "can_remote": "python-can-remote",
+    "dask": "distributed",
+    "yaml": "pyyaml",
+}
+"""Modules of other projects → the packages on PyPI that bring them. Each is imported only where it is used."""
 
 EXIT_BAD_INPUT = 2
 """Exit status for input that cannot be used."""
@@ -119,6 +130,8 @@ def _guard(run: Callable[[], Any]) -> int:
             return _refuse(
                 f"{missing}: not found; this command needs ROS 2: source it, or pip install 'artibot_sim[ros]'"
             )
+        if missing in PACKAGES:
+            return _refuse(f"{missing}: not found; this command needs it: {_pip()} install {PACKAGES[missing]}")
         raise
     except click.ClickException as error:
         error.show()
@@ -126,6 +139,13 @@ def _guard(run: Callable[[], Any]) -> int:
     except (click.Abort, KeyboardInterrupt):
         return EXIT_INTERRUPTED
     return status if isinstance(status, int) else 0
+
+
+def _pip() -> str:
+    """How to call pip for this interpreter; one that belongs to the system wants to hear that it may be added to."""
+    ours = sys.prefix != sys.base_prefix
+    kept = not ours and (Path(sysconfig.get_path("stdlib")) / "EXTERNALLY-MANAGED").exists()
+    return f"{sys.executable} -m pip{' --break-system-packages' if kept else ''}"
 
 
 def _refuse(message: str) -> int:

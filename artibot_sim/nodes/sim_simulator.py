@@ -38,7 +38,7 @@ from artibot_sim.nodes.odometry import Odometry, Slip, metres_per_radian
 from artibot_sim.nodes.pacer import Pacer, check_stats
 from artibot_sim.nodes.parameters import keep_types, warn_of_unknown
 from artibot_sim.nodes.sim_engine import Diverged, Timing
-from artibot_sim.nodes.sim_mover import CommandedMover, DrivenMover, Mover
+from artibot_sim.nodes.sim_mover import CommandedMover, Mover
 from artibot_sim.nodes.sim_publishers import Published, Publishers
 from artibot_sim.nodes.sim_sensors import Sensors
 from artibot_sim.nodes.transforms import Frames, has_tf
@@ -112,6 +112,8 @@ class SimNode(Node):
 
     def _mover(self) -> Mover:
         if self.settings["with_driver"]:
+            from artibot_sim.nodes.sim_driven import DrivenMover
+
             return DrivenMover(self, self.robot, self.timing, self.settings, self.sensors)
         return CommandedMover(self, self.robot, self.timing, self.settings)
 
