@@ -174,6 +174,8 @@ class FrameDecoders:
 # ----------------------------------------------------------------------
 
 
+# Not python-can's CanutilsLogReader: it takes error frames for data frames (or drops what they say), stamps of 1 ns for
+# doubles, fails on `_9` to `_F` behind eight bytes, and names neither file nor line of what it cannot read.
 _LINE: Final = re.compile(
     r"\((?P<sec>\d+)\.(?P<fraction>\d{1,9})\)\s+(?P<channel>\S+)\s+(?P<id>[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})"
     r"(?P<kind>##?)(?P<data>[0-9A-Fa-f]*|R[0-9A-Fa-f]?)(?:_(?P<dlc>[9A-Fa-f]))?(?:\s+[RT])?\s*"

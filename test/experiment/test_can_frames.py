@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
+import can
 import numpy as np
 import pytest
 from bag_helpers import EPOCH, JOINTS, joint_state, mcap_file
@@ -182,6 +184,17 @@ MICROSECONDS = st.integers(1, 2**31 * 10**6 - 1).map(lambda us: 1000 * us)
 @given(frame=frames().flatmap(lambda frame: MICROSECONDS.map(lambda ns: frame._replace(stamp_ns=ns))))
 def test_any_frame_survives_a_line_of_candump(frame: CanFrame) -> None:
     assert frame_of(line_of(frame, "vcan0")) == frame
+
+
+@given(frame=frames().filter(lambda frame: not frame.is_error and frame.dlc <= 8))
+def test_data_and_remote_frames_are_read_as_python_can_reads_them(frame: CanFrame) -> None:
+    line = line_of(frame)
+    (theirs,) = can.CanutilsLogReader(io.StringIO(line + "\n"))
+    ours = frame_of(line)
+    assert ours is not None
+    assert (ours.can_id, ours.data, ours.dlc) == (theirs.arbitration_id, bytes(theirs.data), theirs.dlc)
+    assert (ours.is_extended, ours.is_remote) == (theirs.is_extended_id, theirs.is_remote_frame)
+    assert 1e-9 * ours.stamp_ns == pytest.approx(theirs.timestamp, abs=1e-6)
 
 
 def test_lines_that_candump_writes() -> None:
