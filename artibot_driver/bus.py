@@ -53,7 +53,7 @@ class ErrorFrame:
     """What one of SocketCAN's error frames says (linux/can/error.h)."""
 
     state: BusState | None
-    """The controller's new state, where the frame tells one."""
+    """The controller's new state, where the frame has one."""
     overrun: bool
     restarted: bool
     tx_errors: int | None
@@ -158,7 +158,7 @@ class Health:
     Attributes
     ----------
     tx_errors, rx_errors : int or None
-        The controller's error counters, where an error frame has told them.
+        The controller's error counters, where an error frame had them.
     reason : str
         The last thing that went wrong, empty where nothing did.
     """

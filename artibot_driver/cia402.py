@@ -43,7 +43,7 @@ class State(enum.Enum):
 class Command(enum.Enum):
     """Command of a controlword, with its pattern; `FAULT_RESET` is the rising edge of its bit.
 
-    Switch on and disable operation have the same bits: the state tells them apart, so they are one command here.
+    Switch on and disable operation have the same bits: the state distinguishes them, so they are one command here.
     """
 
     SHUTDOWN = Pattern(0x87, 0x06)

@@ -1,4 +1,4 @@
-"""What the driver is told: every parameter in one table, read from a ROS 2 parameter file or handed over by a node.
+"""The driver's parameters: every one in one table, read from a ROS 2 parameter file or handed over by a node.
 
 ``config/driver.yaml`` is the file; it is made by ``python -m artibot_driver.config``. The node declares the same table
 with ROS, and :func:`config_from_parameters` turns either into a :class:`DriverConfig`.

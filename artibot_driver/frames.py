@@ -191,7 +191,7 @@ class NmtState(enum.IntEnum):
 
 
 class NmtCommand(enum.IntEnum):
-    """What the master can tell nodes."""
+    """What the master can command nodes."""
 
     START = 1
     STOP = 2

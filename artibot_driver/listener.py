@@ -1,4 +1,4 @@
-"""Hearing everything that passes on a bus, for hours: what was lost is counted, and a bus that went away is awaited.
+"""Receiving everything that passes on a bus, for hours: what was lost is counted, and a bus that went away is awaited.
 
 Nothing is ever sent, except that an interface's own driver acknowledges frames.
 """
@@ -16,7 +16,7 @@ import can
 from artibot_driver.bus import Bus, BusState, open_bus
 from artibot_sim.errors import ArtibotError
 
-Say = Callable[[bool, str], None]
+Notify = Callable[[bool, str], None]
 """Takes whether it is bad news, and the news."""
 
 REMOTE_SCHEMES: Final = ("ws://", "wss://")
@@ -26,7 +26,7 @@ _BUFFER: Final = 4 << 20
 _WATCH_PERIOD: Final = 0.5
 _OPEN_PERIOD: Final = 1.0
 _BATCH: Final = 50
-"""Frames that are read at most before there is a look at the clock and at the bus."""
+"""Frames that are read at most before clock and bus are checked."""
 _BREATH: Final = 0.02
 """After a read that failed at once, s."""
 _FOREIGN_CLOCK: Final = 60.0
@@ -34,7 +34,7 @@ _FOREIGN_CLOCK: Final = 60.0
 
 
 def interface_of(channel: str, interface: str | None = None) -> str:
-    """python-can's interface for a channel: what is given, else by the channel's looks."""
+    """python-can's interface for a channel: what is given, else by what the channel looks like."""
     return interface or ("remote" if channel.startswith(REMOTE_SCHEMES) else "socketcan")
 
 
@@ -45,21 +45,21 @@ def stamp_ns(message: can.Message) -> int:
 
 
 class Listener:
-    """Hears a bus, for one thread at a time.
+    """Receives everything on a bus, for one thread at a time.
 
     Parameters
     ----------
     interface, channel : str
         As for :func:`open_bus`.
-    say : callable
-        Told of the bus's state when it changes, once each time.
+    notify : callable
+        Called with the bus's state when it changes, once each time.
 
     Attributes
     ----------
     dropped : int
-        Frames that the kernel has thrown away since nobody read them in time; only SocketCAN tells.
+        Frames that the kernel has thrown away since nobody read them in time; only SocketCAN counts them.
     own_clock : bool
-        Whether the interface's stamps are system time, as the last frame looked at says.
+        Whether the interface's stamps are system time, as the last checked frame says.
 
     Raises
     ------
@@ -67,12 +67,12 @@ class Listener:
         When the bus cannot be opened. Later losses are said, not raised.
     """
 
-    def __init__(self, interface: str, channel: str, say: Say) -> None:
+    def __init__(self, interface: str, channel: str, notify: Notify) -> None:
         self.interface, self.channel = interface, channel
         self.dropped = 0
         self.own_clock = True
-        self._say = say
-        self._unwatched = _BATCH  # the first frame is looked at
+        self._notify = notify
+        self._unwatched = _BATCH  # the first frame is checked
         self._bus: Bus | None = None
         self._state = BusState.ACTIVE
         self._dropped_before = 0  # by sockets that are closed
@@ -128,9 +128,9 @@ class Listener:
         if health.state is BusState.LOST:
             self.close()
             self._next_watch = time.monotonic() + _OPEN_PERIOD
-            self._say(True, f"CAN bus {self.channel}: {health.reason or health.state.value}; waiting for it")
+            self._notify(True, f"CAN bus {self.channel}: {health.reason or health.state.value}; waiting for it")
         else:
-            self._say(health.state is not BusState.ACTIVE, f"CAN bus {self.channel}: {health.state.value}")
+            self._notify(health.state is not BusState.ACTIVE, f"CAN bus {self.channel}: {health.state.value}")
 
     def _reopen(self) -> None:
         self._next_watch = time.monotonic() + _OPEN_PERIOD
@@ -139,7 +139,7 @@ class Listener:
         except ArtibotError:
             return
         self._state = BusState.ACTIVE
-        self._say(False, f"CAN bus {self.channel}: there again")
+        self._notify(False, f"CAN bus {self.channel}: there again")
 
     def _count_drops(self) -> None:
         sock = getattr(self._bus.raw, "socket", None) if self._bus is not None else None

@@ -41,7 +41,7 @@ class BusServer(RemoteServer):
     """
 
     said = False
-    """Whether such an end is told on standard error."""
+    """Whether such an end is printed on standard error."""
 
     def finish_request(self, request: Any, address: Any) -> None:
         """Serve one node until it goes, however it does."""

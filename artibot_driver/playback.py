@@ -53,7 +53,7 @@ def identifiers_of_commands(codec: Codec, driver_id: int) -> frozenset[int]:
 class FrameChoice:
     """Says which frames to send again.
 
-    Error frames never are: they tell of a controller, not of the bus.
+    Error frames never are: they are about a controller, not about the bus.
     """
 
     def __init__(self, which: Which, codec: Codec, driver_id: int) -> None:

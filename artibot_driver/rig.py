@@ -226,7 +226,7 @@ def _check_cyclic_objects(rig: Rig) -> None:
 
 
 def _check_watch(rig: Rig) -> None:
-    """That the drives can be told to stop when the driver is gone, and that it hears of them."""
+    """That the drives stop by themselves when the driver is gone, and that it notices when they are."""
     needed = ((0x1016, 1), (0x1017, 0), (0x6007, 0))
     if missing := [f"{i:04X}h" + (f":{k}" if k else "") for i, k in needed if not has_object(rig.dictionary, i, k)]:
         raise ArtibotError(
@@ -293,5 +293,5 @@ def si_unit_velocity(exponent: int) -> int:
 
 
 def frame_bits(length: int) -> int:
-    """Most bits that a data frame with 11-bit identifier takes on the wire, with stuff bits and the space after it."""
+    """Most bits that a data frame with 11-bit identifier takes on the bus, with stuff bits and the space after it."""
     return 47 + 8 * length + (34 + 8 * length - 1) // 4

@@ -15,7 +15,7 @@ _EXTENSION: Final = 20
 
 
 class Key(NamedTuple):
-    """What frames are told apart by."""
+    """What frames are distinguished by."""
 
     can_id: int
     is_extended: bool
@@ -91,7 +91,7 @@ class Traffic:
 
 
 def longest_bits(length: int, is_extended: bool) -> int:
-    """Most bits that a data frame takes on the wire; see :func:`frame_bits`."""
+    """Most bits that a data frame takes on the bus; see :func:`frame_bits`."""
     if not is_extended:
         return frame_bits(length)
     return 47 + _EXTENSION + 8 * length + (34 + _EXTENSION + 8 * length - 1) // 4

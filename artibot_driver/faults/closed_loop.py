@@ -186,7 +186,7 @@ class ClosedLoop(ABC):
 
     @abstractmethod
     def inject(self, frames: list[Frame]) -> None:
-        """Have somebody else send frames, heard by master and drives."""
+        """Have somebody else send frames, received by master and drives."""
 
     @abstractmethod
     def bus_down(self) -> None:

@@ -42,7 +42,7 @@ def is_warning(code: int) -> bool:
 
 @dataclass
 class Received:
-    """What a drive has said last; times are steady ns, None where it has never said it since it was sought."""
+    """What a drive has sent last; times are steady ns, None where it has sent none since it was sought."""
 
     operational_ns: int | None = None
     heartbeat_ns: int | None = None
@@ -60,7 +60,7 @@ class Link:
 
     Attributes
     ----------
-    heard : Received
+    received : Received
     setup : Setup
     restarted : str
         How it was noticed that the drive left operational by itself, until the master has dealt with it.
@@ -91,7 +91,7 @@ class Link:
         self._anew = True
         self._in_period: list[str] = []
 
-    # What it says.
+    # What it sends.
 
     def take_pdo(self, pdo: Pdo, now: int, sampled: int) -> None:
         """A TPDO that was sampled with the SYNC at `sampled`."""
@@ -183,7 +183,7 @@ class Link:
 
     @property
     def mode_fits(self) -> bool:
-        """Whether its mode of operation is the one that was set, as far as it tells."""
+        """Whether its mode of operation is the one that was set, as far as it reports it."""
         return self.received.objects.get(MODE, self._mode) == self._mode
 
     @property
@@ -215,14 +215,14 @@ class Link:
         self._tally["drive_at_limit"] += bool(word & StatusBit.INTERNAL_LIMIT)
 
     def fault_text(self) -> str:
-        """What its fault is, as far as it has told."""
+        """What its fault is, as far as it has reported it."""
         emergency, code = self.received.emergency, self.received.objects.get(ERROR_CODE, 0)
         if emergency is not None and (not code or emergency.code == code):
             return emergency.text
         return error_text(code) if code else "no error code"
 
     def position(self, now: int, timeout: float) -> float:
-        """Turn since it was first heard, rad; NaN before, and once it has not been told for `timeout` seconds.
+        """Turn since its first feedback, rad; NaN before, and once none has come for `timeout` seconds.
 
         It may come in another PDO than the statusword, and be lost alone.
         """
@@ -231,12 +231,12 @@ class Link:
         return self.scaling.position.si(self._total - self._origin)
 
     def quantity(self, index: int) -> float:
-        """Velocity (606Ch) or torque (6077h) actual value, SI; NaN before it was heard."""
+        """Velocity (606Ch) or torque (6077h) actual value, SI; NaN before the first feedback."""
         raw = self.received.objects.get(index)
         scale = self.scaling.velocity if index == VELOCITY else self.scaling.torque
         return math.nan if raw is None else scale.si(raw)
 
-    # What it is told.
+    # What it is sent.
 
     def frames(self, target: State, velocity: int, torque: int, reset_faults: bool, hold: bool = False) -> list[Frame]:
         """Its RPDOs for this cycle; what they map beside controlword and set-points is zero.

@@ -221,7 +221,7 @@ class Master:
         """
         last, self._last = now_ns if self._last is None else self._last, now_ns
         self.poll(now_ns)
-        self._bus_state = self._traffic.look(now_ns, HEALTH_PERIOD)
+        self._bus_state = self._traffic.check_state(now_ns, HEALTH_PERIOD)
         self._receiver.listen(now_ns, self._bus_state.carries_frames, self._phase in (Phase.READY, Phase.LOCKED))
         asked = self._requests.take(now_ns)
         if self._phase in (Phase.ENABLING, Phase.ENABLED):
@@ -315,13 +315,13 @@ class Master:
 
     def _facts(self, now: int, enable: bool) -> Facts:
         running = [link for link in self._links if link.setup.stage is Stage.RUNNING]
-        heard = [link for link in running if monitoring.is_heard(link, now, self._config)]
-        off = not any(link.state in POWERED for link in heard)
+        alive = [link for link in running if monitoring.is_alive(link, now, self._config)]
+        off = not any(link.state in POWERED for link in alive)
         since = None if self._released is None else now - self._released
         return Facts(
             carries=self._bus_state.carries_frames,
             alone=self._receiver.leads,
-            complete=len(heard) == len(self._links) and not any(link.shares_id for link in heard),
+            complete=len(alive) == len(self._links) and not any(link.shares_id for link in alive),
             faulted=any(link.in_fault for link in running),
             enable=enable,
             incident=self._stop is not None,

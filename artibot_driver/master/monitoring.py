@@ -92,7 +92,7 @@ def text_of(link: Link, now: int, config: DriverConfig) -> str:
         return "silent"
     if link.shares_id:
         return f"every answer comes twice: a second node has the id {link.node}; give one of them another"
-    if is_heard(link, now, config):
+    if is_alive(link, now, config):
         return ""
     if not link.misses_heartbeat(now, HEARTBEATS * config.drive_timeout):
         return "its first heartbeat is waited for"
@@ -102,7 +102,7 @@ def text_of(link: Link, now: int, config: DriverConfig) -> str:
     )
 
 
-def is_heard(link: Link, now: int, config: DriverConfig) -> bool:
+def is_alive(link: Link, now: int, config: DriverConfig) -> bool:
     """Whether feedback and heartbeats come as they should."""
     beating = link.heartbeat_age(now) <= HEARTBEATS * config.drive_timeout
     return beating and link.feedback_age(now) <= config.drive_timeout

@@ -30,10 +30,16 @@ class Phase(enum.Enum):
 class Facts(NamedTuple):
     """What decides, found anew in every cycle.
 
-    `carries`: the bus carries frames; `alone`: nobody else was heard to lead the drives, and its first word is out;
-    `complete`: all drives are set up and heard; `faulted`: one reports a fault; `enable`: enabling was asked for since
-    the last cycle; `incident`: there is a reason to stop; `all_enabled`: all drives report operation enabled;
-    `stopped`: the ramp is over, and the drives are without current or had the time for it.
+    Attributes
+    ----------
+    carries : the bus carries frames.
+    alone : nobody else leads the drives, and this driver's first SYNC is out.
+    complete : all drives are set up, and send feedback and heartbeats.
+    faulted : a drive reports a fault.
+    enable : enabling was asked for since the last cycle.
+    incident : there is a reason to stop.
+    all_enabled : all drives report operation enabled.
+    stopped : the ramp is over, and the drives are without current or had the time for it.
     """
 
     carries: bool

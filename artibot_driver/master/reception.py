@@ -16,22 +16,22 @@ SECOND_DRIVER_TIME: Final = 1_000_000_000
 """So long after somebody else's commands the bus is not taken to be ours, ns."""
 
 LISTEN_TIME: Final = 200_000_000
-"""A driver says nothing before it has heard no other for at least so long, ns: several periods of SYNC at any usual
-rate."""
+"""A driver sends nothing before no frames of another have come for at least so long, ns: several periods of SYNC at
+any usual rate."""
 
 LONGER_THAN_DRIVES: Final = 50_000_000
 """It also listens for so much longer than drives put up with a driver that has fallen silent, ns: whatever it finds on
 the bus then, none still follows what another one has commanded."""
 
 SPREAD: Final = 200_000_000
-"""By so much at most, as chance has it, one driver listens longer than another that was started with it, ns."""
+"""A random part of this is added to the time of listening, ns: of two drivers started together one is first."""
 
 Delay = Callable[[], float]
 """A number from 0 to 1, anew at each call."""
 
 
 def no_delay() -> float:
-    """Always the same: a run can be repeated."""
+    """Add nothing: a run can be repeated."""
     return 0.0
 
 
@@ -61,9 +61,9 @@ class Receiver:
     Attributes
     ----------
     alone : bool
-        Whether no other driver was heard for long enough to speak.
+        Whether no other driver has sent for long enough.
     leads : bool
-        Whether its first word since then has gone out, and no other driver has answered it.
+        Whether its first SYNC since then has gone out, and no other driver has answered it.
     """
 
     def __init__(self, rig: Rig, links: Sequence[Link], tally: Counter[str], delay: Delay = no_delay) -> None:
@@ -118,7 +118,7 @@ class Receiver:
         self._note_other(what, now)
 
     def _note_other(self, what: str, now: int) -> None:
-        """Somebody else leads drives; what was heard of it first is kept."""
+        """Somebody else leads drives; its first frame is kept."""
         self._other = (now, self._other[1] if self._other else what)
         self.leads = self.leads and self._led
 
@@ -139,10 +139,10 @@ class Receiver:
             link.forget()
 
     def listen(self, now: int, carries: bool, led: bool) -> None:
-        """Be alone once no other driver has been heard for long enough; a bus that carries nothing tells nothing.
+        """Be alone once no other driver has sent for long enough; a bus that carries nothing proves nothing.
 
-        Two that were started together may both have found the bus quiet, so whoever hears another one before it has
-        `led` all drives listens again. After that they are its own: its silence would be taken for its death.
+        Two that were started together may both have found the bus quiet, so whoever receives frames of another before
+        it has `led` all drives listens again. After that they are its own: its silence would be taken for its death.
         """
         self._led = self._led or led
         if self.alone:
@@ -158,9 +158,9 @@ class Receiver:
                 self.alone, self._other, self._second = True, None, None
                 self._sent_at = now
 
-    def note_sent(self, now: int, heard: bool) -> None:
-        """A cycle has said what it had to say; `heard` where the bus has taken something of it."""
-        if heard:
+    def note_sent(self, now: int, taken: bool) -> None:
+        """A cycle has sent its frames; `taken` where the bus has taken some of them."""
+        if taken:
             self.leads, self._sent_at = True, now
 
     def resume(self, now: int) -> None:
@@ -174,7 +174,7 @@ class Receiver:
 
     @property
     def other_driver(self) -> str:
-        """Another driver that was heard while listening, one clause with the mend; empty where none was."""
+        """Another driver whose frames came while listening, one clause with the mend; empty where none was."""
         if self.alone or self._other is None:
             return ""
         return f"somebody else leads the drives: heard {self._other[1]}; end that driver"

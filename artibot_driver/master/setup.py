@@ -177,7 +177,7 @@ class Setup:
         yield self._request(*self._queue[0])
 
     def started(self) -> None:
-        """The drive has been heard to be operational."""
+        """Feedback has come: the drive is operational."""
         if self.stage is Stage.STARTING:
             self._check()
 

@@ -106,18 +106,18 @@ class Traffic:
         self.failed = self.failed + 1 if failures else 0
         return failures < len(frames) and self._health.state.carries_frames
 
-    def look(self, now: int, every: int) -> BusState:
+    def check_state(self, now: int, every: int) -> BusState:
         """The bus's state, asked for anew after `every` ns, or at once where sending fails."""
         if self._asked is None or self.failed or now - self._asked >= every:
             self._asked, self._health = now, self.bus.health()
         self._loads.append((now, self._bits))
         while len(self._loads) > 1 and self._loads[1][0] <= now - WINDOW:
-            self._loads.popleft()  # one stays from before: what a late look finds has come since the look before it
+            self._loads.popleft()  # one stays from before: what a late check finds has come since the check before it
         return self._health.state
 
     @property
     def load(self) -> float:
-        """Share of the bit rate that was used in the last 50 ms or since the look before; 0 at first."""
+        """Share of the bit rate that was used in the last 50 ms or since the check before; 0 at first."""
         (begin, before), (end, after) = self._loads[0], self._loads[-1]
         took = end - begin
         return 0.0 if took < 0.8 * WINDOW else 1e9 * (after - before) / (took * self._bitrate)

@@ -95,7 +95,7 @@ class Stop:
 
 @dataclass(frozen=True)
 class Feedback:
-    """What the drives have reported; NaN where it is not known (never heard, or silent).
+    """What the drives have reported; NaN where it is not known (no feedback yet, or silent).
 
     Attributes
     ----------
@@ -217,7 +217,7 @@ class Status:
     following : bool
         Whether the set-points handed over act.
     other_driver : str
-        Another driver that was heard while listening, one clause with the mend; else empty.
+        Another driver whose frames came while listening, one clause with the mend; else empty.
     refusal : str
         What keeps a drive from being set up for good, as an :class:`ArtibotError` would say it; else empty.
     notice : str

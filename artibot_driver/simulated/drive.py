@@ -109,7 +109,7 @@ class SimulatedDrive(CanopenNode):
         self._defect = 0
 
     def _connection_lost(self, code: int) -> None:
-        """What the abort connection option code (6007h) says; being told to leave operational harms no idle drive."""
+        """What the abort connection option code (6007h) says; an idle drive may leave operational without harm."""
         if code == COMMUNICATION and self.state not in POWERED:
             return
         action = self.objects.values[0x6007, 0]

@@ -106,7 +106,7 @@ class CanopenNode(ABC):
 
     @abstractmethod
     def _connection_back(self) -> None:
-        """Notice that the master, once lost, is heard again."""
+        """Notice that heartbeats of the master, once lost, come again."""
 
     @abstractmethod
     def _run(self, dt: float) -> None:

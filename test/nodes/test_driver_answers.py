@@ -159,7 +159,7 @@ def test_news_is_what_a_person_would_want_to_know() -> None:
 
 
 def looked(auto_enable: AutoEnable, status: Status, now: float) -> tuple[bool, str]:
-    return auto_enable.look(status, now)
+    return auto_enable.check(status, now)
 
 
 def test_enable_on_start_enables_once() -> None:

@@ -17,12 +17,14 @@ import pytest
 
 pytest.importorskip("rclpy", reason="rclpy is not installed; run `make setup`, or source a ROS 2 Jazzy")
 
+from diagnostic_msgs.msg import DiagnosticArray
 from driver_probe import PATIENT, DriverProbe, Drives, Sniffer, drives_on, prompt
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParameters
+from rclpy.node import Node
 from sim_probe import FRONT, METRES, stamp_ns
 from trajectory_msgs.msg import JointTrajectory
 
@@ -35,7 +37,7 @@ from artibot_sim.model import MOTORS, load_robot
 from artibot_sim.model.equations.transmission import back_torque_factor
 from artibot_sim.nodes.qos import LATCHED
 from artibot_sim.sharing import LAWS, Cycle, load_law
-from ros_helpers import NodeProcess
+from ros_helpers import NodeProcess, spin_until
 
 NAN = math.nan
 ALL = list(MOTORS)
@@ -402,6 +404,21 @@ def test_diagnostics_name_every_part(probe: DriverProbe) -> None:
     count = len(probe.diagnostics)
     probe.spin(3.0)
     assert 2 <= len(probe.diagnostics) - count <= 8, "1 Hz, and on change"
+
+
+def test_diagnostics_of_two_rovers_are_told_apart(ros_context: Any, start_node: Any) -> None:
+    """Two real nodes of one robot file below two namespaces, both on the one topic that has none."""
+    for name in ("rover1", "rover2"):
+        start_node("driver", "--unconfigured", "--ros-args", "-r", f"__ns:=/{name}")
+    listener = Node("listener", context=ros_context)
+    found: dict[str, str] = {}
+
+    def take(message: DiagnosticArray) -> None:
+        found.update({each.name: each.hardware_id for each in message.status})
+
+    listener.create_subscription(DiagnosticArray, "/diagnostics", take, 10)
+    spin_until(listener, lambda: len(found) == 2, 60.0, "both drivers' diagnostics")
+    assert found == {f"{name}/artibot driver: driver": f"{name}/agriq" for name in ("rover1", "rover2")}
 
 
 def counted(probe: DriverProbe) -> int:

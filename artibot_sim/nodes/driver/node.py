@@ -243,7 +243,7 @@ class DriverNode(LifecycleNode):
             self.loop.diagnose(self.label, self._fault, self._server.most_ms)
 
     def _enable_if_wished(self, master: Master, status: Status) -> None:
-        auto_enable = self._auto_enable.look(status, time.monotonic())
+        auto_enable = self._auto_enable.check(status, time.monotonic())
         if auto_enable.enable:
             master.enable()
         elif auto_enable.lapsed:

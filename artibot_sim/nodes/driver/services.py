@@ -193,7 +193,7 @@ class AutoEnable:
         """Whoever commands by hand, or closes the bus, takes its place."""
         self._until = None
 
-    def look(self, status: Status, now: float) -> Verdict:
+    def check(self, status: Status, now: float) -> Verdict:
         """What it comes to in this period."""
         if self._until is None:
             return Verdict()
