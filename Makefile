@@ -7,7 +7,7 @@ export VENV
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-run demo test lint types bench bench-can growth faults faults-live fuzz eq30 diagnose-campaign bags pictures colcon map clean
+.PHONY: help setup setup-run demo test lint types bench bench-can real growth faults faults-live fuzz eq30 diagnose-campaign bags pictures colcon map clean
 
 help: ## this list
 	@echo "make TARGET, of which:"
@@ -35,6 +35,10 @@ types: setup ## mypy on the library, which is free of ROS
 bench: setup-run ## speed of the model, beside MuJoCo's (ARGS="--json FILE")
 	@scripts/setup.sh bench
 	@$(PY) -m artibot_sim.cli bench $(ARGS)
+
+real: setup-run ## models judged on recordings of real robots (DATA=folder or ARTIBOT_REAL_DATA; ARGS="--only husky_drive_a")
+	@scripts/setup.sh real
+	@OPENBLAS_NUM_THREADS=1 $(PY) -m artibot_sim.bench.real $(if $(DATA),--data $(DATA)) $(ARGS)
 
 growth: setup-run ## how time and memory grow with runs, length of a recording, effects, cores: growth/growth.png
 	@$(PY) -m artibot_sim.bench.growth $(or $(OUT),growth) $(ARGS)

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Make .venv ready to run artibot (`setup.sh run`), to develop and test it (`setup.sh dev`), or for the benchmark
-# against other simulators (`setup.sh bench`). Quick when nothing changed.
+# against other simulators (`setup.sh bench`) or on real recordings (`setup.sh real`). Quick when nothing changed.
 #
 # Environment: PYTHON   interpreter to use (3.10-3.13); default: the first fit one on PATH
 #              VENV     where to put the virtual environment; default .venv
@@ -12,7 +12,7 @@ cd "$(dirname "$0")/.."
 
 stage=${1:-run}
 venv=${VENV:-.venv}
-case $stage in run | dev | bench) ;; *) echo "setup.sh: unknown stage '$stage'; expected run, dev or bench" >&2; exit 2 ;; esac
+case $stage in run | dev | bench | real) ;; *) echo "setup.sh: unknown stage '$stage'; expected run, dev, bench or real" >&2; exit 2 ;; esac
 
 say() { printf 'setup: %s\n' "$*" >&2; }
 die() { say "$*"; exit 1; }
@@ -128,7 +128,7 @@ install_test_packages() {
   apt_install "${missing[@]}" || say "left out: ${missing[*]}; the tests on a real CAN or in a browser that need them will be skipped"
 }
 
-case $stage in run) extras= ;; dev) extras=test,dev ;; bench) extras=bench ;; esac
+case $stage in run) extras= ;; dev) extras=test,dev ;; bench) extras=bench ;; real) extras=real ;; esac
 [ "$stage" != dev ] || install_test_packages
 
 stamp=$venv/.ready-$stage

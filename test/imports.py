@@ -56,6 +56,7 @@ OWNERS = {
     "pydrake": ("bench",),
     "pybullet": ("bench",),
     "pyarrow": ("exchange", "sweep"),
+    "sklearn": ("bench",),
     "distributed": ("cluster",),
     "dask": ("cluster",),
 }

@@ -1,0 +1,629 @@
+"""Recordings of real robots: each model fitted to one part, and judged by its predictions of another.
+
+``make real DATA=folder`` prints errors of windows of 2 s at their ends, beside those of kinematic models and of a
+regressor. The recordings are not part of artibot.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.experiment import Experiment, read_bag
+from artibot_sim.model import MOTORS, Robot, load_robot
+
+if TYPE_CHECKING:
+    from artibot_sim.identify.run import Work
+
+Array = NDArray[np.float64]
+
+DATA = "ARTIBOT_REAL_DATA"
+"""Environment variable with the folder of the recordings."""
+HORIZON = 2.0
+"""s of a window."""
+BLOCK = 12.0
+"""s of one recording that are fitted or judged together, alternately: two commands of 6 s."""
+STEP = 0.05
+"""s between the speeds that models are given."""
+BEFORE, AFTER = 0.5, 0.5
+"""s of speeds before a window and after it, for what is late."""
+_STALE = 1.6
+"""s for which equal values are one that is held; longer ones are a speed that stays."""
+_DRIVEN = 0.05
+"""m/s of a wheel's rim, in the mean over a window, below which the robot is not driven."""
+_LEAP = 0.2
+"""m by which a measured pose may move farther than the wheels' rims before it counts as a leap,"""
+_JITTER = 0.2
+"""s by which its stamps may be wrong then."""
+_BEND = 0.05
+"""m and rad from which an error counts linearly in a fit."""
+_DRAWS = 1000
+
+
+@dataclass(frozen=True)
+class Ground:
+    """One robot on one ground.
+
+    Attributes
+    ----------
+    name : str
+    robot : str
+        Robot file.
+    recordings : tuple of str
+        Folders. Each is predicted by what was fitted to the others; a single one by its other half, in blocks.
+    """
+
+    name: str
+    robot: str
+    recordings: tuple[str, ...]
+
+
+GROUNDS = (
+    Ground("husky, tiles, soft tyres", "husky_driven", ("husky_deflated",)),
+    Ground("husky, wet grass", "husky_driven", ("husky_wetgrass",)),
+    Ground("husky, not stated", "husky_driven", ("husky_drive_a", "husky_drive_b")),
+    Ground("warthog, asphalt", "warthog", ("warthog_asphalt",)),
+    Ground("warthog, gravel", "warthog", ("warthog_gravel",)),
+    Ground("optiodom", "optiodom_diff", ("optiodom_diff_1", "optiodom_diff_2", "optiodom_diff_3")),
+)
+
+
+# ----------------------------------------------------------------------
+# Windows: where the robot was at a start and an end, and how its wheels turned.
+# ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Windows of one part of a ground.
+
+    Attributes
+    ----------
+    t, length : array, shape (n,)
+        Starts, s of the recording, and lengths, s.
+    start, end : array, shape (n, 3)
+        Measured poses, m and rad; headings continuous from start to end.
+    speed : array, shape (n, m, 2)
+        Of the right and the left wheels, rad/s, `STEP` apart from `BEFORE` the start on.
+    """
+
+    t: Array
+    length: Array
+    start: Array
+    end: Array
+    speed: Array
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __getitem__(self, rows: NDArray[Any]) -> Windows:
+        return Windows(self.t[rows], self.length[rows], self.start[rows], self.end[rows], self.speed[rows])
+
+    @property
+    def moved(self) -> Array:
+        """Ends as seen from the starts, (n, 3): forward, to the left, turned."""
+        c, s = np.cos(self.start[:, 2]), np.sin(self.start[:, 2])
+        dx, dy, turn = (self.end - self.start).T
+        return np.column_stack([c * dx + s * dy, c * dy - s * dx, turn])
+
+
+@dataclass(frozen=True)
+class Part:
+    """What is fitted or judged together: a recording, or some blocks of it."""
+
+    experiments: tuple[Experiment, ...]
+    windows: Windows
+    leaps: int = 0
+
+
+def windows_of(experiment: Experiment, radius: float) -> tuple[Windows, int]:
+    """Windows of `HORIZON` s one after the other wherever the robot is driven, and how many leap.
+
+    A window that leaps holds a measured pose that moves farther than wheels of this `radius` (m) could make it; no
+    model can be judged by it.
+    """
+    odometry, motors = experiment.require("ground_truth_odom", "x", "y", "yaw"), experiment.require("motor_torques")
+    rows: list[tuple[float, float, Array, Array, Array]] = []
+    leaps = 0
+    for first, last in experiment.segments:
+        t_pose, pose = _changes(odometry.between(first - 1e-6, last + 1e-6), ("x", "y", "yaw"))
+        t_speed, speed = _changes(motors.between(first - 1e-6, last + 1e-6), _SPEEDS)
+        if len(t_pose) < 4 or len(t_speed) < 2:
+            continue
+        pose = np.column_stack([pose[:, :2], np.unwrap(pose[:, 2])])
+        for t in np.arange(max(first, t_pose[0]), last - HORIZON + STEP + 1e-6, HORIZON):
+            length = min(HORIZON, last - t)
+            at = t + STEP * np.arange(-round(BEFORE / STEP), round((HORIZON + AFTER) / STEP) + 1)
+            turned = np.column_stack([np.interp(at, t_speed, column) for column in speed.T])
+            inside = (at >= t) & (at <= t + length)
+            if radius * np.abs(turned[inside]).mean() < _DRIVEN:
+                continue
+            near = (t_pose >= t - STEP) & (t_pose <= t + length + STEP)
+            if near.sum() < 4:
+                continue
+            if _leaps(t_pose[near], pose[near], radius * float(np.abs(turned).max())):
+                leaps += 1
+                continue
+            ends = np.array([[np.interp(when, t_pose, column) for column in pose.T] for when in (t, t + length)])
+            rows.append((float(t), float(length), ends[0], ends[1], turned))
+    if not rows:
+        raise ArtibotError(f"{experiment.path}: no window of {HORIZON:g} s in which the robot is driven")
+    return Windows(*(np.array(column) for column in zip(*rows, strict=True))), leaps
+
+
+_SPEEDS = tuple(f"{motor}.velocity" for motor in MOTORS[:2])
+
+
+def _changes(channel: Any, names: Sequence[str]) -> tuple[Array, Array]:
+    """Times and values (n, k) of columns where they change: a logger repeats the message before until the next comes.
+
+    What stays for longer than a message is held is a value that stays; its last repetition counts, too.
+    """
+    values = np.column_stack([channel[name] for name in names])
+    used = np.isfinite(values).all(axis=1)
+    t, values = channel.t[used], values[used]
+    if len(t) < 2:
+        return t, values
+    new = np.concatenate(([True], (values[1:] != values[:-1]).any(axis=1)))
+    ends = np.append(np.flatnonzero(new)[1:], len(t)) - 1
+    stays = t[ends] - t[new] > _STALE
+    new[ends[stays]] = True
+    new[-1] = True
+    return t[new], values[new]
+
+
+def _leaps(t: Array, pose: Array, rim: float) -> bool:
+    """Whether a measured pose moves farther than wheels with such speeds (m/s) at their rims could move it."""
+    steps = np.hypot(*np.diff(pose[:, :2], axis=0).T)
+    return bool((steps > rim * (np.diff(t) + _JITTER) + _LEAP).any())
+
+
+def parts_of(ground: Ground, folder: Path, robot: Robot) -> list[Part]:
+    """What is fitted or judged together: recordings, or the two halves of a single one."""
+    recordings = [read_bag(folder / name) for name in ground.recordings]
+    if len(recordings) == 1:
+        recordings = halves(recordings[0])
+    found = []
+    for experiment in recordings:
+        windows, leaps = windows_of(experiment, robot.wheel.r_w)
+        found.append(Part((experiment,), windows, leaps))
+    return found
+
+
+def halves(experiment: Experiment) -> list[Experiment]:
+    """Two recordings of one: its blocks of `BLOCK` s in turn. Short segments stay whole, several of them to a block."""
+    spans: list[list[tuple[float, float]]] = [[], []]
+    driven = 0.0
+    for first, last in experiment.segments:
+        count = max(1, round((last - first) / BLOCK)) if last - first > HORIZON + STEP else 1
+        edges = np.linspace(first, last, count + 1)
+        for a, b in zip(edges, edges[1:], strict=False):
+            # half a sample apart, or a sample on an edge would be in both halves
+            spans[int((driven + 1e-9) // BLOCK) % 2].append((float(a) + 1e-4, float(b) - 1e-4) if count > 1 else (a, b))
+            driven += b - a + STEP
+    return [_only(experiment, spans[i], f"{experiment.name} {'AB'[i]}") for i in range(2)]
+
+
+def _only(experiment: Experiment, spans: Sequence[tuple[float, float]], name: str) -> Experiment:
+    """The rows of all channels within some spans, s."""
+    channels = {}
+    for key, channel in experiment.channels.items():
+        inside = np.zeros(len(channel), bool)
+        for a, b in spans:
+            inside |= (channel.t >= a - 1e-6) & (channel.t <= b + 1e-6)
+        if inside.any():
+            columns = {column: values[inside] for column, values in channel.columns.items()}
+            channels[key] = replace(
+                channel, t_ns=channel.t_ns[inside], t=channel.t[inside], received_ns=channel.received_ns[inside],
+                columns=columns,
+            )  # fmt: skip
+    return replace(experiment, name=name, channels=channels, segments=tuple(spans))
+
+
+# ----------------------------------------------------------------------
+# Models: each is fitted to a part and predicts ends of windows, seen from their starts.
+# ----------------------------------------------------------------------
+
+
+Predictor = Callable[[Windows], Array]
+"""Windows → where they end as seen from their starts, shape (n, 3)."""
+
+
+@dataclass(frozen=True)
+class Kinematic:
+    """Skid steering by three numbers, from speeds that may be late or early.
+
+    Attributes
+    ----------
+    radius : float
+        Of a wheel, m.
+    track : float
+        That the speeds of both sides turn, m.
+    scale : float
+        Speed over that of rolling.
+    lateral : float
+        Leftward speed per yaw rate, m.
+    delay : float
+        By which poses are later than speeds, s.
+    """
+
+    radius: float
+    track: float
+    scale: float = 1.0
+    lateral: float = 0.0
+    delay: float = 0.0
+
+    def rates(self, speed: Array) -> Array:
+        """Forward and leftward speed and yaw rate, (…, 3), of wheel speeds (…, 2)."""
+        rim = self.radius * self.scale * speed
+        turn = (rim[..., 0] - rim[..., 1]) / self.track
+        return np.stack([rim.mean(axis=-1), self.lateral * turn, turn], axis=-1)
+
+    def __call__(self, windows: Windows) -> Array:
+        grid = STEP * np.arange(windows.speed.shape[1]) - BEFORE
+        rates = self.rates(windows.speed)
+        found = np.empty((len(windows), 3))
+        for i, length in enumerate(windows.length):
+            at = np.linspace(0.0, length, round(length / STEP) + 1)
+            forward, left, turn = (np.interp(at - self.delay, grid, column) for column in rates[i].T)
+            yaw = _integral(turn, at)
+            c, s = np.cos(yaw), np.sin(yaw)
+            x, y = _integral(c * forward - s * left, at), _integral(s * forward + c * left, at)
+            found[i] = x[-1], y[-1], yaw[-1]
+        return found
+
+
+def _integral(rate: Array, t: Array) -> Array:
+    return np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t) * (rate[1:] + rate[:-1]))))
+
+
+FREE = {
+    "effective track": ("track",),
+    "ICR": ("track", "scale", "lateral"),
+    "ICR with timing": ("track", "scale", "lateral", "delay"),
+}
+"""Kinematic model → what is fitted."""
+
+
+def fit_kinematic(windows: Windows, robot: Robot, free: Sequence[str]) -> Kinematic:
+    """The kinematic model whose predictions of windows are nearest, large errors counting linearly."""
+    first = Kinematic(robot.wheel.r_w * robot.drive.front.tau, robot.front.i_y)
+    bounds = {"track": (0.1, 30.0), "scale": (-2.0, 3.0), "lateral": (-3.0, 3.0), "delay": (-BEFORE, BEFORE)}
+
+    def residual(values: Array) -> Array:
+        model = replace(first, **dict(zip(free, values.tolist(), strict=True)))
+        return (model(windows) - windows.moved).ravel()
+
+    low, high = zip(*(bounds[name] for name in free), strict=True)
+    guess = [np.clip(1.6 * first.track if name == "track" else getattr(first, name), *bounds[name]) for name in free]
+    found = least_squares(residual, guess, bounds=(low, high), loss="huber", f_scale=_BEND, x_scale=0.1, diff_step=1e-3)
+    return replace(first, **dict(zip(free, found.x.tolist(), strict=True)))
+
+
+def fit_regressor(windows: Windows, robot: Robot) -> Predictor:
+    """Gradient-boosted trees on the wheels' speeds: what the three-parameter model leaves."""
+    try:
+        from sklearn.ensemble import GradientBoostingRegressor
+    except ModuleNotFoundError:
+        raise ArtibotError("scikit-learn: not installed; pip install 'artibot_sim[real]', or leave it out") from None
+    base = fit_kinematic(windows, robot, FREE["ICR with timing"])
+
+    def features(of: Windows) -> Array:
+        bins = np.array_split(np.arange(of.speed.shape[1]), 12)
+        means = [of.speed[:, rows].mean(axis=1) for rows in bins]
+        return np.column_stack([*means, base(of), of.length])
+
+    rest = windows.moved - base(windows)
+    trees = [
+        GradientBoostingRegressor(
+            n_estimators=200, max_depth=3, learning_rate=0.05, subsample=0.7, min_samples_leaf=5, random_state=0,
+            loss="huber",
+        ).fit(features(windows), rest[:, k])
+        for k in range(3)
+    ]  # fmt: skip
+    return lambda of: base(of) + np.column_stack([tree.predict(features(of)) for tree in trees])
+
+
+ARTIBOT: dict[str, tuple[tuple[str, str], ...]] = {
+    "artibot": (),
+    "artibot, timing and lever arm": (
+        ("effects.pose_delay.delay", "0.05±0.05"), ("effects.pose_lever_arm.x", "0.1±0.1"),
+    ),
+}  # fmt: skip
+"""Artibot's own model → what is fitted beside the soil, with its prior."""
+
+
+def fit_artibot(part: Part, robot: Robot, beside: Sequence[tuple[str, str]]) -> Work:
+    """The soil, and what else is asked for, identified from a part."""
+    from artibot_sim.identify import identify, parse_priors
+    from artibot_sim.identify.run import SOIL
+
+    priors = parse_priors([f"{name}={prior}" for name, prior in beside])
+    return identify(
+        list(part.experiments), robot, fit=[*SOIL, *(name for name, _ in beside)], priors=priors, window=HORIZON
+    )
+
+
+def predict_artibot(robot: Robot, part: Part, rolling: Kinematic) -> Array:
+    """Ends of a part's windows by a robot's model, seen from their starts.
+
+    Every window starts at the pose that is measured there, with the velocity that `rolling` gives to its wheels:
+    nothing that is measured after the start is used.
+    """
+    from artibot_sim.estimation.measurements import stretches
+    from artibot_sim.estimation.parameters import ParameterSet
+    from artibot_sim.estimation.problem import Problem
+    from artibot_sim.estimation.windows import window_at
+    from artibot_sim.model.simulate.windows import KINDS, Plan
+
+    found, windows = stretches(part.experiments[0], robot), part.windows
+    rows, chosen, ends = [], [], []
+    for i, (t, length) in enumerate(zip(windows.t.tolist(), windows.length.tolist(), strict=True)):
+        where = next((n for n, s in enumerate(found) if s.inputs.t[0] - 0.11 <= t and t < s.inputs.t[-1] - 0.5), None)
+        if where is None:
+            continue
+        inputs = found[where].inputs
+        first = max(0, round((t - inputs.t[0]) / inputs.dt))
+        knots = min(round(length / inputs.dt), len(inputs.t) - 1 - first)
+        chosen.append(window_at(found[where], where, robot, first, knots))
+        ends.append(knots * inputs.dt)
+        rows.append(i)
+    problem = Problem(ParameterSet(robot, ()), found, chosen)
+    starts = problem.starts.copy()
+    starts[:, :3] = windows.start[rows]
+    now = round((BEFORE - rolling.delay) / STEP)
+    starts[:, 3:6] = rolling.rates(windows.speed[rows, now])
+    kinds = np.array([KINDS.index(name) for name in ("x", "y", "yaw")])
+    seen = problem.look(np.empty(0), starts, [Plan(np.full(3, end), kinds) for end in ends])
+    moved = replace(windows[np.array(rows)], end=np.array(seen)).moved
+    every = np.full((len(windows), 3), np.nan)
+    every[rows] = moved
+    return every
+
+
+# ----------------------------------------------------------------------
+# Scores: errors of all judged windows, with intervals from blocks drawn anew.
+# ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Score:
+    """Errors of one model on one ground; each figure with the ends of its 95 % interval.
+
+    Attributes
+    ----------
+    ground, model : str
+    windows, leaps : int
+        Judged, and left out because measured poses leap in them.
+    position, yaw : mapping of str to (float, float, float)
+        `rmse`, `median`, `p90` in m and rad.
+    against : mapping of str to (float, float, float)
+        The same over those of the three-parameter ICR on the same windows; empty for itself.
+    seconds : float
+        For fitting and predicting.
+    values : tuple of str
+        What was fitted, a part each.
+    """
+
+    ground: str
+    model: str
+    windows: int
+    leaps: int
+    position: Mapping[str, tuple[float, float, float]]
+    yaw: Mapping[str, tuple[float, float, float]]
+    against: Mapping[str, tuple[float, float, float]]
+    seconds: float
+    values: tuple[str, ...] = ()
+
+
+FIGURES: dict[str, Callable[[Array], float]] = {
+    "rmse": lambda error: float(np.sqrt(np.mean(error**2))),
+    "median": lambda error: float(np.median(error)),
+    "p90": lambda error: float(np.quantile(error, 0.9)),
+}
+BASE = "ICR"
+"""Model that others stand against."""
+
+
+def blocks_of(parts: Sequence[Part]) -> NDArray[np.int64]:
+    """Which block every window of all parts is of: what follows each other within `BLOCK` s is not independent."""
+    found, count = [], 0
+    for part in parts:
+        t = part.windows.t
+        new = np.concatenate(([True], np.floor(t[1:] / BLOCK) != np.floor(t[:-1] / BLOCK)))
+        found.append(count + np.cumsum(new) - 1)
+        count = int(found[-1][-1]) + 1
+    return np.concatenate(found)
+
+
+def draws(blocks: NDArray[np.int64], seed: int = 0) -> list[NDArray[np.int64]]:
+    """Rows of windows, `_DRAWS` times: blocks drawn with replacement."""
+    rng, count = np.random.default_rng(seed), int(blocks.max()) + 1
+    rows = [np.flatnonzero(blocks == block) for block in range(count)]
+    return [np.concatenate([rows[i] for i in rng.integers(0, count, count)]) for _ in range(_DRAWS)]
+
+
+def _figures(error: Array, drawn: Sequence[NDArray[np.int64]]) -> dict[str, tuple[float, float, float]]:
+    found = {}
+    for name, figure in FIGURES.items():
+        low, high = np.quantile([figure(error[rows]) for rows in drawn], [0.025, 0.975])
+        found[name] = (figure(error), float(low), float(high))
+    return found
+
+
+def _ratios(
+    errors: Mapping[str, Array], base: Mapping[str, Array], drawn: Sequence[NDArray[np.int64]]
+) -> dict[str, tuple[float, float, float]]:
+    found = {}
+    for what, error in errors.items():
+        for name, figure in FIGURES.items():
+            ratios = [figure(error[rows]) / max(figure(base[what][rows]), 1e-12) for rows in drawn]
+            low, high = np.quantile(ratios, [0.025, 0.975])
+            found[f"{what} {name}"] = (figure(error) / max(figure(base[what]), 1e-12), float(low), float(high))
+    return found
+
+
+def errors_of(predicted: Array, windows: Windows) -> dict[str, Array]:
+    """Distance (m) and difference of heading (rad) at the ends of windows, (n,) each."""
+    off = predicted - windows.moved
+    turned = np.abs(np.arctan2(np.sin(off[:, 2]), np.cos(off[:, 2])))
+    return {"position": np.hypot(off[:, 0], off[:, 1]), "yaw": turned}
+
+
+Fitted = tuple[Callable[[Part], Array], str]
+"""A model fitted to one part: what predicts another, and its values in words."""
+
+
+def fit_model(model: str, part: Part, robot: Robot) -> Fitted:
+    """One of MODELS fitted to a part."""
+    windows = part.windows
+    if model == "ideal":
+        ideal = Kinematic(robot.wheel.r_w * robot.drive.front.tau, robot.front.i_y)
+        return lambda other: ideal(other.windows), ""
+    if model in FREE:
+        found = fit_kinematic(windows, robot, FREE[model])
+        said = ", ".join(f"{name} {getattr(found, name):.3g}" for name in FREE[model])
+        return lambda other: found(other.windows), said
+    if model == "regressor":
+        trees = fit_regressor(windows, robot)
+        return lambda other: trees(other.windows), ""
+    rolling = fit_kinematic(windows, robot, FREE["ICR with timing"])
+    work = fit_artibot(part, robot, ARTIBOT[model])
+    values = ", ".join(f"{e.name} {e.value:.3g} ({e.ci95[0]:.3g} … {e.ci95[1]:.3g})" for e in work.result.estimates)
+    return lambda other: predict_artibot(work.result.robot, other, rolling), values
+
+
+MODELS = ("ideal", *FREE, "regressor", *ARTIBOT)
+
+
+def judge(ground: Ground, folder: Path, models: Sequence[str] = MODELS) -> Iterator[Score]:
+    """Every model's errors on one ground, each part predicted by what was fitted to the others."""
+    robot = load_robot(ground.robot)
+    parts = parts_of(ground, folder, robot)
+    drawn, leaps = draws(blocks_of(parts)), sum(part.leaps for part in parts)
+    base: dict[str, Array] = {}
+    for model in sorted(models, key=lambda name: name != BASE) if BASE in models else models:
+        begun = time.perf_counter()
+        every, said = [], []
+        for i, part in enumerate(parts):
+            predict, values = fit_model(model, _together([p for j, p in enumerate(parts) if j != i]), robot)
+            every.append(errors_of(predict(part), part.windows))
+            said += [values] if values else []
+        errors = {what: np.concatenate([one[what] for one in every]) for what in ("position", "yaw")}
+        lost = ~np.isfinite(errors["position"])
+        if lost.any():
+            raise ArtibotError(f"{ground.name}: {model} predicts nothing in {int(lost.sum())} of {len(lost)} windows")
+        base = base or (errors if model == BASE else {})
+        yield Score(
+            ground.name, model, len(lost), leaps, _figures(errors["position"], drawn), _figures(errors["yaw"], drawn),
+            _ratios(errors, base, drawn) if base and model != BASE else {}, time.perf_counter() - begun, tuple(said),
+        )  # fmt: skip
+
+
+def _together(parts: Sequence[Part]) -> Part:
+    """Several parts as one to fit."""
+    columns = zip(*((w.t, w.length, w.start, w.end, w.speed) for w in (part.windows for part in parts)), strict=True)
+    experiments = tuple(experiment for part in parts for experiment in part.experiments)
+    return Part(experiments, Windows(*(np.concatenate(column) for column in columns)))
+
+
+# ----------------------------------------------------------------------
+# The command.
+# ----------------------------------------------------------------------
+
+
+def table_of(scores: Sequence[Score]) -> str:
+    """Scores as a table in Markdown; medians over those of the three-parameter ICR with their intervals."""
+    lines = [
+        "| ground | windows | model | position RMSE / median / p90, m | yaw, rad | position, of ICR's | yaw | s |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for score in scores:
+        count = f"{score.windows}" + (f" ({score.leaps} leap)" if score.leaps else "")
+        cells = [" / ".join(f"{error[name][0]:.3f}" for name in FIGURES) for error in (score.position, score.yaw)]
+        ratios = [score.against.get(f"{what} median") for what in ("position", "yaw")]
+        beside = [f"{r[0]:.2f} ({r[1]:.2f} … {r[2]:.2f})" if r else "" for r in ratios]
+        lines.append(
+            "| " + " | ".join([score.ground, count, score.model, *cells, *beside, f"{score.seconds:.0f}"]) + " |"
+        )
+    return "\n".join(lines)
+
+
+def data_folder(given: Path | None) -> Path:
+    """The folder of the recordings, by option or environment.
+
+    Raises
+    ------
+    ArtibotError
+        Where neither says one, or there is none.
+    """
+    named = given or (Path(os.environ[DATA]) if os.environ.get(DATA) else None)
+    if named is None:
+        raise ArtibotError(f"no recordings of real robots: say where they are with --data FOLDER, or {DATA}=FOLDER")
+    if not named.is_dir():
+        raise ArtibotError(f"{named}: there is no such folder; it should hold recordings such as husky_drive_a")
+    return named
+
+
+def usable(folder: Path, only: Sequence[str]) -> tuple[list[Ground], list[str]]:
+    """Grounds whose recordings are there, and sentences on those that are not."""
+    found, said = [], []
+    for ground in GROUNDS:
+        if only and not any(word in (ground.name, *ground.recordings) for word in only):
+            continue
+        absent = [name for name in ground.recordings if not (folder / name).exists()]
+        if absent:
+            said.append(f"{ground.name}: left out, {', '.join(absent)} not in {folder}")
+        else:
+            found.append(ground)
+    return found, said
+
+
+@click.command("real", context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--data", type=click.Path(path_type=Path, file_okay=False), help=f"Folder of the recordings [${DATA}].")
+@click.option("--only", multiple=True, metavar="GROUND", help="A ground or one of its recordings; repeatable.")
+@click.option("--model", "models", multiple=True, type=click.Choice(MODELS), help="Repeatable [all].")
+@click.option("--json", "as_json", type=click.Path(path_type=Path, dir_okay=False), help="Everything as JSON.")
+def command(data: Path | None, only: tuple[str, ...], models: tuple[str, ...], as_json: Path | None) -> None:
+    """Judge models on recordings of real robots: fitted to one part, errors on another, after windows of 2 s.
+
+    Windows start at the pose that is measured there; nothing measured later is used but the wheels' speeds. Windows in
+    which the robot is not driven, or in which its measured pose leaps, are not judged.
+    """
+    from artibot_sim.report.files import write_files
+
+    folder = data_folder(data)
+    grounds, absent = usable(folder, only)
+    for sentence in absent:
+        print(sentence, file=sys.stderr)
+    if not grounds:
+        raise ArtibotError(f"{folder}: none of the recordings is there; expected folders such as husky_drive_a")
+    scores: list[Score] = []
+    for ground in grounds:
+        for score in judge(ground, folder, models or MODELS):
+            scores.append(score)
+            print(f"{score.ground}: {score.model}, {score.seconds:.0f} s", file=sys.stderr, flush=True)
+            for values in score.values:
+                print(f"    {values}", file=sys.stderr)
+    print(table_of(scores))
+    if as_json is not None:
+        write_files({as_json: (json.dumps([asdict(score) for score in scores], indent=1) + "\n").encode()})
+
+
+if __name__ == "__main__":
+    try:
+        command()
+    except ArtibotError as error:
+        sys.exit(f"artibot: {error}")

@@ -1,0 +1,167 @@
+"""Models judged on real recordings: on a robot whose truth is known each model finds what it can know, and no more."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bag_helpers import FOREIGN
+from click.testing import CliRunner
+
+from artibot_sim.bench import real
+from artibot_sim.bench.real import FREE, Ground, Kinematic, Part
+from artibot_sim.errors import ArtibotError
+from artibot_sim.experiment import read_bag, write_channels, write_experiment
+from artibot_sim.model import Commands, load_robot, rollout
+
+ROBOT = load_robot("husky_driven")
+TRUTH = Kinematic(ROBOT.wheel.r_w, 1.1, 0.8, 0.1, 0.12)
+
+
+def written(folder: Path, name: str, seed: int, duration: float = 120.0, leap_at: float | None = None) -> None:
+    """A recording of a robot that moves as TRUTH does, at random commands of 4 s, by a logger at 20 Hz."""
+    rng = np.random.default_rng(seed)
+    fine = np.arange(0.0, duration, 0.01)
+    target = rng.uniform(-4.0, 5.0, (int(duration / 4.0) + 1, 2))[(fine // 4.0).astype(int)]
+    speed = np.empty_like(target)
+    now = np.zeros(2)
+    for i, wanted in enumerate(target):
+        now = now + 0.01 / 0.3 * (wanted - now)
+        speed[i] = now
+    forward, left, turn = replace(TRUTH, delay=0.0).rates(speed).T
+    yaw = np.cumsum(turn) * 0.01
+    x = np.cumsum(np.cos(yaw) * forward - np.sin(yaw) * left) * 0.01
+    y = np.cumsum(np.sin(yaw) * forward + np.cos(yaw) * left) * 0.01
+    t = np.arange(1.0, duration, 0.05)
+    pose = np.column_stack([np.interp(np.floor(t * 10) / 10 - TRUTH.delay, fine, c) for c in (x, y, yaw)])
+    if leap_at is not None:
+        pose[t > leap_at, 0] += 5.0
+    stamps = np.round(t * 1e9).astype(np.int64)
+    wheels = np.column_stack([np.interp(t, fine, c) for c in speed.T])
+    write_channels(
+        folder / name,
+        {
+            "motor_torques": (stamps, {"front_right.velocity": wheels[:, 0], "front_left.velocity": wheels[:, 1]}),
+            "ground_truth_odom": (stamps, {"x": pose[:, 0], "y": pose[:, 1], "yaw": pose[:, 2]}),
+        },
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("real")
+    written(made, "one", 1)
+    written(made, "two", 2)
+    written(made, "leaps", 3, leap_at=63.2)
+    return made
+
+
+def parts(folder: Path, *names: str) -> list[Part]:
+    return real.parts_of(Ground("made", "husky_driven", names), folder, ROBOT)
+
+
+def test_each_kinematic_model_finds_on_one_recording_what_predicts_another(folder: Path) -> None:
+    one, two = parts(folder, "one", "two")
+    errors = {}
+    for name, free in FREE.items():
+        found = real.fit_kinematic(one.windows, ROBOT, free)
+        errors[name] = np.median(real.errors_of(found(two.windows), two.windows)["position"])
+    assert errors["ICR with timing"] < 0.5 * errors["ICR"] < 0.5 * errors["effective track"]
+    assert found.track == pytest.approx(TRUTH.track, rel=0.03)
+    assert found.scale == pytest.approx(TRUTH.scale, rel=0.03)
+    assert found.delay == pytest.approx(TRUTH.delay, abs=0.03)
+
+
+def test_a_window_whose_pose_leaps_is_not_judged_and_is_counted(folder: Path) -> None:
+    (first, second) = parts(folder, "leaps")
+    assert first.leaps + second.leaps == 1
+    (first, second) = parts(folder, "one")
+    assert first.leaps + second.leaps == 0
+
+
+def test_halves_share_no_time_and_lose_none(folder: Path) -> None:
+    halves = parts(folder, "one")
+    spans = sorted(span for half in halves for span in half.experiments[0].segments)
+    assert all(a[1] <= b[0] for a, b in zip(spans, spans[1:], strict=False))
+    assert sum(b - a for a, b in spans) == pytest.approx(119.0, abs=0.5)
+    of = [set(np.round(half.windows.t, 3)) for half in halves]
+    assert not of[0] & of[1]
+    assert min(map(len, of)) > 0.4 * max(map(len, of))
+
+
+def test_scores_compare_models_on_the_same_windows(folder: Path) -> None:
+    ground = Ground("made", "husky_driven", ("one", "two"))
+    scores = {s.model: s for s in real.judge(ground, folder, ("ideal", "ICR", "ICR with timing"))}
+    assert len({score.windows for score in scores.values()}) == 1
+    for score in scores.values():
+        for error in (score.position, score.yaw):
+            assert all(low <= value <= high for value, low, high in error.values())
+            assert error["median"][0] <= error["p90"][0]
+    assert scores["ICR with timing"].against["position median"][2] < 1.0 < scores["ideal"].against["position median"][1]
+    assert "| made |" in real.table_of(list(scores.values()))
+
+
+def test_a_regressor_predicts_at_least_what_its_base_does(folder: Path) -> None:
+    pytest.importorskip("sklearn")
+    one, two = parts(folder, "one", "two")
+    trees = real.fit_regressor(one.windows, ROBOT)
+    base = real.fit_kinematic(one.windows, ROBOT, FREE["ICR"])
+    mine, simple = (real.errors_of(model(two.windows), two.windows)["position"] for model in (trees, base))
+    assert np.sqrt(np.mean(mine**2)) < np.sqrt(np.mean(simple**2))
+
+
+def test_the_models_own_simulation_is_predicted_from_nothing_but_wheel_speeds(tmp_path: Path) -> None:
+    """Windows that start at a measured pose and roll: what slips is left to the model, which is the right one here."""
+    rng = np.random.default_rng(5)
+    knots = np.repeat(rng.uniform(-3.0, 4.0, (12, 2)), 400, axis=0)
+    smooth = np.column_stack([np.convolve(np.pad(c, 50, mode="edge"), np.ones(101) / 101, "valid") for c in knots.T])
+    commands = Commands(0.01, np.column_stack([smooth, np.full_like(smooth, np.nan)]))
+    run = rollout(ROBOT, commands)
+    write_experiment(tmp_path / "run", run, None, ROBOT, commands=commands)
+    experiment = read_bag(tmp_path / "run")
+    windows, leaps = real.windows_of(experiment, ROBOT.wheel.r_w)
+    rolling = real.fit_kinematic(windows, ROBOT, FREE["ICR"])
+    own = real.errors_of(real.predict_artibot(ROBOT, Part((experiment,), windows), rolling), windows)
+    simple = real.errors_of(rolling(windows), windows)
+    assert leaps == 0
+    assert np.median(own["position"]) < 0.5 * np.median(simple["position"])
+
+
+def test_absent_data_is_said(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(real.DATA, raising=False)
+    with pytest.raises(ArtibotError, match=f"--data FOLDER, or {real.DATA}"):
+        real.data_folder(None)
+    with pytest.raises(ArtibotError, match="no such folder"):
+        real.data_folder(tmp_path / "nothing")
+    monkeypatch.setenv(real.DATA, str(folder))
+    assert real.data_folder(None) == folder
+    found, said = real.usable(folder, ())
+    assert not found and len(said) == len(real.GROUNDS) and "husky_deflated" in said[0]
+    with pytest.raises(ArtibotError, match="none of the recordings"):
+        CliRunner().invoke(real.command, ["--data", str(folder)], catch_exceptions=False)
+
+
+REAL = Path(os.environ.get(real.DATA) or FOREIGN / "real")
+
+
+@pytest.mark.parametrize(
+    ("name", "rmse", "median", "p90"),
+    [
+        ("husky_deflated", 0.039, 0.026, 0.060),
+        ("warthog_gravel", 1.40, 0.80, 2.25),
+        ("husky_drive_a", 0.23, 0.16, 0.37),
+    ],
+)
+def test_three_parameters_leave_on_real_recordings_what_an_independent_analysis_found(
+    name: str, rmse: float, median: float, p90: float
+) -> None:
+    if not (REAL / name).exists():
+        pytest.skip(f"{REAL / name} is not there: recordings of real robots are no part of the project")
+    ground = next(g for g in real.GROUNDS if name in g.recordings)
+    (score,) = real.judge(ground, REAL, ("ICR",))
+    assert score.position["rmse"][0] == pytest.approx(rmse, rel=0.12)
+    assert score.position["median"][0] == pytest.approx(median, rel=0.15)
+    assert score.position["p90"][0] == pytest.approx(p90, rel=0.12)
