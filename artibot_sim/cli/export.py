@@ -1,45 +1,102 @@
-"""`artibot export`: recordings as tables, for other programs."""
+"""`artibot export`: recordings as tables, robots as what other programs read."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from artibot_sim.errors import ArtibotError
 
+if TYPE_CHECKING:
+    from artibot_sim.model import Robot
+    from artibot_sim.progress import Report
+
+    Writer = Callable[[Mapping[str, Robot], float | None, Report], str]
+
 _TABLES = ("csv", "parquet")
+_ROBOTS = {"diff_drive_controller": "yaml", "robot_localization": "yaml"}
+"""Format of a robot → the suffix of its file."""
+_SEVERAL = ("diff_drive_controller",)
+"""Formats that hold several grounds."""
 
 
 @click.command("export", context_settings={"help_option_names": ["-h", "--help"]})
-@click.argument("source", metavar="BAG")
-@click.option("--to", "form", required=True, type=click.Choice(_TABLES), help="Format to write.")
-@click.option("-o", "--out", type=click.Path(path_type=Path), help="Folder, or file with --rate [NAME_csv, NAME.csv].")
-@click.option("--rate", type=float, help="One table at so many rows a second, instead of one a topic.")
+@click.argument("sources", nargs=-1, required=True, metavar="BAG | ROBOT…")
+@click.option("--to", "form", required=True, type=click.Choice((*_TABLES, *_ROBOTS)), help="Format to write.")
 @click.option(
-    "--all", "everything", is_flag=True, help="Also topics that artibot does not read, by their fields' names."
+    "-o", "--out", type=click.Path(path_type=Path), help="File, or folder of a recording's tables [by the name]."
 )
+@click.option("--rate", type=float, help="Recordings: one table at so many rows a second, instead of one a topic.")
+@click.option("--all", "everything", is_flag=True, help="Recordings: also topics that artibot does not read.")
 @click.option(
-    "--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable."
-)
-@click.option("--namespace", metavar="NAME", help="Rover whose topics to read, where there are several: /rover1.")
+    "--topic", "topics", multiple=True, metavar="WANTED=FOUND",
+    help="Recordings: read topic FOUND as WANTED; repeatable.",
+)  # fmt: skip
+@click.option("--namespace", metavar="NAME", help="Recordings: rover whose topics to read, where there are several.")
+@click.option("--speed", type=float, help="Robots: speed of the turns that are simulated, m/s [by the robot's size].")
 def command(
-    source: str, form: str, out: Path | None, rate: float | None, everything: bool, topics: tuple[str, ...],
-    namespace: str | None,
+    sources: tuple[str, ...], form: str, out: Path | None, rate: float | None, everything: bool,
+    topics: tuple[str, ...], namespace: str | None, speed: float | None,
 ) -> None:  # fmt: skip
-    """Write a recording as tables: one a topic, each with its own stamps, or one joined at a rate.
+    """Write a recording as tables, or a robot as other programs read it.
 
-    Every table begins with the time since the recording's start (s) and the header stamp (ns); all quantities are
-    SI, with the unit in a CSV's header and in the metadata of a Parquet file's columns. Beside the tables of topics
-    stands columns.yaml, with which `artibot import` makes the recording again.
+    \b
+    csv, parquet           of a recording: one table a topic with its own stamps, or one joined at --rate.
+                           SI units, said in the header or the columns' metadata. `artibot import` reads them.
+    diff_drive_controller  of robot files: effective track and radii, a section for each ground, with intervals
+    robot_localization     of a robot file: parameters of its ekf_node
 
     \b
     Examples:
       artibot export run7 --to csv                      # run7_csv/motor_torques.csv, …
       artibot export run7 --to parquet --rate 50 -o run7.parquet
       artibot export husky.db3 --to csv --all --topic /ground_truth/odom=/lidar/odom
+      artibot export grass.yaml gravel.yaml --to diff_drive_controller -o controllers.yaml
     """
-    _export_recording(Path(source), form, out, rate, everything, topics, namespace)
+    if form in _TABLES:
+        if len(sources) > 1 or speed is not None:
+            raise ArtibotError(f"--to {form}: expected one recording, and no --speed")
+        _export_recording(Path(sources[0]), form, out, rate, everything, topics, namespace)
+        return
+    if rate is not None or everything or topics or namespace:
+        raise ArtibotError(
+            f"--to {form}: is made of a robot; --rate, --all, --topic and --namespace are for recordings"
+        )
+    _export_robots(sources, form, out, speed)
+
+
+def _export_robots(sources: tuple[str, ...], form: str, out: Path | None, speed: float | None) -> None:
+    from artibot_sim.model import load_robot
+    from artibot_sim.progress import Bar
+    from artibot_sim.report.files import fault, write_files
+
+    if len(sources) > 1 and form not in _SEVERAL:
+        raise ArtibotError(f"--to {form}: expected one robot, found {len(sources)}")
+    if speed is not None and not 0.0 < speed < 100.0:
+        raise ArtibotError(f"--speed {speed:g}: expected a speed in m/s, greater than 0")
+    names = [Path(source).stem for source in sources]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise ArtibotError(f"{', '.join(sorted(twice))}: two robot files of one name; rename one, it names the ground")
+    grounds = {name: load_robot(source) for name, source in zip(names, sources, strict=True)}
+    target = out or Path(f"{names[0]}.{_ROBOTS[form]}" if _ROBOTS[form] != "yaml" else f"{names[0]}_{form}.yaml")
+    if why := fault(target):
+        raise ArtibotError(f"{target}: cannot be written: {why}")
+    with Bar() as bar:
+        text = _writer(form)(grounds, speed, bar.stage("simulating turns", 1.0))
+    write_files({target: text.encode()})
+    click.echo(f"wrote {target}")
+
+
+def _writer(form: str) -> Writer:
+    """Return what makes the text of a format, with only what it needs imported."""
+    from artibot_sim.exchange import controllers
+
+    if form == "diff_drive_controller":
+        return controllers.diff_drive_controller
+    return lambda grounds, speed, progress: controllers.robot_localization(*grounds.values(), speed, progress)
 
 
 def _export_recording(

@@ -24,7 +24,7 @@ COMMANDS: Final[dict[str, Word]] = {
     "replay": Word("artibot_sim.nodes.replay_node:main", "Publish a recording again, or feed it to the model."),
     "recover": Word("artibot_sim.cli.recover:command", "Mend a recording that was cut off."),
     "inspect": Word("artibot_sim.cli.inspect:command", "Show what is in a recording and what it is good for."),
-    "export": Word("artibot_sim.cli.export:command", "Write a recording as CSV or Parquet."),
+    "export": Word("artibot_sim.cli.export:command", "Write a recording as tables, or a robot for other programs."),
     "import": Word("artibot_sim.cli.import_:command", "Make a recording of CSV files, or of a bag with other names."),
     "can": Word("artibot_sim.cli.can:command", "Decode recorded CAN frames; a DBC, a loopback bus."),
     "plot": Word("artibot_sim.cli.plot:command", "Draw a recording, to PNG or an HTML page."),
