@@ -96,7 +96,9 @@ def _writer(form: str) -> Writer:
 
     if form == "diff_drive_controller":
         return controllers.diff_drive_controller
-    return lambda grounds, speed, progress: controllers.robot_localization(*grounds.values(), speed, progress)
+    return lambda grounds, speed, progress: controllers.robot_localization(
+        next(iter(grounds.values())), speed, progress
+    )
 
 
 def _export_recording(

@@ -113,8 +113,9 @@ def robot_localization(robot: Robot, speed: float | None = None, progress: Repor
     lines = [
         "# Made by `artibot export … --to robot_localization` for its `ekf_node` (docs/exchange.md). What makes /odom",
         f"# should know robot '{robot.name}' by: effective track {value.separation:.4g} m,",
-        f"# wheel radii {value.radius_right:.4g} m (right), {value.radius_left:.4g} m (left). How sure its twist is, as",
-        f"# covariance: [0] {sure['vx']:.3g}, [7] {sure['vy']:.3g} (m/s)^2, [35] {sure['yaw_rate']:.3g} (rad/s)^2.",
+        f"# wheel radii {value.radius_right:.4g} m (right), {value.radius_left:.4g} m (left).",
+        "# Its twist's covariance on this ground, (m/s)^2 and (rad/s)^2:",
+        f"# [0] {sure['vx']:.3g}, [7] {sure['vy']:.3g}, [35] {sure['yaw_rate']:.3g}.",
         "ekf_filter_node:",
         "  ros__parameters:",
         f"    frequency: {RATE:.1f}",
