@@ -22,8 +22,9 @@ def generate_launch_description():
     robot, manoeuvre = LaunchConfiguration("robot"), LaunchConfiguration("manoeuvre")
     channel, driver_params = LaunchConfiguration("channel"), LaunchConfiguration("driver_params")
     simulated, enable = LaunchConfiguration("simulated"), LaunchConfiguration("enable")
-    driver = {"package": "artibot_sim", "executable": "driver", "output": "screen"}
-    driver["arguments"] = ["--params", driver_params, "--channel", channel]
+    namespace = LaunchConfiguration("namespace")
+    driver = {"package": "artibot_sim", "executable": "driver", "output": "screen", "namespace": namespace}
+    driver["arguments"] = ["--params", driver_params, "--channel", channel, "--kappa", LaunchConfiguration("kappa")]
     folder = datetime.now().strftime("run_%Y%m%d_%H%M%S")
     return LaunchDescription(
         [
@@ -32,6 +33,12 @@ def generate_launch_description():
             DeclareLaunchArgument("out", default_value=folder, description="folder of the recording"),
             DeclareLaunchArgument("channel", default_value="vcan0", description="CAN channel: vcan0, can0, ws://…"),
             DeclareLaunchArgument("driver_params", default_value="driver", description="the driver's parameter file"),
+            DeclareLaunchArgument(
+                "kappa",
+                default_value="",
+                description="front share of the traction torque; empty: as in driver_params, or the robot's",
+            ),
+            DeclareLaunchArgument("namespace", default_value="", description="of all topics but /clock and /tf"),
             DeclareLaunchArgument("simulated", default_value="true", description="false: the rover is a real one"),
             DeclareLaunchArgument(
                 "enable",
@@ -41,6 +48,7 @@ def generate_launch_description():
             Node(
                 package="artibot_sim",
                 executable="record",
+                namespace=namespace,
                 output="screen",
                 arguments=[
                     *("--out", LaunchConfiguration("out"), "--can", channel),
@@ -50,6 +58,7 @@ def generate_launch_description():
             Node(
                 package="artibot_sim",
                 executable="sim",
+                namespace=namespace,
                 output="screen",
                 condition=IfCondition(simulated),
                 arguments=["--driver-params", driver_params, "--channel", channel],
@@ -65,6 +74,7 @@ def generate_launch_description():
             Node(
                 package="artibot_sim",
                 executable="planner",
+                namespace=namespace,
                 output="screen",
                 parameters=[{"robot": robot, "manoeuvre": manoeuvre, "subscriber_timeout": 600.0}],
                 on_exit=Shutdown(reason="the manoeuvre is over"),

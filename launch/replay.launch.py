@@ -15,9 +15,11 @@ def generate_launch_description():
         [
             DeclareLaunchArgument("bag", description="folder of the recording, or an .mcap file"),
             DeclareLaunchArgument("rate", default_value="1.0", description="recorded seconds a second"),
+            DeclareLaunchArgument("namespace", default_value="", description="of all topics but /clock and /tf"),
             Node(
                 package="artibot_sim",
                 executable="replay",
+                namespace=LaunchConfiguration("namespace"),
                 output="screen",
                 arguments=[LaunchConfiguration("bag"), "--rate", LaunchConfiguration("rate")],
             ),

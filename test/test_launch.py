@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from artibot_driver.loopback import loopback_bus
 from artibot_sim.cli.words import COMMANDS
@@ -34,6 +35,27 @@ class DeclareLaunchArgument:
     name: str
     default_value: str | LaunchConfiguration | None = None
     description: str = ""
+
+
+@dataclass(frozen=True)
+class Command:
+    command: list[Any]
+
+
+@dataclass(frozen=True)
+class PathJoinSubstitution:
+    substitutions: list[Any]
+
+
+@dataclass(frozen=True)
+class FindPackageShare:
+    package: str
+
+
+@dataclass(frozen=True)
+class ParameterValue:
+    value: Any
+    value_type: type
 
 
 @dataclass(frozen=True)
@@ -71,9 +93,13 @@ def described(path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
         "launch": {"LaunchDescription": list},
         "launch.actions": {"DeclareLaunchArgument": DeclareLaunchArgument, "Shutdown": Shutdown},
         "launch.conditions": {"IfCondition": IfCondition, "UnlessCondition": UnlessCondition},
-        "launch.substitutions": {"LaunchConfiguration": LaunchConfiguration},
+        "launch.substitutions": {each.__name__: each for each in (Command, LaunchConfiguration, PathJoinSubstitution)},
         "launch_ros": {},
         "launch_ros.actions": {"Node": Node},
+        "launch_ros.parameter_descriptions": {"ParameterValue": ParameterValue},
+        "launch_ros.substitutions": {"FindPackageShare": FindPackageShare},
+        "ament_index_python": {},
+        "ament_index_python.packages": {"get_packages_with_prefixes": lambda: {"rviz2": "/opt/ros/jazzy"}},
     }
     for name, contents in modules.items():
         module = types.ModuleType(name)
@@ -84,9 +110,14 @@ def described(path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 def nodes_of(entities: list[Any], **given: str) -> list[Node]:
     """The nodes, with each launch argument replaced by what is given, its default, or by BAG where it has none."""
-    values = {e.name: e.default_value or BAG for e in entities if isinstance(e, DeclareLaunchArgument)} | given
+    declared = [e for e in entities if isinstance(e, DeclareLaunchArgument)]
+    values = {e.name: BAG if e.default_value is None else e.default_value for e in declared} | given
 
     def resolve(value: Any) -> Any:
+        if isinstance(value, Command):
+            return Command([resolve(part) for part in value.command])
+        if isinstance(value, ParameterValue):
+            return resolve(value.value)
         return resolve(values[value.variable_name]) if isinstance(value, LaunchConfiguration) else value
 
     nodes = [e for e in entities if isinstance(e, Node)]
@@ -97,7 +128,9 @@ def nodes_of(entities: list[Any], **given: str) -> list[Node]:
 
 
 def test_the_launch_files_are_there() -> None:
-    assert [path.name for path in LAUNCH_FILES] == ["field_test.launch.py", "replay.launch.py", "sim.launch.py"]
+    assert [path.name for path in LAUNCH_FILES] == [
+        "field_test.launch.py", "replay.launch.py", "sim.launch.py", "view.launch.py",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda path: path.name)
@@ -106,9 +139,11 @@ def test_arguments_are_declared_described_and_used(path: Path, monkeypatch: pyte
     declared = {e.name for e in entities if isinstance(e, DeclareLaunchArgument) and e.description}
     used = set()
     for node in (e for e in entities if isinstance(e, Node)):
-        values = [*node.arguments, *(value for group in node.parameters for value in group.values())]
+        values = [*node.arguments, *(value for group in node.parameters for value in group.values()), node.namespace]
         values += [node.condition.predicate_expression] if node.condition else []
+        values += [part for value in values if isinstance(value, ParameterValue) for part in value.value.command]
         used |= {value.variable_name for value in values if isinstance(value, LaunchConfiguration)}
+        assert node.namespace == LaunchConfiguration("namespace")
     assert used == declared
 
 
@@ -117,6 +152,8 @@ def test_executables_and_their_options_exist(path: Path, monkeypatch: pytest.Mon
     nodes = nodes_of(described(path, monkeypatch))
     assert nodes
     for node in nodes:
+        if node.package in ("rviz2", "robot_state_publisher"):
+            continue
         assert node.package == "artibot_sim"
         assert node.executable in COMMANDS
         # an option that does not exist is refused before the help is shown
@@ -149,7 +186,8 @@ def test_parameters_exist(
 
     with monkeypatch.context() as patch:
         entities = described(path, patch)
-    nodes = {node.executable: node for node in reversed(nodes_of(entities, channel=bus_channel)) if node.parameters}
+    ours = [node for node in nodes_of(entities, channel=bus_channel) if node.package == "artibot_sim"]
+    nodes = {node.executable: node for node in reversed(ours) if node.parameters}
     probe = rclpy.node.Node("probe", context=ros_context)
     for node in nodes.values():
         given = {key: value for group in node.parameters for key, value in group.items()}
@@ -161,3 +199,55 @@ def test_parameters_exist(
         spin_until(probe, answer.done, timeout=30, what=f"{node.executable}'s list of parameters")
         assert set(given) <= set(answer.result().result.names), process.output
         process.stop()
+
+
+def test_the_view_gives_robot_state_publisher_the_urdf_and_rviz_its_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command that launch would run is run here: what it prints is the parameter's text."""
+    path = next(path for path in LAUNCH_FILES if path.name.startswith("view"))
+    with monkeypatch.context() as patch:
+        state, rviz = nodes_of(described(path, patch), robot="epiq", frame_prefix="rover1/", use_sim_time="true")
+    assert (state.package, rviz.package) == ("robot_state_publisher", "rviz2")
+    (given,) = state.parameters
+    assert given["frame_prefix"] == "rover1/" and given["use_sim_time"] == rviz.parameters[0]["use_sim_time"] == "true"
+    words = "".join(given["robot_description"].command).split()
+    assert words[:3] == ["ros2", "run", "artibot_sim"] and words[3] in COMMANDS
+    command = [sys.executable, "-m", "artibot_sim.cli", *words[3:]]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=True)
+    assert done.stderr == "", "launch's Command fails where anything is said there"
+    assert done.stdout == (ROOT / "config" / "urdf" / "epiq.urdf").read_text()
+    option, file = rviz.arguments
+    assert option == "-d" and file.substitutions[0] == FindPackageShare("artibot_sim")
+    layout = yaml.safe_load(ROOT.joinpath(*file.substitutions[1:]).read_text())
+    displays = layout["Visualization Manager"]["Displays"]
+    topics = {d[key]["Value"] for d in displays for key in ("Topic", "Description Topic") if key in d}
+    assert topics == {"robot_description", "planned/path", "odom", "ground_truth/odom"}
+
+
+def test_without_rviz_the_view_is_robot_state_publisher_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    path = next(path for path in LAUNCH_FILES if path.name.startswith("view"))
+    described(path, monkeypatch)
+    monkeypatch.setattr(sys.modules["ament_index_python.packages"], "get_packages_with_prefixes", dict)
+    entities = list(runpy.run_path(str(path))["generate_launch_description"]())
+    assert [node.package for node in entities if isinstance(node, Node)] == ["robot_state_publisher"]
+
+
+def test_launch_arguments_that_are_left_empty_are_not_given(
+    monkeypatch: pytest.MonkeyPatch, start_node: NodeStarter, ros_context: object, tmp_path: Path
+) -> None:
+    """A parameter file's values hold unless an argument says otherwise, and topics are in the namespace."""
+    import rclpy.node
+    from rcl_interfaces.srv import GetParameters
+
+    path = next(path for path in LAUNCH_FILES if path.name.startswith("sim"))
+    file = tmp_path / "mine.yaml"
+    file.write_text("/**:\n  ros__parameters: {robot: epiq, rate: 2.0, kappa: 0.7}\n")
+    with monkeypatch.context() as patch:
+        (sim,) = nodes_of(described(path, patch), params=str(file), kappa="0.9")
+    process = start_node(sim.executable, *sim.arguments, "--ros-args", "-r", "__ns:=/rover1")
+    probe = rclpy.node.Node("probe", context=ros_context)
+    client = probe.create_client(GetParameters, "/rover1/sim/get_parameters")
+    spin_until(probe, client.service_is_ready, timeout=60, what="the simulator's parameter service")
+    answer = client.call_async(GetParameters.Request(names=["robot", "rate", "kappa"]))
+    spin_until(probe, answer.done, timeout=30, what="its parameters")
+    robot, rate, kappa = answer.result().values
+    assert (robot.string_value, rate.double_value, kappa.double_value) == ("epiq", 2.0, 0.9), process.output

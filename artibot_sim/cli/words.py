@@ -29,6 +29,7 @@ COMMANDS: Final[dict[str, Word]] = {
     "can": Word("artibot_sim.cli.can:command", "Decode recorded CAN frames; a DBC, a loopback bus."),
     "plot": Word("artibot_sim.cli.plot:command", "Draw a recording, to PNG or an HTML page."),
     "robot": Word("artibot_sim.cli.robot:command", "Write a robot file from what a data sheet says."),
+    "urdf": Word("artibot_sim.cli.urdf:command", "Write a robot file as URDF, for viewers."),
     "identify": Word("artibot_sim.cli.identify:command", "Identify soil and geometry from recordings."),
     "diagnose": Word("artibot_sim.cli.diagnose:command", "Find what the simulation gets wrong, and why."),
     "sweep": Word("artibot_sim.cli.sweep:command", "Simulate a grid or hypercube of parameters."),

@@ -12,12 +12,15 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
+from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS, WHEEL_JOINTS, Robot
 from artibot_sim.nodes.odometry import UNKNOWN
 from artibot_sim.nodes.odometry import Odometry as Believed
-from artibot_sim.nodes.qos import PUBLISHED, publisher
+from artibot_sim.nodes.qos import LATCHED, PUBLISHED, publisher
 from artibot_sim.nodes.transforms import Frames, TransformPublisher
+from artibot_sim.nodes.urdf import urdf
 
 PLANAR = np.array([6 * i + j for i in (0, 1, 5) for j in (0, 1, 5)])
 """Of a 6 x 6 covariance: x, y and yaw with each other."""
@@ -63,7 +66,7 @@ class WheelJoints:
 
 
 class MotorPublishers:
-    """Publishers of ``odom``, ``motor_torques`` and ``motor_command``.
+    """Publishers of ``odom``, ``motor_torques``, ``motor_command`` and ``robot_description``.
 
     Parameters
     ----------
@@ -92,7 +95,16 @@ class MotorPublishers:
         self._torques_message = JointState(name=list(self.motors))
         self._command = publisher(node, JointState, "motor_command", qos)
         self._command_message = JointState(name=list(self.motors))
+        self._description = publisher(node, String, "robot_description", LATCHED)
+        self._describe(node, robot)
         self.publishers = (self._odom, self._torques, self._command)
+
+    def _describe(self, node: Node, robot: Robot) -> None:
+        """Publish the URDF once, for viewers and recordings."""
+        try:
+            self._description.publish(String(data=urdf(robot)))
+        except ArtibotError as error:
+            node.get_logger().info(f"no robot_description: {error}")
 
     def odom(self, t_ns: int, believed: Believed) -> None:
         """Publish where the rover believes it is, and how sure that is."""

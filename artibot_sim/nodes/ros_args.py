@@ -24,7 +24,7 @@ def split_ros_args(argv: Sequence[str]) -> tuple[list[str], list[str]]:
 def parameter_files(names: Sequence[str]) -> list[str]:
     """``--ros-args`` that load parameter files, each a path or the name of a shipped one (``sim``)."""
     args: list[str] = []
-    for name in names:
+    for name in filter(None, names):  # an empty text is a launch file's way of naming none
         shipped = config_names("nodes")
         path = config_path("nodes", name) if name in shipped else Path(name)
         if not path.is_file():

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from artibot_sim.nodes.options import Optional
 from artibot_sim.nodes.process import built
 from artibot_sim.nodes.ros_args import parameter_files
 from artibot_sim.nodes.run import LoopNode, node_main, run_loop
@@ -34,9 +35,11 @@ OPTIONS = {
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
-@click.option("--robot", help="Robot: agriq, epiq, husky, or the path of a robot file.  [default: agriq]")
-@click.option("--kappa", type=float, help="Front share of the traction torque, in (0, 1].  [default: the robot's]")
-@click.option("--rate", type=float, help="Simulated over real time; 0: as fast as it goes.  [default: 1]")
+@click.option("--robot", type=Optional(str), help="Robot: agriq, epiq, husky, or a robot file.  [default: agriq]")
+@click.option(
+    "--kappa", type=Optional(float), help="Front share of the traction torque, in (0, 1].  [default: robot's]"
+)
+@click.option("--rate", type=Optional(float), help="Simulated over real time; 0: as fast as it goes.  [default: 1]")
 @click.option("--integrator", help="rk4 or semi_implicit.  [default: rk4]")
 @click.option("--dt", type=float, help="Integration step, s.  [default: 0.001]")
 @click.option("--publish-rate", type=float, help="Publications per simulated second, Hz.  [default: 100]")

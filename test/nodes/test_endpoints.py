@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,12 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.qos import ReliabilityPolicy
 from sim_probe import TYPES, Probe
+from std_msgs.msg import String
 
 from artibot_driver.loopback import loopback_bus
+from artibot_sim.cli import main
+from artibot_sim.nodes.qos import LATCHED
+from artibot_sim.resources import config_path
 
 SENSORS = ("joint_states", "motor_torques", "imu/data", "total_station/point")
 
@@ -166,3 +171,30 @@ def test_filters_find_frames_and_covariances_that_they_can_use(start_node: Any, 
     assert rate[2, 2] == pytest.approx(noise**2 + bias**2)
     assert np.diag(acceleration) == pytest.approx([shake**2] * 3)
     assert imu.orientation_covariance[0] == -1.0
+
+
+@pytest.mark.parametrize("word", ["sim", "driver"])
+def test_who_publishes_odom_publishes_the_robot_s_description_for_latecomers(
+    start_node: Any, ros_context: Any, word: str
+) -> None:
+    with loopback_bus() as channel:
+        node = start_node(word, "--robot", "agriq", *(("--channel", channel) if word == "driver" else ()))
+        node.wait_for("driver on" if word == "driver" else "is ready", 60.0)
+        probe, got = Probe(ros_context, ()), []
+        probe.node.create_subscription(String, "robot_description", got.append, LATCHED)
+        probe.until(lambda: bool(got), "the description", 30.0)
+        (found,) = got
+        assert found.data == config_path("urdf", "agriq").read_text(encoding="utf-8")
+        assert node.stop() == 0
+
+
+def test_the_urdf_command_prints_or_writes_what_is_published(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["urdf", "husky"]) == 0
+    expected = config_path("urdf", "husky").read_text(encoding="utf-8")
+    assert capfd.readouterr().out == expected
+    assert main(["urdf", str(config_path("robots", "husky")), "--out", str(tmp_path / "h.urdf")]) == 0
+    assert (tmp_path / "h.urdf").read_text(encoding="utf-8") == expected
+    assert main(["urdf", "nobody"]) == 2
+    assert "expected one of" in capfd.readouterr().err
+    assert main(["urdf", "husky", "--out", str(tmp_path / "no" / "h.urdf")]) == 2
+    assert "make it first" in capfd.readouterr().err

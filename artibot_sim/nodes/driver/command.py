@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from artibot_sim.nodes.options import Optional
 from artibot_sim.nodes.process import built
 from artibot_sim.nodes.ros_args import parameter_files
 from artibot_sim.nodes.run import LoopNode, node_main, run_loop
@@ -29,7 +30,7 @@ OPTIONS = {
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.option("--robot", help="Robot: agriq, epiq, or the path of a robot file.  [default: agriq]")
-@click.option("--kappa", type=float, help="Front share of the traction torque; Agri.q: 0.622 to 1.  [default: robot's]")
+@click.option("--kappa", type=Optional(float), help="Front share of the traction torque, 0.622 to 1 for Agri.q.")
 @click.option("--law", help="Torque-sharing law, see `artibot actuate --list`.  [default: constant, eq. 30]")
 @click.option("--interface", help="python-can's interface: socketcan, remote, …  [default: by the channel]")
 @click.option("--channel", help="Its channel: can0, vcan0, ws://127.0.0.1:PORT/.  [default: vcan0]")
