@@ -139,7 +139,7 @@ def actuate(
         front = [Turn((float(a), float(b))) for a, b in speed[k : k + 2].T]
         turns = (front[0], front[1], Turn(torque=back[0]), Turn(torque=back[1]))
         if stepper.advance(round(CYCLE / STEP), turns) is not Status.OK:
-            raise ArtibotError(f"law {law}: the simulation diverged at {t[k]:.2f} s; it may feed back too strongly")
+            raise ArtibotError(f"law {law}: the simulation {stepper.message}; it may feed back too strongly")
         rows.append(_row(stepper))
         if progress is not None and k % 100 == 0:
             progress(k / count)

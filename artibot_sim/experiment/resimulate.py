@@ -29,6 +29,7 @@ from artibot_sim.experiment.rollout_bag import Table, rollout_columns, write_cha
 from artibot_sim.experiment.smoothing import hermite
 from artibot_sim.model import MOTORS, Mode, Robot, Rollout, State, Status, load_robot, rollout
 from artibot_sim.model.analysis.stability import largest_step
+from artibot_sim.model.equations.transmission import back_torque_factor
 from artibot_sim.model.kernels.layout import M_M, ROW
 from artibot_sim.model.robot.derived import params
 from artibot_sim.model.robot.parameters import SensorErrors
@@ -409,7 +410,7 @@ class _Run:
         state, offset = self._start(inputs, measured, first)
         self.windows += 1
         chunk = max(1, round(_CHUNK / inputs.dt))
-        dt, integrator = STEP, _integrator(self.robot, inputs.modes)
+        dt, integrator = STEP, _integrator(self.robot, inputs.modes, self.kappa)
         for a in range(first, last, chunk):
             b = min(a + chunk, last)
             result = rollout(
@@ -478,10 +479,11 @@ def _kappa(experiment: Experiment) -> float | None:
     return kappa
 
 
-def _integrator(robot: Robot, modes: tuple[Mode, ...]) -> str:
+def _integrator(robot: Robot, modes: tuple[Mode, ...], kappa: float | None) -> str:
     """Return the more exact integrator that is stable at `STEP`."""
     p = unlimited_beside_prescribed(params(robot), modes)
-    return "rk4" if largest_step(p, "rk4", modes)[0] >= STEP else "semi_implicit"
+    share = back_torque_factor(robot, kappa)
+    return "rk4" if largest_step(p, "rk4", modes, share)[0] >= STEP else "semi_implicit"
 
 
 def _common_span(experiment: Experiment, key: str, measured: Measured) -> tuple[float, float] | None:

@@ -144,7 +144,7 @@ def _try(found: dict[str, float], name: str, compute: Callable[[], float]) -> No
 
 
 def status_of(result: Rollout) -> str:
-    """In a word: ok or diverged."""
+    """In a word: ok, diverged, tipped, airborne or invalid."""
     return Status(result.status).name.lower()
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -32,6 +34,8 @@ def commands(velocity: float = 50.0, knots: int = 11) -> Commands:
         ({"kappa": 1.5}, "kappa"),
         ({"kappa": float("nan")}, "kappa"),
         ({"duration": -1.0}, "duration"),
+        ({"duration": 1e9}, "duration: 1e+09 s at a dt of 0.001 s are 1e+12 steps"),
+        ({"dt": 1e-8, "duration": 24.0}, "every: 2.4e+08 rows"),
         ({"modes": (Mode.PRESCRIBED,) * 3}, "modes"),
         ({"modes": Mode.PRESCRIBED}, "commands.velocity: no speeds for back_right"),
     ],
@@ -124,3 +128,35 @@ def test_nothing_given_is_changed_and_results_are_read_only() -> None:
         np.testing.assert_array_equal(array, kept)
     with pytest.raises(ValueError, match="read-only"):
         result.q[0, 0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("effects", "status", "says"),
+    [
+        ({"com_offset": {"x": 0.0, "y": 0.4}}, Status.TIPPED, "tipped over at"),
+        ({"com_offset": {"x": 0.0, "y": -0.4}}, Status.TIPPED, "tipped over at"),
+        ({"com_offset": {"x": 0.3, "y": 0.0}}, Status.INVALID, "effects.com_offset.x: 0.3 m is beyond the wheels"),
+        ({"com_offset": {"x": 0.2, "y": -0.3}}, Status.OK, "3000 steps"),
+    ],
+)
+def test_a_rover_that_the_model_does_not_hold_for_says_why(effects: dict, status: Status, says: str) -> None:
+    robot = dataclasses.replace(load_robot("agriq"), effects=effects)
+    result = rollout(robot, commands(knots=301))
+    assert result.status is status
+    assert result.message.startswith(says)
+    assert (result.final_state is None) == (status is not Status.OK)
+    assert len(result.t) == len(result.q) == len(result.row) >= 1
+    assert np.abs(result.q[:-1, 3:5]).max(initial=0.0) <= 1.0
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
+def test_a_rover_thrown_up_has_left_the_ground(integrator: str) -> None:
+    start = initial_state(load_robot("agriq"))
+    v = np.zeros(16)
+    v[[2, 10]] = 4.0
+    result = rollout(
+        load_robot("agriq"), commands(knots=101), state=dataclasses.replace(start, v=v), integrator=integrator
+    )
+    assert result.status is Status.AIRBORNE
+    assert result.message.startswith("left the ground at")
+    assert result["F_n_front_left_front"][-1] == 0.0

@@ -117,6 +117,19 @@ def test_torque_limit_saturates_and_is_caught_up(agriq):
     assert (np.abs(torque) > 0.999 * limit).any()
 
 
+def test_a_torque_limit_that_grows_leaves_the_papers_model(agriq, plain):
+    """Whatever limit the robot has: it stands for a motor's, and prescribed motors have none."""
+    worst = [np.abs(turn(with_effects(agriq, torque_limit={"front_max": m})).pose - plain.pose).max() for m in (2, 50)]
+    assert max(worst) < 1e-6
+    most = np.abs(turn(agriq, speed=0.8, yaw_rate=0.9).motor_torque[:, :2]).max()
+    assert most > agriq.drive.front.torque_max
+    free, held = (
+        turn(with_effects(agriq, torque_limit={"front_max": share * most}), speed=0.8, yaw_rate=0.9)
+        for share in (1.1, 0.99)
+    )
+    assert np.abs(free.pose - held.pose).max() < 0.05
+
+
 @pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
 def test_drag_on_a_braking_motor_does_not_make_its_gear_chatter(agriq, integrator):
     """Downhill at steady speed: the wheels drive the gears, also where drag asks torque of the motor."""

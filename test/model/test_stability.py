@@ -9,12 +9,14 @@ import sys
 
 import numpy as np
 import pytest
+from model.effects import with_effects
 from model.helpers import front_commands, ramp
 from model.planar import linearised
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model import WHEELS, Commands, Mode, State, initial_state, rollout
-from artibot_sim.model.analysis.stability import largest_step
+from artibot_sim.model import WHEELS, Commands, Mode, State, Status, initial_state, rollout
+from artibot_sim.model.analysis.stability import largest_step, parts
+from artibot_sim.model.equations.transmission import back_torque_factor
 from artibot_sim.model.robot.derived import params
 
 MODES = (Mode.PRESCRIBED, Mode.PRESCRIBED, Mode.TORQUE, Mode.TORQUE)
@@ -83,8 +85,10 @@ TORQUES = (Mode.TORQUE,) * 4
 
 @pytest.fixture
 def unchecked(monkeypatch):
-    """`rollout` takes any step."""
-    monkeypatch.setattr(sys.modules["artibot_sim.model.simulate.rollout"], "largest_step", lambda *_: (np.inf, ""))
+    """`rollout` takes any step, whole."""
+    module = sys.modules["artibot_sim.model.simulate.rollout"]
+    monkeypatch.setattr(module, "largest_step", lambda *_: (np.inf, ""))
+    monkeypatch.setattr(module, "parts", lambda *_: 1)
 
 
 def growth_of_a_step(robot, dt, modes, speed, bend):
@@ -144,6 +148,85 @@ def test_long_steps_give_the_same_steady_turn(request, name):
 
     short, long = turn(1e-3), turn(9e-3)
     np.testing.assert_allclose(long, short, rtol=4e-3, atol=1e-5)
+
+
+def table_6(robot, name, dt, cut, **options):
+    """Poses over Table 6 at rows 10 ms apart, at steps of `dt` (s) or `cut` times shorter ones."""
+    from artibot_sim.planning import load_manoeuvre, plan
+
+    every = round(0.01 / dt) * cut
+    commands = plan(load_manoeuvre(f"table6_{name}"), robot, dt=0.01).commands()
+    return rollout(robot, commands, dt=0.01 / every, every=every, integrator="semi_implicit", **options).pose[:, :2]
+
+
+@pytest.mark.parametrize("stiffer", [0.1, 1.0, 3.0, 10.0, 30.0, 100.0])
+@pytest.mark.parametrize("name", ["agriq", "epiq"])
+def test_stiff_ground_is_as_exact_as_soft_one(request, name, stiffer):
+    """A whole step of 5 ms on ground 30 times as stiff once ended 15 m off."""
+    robot = request.getfixturevalue(name)
+    robot = robot.replace({f"contact.{k}": stiffer * getattr(robot.contact, k) for k in ("k_l", "k_t")})
+    found, true = table_6(robot, name, 5e-3, 1), table_6(robot, name, 5e-3, 10 * parts(params(robot), 5e-3))
+    assert np.abs(found - true).max() < 5e-3
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_stiff_ground_under_random_rovers(agriq, seed):
+    """Masses, spacings, soils and shares at random, to 10 mm: a step more or less decides when a wheel slides."""
+    rng = np.random.default_rng(seed)
+
+    def factor(most):
+        return float(most ** rng.uniform(-1.0, 1.0))
+
+    stiffer = 10.0 ** rng.uniform(-1.0, 2.0)
+    changes = {f"contact.{k}": stiffer * factor(1.4) * getattr(agriq.contact, k) for k in ("k_l", "k_t")}
+    changes |= {f"{m}.m": factor(2.0) * getattr(agriq, m).m for m in ("front", "back")}
+    changes |= {"front.i_x": factor(1.4) * agriq.front.i_x, "front.i_y": factor(1.4) * agriq.front.i_y}
+    robot = agriq.replace(changes)
+    kappa = float(rng.uniform(0.5, 1.0))
+    found, true = (table_6(robot, "agriq", 5e-3, cut, kappa=kappa) for cut in (1, 8 * parts(params(robot), 5e-3)))
+    assert np.abs(found - true).max() < 1e-2
+
+
+@pytest.mark.parametrize("kappa", [0.2, 0.1, 0.05, 0.01])
+@pytest.mark.parametrize("name", ["agriq", "epiq"])
+def test_torque_sharing_limits_the_step(request, name, kappa):
+    """Straight on at a steady speed the back wheels turn steadily at any step that is accepted, whatever they share."""
+    robot = request.getfixturevalue(name)
+    speed = 0.3
+    dt, _ = largest_step(params(robot), "rk4", MODES, back_torque_factor(robot, kappa))
+    assert dt < 1e-4 or kappa > 0.01 or name == "epiq"
+    dt *= 0.99
+    commands = front_commands(robot, lambda t: speed * ramp(t, 1.0), lambda t: 0.0, 100 * dt + 2.0, h=dt)
+    result = rollout(robot, commands, dt=dt, kappa=kappa, every=1)
+    end = result["theta_br_dot"][-80:]
+    assert np.ptp(end) < 1e-3 * np.abs(end).max()
+    if kappa < 0.1 and name == "agriq":
+        with pytest.raises(ArtibotError, match=r"control\.kappa, torque sharing"):
+            rollout(robot, front_commands(robot, lambda t: 0.3, lambda t: 0.0, 1.0), dt=1e-3, kappa=kappa)
+    free = front_commands(robot, lambda t: speed * ramp(t, 1.0), lambda t: 0.0, 3.0)
+    end = rollout(robot, free, kappa=kappa, integrator="semi_implicit", every=1)["theta_br_dot"][-80:]
+    assert np.ptp(end) < 1e-3 * np.abs(end).max()
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
+def test_a_motor_that_drag_has_stopped_stands_or_the_step_is_refused(agriq, integrator):
+    robot = with_effects(agriq, motor_drag={"torque": 5.0, "motor": "back_left"})
+    commands = front_commands(robot, lambda t: 0.4 * ramp(t), lambda t: 0.0, 3.0)
+    try:
+        result = rollout(robot, commands, integrator=integrator)
+    except ArtibotError as error:
+        assert integrator == "rk4" and "motor_drag" in str(error)
+        result = rollout(robot, commands, dt=5e-5)
+    assert np.abs(result["theta_bl_dot"][-50:]).max() < 0.1
+
+
+def test_lateral_forces_that_follow_faster_than_the_step_are_refused(agriq):
+    robot = with_effects(agriq, tyre_relaxation={"length": 1e-4})
+    fast = front_commands(robot, lambda t: 15.0 * ramp(t), lambda t: 0.0, 2.0)
+    with pytest.raises(ArtibotError, match=r"effects\.tyre_relaxation"):
+        rollout(robot, fast)
+    slow = front_commands(robot, lambda t: 0.2 * ramp(t), lambda t: 0.05, 2.0)
+    assert rollout(robot, slow).status == rollout(robot, slow, integrator="semi_implicit").status == Status.OK
 
 
 @pytest.mark.parametrize("name", ["agriq", "epiq"])

@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.model.equations.transmission import DRIVEN, PRESCRIBED
+from artibot_sim.model.equations.transmission import DRIVEN, PRESCRIBED, TORQUE
 from artibot_sim.model.robot.parameters import ModuleParams, MotorParams, Params
 
 Array = NDArray[np.float64]
@@ -45,13 +45,40 @@ def implicit_slip(p: Params, dt: float) -> Params:
     return p._replace(front=module(p.front), back=module(p.back))
 
 
+LONGEST_PART = 1e-3
+"""Part (s) of a semi-implicit step beyond which its errors, which grow with it, pass 5 mm over Table 6."""
+
+SLIP_SHARE = 0.3
+"""The same, as a share of the part from which `implicit_slip` has to add mass: with it wheels begin to slide late."""
+
+
+def parts(p: Params, dt: float, share: float = 0.0) -> int:
+    """Into how many equal parts a semi-implicit step of `dt` (s) is cut so that its result can be trusted.
+
+    On stiff ground the slip of a module is faster than the step. Taken implicitly it stays stable, but as if the module
+    were heavier; which wheels hold and which slide then comes out differently, and with it the path, by metres. Parts
+    that are short beside the slip need no mass, whatever the ground: errors are known before the run, and what grows
+    is its cost. Parts are as short as the torque sharing needs, too; `share` is eq. 30's factor of one back motor.
+    """
+    need = min(LONGEST_PART, _quick_sharing_limit(p, share))
+    for body in (p.front, p.back)[: 2 if p.two else 1]:
+        along, across = body.k_l + p.forward_damping, body.k_t + p.lateral_damping
+        swing = 4.0 * (across * body.half_x**2 + along * body.half_y**2)
+        fastest = max(4.0 * max(along, across) / body.m, swing / body.J_z)
+        need = min(need, SLIP_SHARE * (1.0 + OVERSHOOT) / fastest)
+    return max(1, math.ceil(dt / need - 1e-9))
+
+
 @lru_cache(maxsize=256)
-def largest_step(p: Params, integrator: str, modes: tuple[int, ...]) -> tuple[float, str]:
-    """Longest stable step (s), and which motion sets it.
+def largest_step(p: Params, integrator: str, modes: tuple[int, ...], share: float = 0.0) -> tuple[float, str]:
+    """Longest stable step (s), and which motion sets it; `share` is eq. 30's factor of one back motor.
 
     The model is linearised about wheels that hold (eq. 15) and turn; saturated ones are slower. Under RK4 motors that
     are not prescribed spin freely against the same slip that brakes the modules, so their rates add. The
     semi-implicit integrator takes spin and slip implicitly; the springs and the control loops limit its step.
+
+    Back motors that share the front ones' torque of the step before (eq. 30) pull (1/kappa − 1) times as much as these,
+    a step late: the smaller kappa, the shorter the step.
     """
     modes = modes[: 4 if p.two else 2]
     limits = list(_rk4_limits(p, modes) if integrator == "rk4" else _semi_implicit_limits(p))
@@ -59,13 +86,81 @@ def largest_step(p: Params, integrator: str, modes: tuple[int, ...]) -> tuple[fl
         limits.append(((_RK4_REAL if integrator == "rk4" else MARGIN) / p.A_motor, "control.A_motor"))
     if DRIVEN in modes:
         limits.append(((_RK4_REAL if integrator == "rk4" else 2 * MARGIN) / p.velocity_gain, "control.velocity_gain"))
-    return min(limits)
+    longest, what = min(limits)
+    if integrator == "rk4" and TORQUE in modes[2:] and _quick_sharing_limit(p, share) < longest:
+        return min((longest, what), (_sharing_limit(p, modes, share, longest), "control.kappa, torque sharing"))
+    return longest, what
+
+
+def _quick_sharing_limit(p: Params, share: float) -> float:
+    """A step (s) at which torque sharing is stable for certain: by the rover's mass in a straight line."""
+    if not p.two or share <= 0.0:
+        return math.inf
+    more = 2.0 * share * p.right_front.tau / p.right_back.tau
+    return 0.5 * (p.front.m + p.back.m) / (4.0 * p.front.k_l * more)
+
+
+def _sharing_limit(p: Params, modes: tuple[int, ...], share: float, longest: float) -> float:
+    """Longest RK4 step (s) up to `longest` at which the motions with eq. 30's torques, a step late, do not grow."""
+    loops = [_sharing_loop(p, modes, share, bend, braking) for bend in ARTICULATIONS for braking in (False, True)]
+    A, B, K = (np.array(part) for part in zip(*loops, strict=True))
+    unit = np.broadcast_to(np.eye(A.shape[-1]), A.shape)
+
+    def grows(dt: float) -> bool:
+        z = dt * A
+        S = unit + z @ (unit / 2 + z @ (unit / 6 + z / 24))
+        late = dt * (S @ B[:, :, None]) * K[:, None, :]
+        step = np.block([[unit + z @ S, late], [unit, np.zeros_like(A)]])
+        return bool(np.abs(np.linalg.eigvals(step)).max() > 1.0 + 1e-7)
+
+    if not grows(longest):
+        return longest
+    low, high = 0.0, longest
+    for _ in range(20):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if grows(middle) else (middle, high)
+    return low
+
+
+def _sharing_loop(
+    p: Params, modes: tuple[int, ...], share: float, articulation: float, braking: bool
+) -> tuple[Array, Array, Array]:
+    """Of x' = A x + B K x(a step ago): `_slip_matrix`, what 1 of the front torques' sum does, and that sum by x."""
+    motors = (p.right_front, p.left_front, p.right_back, p.left_back)
+    etas = [1.0 / motor.eta_r if braking else motor.eta_d for motor in motors]
+    free = tuple(mode != PRESCRIBED for mode in modes)
+    A = _slip_matrix(p, motors, etas, free, articulation)
+    places = dict(zip((i for i in range(4) if free[i]), range(6, len(A)), strict=True))
+    B, K = np.zeros(len(A)), np.zeros(len(A))
+    for i, motor in enumerate(motors):
+        gear = motor.tau / etas[i]
+        J = motor.J_m + motor.J_w * motor.tau * gear
+        if i < 2 and modes[i] != TORQUE:
+            pull = 2.0 * gear * motor.r_w * p.front.k_l
+            K[:3] += pull * np.array([-1.0, 0.0, -p.front.half_y if i == 0 else p.front.half_y])
+            if free[i]:
+                K[places[i]] += pull * motor.r_w * motor.tau - p.velocity_gain * J
+        if i > 1 and modes[i] == TORQUE:
+            B[places[i]] = share / J
+    return A, B, K
+
+
+RELAXATION = "effects.tyre_relaxation, lateral forces that follow"
+
+
+def relaxation_limit(p: Params, speed: float) -> float:
+    """Longest RK4 step (s) for lateral forces that follow at a wheel's `speed` (m/s), see `Params.relaxation`."""
+    return _RK4_REAL / (p.relaxation * max(speed, 0.05))
 
 
 def _rk4_limits(p: Params, modes: tuple[int, ...]) -> Iterator[tuple[float, str]]:
     free = tuple(mode != PRESCRIBED for mode in modes)
     slip = "slip of the wheels" + (" and spin of the motors that are not prescribed" if any(free) else "")
     yield from ((_rk4_limit(rate), slip) for rate in _slip_modes(p, free))
+    for motor, spins in zip((p.right_front, p.left_front, p.right_back, p.left_back), free, strict=False):
+        if spins and motor.damping > 0.0:
+            inertia = motor.J_m + motor.J_w * motor.tau**2
+            yield _RK4_REAL * inertia / motor.damping, "effects.motor_drag, a motor that it stops"
     for damping, stiffness, what in _springs(p):
         yield _rk4_limit(cmath.sqrt(damping * damping / 4 - stiffness) - damping / 2), what
         yield _rk4_limit(-cmath.sqrt(damping * damping / 4 - stiffness) - damping / 2), what

@@ -12,17 +12,26 @@ if TYPE_CHECKING:
 
 
 def _adapt(p: Params, values: Values) -> Params:
-    def limited(motor: MotorParams) -> MotorParams:
-        return motor._replace(torque_max=min(motor.torque_max, values["front_max"]))
+    """The limit stands for the robot's own, and the back motors' share of a limited torque needs none.
 
-    return p._replace(right_front=limited(p.right_front), left_front=limited(p.left_front))
+    So the model goes over to the paper's, whose prescribed motors know no limit, as this one grows.
+    """
+
+    def limited(motor: MotorParams, torque: float) -> MotorParams:
+        return motor._replace(torque_max=torque)
+
+    most = values["front_max"]
+    return p._replace(
+        right_front=limited(p.right_front, most), left_front=limited(p.left_front, most),
+        right_back=limited(p.right_back, math.inf), left_back=limited(p.left_back, math.inf),
+    )  # fmt: skip
 
 
 EFFECT = Effect(
     id="torque_limit",
     acts="drive",
     doc="The front motors' torque saturates at ±front_max, and their velocity loop catches up after; motors that are "
-    "prescribed know no limit, so they are driven instead where no mode is asked for.",
+    "prescribed know no limit, so they are driven instead where no mode is asked for; it stands for the robot's own.",
     parameters={"front_max": number("N m", 0.0, math.inf, "largest torque", math.inf, low_open=True)},
     adapt=_adapt,
     drives_front=True,

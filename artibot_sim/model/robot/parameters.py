@@ -35,6 +35,7 @@ class MotorParams(NamedTuple):
     J_m: float
     J_w: float
     torque_max: float
+    damping: float = 0.0  # steepest slope of what effects have drag on it, N m s/rad
 
 
 class Params(NamedTuple):
@@ -61,6 +62,7 @@ class Params(NamedTuple):
     joint_stiffness: float = 0.0
     lateral_damping: float = 0.0  # of each wheel beside k_t, N s/m
     forward_damping: float = 0.0  # and beside k_l, whatever the wheel turns
+    relaxation: float = 0.0  # rate at which lateral forces follow, over the wheel's speed, 1/m
 
 
 class SensorErrors(NamedTuple):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,11 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.analysis.stability import implicit_slip, largest_step
+from artibot_sim.model.analysis.stability import RELAXATION, implicit_slip, largest_step, parts, relaxation_limit
 from artibot_sim.model.effects import at_work, record
 from artibot_sim.model.equations.kinematics import articulation
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor
 from artibot_sim.model.kernels.layout import (
+    ALPHA,
+    BACK,
+    BETA,
     COLUMNS,
     COORDINATES,
     ENERGIES,
@@ -26,6 +30,7 @@ from artibot_sim.model.kernels.layout import (
     M_M,
     MOTOR_COORDINATES,
     ROW,
+    Z,
 )
 from artibot_sim.model.robot.derived import packed, params
 from artibot_sim.model.robot.parameters import Params
@@ -89,11 +94,40 @@ def check_step(commands: Commands, dt: float, integrator: str, every: int) -> No
         raise ArtibotError(f"every: {every!r}; expected a number of steps of at least 1")
 
 
-def number_of_steps(duration: float, dt: float) -> int:
-    """Steps in a duration (s)."""
+_MOST_STEPS = 10**10
+"""Steps that take more than an hour."""
+
+_MOST_MEMORY = 0.5
+"""Share of the machine's memory that the rows of one rollout may take."""
+
+
+def number_of_steps(duration: float, dt: float, every: int = 1) -> int:
+    """Steps in a duration (s); so many that they, or the rows kept each `every` of them, are too many are refused."""
     if not (math.isfinite(duration) and duration >= 0):
         raise ArtibotError(f"duration: {duration} s; expected a finite time of at least 0")
-    return round(duration / dt)
+    if duration / dt > _MOST_STEPS:
+        raise ArtibotError(
+            f"duration: {duration:g} s at a dt of {dt:g} s are {duration / dt:.3g} steps; expected at most "
+            f"{_MOST_STEPS:.0e}; take a longer step or simulate a shorter time"
+        )
+    steps = round(duration / dt)
+    needed = 8 * (32 + ROW + ENERGIES) * (steps / every)
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if needed > _MOST_MEMORY * memory:
+        raise ArtibotError(
+            f"every: {steps / every:.3g} rows, one each {every} of {steps:.3g} steps, take {needed / 2**30:.0f} GiB; "
+            f"expected at most {_MOST_MEMORY * memory / 2**30:.0f} GiB; keep fewer rows or simulate a shorter time"
+        )
+    return steps
+
+
+def fastest_wheel(p: Params, commands: Commands, modes: tuple[Mode, ...]) -> float:
+    """The highest speed at a rim that the commands ask of a motor which follows them, m/s."""
+    motors = (p.right_front, p.left_front, p.right_back, p.left_back)
+    told = [i for i, given in enumerate(commands.commanded) if given and modes[i] != Mode.TORQUE]
+    return max(
+        (motors[i].r_w * motors[i].tau * float(np.abs(commands.velocity[:, i]).max()) for i in told), default=0.0
+    )
 
 
 class Setup(NamedTuple):
@@ -116,18 +150,20 @@ def prepare(
     chosen = chosen_modes(robot, commands, modes)
     check_step(commands, dt, integrator, every)
     p = unlimited_beside_prescribed(params(robot), chosen)
-    longest, mode = largest_step(p, integrator, chosen)
+    share = robot.control.kappa if kappa is None else float(kappa)
+    if not 0.0 < share <= 1.0:
+        raise ArtibotError(f"kappa: {share:g}; expected a share of the front module in (0, 1] (eq. 29)")
+    longest, mode = largest_step(p, integrator, chosen, back_torque_factor(robot, share))
+    if integrator == "rk4" and p.relaxation > 0.0:
+        longest, mode = min((longest, mode), (relaxation_limit(p, fastest_wheel(p, commands, chosen)), RELAXATION))
     if dt > longest:
         mend = "" if integrator == "semi_implicit" else ", or use the integrator 'semi_implicit'"
         raise ArtibotError(
             f"dt: {dt:g} s is unstable with '{integrator}'; expected at most {longest:.3g} s ({mode}); "
             f"take a shorter step{mend}"
         )
-    share = robot.control.kappa if kappa is None else float(kappa)
-    if not 0.0 < share <= 1.0:
-        raise ArtibotError(f"kappa: {share:g}; expected a share of the front module in (0, 1] (eq. 29)")
     start = initial_state(robot, t=commands.t0) if state is None else state
-    steps = number_of_steps(commands.duration if duration is None else duration, dt)
+    steps = number_of_steps(commands.duration if duration is None else duration, dt, every)
     return Setup(robot, commands, p, chosen, share, start, steps)
 
 
@@ -150,10 +186,49 @@ __all__ = ["DEFAULT_MODES", "INTEGRATORS", "Rollout", "Status", "rollout", "unli
 
 
 class Status(enum.IntEnum):
-    """How a rollout ended."""
+    """How a rollout ended: at its end, or where the model no longer holds.
+
+    DIVERGED left the finite world; TIPPED rolled or pitched over; AIRBORNE has a module in the air; INVALID breaks an
+    assumption of the model, which the message names.
+    """
 
     OK = 0
     DIVERGED = 1
+    TIPPED = 2
+    AIRBORNE = 3
+    INVALID = 4
+
+
+TIPPED_AT = 1.0
+"""Roll or pitch of a module (rad) from which it lies rather than stands; the wheels' contact knows no sides."""
+
+
+def first_fault(p: Params, robot: Robot, q: Array, t: Array) -> tuple[int, Status, str] | None:
+    """The first of the rows `q` (n, 16) where the model does not hold, how, and a line for a person; None if it does.
+
+    The modules' pitch does not reach the wheels (section 4.3), so that what would pitch over is known before it moves.
+    """
+    found: list[tuple[int, Status, str]] = []
+    x = robot.effects.get("com_offset", {}).get("x", 0.0)
+    if abs(float(x)) >= p.front.half_x:
+        wheels = f"the wheels at ±{p.front.half_x:g} m; two of them would carry less than nothing"
+        found.append(
+            (0, Status.INVALID, f"effects.com_offset.x: {x:g} m is beyond {wheels}, and the model has no pitch")
+        )
+    for name, body, b in (("front", p.front, 0), ("back", p.back, BACK))[: 2 if p.two else 1]:
+        leaning = np.abs(q[:, b + ALPHA : b + BETA + 1]).max(axis=1, initial=0.0) > TIPPED_AT
+        lowest = q[:, b + Z] - body.half_y * np.abs(np.sin(q[:, b + ALPHA]))
+        lifted = lowest > body.r_0 + robot.wheel.r_w
+        for status, where in ((Status.TIPPED, leaning), (Status.AIRBORNE, lifted)):
+            if where.any():
+                row = int(np.argmax(where))
+                what = {
+                    Status.TIPPED: f"rolls or pitches by more than {TIPPED_AT:g} rad",
+                    Status.AIRBORNE: "is in the air with all wheels, by more than their radius",
+                }[status]
+                begins = "tipped over" if status is Status.TIPPED else "left the ground"
+                found.append((row, status, f"{begins} at {t[row]:.3f} s: the {name} module {what}"))
+    return min(found) if found else None
 
 
 _PLACES = {
@@ -173,8 +248,8 @@ class Rollout:
     Attributes
     ----------
     status : Status
-        DIVERGED where the state left the finite world; the rows end before that, and there are none where it
-        began outside.
+        Where it is not OK, rows end where the model ceased to hold: before a divergence (there are none where it began
+        outside the finite world), with the first row of any other fault.
     message : str
         One line for a person.
     t : array, shape (n,), s
@@ -185,7 +260,7 @@ class Rollout:
     energy : array, shape (n, len(ENERGY_COLUMNS)) or None
         Energies since the start (J), where asked for.
     final_state : State or None
-        To go on from; None after a divergence.
+        To go on from; None where it is not OK.
     """
 
     robot: Robot
@@ -294,7 +369,8 @@ def rollout(
     dt : float
         Integration step, s.
     integrator : {"rk4", "semi_implicit"}
-        Explicit fourth order, or one right-hand side a step with implicit wheel spin and slip.
+        Explicit fourth order, or one right-hand side a step with implicit wheel spin. A step of the latter is cut
+        into as many parts as the ground's stiffness needs (`stability.parts`).
     every : int
         A row is kept each `every` steps, and at the end.
     modes : Mode or sequence of 4 Mode, optional
@@ -331,16 +407,19 @@ def simulate(setup: Setup, dt: float, integrator: str, every: int, energy: bool)
     from artibot_sim.model.kernels.advance import advance
 
     robot, commands, p, modes, kappa, start, steps = setup
+    cut = 1
     if integrator == "semi_implicit":
-        p = implicit_slip(p, dt)
+        cut = parts(p, dt, back_torque_factor(robot, kappa))
+        p = implicit_slip(p, dt / cut)
     rows = -(-steps // every) + 1
     q, v, eta, torque, lateral = (array.copy() for array in (start.q, start.v, start.eta, start.torque, start.lateral))
     out_q, out_v, out_w = np.empty((rows, 16)), np.empty((rows, 16)), np.empty((rows, ROW))
     out_e = np.empty((rows, ENERGIES)) if energy else None
     fx = record(robot.effects, start.t)
     given = (
-        q, v, eta, torque, packed(p), np.array(modes, dtype=np.int64), dt, steps, every, *driven_by(commands),
-        round(commands.dt / dt), back_torque_factor(robot, kappa), loop.workspace(), out_q, out_v, out_w, out_e,
+        q, v, eta, torque, packed(p), np.array(modes, dtype=np.int64), dt / cut, steps * cut, every * cut,
+        *driven_by(commands), round(commands.dt / dt) * cut, back_torque_factor(robot, kappa), loop.workspace(),
+        out_q, out_v, out_w, out_e,
     )  # fmt: skip
     status, kept = advance(integrator, given, () if fx is None else (fx, lateral))
     final = State(start.t + steps * dt, q, v, eta, torque, lateral) if status == Status.OK else None
@@ -352,6 +431,8 @@ def finished(
     tables: tuple[Array, Array, Array, Array | None], final: State | None,
 ) -> Rollout:  # fmt: skip
     """A rollout's result: the first `kept` rows of q, v, the named contributions and energies; diverged if not `final`.
+
+    Rows from where the model does not hold on are left out.
 
     Tables have a row each `every` steps, and one for the end.
     """
@@ -366,7 +447,12 @@ def finished(
             f"diverged between {t[-1]:.3f} and {t[-1] + every * dt:.3f} s; try a shorter dt than {dt:g} s, "
             "the integrator 'semi_implicit', or less extreme commands"
         )
+    status = Status.DIVERGED if final is None else Status.OK
+    fault = first_fault(setup.p, setup.robot, tables[0][:kept], t) if kept else None
+    if fault is not None:
+        row, status, message = fault
+        kept, final = row + 1, None
+        t = t[:kept]
     q, v, w, e = (None if table is None else table[:kept] for table in tables)
     assert q is not None and v is not None and w is not None
-    status = Status.DIVERGED if final is None else Status.OK
     return Rollout(setup.robot, status, message, t, q, v, w, e, final, setup.modes)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.analysis.stability import implicit_slip, largest_step
+from artibot_sim.model.analysis.stability import implicit_slip, largest_step, parts
 from artibot_sim.model.effects import record
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor
 from artibot_sim.model.kernels import loop
@@ -21,7 +21,7 @@ from artibot_sim.model.kernels.advance import advance
 from artibot_sim.model.kernels.layout import M_M, ROW
 from artibot_sim.model.robot.derived import PARAMS_DTYPE, params
 from artibot_sim.model.robot.robot import Robot
-from artibot_sim.model.simulate.rollout import INTEGRATORS, Status
+from artibot_sim.model.simulate.rollout import INTEGRATORS, Status, first_fault
 from artibot_sim.model.simulate.state import State, initial_state
 
 Array = NDArray[np.float64]
@@ -70,6 +70,8 @@ class Stepper:
         Generalised coordinates and rates now; valid until the next call of :meth:`advance`.
     torque : array, shape (4,)
         Motor torques now, N m, under what the motors were told last.
+    message : str
+        One line for a person about an advance that was not OK.
 
     Raises
     ------
@@ -88,9 +90,11 @@ class Stepper:
                 f"dt: {dt:g} s is unstable with '{integrator}' once all motors spin freely; expected at most "
                 f"{longest:.3g} s ({motion}); take a shorter step{mend}"
             )
-        self.robot, self.dt = robot, dt
+        self.robot, self.dt, self._p = robot, dt, p
         self._integrator = integrator
-        self._table = np.array([implicit_slip(p, dt) if integrator == "semi_implicit" else p], dtype=PARAMS_DTYPE)
+        self._parts = parts(p, dt) if integrator == "semi_implicit" else 1
+        stepped = implicit_slip(p, dt / self._parts) if integrator == "semi_implicit" else p
+        self._table = np.array([stepped], dtype=PARAMS_DTYPE)
         self._limits = tuple(self._table[name]["torque_max"] for name in _RECORDS)
         self._own = tuple(float(limit[0]) for limit in self._limits)
         self._shared = back_torque_factor(robot)
@@ -100,6 +104,7 @@ class Stepper:
         self.q, self.v, self.torque = np.zeros(16), np.zeros(16), np.zeros(4)
         self._eta, self._previous, self._lateral = np.zeros(4), np.zeros(4), np.zeros(8)
         self._effects, self._t, self._steps = record(robot.effects, 0.0), 0.0, 0
+        self.message = ""
         self.state = initial_state(robot) if state is None else state
 
     @property
@@ -124,7 +129,7 @@ class Stepper:
         Returns
         -------
         Status
-            DIVERGED where the state left the finite world; it then stays as it was.
+            Not OK where the state left the finite world or the model does not hold; it then stays as it was.
         """
         for motor, turn in enumerate(turns):
             self._tell(motor, turn, steps * self.dt)
@@ -133,11 +138,17 @@ class Stepper:
         extra = () if self._effects is None else (self._effects, lateral)
         if self._effects is not None:
             self._effects["t"] = self.t
+        cut = steps * self._parts
         given = (
-            q, v, eta, previous, self._table[0], self._modes, self.dt, steps, steps, self._position, self._velocity,
-            self._torque_d, 2 * steps, self._shared, self._work, *self._out, None,
+            q, v, eta, previous, self._table[0], self._modes, self.dt / self._parts, cut, cut, self._position,
+            self._velocity, self._torque_d, 2 * cut, self._shared, self._work, *self._out, None,
         )  # fmt: skip
         status, _ = advance(self._integrator, given, extra)
+        fault = first_fault(self._p, self.robot, q[np.newaxis], np.array([self.t])) if status == Status.OK else None
+        if fault is not None:
+            _, faulty, self.message = fault
+            return faulty
+        self.message = f"diverged after {self.t:.3f} s; try the integrator 'semi_implicit'"
         if status == Status.OK:
             self.q, self.v, self._eta, self._previous, self._lateral = q, v, eta, previous, lateral
             self.torque[:] = self._out[2][1, M_M : M_M + 4]

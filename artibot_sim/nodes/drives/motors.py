@@ -127,7 +127,7 @@ class RoverShafts:
         right, left, back_right, back_left = (motor.turn() for motor in self._motors)
         turns = (right, left, back_right, back_left)
         if self._stepper.advance(slices * self._steps, turns) is not Status.OK:
-            raise Diverged(f"diverged {self._stepper.t:.3f} s after its start; try the integrator 'semi_implicit'")
+            raise Diverged(self._stepper.message)
         self._measure()
 
     def sample(self) -> Sample:
