@@ -82,8 +82,9 @@ ODOMETRY = (
          "rover1/odom, so that several rovers share one tree."),
     Spec("odometry.travel_slip", 0.02, "Standard deviation of the travelled distance relative to that of odom, 1.",
          low=0.0, high=1.0),
-    Spec("odometry.turn_slip", 0.2, "The same for the turned angle, which slip shortens: Agri.q 0.2, Epi.q 0.1, "
-         "Husky 0.35. The three set odom's covariances, which grow with way and turn.", low=0.0, high=1.0),
+    Spec("odometry.turn_slip", 0.2, "Standard deviation of the turned angle relative to it, which slip shortens: "
+         "Agri.q 0.2, Epi.q 0.1, Husky 0.35. The three set odom's covariances, which grow with way and turn.",
+         low=0.0, high=1.0),
     Spec("odometry.side_slip", 0.06, "Standard deviation of the drift to the side relative to the distance, 1.",
          low=0.0, high=1.0),
 )  # fmt: skip
@@ -100,7 +101,8 @@ _COMMANDING = (
          "of these with commas.", live=True),
     Spec("command_timeout", 0.1, "A live request, or the planner's sign of life, older than this starts a ramp to "
          "standstill; steady wall time, s.", low=1e-3, high=60.0, live=True),
-    Spec("cmd_vel_timeout", 0.5, "The same for cmd_vel.", low=1e-3, high=60.0, live=True),
+    Spec("cmd_vel_timeout", 0.5, "A cmd_vel older than this starts a ramp to standstill; steady wall time, s.",
+         low=1e-3, high=60.0, live=True),
     Spec("acceleration_limit", 2.0, "Limit for a front wheel over ground that follows cmd_vel or catches up with a "
          "profile, m/s^2; 0: none. Profiles and live requests themselves are never changed.", low=0.0, high=1000.0,
          live=True),

@@ -28,7 +28,7 @@ ROUNDING: Final = 0.01
 """Share of a ramp or a limit that a drive may round it by."""
 
 LARGEST_SETUP_LOAD: Final = 0.9
-"""The same while drives are set up: less than what is taken for a flood."""
+"""Share of a bus's bits that may be taken while drives are set up: less than what counts as a flood."""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ ON_THE_BUS: Final = 0.15
 """A reaction has to begin within this time where the driver can notice, s."""
 
 BY_THE_DRIVES: Final = 0.3
-"""The same where only the drives can, s."""
+"""A reaction has to begin within this time where only the drives can notice, s."""
 
 _OVER_CURRENT: Final = 0x2310
 
@@ -43,7 +43,7 @@ class Fault:
     reasons : tuple of Reason
         What the driver may give as the first reason; empty where it cannot know one.
     own : float
-        The same as `within` for the drive concerned, where it is left to itself, s.
+        As `within`, for the drive concerned where it is left to itself, s.
     held : float
         By so much later the rover may be at rest, s.
     silent : bool

@@ -129,7 +129,7 @@ class SwitchableSocketCan:
 
 
 NOISE_FRAMES_ONE_CORE: Final = 2
-"""The same where a single processor carries bus, drives, driver and whoever makes the noise."""
+"""Frames of noise in a period where a single processor carries bus, drives, driver and whoever sends them."""
 
 _BUS_OFF, _RESTARTED = 0x040, 0x100  # classes of error frames
 
