@@ -157,8 +157,9 @@ class Foreign:
         return False
 
     def is_ready(self, seconds: float = 8.0) -> bool:
-        """Whether all drives are set up within that time."""
-        return self.run(seconds, lambda cycle: cycle.status.phase is Phase.READY)
+        """Whether all drives are set up within that time; one that is refused ends the waiting."""
+        self.run(seconds, lambda cycle: cycle.status.phase is Phase.READY or bool(cycle.status.refusal))
+        return self.status.phase is Phase.READY
 
     @property
     def status(self):  # type: ignore[no-untyped-def]

@@ -32,7 +32,7 @@ kernel's own thread that hands frames over would starve."""
 WATCHING: Final = 99
 """Of the watchdog: a processor that is busy with somebody else is no stall while the trial has another."""
 
-_NAP: Final = 0.005
+_SLEEP: Final = 0.005
 _READ_EVERY: Final = 0.01
 _LIST_EVERY: Final = 0.25
 _PROC: Final = Path("/proc")
@@ -118,22 +118,22 @@ class Stalls:
             self._longest = max(self._longest, Stall(seconds, whose))
 
     def sleep(self, whose: str) -> None:
-        """Sleep a nap's length, and note by how much it became longer."""
+        """Sleep for so long, and note by how much it became longer."""
         begin = self._awake[whose] = time.monotonic()
-        time.sleep(_NAP)
-        self.note(time.monotonic() - begin - _NAP, whose)
+        time.sleep(_SLEEP)
+        self.note(time.monotonic() - begin - _SLEEP, whose)
 
     def take(self) -> Stall:
-        """The longest so far, which is forgotten; a nap that is too long already counts."""
+        """The longest so far, which is forgotten; a sleep that is too long already counts."""
         now = time.monotonic()
         for whose, since in self._awake.items():
-            self.note(now - since - _NAP, whose)
+            self.note(now - since - _SLEEP, whose)
         with self._lock:
             found, self._longest = self._longest, Stall(0.0, "")
         return found
 
 
-def _nap_on(core: int, stalls: Stalls) -> None:
+def _sleep_on(core: int, stalls: Stalls) -> None:
     os.sched_setaffinity(0, {core})
     while True:
         stalls.sleep(f"processor {core}")
@@ -175,7 +175,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     take_priority(int(words[1]))
     cores = sorted(os.sched_getaffinity(0))
     for core in cores:
-        threading.Thread(target=_nap_on, args=(core, stalls), daemon=True).start()
+        threading.Thread(target=_sleep_on, args=(core, stalls), daemon=True).start()
     if len(cores) > 1:  # on a single one they wait for each other: that is no stall, but how fast the machine is
         threading.Thread(target=_read_queues, args=(int(words[0]), stalls), daemon=True).start()
     for _ in sys.stdin:

@@ -1,4 +1,4 @@
-"""From what is heard to what the drives are told: set-points for the master, or the reason to stop."""
+"""From command messages to set-points for the master, or the reason to stop."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class CommandGate:
         self.source = Source.NONE
 
     def follow(self, status: Status) -> None:
-        """Open with an enable, close with a stop; every enable drops what was heard before it."""
+        """Open with an enable, close with a stop; every enable drops what was received before it."""
         armed = status.armed_ns if status.phase in (Phase.ENABLING, Phase.ENABLED) else None
         if armed == self._armed_ns:
             return
@@ -59,7 +59,7 @@ class CommandGate:
     def decide(
         self, status: Status, t_ns: int, period_ns: int, periods: int, kappa: float, law: Law | None = None
     ) -> Setpoints | Silence | None:
-        """What to tell the master for the SYNC now; None where nobody commands.
+        """Set-points for the SYNC now, or why to stop; None where nobody commands.
 
         Parameters
         ----------

@@ -59,7 +59,7 @@ class SyncListener:
                 self.stamps.append(message.timestamp if self._own_stamps else time.monotonic())
 
     def end(self) -> None:
-        """Hear no more."""
+        """Receive no more."""
         self._ended.set()
         self._thread.join()
         self._bus.close()
@@ -111,7 +111,7 @@ def exercise(node: Any, channel: str, seconds: float) -> dict[str, Any]:
     print("waiting for the driver", flush=True)
     if not client.wait_for_service(PATIENCE):
         raise ArtibotError(f"exercise: no driver within {PATIENCE:g} s")
-    ear, begin = SyncListener(channel), time.monotonic()
+    listener, begin = SyncListener(channel), time.monotonic()
     try:
         while (now := time.monotonic()) < begin + seconds:
             speed = 60.0 * math.sin(now - begin)
@@ -122,8 +122,8 @@ def exercise(node: Any, channel: str, seconds: float) -> dict[str, Any]:
                 client, request = next(turns)
             executor.spin_once(timeout_sec=1.0 / REQUESTS)
     finally:
-        ear.end()
-    return {"calls": answered, **jitter(np.array(ear.stamps))}
+        listener.end()
+    return {"calls": answered, **jitter(np.array(listener.stamps))}
 
 
 def jitter(stamps: np.ndarray) -> dict[str, float]:

@@ -130,7 +130,7 @@ def opened(config: DriverConfig) -> Bus:
 
 
 # ----------------------------------------------------------------------
-# One SYNC period of the driver after the other: what was heard, to the drives; what they report, to the topics.
+# One SYNC period of the driver after the other: commands to the drives; what they report, to the topics.
 # ----------------------------------------------------------------------
 
 

@@ -5,7 +5,7 @@ are there; nothing moves. Active: the drives are being enabled, or are. Whatever
 inactive again; only ``~/enable`` or the lifecycle's activate leads back.
 
 **One thread** does everything: a period of the loop, and between two periods the services, which only set wishes whose
-outcome is looked at once a period.
+outcome is checked once a period.
 """
 
 from __future__ import annotations

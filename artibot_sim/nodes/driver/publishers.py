@@ -51,7 +51,8 @@ class Identity:
     robot : str
         The robot file's name.
     place : str
-        What tells this driver from another robot's: ``rover1`` for the node ``/rover1/driver``; empty for ``/driver``.
+        What distinguishes this driver from another robot's: ``rover1`` for the node ``/rover1/driver``, empty for
+        ``/driver``.
     """
 
     robot: str
@@ -236,8 +237,8 @@ class DriverPublishers:
         self._diagnostics = publisher(node, DiagnosticArray, "/diagnostics")
         self._odometry = Odometry(metres_per_radian(robot), robot.front.i_y, Slip.of(settings, robot))
         self._sampled = 0
-        self._told: tuple[tuple[bytes, str, str], ...] = ()
-        self._told_ns = self._looked_ns = 0
+        self._published: tuple[tuple[bytes, str, str], ...] = ()
+        self._published_ns = self._made_ns = 0
         self._state: object = None
 
     def feedback(self, feedback: Feedback, epoch_ns: int) -> None:
@@ -279,12 +280,12 @@ class DriverPublishers:
         made : callable
             Makes the message.
         """
-        if now_ns - self._told_ns < NEWS_NS or (state == self._state and now_ns - self._looked_ns < NEWS_NS):
+        if now_ns - self._published_ns < NEWS_NS or (state == self._state and now_ns - self._made_ns < NEWS_NS):
             return
-        self._state, self._looked_ns = state, now_ns
+        self._state, self._made_ns = state, now_ns
         message = made()
         news = essence(message)
-        if news == self._told and now_ns - self._told_ns < EVERY_NS:
+        if news == self._published and now_ns - self._published_ns < EVERY_NS:
             return
-        self._told, self._told_ns = news, now_ns
+        self._published, self._published_ns = news, now_ns
         self._diagnostics.publish(message)

@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 from artibot_driver.master import Phase, Stage, Status, Stop
 
 # ----------------------------------------------------------------------
-# Answers of the driver's services: what came of a request, found by looking at the master's status once a cycle.
+# Answers of the driver's services: what came of a request, found by checking the master's status once a cycle.
 # ----------------------------------------------------------------------
 
 

@@ -47,11 +47,11 @@ def command(
       artibot drives --bench --channel can0
       artibot drives --channel ws://127.0.0.1:40000/
     """
-    turned = Flywheels() if bench else RoverShafts(load_robot(robot), TIMING, Start())
-    if isinstance(turned, RoverShafts):
-        turned.warm_up()
+    plant = Flywheels() if bench else RoverShafts(load_robot(robot), TIMING, Start())
+    if isinstance(plant, RoverShafts):
+        plant.warm_up()
     with noted_signals() as asked:
-        loop = open_drive_loop(load_rig(drive_config(robot, params, interface, channel)), turned)
+        loop = open_drive_loop(load_rig(drive_config(robot, params, interface, channel)), plant)
         try:
             if reason := take_priority(priority):
                 print(f"no real-time priority ({reason}): a busy machine may delay the drives", flush=True)
@@ -64,7 +64,7 @@ def command(
 
 def _run(loop: DriveLoop, asked: list[int], duration: float, every: float) -> int:
     """Run until asked to end, in real time."""
-    config, slices = loop.rig.config, TIMING.period_ns // loop.turned.slice_ns
+    config, slices = loop.rig.config, TIMING.period_ns // loop.plant.slice_ns
     print(f"drives {_nodes(loop)} on {config.interface} {config.channel}; Ctrl-C ends them", flush=True)
     loop.switch_on()
     gc.collect()
@@ -89,11 +89,11 @@ def _nodes(loop: DriveLoop) -> str:
 
 def _motion(loop: DriveLoop) -> str:
     """What the motors do, and where the rover is."""
-    states = [shaft.state() for shaft in loop.turned.shafts.values()]
+    states = [shaft.state() for shaft in loop.plant.shafts.values()]
     text = "motors at " + " ".join(_plain(state.velocity, 1) for state in states) + " rad/s with "
     text += " ".join(_plain(state.torque, 3) for state in states) + " N m"
-    if isinstance(loop.turned, RoverShafts):
-        x, y, yaw = (_plain(value, 3) for value in loop.turned.pose)
+    if isinstance(loop.plant, RoverShafts):
+        x, y, yaw = (_plain(value, 3) for value in loop.plant.pose)
         text += f"; rover at {x} m, {y} m, {yaw} rad"
     return text
 

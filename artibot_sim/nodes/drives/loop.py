@@ -21,13 +21,13 @@ from artibot_driver.rig import Rig
 from artibot_driver.simulated.drive import SimulatedDrive
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS
-from artibot_sim.nodes.drives.motors import Turned
+from artibot_sim.nodes.drives.motors import Plant
 
 MOST_AT_ONCE: Final = 200
 """Frames that are read at most when a slice is overdue: a flood of them must not stop the motors."""
 
-LOOK_EVERY: Final = 500_000_000
-"""Between two looks at the bus's health, ns."""
+CHECK_EVERY: Final = 500_000_000
+"""Between two checks of the bus's health, ns."""
 
 
 class DriveLoop:
@@ -36,7 +36,7 @@ class DriveLoop:
     Parameters
     ----------
     rig : Rig
-    turned : Turned
+    plant : Plant
         The motors.
     bus : Bus
         It is closed by :meth:`close`, and opened anew where it was lost.
@@ -47,10 +47,10 @@ class DriveLoop:
         By motor.
     """
 
-    def __init__(self, rig: Rig, turned: Turned, bus: Bus) -> None:
-        self.rig, self.turned, self.bus = rig, turned, bus
-        self.drives = {motor: SimulatedDrive(rig, motor, turned.shafts[motor], self._send) for motor in MOTORS}
-        self._look_at, self._lost = 0, False
+    def __init__(self, rig: Rig, plant: Plant, bus: Bus) -> None:
+        self.rig, self.plant, self.bus = rig, plant, bus
+        self.drives = {motor: SimulatedDrive(rig, motor, plant.shafts[motor], self._send) for motor in MOTORS}
+        self._check_at, self._lost = 0, False
 
     def _send(self, frame: Frame) -> None:
         self.bus.send(frame)
@@ -74,16 +74,16 @@ class DriveLoop:
         Diverged
             Where the motors are a model's and it cannot go on.
         """
-        begin, done = deadline - slices * self.turned.slice_ns, 0
+        begin, done = deadline - slices * self.plant.slice_ns, 0
         while done < slices:
-            self._serve(begin + (done + 1) * self.turned.slice_ns)
+            self._serve(begin + (done + 1) * self.plant.slice_ns)
             now = time.monotonic_ns()
             for drive in self.drives.values():
                 drive.step(now)
-            due = min(slices, (now - begin) // self.turned.slice_ns)
-            self.turned.advance(due - done)
+            due = min(slices, (now - begin) // self.plant.slice_ns)
+            self.plant.advance(due - done)
             done = due
-        return self._look_after_bus()
+        return self._restore_bus()
 
     def close(self) -> None:
         """Close the bus."""
@@ -108,12 +108,12 @@ class DriveLoop:
             for drive in self.drives.values():
                 drive.receive(can_id, data, now)
 
-    def _look_after_bus(self) -> str:
+    def _restore_bus(self) -> str:
         """Try to open a bus again that is lost; what there is to say of it."""
         now = time.monotonic_ns()
-        if now < self._look_at:
+        if now < self._check_at:
             return ""
-        self._look_at = now + LOOK_EVERY
+        self._check_at = now + CHECK_EVERY
         health = self.bus.health()
         if health.state is not BusState.LOST:
             return ""
@@ -148,7 +148,7 @@ def drive_config(robot: str, params: str = "driver", interface: str = "", channe
     params : str
         A shipped parameter file's name, or a path.
     interface, channel : str
-        Instead of those in the file, where not empty; a channel alone says by its looks which interface it is of.
+        Instead of those in the file, where not empty; a channel alone says which interface it is of.
     """
     config = load_config(params)
     if channel:
@@ -156,7 +156,7 @@ def drive_config(robot: str, params: str = "driver", interface: str = "", channe
     return replace(config, robot=robot, interface=interface or config.interface, channel=channel or config.channel)
 
 
-def open_drive_loop(rig: Rig, turned: Turned) -> DriveLoop:
+def open_drive_loop(rig: Rig, plant: Plant) -> DriveLoop:
     """Open the rig's bus and put its drives there, not yet switched on.
 
     Raises
@@ -165,4 +165,4 @@ def open_drive_loop(rig: Rig, turned: Turned) -> DriveLoop:
         When the bus cannot be opened, with the mend.
     """
     config = rig.config
-    return DriveLoop(rig, turned, open_bus(config.interface, config.channel, config.bitrate))
+    return DriveLoop(rig, plant, open_bus(config.interface, config.channel, config.bitrate))

@@ -28,8 +28,8 @@ LONGEST_SLICE_NS = 2_000_000
 _MOTORS = list(MOTOR_COORDINATES)
 
 
-class Turned(Protocol):
-    """What turns the shafts of a set of drives."""
+class Plant(Protocol):
+    """The motors of a set of drives and what they move."""
 
     @property
     def shafts(self) -> Mapping[str, Shaft]:
@@ -63,7 +63,7 @@ class ModelShaft:
         """What was measured at the end of the last slice."""
         return self._measured
 
-    def turn(self) -> Turn:
+    def command_of_slice(self) -> Turn:
         """What the model's motor is told for the next slice."""
         asked = self.asked
         if asked.velocity is None:
@@ -124,7 +124,7 @@ class RoverShafts:
         Diverged
             When the model cannot go on; the state is left as it was.
         """
-        right, left, back_right, back_left = (motor.turn() for motor in self._motors)
+        right, left, back_right, back_left = (motor.command_of_slice() for motor in self._motors)
         turns = (right, left, back_right, back_left)
         if self._stepper.advance(slices * self._steps, turns) is not Status.OK:
             raise Diverged(self._stepper.message)
