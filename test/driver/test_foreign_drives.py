@@ -111,7 +111,7 @@ def test_two_drives_with_one_id_are_named_and_not_enabled(tmp_path: Path) -> Non
         del network.nodes[1]
         second = ForeignDrive(network, run.rig, "front_right", eds_with(tmp_path))
         second.node.nmt.state = "OPERATIONAL"
-        assert run.run(1.0, lambda cycle: "second node has the id 1" in cycle.status.drives[0].trouble)
+        assert run.run(5.0, lambda cycle: "second node has the id 1" in cycle.status.drives[0].trouble)
         run.master.enable()
         run.run(0.3)
         assert run.status.phase is Phase.CONFIGURING
