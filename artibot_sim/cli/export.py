@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     Writer = Callable[[Mapping[str, Robot], float | None, Report], str]
 
 _TABLES = ("csv", "parquet")
-_ROBOTS = {"diff_drive_controller": "yaml", "robot_localization": "yaml"}
+_ROBOTS = {"diff_drive_controller": "yaml", "robot_localization": "yaml", "urdf": "urdf", "sdf": "sdf"}
 """Format of a robot → the suffix of its file."""
 _SEVERAL = ("diff_drive_controller",)
 """Formats that hold several grounds."""
@@ -48,12 +48,14 @@ def command(
                            SI units, said in the header or the columns' metadata. `artibot import` reads them.
     diff_drive_controller  of robot files: effective track and radii, a section for each ground, with intervals
     robot_localization     of a robot file: parameters of its ekf_node
+    urdf, sdf              of a robot file: bodies, joints, and the wheels' friction as Gazebo takes it
 
     \b
     Examples:
       artibot export run7 --to csv                      # run7_csv/motor_torques.csv, …
       artibot export run7 --to parquet --rate 50 -o run7.parquet
       artibot export husky.db3 --to csv --all --topic /ground_truth/odom=/lidar/odom
+      artibot export grass.yaml --to sdf                # grass.sdf
       artibot export grass.yaml gravel.yaml --to diff_drive_controller -o controllers.yaml
     """
     if form in _TABLES:
@@ -92,6 +94,14 @@ def _export_robots(sources: tuple[str, ...], form: str, out: Path | None, speed:
 
 def _writer(form: str) -> Writer:
     """Return what makes the text of a format, with only what it needs imported."""
+    if form == "urdf":
+        from artibot_sim.exchange.urdf import urdf
+
+        return lambda grounds, _, __: urdf(next(iter(grounds.values())), gazebo=True)
+    if form == "sdf":
+        from artibot_sim.exchange.sdf import sdf
+
+        return lambda grounds, _, __: sdf(next(iter(grounds.values())))
     from artibot_sim.exchange import controllers
 
     if form == "diff_drive_controller":

@@ -13,12 +13,12 @@ import pytest
 import yaml
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.exchange.urdf import urdf
 from artibot_sim.model import WHEEL_JOINTS, load_robot
 from artibot_sim.nodes import sim_parameters as parameters
 from artibot_sim.nodes.pacer import Pacer, write_statistics
 from artibot_sim.nodes.sim_node import parameter_files
 from artibot_sim.nodes.sim_settings import rules, sensor_model, start, switched
-from artibot_sim.nodes.urdf import urdf
 from artibot_sim.resources import config_names, config_path
 
 ROBOTS = config_names("robots")

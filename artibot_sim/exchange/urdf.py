@@ -1,15 +1,18 @@
 """A robot file as URDF: boxes and wheels where the model has them, joints as in ``/joint_states``.
 
-``python -m artibot_sim.nodes.urdf`` writes ``config/urdf/*.urdf`` for all shipped robots; a test holds the files to it.
+``python -m artibot_sim.exchange.urdf`` writes ``config/urdf/*.urdf`` for all shipped robots; a test holds the files to
+it.
 """
 
 from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from pathlib import Path
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.exchange.ground import left_out, masses, wheels_of
 from artibot_sim.model import WHEEL_JOINTS, Robot, load_robot
 from artibot_sim.model.robot.robot import Module
 from artibot_sim.resources import config_folder, config_names
@@ -24,6 +27,10 @@ def _number(value: float) -> str:
 
 def _vector(*values: float) -> str:
     return " ".join(map(_number, values))
+
+
+AXLE = "0 0 1"
+"""First direction of friction, along a wheel's axle, in the frame of its cylinder: there it does not turn with it."""
 
 
 def _link(robot: ET.Element, name: str, mass: float, inertia: tuple[float, float, float]) -> ET.Element:
@@ -56,23 +63,43 @@ def _joint(
         ET.SubElement(joint, "limit", lower=_number(-limit), upper=_number(limit), effort="0", velocity="10")
 
 
-def _module(root: ET.Element, robot: Robot, module: Module, link: str, joints: tuple[str, ...]) -> None:
+def _module(root: ET.Element, robot: Robot, module: Module, mass: float, link: str, joints: tuple[str, ...]) -> None:
     """One module's box and four wheels; `joints` in the order right front, right back, left front, left back."""
-    wheel = robot.wheel
-    body = _link(root, link, module.m, (module.J_x, module.J_y, module.J_z))
+    wheel, wheels = robot.wheel, wheels_of(robot)
+    body = _link(root, link, mass, (module.J_x, module.J_y, module.J_z))
     width = max(module.i_y - wheel.r_w, 0.2 * module.i_y)
     _shape(body, "box", {"size": _vector(module.i_x + wheel.r_w, width, wheel.r_w)}, "body")
     for k, joint in enumerate(joints):
         x, y = (1 - 2 * (k % 2)) * module.i_x / 2, (-1 if k < 2 else 1) * module.i_y / 2
         name = f"{joint}_link"
         part = _link(root, name, wheel.m_w, (wheel.J_wx, wheel.J_wy, wheel.J_wx))
-        cylinder = {"radius": _number(wheel.r_w), "length": _number(0.4 * wheel.r_w)}
+        cylinder = {"radius": _number(wheels[motor_of(joint)].radius), "length": _number(0.4 * wheel.r_w)}
         _shape(part, "cylinder", cylinder, "wheel", rpy=_vector(math.pi / 2, 0, 0))
         _joint(root, joint, "continuous", link, name, _vector(x, y, 0), "0 1 0")
 
 
-def urdf(robot: Robot) -> str:
+def motor_of(joint: str) -> str:
+    """The motor that turns a wheel joint."""
+    return joint.removesuffix("_wheel").rpartition("_")[0]
+
+
+def _gazebo(root: ET.Element, robot: Robot, joints: Sequence[str]) -> None:
+    """Friction of the wheels in Gazebo's own words."""
+    for joint in joints:
+        friction = wheels_of(robot)[motor_of(joint)].friction
+        extension = ET.SubElement(root, "gazebo", reference=f"{joint}_link")
+        for key, value in zip(("mu1", "mu2", "slip1", "slip2"), friction, strict=True):
+            ET.SubElement(extension, key).text = _number(value)
+        ET.SubElement(extension, "fdir1").text = AXLE
+
+
+def urdf(robot: Robot, gazebo: bool = False) -> str:
     """The URDF of a robot as text.
+
+    Parameters
+    ----------
+    robot : what is described.
+    gazebo : whether the wheels' friction is added in Gazebo's own words, and what is left out as comments.
 
     Geometry is the robot file's: wheels at (±i_x/2, ±i_y/2, 0) of their module, the joint at (−l_f, 0, O_z) of
     `base_link` and at (l_b, 0, 0) of `back_link`, turning first in yaw about z of the front module, then in roll
@@ -90,20 +117,23 @@ def urdf(robot: Robot) -> str:
     root = ET.Element("robot", name=robot.name)
     for name, rgba in MATERIALS.items():
         ET.SubElement(ET.SubElement(root, "material", name=name), "color", rgba=rgba)
-    _module(root, robot, robot.front, "base_link", WHEEL_JOINTS[:4])
+    mass = masses(robot)
+    _module(root, robot, robot.front, mass[0], "base_link", WHEEL_JOINTS[:4])
     if robot.back is not None:
         _link(root, "articulation_link", 1e-3, (1e-6, 1e-6, 1e-6))
         front, back = robot.front, robot.back
         place = _vector(-front.l, 0, front.O_z)
         _joint(root, "articulation_yaw", "revolute", "base_link", "articulation_link", place, "0 0 1", math.pi / 2)
         place = _vector(-back.l, 0, 0)
-        _module(root, robot, back, "back_link", WHEEL_JOINTS[4:])
+        _module(root, robot, back, mass[1], "back_link", WHEEL_JOINTS[4:])
         # the origin of back_link lies behind the joint, so the roll axis passes through both
         _joint(root, "articulation_roll", "revolute", "articulation_link", "back_link", place, "1 0 0", math.pi / 2)
+    made = "made by `python -m artibot_sim.exchange.urdf` from the robot file"
+    if gazebo:
+        _gazebo(root, robot, WHEEL_JOINTS[: 8 if robot.articulated else 4])
+        made = "\n     ".join(["made by `artibot export`; left out:", *(f"- {word}" for word in left_out(robot))])
     ET.indent(root)
-    return '<?xml version="1.0"?>\n<!-- made by `python -m artibot_sim.nodes.urdf` from the robot file -->\n' + (
-        ET.tostring(root, encoding="unicode") + "\n"
-    )
+    return f'<?xml version="1.0"?>\n<!-- {made} -->\n{ET.tostring(root, encoding="unicode")}\n'
 
 
 def write_all(folder: Path) -> list[Path]:

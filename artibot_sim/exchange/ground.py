@@ -1,0 +1,97 @@
+"""The ground under a robot's wheels as Gazebo takes it, and what of the model other simulators cannot express."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from artibot_sim.model import MOTORS, Robot
+from artibot_sim.model.effects import at_work
+from artibot_sim.model.robot.derived import params
+
+EXPRESSED = ("back_friction", "wheel_radius_mismatch", "payload")
+"""Effects that are in the numbers of masses, radii and friction which are written."""
+
+SENSORS = ("encoder_scale", "torque_scale", "gyro_bias", "pose_lever_arm", "pose_delay")
+"""Effects of sensors, which are no part of a robot's body."""
+
+
+class Friction(NamedTuple):
+    """Friction of one wheel, along its axle (first) and along its rim (second).
+
+    Attributes
+    ----------
+    mu, mu2 : largest horizontal over normal force.
+    slip, slip2 : velocity of slip over force, (m/s)/N: Gazebo's force-dependent slip.
+    """
+
+    mu: float
+    mu2: float
+    slip: float
+    slip2: float
+
+
+class WheelBody(NamedTuple):
+    """What the numbers of a wheel are once effects are in them: its radius (m) and friction."""
+
+    radius: float
+    friction: Friction
+
+
+def wheels_of(robot: Robot) -> dict[str, WheelBody]:
+    """Return motor → its wheels' radius and friction.
+
+    Below saturation eq. 15's horizontal force is k times the slip's velocity: a slip of 1/k for each newton. Up to
+    there Gazebo's law is the same one; beyond, its force stays at mu times the load.
+    """
+    p = params(robot)
+    motors = (p.right_front, p.left_front, p.right_back, p.left_back)
+    found = {}
+    for name, motor in zip(MOTORS[: 4 if robot.articulated else 2], motors, strict=False):
+        soil = p.front if name.startswith("front") else p.back
+        found[name] = WheelBody(motor.r_w, Friction(soil.mu_s, soil.mu_s, 1.0 / soil.k_t, 1.0 / soil.k_l))
+    return found
+
+
+def masses(robot: Robot) -> tuple[float, float]:
+    """Return the masses of front and back module without wheels, with what effects add to them, kg."""
+    p, wheels = params(robot), 4.0 * robot.wheel.m_w
+    return p.front.m - wheels, p.back.m - wheels
+
+
+def left_out(robot: Robot, ground: bool = True) -> Iterator[str]:
+    """Yield what of the model a description in another simulator's words leaves out, a sentence each.
+
+    Parameters
+    ----------
+    ground : whether its friction is written at all.
+    """
+    contact = robot.contact
+    if ground:
+        yield (
+            f"a sliding wheel keeps mu_s ({contact.mu_s:g}) of its load here, in the model mu_d ({contact.mu_d:g}), "
+            "and longitudinal and lateral slip share one limit there (eq. 16)"
+        )
+    else:
+        yield "friction, which a plain URDF has no words for"
+    yield f"rolling resistance (the load acts u_w = {contact.u_w:g} m ahead of a wheel's centre)"
+    yield (
+        f"tyres are stiff here; in the model they sink by {_sag(robot) * 1e3:.2g} mm under the rover "
+        f"(k_n = {contact.k_n:g} N/m)"
+    )
+    drives = [drive for drive in (robot.drive.front, robot.drive.back) if drive is not None]
+    if any((drive.eta_d, drive.eta_r) != (1.0, 1.0) for drive in drives):
+        yield "efficiencies of the gearboxes, which brake differently than they drive, and the rotors' inertia"
+    yield "that one motor turns both wheels of a side: give both the same command"
+    if robot.articulated:
+        kappa = robot.control.kappa
+        yield f"the torque sharing of eq. 30 (kappa = {kappa:g}): back wheels get the torque you give them"
+    names = [name for name in at_work(robot.effects) if name not in (*EXPRESSED, *SENSORS)]
+    if names:
+        yield f"the effects {', '.join(names)}"
+
+
+def _sag(robot: Robot) -> float:
+    front, back = masses(robot)
+    heaviest = max(front, back if robot.articulated else 0.0) + 4.0 * robot.wheel.m_w
+    return heaviest * 9.81 / (4.0 * robot.contact.k_n)
