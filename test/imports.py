@@ -51,7 +51,7 @@ OWNERS = {
     "can": (DRIVER,),
     "can_remote": (DRIVER,),
     "canopen": (DRIVER,),
-    "mujoco": ("bench",),
+    "mujoco": ("bench", "exchange"),
     "pinocchio": ("bench",),
     "pydrake": ("bench",),
     "pybullet": ("bench",),

@@ -47,6 +47,31 @@ def mujoco(scenario: Scenario) -> list[Result]:
     return results
 
 
+def mujoco_export(scenario: Scenario) -> list[Result]:
+    """How far turns in MuJoCo are off the model's, with the MJCF that `artibot export` fits; on other turns."""
+    import numpy as np
+
+    from artibot_sim.exchange.mjcf import DEFAULT_IMPEDANCE, Contact, fitted, mjcf, turn_errors
+    from artibot_sim.exchange.turning import steady_turn, turn_speed
+    from artibot_sim.model import load_robot
+
+    robot = load_robot("husky")
+    scenario.tick()
+    contact = fitted(robot)
+    scenario.tick()
+    v, radii = turn_speed(robot), (1.5, -1.5, 3.0, -3.0, 6.0, -6.0)
+    turns = [steady_turn(robot, np.array([1 + 0.5 / r, 1 - 0.5 / r]) * v / robot.wheel.r_w) for r in radii]
+    plain = Contact(robot.contact.mu_s, DEFAULT_IMPEDANCE)
+    off, unfitted = (100 * turn_errors(robot, mjcf(robot, each), turns)[:, 0] for each in (contact, plain))
+    rms, rms_unfitted = (float(np.sqrt(np.mean(each**2))) for each in (off, unfitted))
+    note = (
+        f"Husky in MuJoCo, yaw rate at radii of 1.5, 3 and 6 tracks, rms (largest {np.abs(off).max():.2g} %); "
+        f"{rms_unfitted:.2g} % (largest {np.abs(unfitted).max():.2g} %) with MuJoCo's own softness"
+    )
+    detail = {"largest": float(np.abs(off).max()), "unfitted": rms_unfitted, "fit_error": 100 * contact.error}
+    return [Result("mujoco_export_turns", rms, "%", note, detail)]
+
+
 def no_pinocchio() -> str | None:
     """Why Pinocchio cannot be measured here, or None."""
     return None if importlib.util.find_spec("pinocchio") else "Pinocchio is not installed; pip install pin"

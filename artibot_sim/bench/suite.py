@@ -50,6 +50,9 @@ SUITE: dict[str, Benchmark] = {
         ("mujoco_law_rk4_1ms", "mujoco_law_euler_1ms", "mujoco_native_rk4_1ms", "mujoco_native_implicitfast_1ms"),
         peers.mujoco, 15, peers.missing,
     ),
+    "mujoco_export": Benchmark(
+        ("mujoco_export_turns",), peers.mujoco_export, 30, peers.missing, in_quick=False,
+    ),
     "pinocchio": Benchmark(("pinocchio_law_rk4_1ms",), peers.pinocchio, 10, peers.no_pinocchio, in_quick=False),
     "drake": Benchmark(("drake_law_rk4_1ms",), peers.drake, 45, peers.no_drake, in_quick=False),
     "pybullet": Benchmark(("pybullet_law_euler_1ms",), peers.pybullet, 10, peers.no_pybullet, in_quick=False),

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     Writer = Callable[[Mapping[str, Robot], float | None, Report], str]
 
 _TABLES = ("csv", "parquet")
-_ROBOTS = {"diff_drive_controller": "yaml", "robot_localization": "yaml", "urdf": "urdf", "sdf": "sdf"}
+_ROBOTS = {"diff_drive_controller": "yaml", "robot_localization": "yaml", "urdf": "urdf", "sdf": "sdf", "mjcf": "xml"}
 """Format of a robot → the suffix of its file."""
 _SEVERAL = ("diff_drive_controller",)
 """Formats that hold several grounds."""
@@ -48,6 +48,7 @@ def command(
                            SI units, said in the header or the columns' metadata. `artibot import` reads them.
     diff_drive_controller  of robot files: effective track and radii, a section for each ground, with intervals
     robot_localization     of a robot file: parameters of its ekf_node
+    mjcf                   of a robot file: for MuJoCo, friction and softness fitted so that it turns as the model
     urdf, sdf              of a robot file: bodies, joints, and the wheels' friction as Gazebo takes it
 
     \b
@@ -56,6 +57,7 @@ def command(
       artibot export run7 --to parquet --rate 50 -o run7.parquet
       artibot export husky.db3 --to csv --all --topic /ground_truth/odom=/lidar/odom
       artibot export grass.yaml --to sdf                # grass.sdf
+      artibot export grass.yaml --to mjcf               # grass.xml
       artibot export grass.yaml gravel.yaml --to diff_drive_controller -o controllers.yaml
     """
     if form in _TABLES:
@@ -102,6 +104,8 @@ def _writer(form: str) -> Writer:
         from artibot_sim.exchange.sdf import sdf
 
         return lambda grounds, _, __: sdf(next(iter(grounds.values())))
+    if form == "mjcf":
+        return _mjcf
     from artibot_sim.exchange import controllers
 
     if form == "diff_drive_controller":
@@ -109,6 +113,14 @@ def _writer(form: str) -> Writer:
     return lambda grounds, speed, progress: controllers.robot_localization(
         next(iter(grounds.values())), speed, progress
     )
+
+
+def _mjcf(grounds: Mapping[str, Robot], speed: float | None, progress: Report) -> str:
+    """Fit MuJoCo's friction to the turns of a robot, and describe it."""
+    from artibot_sim.exchange.mjcf import fitted, mjcf
+
+    robot = next(iter(grounds.values()))
+    return mjcf(robot, fitted(robot, speed, progress))
 
 
 def _export_recording(
