@@ -23,7 +23,8 @@ from artibot_sim.nodes.qos import PUBLISHED, publisher
 from artibot_sim.nodes.rotations import quaternion
 from artibot_sim.nodes.sim_engine import Sample
 from artibot_sim.nodes.sim_sensors import Sensors
-from artibot_sim.nodes.transforms import Frames, SimulatedTransforms
+from artibot_sim.nodes.sim_transforms import SimulatedTransforms
+from artibot_sim.nodes.transforms import Frames
 
 ARTICULATION_JOINTS = ("articulation_yaw", "articulation_roll")
 

@@ -25,10 +25,12 @@ from artibot_sim.model import Robot, load_robot
 from artibot_sim.nodes import transforms
 from artibot_sim.nodes.driver import publishers
 from artibot_sim.nodes.odometry import Odometry, Slip, metres_per_radian
+from artibot_sim.nodes.rotations import rotation
 from artibot_sim.nodes.sim_engine import Engine, Sample, Start, Timing
 from artibot_sim.nodes.sim_publishers import Published, Publishers
 from artibot_sim.nodes.sim_sensors import SensorModel, Sensors
-from artibot_sim.nodes.transforms import Frames, corrected
+from artibot_sim.nodes.sim_transforms import corrected
+from artibot_sim.nodes.transforms import Frames
 from ros_helpers import spin_until
 
 Tree = dict[tuple[str, str], np.ndarray]
@@ -127,7 +129,7 @@ def test_a_correction_carries_any_belief_to_the_truth(place: tuple[float, float,
 
 def placed(translation: Any, rpy: Any) -> np.ndarray:
     full = np.eye(4)
-    full[:3, :3], full[:3, 3] = transforms.rotation(*rpy), translation
+    full[:3, :3], full[:3, 3] = rotation(*rpy), translation
     return full
 
 
