@@ -1,6 +1,6 @@
-"""Messages to record, at rising rates: ``python -m artibot_sim.nodes.record_exercise SECONDS RATE…``, for benchmarks.
+"""Messages to record, at rising rates, for benchmarks.
 
-Publishes motors' states on four topics below /bench/ once somebody listens to all of them, at each rate (messages a
+``python -m artibot_sim.nodes.record_exercise SECONDS RATE…`` publishes motors' states on four topics below /bench/ once somebody listens to all of them, at each rate (messages a
 second, all topics together) for so many seconds. A message's stamp says which rate it belongs to (sec) and its number
 (nanosec). Prints as JSON how many went out at each rate, and how long that took.
 """
