@@ -17,7 +17,7 @@ from artibot_sim.experiment.messages import header, message_class, vector
 from artibot_sim.experiment.topics import LATCHED
 from artibot_sim.experiment.writer import BagWriter
 from artibot_sim.model import load_robot, rollout
-from artibot_sim.nodes.record_types import import_message
+from artibot_sim.nodes.common.message_types import import_message
 from artibot_sim.planning import load_manoeuvre, plan
 
 if TYPE_CHECKING:

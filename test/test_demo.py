@@ -15,8 +15,8 @@ import pytest
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import bag_info, read_bag
-from artibot_sim.nodes.demo_result import PAPER, lacks, read_result, result_table
-from artibot_sim.nodes.domain import reserved_domain
+from artibot_sim.nodes.demo.domain import reserved_domain
+from artibot_sim.nodes.demo.result import PAPER, lacks, read_result, result_table
 from ros_helpers import ROOT, NodeProcess, NodeStarter
 
 MARK = "ARTIBOT_TEST_MARK"
@@ -166,7 +166,7 @@ def test_a_domain_is_given_to_one_at_a_time() -> None:
 
 
 def test_all_domains_in_use_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("artibot_sim.nodes.domain._silent", lambda domain: False)
+    monkeypatch.setattr("artibot_sim.nodes.demo.domain._silent", lambda domain: False)
     with pytest.raises(ArtibotError, match="all in use"), reserved_domain():
         pass
 

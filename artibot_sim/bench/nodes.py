@@ -41,7 +41,7 @@ def replay_missing() -> str | None:
     """Why replay cannot be measured here, or None."""
     if missing():
         return missing()
-    if importlib.util.find_spec("artibot_sim.nodes.replay_node") is None:
+    if importlib.util.find_spec("artibot_sim.nodes.replay.command") is None:
         return "this version has no replay"
     shown = subprocess.run([*word_of("replay"), "--help"], capture_output=True, text=True, check=False)
     return None if "--stats" in shown.stdout else "replay has no --stats to measure itself with"
@@ -171,7 +171,7 @@ def recorder_node(scenario: Scenario) -> list[Result]:
 
 def _published(seconds: float, rates: tuple[int, ...], folder: str) -> list[dict[str, float]]:
     """What another process published."""
-    command = [sys.executable, "-m", "artibot_sim.nodes.record_exercise", str(seconds), *map(str, rates)]
+    command = [sys.executable, "-m", "artibot_sim.nodes.record.exercise", str(seconds), *map(str, rates)]
     done = subprocess.run(command, env=environment_of(folder), capture_output=True, text=True, check=False)
     if done.returncode:
         raise ArtibotError(f"bench: publishing failed: {done.stderr.strip().splitlines()[-1:]}")

@@ -24,7 +24,7 @@ def command(robot: str, out: Path | None) -> None:
       artibot urdf field.yaml --out field.urdf
     """
     from artibot_sim.model import load_robot
-    from artibot_sim.nodes.urdf import urdf
+    from artibot_sim.exchange.urdf import urdf
 
     text = urdf(load_robot(robot))
     if out is None:

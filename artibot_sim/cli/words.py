@@ -16,12 +16,12 @@ class Word(NamedTuple):
 
 
 COMMANDS: Final[dict[str, Word]] = {
-    "sim": Word("artibot_sim.nodes.sim_node:main", "Simulate a rover as a ROS 2 node."),
-    "planner": Word("artibot_sim.nodes.planner_node:main", "Plan a manoeuvre and publish its path and wheel speeds."),
+    "sim": Word("artibot_sim.nodes.sim.command:main", "Simulate a rover as a ROS 2 node."),
+    "planner": Word("artibot_sim.nodes.planner.command:main", "Plan a manoeuvre, publish its path and wheel speeds."),
     "driver": Word("artibot_sim.nodes.driver.command:main", "Drive a rover, real or simulated, over CAN."),
     "drives": Word("artibot_sim.nodes.drives.command:main", "Simulate four CiA 402 drives on a CAN bus, without ROS."),
-    "record": Word("artibot_sim.nodes.record_node:main", "Record topics to a bag that survives a crash."),
-    "replay": Word("artibot_sim.nodes.replay_node:main", "Publish a recording again, or feed it to the model."),
+    "record": Word("artibot_sim.nodes.record.command:main", "Record topics to a bag that survives a crash."),
+    "replay": Word("artibot_sim.nodes.replay.command:main", "Publish a recording again, or feed it to the model."),
     "recover": Word("artibot_sim.cli.recover:command", "Mend a recording that was cut off."),
     "inspect": Word("artibot_sim.cli.inspect:command", "Show what is in a recording and what it is good for."),
     "export": Word("artibot_sim.cli.export:command", "Write a recording as tables, or a robot for other programs."),
@@ -37,6 +37,6 @@ COMMANDS: Final[dict[str, Word]] = {
     "reproduce": Word("artibot_sim.cli.reproduce:command", "Reproduce the paper's figures and tables, as a page."),
     "actuate": Word("artibot_sim.cli.actuate:command", "Compare laws that share the torque between the modules."),
     "bench": Word("artibot_sim.cli.bench:command", "Measure the speed of the model and the commands."),
-    "demo": Word("artibot_sim.nodes.demo:main", "Plan, drive, record, replay and plot the paper's trajectory."),
+    "demo": Word("artibot_sim.nodes.demo.command:main", "Plan, drive, record, replay and plot the paper's trajectory."),
 }
 """Word → :class:`Word`. A target is a click command, or a ``main(argv) -> int`` for what also takes ``--ros-args``."""

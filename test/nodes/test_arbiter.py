@@ -10,10 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from artibot_sim.nodes import arbiter
-from artibot_sim.nodes.arbiter import Commanding, Decision, decide
-from artibot_sim.nodes.command_messages import Rules, Source, parse_sources
-from artibot_sim.nodes.profile import Pair, Profile, Refused, parse_profile
+from artibot_sim.nodes.common import arbiter
+from artibot_sim.nodes.common.arbiter import Commanding, Decision, Rules, Source, decide, parse_sources
+from artibot_sim.nodes.common.profile import Pair, Profile, Refused, parse_profile
 
 METRES = 0.2 / 47.64
 RULES = Rules(metres_per_radian=METRES, track=0.72)

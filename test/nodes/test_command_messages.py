@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from artibot_sim.nodes.command_messages import Rules, Source, parse_request, parse_sources, parse_twist
-from artibot_sim.nodes.profile import Refused, parse_profile
+from artibot_sim.nodes.common.arbiter import Rules, Source, parse_request, parse_sources, parse_twist
+from artibot_sim.nodes.common.profile import Refused, parse_profile
 
 NAN = math.nan
 RULES = Rules(metres_per_radian=0.01, track=0.5, torque_max=2.0)

@@ -35,7 +35,7 @@ from artibot_driver.pdo import Pdo
 from artibot_driver.rig import load_rig
 from artibot_sim.model import MOTORS, load_robot
 from artibot_sim.model.equations.transmission import back_torque_factor
-from artibot_sim.nodes.qos import LATCHED
+from artibot_sim.nodes.common.qos import LATCHED
 from artibot_sim.sharing import LAWS, Cycle, load_law
 from ros_helpers import NodeProcess, spin_until
 

@@ -20,7 +20,7 @@ from std_msgs.msg import String
 
 from artibot_driver.loopback import loopback_bus
 from artibot_sim.cli import main
-from artibot_sim.nodes.qos import LATCHED
+from artibot_sim.nodes.common.qos import LATCHED
 from artibot_sim.resources import config_path
 
 SENSORS = ("joint_states", "motor_torques", "imu/data", "total_station/point")

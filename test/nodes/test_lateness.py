@@ -17,9 +17,8 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 
-from artibot_sim.nodes.command_messages import TOPICS, Rules, Source
-from artibot_sim.nodes.inputs import Inputs
-from artibot_sim.nodes.lateness import MEMORY, Lateness
+from artibot_sim.nodes.common.arbiter import TOPICS, Rules, Source
+from artibot_sim.nodes.common.inputs import MEMORY, Inputs, Lateness
 from ros_helpers import spin_until
 
 MS = 1_000_000

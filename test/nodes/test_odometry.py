@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from artibot_sim.model import load_robot, rollout
-from artibot_sim.nodes import sim_parameters
-from artibot_sim.nodes.odometry import FLOOR, Odometry, Slip, measured_slip, metres_per_radian, uncertainty
+from artibot_sim.nodes.common.odometry import FLOOR, Odometry, Slip, measured_slip, metres_per_radian, uncertainty
+from artibot_sim.nodes.sim import parameters
 from artibot_sim.planning import load_manoeuvre, manoeuvre_names, plan
 
 SLIP = Slip(0.02, 0.2, 0.06)
@@ -106,10 +106,10 @@ def test_errors_of_simulated_runs_are_within_what_it_states(name: str) -> None:
 
 
 def test_the_parameters_defaults_are_what_agriq_slips_in_simulation() -> None:
-    """``python -m artibot_sim.nodes.odometry`` prints them for all robots."""
+    """``python -m artibot_sim.nodes.common.odometry`` prints them for all robots."""
     found = measured_slip(load_robot("agriq"))
     for name, value in dataclasses.asdict(found).items():
-        default = sim_parameters.SPECS[f"odometry.{name}_slip"].default
+        default = parameters.SPECS[f"odometry.{name}_slip"].default
         assert isinstance(default, float)
         assert value / 1.15 < default < 1.5 * value
 

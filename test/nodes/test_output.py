@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from artibot_sim.nodes.output import never_held_up
+from artibot_sim.nodes.common.process import never_held_up
 
 MUCH = bytes(100_000)
 """More than a pipe keeps."""

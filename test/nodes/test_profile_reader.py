@@ -13,8 +13,7 @@ pytest.importorskip("rclpy", reason="rclpy is not installed; run `make setup`, o
 from rclpy.serialization import serialize_message
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from artibot_sim.nodes.profile import Profile, Refused, parse_profile
-from artibot_sim.nodes.profile_reader import ProfileReader, read_trajectory
+from artibot_sim.nodes.common.profile import Profile, ProfileReader, Refused, parse_profile, read_trajectory
 
 sequences = st.lists(st.floats(allow_nan=False), max_size=3)
 

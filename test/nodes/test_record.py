@@ -333,7 +333,7 @@ def test_a_killed_node_loses_at_most_a_second(ros_context: Context, start_node: 
 def test_definitions_from_message_classes_are_those_of_the_types() -> None:
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    from artibot_sim.nodes.record_types import definition_of, describe, import_message
+    from artibot_sim.nodes.common.message_types import definition_of, describe, import_message
 
     store = get_typestore(Stores.ROS2_JAZZY)
     for ros_type in (
@@ -348,7 +348,7 @@ def test_definitions_from_message_classes_are_those_of_the_types() -> None:
 
 
 def test_hidden_topics_are_not_everything() -> None:
-    from artibot_sim.nodes.recorder import Selection
+    from artibot_sim.nodes.record.recorder import Selection
 
     same: Callable[[str], str] = lambda name: "/" + name.lstrip("/")  # noqa: E731
     everything = Selection(None, ["/camera/*"], True, same)

@@ -28,7 +28,7 @@ from replay_probe import (
 
 from artibot_sim.experiment import serialize, write_channels
 from artibot_sim.experiment.messages import stamp_message
-from artibot_sim.nodes.stamps import stamp_of
+from artibot_sim.nodes.common.stamps import stamp_of
 from ros_helpers import NodeStarter
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2")
 from replay_probe import OUTPUTS, Listener, input_bag, recorded, rover_bag, types_of
 
 from artibot_sim.experiment import read_bag
-from artibot_sim.nodes.stamps import stamp_of
+from artibot_sim.nodes.common.stamps import stamp_of
 from ros_helpers import NodeStarter
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import BagInfo, ChannelInfo
-from artibot_sim.nodes.replay_selection import INPUTS, Wish, moves_a_rover, select
-from artibot_sim.nodes.replay_source import GAP_NS, RecordedTime, Stretch
-from artibot_sim.nodes.stamps import stamp_of, with_stamp
+from artibot_sim.nodes.common.stamps import stamp_of, with_stamp
+from artibot_sim.nodes.replay.selection import INPUTS, Wish, moves_a_rover, select
+from artibot_sim.nodes.replay.source import GAP_NS, RecordedTime, Stretch
 
 TYPES = {
     "/planned/front_velocity": "trajectory_msgs/msg/JointTrajectory",

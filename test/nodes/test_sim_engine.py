@@ -14,10 +14,11 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.rollout_bag import rollout_columns
 from artibot_sim.model import Commands, initial_state, load_robot, rollout
 from artibot_sim.model.simulate.commands import as_executed
-from artibot_sim.nodes.arbiter import NAN_PAIR, Decision, Source
-from artibot_sim.nodes.odometry import Odometry
-from artibot_sim.nodes.sim_engine import Diverged, Engine, Sample, Start, Timing, quaternion, rotation
-from artibot_sim.nodes.sim_sensors import SensorModel, Sensors
+from artibot_sim.nodes.common.arbiter import NAN_PAIR, Decision, Source
+from artibot_sim.nodes.common.odometry import Odometry
+from artibot_sim.nodes.common.rotations import rotation
+from artibot_sim.nodes.sim.engine import Diverged, Engine, Sample, Start, Timing, quaternion
+from artibot_sim.nodes.sim.sensors import SensorModel, Sensors
 
 AGRIQ = load_robot("agriq")
 METRES = AGRIQ.wheel.r_w * AGRIQ.drive.front.tau

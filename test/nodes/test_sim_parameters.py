@@ -15,10 +15,10 @@ import yaml
 from artibot_sim.errors import ArtibotError
 from artibot_sim.exchange.urdf import urdf
 from artibot_sim.model import WHEEL_JOINTS, load_robot
-from artibot_sim.nodes import sim_parameters as parameters
-from artibot_sim.nodes.pacer import Pacer, write_statistics
-from artibot_sim.nodes.sim_node import parameter_files
-from artibot_sim.nodes.sim_settings import rules, sensor_model, start, switched
+from artibot_sim.nodes.common.options import parameter_files
+from artibot_sim.nodes.common.pacer import Pacer, write_statistics
+from artibot_sim.nodes.sim import parameters as parameters
+from artibot_sim.nodes.sim.parameters import rules, sensor_model, start, switched
 from artibot_sim.resources import config_names, config_path
 
 ROBOTS = config_names("robots")
@@ -95,7 +95,7 @@ def test_settings_reach_their_parts() -> None:
 
 def test_deadlines_are_absolute(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = Record(now=1_000)
-    monkeypatch.setattr("artibot_sim.nodes.pacer.time.monotonic_ns", lambda: clock.now)
+    monkeypatch.setattr("artibot_sim.nodes.common.pacer.time.monotonic_ns", lambda: clock.now)
     pacer = Pacer(10_000_000, 2.0)
     pacer.start()
     for k in range(1, 200):

@@ -14,9 +14,10 @@ from sim_probe import TYPES, Probe, stamp_ns
 from artibot_driver.simulated.motion import ShaftCommand
 from artibot_sim.model import load_robot, save_robot
 from artibot_sim.model.robot.parameters import SensorErrors
+from artibot_sim.nodes.common.rotations import rotation
 from artibot_sim.nodes.drives.motors import RoverShafts
-from artibot_sim.nodes.sim_engine import Start, Timing, rotation
-from artibot_sim.nodes.sim_sensors import SensorModel, Sensors
+from artibot_sim.nodes.sim.engine import Start, Timing
+from artibot_sim.nodes.sim.sensors import SensorModel, Sensors
 
 ERRORS = SensorErrors(1.02, 0.85, 0.12, -0.08, 0.12, -0.01)
 

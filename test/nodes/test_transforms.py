@@ -22,15 +22,15 @@ from rclpy.node import Node
 from artibot_driver.config import ALL_SPECS
 from artibot_driver.master import Feedback
 from artibot_sim.model import Robot, load_robot
-from artibot_sim.nodes import transforms
+from artibot_sim.nodes.common import transforms
+from artibot_sim.nodes.common.odometry import Odometry, Slip, metres_per_radian
+from artibot_sim.nodes.common.rotations import rotation
+from artibot_sim.nodes.common.transforms import Frames
 from artibot_sim.nodes.driver import publishers
-from artibot_sim.nodes.odometry import Odometry, Slip, metres_per_radian
-from artibot_sim.nodes.rotations import rotation
-from artibot_sim.nodes.sim_engine import Engine, Sample, Start, Timing
-from artibot_sim.nodes.sim_publishers import Published, Publishers
-from artibot_sim.nodes.sim_sensors import SensorModel, Sensors
-from artibot_sim.nodes.sim_transforms import corrected
-from artibot_sim.nodes.transforms import Frames
+from artibot_sim.nodes.sim.engine import Engine, Sample, Start, Timing
+from artibot_sim.nodes.sim.publishers import Published, Publishers
+from artibot_sim.nodes.sim.sensors import SensorModel, Sensors
+from artibot_sim.nodes.sim.transforms import corrected
 from ros_helpers import spin_until
 
 Tree = dict[tuple[str, str], np.ndarray]

@@ -8,10 +8,8 @@ from typing import Any
 
 import click
 
-from artibot_sim.nodes.options import Optional
-from artibot_sim.nodes.process import built
-from artibot_sim.nodes.ros_args import parameter_files
-from artibot_sim.nodes.run import LoopNode, node_main, run_loop
+from artibot_sim.nodes.common.options import Optional, parameter_files
+from artibot_sim.nodes.common.process import LoopNode, built, node_main, run_loop
 
 OPTIONS = {
     "robot": "robot",

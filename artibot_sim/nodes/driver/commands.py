@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from artibot_driver.master import Phase, Reason, Setpoints, Status
-from artibot_sim.nodes.arbiter import Commanding, Decision
-from artibot_sim.nodes.command_messages import TOPICS, Source
-from artibot_sim.nodes.inputs import Inputs
+from artibot_sim.nodes.common.arbiter import TOPICS, Commanding, Decision, Source
+from artibot_sim.nodes.common.inputs import Inputs
 from artibot_sim.sharing import Law
 
 NOT_ENABLED = "the drives are not enabled; call ~/enable first, then command anew"

@@ -23,7 +23,7 @@ from artibot_driver.listener import interface_of
 from artibot_driver.priority import take_priority
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS
-from artibot_sim.nodes.process import destroyed, ros_process
+from artibot_sim.nodes.common.process import destroyed, ros_process
 
 SYNC_ID = 0x080
 REQUESTS = 50.0

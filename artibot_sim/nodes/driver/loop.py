@@ -19,12 +19,12 @@ from artibot_driver.config import DriverConfig
 from artibot_driver.master import Cycle, Master, Phase, Status, Stop
 from artibot_driver.rig import Rig
 from artibot_sim.errors import ArtibotError
+from artibot_sim.nodes.common.inputs import Inputs
+from artibot_sim.nodes.common.pacer import Pacer
 from artibot_sim.nodes.driver import parameters as parameters
 from artibot_sim.nodes.driver.commands import CommandGate, Silence
 from artibot_sim.nodes.driver.publishers import DriverPublishers, Identity, diagnostics
 from artibot_sim.nodes.driver.services import obstacles, stop_text
-from artibot_sim.nodes.inputs import Inputs
-from artibot_sim.nodes.pacer import Pacer
 
 # ----------------------------------------------------------------------
 # The driver's bus: opened at once or not at all, and opened again beside the loop where it was lost.

@@ -26,12 +26,11 @@ from artibot_driver.master import Master, Phase, Status
 from artibot_driver.priority import take_priority
 from artibot_driver.rig import load_rig
 from artibot_sim.errors import ArtibotError
-from artibot_sim.nodes.callbacks import Server
+from artibot_sim.nodes.common.pacer import Server, check_stats
+from artibot_sim.nodes.common.parameters import keep_types, refuse_unknown
 from artibot_sim.nodes.driver import parameters as parameters
 from artibot_sim.nodes.driver.loop import DriverLoop
 from artibot_sim.nodes.driver.services import AutoEnable, Services, obstacles
-from artibot_sim.nodes.pacer import check_stats
-from artibot_sim.nodes.parameters import keep_types, refuse_unknown
 from artibot_sim.sharing import is_file
 
 SERVE_EVERY = 0.02

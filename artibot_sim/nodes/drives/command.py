@@ -14,12 +14,12 @@ from artibot_driver.rig import load_rig
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS, load_robot
 from artibot_sim.nodes.child_processes import noted_signals
+from artibot_sim.nodes.common.options import Number
+from artibot_sim.nodes.common.pacer import Pacer
+from artibot_sim.nodes.common.process import node_main
 from artibot_sim.nodes.drives.loop import DriveLoop, drive_config, drive_states, open_drive_loop
 from artibot_sim.nodes.drives.motors import Flywheels, RoverShafts
-from artibot_sim.nodes.options import Number
-from artibot_sim.nodes.pacer import Pacer
-from artibot_sim.nodes.run import node_main
-from artibot_sim.nodes.sim_engine import Diverged, Start, Timing
+from artibot_sim.nodes.sim.engine import Diverged, Start, Timing
 
 TIMING = Timing.of(100.0, 1e-3)
 

@@ -19,8 +19,8 @@ from artibot_sim.model import MOTORS, Robot, Status, initial_state
 from artibot_sim.model.kernels.layout import MOTOR_COORDINATES
 from artibot_sim.model.simulate.sensors import sensor_errors
 from artibot_sim.model.simulate.stepper import Stepper, Turn
-from artibot_sim.nodes.sim_engine import Array, Diverged, Sample, Start, Timing, gravity_of, sample_of
-from artibot_sim.nodes.sim_sensors import SensorModel, Sensors
+from artibot_sim.nodes.sim.engine import Array, Diverged, Sample, Start, Timing, gravity_of, sample_of
+from artibot_sim.nodes.sim.sensors import SensorModel, Sensors
 
 LONGEST_SLICE_NS = 2_000_000
 """Between two exchanges of drives and motors: 500 a second at least."""

@@ -1,0 +1,180 @@
+"""Odometry: where a rover believes it is, from the rotations of its front wheels, and how sure that is.
+
+The belief is a pose without slip. Real wheels slip, and in the same sense on the same ground, so the error grows with
+the way. Three relative errors are taken for unknown: of the distance (slip along the wheels, wheel radius), of the
+turned angle (wheels scrub in a turn: the largest of them), and a drift to the side. Each has a part that is the same
+all along and one that changes from metre to metre; the covariance is the sum of what both do to the pose.
+``python -m artibot_sim.nodes.common.odometry`` prints the size of the three in simulations of the shipped robots.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.model import Robot, load_robot, rollout
+from artibot_sim.planning import load_manoeuvre, manoeuvre_names, plan
+from artibot_sim.resources import config_names
+
+Array = NDArray[np.float64]
+
+UNKNOWN = 1e6
+"""Variance of what is not measured at all: height, roll, pitch."""
+
+FLOOR = (1e-3, 1e-3, 1e-3)
+"""Standard deviations (m, m, rad; a second for velocities) that are stated at least: filters invert covariances."""
+
+
+def metres_per_radian(robot: Robot) -> float:
+    """``r_w tau``: ground covered per radian of a front motor."""
+    return robot.wheel.r_w * robot.drive.front.tau
+
+
+@dataclass(frozen=True)
+class Slip:
+    """Relative standard deviations.
+
+    Attributes
+    ----------
+    travel : of the distance, 1.
+    turn : of the turned angle, 1.
+    side : of a drift to the side per distance, 1.
+    """
+
+    travel: float = 0.0
+    turn: float = 0.0
+    side: float = 0.0
+
+    @classmethod
+    def of(cls, settings: Mapping[str, Any], robot: Robot) -> Slip:
+        """From a node's parameters, with what the robot file says of how sure radius and track are."""
+        radius, track = uncertainty(robot, "wheel.r_w"), uncertainty(robot, "front.i_y")
+        return cls(
+            math.hypot(settings["odometry.travel_slip"], radius),
+            math.hypot(settings["odometry.turn_slip"], radius, track),
+            settings["odometry.side_slip"],
+        )
+
+
+def uncertainty(robot: Robot, key: str) -> float:
+    """Relative standard deviation of an identified parameter, from its 95 % interval; 0 where it has none."""
+    if key not in robot.intervals:
+        return 0.0
+    low, high = robot.intervals[key]
+    return float((high - low) / (2.0 * 1.96) / abs(attrgetter(key)(robot)))
+
+
+class Odometry:
+    """What the robot believes: its pose from the front wheels' rotations, no slip.
+
+    Parameters
+    ----------
+    metres_per_radian : float
+        ``r_w tau``, ground per radian of a front motor.
+    track : float
+        ``i_y`` of the front module, m.
+    slip : Slip, optional
+
+    Attributes
+    ----------
+    pose : (x, y, yaw), m and rad
+    twist : (forward, yaw rate), m/s and rad/s
+    """
+
+    def __init__(self, metres_per_radian: float, track: float, slip: Slip | None = None) -> None:
+        self._metres = metres_per_radian
+        self._track = track
+        slip = slip or Slip()
+        self._relative = np.array([slip.travel, slip.turn, slip.side])
+        self.reset(0.0, 0.0, 0.0)
+
+    def reset(self, x: float, y: float, yaw: float) -> None:
+        """Believe this pose (m, rad), at rest and for certain; the next motor positions are the zero of rotation."""
+        self.pose, self.twist = (x, y, yaw), (0.0, 0.0)
+        self._last: tuple[float, float] | None = None
+        self._common = np.zeros((3, 3))  # of the pose by the relative errors that are the same all along
+        self._changing = np.zeros((3, 3))  # covariance by those that change
+
+    def update(self, position: tuple[float, float], velocity: tuple[float, float]) -> None:
+        """Go on by the front motors' positions (rad) and velocities (rad/s), right and left.
+
+        Between two readings the path is an arc, followed by its chord at mean yaw.
+        """
+        right, left = self._metres * velocity[0], self._metres * velocity[1]
+        self.twist = (0.5 * (right + left), (right - left) / self._track)
+        if self._last is not None:
+            right = self._metres * (position[0] - self._last[0])
+            left = self._metres * (position[1] - self._last[1])
+            turn, way, (x, y, yaw) = (right - left) / self._track, 0.5 * (right + left), self.pose
+            length = way * (math.sin(0.5 * turn) / (0.5 * turn) if abs(turn) > 1e-9 else 1.0)
+            dx, dy = length * math.cos(yaw + 0.5 * turn), length * math.sin(yaw + 0.5 * turn)
+            if way or turn:
+                self._spread(dx, dy, turn, max(abs(right), abs(left)))
+            self.pose = (x + dx, y + dy, yaw + turn)
+        self._last = position
+
+    def _spread(self, dx: float, dy: float, turn: float, rolled: float) -> None:
+        """Carry the errors on over a step, in which the faster wheel rolled so far (m)."""
+        half = 0.5 * turn  # by a wrong turn the step itself leads astray, too
+        step = np.array([[dx, -half * dy, -dy], [dy, half * dx, dx], [0.0, turn, 0.0]])  # by travel, turn, side
+        # a heading that was wrong before the step leads it astray
+        self._common[0] += step[0] - dy * self._common[2]
+        self._common[1] += step[1] + dx * self._common[2]
+        self._common[2] += step[2]
+        carry = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
+        fresh = step * self._relative / math.sqrt(max(rolled, 1e-12))  # of a walk by metres, not by steps
+        self._changing = carry @ self._changing @ carry.T + fresh @ fresh.T
+        # each side slips on its own ground: the heading drifts on a straight line too
+        self._changing[2, 2] += (2.0 * self._relative[0] / self._track) ** 2 * rolled
+
+    @property
+    def pose_covariance(self) -> Array:
+        """Of x, y and yaw, shape (3, 3)."""
+        common = self._common * self._relative
+        return common @ common.T + self._changing + np.diag(np.square(FLOOR))
+
+    @property
+    def twist_covariance(self) -> Array:
+        """Of the velocities forward and to the left and of the yaw rate, shape (3, 3), diagonal."""
+        (travel, turn, side), (speed, rate) = self._relative.tolist(), self.twist
+        errors = (travel * speed, side * speed, math.hypot(turn * rate, 2.0 * travel * speed / self._track))
+        return np.diag(np.square(errors) + np.square(FLOOR))
+
+
+def measured_slip(robot: Robot, window: float = 1.0) -> Slip:
+    """Root mean square of the three relative errors in simulations of all shipped manoeuvres, over windows (s)."""
+    found: list[list[Array]] = [[], [], []]
+    for name in manoeuvre_names():
+        for kappa in (0.7, 1.0):
+            result = rollout(robot, plan(load_manoeuvre(name), robot).commands(), kappa=kappa, every=10)
+            _add_errors(found, robot, result.q, round(window / float(result.t[1] - result.t[0])))
+    return Slip(*(float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) for errors in found))
+
+
+def _add_errors(found: list[list[Array]], robot: Robot, q: Array, n: int) -> None:
+    """Take the errors of a run (coordinates `q`) over windows of `n` rows, of those with enough way or turn."""
+    steps, yaw = np.diff(q[:, :2], axis=0), q[:-1, 5]
+    along = np.cumsum(np.cos(yaw) * steps[:, 0] + np.sin(yaw) * steps[:, 1])[n - 1 :: n]
+    aside = np.cumsum(np.cos(yaw) * steps[:, 1] - np.sin(yaw) * steps[:, 0])[n - 1 :: n]
+    right, left = (metres_per_radian(robot) * q[n::n, 6:8]).T[:, : len(along)]
+    way, turn = np.diff(0.5 * (right + left), prepend=0.0), np.diff((right - left) / robot.front.i_y, prepend=0.0)
+    true = (
+        np.diff(along, prepend=0.0),
+        np.diff(q[n::n, 5], prepend=q[0, 5])[: len(along)],
+        np.diff(aside, prepend=0.0),
+    )
+    moved, turned = np.abs(way) > 0.05, np.abs(turn) > 0.02
+    found[0].append((true[0] / np.where(moved, way, 1.0) - 1.0)[moved])
+    found[1].append((true[1] / np.where(turned, turn, 1.0) - 1.0)[turned])
+    found[2].append((true[2] / np.where(moved, way, 1.0))[moved])
+
+
+if __name__ == "__main__":
+    for robot_name in config_names("robots"):
+        print(robot_name, measured_slip(load_robot(robot_name)))

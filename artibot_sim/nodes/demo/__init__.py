@@ -1,0 +1,1 @@
+"""`artibot demo`: plan, drive, record, replay and plot, as processes of their own."""

@@ -1,0 +1,1 @@
+"""The `planner` node: a manoeuvre as profile, path and sign of life."""

@@ -1,0 +1,1 @@
+"""The `record` node: topics and CAN frames to a recording that survives a crash."""

@@ -1,0 +1,1 @@
+"""The `replay` node: a recording published, driven or simulated again."""

@@ -1,0 +1,1 @@
+"""The `sim` node: a rover simulated behind the topics of a real one."""

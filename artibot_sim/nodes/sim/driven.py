@@ -1,0 +1,74 @@
+"""A simulated rover whose motors drives on a CAN bus turn; apart, for only this needs the CAN libraries."""
+
+from __future__ import annotations
+
+import time
+
+from rclpy.node import Node
+
+from artibot_driver.priority import take_priority
+from artibot_driver.rig import load_rig
+from artibot_sim.model import Robot
+from artibot_sim.nodes.drives.loop import drive_config, drive_states, open_drive_loop
+from artibot_sim.nodes.drives.motors import RoverShafts
+from artibot_sim.nodes.sim import parameters
+from artibot_sim.nodes.sim.engine import Sample, Timing
+from artibot_sim.nodes.sim.mover import Settings
+from artibot_sim.nodes.sim.sensors import Sensors
+
+
+class DrivenMover:
+    """Turned by four simulated drives on a CAN bus, which a driver commands."""
+
+    runs_on = "its drives live in real time, like a real rover's"
+    heard = True
+
+    def __init__(self, node: Node, robot: Robot, timing: Timing, settings: Settings, sensors: Sensors) -> None:
+        parameters.check_drives(settings)
+        get = settings.__getitem__
+        self._shafts = RoverShafts(robot, timing, parameters.start(settings), get("integrator"), sensors)
+        self._shafts.warm_up()
+        rig = load_rig(drive_config(get("robot"), get("driver_params"), get("bus.interface"), get("bus.channel")))
+        self._loop = open_drive_loop(rig, self._shafts)
+        self._priority = get("realtime_priority")
+        self._slices = timing.period_ns // self._shafts.slice_ns
+        self._log, self._said, self.t_ns = node.get_logger(), "", 0
+
+    def describe(self) -> str:
+        """For the log."""
+        config = self._loop.rig.config
+        return f"for a driver, its drives on {config.interface} {config.channel}"
+
+    def adopt(self, settings: Settings) -> None:
+        """Nothing here is changed by the node's live parameters: they are for commands by topic."""
+
+    def stop_time(self, stopped: bool) -> None:
+        """Switch the drives on: once, for their time never stands."""
+        if stopped:
+            return
+        if reason := take_priority(self._priority):
+            self._log.info(f"no real-time priority ({reason}): a busy machine may delay the drives")
+        self._loop.switch_on()
+
+    def wait(self, seconds: float) -> None:
+        """Serve the bus and turn the motors until the publication is due."""
+        notice = self._loop.run_until(time.monotonic_ns() + round(seconds * 1e9), self._slices)
+        if notice:
+            self._log.warning(notice)
+        states = drive_states(self._loop.drives)
+        if states != self._said:
+            self._log.info(f"drives: {states}")
+            self._said = states
+
+    def step(self) -> Sample:
+        """The truth now."""
+        return self._shafts.sample()
+
+    def reset(self) -> None:
+        """Back to the start, at rest, the drives' power off and on again."""
+        self._loop.switch_on()
+        self._shafts.reset()
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._loop.close()

@@ -1,0 +1,172 @@
+"""Everything the simulation node publishes, in messages that are made once and filled in place."""
+
+from __future__ import annotations
+
+import time
+from array import array
+from dataclasses import dataclass
+from typing import Any
+
+from geometry_msgs.msg import PointStamped
+from nav_msgs.msg import Odometry
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu, JointState
+
+from artibot_sim.model import Robot
+from artibot_sim.nodes.common.motor_publishers import MotorPublishers, WheelJoints
+from artibot_sim.nodes.common.odometry import UNKNOWN
+from artibot_sim.nodes.common.odometry import Odometry as Believed
+from artibot_sim.nodes.common.qos import PUBLISHED, publisher
+from artibot_sim.nodes.common.rotations import quaternion
+from artibot_sim.nodes.common.transforms import Frames
+from artibot_sim.nodes.sim.engine import Sample
+from artibot_sim.nodes.sim.sensors import Sensors
+from artibot_sim.nodes.sim.transforms import SimulatedTransforms
+
+ARTICULATION_JOINTS = ("articulation_yaw", "articulation_roll")
+
+LEAST_RATE, LEAST_ACCELERATION = 1e-3, 1e-2
+"""Standard deviations (rad/s, m/s²) that imu/data states at least: filters invert covariances."""
+
+LONG_QOS = QoSProfile(depth=2000)
+"""For recording at full speed: a reliable subscriber loses nothing while it is less than this behind."""
+
+
+@dataclass(frozen=True)
+class Published:
+    """Which of the contract's topics this simulator publishes."""
+
+    clock: bool
+    long_queue: bool
+    with_driver: bool
+    tf: bool
+    imu: bool
+    station: bool
+    frames: Frames
+    gyro_deviation: float
+    acceleration_deviation: float
+
+
+class Publishers:
+    """The node's publishers and their messages.
+
+    Parameters
+    ----------
+    node : rclpy Node
+    robot : Robot
+    what : Published
+    """
+
+    def __init__(self, node: Node, robot: Robot, what: Published) -> None:
+        self.what = what
+        qos = LONG_QOS if what.long_queue else PUBLISHED
+        self._clock = publisher(node, Clock, "/clock") if what.clock else None
+        self._clock_message = Clock()
+        self._truth = publisher(node, Odometry, "ground_truth/odom", qos)
+        self._truth_message = Odometry(child_frame_id=what.frames.base)  # no covariance: nothing is estimated
+        self._truth_message.header.frame_id = what.frames.map
+        self._wheels = None if what.with_driver else WheelJoints(robot)
+        wheels = self._wheels.names if self._wheels else ()
+        joints = (*wheels, *(ARTICULATION_JOINTS if robot.articulated else ()))
+        self._bends = robot.articulated
+        self._joints = publisher(node, JointState, "joint_states", qos) if joints else None
+        self._joints_message = JointState(name=list(joints))
+        self._motors = None if what.with_driver else MotorPublishers(node, robot, qos, what.frames, what.tf)
+        self._imu = publisher(node, Imu, "imu/data", qos) if what.imu else None
+        self._imu_message = _imu(what)
+        self._station = publisher(node, PointStamped, "total_station/point", qos) if what.station else None
+        self._station_message = PointStamped()
+        self._station_message.header.frame_id = what.frames.map
+        self._tf = SimulatedTransforms(node, robot, what.frames, what.with_driver) if what.tf else None
+
+    def clock_listeners(self) -> int:
+        """How many subscribers /clock has, 0 when it is not published."""
+        return self._clock.get_subscription_count() if self._clock else 0
+
+    def wait_acknowledged(self, seconds: float) -> None:
+        """Give reliable subscribers the time to take what they were sent, before the publishers vanish."""
+        own = (self._clock, self._truth, self._joints, self._imu, self._station)
+        until = time.monotonic() + seconds
+        for each in (*filter(None, own), *(self._motors.publishers if self._motors else ())):
+            each.wait_for_all_acked(Duration(seconds=max(0.0, until - time.monotonic())))
+
+    def clock(self, t_ns: int) -> None:
+        """Publish /clock, if it is published at all."""
+        if self._clock:
+            self._clock_message.clock.sec, self._clock_message.clock.nanosec = divmod(t_ns, 1_000_000_000)
+            self._clock.publish(self._clock_message)
+
+    def publish(self, t_ns: int, sample: Sample, sensors: Sensors, believed: Believed, station_due: bool) -> None:
+        """Publish one instant on every topic; `believed` goes on by it, unless a driver has the odometry."""
+        stamp = divmod(t_ns, 1_000_000_000)
+        self.clock(t_ns)
+        self._publish_truth(stamp, sample)
+        position, velocity = sensors.encoders(sample.motor_position), sensors.velocities(sample.motor_velocity)
+        if self._motors:
+            believed.update((float(position[0]), float(position[1])), (float(velocity[0]), float(velocity[1])))
+            self._motors.torques(t_ns, position, velocity, sensors.torques(sample.motor_torque))
+            self._motors.command(t_ns, sample.command, sample.motor_torque[2:])
+            self._motors.odom(t_ns, believed)
+        if self._joints:
+            self._publish_joints(stamp, sample, sensors, position, velocity)
+        if self._imu:
+            self._publish_imu(stamp, sample, sensors)
+        if self._station:
+            tracked = sensors.follow(t_ns, sample.position, sample.attitude)
+            if station_due:
+                self._publish_station(stamp, sensors.station(tracked))
+        if self._tf:
+            self._tf.publish(t_ns, sample, believed.pose)
+
+    def _publish_truth(self, stamp: tuple[int, int], sample: Sample) -> None:
+        message = self._truth_message
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp
+        pose, twist = message.pose.pose, message.twist.twist
+        pose.position.x, pose.position.y, pose.position.z = sample.position.tolist()
+        q = pose.orientation
+        q.x, q.y, q.z, q.w = quaternion(*sample.rpy.tolist())
+        twist.linear.x, twist.linear.y, twist.angular.z = sample.twist
+        self._truth.publish(message)
+
+    def _publish_joints(
+        self, stamp: tuple[int, int], sample: Sample, sensors: Sensors, position: Any, rate: Any
+    ) -> None:
+        message = self._joints_message
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp
+        angles, rates = array("d"), array("d")
+        if self._wheels:
+            angles, rates = self._wheels.of(position), self._wheels.of(rate)
+        if self._bends:
+            angles.extend(sensors.articulation(sample.articulation[0]).tolist())
+            rates.extend(sample.articulation[1].tolist())
+        message.position, message.velocity = angles, rates
+        self._joints.publish(message)  # type: ignore[union-attr]
+
+    def _publish_imu(self, stamp: tuple[int, int], sample: Sample, sensors: Sensors) -> None:
+        message = self._imu_message
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp
+        message.angular_velocity.z, felt = sensors.imu(sample.twist[2], sample.acceleration)
+        acceleration = message.linear_acceleration
+        acceleration.x, acceleration.y, acceleration.z = felt.tolist()
+        self._imu.publish(message)  # type: ignore[union-attr]
+
+    def _publish_station(self, stamp: tuple[int, int], point: Any) -> None:
+        if point is None:
+            return
+        message = self._station_message
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp
+        message.point.x, message.point.y, message.point.z = point.tolist()
+        self._station.publish(message)  # type: ignore[union-attr]
+
+
+def _imu(what: Published) -> Imu:
+    message = Imu()
+    message.header.frame_id = what.frames.base
+    message.orientation_covariance[0] = -1.0  # no orientation is measured (REP-145 way of saying so)
+    message.angular_velocity_covariance[[0, 4]] = UNKNOWN
+    message.angular_velocity_covariance[8] = max(what.gyro_deviation, LEAST_RATE) ** 2
+    message.linear_acceleration_covariance[[0, 4, 8]] = max(what.acceleration_deviation, LEAST_ACCELERATION) ** 2
+    return message
