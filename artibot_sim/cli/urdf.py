@@ -23,8 +23,8 @@ def command(robot: str, out: Path | None) -> None:
       artibot urdf agriq
       artibot urdf field.yaml --out field.urdf
     """
-    from artibot_sim.model import load_robot
     from artibot_sim.exchange.urdf import urdf
+    from artibot_sim.model import load_robot
 
     text = urdf(load_robot(robot))
     if out is None:

@@ -15,12 +15,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.exchange.urdf import urdf
 from artibot_sim.model import MOTORS, WHEEL_JOINTS, Robot
 from artibot_sim.nodes.common.odometry import UNKNOWN
 from artibot_sim.nodes.common.odometry import Odometry as Believed
 from artibot_sim.nodes.common.qos import LATCHED, PUBLISHED, publisher
 from artibot_sim.nodes.common.transforms import Frames, TransformPublisher
-from artibot_sim.exchange.urdf import urdf
 
 PLANAR = np.array([6 * i + j for i in (0, 1, 5) for j in (0, 1, 5)])
 """Of a 6 x 6 covariance: x, y and yaw with each other."""
