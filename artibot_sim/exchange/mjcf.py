@@ -71,8 +71,8 @@ def mjcf(robot: Robot, contact: Contact) -> str:
     """The MJCF of a robot as text.
 
     Bodies `base_link` and `back_link` with joints as in ``/joint_states``. The front wheels' actuators take wheel
-    speeds (rad/s); the back wheels' take torques at the wheels (N m). Of an articulated robot `back_torques` gives
-    those of eq. 30.
+    speeds (rad/s); the back wheels' take torques at the wheels (N m). Of an articulated robot `SharedTorques`
+    gives those of eq. 30.
 
     Raises
     ------
@@ -200,29 +200,40 @@ def library() -> Any:
     return mujoco
 
 
-def back_torques(robot: Robot, data: mujoco.MjData) -> Array:
+class SharedTorques:
     """Torques of the four back wheels, N m: eq. 30 from what the ground does to the front wheels.
 
     Parameters
     ----------
     robot : an articulated one.
-    data : state of the model that `mjcf` describes, after a step.
+    model : as `mjcf` describes it.
+
+    Examples
+    --------
+    >>> shared = SharedTorques(robot, model)            # doctest: +SKIP
+    >>> data.ctrl[4:] = shared(data)                    # before each step
     """
-    p, share = params(robot), back_torque_factor(robot)
-    force = np.array([data.joint(joint).qfrc_constraint[0] for joint in WHEEL_JOINTS[:4]])
-    speed = np.array([data.joint(joint).qvel[0] for joint in WHEEL_JOINTS])
-    total = 0.0
-    for i, motor in ((0, p.right_front), (2, p.left_front)):
-        rolling = 2.0 * p.u_w * p.front.m * -p.g_z / 4.0
-        M_r = -(force[i] + force[i + 1]) + rolling * math.tanh(speed[i] / _STANDING)
-        total += motor.tau * M_r * (1.0 / motor.eta_d if M_r * speed[i] >= 0 else motor.eta_r)
-    torques = []
-    for i, motor in ((4, p.right_back), (6, p.left_back)):
-        M_m = share * total
-        eta = motor.eta_d if M_m * speed[i] >= 0 else 1.0 / motor.eta_r
-        rolling = 2.0 * p.u_w * p.back.m * -p.g_z / 4.0
-        torques += [0.5 * (eta * M_m / motor.tau - rolling * math.tanh(speed[i] / _STANDING))] * 2
-    return np.array(torques)
+
+    def __init__(self, robot: Robot, model: mujoco.MjModel) -> None:
+        p = params(robot)
+        self._dofs = [int(model.joint(joint).dofadr[0]) for joint in WHEEL_JOINTS]
+        self._motors = (p.right_front, p.left_front, p.right_back, p.left_back)
+        self._rolling = [2.0 * p.u_w * body.m * -p.g_z / 4.0 for body in (p.front, p.back)]
+        self._share = back_torque_factor(robot)
+
+    def __call__(self, data: mujoco.MjData) -> Array:
+        """Return the torques (4,) after a step."""
+        force, speed = data.qfrc_constraint[self._dofs].tolist(), data.qvel[self._dofs].tolist()
+        total = 0.0
+        for i, motor in zip((0, 2), self._motors[:2], strict=True):
+            M_r = -(force[i] + force[i + 1]) + self._rolling[0] * math.tanh(speed[i] / _STANDING)
+            total += motor.tau * M_r * (1.0 / motor.eta_d if M_r * speed[i] >= 0 else motor.eta_r)
+        torques = []
+        for i, motor in zip((4, 6), self._motors[2:], strict=True):
+            M_m = self._share * total
+            eta = motor.eta_d if M_m * speed[i] >= 0 else 1.0 / motor.eta_r
+            torques += [0.5 * (eta * M_m / motor.tau - self._rolling[1] * math.tanh(speed[i] / _STANDING))] * 2
+        return np.array(torques)
 
 
 def turn_in_mujoco(robot: Robot, text: str, wheels: Array) -> Turn:
@@ -238,12 +249,13 @@ def turn_in_mujoco(robot: Robot, text: str, wheels: Array) -> Turn:
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     speeds = profile(robot, wheels, STEP)
+    shared = SharedTorques(robot, model) if robot.articulated else None
     settled = len(speeds) - round(_MEASURED / STEP)
     motion = np.zeros(3)
     for row, (right, left) in enumerate(speeds.tolist()):
         data.ctrl[:4] = (right, right, left, left)
-        if robot.articulated:
-            data.ctrl[4:] = back_torques(robot, data)
+        if shared is not None:
+            data.ctrl[4:] = shared(data)
         mujoco.mj_step(model, data)
         if row >= settled:
             motion += _twist(data)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,8 @@ SYSTEMATIC = 0.005
 """Standard deviation, of a logarithm, of what no residual shows: smoothed rotations make forces some tenths of 1 %
 too large, and when wheels break away is known to a few milliseconds. Chosen with `coverage 60 7` before the encoders'
 noise was taken off: 95 % of the intervals then covered; 87 % with 0.3 %, 98 % with 0.75 %."""
+_TOUCHES = 1e-3
+"""Relative distance of mu_d below mu_s at which it stands at it."""
 _PART = 0.3
 """Smallest share of a combination that is named."""
 _TURNING = 0.02
@@ -121,7 +123,25 @@ def estimates(
             Estimate(p.key, p.name, p.unit, float(values[i]), widened, (float(low), float(high)), again,
                      (p.prior.value, p.prior.sd), status, reason)
         )  # fmt: skip
-    return tuple(found)
+    return tuple(_under_the_limit(found, parameters, values))
+
+
+def _under_the_limit(found: Sequence[Estimate], parameters: ParameterSet, values: Array) -> list[Estimate]:
+    """The estimates, mu_d said to stand at mu_s where it does: no draw exceeds that, whatever the curvature says."""
+    by_key = {estimate.key: estimate for estimate in found}
+    limit = parameters.robot_with(values).contact.mu_s
+    sliding, gripping = by_key.get(MU_D), by_key.get(MU_S)
+    if sliding is None or gripping is None:
+        return list(found)  # a mu_s that is not fitted gives way to mu_d
+    if sliding.value < (1.0 - _TOUCHES) * limit or sliding.status is not Status.CONVERGED:
+        return list(found)
+    ends = min(sliding.ci95[0], sliding.value), max(min(sliding.ci95[1], gripping.ci95[1]), sliding.value)
+    note = (
+        f"stands at mu_s, {limit:.4g}, which it cannot exceed: nothing shows that a wheel lets go when it slides; "
+        "record tighter turns, or fit mu_s alone"
+    )
+    said = replace(sliding, ci95=ends, status=Status.AT_BOUND, note=note)
+    return [said if estimate is sliding else estimate for estimate in found]
 
 
 def _with_systematic(value: float, low: float, high: float) -> tuple[float, float]:

@@ -11,9 +11,13 @@ from click.testing import CliRunner
 
 from artibot_sim.cli.identify import command
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.parameters import ParameterSet
+from artibot_sim.estimation.uncertainty import Spread
 from artibot_sim.experiment import Channel, Experiment, write_channels
 from artibot_sim.identify import Effort, Prior, Status, identify, parse_priors
+from artibot_sim.identify.judgement import Motion, estimates
 from artibot_sim.identify.requested import parameter_set
+from artibot_sim.identify.result import Estimate
 from artibot_sim.identify.run import Work, problem_of
 from artibot_sim.identify.synthetic import Noise, synthetic
 from artibot_sim.identify.validation import hold_out, ideal
@@ -160,6 +164,34 @@ def test_a_bound_is_said(real: Robot) -> None:
     result = identify([drive], real, fit=["k_t"], priors=priors, effort=QUICK).result
     assert result["k_t"].status is Status.AT_BOUND
     assert result["k_t"].value == pytest.approx(1950.0 * np.exp(5 * 15.0 / 1950.0), rel=1e-3)
+
+
+def _judged(mu_s: float, mu_d: float, fit: tuple[str, ...] = ("mu_s", "mu_d")) -> dict[str, Estimate]:
+    """Estimates of a fit that ended at these values, whose curvature alone would let mu_d go to twice as much."""
+    parameters = parameter_set(load_robot("agriq"), fit)
+    value = {"mu_s": mu_s, "mu_d": mu_d}
+    at = np.log([value[p.name] / p.prior.value for p in parameters.parameters])
+    wide = np.array([np.log(2.0) if p.name == "mu_d" else 0.01 for p in parameters.parameters])
+    spread = Spread(at, np.diag(np.full(len(at), 1e-4)), at - 0.01, at + wide)
+    motion = Motion(sliding=0.2, grip=0.6, turning=0.3, torques=True)
+    found = estimates(parameters, parameters.coordinates(np.exp(at) * _middles(parameters)), spread, spread, motion)
+    return {estimate.name: estimate for estimate in found}
+
+
+def _middles(parameters: ParameterSet) -> np.ndarray:
+    return np.array([p.prior.value for p in parameters.parameters])
+
+
+def test_a_parameter_at_another_ones_value_says_so() -> None:
+    """mu_d cannot exceed mu_s: where both are the same it is not converged, nor can its interval reach beyond."""
+    at, below = _judged(0.43, 0.43), _judged(0.43, 0.35)
+    assert at["mu_d"].status is Status.AT_BOUND
+    assert "stands at mu_s, 0.43" in at["mu_d"].note
+    assert at["mu_d"].ci95[0] <= at["mu_d"].value <= at["mu_d"].ci95[1] <= at["mu_s"].ci95[1]
+    assert at["mu_s"].status is Status.CONVERGED
+    assert below["mu_d"].status is Status.CONVERGED
+    alone = _judged(0.43, load_robot("agriq").contact.mu_s, ("mu_d",))  # mu_s, not fitted, gives way to it
+    assert alone["mu_d"].status is Status.CONVERGED
 
 
 def _with_gaps(drive: Experiment) -> Experiment:
