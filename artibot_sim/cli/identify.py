@@ -45,7 +45,9 @@ _READING = 0.1
     "--report", type=_FILE, help="HTML page with residuals, predictions and free runs; its charts beside it as PNG."
 )
 @click.option("--json", "as_json", type=_FILE, help="Everything as JSON, in SI units.")
-@click.option("--seed", default=0, show_default=True, help="Of the search's further starts.")
+@click.option(
+    "--seed", default=0, show_default=True, help="Of all random draws; the same data and seed, the same result."
+)
 @click.option("--starts", type=click.IntRange(1), help="Places that the search starts from [3].")
 @click.option("--scheduler", metavar="tcp://HOST:PORT", help="Search from each on a worker of this Dask cluster.")
 @click.option("--workers", type=click.IntRange(1), help="Threads [as many as cores]; the result is the same.")
@@ -74,7 +76,7 @@ def command(
     from artibot_sim.model import load_robot, save_robot
     from artibot_sim.progress import Bar
 
-    effort = Effort(seed=seed, starts=starts or Effort().starts, scheduler=scheduler and check_address(scheduler))
+    effort = Effort(starts=starts or Effort().starts, scheduler=scheduler and check_address(scheduler))
     picture = report.with_suffix(".png") if report else None
     outputs = [path for path in (out, report, picture, as_json) if path is not None]
     _check_outputs(outputs)
@@ -85,7 +87,7 @@ def command(
         held = [_read(path, topics, namespace, bar) for path in holdout]
         work = identify(
             used, rover, fit=fitted, priors=known, holdout=held, window=window, effort=effort,
-            workers=workers, progress=bar.stage("identifying", 1.0),
+            seed=seed, workers=workers, progress=bar.stage("identifying", 1.0),
         )  # fmt: skip
     save_robot(work.result.robot, out)
     _write(work, report, as_json)

@@ -397,5 +397,5 @@ def baseline(
     fitted: Sequence[Experiment], robot: Robot, options: Options, tick: Tick = lambda: None
 ) -> tuple[Problem, Fit]:
     """The paper's model with its soil identified; all windows keep their say, for local effects hide in bad ones."""
-    problem = problem_of(fitted, parameter_set(robot, SOIL), options.horizon, options.workers, HALF_WIDTH)
-    return best_fit(problem, Effort(seed=options.seed), tick, TRUST)
+    problem = problem_of(fitted, parameter_set(robot, SOIL), options.horizon, options.workers, HALF_WIDTH, options.seed)
+    return best_fit(problem, Effort(), tick, TRUST)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.estimation.parameters import ParameterSet
-from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.problem import Draw, Problem
 from artibot_sim.estimation.search import Fit
 from artibot_sim.estimation.solver import Point, evaluate
 from artibot_sim.estimation.windows import CHANNEL_NAMES
@@ -29,12 +29,12 @@ _LARGEST = 2.0
 """Change of a residual, in units of the sensor's noise, beyond which a wheel broke away at another instant: chance."""
 
 
-def with_noisy_inputs(problem: Problem, seed: int) -> Problem:
+def with_noisy_inputs(problem: Problem, number: int) -> Problem:
     """The same windows of recordings with one more draw of their encoders' noise.
 
     As large as neighbouring samples of the motors show it, and smoothed with them as before.
     """
-    rng = np.random.default_rng([seed, 5])
+    rng = problem.generator(Draw.ENCODER_NOISE, number)
     noisy: dict[str, Experiment] = {}
     found = []
     for stretch in problem.stretches:
@@ -145,7 +145,7 @@ class NoiseShare:
 
 def noise_share(problem: Problem, fit: Fit) -> NoiseShare:
     """Simulate with noise drawn anew, at the fit and beside it in each coordinate."""
-    draws = [with_noisy_inputs(problem, seed) for seed in range(_DRAWS)]
+    draws = [with_noisy_inputs(problem, number) for number in range(_DRAWS)]
     middle = fit.point.coordinates
     here = _blocks(draws, problem, fit, middle)
     limit = _USUAL * np.median(here, axis=0)

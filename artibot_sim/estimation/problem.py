@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from enum import IntEnum
 from functools import cached_property
 
 import numpy as np
@@ -119,6 +120,16 @@ _CALM = 10.0
 """The same from which a sample pulls a whole window by its size no longer."""
 
 
+class Draw(IntEnum):
+    """What random numbers are drawn for."""
+
+    FIRST_GUESSES = 0
+    PARAMETERS = 1
+    STARTS = 2
+    BOOTSTRAP = 3
+    ENCODER_NOISE = 4
+
+
 @dataclass
 class Problem:
     """Some windows and the parameters that are to explain them.
@@ -134,6 +145,8 @@ class Problem:
         Front shares of the stretches, where motors are under torque.
     dt : float, optional
         Integration step, s; the longest that the robot allows by default.
+    seed : int
+        Of every random draw that a fit of these windows makes.
     """
 
     parameters: ParameterSet
@@ -142,6 +155,7 @@ class Problem:
     workers: int | None = None
     kappa: Sequence[float | None] = ()
     dt: float | None = None
+    seed: int = 0
     _batch: WindowBatch = field(init=False, repr=False)
     _before: list[int | None] = field(init=False, repr=False)
 
@@ -160,6 +174,14 @@ class Problem:
 
     def __len__(self) -> int:
         return len(self.windows)
+
+    def generator(self, purpose: Draw, number: int = 0) -> np.random.Generator:
+        """A stream of random numbers of its own for each purpose, and each time that it is served.
+
+        Fits that run side by side share no state, so the number of workers does not matter; and competing models are
+        given the same draws, so that none is better by the luck of its own.
+        """
+        return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(purpose, number)))
 
     def part(self, rows: Sequence[int]) -> Problem:
         """The same with some of the windows."""

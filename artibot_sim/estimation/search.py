@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from artibot_sim.estimation.loss import Loss, spread, thinning
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.parameters import MU_S
-from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.problem import Draw, Problem
 from artibot_sim.estimation.solver import Point, Reduced, again, align, best_of, evaluate, polished, step
 from artibot_sim.estimation.windows import CHANNEL_NAMES, turned
 
@@ -52,8 +52,6 @@ class Effort:
         The robot file's values and so many less one drawn from the prior.
     first, finalists, last : int
         Steps from every start, how many of the best go on, and steps at most for those.
-    seed : int
-        Of the drawn starts.
     scheduler : str, optional
         Address of a Dask scheduler whose workers search from one start each; the result is the same.
     """
@@ -62,7 +60,6 @@ class Effort:
     first: int = 3
     finalists: int = 2
     last: int = 6
-    seed: int = 0
     scheduler: str | None = None
 
 
@@ -118,7 +115,7 @@ def first_guesses(problem: Problem, effort: Effort, effects: Array | None = None
     """Coordinates to start from: the robot file's values and others drawn around them, effects as they are given."""
     parameters = problem.parameters
     middles = np.array([parameter.prior.value for parameter in parameters.parameters])
-    rng = np.random.default_rng(effort.seed)
+    rng = problem.generator(Draw.FIRST_GUESSES)
     drawn = rng.uniform(-_DRAWS, _DRAWS, (effort.starts - 1, len(middles))) * parameters.spread[: len(middles)]
     return [parameters.coordinates(middles * np.exp(d), effects) for d in (np.zeros(len(middles)), *drawn)]
 
@@ -137,7 +134,7 @@ def _descend(problem: Problem, coordinates: Array, even: Array, steps: int) -> F
     damping, reduced = 1e-3, None
     for k in range(steps):
         point = scan(problem, loss, point, SCAN)
-        point = awake(problem, loss, point) if k % 2 == 1 else point
+        point = awake(problem, loss, point, k) if k % 2 == 1 else point
         point, reduced, damping = step(problem, loss, point, free, damping)
         loss = Loss(max(1.0, loss.inflation / 1.5), even)
         point = again(problem, loss, point)
@@ -154,8 +151,8 @@ def settle(problem: Problem, point: Point, loss: Loss, steps: int) -> Fit:
     for k in range(steps):
         before = point.cost
         point = scan(problem, loss, point, SCAN if k % _COARSE == 0 else FINE)
-        point = awake(problem, loss, point) if k % _COARSE == 1 else point
-        point = jostled(problem, loss, point, reduced, free) if reduced is not None else point
+        point = awake(problem, loss, point, k) if k % _COARSE == 1 else point
+        point = jostled(problem, loss, point, reduced, free, k) if reduced is not None else point
         point, reduced, damping = step(problem, loss, point, free, damping)
         if loss.inflation > 1.0:
             loss = replace(loss, inflation=max(1.0, loss.inflation / 1.5))
@@ -169,7 +166,9 @@ def settle(problem: Problem, point: Point, loss: Loss, steps: int) -> Fit:
     return Fit(point, loss, reduced, free, converged)
 
 
-def jostled(problem: Problem, loss: Loss, point: Point, reduced: Reduced, free: Sequence[int]) -> Point:
+def jostled(
+    problem: Problem, loss: Loss, point: Point, reduced: Reduced, free: Sequence[int], number: int = 0
+) -> Point:
     """The best of random changes of all parameters, as far as the data leave them open and a few times further.
 
     Steps end where the jagged loss holds them. The valley that they would have to follow is where the normal
@@ -177,7 +176,7 @@ def jostled(problem: Problem, loss: Loss, point: Point, reduced: Reduced, free: 
     """
     information = problem.parameters.prior_information[np.ix_(free, free)]
     values, vectors = np.linalg.eigh(reduced.matrix + information) if len(free) else (np.empty(0), np.empty((0, 0)))
-    rng = np.random.default_rng(int(point.cost * 1e3) % 2**32)
+    rng = problem.generator(Draw.PARAMETERS, number)
     i = problem.parameters.index(MU_S)
     candidates = []
     for k in range(_JOSTLES):
@@ -225,7 +224,7 @@ def _gripping(problem: Problem, loss: Loss, point: Point, changes: Array) -> lis
     return evaluate(problem, loss, candidates, point.starts)
 
 
-def awake(problem: Problem, loss: Loss, point: Point) -> Point:
+def awake(problem: Problem, loss: Loss, point: Point, number: int = 0) -> Point:
     """Every window tries other starts: as measured, as the window before predicts, and with other headings.
 
     A start on the wrong branch of eq. 16 (a wheel holds that should slide) is a local optimum; mostly its heading is
@@ -235,11 +234,11 @@ def awake(problem: Problem, loss: Loss, point: Point) -> Point:
     turns = [turned(point.starts, angle) for angle in _TURNS]
     new = best_of(problem, loss, point.coordinates, [point.starts, problem.starts, *turns])
     new = polished(problem, loss, new, problem.carried(point.coordinates, point.starts))
-    new = shaken(problem, loss, new)
+    new = shaken(problem, loss, new, number)
     return new if new.cost < point.cost else point
 
 
-def shaken(problem: Problem, loss: Loss, point: Point, tries: int = 12) -> Point:
+def shaken(problem: Problem, loss: Loss, point: Point, number: int = 0, tries: int = 12) -> Point:
     """The windows that are explained worst try random starts around theirs, in three sizes, the best one polished.
 
     With effects in the fit around the measured one as well: a start that made up for what the model lacked is far from
@@ -251,7 +250,7 @@ def shaken(problem: Problem, loss: Loss, point: Point, tries: int = 12) -> Point
     worst = worst[np.argsort(-poor[worst])][: max(2, len(poor) // 6)]
     if not len(worst):
         return point
-    rng = np.random.default_rng(int(point.cost * 1e3) % 2**32)
+    rng = problem.generator(Draw.STARTS, number)
     some = problem.part(worst.tolist())
     scale = np.tile([0.15, 0.4, 1.0], -(-tries // 3))[:tries, None, None]
     moves = rng.normal(size=(tries, len(worst), problem.size)) * problem.start_sd[worst] * scale

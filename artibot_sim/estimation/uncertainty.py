@@ -12,7 +12,7 @@ from scipy.stats import norm
 from artibot_sim.estimation.encoder_noise import NoiseShare
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import MU_S
-from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.problem import Draw, Problem
 from artibot_sim.estimation.search import Fit, Tick
 from artibot_sim.estimation.solver import Point, Reduced, evaluate, polished, reduce, step
 
@@ -165,11 +165,9 @@ def _mixture(weight: Array, means: Array, covariances: Array, widths: Array) -> 
     return Spread(mean, covariance, low, high)
 
 
-def from_bootstrap(
-    problem: Problem, nodes: Sequence[Node], free: Sequence[int], noise: NoiseShare, seed: int = 0
-) -> Spread:
+def from_bootstrap(problem: Problem, nodes: Sequence[Node], free: Sequence[int], noise: NoiseShare) -> Spread:
     """What windows drawn anew, with replacement, would have given, `noise` taken off: the best node, and one step."""
-    rng, count = np.random.default_rng(seed), len(problem)
+    rng, count = problem.generator(Draw.BOOTSTRAP), len(problem)
     weights = (np.bincount(rng.integers(0, count, count), minlength=count).astype(float) for _ in range(_DRAWS))
     table = np.array([problem.parameters.mixing @ one for one in reweighted(problem, nodes, free, noise, weights)])
     low, high = np.quantile(table, _TAILS, axis=0)

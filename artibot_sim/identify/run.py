@@ -87,6 +87,7 @@ def identify(
     holdout: Sequence[Experiment] = (),
     window: float = WINDOW,
     effort: Effort | None = None,
+    seed: int = 0,
     workers: int | None = None,
     progress: Report | None = None,
 ) -> Work:
@@ -110,6 +111,8 @@ def identify(
     window : float
         Length of a window, s.
     effort : Effort, optional
+    seed : int
+        Of every random draw: the same data and seed give the same result.
     workers : int, optional
         Threads; as many as cores by default. The result does not depend on it.
     progress : callable
@@ -122,7 +125,7 @@ def identify(
     """
     begun, ticks = time.perf_counter(), _Ticks(progress, (effort or Effort()), len(holdout))
     parameters = parameter_set(robot, fit, priors)
-    problem = problem_of(recordings, parameters, window, workers)
+    problem = problem_of(recordings, parameters, window, workers, seed=seed)
     ticks()
     problem, found = best_fit(problem, effort or Effort(), ticks)
     found, nodes = _profiled(problem, found, 2, ticks)
@@ -157,6 +160,7 @@ def problem_of(
     window: float,
     workers: int | None,
     half_width: float = HALF_WIDTH,
+    seed: int = 0,
 ) -> Problem:
     """The windows of recordings, and what is to explain them; motors are smoothed over `half_width` s."""
     if not recordings:
@@ -170,7 +174,7 @@ def problem_of(
     windows = cut(found, parameters.robot, window, LEAD)
     if not windows:
         raise ArtibotError(f"{recordings[0].path}: no stretch holds four positions; record longer, or check the stamps")
-    return Problem(parameters, found, windows, workers)
+    return Problem(parameters, found, windows, workers, seed=seed)
 
 
 @dataclass(frozen=True)

@@ -119,7 +119,7 @@ def _contested(begun: Turn, named: Sequence[str], rounds: Rounds, tick: Tick) ->
     fallen = 0.5 * (again(problem, best.loss, base.point).cost - best.point.cost)
     rivals = _with_starts_of(problem, best, rivals, rounds)
     problem, best, rivals, loss = _with_honest_noise(problem, best, rivals, loss, rounds)
-    excess = excess_of(problem, best, rivals, seed=len(named))
+    excess = excess_of(problem, best, rivals, number=len(named))
     costs = [best.point.cost - one for one in excess]
     told = side_by_side(lambda one: evidence(*one), list(zip(rivals, costs, strict=True)), problem.workers)
     found = {rival.id: one for rival, one in zip(rivals, told, strict=True)}

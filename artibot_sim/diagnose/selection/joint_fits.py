@@ -263,12 +263,12 @@ def renoised(problem: Problem, fit: Fit, levels: Array, loss: Loss, steps: int) 
 # ----------------------------------------------------------------------
 
 
-def excess_of(problem: Problem, fit: Fit, rivals: Sequence[Rival], seed: int) -> list[float]:
+def excess_of(problem: Problem, fit: Fit, rivals: Sequence[Rival], number: int) -> list[float]:
     """Cost that the noise makes in `fit` and not in each rival, all fitted under the same loss; never negative.
 
     A rival that answers the noise more gets nothing for it: fits were not made to weigh that.
     """
-    noisy = with_noisy_inputs(problem, seed)
+    noisy = with_noisy_inputs(problem, number)
     mine = answers(problem, noisy, fit.point)
     counts = np.sum([window.counts for window in problem.windows], axis=0) / fit.loss.thinning
     found = []

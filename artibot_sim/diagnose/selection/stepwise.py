@@ -56,22 +56,22 @@ class Spare:
     nats: float
 
 
-def superfluous(problem: Problem, fit: Fit, loss: Loss, least: float, rounds: Rounds, seed: int) -> Spare | None:
+def superfluous(problem: Problem, fit: Fit, loss: Loss, least: float, rounds: Rounds) -> Spare | None:
     """The model without the effect that it needs least, if that is worth less than `least` nats; None if all are.
 
     Of the last one this is not asked: it was found beside all the others.
     """
     earlier = range(len(problem.parameters.extensions) - 1)
-    spares = side_by_side(lambda which: spared(problem, fit, loss, which, rounds, seed), earlier, problem.workers)
+    spares = side_by_side(lambda which: spared(problem, fit, loss, which, rounds), earlier, problem.workers)
     found = min(spares, key=lambda one: one.nats, default=None)
     return found if found is not None and found.nats < least else None
 
 
-def spared(problem: Problem, fit: Fit, loss: Loss, which: int, rounds: Rounds, seed: int) -> Spare:
+def spared(problem: Problem, fit: Fit, loss: Loss, which: int, rounds: Rounds) -> Spare:
     """The model without an effect: from where the fit is, or with the soil searched anew, whichever fits better."""
     part, here = without_effect(problem, fit.point, which)
     effects = here.coordinates[len(part.parameters.parameters) :]
-    points = [here, search(part, Effort(seed=seed), effects=effects).point]
+    points = [here, search(part, Effort(), effects=effects).point]
     begun = [evaluate(part, loss, [point.coordinates], point.starts)[0] for point in points]
     best = min((settled(part, point, loss, rounds) for point in begun), key=lambda one: one.point.cost)
     firm = again(problem, replace(loss, firm=True), fit.point).cost
@@ -194,7 +194,7 @@ class _Naming:
     def drop(self) -> bool:
         """Take an effect back that those named after it make up for; whether there was one."""
         options, fitted = self._options, self._fitted()
-        spare = superfluous(self._problem, self._fit, self._found.loss, options.least, self._rounds, options.seed)
+        spare = superfluous(self._problem, self._fit, self._found.loss, options.least, self._rounds)
         if spare is None:
             return False
         gone, self._problem, self._fit = fitted[spare.which], spare.problem, spare.fit
@@ -211,7 +211,7 @@ class _Naming:
         """An effect with what speaks for it beside the others: it was found in a model that was wrong."""
         options, loss = self._options, self._found.loss
         names = [other for other in self._names if other != one.effect]
-        rest = spared(self._problem, self._fit, loss, place, self._rounds, options.seed)
+        rest = spared(self._problem, self._fit, loss, place, self._rounds)
         found = self._weighed(turn(rest.problem, rest.fit, loss, names, self._rounds, self._tick))
         out = (*names, *self._dropped)
         best = best_of(found.evidence, found.nats, {}, options.least, options.thresholds, out)

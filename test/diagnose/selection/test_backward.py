@@ -50,27 +50,27 @@ def fitted(problem: Problem, *effects: Extension) -> tuple[Problem, Fit]:
 
 def test_both_of_two_that_are_there_are_needed(problem: Problem) -> None:
     for both in ((FRICTION, DAMPING), (DAMPING, FRICTION)):
-        assert superfluous(*fitted(problem, *both), EVEN, LEAST, Rounds(), 0) is None
+        assert superfluous(*fitted(problem, *both), EVEN, LEAST, Rounds()) is None
 
 
 def test_what_is_not_there_is_spare_wherever_it_stands_but_last(problem: Problem) -> None:
     for which, three in ((0, (PAYLOAD, FRICTION, DAMPING)), (1, (FRICTION, PAYLOAD, DAMPING))):
         beside, fit = fitted(problem, *three)
-        found = superfluous(beside, fit, EVEN, LEAST, Rounds(), 0)
+        found = superfluous(beside, fit, EVEN, LEAST, Rounds())
         assert found is not None and found.which == which and found.nats < LEAST
         assert found.problem.parameters.extensions == (FRICTION, DAMPING)
         effects = found.problem.parameters.robot_at(found.fit.point.coordinates).effects
         assert effects["joint_friction"]["torque"] == pytest.approx(TORQUE, rel=0.15)
         assert effects["joint_damping"]["coefficient"] == pytest.approx(COEFFICIENT, rel=0.3)
     last = fitted(problem, FRICTION, DAMPING, PAYLOAD)
-    assert superfluous(*last, EVEN, LEAST, Rounds(), 0) is None, "of the last one it is not asked"
+    assert superfluous(*last, EVEN, LEAST, Rounds()) is None, "of the last one it is not asked"
 
 
 def test_what_is_there_is_worth_what_it_gains(problem: Problem) -> None:
     both, fit = fitted(problem, FRICTION, DAMPING)
     for which, kept in ((0, DAMPING), (1, FRICTION)):
         alone, other = fitted(problem, kept)
-        found = spared(both, fit, EVEN, which, Rounds(), 0)
+        found = spared(both, fit, EVEN, which, Rounds())
         assert found.nats > 2.0 * LEAST
         assert found.fit.point.cost <= other.point.cost + 2.0 * Rounds().worth
         assert found.problem.parameters.extensions == alone.parameters.extensions
