@@ -89,7 +89,7 @@ def fitted(of: Linear) -> Node:
     free = free_parameters(of)
     point = evaluate(of, EVEN, [np.zeros(len(of.parameters))], of.starts)[0]
     for _ in range(3):
-        point, reduced, _ = step(of, EVEN, point, free, damping=0.0)
+        point, _, _ = step(of, EVEN, point, free, damping=0.0)
     residuals, sensitivity = of.linearised(point.coordinates, point.starts, free)
     return Node(point, reduce(of, EVEN, residuals, sensitivity, point.starts))
 
