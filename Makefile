@@ -7,7 +7,7 @@ export VENV
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-run demo test lint types bench bench-can real growth faults faults-live fuzz eq30 diagnose-campaign bags pictures colcon map clean
+.PHONY: help setup setup-run demo test lint types bench bench-can real growth faults faults-live fuzz eq30 diagnose-campaign steadiness bags pictures colcon map clean
 
 help: ## this list
 	@echo "make TARGET, of which:"
@@ -63,6 +63,10 @@ diagnose-campaign: setup-run ## diagnoses scored on hidden effects (SEED SEVERIT
 		--cases $(or $(CASES),27) --noise $(or $(NOISE),1) $(if $(KINDS),--kinds $(KINDS)) \
 		$(if $(RUNS),--runs $(RUNS)) $(if $(DURATION),--duration $(DURATION)) \
 		$(if $(WORKERS),--workers $(WORKERS)) --out $(or $(OUT),campaign) $(ARGS)
+
+steadiness: setup-run ## diagnoses with changes that should not matter (EXAMPLES=DIR N=12 DURATION=45 QUICK=1)
+	@OPENBLAS_NUM_THREADS=1 $(PY) -m artibot_sim.bench.steadiness $(if $(EXAMPLES),--examples $(EXAMPLES)) \
+		--generated $(or $(N),12) --duration $(or $(DURATION),45) $(if $(QUICK),--quick) $(ARGS)
 
 bags: setup-run ## make the reference recordings in bags/ again
 	@$(PY) -m artibot_sim.experiment.reference_bags bags $(ARGS)
