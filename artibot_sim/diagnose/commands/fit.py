@@ -16,7 +16,7 @@ from artibot_sim.diagnose.commands.model import PARAMETERS, Way, followed, known
 from artibot_sim.diagnose.commands.noise import Noise, noise_in, sensor_noise
 from artibot_sim.diagnose.commands.series import Level, level_of, series_of
 from artibot_sim.diagnose.policy import THRESHOLDS
-from artibot_sim.diagnose.records import FALSE_ALARM_RATE, PRIOR_ODDS, Series
+from artibot_sim.diagnose.records import FALSE_ALARM_RATE, PRIOR_ODDS, Left, Series
 from artibot_sim.experiment import Experiment
 from artibot_sim.model import Robot
 
@@ -89,6 +89,10 @@ class Fitter:
         """Log-likelihood of a way, nats; `speed` is what `followed` gives for it."""
         error = self.data.speed - seen(self.data, way, speed)
         return self.noise.log_likelihood(self.data, error, self.used) - 0.5 * (way.clock / (0.5 * self.clock)) ** 2
+
+    def with_clock(self, way: Way) -> Way:
+        """The same way, stamps as it wants them."""
+        return self._climb(way._replace(clock=0.0), ["clock"])[0]
 
     def at(self, way: Way) -> float:
         """Log-likelihood of a way, nats, stamps as it wants them."""
@@ -213,6 +217,10 @@ _WORTH = 20.0
 """Nats that an effect gains to be taken for part of what happens while the noise is estimated."""
 _MOST = 3
 """Effects at most that are taken so."""
+BIN, WINDOW = 0.25, 5.0
+"""s over which errors are averaged, and of a window whose mean square counts."""
+MOST = 200.0
+"""Error, in units of noise, beyond which it counts as this."""
 _SMALLEST = {"scale": 1e-3, "lag": 4e-3, "delay": 4e-3}
 """Departures (s where they are times) under which an effect is none: nothing in a recording is as exact as that."""
 _SLOWEST = 0.01
@@ -353,6 +361,23 @@ class Work:
         error = np.abs(self.data.speed - seen(self.data, fit.best.way))[used]
         size = float(np.sqrt(np.mean(self.data.speed**2)))
         return 1.4826 * float(np.median(error)) / size if len(error) and size > 0.0 else 0.0
+
+    def remainder(self, robot: Robot) -> Left | None:
+        """What a robot's effects leave of the front motors' speeds, slowly; None where there are too few samples.
+
+        Means over BIN against the sensors' white noise, window by window, as `remains` has it of other channels.
+        """
+        way, data = self.fitter.with_clock(way_of(robot.effects)), self.data
+        error = data.speed - seen(data, way)
+        limit = torque_limit(data, self.noise, error) if LIMIT in robot.effects else None
+        used = data.counts if limit is None or limit.nats <= 0.0 else data.counts & ~limit.held
+        rows = np.column_stack([data.recording, data.motor, data.middle // WINDOW, data.middle // BIN])[used]
+        scaled = np.clip(error[used] / sensor_noise(data).sigma, -MOST, MOST)
+        bins, where = np.unique(rows, axis=0, return_inverse=True)
+        sizes = np.bincount(where.ravel(), scaled) ** 2 / np.bincount(where.ravel())
+        _, window = np.unique(bins[:, :3], axis=0, return_inverse=True)
+        means = np.bincount(window.ravel(), sizes) / np.bincount(window.ravel())
+        return Left(float(np.median(means)), float(np.quantile(means, 0.9))) if len(means) else None
 
     def evidence(self, effect: str, given: Collection[str] = ()) -> ViewEvidence:
         """Evidence of one effect on top of others."""

@@ -15,7 +15,7 @@ from artibot_sim.diagnose.commands.fit import EFFECTS, NEEDED, ViewEvidence, Wor
 from artibot_sim.diagnose.commands.model import known_way
 from artibot_sim.diagnose.commands.noise import sensor_noise
 from artibot_sim.diagnose.commands.series import Level
-from artibot_sim.diagnose.records import Series
+from artibot_sim.diagnose.records import Left, Series
 from artibot_sim.experiment import Experiment
 from artibot_sim.model import Robot
 
@@ -64,6 +64,10 @@ class CommandView:
         Zero for effects that are not the view's, and where no commands are recorded or followed.
         """
         return 0.0 if self._work is None or not self.followed else self._work.gained(robot)
+
+    def remainder(self, robot: Robot) -> Left | None:
+        """What a robot's effects leave of the front motors' speeds; None where nothing is commanded and measured."""
+        return None if self._work is None else self._work.remainder(robot)
 
     def seen_by(self, robot: Robot) -> tuple[Mapping[str, Level], Mapping[str, Series]]:
         """`levels` and `series` with a robot's effects in place of `found`."""

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import pi
+from math import inf, pi
 
 import numpy as np
 from diagnose.hidden.machine import Machine, Way
+from numba import njit
 
 Array = np.ndarray
 Rng = np.random.Generator
@@ -128,7 +129,7 @@ def commands(machine: Machine, name: str, rng: Rng, duration: float) -> tuple[Ar
 
 
 def executed(t: Array, command: Array, way: Way, fine: Array) -> Array:
-    """Speeds (m, 2) that the drives want at the times `fine` (m,), s: late, with a dead band, behind a lag.
+    """Speeds (m, 2) that the drives want at the times `fine` (m,), s: late, with a dead band, behind a lag, on a ramp.
 
     Between two commands a drive goes straight from one to the next.
     """
@@ -143,4 +144,14 @@ def executed(t: Array, command: Array, way: Way, fine: Array) -> Array:
         late = way.time_constant / h * (1.0 - decay)
         start = np.zeros((1, 2))
         wish = lfilter([1.0 - late, late - decay], [1.0, -decay], wish, axis=0, zi=start)[0]
-    return wish
+    return wish if way.ramp == inf else _ramped(wish, way.ramp * (fine[1] - fine[0]))
+
+
+@njit(cache=True)
+def _ramped(wish: Array, most: float) -> Array:
+    """Speeds (m, 2) that go after a wish by no more than `most` a step, rad/s."""
+    out = wish.copy()
+    for i in range(1, wish.shape[0]):
+        for k in range(2):
+            out[i, k] = out[i - 1, k] + min(max(wish[i, k] - out[i - 1, k], -most), most)
+    return out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,12 @@ SOIL = ("k_l", "k_t", "mu_s", "mu_d", "u_w")
 
 @dataclass(frozen=True)
 class Way:
-    """What happens to commands on their way to the front motors: s, s, rad/s."""
+    """What happens to commands on their way to the front motors: s, rad/s, s, rad/s²."""
 
     delay: float = 0.0
     deadband: float = 0.0
     time_constant: float = 0.0
+    ramp: float = inf
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import cos, pi, sin
 from typing import Any
 
@@ -68,6 +69,15 @@ def _air_drag(rng: Rng, s: float, track: np.ndarray) -> Values:
     return {"air": 90.0 * s}
 
 
+def _command_ramp(rng: Rng, s: float, track: np.ndarray) -> Values:
+    """Drives that change their speed by so much a second at most, whatever they are commanded."""
+    return {"ramp": 60.0 / s}
+
+
+def _ramp(machine: Machine, values: Values) -> Machine:
+    return replace(machine, way=replace(machine.way, ramp=values["ramp"]))
+
+
 UNLISTED: dict[str, Recipe] = {
     "yaw_drag": Recipe(_yaw_drag, _hide),
     "wandering_moment": Recipe(_wandering_moment, _hide),
@@ -77,6 +87,7 @@ UNLISTED: dict[str, Recipe] = {
     "joint_preload": Recipe(_joint_preload, _hide),
     "cold_gear": Recipe(_cold_gear, _hide),
     "air_drag": Recipe(_air_drag, _hide),
+    "command_ramp": Recipe(_command_ramp, _ramp),
 }
 """By names of the tests' own."""
 
@@ -89,6 +100,7 @@ ACTS_ON: dict[str, dict[str, Any]] = {
     "joint_preload": {"force": "yaw moment", "variable": ""},
     "cold_gear": {"force": "torque", "variable": "time"},
     "air_drag": {"force": "surge", "variable": "speed"},
+    "command_ramp": {"force": "front motors' speed", "variable": "command"},
     OTHER_GROUND: {"variable": "recording"},
 }
 """Words that a good answer holds."""
