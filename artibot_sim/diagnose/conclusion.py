@@ -1,120 +1,321 @@
-"""What a search comes to: the verdict, and what is named or taken back."""
+"""Facts about what a search found, each computed when a table asks for it, and the decision that the tables make."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 
-from artibot_sim.diagnose.records import Verdict
-from artibot_sim.diagnose.remains import far_beyond_noise, leaves_more_than_noise, remains
+from artibot_sim.diagnose.commands.view import CommandView
+from artibot_sim.diagnose.policy import MINOR_COMMANDS
+from artibot_sim.diagnose.records import ChannelGain, Left
+from artibot_sim.diagnose.remains import COMMANDED, beyond_noise, far_beyond_noise, leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.per_recording import Apart, apart
 from artibot_sim.diagnose.unlisted.finding import Finding, unexplained
+from artibot_sim.diagnose.validation.predictions import Worth, is_minor, is_refuted
 from artibot_sim.diagnose.validation.stability import disagreement, drifts
+from artibot_sim.diagnose.verdict import COMMANDS, MOTION, VERDICT, Outcome, Reason, Row
+from artibot_sim.model import Robot
 
 
-def concluded(found: Decision) -> Decision:
-    """The verdict: nothing is named that several soils explain better, whose size changes, or beside a force.
+@dataclass(frozen=True)
+class HeldOut:
+    """What all that is named is worth on held-out recordings.
 
-    Size and force only count where the fit leaves more than noise, and where a force explains what the paper's model
-    lacks. Where neither a name nor a force was found for that, it is still there. What only commands show has nothing
-    to do with forces.
+    Attributes
+    ----------
+    gained : mapping of str to Worth
+        By cause, in the order in which they were found.
+    gain : mapping of str to ChannelGain
+        By channel.
     """
-    found = replace(found, left=remains(found.problem, found.fit.point))
-    several = _on_several_soils(found)
-    if several is not None:
-        return several
-    more = leaves_more_than_noise(found.left)
-    force = _force(found) if more else None
-    if force is not None or (more and not found.named):
-        return replace(_on_no_list(found), named=_commanded(found), unexplained=force, apart=_contradiction(found))
-    return named_as(found) if found.named else found
+
+    gained: Mapping[str, Worth]
+    gain: Mapping[str, ChannelGain]
+
+    def fact(self, decision: Decision) -> str:
+        """As the tables ask for it."""
+        if is_refuted(self.gained, self.gain):
+            return "worse"
+        return "little" if decision.fitted and is_minor(self.gained, decision.left) else "better"
 
 
-def _on_several_soils(found: Decision) -> Decision | None:
-    """What is left of the names where a soil of its own in each recording explains more than all that follows.
+Judge = Callable[[Decision], HeldOut]
+"""Predicts held-out recordings with what a decision names."""
 
-    None where the recordings agree with each other, or one by one leave more than noise as well. The normal equations
+
+@dataclass(frozen=True)
+class Without:
+    """Effects that explain the fitted recordings best and are not named.
+
+    Attributes
+    ----------
+    effects : tuple of str
+    reason : Reason
+    gain : mapping of str to ChannelGain
+        What held-out recordings gain by them, where that is the reason.
+    left : mapping of str to Left
+        What they leave of the fitted ones.
+    """
+
+    effects: tuple[str, ...]
+    reason: Reason
+    gain: Mapping[str, ChannelGain]
+    left: Mapping[str, Left]
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """What the tables decided.
+
+    Attributes
+    ----------
+    decision : Decision
+        With its verdict, what is named, and what is left with that.
+    motion, commands : Row
+        The rows that decided about effects fitted to the motion, and about those that only commands show.
+    without : tuple of Without
+        What is not named though it explains the fitted recordings best.
+    """
+
+    decision: Decision
+    motion: Row[Outcome]
+    commands: Row[Outcome]
+    without: tuple[Without, ...] = ()
+
+
+def concluded(found: Decision, view: CommandView, judge: Judge) -> Conclusion:
+    """Decide by the tables what of a search's effects is named.
+
+    Parameters
+    ----------
+    found : Decision
+        What the search found; its verdict does not count.
+    view : CommandView
+        Of the fitted recordings.
+    judge : callable
+        Says what a decision is worth on held-out recordings.
+    """
+    about_motion = MotionFacts(found, judge)
+    motion = MOTION.first(about_motion)
+    kept = about_motion.kept(motion.then)
+    judged = (lambda _: about_motion.held) if motion.then is Outcome.NAMED and kept.fitted else judge
+    about_commands = CommandFacts(kept, view, judged)
+    commands = COMMANDS.first(about_commands)
+    kept = about_commands.kept(commands.then)
+    without = tuple(facts.without(row.reason) for facts, row in _fallen(about_motion, motion, about_commands, commands))
+    facts = {
+        "motion": motion.then.name.lower(), "commands": commands.then.name.lower(),
+        "tie": "yes" if kept.named and kept.ordered[0].ties else "no",
+    }  # fmt: skip
+    verdict = VERDICT.first(facts.__getitem__).then
+    return Conclusion(replace(kept, verdict=verdict), motion, commands, without)
+
+
+def _fallen(
+    about_motion: MotionFacts, motion: Row[Outcome], about_commands: CommandFacts, commands: Row[Outcome]
+) -> list[tuple[MotionFacts | CommandFacts, Row[Outcome]]]:
+    """The facts and rows by which names fell for a reason that is to be said."""
+    found: list[tuple[MotionFacts | CommandFacts, Row[Outcome]]] = []
+    for facts, row in ((about_motion, motion), (about_commands, commands)):
+        if row.reason is not Reason.NO_REASON and row.then is not Outcome.NAMED:
+            found.append((facts, row))
+    return found
+
+
+class MotionFacts:
+    """Facts about effects that were fitted to the motion."""
+
+    def __init__(self, found: Decision, judge: Judge) -> None:
+        self._found, self._judge = found, judge
+
+    def __call__(self, question: str) -> str:
+        """The fact that a question of the table asks for."""
+        decision = self._decision
+        if question == "several soils":
+            return self._soils[0]
+        if question == "effects":
+            return "yes" if decision.fitted else "no"
+        if question == "left":
+            return size_of(decision.left)
+        if question == "force":
+            return "yes" if self._force is not None else "no"
+        if question == "held out":
+            return self.held.fact(decision)
+        assert question == "left without"
+        return "more" if self._contradiction is not None else size_of(self._without_left)
+
+    def kept(self, outcome: object) -> Decision:
+        """What is left of the names."""
+        decision = self._decision
+        if outcome is Outcome.NAMED:
+            return own_ties(decision)
+        if outcome is Outcome.SOILS:
+            return own_ties(replace(on_no_list(self._found), apart=self._soils[2], left=self._without_left))
+        if outcome is Outcome.NOTHING and not decision.fitted:
+            return own_ties(decision)
+        back = replace(on_no_list(self._found), left=self._without_left)
+        if outcome is Outcome.NOTHING:
+            return own_ties(back)
+        return own_ties(replace(back, unexplained=self._force_instead, apart=self._contradiction))
+
+    def without(self, reason: Reason) -> Without:
+        """What was not named, why, and what it would have gained."""
+        gain = self.held.gain if reason in (Reason.REFUTED, Reason.MINOR) else {}
+        return Without(tuple(one.effect for one in self._decision.fitted), reason, gain, self._decision.left)
+
+    @cached_property
+    def held(self) -> HeldOut:
+        """What the effects are worth on held-out recordings, those included that only commands show."""
+        return self._judge(own_ties(self._decision))
+
+    @cached_property
+    def _decision(self) -> Decision:
+        """With those effects only that soils of each recording leave."""
+        return self._soils[1]
+
+    @cached_property
+    def _soils(self) -> tuple[str, Decision, Apart | None]:
+        found = replace(self._found, left=remains(self._found.problem, self._found.fit.point))
+        return soils_of(found)
+
+    @cached_property
+    def _force(self) -> Finding | None:
+        """The force that is at work instead of what was fitted, or beside it."""
+        found = self._decision
+        if not found.fitted:
+            return self._force_instead
+        changes = any(nats >= found.least for nats in drifts(found.problem, found.fit).values())
+        if changes or unexplained(found.problem, found.fit.point.coordinates) is not None:
+            return self._force_instead
+        return None
+
+    @cached_property
+    def _force_instead(self) -> Finding | None:
+        alone = self._contradiction
+        if alone is not None and alone.sufficient:
+            return None
+        return unexplained(self._found.neutral_problem, self._found.neutral_fit.point.coordinates)
+
+    @cached_property
+    def _without_left(self) -> Mapping[str, Left]:
+        return remains(self._found.neutral_problem, self._found.neutral_fit.point)
+
+    @cached_property
+    def _contradiction(self) -> Apart | None:
+        """The recordings one by one without any effect, where they contradict each other."""
+        problem, fit = self._found.neutral_problem, self._found.neutral_fit
+        return apart(problem, fit) if disagreement(problem, fit) >= self._found.least else None
+
+
+class CommandFacts:
+    """Facts about effects that only commands show, beside what is named of the others."""
+
+    def __init__(self, found: Decision, view: CommandView, judge: Judge) -> None:
+        self._found, self._view, self._judge = found, view, judge
+
+    def __call__(self, question: str) -> str:
+        """The fact that a question of the table asks for."""
+        if question == "followed":
+            return "not commanded" if not self._view.levels else "yes" if self._view.followed else "no"
+        if question == "effects":
+            return "yes" if _commanded(self._found) else "no"
+        if question == "left":
+            return self._size(self._with)
+        if question == "share":
+            most = (
+                self._with is not None
+                and self._none is not None
+                and self._with.worst > MINOR_COMMANDS * self._none.worst
+            )
+            return "most" if most else "little"
+        if question == "held out":
+            return self._held.fact(self._found)
+        assert question == "left without"
+        return self._size(self._none)
+
+    def kept(self, outcome: object) -> Decision:
+        """What is left of the names, and what is left in the front motors' speeds."""
+        named = outcome is Outcome.NAMED or not _commanded(self._found)
+        kept = self._found if named else replace(self._found, named=self._found.fitted)
+        left = self._with if named else self._none
+        return kept if left is None else replace(kept, left={**kept.left, COMMANDED: left})
+
+    def without(self, reason: Reason) -> Without:
+        """What was not named, why, and what it would have gained."""
+        effects = tuple(one.effect for one in _commanded(self._found))
+        left = {} if self._with is None else {COMMANDED: self._with}
+        return Without(effects, reason, self._held.gain if reason is Reason.REFUTED else {}, left)
+
+    def _size(self, left: Left | None) -> str:
+        return "noise" if left is None or not beyond_noise({COMMANDED: left}) else "more"
+
+    @cached_property
+    def _held(self) -> HeldOut:
+        return self._judge(self._found)
+
+    @cached_property
+    def _with(self) -> Left | None:
+        return self._view.remainder(self._robot(self._found.named))
+
+    @cached_property
+    def _none(self) -> Left | None:
+        return self._view.remainder(self._robot(self._found.fitted))
+
+    def _robot(self, named: tuple[Named, ...]) -> Robot:
+        """The model with these."""
+        robot = self._found.problem.parameters.robot_at(self._found.fit.point.coordinates)
+        told = {one.effect: {name: found.value for name, found in one.found.items()} for one in named if one.found}
+        return replace(robot, effects={**robot.effects, **told})
+
+
+def size_of(left: Mapping[str, Left]) -> str:
+    """What is left, as the tables ask for it."""
+    if far_beyond_noise(left):
+        return "far more"
+    return "more" if leaves_more_than_noise(left) else "noise"
+
+
+def soils_of(found: Decision) -> tuple[str, Decision, Apart | None]:
+    """Whether a soil of its own in each recording explains more than all effects that follow, and which effects stay.
+
+    Not where the recordings agree with each other, or leave more than noise one by one as well. The normal equations
     may take them to agree where a compromise of a soil is far from either.
     """
     alone = len(found.problem.recordings[0]) == 1
     agree = disagreement(found.problem, found.fit) < found.least
     if alone or (agree and not leaves_more_than_noise(found.left)):
-        return None
+        return "no", found, None
     last = apart(found.problem, found.fit)
     if not last.sufficient:  # nor are soils with fewer effects
-        return None
+        return "no", found, None
     for count, (problem, fit) in enumerate(found.fits):
         each = apart(problem, fit) if count < len(found.fitted) else last
         further = sum(one.nats for one in found.fitted[count:])
         if each.nats < max(further, found.least) or not each.sufficient:
             continue
+        if not count:
+            return "instead", found, each
         kept = tuple(one for one in found.named if one.found or one in found.fitted[:count])
-        if not kept:
-            return replace(_on_no_list(found), apart=each)
         left = remains(problem, fit.point)
-        return named_as(replace(found, named=kept, problem=problem, fit=fit, left=left, apart=each))
-    return None
+        return "beside", replace(found, named=kept, problem=problem, fit=fit, left=left, apart=each), each
+    return "no", found, None
 
 
-def _force(found: Decision) -> Finding | None:
-    """The force that is at work instead of what was fitted, or beside it; None if there is none."""
-    neutral = found.neutral_problem, found.neutral_fit.point.coordinates
-    if not found.fitted:
-        return unexplained(*neutral)
-    changes = any(nats >= found.least for nats in drifts(found.problem, found.fit).values())
-    if changes or unexplained(found.problem, found.fit.point.coordinates) is not None:
-        return unexplained(*neutral)
-    return None
-
-
-def _contradiction(found: Decision) -> Apart | None:
-    """The recordings one by one without any effect, where they contradict each other."""
-    problem, fit = found.neutral_problem, found.neutral_fit
-    return apart(problem, fit) if disagreement(problem, fit) >= found.least else None
-
-
-def named_as(found: Decision) -> Decision:
-    """The same with the verdict that its names ask for: what was found beside another effect is no rival of it."""
+def own_ties(found: Decision) -> Decision:
+    """The same without ties between what is named: what was found beside another effect is no rival of it."""
     both = {one.effect for one in found.named}
     named = tuple(replace(one, ties=tuple(tie for tie in one.ties if tie not in both)) for one in found.named)
-    found = replace(found, named=named)
-    return replace(found, verdict=Verdict.AMBIGUOUS if found.ordered[0].ties else Verdict.NAMED)
+    return replace(found, named=named)
 
 
-def refuted(found: Decision) -> Decision:
-    """Nothing that was fitted is named: it does not hold beyond the recordings it was fitted to.
-
-    What only commands show stands by itself; where nothing else was named, it is that which does not hold. Something
-    else is there all the same where the paper's model leaves more than noise in the fitted recordings.
-    """
+def on_no_list(found: Decision) -> Decision:
+    """The paper's model: of what is named only what commands alone show stays."""
     problem, fit = found.neutral_problem, found.neutral_fit
-    alone, left = _contradiction(found), remains(problem, fit.point)
-    back = replace(_on_no_list(found), named=_commanded(found) if found.fitted else (), left=left)
-    if alone is None and not leaves_more_than_noise(left):
-        return named_as(back) if back.named else replace(back, verdict=Verdict.NONE)
-    force = unexplained(problem, fit.point.coordinates) if alone is None or not alone.sufficient else None
-    return replace(back, unexplained=force, apart=alone)
-
-
-def is_doubtful(found: Decision) -> bool:
-    """Whether far more than noise is left with what is named, for no reason that is known: it is another thing then."""
-    known = found.verdict is Verdict.UNEXPLAINED or found.apart is not None
-    return not known and bool(found.fitted) and bool(far_beyond_noise(found.left))
-
-
-def doubted(found: Decision) -> Decision:
-    """Nothing that was fitted is named."""
-    problem, fit = found.neutral_problem, found.neutral_fit
-    force, left = unexplained(problem, fit.point.coordinates), remains(problem, fit.point)
-    return replace(_on_no_list(found), named=_commanded(found), left=left, unexplained=force)
+    return replace(found, named=_commanded(found), problem=problem, fit=fit, apart=None)
 
 
 def _commanded(found: Decision) -> tuple[Named, ...]:
     """What only commands show."""
     return tuple(one for one in found.named if one.found)
-
-
-def _on_no_list(found: Decision) -> Decision:
-    """The paper's model, and nothing named."""
-    problem, fit = found.neutral_problem, found.neutral_fit
-    return replace(found, verdict=Verdict.UNEXPLAINED, named=(), problem=problem, fit=fit)

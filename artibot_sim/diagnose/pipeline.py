@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from artibot_sim.diagnose.candidates.patches import disc_place
 from artibot_sim.diagnose.checks.recordings import data_warnings, require_usable
 from artibot_sim.diagnose.commands.view import command_view
-from artibot_sim.diagnose.conclusion import doubted, is_doubtful, refuted
+from artibot_sim.diagnose.conclusion import Conclusion, HeldOut, Without, concluded
 from artibot_sim.diagnose.extended import found_parameters, robot_of
 from artibot_sim.diagnose.intervals import Uncertain, judged, surroundings
 from artibot_sim.diagnose.next_experiment.choice import next_experiment, next_for_force, one_by_one, repeated
@@ -26,12 +26,12 @@ from artibot_sim.diagnose.records import (
     Cause,
     ChannelBaseline,
     Found,
+    Look,
     NextExperiment,
     Options,
     Unexplained,
-    Verdict,
 )
-from artibot_sim.diagnose.remains import beyond_noise, far_beyond_noise
+from artibot_sim.diagnose.remains import COMMANDED, beyond_noise, far_beyond_noise
 from artibot_sim.diagnose.result import Diagnosis, besides, differing, doubt, partly, refutation, shortfall
 from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.diagnose.selection.evidence import DECADE
@@ -44,12 +44,11 @@ from artibot_sim.diagnose.validation.predictions import (
     baseline_levels,
     gains,
     improvements,
-    is_minor,
-    is_refuted,
     predict,
 )
 from artibot_sim.diagnose.validation.residuals import places
-from artibot_sim.diagnose.validation.series import COMMANDED, look, with_commands
+from artibot_sim.diagnose.validation.series import look, with_commands
+from artibot_sim.diagnose.verdict import Reason, Verdict
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.measurements import Stretch, missing, stretches
 from artibot_sim.estimation.parallel import side_by_side
@@ -70,60 +69,116 @@ from artibot_sim.progress import Report
 Parameters = Mapping[str, Mapping[str, Found]]
 
 
+@dataclass(frozen=True)
+class Assessment:
+    """A decision's models, and their predictions of all recordings.
+
+    Attributes
+    ----------
+    baseline, extended : Robot
+        The paper's model with its soil identified, and with all that is named.
+    effects : mapping of str to mapping of str to Found
+        The named effects' parameters.
+    channels : mapping of str to ChannelBaseline
+    looks : list of Look
+        What pictures are drawn from.
+    worth : HeldOut
+        Of all that is named.
+    """
+
+    baseline: Robot
+    extended: Robot
+    effects: Parameters
+    channels: Mapping[str, ChannelBaseline]
+    looks: list[Look]
+    worth: HeldOut
+
+
+class Assessor:
+    """Predicts recordings with what decisions name; each is made once."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        fitted: Sequence[Experiment],
+        held: Sequence[Experiment],
+        options: Options,
+        tick: Callable[[], None],
+    ) -> None:
+        self._robot, self._fitted, self._held, self._options, self._tick = robot, fitted, held, options, tick
+        self._view = command_view([*fitted, *held], robot, needed=options.least)
+        self._made: dict[tuple[str, ...], Assessment] = {}
+
+    def __call__(self, decision: Decision) -> Assessment:
+        """The assessment of what a decision names."""
+        key = tuple(one.effect for one in decision.named)
+        if key not in self._made:
+            self._made[key] = self._assessed(decision)
+        return self._made[key]
+
+    def worth(self, decision: Decision) -> HeldOut:
+        """What is named is worth this on held-out recordings."""
+        return self(decision).worth
+
+    def _assessed(self, decision: Decision) -> Assessment:
+        options, view = self._options, self._view
+        names = [one.name for one in self._fitted]
+        baseline, extended, effects = _robots(names, decision, options.seed, self._tick)
+        pairs = _predictions(self._fitted, self._held, baseline, extended, options, self._tick)
+        levels, looks = baseline_levels(pairs), [look(pair, self._robot) for pair in pairs]
+        channels, looks = with_commands(levels, looks, *view.seen_by(extended))
+        held_out = [pair for pair in pairs if pair.held_out]
+        driven = [one.channels[COMMANDED] for one in looks if one.held_out and COMMANDED in one.channels]
+        gained = improvements(decision, held_out, extended, view, options)
+        gain = gains(held_out, driven if view.followed else [], options.seed)
+        return Assessment(baseline, extended, effects, channels, looks, HeldOut(gained, gain))
+
+
 def result_of(
     robot: Robot,
     fitted: Sequence[Experiment],
     held: Sequence[Experiment],
-    decision: Decision,
+    found: Conclusion,
+    assessed: Assessment,
     options: Options,
-    tick: Callable[[], None],
 ) -> Diagnosis:
-    """The diagnosis that a decision comes to."""
-    baseline, extended, effects = _robots([e.name for e in fitted], decision, options.seed, tick)
-    pairs = _predictions(fitted, held, baseline, extended, options, tick)
-    view = command_view([*fitted, *held], robot, needed=options.least)
-    commanded = view.seen_by(extended)
-    channels, looks = with_commands(baseline_levels(pairs), [look(pair, robot) for pair in pairs], *commanded)
-    held_out = [pair for pair in pairs if pair.held_out]
-    driven = [one.channels[COMMANDED] for one in looks if one.held_out and COMMANDED in one.channels]
-    driven = driven if view.followed else []
-    gained, gain = improvements(decision, held_out, extended, view, options), gains(held_out, driven, options.seed)
-    if (refuting := is_refuted(gained, gain)) or (decision.fitted and is_minor(gained, decision.left)):
-        found = result_of(robot, fitted, held, refuted(decision), options, tick)
-        unnamed = [named.effect for named in decision.fitted or decision.named]
-        said = (refutation if refuting else shortfall)(unnamed, gain)
-        return replace(found, warnings=(said, *found.warnings))
-    if is_doubtful(decision):
-        found = result_of(robot, fitted, held, doubted(decision), options, tick)
-        said = doubt([named.effect for named in decision.fitted], far_beyond_noise(decision.left))
-        return replace(found, warnings=(said, *found.warnings))
+    """The diagnosis that a conclusion comes to."""
+    decision, channels = found.decision, assessed.channels
     return Diagnosis(
         verdict=decision.verdict,
         robot=robot,
-        baseline_robot=baseline,
-        extended=extended,
+        baseline_robot=assessed.baseline,
+        extended=assessed.extended,
         bags=tuple(e.name for e in fitted),
         holdout=tuple(e.name for e in held),
-        horizon=options.horizon,
+        horizon=float(options.horizon),
         baseline=channels,
-        where=places(looks, channels),
-        causes=_causes(decision, effects, gained),
+        where=places(assessed.looks, channels),
+        causes=_causes(decision, assessed.effects, assessed.worth.gained),
         ranking=ranking(decision, options.thresholds),
         unexplained=_unexplained(decision),
-        gain=gain,
+        gain=assessed.worth.gain,
         next_experiment=_next(decision, channels),
         warnings=(
+            *map(_fallen, found.without),
             *_contradiction(decision),
-            *_besides(decision),
+            *_besides(found),
             *data_warnings(fitted, robot, decision.neutral_problem, decision.neutral_fit.point, held),
         ),
-        looks=tuple(looks),
-        prior_odds=options.prior_odds,
-        false_alarm_rate=options.false_alarm_rate,
+        looks=tuple(assessed.looks),
+        prior_odds=float(options.prior_odds),
+        false_alarm_rate=float(options.false_alarm_rate),
         threshold=decision.least,
         seed=options.seed,
         left=decision.left,
     )
+
+
+def _fallen(without: Without) -> str:
+    """Why what explains the fitted recordings best is not named."""
+    if without.reason is Reason.DOUBT:
+        return doubt(without.effects, far_beyond_noise(without.left) or beyond_noise(without.left))
+    return (refutation if without.reason is Reason.REFUTED else shortfall)(without.effects, without.gain)
 
 
 def _robots(
@@ -186,10 +241,12 @@ def _contradiction(decision: Decision) -> list[str]:
     return partly(alone.names, alone.unexplained_alone)
 
 
-def _besides(decision: Decision) -> list[str]:
+def _besides(found: Conclusion) -> list[str]:
     """That more is left than noise with all that is named, where several soils are no reason for it."""
-    channels = beyond_noise(decision.left)
-    if decision.verdict is Verdict.UNEXPLAINED or decision.apart is not None or not (decision.named and channels):
+    decision, channels = found.decision, beyond_noise(found.decision.left)
+    if decision.apart is not None:
+        channels = tuple(name for name in channels if name == COMMANDED)
+    if decision.verdict is Verdict.UNEXPLAINED or not (decision.named and channels):
         return []
     return [besides([one.effect for one in decision.ordered], channels)]
 
@@ -315,7 +372,9 @@ def diagnose(
     problem, fit = baseline(fitted, robot, options, ticks)
     view = command_view(fitted, robot, needed=options.least)
     decision = decide(problem, fit, options, ticks, view)
-    result = result_of(robot, fitted, held, decision, options, ticks)
+    assessor = Assessor(robot, fitted, held, options, ticks)
+    found = concluded(decision, view, assessor.worth)
+    result = result_of(robot, fitted, held, found, assessor(found.decision), options)
     ticks.done()
     return replace(result, seconds=time.perf_counter() - begun)
 

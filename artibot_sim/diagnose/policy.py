@@ -1,4 +1,8 @@
-"""From which evidence on an effect is named: one place for all numbers that decide."""
+"""Every number that decides a name or a verdict: value, unit, meaning, and what calibrates it.
+
+Settings of an algorithm (steps, grids, tolerances) stand beside it. ``make tables`` writes the table of all numbers
+into docs/diagnosis_method.md.
+"""
 
 from __future__ import annotations
 
@@ -9,42 +13,151 @@ import numpy as np
 
 from artibot_sim.identify.run import Trust
 
+NULL = "make diagnose-campaign KINDS=none:300, then python -m diagnose.hidden.calibrate campaign"
+"""Recordings with nothing hidden."""
+EFFECTS = "make diagnose-campaign KINDS=single:108,pair:27 SEVERITY=1,0.3"
+"""Recordings with listed effects."""
+UNLISTED = "make diagnose-campaign KINDS=unlisted:27 SEVERITY=1,0.3"
+"""Recordings with something on no list."""
+COMMANDS = "python -m diagnose.hidden.commands"
+"""Recordings with and without effects on the way of commands."""
+FORCES = "python -m diagnose.hidden.forces"
+"""Recordings with and without forces on no list."""
+CHOICE = "a choice of the user"
+
+
+class Number(float):
+    """A number that decides, and what it is; calculates as a float.
+
+    Attributes
+    ----------
+    unit, meaning : str
+    calibration : str
+        The command that measures what it follows from, or who chooses it.
+    follows : str
+        Whether it follows from ``--false-alarms``.
+    """
+
+    unit: str
+    meaning: str
+    calibration: str
+    follows: str
+
+    def __new__(cls, value: float, unit: str, meaning: str, calibration: str, follows: str = "") -> Number:
+        """The number with its description."""
+        self = super().__new__(cls, value)
+        self.unit, self.meaning, self.calibration, self.follows = unit, meaning, calibration, follows
+        return self
+
+    def __reduce__(self) -> tuple[type[float], tuple[float]]:
+        """Elsewhere it is a plain number."""
+        return float, (float(self),)
+
+
+HORIZON = Number(5.0, "s", "length of the predictions that are judged; the limits below were found for it", CHOICE)
+PRIOR_ODDS = Number(1.0, "–", "odds of an effect being there, before anything was measured", CHOICE)
+FALSE_ALARM_RATE = Number(0.01, "–", "share of recordings with nothing hidden in which something may be named", CHOICE)
+
+NATS_FLOOR = Number(
+    30.0,
+    "nats",
+    "an effect's evidence, at least: the middle of what nothing hidden gives to the best effect",
+    NULL,
+    "yes",
+)
+NATS_TAIL = Number(
+    6.0, "nats", "further evidence for each factor of e less in false alarms: mean excess over the middle", NULL, "yes"
+)
+NATS_BIASED = Number(
+    120.0, "nats",
+    "the floor of back_friction and com_offset, which what is left of the encoders' noise can look like", NULL, "yes",
+)  # fmt: skip
+AWAY = Number(4.0, "σ", "an effect's distance from neutral, at least", NULL, "no")
+LEAST_SIZE = Number(
+    0.1, "plain sizes", "an effect's size, at least: smoothed rotations leave some effects a few hundredths", NULL, "no"
+)
+TIE = Number(8.0, "nats", "effects as close as this tie", EFFECTS)
+TIE_SHARE = Number(0.03, "–", "the same as a share of the gain, where motion was fitted", EFFECTS)
+MOST_EFFECTS = Number(3, "–", "effects that are looked for one after the other", EFFECTS)
+
+NOISE_LEVEL = Number(1.6, "–", "residuals over a sensor's own noise, up to which they are believed to be noise", NULL)
+NOISE_THINNING = Number(4.0, "samples", "samples worth one, up to which residuals are believed to be noise", NULL)
+LEFT_OF_MOTION = Number(
+    2.0, "white noise",
+    "averaged residuals of the middle window above which more than noise is left: nothing hidden leaves 1.4 at most, "
+    "effects named rightly nearly all 1.75", NULL, "no: of 362 recordings with nothing hidden none has more",
+)  # fmt: skip
+FAR_BEYOND_NOISE = Number(
+    2.0, "–", "times its limit, from which a channel leaves far more than noise", UNLISTED, "no: as the line above"
+)
+LEFT_OF_COMMANDS = Number(
+    50.0, "white noise",
+    "the same of the front motors' speeds against their commands, in the worst tenth of the windows: nothing hidden "
+    "leaves 0.1, effects named rightly 20, a ramp on no list 900", COMMANDS, "no: 500 times what nothing hidden leaves",
+)  # fmt: skip
+MINOR_COMMANDS = Number(
+    0.25, "–", "share of that which effects on the way of commands leave at most, or are not named", COMMANDS
+)
+UNFOLLOWED = Number(
+    0.2, "–", "share of the motors' speed that is left at best, from which they do not follow their commands", COMMANDS
+)
+SMALLEST_DELAY = Number(0.004, "s", "a lag or delay of commands, at least: no stamps are as exact as that", COMMANDS)
+SMALLEST_SCALE = Number(0.001, "–", "a scale of recorded speeds, at least", COMMANDS)
+SMALLEST_DEADBAND = Number(0.01, "–", "a dead band over the largest commanded speed, at least", COMMANDS)
+
+REFUTED = Number(
+    0.1, "–", "growth of the held-out error beyond noise, from which held-out data speak against what is named", EFFECTS
+)
+MINOR = Number(
+    0.5, "–", "share of the held-out error beyond noise that is left at most, where the fit leaves more than noise",
+    UNLISTED,
+)  # fmt: skip
+
+FORCE_NATS = Number(
+    30.0, "nats", "what a force on no list gains at least on windows it was not fitted to", FORCES,
+    "no: it is asked for only where more than noise is left, which nothing hidden never did; of 24 such cases one has "
+    "more than this",
+)  # fmt: skip
+FORCE_PRICE = Number(3.0, "nats", "what each of its coefficients costs", FORCES, "no")
+FORCE_WINDOW = Number(2.0, "nats", "what a single window may say for or against it", FORCES, "no")
+
+
+def numbers() -> dict[str, Number]:
+    """All of them, by name."""
+    return {name: value for name, value in globals().items() if isinstance(value, Number)}
+
 
 @dataclass(frozen=True)
 class Thresholds:
-    """What it takes to be named.
+    """What it takes to be named; see the numbers' meanings.
 
     Attributes
     ----------
     floor, tail : float
-        Nats that recordings with nothing hidden give to the best effect: its middle, and the mean excess over that.
-        A false alarm in `false_alarm_rate` of such cases is then `floor` + `tail` · log(1 / rate). Both are on the safe
-        side of what campaigns have shown (docs/diagnosis_method.md).
+        Nats. A false alarm in `false_alarm_rate` of recordings with nothing hidden takes `floor` + `tail` ·
+        log(1 / rate).
     biased : mapping of str to float
-        The same beside `floor` for effects that what is left of the sensors' errors can look like: a campaign's
-        recordings with nothing hidden gave back_friction 62 nats, noise of the rotations taken off.
+        The floor of effects that what is left of the sensors' errors can look like.
     away : float
         Standard deviations from neutral.
     size : float
-        Least coordinate: an effect a tenth as large as a plain one is none. Rotations that are smoothed leave some
-        effects a few hundredths: recordings with nothing hidden give back_friction 0.05, dozens of standard
-        deviations from neutral.
-    tie : float
-        Nats within which two effects tie.
-    tie_share : float
-        The same as a share of the gain, where motion was fitted: what the model still lacks may favour either.
+        Least coordinate.
+    tie, tie_share : float
+        Nats, and share of the gain, within which two effects tie.
     most : int
         Effects that are looked for one after the other.
     """
 
-    floor: float = 30.0
-    tail: float = 6.0
-    biased: Mapping[str, float] = field(default_factory=lambda: {"back_friction": 120.0, "com_offset": 120.0})
-    away: float = 4.0
-    size: float = 0.1
-    tie: float = 8.0
-    tie_share: float = 0.03
-    most: int = 3
+    floor: float = NATS_FLOOR
+    tail: float = NATS_TAIL
+    biased: Mapping[str, float] = field(
+        default_factory=lambda: dict.fromkeys(("back_friction", "com_offset"), NATS_BIASED)
+    )
+    away: float = AWAY
+    size: float = LEAST_SIZE
+    tie: float = TIE
+    tie_share: float = TIE_SHARE
+    most: int = int(MOST_EFFECTS)
 
     def more(self, effect: str) -> float:
         """Nats that an effect has to gain beyond `least`."""
@@ -60,5 +173,17 @@ class Thresholds:
 
 
 THRESHOLDS = Thresholds()
-TRUST = Trust(level=1.6, thinning=4.0)
+TRUST = Trust(level=NOISE_LEVEL, thinning=NOISE_THINNING)
 """Of residuals to be noise while something may be missing in the model: as slow and large as a total station errs."""
+
+
+def as_markdown() -> str:
+    """The table for the docs."""
+    lines = [
+        "| number | value | unit | meaning | follows `--false-alarms` | calibrated by |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name, one in numbers().items():
+        calibration = one.calibration if one.calibration == CHOICE else f"`{one.calibration}`"
+        lines.append(f"| `{name}` | {float(one):g} | {one.unit} | {one.meaning} | {one.follows} | {calibration} |")
+    return "\n".join(lines).replace("|  |", "| |")

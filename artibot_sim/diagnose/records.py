@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.policy import THRESHOLDS, Thresholds
+from artibot_sim.diagnose.policy import FALSE_ALARM_RATE, HORIZON, PRIOR_ODDS, THRESHOLDS, Thresholds
+from artibot_sim.diagnose.verdict import Verdict
+
+__all__ = [
+    "FALSE_ALARM_RATE", "HALF_WIDTH", "HORIZON", "PRIOR_ODDS", "Candidate", "Cause", "ChannelBaseline", "ChannelGain",
+    "Found", "Left", "Look", "NextExperiment", "Options", "Place", "Series", "Unexplained", "Verdict",
+]  # fmt: skip
 
 # ----------------------------------------------------------------------
 # How a diagnosis is made.
@@ -19,12 +24,6 @@ from artibot_sim.diagnose.policy import THRESHOLDS, Thresholds
 HALF_WIDTH = 0.045
 """s around an instant whose encoder positions give a motor's rotation. Narrower, the encoders' steps make noise of
 predicted torques, which back wheels with less friction seem to mend; wider, the peaks of slip are cut."""
-HORIZON = 5.0
-"""s over which predictions are judged."""
-PRIOR_ODDS = 1.0
-"""Of an effect being there, before anything was measured: whoever asks for a diagnosis has a reason."""
-FALSE_ALARM_RATE = 0.01
-"""Share of the cases with nothing hidden in which something is named."""
 
 
 @dataclass(frozen=True)
@@ -51,15 +50,6 @@ class Options:
 
 
 Array = NDArray[np.float64]
-
-
-class Verdict(enum.Enum):
-    """What a diagnosis comes to."""
-
-    NONE = "none"
-    NAMED = "named"
-    AMBIGUOUS = "ambiguous"
-    UNEXPLAINED = "unexplained"
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.diagnose.policy import FAR_BEYOND_NOISE, LEFT_OF_COMMANDS, LEFT_OF_MOTION
 from artibot_sim.diagnose.records import Left
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.solver import Point
@@ -16,16 +17,14 @@ Array = NDArray[np.float64]
 
 BIN = 0.25
 """s over which residuals are averaged: noise averages out, what forces do stays."""
-LIMITS = dict.fromkeys(("yaw", "yaw_rate", "articulation_yaw", "torque_front", "torque_back"), 2.0)
-"""By channel: mean square of averaged residuals, 1 being the sensor's white noise, above which the window in the middle
-is more than fits leave of recordings with nothing hidden (1.4 at most) or with effects named rightly (nearly all 1.75).
+COMMANDED = "front_velocity"
+"""The channel in which commands show."""
+MOVED = ("yaw", "yaw_rate", "articulation_yaw", "torque_front", "torque_back")
+"""Channels that forces move. Positions have no limit, for how slow a total station's own errors are is not known: with
+nothing hidden they leave up to three times what white noise would."""
+LIMITS: Mapping[str, float] = {**dict.fromkeys(MOVED, LEFT_OF_MOTION), COMMANDED: LEFT_OF_COMMANDS}
+"""By channel: mean square of averaged residuals above which more than noise is left; 1 is the sensor's white noise."""
 
-Positions have no limit, for how slow a total station's own errors are is not known: with nothing hidden they leave up
-to three times what white noise would.
-"""
-
-_FAR = 2.0
-"""Times its limit from which a channel is far beyond noise."""
 _MEMORY = 3.0
 """Relaxation lengths after which a tyre has forgotten the force with which a window took it to begin."""
 
@@ -48,14 +47,19 @@ def remains(problem: Problem, point: Point) -> dict[str, Left]:
 def beyond_noise(left: Mapping[str, Left], times: float = 1.0) -> tuple[str, ...]:
     """Channels in which a force may be at work that the fit does not know: so many times beyond their limit.
 
-    The window in the middle decides: single ones that began on another branch are no force.
+    Of what forces move the window in the middle decides: single ones that began on another branch are no force. Of
+    commands it is the tenth that is worst: what stands between a command and its motor shows at starts and stops.
     """
-    return tuple(name for name, one in left.items() if one.typical > times * LIMITS.get(name, np.inf))
+    return tuple(name for name, one in left.items() if _size(name, one) > times * LIMITS.get(name, np.inf))
+
+
+def _size(name: str, one: Left) -> float:
+    return one.worst if name == COMMANDED else one.typical
 
 
 def far_beyond_noise(left: Mapping[str, Left]) -> tuple[str, ...]:
     """Channels that leave no doubt of it."""
-    return beyond_noise(left, _FAR)
+    return beyond_noise(left, FAR_BEYOND_NOISE)
 
 
 def leaves_more_than_noise(left: Mapping[str, Left]) -> bool:

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose import Verdict, diagnose
-from artibot_sim.diagnose.conclusion import refuted
+from artibot_sim.diagnose.commands.view import CommandView, command_view
+from artibot_sim.diagnose.conclusion import Conclusion, HeldOut, concluded
 from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.records import ChannelGain, Found, Left, Options
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.validation.predictions import Worth, is_minor, is_refuted
+from artibot_sim.diagnose.verdict import Reason
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit
 from artibot_sim.experiment import Experiment
@@ -74,29 +76,55 @@ def test_a_cause_of_little_of_what_is_wrong_is_not_named(gained, typical, minor)
     assert is_minor(worths(gained), {"position": Left(100.0, 900.0), "yaw": Left(typical, 900.0)}) is minor
 
 
-@pytest.fixture(scope="module")
-def plain() -> tuple[Problem, Fit]:
-    """The baseline of a recording with nothing hidden."""
-    rng = np.random.default_rng(4)
-    driven = synthetic(random_soil(ROBOT, rng), random_manoeuvre(rng, 12.0), duration=12.0, seed=1)
-    return baseline([driven], ROBOT, Options())
-
-
 FITTED = Named("back_friction", 200.0, ())
-COMMANDED = Named("command_delay", 900.0, (), {"delay": Found(0.1, "s", (0.09, 0.11))})
+DELAY = 0.1
+COMMANDED = Named("command_delay", 900.0, (), {"delay": Found(DELAY, "s", (0.09, 0.11))})
+Part = tuple[Problem, Fit, CommandView]
 
 
-def test_where_noise_is_all_that_is_left_nothing_is_wrong(plain: tuple[Problem, Fit]) -> None:
-    back = refuted(Decision(Verdict.NAMED, (FITTED,), 58.0, *plain, *plain, (), {}))
-    assert back.verdict is Verdict.NONE and not back.named and back.unexplained is None
-    assert back.left["yaw_rate"].typical == pytest.approx(1.0, abs=0.5)
+@pytest.fixture(scope="module", params=[{}, {"command_delay": {"delay": DELAY}}], ids=["prompt", "late"])
+def part(request: pytest.FixtureRequest) -> tuple[Part, bool]:
+    """The baseline of a recording whose motion hides nothing, how commands were followed, and whether late."""
+    rng = np.random.default_rng(4)
+    real = replace(random_soil(ROBOT, rng), effects=request.param)
+    driven = synthetic(real, random_manoeuvre(rng, 12.0), duration=12.0, seed=1)
+    return (*baseline([driven], ROBOT, Options()), command_view([driven], ROBOT)), bool(request.param)
 
 
-def test_what_commands_show_stays_named_when_a_fit_is_refuted(plain: tuple[Problem, Fit]) -> None:
-    back = refuted(Decision(Verdict.NAMED, (FITTED, COMMANDED), 58.0, *plain, *plain, (), {}))
-    assert back.verdict is Verdict.NAMED and back.named == (COMMANDED,)
-    last = refuted(back)
-    assert last.verdict is Verdict.NONE and not last.named
+def decided(part: Part, named: tuple[Named, ...], against: tuple[str, ...]) -> Conclusion:
+    """What is concluded of these names where held-out recordings speak against any of `against`."""
+    problem, fit, view = part
+
+    def judge(decision: Decision) -> HeldOut:
+        wrong = any(one.effect in against for one in decision.named)
+        return HeldOut({"any": Worth(2.0, 4.0 if wrong else 0.0, 0.0)}, {"yaw": WORSE if wrong else BETTER})
+
+    return concluded(Decision(named, 58.0, problem, fit, problem, fit, (), {}), view, judge)
+
+
+def test_a_refuted_fit_is_nothing_where_noise_is_all_that_is_left(part: tuple[Part, bool]) -> None:
+    of, late = part
+    found = decided(of, (FITTED,), ("back_friction",))
+    assert found.decision.verdict is (Verdict.UNEXPLAINED if late else Verdict.NONE)  # late, and no name for it
+    assert not found.decision.named and found.decision.unexplained is None
+    assert found.decision.left["yaw_rate"].typical == pytest.approx(1.0, abs=0.5)
+    assert [(one.effects, one.reason) for one in found.without] == [(("back_friction",), Reason.REFUTED)]
+
+
+def test_what_commands_show_stays_named_when_a_fit_is_refuted(part: tuple[Part, bool]) -> None:
+    of, late = part
+    found = decided(of, (FITTED, COMMANDED), ("back_friction",)).decision
+    if late:
+        assert found.verdict is Verdict.NAMED and found.named == (COMMANDED,)
+    else:  # it is not there, and leaves more than it takes
+        assert not found.named
+
+
+def test_what_commands_show_falls_where_held_out_recordings_speak_against_it(part: tuple[Part, bool]) -> None:
+    of, late = part
+    found = decided(of, (COMMANDED,), ("command_delay",))
+    assert not found.decision.named and found.without[0].reason is Reason.REFUTED
+    assert found.decision.verdict is (Verdict.UNEXPLAINED if late else Verdict.NONE)
 
 
 def test_what_acts_in_the_fitted_recordings_only_is_not_named() -> None:

@@ -15,7 +15,7 @@ from artibot_sim.diagnose.commands.limit import Limit, excluded_limit, torque_li
 from artibot_sim.diagnose.commands.model import PARAMETERS, Way, followed, known_way, seen, way_of
 from artibot_sim.diagnose.commands.noise import Noise, noise_in, sensor_noise
 from artibot_sim.diagnose.commands.series import Level, level_of, series_of
-from artibot_sim.diagnose.policy import THRESHOLDS
+from artibot_sim.diagnose.policy import SMALLEST_DEADBAND, SMALLEST_DELAY, SMALLEST_SCALE, THRESHOLDS
 from artibot_sim.diagnose.records import FALSE_ALARM_RATE, PRIOR_ODDS, Left, Series
 from artibot_sim.experiment import Experiment
 from artibot_sim.model import Robot
@@ -221,10 +221,8 @@ BIN, WINDOW = 0.25, 5.0
 """s over which errors are averaged, and of a window whose mean square counts."""
 MOST = 200.0
 """Error, in units of noise, beyond which it counts as this."""
-_SMALLEST = {"scale": 1e-3, "lag": 4e-3, "delay": 4e-3}
-"""Departures (s where they are times) under which an effect is none: nothing in a recording is as exact as that."""
-_SLOWEST = 0.01
-"""The same of a dead band, over the largest speed commanded."""
+_SMALLEST = {"scale": SMALLEST_SCALE, "lag": SMALLEST_DELAY, "delay": SMALLEST_DELAY}
+"""Departures (s where they are times) under which an effect is none."""
 _UNSEEN = 8.0
 """Nats below which an effect was not seen."""
 _OCCAM, _MARGIN = 8.0, 2.0
@@ -398,7 +396,7 @@ class Work:
 
     def _smallest(self, field_: str) -> float:
         """Departure of a way's field under which it is none."""
-        return _SMALLEST.get(field_, _SLOWEST * float(np.abs(self.data.command).max()))
+        return _SMALLEST.get(field_, SMALLEST_DEADBAND * float(np.abs(self.data.command).max()))
 
     def parameters(self, effect: str, fit: Fit) -> tuple[dict[str, float], dict[str, float]]:
         """Values of an effect's parameters at a fit, and their standard deviations; none where nothing tells them."""

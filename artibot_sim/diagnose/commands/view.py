@@ -15,14 +15,12 @@ from artibot_sim.diagnose.commands.fit import EFFECTS, NEEDED, ViewEvidence, Wor
 from artibot_sim.diagnose.commands.model import known_way
 from artibot_sim.diagnose.commands.noise import sensor_noise
 from artibot_sim.diagnose.commands.series import Level
+from artibot_sim.diagnose.policy import UNFOLLOWED
 from artibot_sim.diagnose.records import Left, Series
 from artibot_sim.experiment import Experiment
 from artibot_sim.model import Robot
 
 __all__ = ["EFFECTS", "CommandView", "ViewEvidence", "command_view"]
-
-_UNFOLLOWED = 0.2
-"""Share of the motors' speed that is left at best, from which they do something else than they are commanded."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +96,7 @@ def command_view(recordings: Sequence[Experiment], robot: Robot, *, needed: floa
             break
         work = replace(work, noise=noise)
     left = work.left(found)
-    if left > _UNFOLLOWED:
+    if left > UNFOLLOWED:
         note = f"motors do not follow their commands: {100 * left:.0f} % of their speed is left whatever explains it"
         silent = {effect: ViewEvidence(0.0, {}, {}, note) for effect in EFFECTS}
         known = known_way(robot)

@@ -44,7 +44,6 @@ class Decision:
 
     Attributes
     ----------
-    verdict : Verdict
     named : tuple of Named
         In the order in which they were found.
     least : float
@@ -66,9 +65,10 @@ class Decision:
         The model with the first of the `fitted` effects, the first two, …, but not with all.
     dropped : tuple of str
         Effects that were found and are not needed beside those found after them.
+    verdict : Verdict
+        What the tables of `verdict` make of it; of a search by itself it is none.
     """
 
-    verdict: Verdict
     named: tuple[Named, ...]
     least: float
     neutral_problem: Problem
@@ -82,6 +82,7 @@ class Decision:
     apart: Apart | None = None
     between: tuple[tuple[Problem, Fit], ...] = ()
     dropped: tuple[str, ...] = ()
+    verdict: Verdict = Verdict.NONE
 
     @property
     def ordered(self) -> tuple[Named, ...]:

@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING
 from artibot_sim.diagnose.candidates.hypotheses import without_effect
 from artibot_sim.diagnose.candidates.patches import on_best_disc
 from artibot_sim.diagnose.commands.view import CommandView
-from artibot_sim.diagnose.conclusion import concluded
 from artibot_sim.diagnose.policy import Thresholds
-from artibot_sim.diagnose.records import Verdict
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.evidence import Evidence, Other, others, together
@@ -106,7 +104,7 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
     while naming.drop():
         naming.add()
     tick()
-    return concluded(naming.decision())
+    return naming.decision()
 
 
 class _Naming:
@@ -235,7 +233,7 @@ class _Naming:
         other = {**self._other, **_beside_each_other(self._view, self._names)}
         named = tuple(replace(one, found=other[one.effect].found) if one.found else one for one in self._named)
         return Decision(
-            Verdict.NONE, named, self._options.least, *self._neutral, self._problem, self._fit, tuple(self._turns),
+            named, self._options.least, *self._neutral, self._problem, self._fit, tuple(self._turns),
             other, between=tuple(self._between), dropped=tuple(self._dropped),
         )  # fmt: skip
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.diagnose.policy import FORCE_NATS
 from artibot_sim.diagnose.records import Unexplained
 from artibot_sim.diagnose.result import effect_words
 from artibot_sim.diagnose.unlisted.forms import Form, forms, unit
@@ -29,9 +30,6 @@ from artibot_sim.identify.result import spaced
 
 Array = NDArray[np.float64]
 
-LEAST_NATS = 30.0
-"""Nats that a force must gain on windows that it was not fitted to. Of 24 cases with nothing hidden (2 × 30 s) one had
-more; no force is asked for there, for they leave no more than noise."""
 _LOOKS = 2
 _FARTHEST = 0.15
 """Largest change of a parameter's logarithm from one look to the next."""
@@ -120,7 +118,7 @@ def look(problem: Problem, coordinates: Array, most: int = _MOST, windows: int =
     for _ in range(most):
         ranked = weighed(equations, of)
         first = first or ranked[:12]
-        if ranked[0].worth < LEAST_NATS:
+        if ranked[0].worth < FORCE_NATS:
             break
         chosen.append(ranked[0])
         equations = equations.with_columns(_columns(equations, of, ranked[0].parts, ranked[0].form))

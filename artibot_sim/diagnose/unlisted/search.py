@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.diagnose.policy import FORCE_PRICE, FORCE_WINDOW
 from artibot_sim.diagnose.result import NOTHING
 from artibot_sim.diagnose.unlisted.forms import Form, forms
 from artibot_sim.diagnose.unlisted.response import COMPONENTS, KNOTS, Answers
@@ -19,13 +20,8 @@ from artibot_sim.diagnose.unlisted.variables import PLACE, Acting, Scene
 
 
 _FOLDS = 4
-_PRICE = 3.0
-"""Nats that a coefficient costs: half the logarithm of the number of windows."""
 _CHOSEN = 2
 """So many coefficients at most are paid for in what was proven."""
-_MOST = 2.0
-"""Nats that a single window may say for or against a force. One in which a switch of eq. 16 was missed says tens, of
-nothing; what acts all the time shows in many."""
 _RIDGE = 1e-9
 
 
@@ -104,7 +100,7 @@ class Candidate:
         There coefficients gain nothing by chance; what is left to chance is the choice among so many forces.
         """
         count = len(self.coefficients)
-        return min(self.gain - _PRICE * count, self.proven - _PRICE * min(count, _CHOSEN))
+        return min(self.gain - FORCE_PRICE * count, self.proven - FORCE_PRICE * min(count, _CHOSEN))
 
 
 @dataclass(frozen=True)
@@ -224,7 +220,7 @@ def judge(equations: Equations, sums: Sums, form: Form, force: str, parts: Seque
 
 
 def proven(equations: Equations, sums: Sums, across: bool) -> float:
-    """Nats gained on windows that the coefficients were not fitted to, all windows in turn, each up to ± `_MOST`."""
+    """Nats gained on windows that the coefficients were not fitted to, each window's up to ± `FORCE_WINDOW`."""
     b = sums.pull.shape[1] - equations.beside.shape[2]
     # neighbours err alike: windows are left out in stretches of several
     fold = equations.recording if across else (np.arange(len(sums.pull)) // _TOGETHER) % _FOLDS
@@ -237,7 +233,7 @@ def proven(equations: Equations, sums: Sums, across: bool) -> float:
         with_it, without = solve(matrix, pull), solve(matrix[b:, b:], pull[b:])
         M, m = sums.matrix[out], sums.pull[out]
         gained = _explained(M, m, with_it) - _explained(M[:, b:, b:], m[:, b:], without)
-        total += float(np.clip(gained, -_MOST, _MOST).sum())
+        total += float(np.clip(gained, -FORCE_WINDOW, FORCE_WINDOW).sum())
     return total
 
 

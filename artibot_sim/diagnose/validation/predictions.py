@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.commands.view import CommandView, command_view
+from artibot_sim.diagnose.policy import MINOR, REFUTED
 from artibot_sim.diagnose.records import HALF_WIDTH, ChannelBaseline, ChannelGain, Left, Options, Series
 from artibot_sim.diagnose.remains import leaves_more_than_noise
 from artibot_sim.diagnose.selection.decision import Decision
@@ -146,13 +147,6 @@ def _pooled(fits: Sequence[ChannelFit]) -> float:
 # ----------------------------------------------------------------------
 
 
-_WORSE = 0.1
-"""Growth of the held-out error beyond noise from which data speak against a cause: one that happens not to act in them
-adds a few hundredths."""
-_LITTLE = 0.5
-"""Share of that error which causes leave at most, where the fitted recordings show that there is something else."""
-
-
 @dataclass(frozen=True)
 class Worth:
     """What one cause is worth on held-out data, beside those found before it.
@@ -225,7 +219,7 @@ def _likelihoods(models: Sequence[Sequence[Held]]) -> list[float]:
 
 
 def is_refuted(gained: Mapping[str, Worth], gain: Mapping[str, ChannelGain]) -> bool:
-    """Whether held-out data are predicted worse with all that was named: in sum by `_WORSE`, and surely in one channel.
+    """Whether held-out data are predicted worse with all that was named: in sum by `REFUTED`, surely in one channel.
 
     Parameters
     ----------
@@ -237,7 +231,7 @@ def is_refuted(gained: Mapping[str, Worth], gain: Mapping[str, ChannelGain]) -> 
     if not gained:
         return False
     before, after = _error(gained)
-    grown = after - before > _WORSE * (before if before > 0.0 else 1.0)
+    grown = after - before > REFUTED * (before if before > 0.0 else 1.0)
     return grown and any(one.ci95[1] < 0.0 for one in gain.values())
 
 
@@ -256,7 +250,7 @@ def is_minor(gained: Mapping[str, Worth], left: Mapping[str, Left]) -> bool:
     if not gained or not leaves_more_than_noise(left):
         return False
     before, after = _error(gained)
-    return before > 0.0 and after > _LITTLE * before
+    return before > 0.0 and after > MINOR * before
 
 
 def _error(gained: Mapping[str, Worth]) -> tuple[float, float]:

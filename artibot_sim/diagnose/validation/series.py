@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.commands.series import Level
 from artibot_sim.diagnose.records import ChannelBaseline, Look, Series
+from artibot_sim.diagnose.remains import COMMANDED
 from artibot_sim.diagnose.validation.predictions import Pair
 from artibot_sim.estimation.windows import CHANNEL_NAMES, Window
 from artibot_sim.experiment import Experiment
@@ -19,8 +20,6 @@ from artibot_sim.model import MOTORS, Robot
 
 Array = NDArray[np.float64]
 
-COMMANDED = "front_velocity"
-"""The channel in which commands show."""
 _GRID = 0.2
 """s between covariates."""
 

@@ -12,9 +12,10 @@ from diagnose.hidden.cases import case
 
 from artibot_sim.diagnose.candidates.patches import disc_place, scanned
 from artibot_sim.diagnose.commands.view import command_view
+from artibot_sim.diagnose.conclusion import concluded
 from artibot_sim.diagnose.extended import found_parameters
 from artibot_sim.diagnose.intervals import uncertain
-from artibot_sim.diagnose.pipeline import baseline
+from artibot_sim.diagnose.pipeline import Assessor, baseline
 from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.diagnose.selection.ranking import ranking
@@ -29,7 +30,10 @@ def main(effect: str, severity: str, seed: str, runs: str = "2", duration: str =
     found = case(hidden, float(severity), int(seed), runs=int(runs), duration=float(duration))
     robot, options = load_robot("agriq"), Options()
     problem, fit = baseline(found.recordings, robot, options)
-    decision = decide(problem, fit, options, lambda: None, command_view(found.recordings, robot))
+    view = command_view(found.recordings, robot)
+    decision = decide(problem, fit, options, lambda: None, view)
+    assessor = Assessor(robot, found.recordings, found.holdout, options, lambda: None)
+    decision = concluded(decision, view, assessor.worth).decision
     acting = {**found.truth.effects, **found.truth.unlisted}
     print("hidden:", {name: dict(values) for name, values in acting.items()})
     print("said:", decision.verdict.value, *(f"{n.effect} by {n.nats:.0f} nats" for n in decision.named))

@@ -11,7 +11,7 @@ import pytest
 from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, with_effect
 from artibot_sim.diagnose.candidates.screening import Trial
 from artibot_sim.diagnose.commands.view import command_view
-from artibot_sim.diagnose.conclusion import named_as
+from artibot_sim.diagnose.conclusion import own_ties
 from artibot_sim.diagnose.policy import THRESHOLDS
 from artibot_sim.diagnose.records import Found, Verdict
 from artibot_sim.diagnose.selection.decision import Decision, Named
@@ -74,7 +74,7 @@ def decision_of(run: Experiment, order: tuple[str, ...]) -> Decision:
     named = tuple(Named(name, NATS[name], (), COMMANDED.get(name, {}), at.get(name, 0)) for name in order)
     first = fit_of(neutral)
     view = others(command_view([run], ROBOT))
-    return Decision(Verdict.NAMED, named, 40.0, neutral, first, problem, fit, tuple(turns), view)
+    return Decision(named, 40.0, neutral, first, problem, fit, tuple(turns), view)
 
 
 ORDERS = [
@@ -110,11 +110,10 @@ def test_what_has_evidence_and_is_not_named_says_why(run: Experiment) -> None:
 def test_what_is_found_beside_another_is_no_rival_of_it(run: Experiment) -> None:
     decision = decision_of(run, FITTED)
     tied = tuple(replace(one, ties=tuple(name for name in FITTED if name != one.effect)) for one in decision.named)
-    assert named_as(replace(decision, named=tied)).verdict is Verdict.NAMED
+    assert not any(one.ties for one in own_ties(replace(decision, named=tied)).named)
     open_ = replace(decision, named=(decision.named[0], replace(decision.named[1], ties=("payload",))))
-    assert named_as(open_).verdict is Verdict.NAMED, "the one with the most evidence has no rival"
-    undecided = replace(decision, named=(replace(decision.named[0], ties=("payload",)), decision.named[1]))
-    assert named_as(undecided).verdict is Verdict.AMBIGUOUS
+    assert own_ties(open_).named == open_.named
+    assert not own_ties(open_).ordered[0].ties, "the one with the most evidence has no rival"
 
 
 def test_who_believes_less_asks_for_more() -> None:

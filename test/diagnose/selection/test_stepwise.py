@@ -8,6 +8,7 @@ import pytest
 from diagnose.hidden import case
 
 from artibot_sim.diagnose.commands.view import command_view
+from artibot_sim.diagnose.conclusion import HeldOut, concluded
 from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.policy import THRESHOLDS, Thresholds
 from artibot_sim.diagnose.records import Options, Verdict
@@ -41,7 +42,9 @@ def test_an_effect_that_the_next_one_makes_up_for_is_dropped(truth: str, monkeyp
     found = stepwise.decide(problem, fit, options, lambda: None, view)
     assert [one.effect for one in found.named] == [one.effect for one in right.named] == [truth]
     assert not right.dropped and len(found.dropped) == 1 and truth not in found.dropped
-    assert found.verdict is right.verdict is Verdict.NAMED
+    nothing_held_out = HeldOut({}, {})
+    for one in (found, right):
+        assert concluded(one, view, lambda _: nothing_held_out).decision.verdict is Verdict.NAMED
     assert found.ordered[0].nats == pytest.approx(right.ordered[0].nats, rel=0.05), "what it is worth by itself"
     sizes, others = (one.fit.point.coordinates[len(SOIL) :] for one in (found, right))
     assert sizes == pytest.approx(others, rel=0.05)

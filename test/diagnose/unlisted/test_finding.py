@@ -10,8 +10,9 @@ import pytest
 from diagnose.hidden import UNLISTED, Case, case
 from diagnose.hidden.unlisted import ACTS_ON
 
+from artibot_sim.diagnose.policy import FORCE_NATS
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
-from artibot_sim.diagnose.unlisted.finding import LEAST_NATS, Finding, look, unexplained_of
+from artibot_sim.diagnose.unlisted.finding import Finding, look, unexplained_of
 from artibot_sim.diagnose.unlisted.variables import through_gear
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import SOIL
@@ -66,7 +67,7 @@ def test_force_and_variable_are_named(name):
 def test_nothing_is_found_where_nothing_is_hidden():
     _, found = seen()
     assert not found.chosen
-    assert max(rival.worth for rival in found.rivals) < LEAST_NATS
+    assert max(rival.worth for rival in found.rivals) < FORCE_NATS
 
 
 def test_the_period_of_ridges_is_found():

@@ -9,7 +9,7 @@ import pytest
 
 from artibot_sim.diagnose.candidates.hypotheses import with_effect
 from artibot_sim.diagnose.commands.view import command_view
-from artibot_sim.diagnose.records import Found, Options, Verdict
+from artibot_sim.diagnose.records import Found, Options
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.forward import Turn
 from artibot_sim.diagnose.validation.predictions import improvements, predict
@@ -46,7 +46,7 @@ def test_each_cause_takes_its_own_error_away(lag_first: bool) -> None:
     )
     named = [Named("joint_friction", 500.0, ()), Named("speed_loop_lag", 400.0, (), {"time_constant": Found(LAG, "s")})]
     decision = Decision(
-        Verdict.NAMED, tuple(named[::-1] if lag_first else named), 40.0, problem, turns[0].fit, turns[1].problem,
+        tuple(named[::-1] if lag_first else named), 40.0, problem, turns[0].fit, turns[1].problem,
         turns[1].fit, turns, {},
     )  # fmt: skip
     pair = predict(run, True, ROBOT, REAL, OPTIONS.horizon, 1)
@@ -66,7 +66,7 @@ def test_what_is_not_there_makes_nothing_likelier() -> None:
     turns = (turn_at(problem, np.empty(0)),)
     named = (Named("speed_loop_lag", 400.0, (), {"time_constant": Found(LAG, "s")}),)
     decision = Decision(
-        Verdict.NAMED, named, 40.0, problem, turns[0].fit, problem, turns[0].fit, turns, {}
+        named, 40.0, problem, turns[0].fit, problem, turns[0].fit, turns, {}
     )  # fmt: skip
     slow = replace(ROBOT, effects={"speed_loop_lag": {"time_constant": LAG}})
     pair = predict(run, True, ROBOT, slow, OPTIONS.horizon, 1)

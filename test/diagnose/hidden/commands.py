@@ -1,0 +1,40 @@
+"""What is left of the front motors' speeds against their commands, with nothing hidden and with effects: their limits.
+
+``PYTHONPATH=.:test python -m diagnose.hidden.commands [CASES]`` prints it, so many cases of each kind (2).
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+
+from diagnose.hidden.cases import case
+
+from artibot_sim.diagnose.commands.view import command_view
+from artibot_sim.diagnose.policy import LEFT_OF_COMMANDS, MINOR_COMMANDS
+from artibot_sim.model import load_robot
+
+KINDS = (
+    "none", "torque_limit", "speed_loop_lag", "command_delay", "deadband", "encoder_scale",
+    "command_delay+torque_limit", "command_ramp",
+)  # fmt: skip
+
+
+def main(cases: str = "2") -> None:
+    """Print every case, and the limits that they are for."""
+    robot = load_robot("agriq")
+    print(f"{'hidden':28} {'severity':>8} {'left without':>14} {'left with':>12} found")
+    for kind in KINDS:
+        for severity in (1.0, 0.3):
+            for seed in range(1, int(cases) + 1):
+                effects = () if kind == "none" else kind.split("+")
+                view = command_view(case(effects, severity, seed, runs=2, held_out=0, duration=30.0).recordings, robot)
+                told = {effect: dict(view.evidence[effect].values) for effect in view.found}
+                sizes = [view.remainder(replace(robot, effects=one)) for one in ({}, told)]
+                before, after = ("–" if one is None else f"{one.worst:.2f}" for one in sizes)
+                print(f"{kind:28} {severity:8g} {before:>14} {after:>12} {told}", flush=True)
+    print(f"limits: {float(LEFT_OF_COMMANDS):g}, and {float(MINOR_COMMANDS):g} of what is left without")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
