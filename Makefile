@@ -58,10 +58,10 @@ eq30: setup ## all of Table 6 through a real vcan, its candump log held to eq. 3
 bench-can: setup-run ## driver and replayed frames on vcan0, an emulated machine's if need be (SLOW=8: in slow motion)
 	@scripts/on_vcan.sh $(if $(SLOW),-s $(SLOW)) $(PY) -m artibot_sim.cli bench --only driver --only replay_can $(ARGS)
 
-diagnose-campaign: setup-run ## diagnoses scored on hidden effects (SEED SEVERITY=1,0.3 CASES NOISE KINDS=none:12,single RUNS DURATION WORKERS OUT)
+diagnose-campaign: setup-run ## diagnoses scored on hidden effects (SEED SEVERITY=1,0.3 CASES NOISE KINDS=none:12,single RUNS DURATION ROBOT WORKERS OUT)
 	@OPENBLAS_NUM_THREADS=1 PYTHONPATH=.:test $(PY) -m diagnose.hidden --seed $(or $(SEED),1) --severity $(or $(SEVERITY),1) \
 		--cases $(or $(CASES),27) --noise $(or $(NOISE),1) $(if $(KINDS),--kinds $(KINDS)) \
-		$(if $(RUNS),--runs $(RUNS)) $(if $(DURATION),--duration $(DURATION)) \
+		$(if $(RUNS),--runs $(RUNS)) $(if $(DURATION),--duration $(DURATION)) $(if $(ROBOT),--robot $(ROBOT)) \
 		$(if $(WORKERS),--workers $(WORKERS)) --out $(or $(OUT),campaign) $(ARGS)
 
 steadiness: setup-run ## diagnoses with changes that should not matter (EXAMPLES=DIR N=12 DURATION=45 QUICK=1)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.candidates.patches import disc_place
+from artibot_sim.diagnose.checks.common_map import in_common_map
 from artibot_sim.diagnose.checks.recordings import data_warnings, require_usable
 from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.conclusion import Conclusion, HeldOut, Without, concluded
@@ -107,6 +108,7 @@ class Assessor:
     ) -> None:
         self._robot, self._fitted, self._held, self._options, self._tick = robot, fitted, held, options, tick
         self._view = command_view([*fitted, *held], robot, needed=options.least)
+        self._in_map = in_common_map([*fitted, *held])
         self._made: dict[tuple[str, ...], Assessment] = {}
 
     def __call__(self, decision: Decision) -> Assessment:
@@ -125,7 +127,7 @@ class Assessor:
         names = [one.name for one in self._fitted]
         baseline, extended, effects = _robots(names, decision, options.seed, self._tick)
         pairs = _predictions(self._fitted, self._held, baseline, extended, options, self._tick)
-        levels, looks = baseline_levels(pairs), [look(pair, self._robot) for pair in pairs]
+        levels, looks = baseline_levels(pairs), [look(pair, self._robot, self._in_map) for pair in pairs]
         channels, looks = with_commands(levels, looks, *view.seen_by(extended))
         held_out = [pair for pair in pairs if pair.held_out]
         driven = [one.channels[COMMANDED] for one in looks if one.held_out and COMMANDED in one.channels]

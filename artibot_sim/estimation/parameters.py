@@ -46,11 +46,14 @@ class Extension:
         Parameters that are not fitted: which motor, where on the ground.
     reference : float
         What the logarithm of a value without a finite neutral one is taken from (`Search.reference`).
+    factors : mapping of str to float
+        Plain sizes over those that the effect declares, by parameter: a lighter robot has smaller ones.
     """
 
     id: str
     fixed: Mapping[str, float | str] = field(default_factory=dict)
     reference: float = 1.0
+    factors: Mapping[str, float] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.search.sizes) + bool(self.search.direction)
@@ -66,7 +69,8 @@ class Extension:
         found = self.effect.search
         if found is None:
             raise ArtibotError(f"effects.{self.id}: has no coordinates; it declares no `search`")
-        return found
+        sizes = {name: size * self.factors.get(name, 1.0) for name, size in found.sizes.items()}
+        return replace(found, sizes=sizes) if self.factors else found
 
     @property
     def names(self) -> tuple[str, ...]:

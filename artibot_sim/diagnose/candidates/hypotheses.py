@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.diagnose.sizes import sized
 from artibot_sim.estimation.measurements import Stretch
 from artibot_sim.estimation.parameters import Extension, ParameterSet
 from artibot_sim.estimation.problem import Problem
@@ -84,7 +85,7 @@ def _choices(effect: Effect, robot: Robot, bend: float) -> list[Hypothesis]:
     reference = bend if effect.search.reference == "articulation" else 1.0
     return [
         Hypothesis(
-            Extension(effect.id, dict(zip(names, chosen, strict=True)), reference),
+            sized(effect.id, robot, dict(zip(names, chosen, strict=True)), reference),
             tuple(np.array(probe) for probe in effect.search.probes or _corners(effect.search)), len(combinations),
         )
         for chosen in combinations

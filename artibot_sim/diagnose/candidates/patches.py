@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, with_effect
 from artibot_sim.diagnose.candidates.screening import Around, Trial, faint
+from artibot_sim.diagnose.sizes import scale_of
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.parameters import Extension
@@ -27,7 +28,7 @@ from artibot_sim.model.effects import EFFECTS
 Indices = NDArray[np.int64]
 
 SPACING = 0.7
-"""m between centres of candidates."""
+"""m between centres of candidates; all lengths here are Agri.q's, and those of others as their track is (`length`)."""
 RADII = (1.2, 2.0)
 """m of candidates."""
 SMALLEST = 0.3
@@ -76,6 +77,11 @@ class _Seen:
     sd: float
 
 
+def length(problem: Problem) -> float:
+    """A robot's lengths over Agri.q's."""
+    return scale_of(problem.parameters.robot).length
+
+
 def discs(base: Around) -> list[Trial]:
     """The best discs for every effect that has one, each as a trial."""
     found, parameters = [], base.problem.parameters
@@ -91,7 +97,8 @@ def _discs(base: Around, effect: str, probes: Sequence[tuple[float, ...]]) -> li
     centres = candidates(base)
     plain = tuple(np.array(probe) for probe in probes)
     every = [*plain, *faint(Hypothesis(Extension(effect), plain))]
-    tried = [_Disc(x, y, radius, probe) for x, y in centres for radius in RADII for probe in every]
+    radii = [length(base.problem) * radius for radius in RADII]
+    tried = [_Disc(x, y, radius, probe) for x, y in centres for radius in radii for probe in every]
     tried = sorted(gained(base, effect, tried), key=lambda disc: -disc.gain)[:_KEPT]
     seen = sorted((one.disc for one in scanned(base, effect)), key=lambda disc: -disc.gain)
     nearest = Extension(effect).nearest
@@ -115,10 +122,11 @@ def candidates(base: Around) -> list[tuple[float, float]]:
     order = np.argsort(-poor)
     bad = [i for i in order.tolist() if poor[i] > _BAD * np.median(poor)]
     cells: dict[tuple[int, int], None] = {}
+    spacing = SPACING * length(base.problem)
     for i in bad:
         for x, y in path(base.problem, i)[::2].tolist():
-            cells.setdefault((round(x / SPACING), round(y / SPACING)))
-    return [(SPACING * i, SPACING * j) for i, j in cells][:_MOST]
+            cells.setdefault((round(x / spacing), round(y / spacing)))
+    return [(spacing * i, spacing * j) for i, j in cells][:_MOST]
 
 
 def path(problem: Problem, number: int) -> Array:
@@ -134,9 +142,10 @@ def _extension(effect: str, disc: _Disc) -> Extension:
     return Extension(effect, dict(zip(search.disc, (disc.x, disc.y, disc.radius), strict=True)))
 
 
-def touched(paths: Sequence[Array], x: float, y: float, radius: float) -> list[int]:
-    """Windows whose wheels may come onto a disc, by their paths (n, 2)."""
-    return [i for i, path in enumerate(paths) if (np.hypot(*(path - (x, y)).T) < radius + _REACH).any()]
+def touched(paths: Sequence[Array], x: float, y: float, radius: float, scale: float = 1.0) -> list[int]:
+    """Windows whose wheels may come onto a disc, by their paths (n, 2); `scale` is the robot's `length`."""
+    reach = radius + scale * _REACH
+    return [i for i, path in enumerate(paths) if (np.hypot(*(path - (x, y)).T) < reach).any()]
 
 
 def gained(base: Around, effect: str, discs: Sequence[_Disc]) -> list[_Disc]:
@@ -146,7 +155,7 @@ def gained(base: Around, effect: str, discs: Sequence[_Disc]) -> list[_Disc]:
     """
     problem, point = base.problem, base.point
     paths = [path(problem, i) for i in range(len(problem))]
-    found, rows = list(discs), [touched(paths, disc.x, disc.y, disc.radius) for disc in discs]
+    found, rows = list(discs), [touched(paths, disc.x, disc.y, disc.radius, length(problem)) for disc in discs]
     for some in _together([len(mine) for mine in rows]):
         part, residuals, every = _predicted(base, effect, [discs[k] for k in some], [rows[k] for k in some])
         which = np.repeat(np.arange(len(some)), [len(rows[k]) for k in some])
@@ -165,9 +174,10 @@ def scanned(base: Around, effect: str) -> list[_Seen]:
     """
     problem = base.problem
     paths = np.concatenate([path(problem, i) for i in range(len(problem))])
-    cells = np.unique(np.round(paths / _APART), axis=0) * _APART
+    apart, radius = _APART * length(problem), RADII[0] * length(problem)
+    cells = np.unique(np.round(paths / apart), axis=0) * apart
     cells = cells[:: -(-len(cells) // _PLACES) or 1]
-    discs = [_Disc(x, y, RADII[0], np.array([sign * _SMALL])) for x, y in cells.tolist() for sign in (-1.0, 1.0)]
+    discs = [_Disc(x, y, radius, np.array([sign * _SMALL])) for x, y in cells.tolist() for sign in (-1.0, 1.0)]
     parts = [discs[a : a + _IN_ONE] for a in range(0, len(discs), _IN_ONE)]
     found = side_by_side(lambda some: _seen(base, effect, some), parts, problem.workers)
     return [one for some in found for one in some]
@@ -204,7 +214,10 @@ def _changes(base: Around, effect: str, discs: Sequence[_Disc]) -> Array:
     """What discs change in the residuals, shape (discs, n)."""
     problem, edges = base.problem, base.problem.samples.begin
     paths = [path(problem, i) for i in range(len(problem))]
-    found, rows = np.zeros((len(discs), edges[-1])), [touched(paths, disc.x, disc.y, disc.radius) for disc in discs]
+    found, rows = (
+        np.zeros((len(discs), edges[-1])),
+        [touched(paths, disc.x, disc.y, disc.radius, length(problem)) for disc in discs],
+    )
     for some in _together([len(mine) for mine in rows]):
         _, now, every = _predicted(base, effect, [discs[k] for k in some], [rows[k] for k in some])
         place = np.concatenate([np.arange(edges[i], edges[i + 1]) for i in every])
@@ -371,7 +384,7 @@ def disc_place(problem: Problem, fit: Fit, which: int, seed: int) -> dict[str, P
         return {}
     weights = np.ones((_DRAWS, losses.shape[1]))
     weights[:, :-1] = rng.exponential(size=(_DRAWS, losses.shape[1] - 1))  # the prior stays
-    drawn = table[np.argmin(weights @ losses.T, axis=1)] + rng.normal(scale=_LEAST, size=(_DRAWS, 3))
+    drawn = table[np.argmin(weights @ losses.T, axis=1)] + rng.normal(scale=length(problem) * _LEAST, size=(_DRAWS, 3))
     low, high = np.quantile(drawn, _ENDS, axis=0)
     names = problem.parameters.extensions[which].search.disc
     return {
@@ -404,16 +417,17 @@ def _tried(problem: Problem, fit: Fit, which: int, rng: np.random.Generator, rou
         return np.empty((0, 3)), np.empty((0, len(problem) + 1))
     apart = _Apart(problem.part(rows), rows, fit, which)
     table, losses = here[None], apart.losses(here)[None]
-    middle, width = here, np.full(3, _FIRST)
+    scale = length(problem)
+    middle, width = here, np.full(3, scale * _FIRST)
     for _ in range(rounds):
-        tried = _inside(here, middle + width * rng.normal(size=(_TRIED, 3)))
+        tried = _inside(here, middle + width * rng.normal(size=(_TRIED, 3)), scale)
         found = side_by_side(apart.losses, list(tried), problem.workers)
         table, losses = np.concatenate([table, tried]), np.concatenate([losses, found])
         total = losses.sum(axis=1)
         share = np.exp(-0.5 / _BLUNT * (total - total.min()))
         middle = np.average(table, axis=0, weights=share)
         width = _WIDER * np.sqrt(np.average((table - middle) ** 2, axis=0, weights=share))
-        width = np.clip(width, _LEAST, _FIRST)
+        width = np.clip(width, scale * _LEAST, scale * _FIRST)
     return table, losses
 
 
@@ -421,12 +435,13 @@ def _near(problem: Problem, disc: Array) -> list[int]:
     """Windows that a disc (3,) may touch wherever it is moved; none where there is no disc."""
     if not len(disc):
         return []
+    scale = length(problem)
     x, y, radius = disc.tolist()
-    return touched([path(problem, i) for i in range(len(problem))], x, y, radius + _FARTHEST)
+    return touched([path(problem, i) for i in range(len(problem))], x, y, radius + scale * _FARTHEST, scale)
 
 
-def _inside(here: Array, places: Array) -> Array:
-    """Places (n, 3) no farther from one than they may be, their radii no smaller."""
-    places = here + np.clip(places - here, -_FARTHEST, _FARTHEST)
-    places[:, 2] = np.maximum(places[:, 2], SMALLEST)
+def _inside(here: Array, places: Array, scale: float) -> Array:
+    """Places (n, 3) no farther from one than they may be, their radii no smaller; `scale` is the robot's `length`."""
+    places = here + np.clip(places - here, -scale * _FARTHEST, scale * _FARTHEST)
+    places[:, 2] = np.maximum(places[:, 2], scale * SMALLEST)
     return places

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.diagnose.checks.common_map import in_common_map, needed
 from artibot_sim.diagnose.checks.sensors import FACTOR_REFUSED, Rolled, clock_faults, rolled, wheel_faults
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.measurements import missing, other_robot, stretches
@@ -17,6 +18,7 @@ from artibot_sim.experiment.measured import Measured
 from artibot_sim.experiment.smoothing import fresh, noise_of
 from artibot_sim.identify.result import number
 from artibot_sim.model import MOTORS
+from artibot_sim.model.effects import EFFECTS
 
 if TYPE_CHECKING:
     from artibot_sim.estimation.problem import Problem
@@ -135,6 +137,12 @@ def data_warnings(
     for experiment in recordings:
         said += [f"{experiment.name}: {fault}" for fault in _faults(experiment, robot)]
     said += _together(recordings, robot)
+    if not in_common_map([*recordings, *held]):
+        fixed = [name.replace("_", " ") for name in EFFECTS if needed(name)]
+        said.append(
+            "the segments of a recording have no map in common: their poses jump over the gaps, or all begin at one "
+            f"place; so nothing that is fixed in the map is looked for ({', '.join(fixed)})"
+        )
     if problem is not None and point is not None:
         said += _excitation(problem, point)
     for experiment in held:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from artibot_sim.diagnose.candidates.hypotheses import hypotheses
 from artibot_sim.diagnose.candidates.patches import discs
 from artibot_sim.diagnose.candidates.screening import Around, Trial, at_rest, screen
+from artibot_sim.diagnose.checks.common_map import experiments_of, in_common_map, needed
 from artibot_sim.diagnose.policy import TRUST, Thresholds
 from artibot_sim.diagnose.selection.evidence import Evidence, evidence
 from artibot_sim.diagnose.selection.joint_fits import (
@@ -89,7 +90,10 @@ def turn(
     is none of its evidence.
     """
     base, control = at_rest(problem, loss, fit.point, rounds.few)
-    trials = screen(base, hypotheses(problem.parameters.robot, problem.stretches, named), tick) + discs(base)
+    in_map = in_common_map(experiments_of(problem.stretches))
+    every = hypotheses(problem.parameters.robot, problem.stretches, named)
+    tried = [one for one in every if in_map or not needed(one.id)]
+    trials = screen(base, tried, tick) + (discs(base) if in_map else [])
     return _contested(Turn(tuple(trials), (), {}, problem, fit, loss, control.cost, base=base), named, rounds, tick)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from artibot_sim.diagnose.candidates.patches import RADII, told_along
 from artibot_sim.diagnose.candidates.screening import Around, Trial
+from artibot_sim.diagnose.checks.common_map import experiments_of, in_common_map, needed
 from artibot_sim.diagnose.policy import Thresholds
 from artibot_sim.diagnose.records import Candidate, Verdict
 from artibot_sim.diagnose.selection.decision import Decision, Named
@@ -152,6 +153,8 @@ def _above(decision: Decision, effect: str, trials: Sequence[Trial], thresholds:
     search, last = EFFECTS[effect].search, decision.turns[-1].base
     if search is None or not search.disc:
         return excluded(trials, decision.least, thresholds)
+    if not in_common_map(experiments_of(decision.neutral_problem.stretches)):
+        return {}
     return {} if last is None else excluded_patch(last, effect, decision.least, thresholds)
 
 
@@ -164,6 +167,9 @@ def _candidate(effect: str, at: Turn) -> Candidate:
         return Candidate(effect, nats / DECADE, values, note=_note(trials), fitted=True)
     if not trials and effect in at.problem.parameters.robot.effects:
         return Candidate(effect, 0.0, {}, note="known: it stands in the robot file")
+    if not trials and needed(effect) and not in_common_map(experiments_of(at.problem.stretches)):
+        note = f"not looked for: it needs {needed(effect)}, and the segments of these recordings have none"
+        return Candidate(effect, 0.0, {}, note=note)
     if not trials:
         return Candidate(effect, 0.0, {}, note="not looked for: these recordings cannot show it")
     best = min(trials, key=lambda trial: trial.point.cost)

@@ -16,9 +16,9 @@ from artibot_sim.diagnose.selection.evidence import Evidence, Other, others, tog
 from artibot_sim.diagnose.selection.forward import Turn, refusal, thorough, turn
 from artibot_sim.diagnose.selection.joint_fits import Rounds, settled
 from artibot_sim.diagnose.selection.ridge_search import at_size, revised
+from artibot_sim.diagnose.sizes import sized
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parallel import side_by_side
-from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Effort, Fit, search, settle
 from artibot_sim.estimation.solver import again, evaluate
@@ -257,7 +257,7 @@ def _with_effect(problem: Problem, fit: Fit, found: Turn, best: Named, seed: int
     for rival in found.rivals:
         if rival.id == best.effect:
             return on_best_disc(rival.problem, rival.fit, seed, Rounds().few)
-    extension = Extension(best.effect)
+    extension = sized(best.effect, problem.parameters.robot)
     own = extension.coordinates({name: one.value for name, one in best.found.items()})
     return at_size(problem, fit, extension, own, Rounds().few)
 

@@ -24,7 +24,7 @@ from artibot_sim.diagnose.unlisted.search import (
     scattered,
     solve,
 )
-from artibot_sim.diagnose.unlisted.variables import Scene, scene
+from artibot_sim.diagnose.unlisted.variables import PLACE, Scene, scene
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.identify.result import spaced
 
@@ -133,7 +133,7 @@ def regression(few: Problem, coordinates: Array) -> tuple[Equations, Scene]:
     """
     found, of = answers(few, coordinates), scene(few, coordinates)
     information = few.parameters.prior_information
-    equations = scattered(found, few.recordings[1], information, information @ coordinates)
+    equations = scattered(found, few.recordings[1], information, information @ coordinates, few.parameters.robot)
     for force, form in _law_of_contact(of):
         equations = equations.with_columns(_columns(equations, of, families(of)[force], form))
     return equations, of
@@ -172,9 +172,10 @@ def _columns(equations: Equations, of: Scene, parts: Sequence[str], form: Form) 
 def weighed(equations: Equations, of: Scene) -> list[Candidate]:
     """All candidates, best first."""
     found: list[Candidate] = []
+    in_map = any(PLACE in one.follows for one in of.values())
     for force, parts in families(of).items():
         found += candidates(equations, of, force, parts)
-        if force in _ON_GROUND:
+        if in_map and force in _ON_GROUND:
             repeated = ridges(equations, of, force, parts)
             found += [repeated] if repeated else []
     return sorted(found, key=lambda c: -c.worth)

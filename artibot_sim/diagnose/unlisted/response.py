@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.diagnose.sizes import scale_of
 from artibot_sim.estimation.kernels import Parts
 from artibot_sim.estimation.loss import Loss, spread
 from artibot_sim.estimation.problem import Problem
@@ -36,11 +37,11 @@ MOTOR = len(FORCES)
 """Where the motors' torques stand among the components of a force."""
 COMPONENTS = MOTOR + len(MOTORS)
 _WIDE = np.array([80.0, 80.0, 40.0, 40.0])
-"""Standard deviations of FORCES beforehand, N and N m."""
+"""Standard deviations of FORCES beforehand for Agri.q, N and N m; other robots' are as their `sizes.Scale`."""
 _WIDE_TORQUE = 0.15
 """The same of the motors' torques, N m."""
 _PROBE = np.array([6.0, 6.0, 3.0, 3.0])
-"""Changes of FORCES for their finite differences."""
+"""Changes of FORCES for their finite differences, for Agri.q."""
 _START_STEP = np.array([1e-3, 1e-3, 1e-3, 3e-3, 3e-3, 3e-3, 1e-3, 3e-3])
 _PARAMETER_STEP = 0.04
 _ROUNDS = 3
@@ -91,6 +92,12 @@ def ends(problem: Problem) -> Array:
     """Where forces are given: when the compared part of each window begins and ends, shape (windows, KNOTS), s."""
     end = np.array([w.t for w in problem.windows]) + problem.durations
     return np.column_stack([end - LENGTH, end])
+
+
+def force_scale(robot: Robot) -> Array:
+    """Sizes of a robot's FORCES over Agri.q's, shape (4,)."""
+    scale = scale_of(robot)
+    return np.array([scale.mass, scale.mass, scale.torque, scale.torque])
 
 
 @dataclass
@@ -147,7 +154,13 @@ def _linearised(problem: Problem, coordinates: Array, state: _State, free: Seque
     starts = np.repeat(state.starts[None], each + size, axis=0)
     starts[each:] += _START_STEP[:size, None, None] * np.eye(size)[:, None]
     flat = problem.compare(problem.predictions(robots, robot, starts))
-    steps = np.concatenate([np.repeat(_PROBE, KNOTS), np.full(len(others), -_PARAMETER_STEP), _START_STEP[:size]])
+    steps = np.concatenate(
+        [
+            np.repeat(_PROBE * force_scale(problem.parameters.robot), KNOTS),
+            np.full(len(others), -_PARAMETER_STEP),
+            _START_STEP[:size],
+        ]
+    )
     table, n = (flat[1:] - flat[0]) / steps[:, None], MOTOR * KNOTS
     forces, parameters, moves = (
         [part.T for part in np.split(table[a:b], problem.samples.begin[1:-1], axis=1)]
@@ -161,11 +174,11 @@ def _linearised(problem: Problem, coordinates: Array, state: _State, free: Seque
 
 def _variants(plain: Robot, others: Sequence[Robot], forces: Array, t: Array) -> list[Robot]:
     """A robot with its forces, with each of them changed at each knot, and other robots with the same forces."""
-    changed = []
+    changed, probe = [], _PROBE * force_scale(plain)
     for c in range(MOTOR):
         for k in range(KNOTS):
             more = forces.copy()
-            more[c, k] += _PROBE[c]
+            more[c, k] += probe[c]
             changed.append(pushed(plain, more, t))
     return [pushed(plain, forces, t), *changed, *(pushed(other, forces, t) for other in others)]
 
@@ -203,13 +216,14 @@ def _moved(problem: Problem, state: _State, linear: _Linear) -> _State:
     trusted = _explained(problem, state, linear)
     weights, t = _weights(problem, trusted), ends(problem)
     new = _State(state.starts.copy(), state.forces.copy(), state.torques.copy())
-    wide = np.repeat(_WIDE, KNOTS)
+    robot = problem.parameters.robot
+    wide, torque = np.repeat(_WIDE * force_scale(robot), KNOTS), _WIDE_TORQUE * scale_of(robot).motor
     n, m = len(wide), len(wide) + len(MOTORS) * KNOTS
     for w, (residual, G, S) in enumerate(zip(linear.residuals, linear.forces, linear.starts, strict=True)):
         weight = weights[w]
         J = np.hstack([G, _torques(problem.windows[w], t[w]), S])
         known = np.zeros((J.shape[1], J.shape[1]))
-        known[:m, :m] = np.diag(np.concatenate([wide, np.full(m - n, _WIDE_TORQUE)]) ** -2.0)
+        known[:m, :m] = np.diag(np.concatenate([wide, np.full(m - n, torque)]) ** -2.0)
         known[m:, m:] = problem.start_weight[w].T @ problem.start_weight[w]
         away = np.concatenate([state.forces[w].ravel(), np.zeros(m - n), state.starts[w] - problem.starts[w]])
         H = (J.T * weight) @ J + known

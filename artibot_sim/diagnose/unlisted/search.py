@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.policy import FORCE_PRICE, FORCE_WINDOW
 from artibot_sim.diagnose.result import NOTHING
+from artibot_sim.diagnose.sizes import scale_of
 from artibot_sim.diagnose.unlisted.forms import Form, forms
-from artibot_sim.diagnose.unlisted.response import COMPONENTS, KNOTS, Answers
+from artibot_sim.diagnose.unlisted.response import COMPONENTS, KNOTS, Answers, force_scale
 from artibot_sim.diagnose.unlisted.variables import PLACE, Acting, Scene
+from artibot_sim.model import MOTORS, Robot
 
 # ----------------------------------------------------------------------
 # Which force following which variable explains what a fit leaves: every pair is tried, each with all its forms.
@@ -281,16 +283,20 @@ def candidates(equations: Equations, of: Scene, force: str, parts: Sequence[str]
 Array = NDArray[np.float64]
 
 SCATTER = (6.0, 8.0, 2.5, 4.0, 0.02, 0.02, 0.02, 0.02)
-"""Standard deviations of the components of a force (N, N m) from window to window in recordings with nothing hidden."""
+"""Standard deviations of the components of a force (N, N m) from window to window in recordings of Agri.q with nothing
+hidden."""
 ALIKE = 2.0
 """How many windows in a row err alike there."""
 
 
-def scattered(found: Answers, recording: NDArray[np.int64], information: Array, slope: Array) -> Equations:
+def scattered(
+    found: Answers, recording: NDArray[np.int64], information: Array, slope: Array, robot: Robot
+) -> Equations:
     """The normal equations of what forces follow, once each window's own scatter is eliminated."""
     n, p = found.forces, len(slope)
+    sizes = np.concatenate([force_scale(robot), np.full(len(MOTORS), scale_of(robot).motor)])
     towards = found.matrix[:, :, :n]
-    A = found.matrix[:, :n, :n] + np.diag(np.repeat(SCATTER, KNOTS) ** -2.0)
+    A = found.matrix[:, :n, :n] + np.diag(np.repeat(SCATTER * sizes, KNOTS) ** -2.0)
     solved = np.linalg.solve(A, np.concatenate([towards.transpose(0, 2, 1), found.pull[:, :n, None]], axis=2))
     misfit = (found.misfit - np.einsum("wi,wi->w", found.pull[:, :n], solved[:, :, -1])) / ALIKE
     matrix = (found.matrix - towards @ solved[:, :, :-1]) / ALIKE

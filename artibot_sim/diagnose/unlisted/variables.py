@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.diagnose.checks.common_map import experiments_of, in_common_map
 from artibot_sim.diagnose.unlisted.response import COMPONENTS, KNOTS, MOTOR, ends
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.model import MOTORS, WHEELS, Robot
@@ -44,6 +45,8 @@ ROLLING = "time, and which way it turns"
 """A variable of motors: s since the start, and the sign of the rotation."""
 PLACE = "place"
 """A variable of forces along an axis of `map`: the coordinate, and which axis it is."""
+FIXED = ("heading",)
+"""Variables that mean something in one map only."""
 _STILL = 0.5
 """rad/s of a motor, over which the sign of its rotation changes."""
 _SLOW = 0.05
@@ -69,7 +72,17 @@ def scene(problem: Problem, coordinates: Array) -> Scene:
                           np.nan_to_num(getattr(problem.stretches[w.stretch].inputs, quantity)[:, m]))
                 for w, t in zip(problem.windows, at, strict=True)
             ])  # fmt: skip
-    return _forces(robot, at, motion)
+    found = _forces(robot, at, motion)
+    return found if in_common_map(experiments_of(problem.stretches)) else _movable(found)
+
+
+def _movable(of: Scene) -> Scene:
+    """The forces and variables that are not fixed in `map`."""
+    return {
+        name: Acting(one.make, {name: values for name, values in one.follows.items() if name not in FIXED})
+        for name, one in of.items()
+        if PLACE not in one.follows
+    }
 
 
 def _forces(robot: Robot, t: Array, motion: dict[str, Array]) -> dict[str, Acting]:

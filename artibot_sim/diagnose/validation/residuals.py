@@ -417,7 +417,7 @@ def direction(samples: Samples) -> str:
     if mean_size <= 0:
         return ""
     best, said = _ONE_WAY, ""
-    in_map = off.mean(axis=0)
+    in_map = off.mean(axis=0) if np.isfinite(samples.at["x"]).any() else np.zeros(2)
     if (share := float(np.hypot(*in_map)) / mean_size) > best:
         towards = float(np.arctan2(in_map[1], in_map[0]))
         best = share

@@ -24,13 +24,14 @@ _GRID = 0.2
 """s between covariates."""
 
 
-def look(pair: Pair, robot: Robot) -> Look:
-    """One recording."""
+def look(pair: Pair, robot: Robot, in_map: bool = True) -> Look:
+    """One recording; places and headings mean nothing where its segments are not `in_map` together."""
     experiment, before, after = pair.before.experiment, pair.before, pair.after
     free = [[_path(run.window, run.residual) for run in held.free] for held in (before, after)]
     return Look(
         experiment.name, pair.held_out, _measured_path(experiment), _paths(before), _paths(after), tuple(free[0]),
-        tuple(free[1]), before.summary.left, after.summary.left, _series(before, after), covariates(experiment, robot),
+        tuple(free[1]), before.summary.left, after.summary.left, _series(before, after),
+        covariates(experiment, robot, in_map),
     )  # fmt: skip
 
 
@@ -97,8 +98,8 @@ def with_commands(
     return channels, new
 
 
-def covariates(experiment: Experiment, robot: Robot) -> dict[str, Array]:
-    """What the rover did, on one grid through all segments."""
+def covariates(experiment: Experiment, robot: Robot, in_map: bool = True) -> dict[str, Array]:
+    """What the rover did, on one grid through all segments; NaN for place and heading where these have no one map."""
     rows = [np.empty((0, 7))]
     for t_start, t_end in experiment.segments:
         t = np.arange(t_start, t_end, _GRID)
@@ -108,6 +109,8 @@ def covariates(experiment: Experiment, robot: Robot) -> dict[str, Array]:
     table = np.vstack(rows)
     names = ("t", "speed", "yaw_rate", "heading", "articulation_yaw", "x", "y")
     found = {name: table[:, i].copy() for i, name in enumerate(names)}
+    if not in_map:
+        found |= {name: np.full(len(table), np.nan) for name in ("heading", "x", "y")}
     return found | {"load": _load(experiment, robot, found["t"])}
 
 

@@ -14,20 +14,21 @@ from diagnose.hidden.effects import LISTED, Recipe
 from diagnose.hidden.ground import OTHER_GROUND, RECIPE, RECORDING
 from diagnose.hidden.machine import Machine, machine, random_soil
 from diagnose.hidden.sensors import Noise, Table
-from diagnose.hidden.unlisted import UNLISTED
+from diagnose.hidden.unlisted import ON_COMMANDS, UNLISTED
 
+from artibot_sim.diagnose.sizes import factors, scale_of
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.columns import find_segments, measured_stamps
 from artibot_sim.experiment.rollout_bag import write_channels
 from artibot_sim.experiment.topics import BY_KEY
-from artibot_sim.model import load_robot
+from artibot_sim.model import Robot, load_robot
 
 START_NS = 1_000_000_000
 EVERY = 4
 """Steps between two rows of a drive that are kept: 1 ms."""
 LEAST_NATS = 10.0
 """An effect that changes what the sensors say by less never acts: the truth is then that it is not there."""
-RECIPES = {**LISTED, **UNLISTED, OTHER_GROUND: RECIPE}
+RECIPES = {**LISTED, **UNLISTED, **ON_COMMANDS, OTHER_GROUND: RECIPE}
 """Of all that can be hidden."""
 WIDEST = 1.3
 """rad of articulation beyond which a drive is thrown away: a real rover would be damaged."""
@@ -95,6 +96,7 @@ class Case:
     recordings: tuple[Experiment, ...]
     holdout: tuple[Experiment, ...]
     truth: Truth
+    robot: str = "agriq"
 
 
 def case(
@@ -127,7 +129,7 @@ def case(
         Instead of a random one.
     """
     drives, put_in, soil = driven(effects, severity, seed, runs + held_out, duration, manoeuvres, soil, robot)
-    noise = noise or Noise()
+    noise = (noise or Noise()).of(load_robot(robot))
     rng = np.random.default_rng([seed, 2])
     names = [f"run{i}" for i in range(len(drives))]
     found = [experiment(d, noise, rng, name, robot) for d, name in zip(drives, names, strict=True)]
@@ -142,7 +144,7 @@ def case(
         idle={name: values for name, values in put_in.items() if name not in acts},
         nats=nats, soil=soil, severity=severity, seed=seed, manoeuvres=tuple(d.manoeuvre for d in drives),
     )  # fmt: skip
-    return Case(tuple(found[:runs]), tuple(found[runs:]), truth)
+    return Case(tuple(found[:runs]), tuple(found[runs:]), truth, robot)
 
 
 def recipe(name: str) -> Recipe:
@@ -167,9 +169,29 @@ def driven(
     names = [*manoeuvres, *told.permutation([name for name in driving.MANOEUVRES if name not in manoeuvres])][:runs]
     plain = [_drawn(numbers, soil, str(name), told, duration) for name in names]
     track = np.vstack([d.rows[::100, :2] for d in plain])
-    put_in = {name: recipe(name).draw(rng, severity, track) for name in effects}
+    put_in = {name: scaled(name, recipe(name).draw(rng, severity, track), numbers) for name in effects}
     drives = [again(d, _with(d.machine, put_in, i)) if put_in else d for i, d in enumerate(plain)]
     return drives, put_in, soil
+
+
+def scaled(name: str, values: Mapping[str, Any], numbers: Robot) -> dict[str, Any]:
+    """An effect's parameters, drawn for Agri.q, as plain for another robot."""
+    scale = scale_of(numbers)
+    if name in LISTED:
+        by = {**factors(name, numbers), "front_max": scale.motor, "radius": scale.length}
+    else:
+        by = {key: getattr(scale, size) for key, size in UNLISTED_BY.items()}
+    found = {key: value * by[key] if key in by else value for key, value in values.items()}
+    if "wander" in values:  # two waves: N m, rad/s, rad
+        found["wander"] = tuple(v * (scale.torque if i % 3 == 0 else 1.0) for i, v in enumerate(values["wander"]))
+    return found
+
+
+UNLISTED_BY: dict[str, Any] = {
+    "yaw_drag": "torque", "preload": "torque", "ridge": "mass", "lame": "mass", "tether": "mass", "air": "mass",
+    "drag": "motor", "ramp": "speed",
+}  # fmt: skip
+"""Field of what is on no list → the robot's size that it grows with."""
 
 
 def _drawn(numbers: Any, soil: Mapping[str, float], name: str, rng: np.random.Generator, duration: float) -> Drive:

@@ -124,6 +124,7 @@ def commands(machine: Machine, name: str, rng: Rng, duration: float) -> tuple[Ar
     """Times (n,) in s and front motor speeds (n, 2) in rad/s, right and left, that a manoeuvre asks for."""
     t = PERIOD * np.arange(round(duration / PERIOD) + 1)
     v, w = MANOEUVRES[name](rng, t)
+    v, w = v * machine.length**0.5, w / machine.length**0.5  # as hard a turn for a smaller rover (Froude)
     right, left = v + 0.5 * machine.track * w, v - 0.5 * machine.track * w
     return t, np.column_stack([right, left]) / (machine.radius * machine.tau)
 

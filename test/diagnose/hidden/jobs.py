@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from diagnose.hidden.effects import LISTED
 from diagnose.hidden.ground import OTHER_GROUND
-from diagnose.hidden.unlisted import UNLISTED
+from diagnose.hidden.unlisted import ON_COMMANDS, UNLISTED
 
-KINDS = ("none", "single", "pair", "unlisted", "ground")
+KINDS = ("none", "single", "pair", "unlisted", "ground", "commands")
 """The order is part of the cases' seeds."""
 
 
@@ -31,6 +31,8 @@ class Job(NamedTuple):
         Recordings to diagnose; one more is held out.
     duration : float
         Of each, s.
+    robot : str
+        Name or file.
     """
 
     kind: str
@@ -41,12 +43,14 @@ class Job(NamedTuple):
     seed: int
     runs: int = 3
     duration: float = 45.0
+    robot: str = "agriq"
 
     @property
     def key(self) -> str:
         """What tells it from every other job."""
         what = f"{self.kind} {self.number} {'+'.join(self.effects)} {self.severity:g} {self.noise:g} {self.seed}"
-        return f"{what} {self.runs}x{self.duration:g}"
+        of = "" if self.robot == "agriq" else f" {self.robot}"
+        return f"{what} {self.runs}x{self.duration:g}{of}"
 
     @classmethod
     def from_dict(cls, found: Mapping[str, Any]) -> Job:
@@ -61,6 +65,7 @@ def jobs(
     noise: float,
     runs: int = 3,
     duration: float = 45.0,
+    robot: str = "agriq",
 ) -> list[Job]:
     """All jobs of a campaign, kinds taking turns, so that what is done early is a fair part of the whole.
 
@@ -74,7 +79,7 @@ def jobs(
         at = (0.0,) if kind == "none" else severities
         for severity in at:
             for number, effects in zip(range(count), _effects(kind, seed), strict=False):
-                job = Job(kind, number, effects, severity, noise, _case_seed(seed, kind, number), runs, duration)
+                job = Job(kind, number, effects, severity, noise, _case_seed(seed, kind, number), runs, duration, robot)
                 found.append(((number + 0.5) / count, job))
     return [job for _, job in sorted(found, key=lambda each: each[0])]
 
@@ -90,7 +95,7 @@ def _effects(kind: str, seed: int) -> Iterator[tuple[str, ...]]:
         if kind in ("none", "ground"):
             yield (OTHER_GROUND,) if kind == "ground" else ()
             continue
-        first = rng.permutation(sorted(UNLISTED if kind == "unlisted" else LISTED))
+        first = rng.permutation(sorted({"unlisted": UNLISTED, "commands": ON_COMMANDS}.get(kind, LISTED)))
         for name in first:
             if kind == "pair":
                 other = rng.choice([other for other in sorted(LISTED) if other != name])

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from diagnose.hidden.parts import Body, Gear, Ground, Hidden, Rover
 
+from artibot_sim.diagnose.sizes import scale_of
 from artibot_sim.model import Robot
 
 SOIL = ("k_l", "k_t", "mu_s", "mu_d", "u_w")
@@ -44,12 +45,15 @@ class Machine:
     ----------
     track : float
         Distance between right and left wheels as whoever plans knows it, m; `radius` (m) and `tau` likewise.
+    length : float
+        Lengths over Agri.q's.
     """
 
     rover: Rover
     track: float
     radius: float
     tau: float
+    length: float
     way: Way = field(default_factory=Way)
     sensing: Sensing = field(default_factory=Sensing)
 
@@ -70,7 +74,7 @@ def machine(robot: Robot, soil: dict[str, float], kappa: float) -> Machine:
     bodies = [_body(part, wheel) for part in (robot.front, robot.back)]
     ground = Ground(*(float(soil[name]) for name in SOIL))
     rover = Rover(*bodies, ground, *gears, wheel.r_w, wheel.r_w, share, Hidden())
-    return Machine(rover, robot.front.i_y, wheel.r_w, front.tau)
+    return Machine(rover, robot.front.i_y, wheel.r_w, front.tau, scale_of(robot).length)
 
 
 def _body(part: Any, wheel: Any) -> Body:

@@ -24,15 +24,15 @@ from artibot_sim.diagnose.validation.stability import drifts
 from artibot_sim.model import load_robot
 
 
-def main(effect: str, severity: str, seed: str, runs: str = "2", duration: str = "30") -> None:
+def main(effect: str, severity: str, seed: str, runs: str = "2", duration: str = "30", robot: str = "agriq") -> None:
     """Diagnose and print."""
     hidden = effect.split("+") if effect != "none" else ()
-    found = case(hidden, float(severity), int(seed), runs=int(runs), duration=float(duration))
-    robot, options = load_robot("agriq"), Options()
-    problem, fit = baseline(found.recordings, robot, options)
-    view = command_view(found.recordings, robot)
+    found = case(hidden, float(severity), int(seed), runs=int(runs), duration=float(duration), robot=robot)
+    rover, options = load_robot(robot), Options()
+    problem, fit = baseline(found.recordings, rover, options)
+    view = command_view(found.recordings, rover)
     decision = decide(problem, fit, options, lambda: None, view)
-    assessor = Assessor(robot, found.recordings, found.holdout, options, lambda: None)
+    assessor = Assessor(rover, found.recordings, found.holdout, options, lambda: None)
     decision = concluded(decision, view, assessor.worth).decision
     acting = {**found.truth.effects, **found.truth.unlisted}
     print("hidden:", {name: dict(values) for name, values in acting.items()})

@@ -9,6 +9,9 @@ from diagnose.hidden import rover as at
 from diagnose.hidden.effects import MOTORS
 from diagnose.hidden.machine import Sensing
 
+from artibot_sim.diagnose.sizes import scale_of
+from artibot_sim.model import Robot
+
 Array = np.ndarray
 Rng = np.random.Generator
 Table = tuple[Array, dict[str, Array]]
@@ -52,6 +55,11 @@ class Noise:
     articulation_rate: float = 50.0
     imu_rate: float = 100.0
     station_rate: float = 10.0
+
+    def of(self, robot: Robot) -> Noise:
+        """The same for a robot whose motors turn faster and pull less than Agri.q's."""
+        scale = scale_of(robot)
+        return replace(self, velocity=self.velocity * scale.speed, torque=self.torque * scale.motor)
 
     def scaled(self, factor: float) -> Noise:
         """The same with all standard deviations times a factor."""

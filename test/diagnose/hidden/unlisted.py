@@ -87,9 +87,11 @@ UNLISTED: dict[str, Recipe] = {
     "joint_preload": Recipe(_joint_preload, _hide),
     "cold_gear": Recipe(_cold_gear, _hide),
     "air_drag": Recipe(_air_drag, _hide),
-    "command_ramp": Recipe(_command_ramp, _ramp),
 }
 """By names of the tests' own."""
+
+ON_COMMANDS: dict[str, Recipe] = {"command_ramp": Recipe(_command_ramp, _ramp)}
+"""What happens to commands, and is on no list."""
 
 ACTS_ON: dict[str, dict[str, Any]] = {
     "yaw_drag": {"force": "yaw moment", "variable": "yaw rate"},

@@ -41,7 +41,7 @@ def in_memory(found: Case) -> dict[str, Any]:
     from artibot_sim.diagnose import diagnose
     from artibot_sim.model import load_robot
 
-    answer = diagnose(found.recordings, load_robot("agriq"), holdout=found.holdout, seed=0, workers=1)
+    answer = diagnose(found.recordings, load_robot(found.robot), holdout=found.holdout, seed=0, workers=1)
     soils = {
         name: vars(robot.contact) for name, robot in (("before", answer.baseline_robot), ("after", answer.extended))
     }
@@ -67,7 +67,7 @@ def command_line(found: Case) -> dict[str, Any]:
             *bags,
             *held,
             "--robot",
-            "agriq",
+            found.robot,
             "--out",
             str(out),
         ]
@@ -96,7 +96,7 @@ def reference(found: Case) -> dict[str, dict[str, float]]:
     from artibot_sim.model import load_robot
 
     truth = found.truth
-    robot = load_robot("agriq").replace({f"contact.{name}": value for name, value in truth.soil.items()})
+    robot = load_robot(found.robot).replace({f"contact.{name}": value for name, value in truth.soil.items()})
     robot = replace(robot, effects={name: dict(values) for name, values in truth.effects.items()})
     channels: dict[str, dict[str, float]] = {}
     for recording in found.holdout:
@@ -114,7 +114,9 @@ WAYS: dict[str, Diagnose] = {"memory": in_memory, "bags": command_line, "silent"
 def do(job: Job, way: str = "memory") -> dict[str, Any]:
     """A line for the journal. A diagnosis that fails is a result, too."""
     noise = Noise().scaled(job.noise)
-    found = case(job.effects, job.severity, job.seed, noise=noise, runs=job.runs, duration=job.duration)
+    found = case(
+        job.effects, job.severity, job.seed, noise=noise, runs=job.runs, duration=job.duration, robot=job.robot
+    )
     result: dict[str, Any] = {"key": job.key, "job": job._asdict(), "truth": asdict(found.truth)}
     began = time.monotonic()
     try:

@@ -1,0 +1,79 @@
+"""Robots of any size: what is plain follows from weight and lengths, and a light rover's small forces are named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnose.hidden import case
+from diagnose.hidden.cases import driven
+
+from artibot_sim.diagnose import Verdict, diagnose
+from artibot_sim.diagnose.candidates.hypotheses import hypotheses
+from artibot_sim.diagnose.sizes import Scale, factors, scale_of, sized
+from artibot_sim.model import load_robot
+from artibot_sim.model.effects import EFFECTS
+
+AGRIQ, EPIQ, HUSKY = (load_robot(name) for name in ("agriq", "epiq", "husky"))
+
+
+def test_plain_sizes_are_declared_for_agriq() -> None:
+    assert scale_of(AGRIQ) == Scale(1.0, 1.0, 1.0)
+    for effect, declared in EFFECTS.items():
+        if declared.search is not None:
+            assert not factors(effect, AGRIQ), effect
+            assert sized(effect, AGRIQ).search.sizes == declared.search.sizes
+
+
+@pytest.mark.parametrize(
+    ("effect", "robot", "low", "high"),
+    [
+        ("external_force", EPIQ, 1.0, 3.0),  # N, of 4 kg
+        ("external_force", HUSKY, 15.0, 30.0),
+        ("joint_friction", EPIQ, 0.08, 0.3),  # N m
+        ("payload", EPIQ, 0.4, 1.2),  # kg
+        ("pose_lever_arm", EPIQ, 0.02, 0.04),  # m
+    ],
+)
+def test_a_plain_size_is_as_large_as_the_robot(effect: str, robot, low: float, high: float) -> None:  # type: ignore[no-untyped-def]
+    extension = sized(effect, robot)
+    (size, *_) = extension.values(np.array([1.0, 0.0])[: len(extension)]).values()
+    assert low < size < high
+    again = extension.coordinates(extension.values(np.full(len(extension), 0.4)))
+    assert again == pytest.approx(np.full(len(extension), 0.4))
+
+
+def test_what_has_no_size_is_the_same_for_all() -> None:
+    for effect in ("slope", "gyro_bias", "command_delay", "encoder_scale", "stribeck", "gear_efficiency"):
+        assert not factors(effect, EPIQ), effect
+
+
+def test_a_scaled_robot_has_scaled_sizes() -> None:
+    """Twice as heavy, everything else as it is."""
+    front, back = (replace(module, m=2.0 * module.m + 4.0) for module in (AGRIQ.front, AGRIQ.back))
+    heavy = replace(AGRIQ, front=front, back=back)
+    assert scale_of(heavy).mass == pytest.approx(2.0)
+    assert factors("joint_damping", heavy)["coefficient"] == pytest.approx(2.0)
+    assert factors("motor_drag", heavy)["torque"] == pytest.approx(2.0)
+    tried = {one.id: one.extension for one in hypotheses(heavy, [])}
+    assert tried["payload"].search.sizes["mass"] == pytest.approx(30.0)
+
+
+def test_hidden_effects_are_as_large_as_the_robot() -> None:
+    _, put_in, _ = driven(("external_force",), 1.0, 3, 1, 5.0, robot="epiq")
+    assert put_in["external_force"]["force"] == pytest.approx(35.0 * scale_of(EPIQ).mass)
+
+
+@pytest.mark.parametrize(
+    ("effect", "severity", "name", "size"),
+    [("external_force", 1.244, "force", 2.0), ("joint_friction", 1.306, "torque", 0.15)],
+)
+def test_a_light_rovers_small_effect_is_named(effect: str, severity: float, name: str, size: float) -> None:
+    """Of Agri.q neither would be a tenth of a plain one."""
+    found = case((effect,), severity, 5, runs=2, duration=15.0, robot="epiq")
+    assert found.truth.effects[effect][name] == pytest.approx(size, rel=0.01)
+    answer = diagnose(found.recordings, EPIQ, holdout=found.holdout)
+    assert answer.verdict is Verdict.NAMED
+    assert [cause.effect for cause in answer.causes] == [effect]
+    assert answer.causes[0].parameters[name].value == pytest.approx(size, rel=0.15)
