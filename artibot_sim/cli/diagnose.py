@@ -54,7 +54,8 @@ def command(
 
     The soil is identified first, so that only what no soil explains counts. Then every effect of the vocabulary is
     tried. Writes into the folder: report.html (open it in a browser), diagnosis.json, extended.yaml (a robot file:
-    artibot sim --robot OUT/extended.yaml), baseline.yaml (the same without effects) and details.npz. Several
+    artibot sim --robot OUT/extended.yaml), baseline.yaml (the same without effects), best.yaml (what predicts held-out
+    recordings best, whatever is claimed) and details.npz. Several
     recordings of different manoeuvres tell more than one long one. Exit status 0 when a diagnosis was made, whatever
     it says; 2 for unusable input.
 
@@ -89,7 +90,9 @@ def command(
     write_folder(out, files_of(found, page_of(found, __version__)))
     console = Console(highlight=False)
     console.print(found)
-    console.print(f"wrote {out / 'report.html'} and, beside it, diagnosis.json and extended.yaml", soft_wrap=True)
+    console.print(
+        f"wrote {out / 'report.html'} and, beside it, diagnosis.json, extended.yaml and best.yaml", soft_wrap=True
+    )
     return 0
 
 

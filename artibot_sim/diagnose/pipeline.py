@@ -47,6 +47,15 @@ from artibot_sim.diagnose.validation.predictions import (
     improvements,
     predict,
 )
+from artibot_sim.diagnose.validation.predictors import (
+    BASELINE,
+    EXTENDED,
+    GIVEN,
+    UNNAMED,
+    best_of,
+    predictors,
+    refusals,
+)
 from artibot_sim.diagnose.validation.residuals import places
 from artibot_sim.diagnose.validation.series import look, with_commands
 from artibot_sim.diagnose.verdict import Reason, Verdict
@@ -93,6 +102,16 @@ class Assessment:
     channels: Mapping[str, ChannelBaseline]
     looks: list[Look]
     worth: HeldOut
+
+
+def _models(robot: Robot, result: Diagnosis, found: Decision) -> dict[str, Robot]:
+    """The models that may predict best, the simplest first; the last one has all that fitted best, named or not."""
+    models = {GIVEN: robot, BASELINE: result.baseline_robot, EXTENDED: result.extended}
+    if not found.named or len(found.named) == len(result.causes):
+        return models
+    unnamed = found.problem.parameters.robot_at(found.fit.point.coordinates)
+    told = {one.effect: {name: value.value for name, value in one.found.items()} for one in found.named if one.found}
+    return models | {UNNAMED: replace(unnamed, effects={**unnamed.effects, **told})}
 
 
 class Assessor:
@@ -377,6 +396,13 @@ def diagnose(
     assessor = Assessor(robot, fitted, held, options, ticks)
     found = concluded(decision, view, assessor.worth)
     result = result_of(robot, fitted, held, found, assessor(found.decision), options)
+    models = _models(robot, result, decision)
+    seen = predictors(held, models, decision.neutral_problem, options.horizon, options.workers)
+    best = best_of(seen)
+    result = replace(
+        result, predictors=seen, best=best.name if best is not None else "",
+        warnings=(*refusals(seen), *result.warnings),
+    )  # fmt: skip
     ticks.done()
     return replace(result, seconds=time.perf_counter() - begun)
 

@@ -113,6 +113,11 @@ MINOR = Number(
     UNLISTED,
 )  # fmt: skip
 
+CLEARLY_WORSE = Number(
+    0.05, "–", "mean growth of held-out position and heading errors at the ends of predictions, from which a fitted "
+    "model is refused in favour of the robot as given or a kinematic one", "make real",
+)  # fmt: skip
+
 FORCE_NATS = Number(
     30.0, "nats", "what a force on no list gains at least on windows it was not fitted to", FORCES,
     "no: it is asked for only where more than noise is left, which nothing hidden never did; of 24 such cases one has "

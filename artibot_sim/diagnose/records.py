@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.policy import FALSE_ALARM_RATE, HORIZON, PRIOR_ODDS, THRESHOLDS, Thresholds
 from artibot_sim.diagnose.verdict import Verdict
+from artibot_sim.model import Robot
 
 __all__ = [
     "FALSE_ALARM_RATE", "HALF_WIDTH", "HORIZON", "PRIOR_ODDS", "Candidate", "Cause", "ChannelBaseline", "ChannelGain",
-    "Found", "Left", "Look", "NextExperiment", "Options", "Place", "Series", "Unexplained", "Verdict",
+    "Found", "Left", "Look", "NextExperiment", "Options", "Place", "PredictionError", "Predictor", "Series",
+    "Unexplained", "Verdict",
 ]  # fmt: skip
 
 # ----------------------------------------------------------------------
@@ -167,6 +169,34 @@ class ChannelGain:
     before: float
     after: float
     ci95: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class PredictionError:
+    """Errors of one channel at the ends of predictions: root mean square in `unit`, of so many."""
+
+    unit: str
+    rmse: float
+    count: int
+
+
+@dataclass(frozen=True)
+class Predictor:
+    """A model that predicts held-out recordings.
+
+    Attributes
+    ----------
+    name : str
+        Which model it is, in words.
+    errors : mapping of str to PredictionError
+        By channel: position and heading at the ends of predictions.
+    robot : Robot or None
+        None for a kinematic model.
+    """
+
+    name: str
+    errors: Mapping[str, PredictionError]
+    robot: Robot | None = None
 
 
 @dataclass(frozen=True)

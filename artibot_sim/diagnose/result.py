@@ -19,6 +19,7 @@ from artibot_sim.diagnose.records import (
     Look,
     NextExperiment,
     Place,
+    Predictor,
     Series,
     Unexplained,
     Verdict,
@@ -88,6 +89,10 @@ class Diagnosis:
     seconds : float
     left : mapping of str to Left
         By channel.
+    predictors : tuple of Predictor
+        Models that predict the held-out recordings, kinematic ones of a robot without articulation among them.
+    best : str
+        The name of the dynamic one that predicts best, whatever is claimed of causes.
     """
 
     verdict: Verdict
@@ -112,6 +117,8 @@ class Diagnosis:
     seed: int = 0
     seconds: float = 0.0
     left: Mapping[str, Left] = field(default_factory=dict)
+    predictors: tuple[Predictor, ...] = ()
+    best: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """All but robots and pictures' data, as plain data for JSON; what is not a number is null there."""
@@ -136,7 +143,14 @@ class Diagnosis:
             "seed": self.seed,
             "seconds": self.seconds,
             "left": {name: _numbers(vars(left)) for name, left in self.left.items()},
+            "predictors": [_predictor(one) for one in self.predictors],
+            "best": self.best,
         }
+
+    @property
+    def best_robot(self) -> Robot | None:
+        """The robot that predicts held-out recordings best; None where nothing was held out."""
+        return next((one.robot for one in self.predictors if one.name == self.best), None)
 
     def __rich__(self) -> Any:
 
@@ -145,6 +159,10 @@ class Diagnosis:
     def __str__(self) -> str:
 
         return as_text(self)
+
+
+def _predictor(one: Predictor) -> dict[str, Any]:
+    return {"name": one.name, "kinematic": one.robot is None, **{n: _numbers(vars(e)) for n, e in one.errors.items()}}
 
 
 def _cause(cause: Cause) -> dict[str, Any]:
@@ -522,7 +540,7 @@ def printed(found: Diagnosis) -> Any:
     from rich.text import Text
 
     parts: list[Any] = [Text(headline(found), style="bold"), Text(sureness(found)), Text("")]
-    for table in (_ranking(found), _parameters(found), _gain(found)):
+    for table in (_ranking(found), _parameters(found), _gain(found), _predictors(found)):
         if table.row_count:
             parts += [table, Text("")]
     return Group(*parts, *(Text(line) for line in _lines(found)))
@@ -587,6 +605,16 @@ def _gain(found: Diagnosis) -> Any:
             after = number(gain.before, 3), number(gain.after, 3), f"{number(low, 3)} … {number(high, 3)}"
         noise, rmse = number(base.noise, 3), number(base.rmse, 3)
         table.add_row(channel_words(channel), spaced(base.unit), noise, rmse, *after)
+    return table
+
+
+def _predictors(found: Diagnosis) -> Any:
+    """Held-out errors of every model; the one in best.yaml is marked."""
+    title = f"Held-out recordings, errors at the ends of predictions {number(found.horizon, 2)} s ahead"
+    table = _table(title, "model", "", "position (m)", "heading (rad)", left=2)
+    for one in found.predictors:
+        cells = [number(one.errors[name].rmse, 3) if name in one.errors else "" for name in ("position", "yaw")]
+        table.add_row(one.name, "best.yaml" if one.name == found.best else "", *cells)
     return table
 
 

@@ -24,11 +24,14 @@ from artibot_sim.diagnose.records import (
     Look,
     NextExperiment,
     Place,
+    PredictionError,
+    Predictor,
     Series,
     Unexplained,
     Verdict,
 )
 from artibot_sim.diagnose.result import SCHEMA, Diagnosis
+from artibot_sim.diagnose.validation.predictors import CHANNELS, errors
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Robot, load_robot
 from artibot_sim.model.robot.file import robot_from_dict, robot_to_dict
@@ -100,6 +103,7 @@ def _split(joined: Array, rows: NDArray[np.int64]) -> tuple[Array, ...]:
 RESULT = "diagnosis.json"
 EXTENDED = "extended.yaml"
 BASELINE = "baseline.yaml"
+BEST = "best.yaml"
 PAGE = "report.html"
 DETAILS = "details.npz"
 
@@ -109,14 +113,28 @@ def files_of(found: Diagnosis, page: bytes) -> dict[str, bytes]:
     arrays = packed(found.looks) | {"robot": np.array(_robot_text(found.robot))}
     stream = io.BytesIO()
     np.savez_compressed(stream, allow_pickle=False, **arrays)
+    best = {BEST: _best_text(found).encode()} if found.best_robot is not None else {}
     text = json.dumps(found.as_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     return {
         RESULT: text.encode(),
         EXTENDED: _robot_text(found.extended).encode(),
         BASELINE: _robot_text(found.baseline_robot).encode(),
+        **best,
         DETAILS: stream.getvalue(),
         PAGE: page,
     }
+
+
+def _best_text(found: Diagnosis) -> str:
+    """The robot that predicts held-out recordings best, with its figures, as a file that claims no more than that."""
+    assert found.best_robot is not None
+    lines = [
+        "# For prediction only: of the models below this one predicts held-out recordings best; no cause is claimed.",
+        f"# This is: {found.best}. Held out: {', '.join(found.holdout)}.",
+        f"# Errors (RMSE) at the ends of predictions {found.horizon:g} s ahead:",
+        *(f"#   {one.name}: {errors(one)}" for one in found.predictors),
+    ]
+    return "\n".join(lines) + "\n" + _robot_text(found.best_robot)
 
 
 def _robot_text(robot: Robot) -> str:
@@ -147,7 +165,9 @@ def load(folder: Path) -> Diagnosis:
             robot = robot_from_dict(yaml.safe_load(str(details["robot"])))
             looks = looks_from(details)
         robots = (load_robot(folder / BASELINE), load_robot(folder / EXTENDED))
-        return replace(_from_dict(document, robot, *robots), looks=looks)
+        best = load_robot(folder / BEST) if (folder / BEST).is_file() else None
+        predictors = tuple(_predictor(one, document["best"], best) for one in document.get("predictors", ()))
+        return replace(_from_dict(document, robot, *robots), looks=looks, predictors=predictors)
     except (KeyError, TypeError, ValueError, EOFError, OSError, zipfile.BadZipFile, yaml.YAMLError) as error:
         if isinstance(error, ArtibotError):
             raise
@@ -194,7 +214,14 @@ def _from_dict(document: Mapping[str, Any], robot: Robot, baseline_robot: Robot,
         seed=int(document["seed"]),
         seconds=_float(document["seconds"]),
         left={name: Left(**_floats(left)) for name, left in document.get("left", {}).items()},
+        best=document.get("best", ""),
     )
+
+
+def _predictor(entry: Mapping[str, Any], best: str, robot: Robot | None) -> Predictor:
+    """A predictor; of the robots only the best one has a file."""
+    found = {name: PredictionError(**entry[name]) for name in CHANNELS if name in entry}
+    return Predictor(entry["name"], found, robot if entry["name"] == best else None)
 
 
 def _float(value: Any) -> float:

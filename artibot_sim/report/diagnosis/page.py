@@ -246,6 +246,16 @@ def excluded(found: Diagnosis) -> str:
     return table(("effect", "excluded"), rows, 2)
 
 
+def predictors(found: Diagnosis) -> str:
+    """Held-out errors of every model."""
+    rows = []
+    for one in found.predictors:
+        cells = [figure(one.errors[name].rmse) if name in one.errors else "" for name in ("position", "yaw")]
+        best = one.name == found.best
+        rows.append(("found" if best else "", (html.escape(one.name), "best.yaml" if best else "", *cells)))
+    return table(("model", "", "position (m)", "heading (rad)"), rows, 2)
+
+
 def unexplained(what: Unexplained) -> str:
     """What acts and is on no list."""
     rows = [
@@ -278,7 +288,7 @@ def page_of(found: Diagnosis, version: str) -> bytes:
     page = _Page(_as_drawn(found))
     body = "".join(
         (
-            _first_screen(page), _wrong(page), _where(page), _why(page), _parameters(found), _gains(page), _next(found),
+            *_opening(page), _wrong(page), _where(page), _why(page), _parameters(found), _gains(page), _next(found),
             _data(found), _free_runs(page), _excluded(found),
         )
     )  # fmt: skip
@@ -373,6 +383,22 @@ def _first_screen(page: _Page) -> str:
         beside += page.place(panels.over_time(found, look, page.channel), kind="plot low")
     cells.append(f'<div class="beside">{beside}</div>')
     return page.row(cells, "first")
+
+
+def _opening(page: _Page) -> tuple[str, str]:
+    """Pictures and the table of models; the table first for a robot without articulation, where kinematics may do."""
+    picture, models = _first_screen(page), _predictors(page.found)
+    return (picture, models) if page.found.robot.articulated else (models, picture)
+
+
+def _predictors(found: Diagnosis) -> str:
+    """All models side by side."""
+    text = (
+        f"Errors (RMSE) on held-out data at the ends of predictions {found.horizon:g} s ahead. The best dynamic model "
+        "is in best.yaml, for prediction only: it claims no cause."
+    )
+    inside = predictors(found)
+    return section("Which model predicts best", paragraph(text), inside) if inside else ""
 
 
 def _wrong(page: _Page) -> str:

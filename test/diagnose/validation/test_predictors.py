@@ -1,0 +1,103 @@
+"""Which model predicts held-out recordings best, and when a fitted one is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from report.diagnosis_case import case
+
+from artibot_sim.diagnose.records import PredictionError, Predictor
+from artibot_sim.diagnose.validation.predictors import (
+    BASELINE,
+    EXTENDED,
+    GIVEN,
+    UNNAMED,
+    best_of,
+    predictors,
+    refusals,
+)
+from artibot_sim.identify.requested import parameter_set
+from artibot_sim.identify.run import problem_of
+from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
+from artibot_sim.model import Robot, load_robot
+from artibot_sim.report.diagnosis.files import BEST, files_of, load
+from artibot_sim.report.diagnosis.page import page_of
+from artibot_sim.report.files import write_folder
+
+AGRIQ, HUSKY = load_robot("agriq"), load_robot("husky")
+
+
+def predictor(name: str, position: float, yaw: float, robot: Robot | None = AGRIQ) -> Predictor:
+    errors = {"position": PredictionError("m", position, 10), "yaw": PredictionError("rad", yaw, 10)}
+    return Predictor(name, errors, robot)
+
+
+def test_a_baseline_worse_than_the_file_as_given_is_refused() -> None:
+    found = [predictor(GIVEN, 1.1, 0.5), predictor(BASELINE, 2.3, 0.6)]
+    (said,) = refusals(found)
+    assert "baseline.yaml" in said and "2.3" in said and "1.1" in said and "do not simulate" in said
+    best = best_of(found)
+    assert best is not None and best.name == GIVEN
+
+
+def test_an_extension_is_asked_the_same() -> None:
+    found = [predictor(GIVEN, 1.1, 0.5), predictor(BASELINE, 1.0, 0.5), predictor(EXTENDED, 1.4, 0.6)]
+    (said,) = refusals(found)
+    assert "extended.yaml" in said and "baseline.yaml" not in said
+
+
+def test_what_beats_all_dynamic_models_is_said() -> None:
+    rolling = predictor("ICR kinematics", 0.2, 0.1, None)
+    (said,) = refusals([predictor(GIVEN, 0.4, 0.2), rolling])
+    assert "ICR kinematics" in said and "use the kinematic model" in said
+    assert not refusals([predictor(GIVEN, 0.2, 0.1), rolling])
+
+
+def test_the_simplest_of_those_as_good_is_the_best() -> None:
+    found = [predictor(GIVEN, 0.30, 0.1), predictor(BASELINE, 0.2, 0.1), predictor(UNNAMED, 0.199, 0.1)]
+    best = best_of(found)
+    assert best is not None and best.name == BASELINE
+    assert best_of([]) is None
+
+
+def drive(robot: Robot, seed: int):  # type: ignore[no-untyped-def]
+    rng = np.random.default_rng(seed)
+    return synthetic(robot, random_manoeuvre(rng, 12.0), duration=12.0, seed=seed, name=f"run{seed}")
+
+
+def test_the_right_soil_predicts_best() -> None:
+    real = AGRIQ.replace({"contact.mu_s": 0.45, "contact.mu_d": 0.3, "contact.k_t": 1500.0})
+    problem = problem_of([drive(real, 1)], parameter_set(AGRIQ), 3.0, 1)
+    found = predictors([drive(real, 2)], {GIVEN: AGRIQ, BASELINE: real, EXTENDED: real}, problem, 3.0, 1)
+    assert [one.name for one in found] == [GIVEN, BASELINE], "the same model is not asked twice, and nothing rolls"
+    best = best_of(found)
+    assert best is not None and best.name == BASELINE and best.robot == real
+    assert best.errors["position"].rmse < 0.5 * found[0].errors["position"].rmse
+
+
+def test_kinematic_models_stand_beside_those_of_a_rigid_robot() -> None:
+    problem = problem_of([drive(HUSKY, 1)], parameter_set(HUSKY), 2.0, 1)
+    found = predictors([drive(HUSKY, 2)], {GIVEN: HUSKY}, problem, 2.0, 1)
+    assert [one.name for one in found] == [GIVEN, "ideal kinematics", "effective track kinematics", "ICR kinematics"]
+    assert all(one.robot is None and set(one.errors) == {"position", "yaw"} for one in found[1:])
+    ideal, track = (one.errors["yaw"].rmse for one in found[1:3])
+    assert track < ideal
+
+
+@pytest.mark.parametrize("robot", [AGRIQ, HUSKY], ids=lambda robot: robot.name)
+def test_the_best_is_a_file_that_claims_nothing_else(robot: Robot, tmp_path: Path) -> None:
+    better = robot.replace({"contact.mu_s": 0.41, "contact.mu_d": 0.3})
+    models = (predictor(GIVEN, 0.4, 0.2, robot), predictor(BASELINE, 0.2, 0.1, better))
+    found = replace(case("slope", {"grade": 0.05, "heading": 1.9}), robot=robot, predictors=models, best=BASELINE)
+    page = page_of(found, "1").decode()
+    assert page.index("Which model predicts best") < page.index("What is wrong")
+    write_folder(tmp_path / "found", files_of(found, page.encode()))
+    text = (tmp_path / "found" / BEST).read_text()
+    assert text.startswith("# For prediction only") and "position 0.2 m" in text and BASELINE in text
+    assert load_robot(tmp_path / "found" / BEST) == better
+    again = load(tmp_path / "found")
+    assert again.best_robot == better and [one.name for one in again.predictors] == [GIVEN, BASELINE]
+    assert again.as_dict()["predictors"] == found.as_dict()["predictors"]
