@@ -24,7 +24,7 @@ from artibot_sim.diagnose.records import (
     Unexplained,
     Verdict,
 )
-from artibot_sim.diagnose.remains import beyond_noise
+from artibot_sim.diagnose.remains import COMMANDED, beyond_noise
 from artibot_sim.identify.result import number, spaced
 from artibot_sim.model import Robot
 
@@ -288,7 +288,7 @@ def _unexplained(found: Diagnosis) -> str:
     what = found.unexplained
     named = "".join(f"{cause_words(cause)}; and " for cause in found.causes)
     if what is None:
-        return f"{named}something that is on no list of effects{_still_left(found)}."
+        return f"{named}{_still_left(found)}."
     if what.variable == RECORDING:
         return f"{named}{differing(f'each asks for a soil of its own, up to {100 * what.size:.0f} % apart')}."
     return f"{named}something that is on no list: a {force_words(what)}."
@@ -307,9 +307,26 @@ def force_words(what: Unexplained) -> str:
 
 
 def _still_left(found: Diagnosis) -> str:
-    """Where something shows that no force explains; empty where it is not known."""
+    """Where something shows that no effect and no force explains."""
     where = [channel_words(name) for name in beyond_noise(found.left)]
-    return f", and for which no force was found: more than noise is left in {joined(where)}" if where else ""
+    what = f"more than noise is left in {joined(where)}" if where else "something is wrong with the model"
+    if tuple(beyond_noise(found.left)) == (COMMANDED,):
+        return f"{what}: these motors do not do what they are commanded, for no known reason"
+    return f"{what}, and no known effect and no force explains it"
+
+
+def next_step(found: Diagnosis) -> str:
+    """What to do with the answer, in one line."""
+    if found.verdict is Verdict.NAMED:
+        names = joined([effect_words(cause.effect) for cause in found.causes])
+        return f"Check the rover, its sensors and its file for {names}; until then simulate with extended.yaml."
+    if found.verdict is Verdict.NONE:
+        return "There is nothing to mend: simulate with baseline.yaml, and record what was not driven yet."
+    advice = found.next_experiment.what if found.next_experiment is not None else ""
+    if found.verdict is Verdict.UNEXPLAINED and tuple(beyond_noise(found.left)) == (COMMANDED,):
+        advice = "Compare ramps, filters and limits set in the front drives with what is commanded."
+    advice = advice or "Record once more, with motor torques, a gyroscope and the articulation angle where they lack."
+    return f"{advice} Until then simulate with best.yaml." if found.best else advice
 
 
 def differing(how: str) -> str:
@@ -624,8 +641,7 @@ def _lines(found: Diagnosis) -> Iterator[str]:
         yield f"{channel_words(place.channel)}: {place.what}"
     if found.unexplained is not None:
         yield f"not on the list: {found.unexplained.where}"
-    if found.next_experiment is not None:
-        yield f"measure next: {found.next_experiment.what}"
+    yield f"next: {next_step(found)}"
     for warning in found.warnings:
         yield f"warning: {warning}"
     if question := asked(found):

@@ -115,7 +115,7 @@ def estimates(
             reason = f"stands at the bound of its prior, {values[i]:.4g}; widen it, or look for another cause"
         elif reason or shares[i] > OPEN:
             status = Status.NOT_IDENTIFIABLE
-            reason = reason or open_reason(motion)
+            reason = reason or open_reason(p.key, motion)
         widened = _with_systematic(float(values[i]), min(low, again[0]), max(high, again[1]))
         if status is Status.NOT_IDENTIFIABLE:
             widened = _with_prior(widened, p.prior.value, p.spread)
@@ -167,9 +167,9 @@ def unseen(key: str, motion: Motion) -> str:
     return ""
 
 
-def open_reason(motion: Motion) -> str:
+def open_reason(key: str, motion: Motion) -> str:
     """The likeliest reason why something stays open though it acts."""
-    if not motion.torques:
+    if not motion.torques and key.startswith("contact."):
         return "without torques only ratios of forces act on the path, their common scale hardly does"
     return "the manoeuvres change it together with others only"
 

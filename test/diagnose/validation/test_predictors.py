@@ -75,7 +75,7 @@ def test_the_right_soil_predicts_best() -> None:
     assert [one.name for one in found] == [GIVEN, BASELINE], "the same model is not asked twice, and nothing rolls"
     best = best_of(found)
     assert best is not None and best.name == BASELINE and best.robot == real
-    assert best.errors["position"].rmse < 0.5 * found[0].errors["position"].rmse
+    assert best.errors["position"].rmse < 0.8 * found[0].errors["position"].rmse
 
 
 def test_kinematic_models_stand_beside_those_of_a_rigid_robot() -> None:
