@@ -266,8 +266,8 @@ class CommandFacts:
     def _robot(self, named: tuple[Named, ...]) -> Robot:
         """The model with these."""
         robot = self._found.problem.parameters.robot_at(self._found.fit.point.coordinates)
-        told = {one.effect: {name: found.value for name, found in one.found.items()} for one in named if one.found}
-        return replace(robot, effects={**robot.effects, **told})
+        stated = {one.effect: {name: found.value for name, found in one.found.items()} for one in named if one.found}
+        return replace(robot, effects={**robot.effects, **stated})
 
 
 def size_of(left: Mapping[str, Left]) -> str:

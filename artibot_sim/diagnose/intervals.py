@@ -27,7 +27,7 @@ from artibot_sim.estimation.uncertainty import Node, profile, refitted, reweight
 from artibot_sim.identify.judgement import SYSTEMATIC
 
 Array = NDArray[np.float64]
-Heard = Mapping[str, Mapping[str, Found]]
+FromCommands = Mapping[str, Mapping[str, Found]]
 """By effect, what another view says of its parameters."""
 
 _AWAY = (1.5, 3.0, 6.0, 12.0, 24.0)
@@ -76,10 +76,10 @@ class Surroundings:
 
 
 def uncertain(
-    problem: Problem, fit: Fit, seed: int, heard: Heard | None = None, tick: Tick = lambda: None
+    problem: Problem, fit: Fit, seed: int, from_commands: FromCommands | None = None, tick: Tick = lambda: None
 ) -> Uncertain:
     """Values and covariances of what was fitted: the wider of curvature and bootstrap, and what neither sees."""
-    return judged(problem, fit, surroundings([(problem, fit)], tick)[0], seed, heard)
+    return judged(problem, fit, surroundings([(problem, fit)], tick)[0], seed, from_commands)
 
 
 def surroundings(fits: Sequence[tuple[Problem, Fit]], tick: Tick = lambda: None) -> list[Surroundings]:
@@ -100,7 +100,9 @@ def surroundings(fits: Sequence[tuple[Problem, Fit]], tick: Tick = lambda: None)
     return found
 
 
-def judged(problem: Problem, fit: Fit, around: Surroundings, seed: int, heard: Heard | None = None) -> Uncertain:
+def judged(
+    problem: Problem, fit: Fit, around: Surroundings, seed: int, from_commands: FromCommands | None = None
+) -> Uncertain:
     """The same from what is around the fit."""
     parameters, index = problem.parameters, list(fit.free)
     nodes, noise = around.nodes, around.noise
@@ -115,7 +117,7 @@ def judged(problem: Problem, fit: Fit, around: Surroundings, seed: int, heard: H
     scale = np.maximum(sd / np.sqrt(np.maximum(np.diag(wider), 1e-30)), 1.0)
     extra = np.full(len(parameters), SYSTEMATIC**2)
     extra[len(parameters.parameters) :] = (_OWN_SYSTEMATIC * mean[len(parameters.parameters) :]) ** 2
-    return told(parameters, Uncertain(mean, wider * np.outer(scale, scale) + np.diag(extra)), heard or {})
+    return combined(parameters, Uncertain(mean, wider * np.outer(scale, scale) + np.diag(extra)), from_commands or {})
 
 
 def along(problem: Problem, fit: Fit, which: int) -> list[Callable[[], list[Node]]]:
@@ -167,7 +169,7 @@ def drawn(
     return np.mean(table, axis=0), np.atleast_2d(np.cov(np.array(table).T))
 
 
-def told(parameters: ParameterSet, what: Uncertain, heard: Heard) -> Uncertain:
+def combined(parameters: ParameterSet, what: Uncertain, from_commands: FromCommands) -> Uncertain:
     """The same once another view has measured effects' sizes; the soil goes along as the covariance says.
 
     Views that contradict each other are both less sure of that size than they say (Birge's ratio), and of the rest as
@@ -175,7 +177,7 @@ def told(parameters: ParameterSet, what: Uncertain, heard: Heard) -> Uncertain:
     """
     mean, covariance = parameters.mixing @ what.coordinates, what.covariance
     for extension, part in zip(parameters.extensions, parameters.places, strict=True):
-        seen = _measured(extension, heard.get(extension.id, {}))
+        seen = _measured(extension, from_commands.get(extension.id, {}))
         if seen is not None:
             (value, variance), place = seen, part.start
             total = covariance[place, place] + variance

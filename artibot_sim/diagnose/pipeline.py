@@ -26,8 +26,8 @@ from artibot_sim.diagnose.records import (
     PRIOR_ODDS,
     Cause,
     ChannelBaseline,
+    Comparison,
     Found,
-    Look,
     NextExperiment,
     Options,
     Unexplained,
@@ -57,7 +57,7 @@ from artibot_sim.diagnose.validation.predictors import (
     refusals,
 )
 from artibot_sim.diagnose.validation.residuals import places
-from artibot_sim.diagnose.validation.series import look, with_commands
+from artibot_sim.diagnose.validation.series import comparison, with_commands
 from artibot_sim.diagnose.verdict import Reason, Verdict
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.measurements import Stretch, missing, stretches
@@ -90,7 +90,7 @@ class Assessment:
     effects : mapping of str to mapping of str to Found
         The named effects' parameters.
     channels : mapping of str to ChannelBaseline
-    looks : list of Look
+    comparisons : list of Comparison
         What pictures are drawn from.
     worth : HeldOut
         Of all that is named.
@@ -100,7 +100,7 @@ class Assessment:
     extended: Robot
     effects: Parameters
     channels: Mapping[str, ChannelBaseline]
-    looks: list[Look]
+    comparisons: list[Comparison]
     worth: HeldOut
 
 
@@ -110,8 +110,8 @@ def _models(robot: Robot, result: Diagnosis, found: Decision) -> dict[str, Robot
     if not found.named or len(found.named) == len(result.causes):
         return models
     unnamed = found.problem.parameters.robot_at(found.fit.point.coordinates)
-    told = {one.effect: {name: value.value for name, value in one.found.items()} for one in found.named if one.found}
-    return models | {UNNAMED: replace(unnamed, effects={**unnamed.effects, **told})}
+    stated = {one.effect: {name: value.value for name, value in one.found.items()} for one in found.named if one.found}
+    return models | {UNNAMED: replace(unnamed, effects={**unnamed.effects, **stated})}
 
 
 class Assessor:
@@ -146,13 +146,13 @@ class Assessor:
         names = [one.name for one in self._fitted]
         baseline, extended, effects = _robots(names, decision, options.seed, self._tick)
         pairs = _predictions(self._fitted, self._held, baseline, extended, options, self._tick)
-        levels, looks = baseline_levels(pairs), [look(pair, self._robot, self._in_map) for pair in pairs]
-        channels, looks = with_commands(levels, looks, *view.seen_by(extended))
+        levels, comparisons = baseline_levels(pairs), [comparison(pair, self._robot, self._in_map) for pair in pairs]
+        channels, comparisons = with_commands(levels, comparisons, *view.seen_by(extended))
         held_out = [pair for pair in pairs if pair.held_out]
-        driven = [one.channels[COMMANDED] for one in looks if one.held_out and COMMANDED in one.channels]
+        driven = [one.channels[COMMANDED] for one in comparisons if one.held_out and COMMANDED in one.channels]
         gained = improvements(decision, held_out, extended, view, options)
         gain = gains(held_out, driven if view.followed else [], options.seed)
-        return Assessment(baseline, extended, effects, channels, looks, HeldOut(gained, gain))
+        return Assessment(baseline, extended, effects, channels, comparisons, HeldOut(gained, gain))
 
 
 def result_of(
@@ -174,7 +174,7 @@ def result_of(
         holdout=tuple(e.name for e in held),
         horizon=float(options.horizon),
         baseline=channels,
-        where=places(assessed.looks, channels),
+        where=places(assessed.comparisons, channels),
         causes=_causes(decision, assessed.effects, assessed.worth.gained),
         ranking=ranking(decision, options.thresholds),
         unexplained=_unexplained(decision),
@@ -186,7 +186,7 @@ def result_of(
             *_besides(found),
             *data_warnings(fitted, robot, decision.neutral_problem, decision.neutral_fit.point, held),
         ),
-        looks=tuple(assessed.looks),
+        comparisons=tuple(assessed.comparisons),
         prior_odds=float(options.prior_odds),
         false_alarm_rate=float(options.false_alarm_rate),
         threshold=decision.least,
@@ -212,8 +212,8 @@ def _robots(
     baseline = robot_of(decision.neutral_problem, neutral, {}, names)
     if not decision.named:
         return baseline, baseline, {}
-    heard = {effect: other.found for effect, other in decision.other.items()}
-    after = judged(*fits[1], around[1], seed, heard)
+    from_commands = {effect: other.found for effect, other in decision.other.items()}
+    after = judged(*fits[1], around[1], seed, from_commands)
     effects = _parameters(decision, after, seed)
     return baseline, robot_of(decision.problem, after, effects, names), effects
 
@@ -284,7 +284,7 @@ def _next(decision: Decision, channels: Mapping[str, ChannelBaseline]) -> NextEx
     if not decision.named or not decision.ordered[0].ties:
         return None
     first = decision.ordered[0]
-    at = decision.turn_of(first.effect)  # neither has what was found later, which would tell them apart
+    at = decision.stage_of(first.effect)  # neither has what was found later, which would tell them apart
     fitted = {rival.id: rival for rival in at.rivals}
     robots = {}
     for effect in (first.effect, *first.ties):
@@ -389,7 +389,7 @@ def diagnose(
     begun, ticks = time.perf_counter(), _Ticks(progress)
     options = Options(horizon, seed, workers, prior_odds, false_alarm_rate, thresholds, scheduler)
     _check([*recordings, *holdout], robot, options)
-    fitted, held = split(*told_apart(recordings, holdout), robot)
+    fitted, held = split(*distinctly_named(recordings, holdout), robot)
     problem, fit = baseline(fitted, robot, options, ticks)
     view = command_view(fitted, robot, needed=options.least)
     decision = decide(problem, fit, options, ticks, view)
@@ -429,7 +429,7 @@ def split(
     return fitted, held
 
 
-def told_apart(
+def distinctly_named(
     recordings: Sequence[Experiment], holdout: Sequence[Experiment]
 ) -> tuple[list[Experiment], list[Experiment]]:
     """The same with names of their own: `monday/run0` and `tuesday/run0` are both `run0` in their bags."""

@@ -13,10 +13,26 @@ from artibot_sim.diagnose.verdict import Verdict
 from artibot_sim.model import Robot
 
 __all__ = [
-    "FALSE_ALARM_RATE", "HALF_WIDTH", "HORIZON", "PRIOR_ODDS", "Candidate", "Cause", "ChannelBaseline", "ChannelGain",
-    "Found", "Left", "Look", "NextExperiment", "Options", "Place", "PredictionError", "Predictor", "Series",
-    "Unexplained", "Verdict",
-]  # fmt: skip
+    "FALSE_ALARM_RATE",
+    "HALF_WIDTH",
+    "HORIZON",
+    "PRIOR_ODDS",
+    "Candidate",
+    "Cause",
+    "ChannelBaseline",
+    "ChannelGain",
+    "Comparison",
+    "Found",
+    "Left",
+    "NextExperiment",
+    "Options",
+    "Place",
+    "PredictionError",
+    "Predictor",
+    "Series",
+    "Unexplained",
+    "Verdict",
+]
 
 # ----------------------------------------------------------------------
 # How a diagnosis is made.
@@ -291,7 +307,7 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Look:
+class Comparison:
     """One recording as it was measured and as both models predict it: what pictures are drawn from.
 
     Attributes

@@ -14,9 +14,9 @@ from artibot_sim.diagnose.records import (
     Cause,
     ChannelBaseline,
     ChannelGain,
+    Comparison,
     Found,
     Left,
-    Look,
     NextExperiment,
     Place,
     Predictor,
@@ -39,10 +39,10 @@ __all__ = [
     "Cause",
     "ChannelBaseline",
     "ChannelGain",
+    "Comparison",
     "Diagnosis",
     "Found",
     "Left",
-    "Look",
     "NextExperiment",
     "Place",
     "Series",
@@ -80,7 +80,7 @@ class Diagnosis:
     next_experiment : NextExperiment or None
     warnings : tuple of str
         About the data: gaps, clocks, saturated sensors, too little excitation.
-    looks : tuple of Look
+    comparisons : tuple of Comparison
     prior_odds, false_alarm_rate : float
         Odds of an effect being there beforehand; share of recordings with nothing hidden in which one may be named.
     threshold : float
@@ -110,7 +110,7 @@ class Diagnosis:
     gain: Mapping[str, ChannelGain]
     next_experiment: NextExperiment | None
     warnings: tuple[str, ...] = ()
-    looks: tuple[Look, ...] = ()
+    comparisons: tuple[Comparison, ...] = ()
     prior_odds: float = 0.0
     false_alarm_rate: float = 0.0
     threshold: float = 0.0
@@ -413,8 +413,8 @@ def sureness(found: Diagnosis) -> str:
             parts.append(f"On held-out data it predicts worse: the error beyond noise grows by {-share:.0f} %.")
         else:
             parts.append(f"Of the error beyond noise on held-out data it removes {share:.0f} %.")
-    if np.isfinite(told := cause.holdout_log10_likelihood):
-        parts.append(f"Held-out data speak {'for' if told >= 0 else 'against'} it, {odds(abs(told))}.")
+    if np.isfinite(stated := cause.holdout_log10_likelihood):
+        parts.append(f"Held-out data speak {'for' if stated >= 0 else 'against'} it, {odds(abs(stated))}.")
     return " ".join(parts)
 
 
@@ -463,13 +463,13 @@ def _power(exponent: int) -> str:
 def branch_words(found: Diagnosis) -> list[str]:
     """Sentences on free runs: which branch each took."""
     said = []
-    for look in found.looks:
-        runs = [("the paper's model", look.free_before, look.left_before)]
+    for comparison in found.comparisons:
+        runs = [("the paper's model", comparison.free_before, comparison.left_before)]
         if found.causes:  # else both models are one
-            runs.append(("the extended model", look.free_after, look.left_after))
+            runs.append(("the extended model", comparison.free_after, comparison.left_after))
         ways = [f"{name} {_way(left)}" for name, run, left in runs if run]
         if ways:
-            said.append(f"{look.name}: {joined(ways)}.")
+            said.append(f"{comparison.name}: {joined(ways)}.")
     return said
 
 

@@ -111,7 +111,7 @@ def _most(free: Experiment, reference: str) -> float:
 def seen(effect: Effect, robot: Robot, free: Experiment) -> Seen:
     """Simulate a rover with an effect, and predict its recording without."""
     from artibot_sim.diagnose.validation.predictions import baseline_levels, predict
-    from artibot_sim.diagnose.validation.series import look
+    from artibot_sim.diagnose.validation.series import comparison
 
     values = plain_values(effect, free)
     rover = replace(robot, effects={effect.id: values})
@@ -119,7 +119,7 @@ def seen(effect: Effect, robot: Robot, free: Experiment) -> Seen:
     if "rotation" not in searched(effect).views:
         return Seen(effect, values, (_overview(recording, free), _speeds(recording)), ())
     pair = predict(recording, False, robot, rover, HORIZON, None)
-    shown, levels = look(pair, robot), baseline_levels([pair])
+    shown, levels = comparison(pair, robot), baseline_levels([pair])
     worst = max(levels, key=lambda c: (result.is_wrong(c, levels[c]), levels[c].rmse / levels[c].noise))
     said = tuple(place.what for place in places([shown], {worst: levels[worst]}))
     channel = panels.over_time_of(shown, worst, levels[worst].unit)

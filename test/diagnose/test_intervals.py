@@ -100,13 +100,13 @@ def scales(sd: float, along: float) -> tuple[ParameterSet, Uncertain]:
     return parameters, Uncertain(mean, sd**2 * np.outer(direction, direction) + 1e-8 * np.eye(6))
 
 
-def heard(scale: float, half: float) -> dict[str, dict[str, Found]]:
+def from_commands(scale: float, half: float) -> dict[str, dict[str, Found]]:
     return {"torque_scale": {"scale": Found(scale, "1", (scale - half, scale + half))}}
 
 
 def test_what_commands_say_takes_the_soil_with_it() -> None:
     parameters, what = scales(sd=0.2, along=-0.15)
-    found = told(parameters, what, heard(0.92, 0.002))
+    found = told(parameters, what, from_commands(0.92, 0.002))
     assert SCALE.values(found.coordinates[-1:])["scale"] == pytest.approx(0.92, abs=0.002)
     ratio = parameters.values(found.coordinates) / parameters.values(what.coordinates)
     assert ratio == pytest.approx(np.full(5, 0.9 / 0.92), rel=0.004)
@@ -115,7 +115,7 @@ def test_what_commands_say_takes_the_soil_with_it() -> None:
 
 def test_views_that_contradict_each_other_are_less_sure() -> None:
     parameters, what = scales(sd=0.01, along=-0.15)
-    agree, differ = (told(parameters, what, heard(scale, 0.003)) for scale in (0.9, 0.95))
+    agree, differ = (told(parameters, what, from_commands(scale, 0.003)) for scale in (0.9, 0.95))
     assert differ.covariance[-1, -1] > 4.0 * agree.covariance[-1, -1]
     low, high = (SCALE.coordinates({"scale": scale})[0] for scale in (0.9, 0.95))
     sd = np.sqrt(differ.covariance[-1, -1])

@@ -12,7 +12,7 @@ import pytest
 from artibot_sim.diagnose import Diagnosis, Verdict, diagnose
 from artibot_sim.diagnose.candidates.hypotheses import hypotheses
 from artibot_sim.diagnose.checks.recordings import data_warnings
-from artibot_sim.diagnose.pipeline import split, told_apart
+from artibot_sim.diagnose.pipeline import distinctly_named, split
 from artibot_sim.diagnose.unlisted.finding import unexplained
 from artibot_sim.diagnose.unlisted.response import short
 from artibot_sim.errors import ArtibotError
@@ -206,9 +206,9 @@ def test_what_is_held_out_of_one_recording_was_measured(drives: list[Experiment]
 
 def test_recordings_of_one_name_are_told_apart(drives: list[Experiment]) -> None:
     one, other = (replace(each, name="run0") for each in drives)
-    fitted, held = told_apart([one], [other])
+    fitted, held = distinctly_named([one], [other])
     assert {fitted[0].name, held[0].name} == {"run0", "run0 (2)"}
-    assert told_apart([other], [one]) == (held, fitted)
+    assert distinctly_named([other], [one]) == (held, fitted)
 
 
 def test_what_is_fitted_to_is_not_held_out(drives: list[Experiment]) -> None:

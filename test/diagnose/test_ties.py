@@ -12,10 +12,10 @@ from artibot_sim.diagnose.selection.stepwise import best_of
 LEAST = 58.0
 
 
-def named(fitted: dict[str, float], heard: dict[str, float]) -> tuple[str, tuple[str, ...]]:
+def named(fitted: dict[str, float], from_commands: dict[str, float]) -> tuple[str, tuple[str, ...]]:
     """What is best and what ties with it, all of a plain size."""
     evidence = {effect: Evidence(nats, 0.0, np.ones(1), 1e-4 * np.eye(1)) for effect, nats in fitted.items()}
-    others = {effect: Other(nats, {}) for effect, nats in heard.items()}
+    others = {effect: Other(nats, {}) for effect, nats in from_commands.items()}
     best = best_of(evidence, fitted, others, LEAST, THRESHOLDS)
     assert best is not None
     return best.effect, best.ties
@@ -31,8 +31,11 @@ def named(fitted: dict[str, float], heard: dict[str, float]) -> tuple[str, tuple
         ({"slope": 10_000.0}, {"command_delay": 9_900.0}, ("command_delay",)),
     ],
 )
-def test_what_is_close_ties(fitted: dict[str, float], heard: dict[str, float], ties: tuple[str, ...]) -> None:
-    assert named(fitted, heard) == (max({**fitted, **heard}, key=lambda one: {**fitted, **heard}[one]), ties)
+def test_what_is_close_ties(fitted: dict[str, float], from_commands: dict[str, float], ties: tuple[str, ...]) -> None:
+    assert named(fitted, from_commands) == (
+        max({**fitted, **from_commands}, key=lambda one: {**fitted, **from_commands}[one]),
+        ties,
+    )
 
 
 def test_too_little_is_nothing() -> None:

@@ -12,8 +12,8 @@ from artibot_sim.diagnose.records import (
     Cause,
     ChannelBaseline,
     ChannelGain,
+    Comparison,
     Found,
-    Look,
     NextExperiment,
     Series,
     Unexplained,
@@ -55,7 +55,7 @@ def drives(robot: Robot, manoeuvres: tuple[Manoeuvre, ...] = (TURNS, EIGHT)) -> 
     ]
 
 
-def look_at(experiment: Experiment, before: Held, after: Held, robot: Robot, held_out: bool) -> Look:
+def compared(experiment: Experiment, before: Held, after: Held, robot: Robot, held_out: bool) -> Comparison:
     """A recording with the predictions of two models."""
     motors = experiment.channels["motor_torques"]
     t = np.arange(0.0, experiment.duration, 0.2)
@@ -67,7 +67,7 @@ def look_at(experiment: Experiment, before: Held, after: Held, robot: Robot, hel
     }  # fmt: skip
     point = experiment.channels["total_station"]
     free = [tuple(_path(run.window, run.residual) for run in held.free) for held in (before, after)]
-    return Look(
+    return Comparison(
         experiment.name, held_out, np.column_stack([point.t, point["x"], point["y"]]),
         tuple(_path(w, r) for w, r in zip(before.windows, before.residuals, strict=True)),
         tuple(_path(w, r) for w, r in zip(after.windows, after.residuals, strict=True)),
@@ -107,26 +107,32 @@ def _errors(held: Held, channel: int) -> np.ndarray:
 
 
 @cache
-def simulated(effect: str, values: tuple[tuple[str, float | str], ...]) -> tuple[Robot, list[Look], tuple[Held, Held]]:
+def simulated(
+    effect: str, values: tuple[tuple[str, float | str], ...]
+) -> tuple[Robot, list[Comparison], tuple[Held, Held]]:
     """The rover with an effect, its recordings with both models' predictions, and those of the one held out."""
     robot = load_robot("agriq")
     truth = with_effect(robot, effect, dict(values)) if effect else robot
-    looks, pairs = looks_of(robot, truth, drives(truth))
-    return truth, looks, pairs[-1]
+    comparisons, pairs = comparisons_of(robot, truth, drives(truth))
+    return truth, comparisons, pairs[-1]
 
 
-def looks_of(robot: Robot, truth: Robot, recordings: list[Experiment]) -> tuple[list[Look], list[tuple[Held, Held]]]:
+def comparisons_of(
+    robot: Robot, truth: Robot, recordings: list[Experiment]
+) -> tuple[list[Comparison], list[tuple[Held, Held]]]:
     """Recordings of `truth` as predicted by `robot` and by itself; the last one counts as held out."""
     pairs = [(hold_out(e, robot, 5.0), hold_out(e, truth, 5.0)) for e in recordings]
     last = len(recordings) - 1
-    looks = [look_at(e, *pair, robot, k == last) for k, (e, pair) in enumerate(zip(recordings, pairs, strict=True))]
-    return looks, pairs
+    comparisons = [
+        compared(e, *pair, robot, k == last) for k, (e, pair) in enumerate(zip(recordings, pairs, strict=True))
+    ]
+    return comparisons, pairs
 
 
 def case(effect: str, values: dict[str, float | str], verdict: Verdict = Verdict.NAMED) -> Diagnosis:
     """What a diagnosis of a rover with this effect may say: errors and paths are simulated, evidence is made up."""
     robot = load_robot("agriq")
-    truth, looks, fits = simulated(effect, tuple(values.items()))
+    truth, comparisons, fits = simulated(effect, tuple(values.items()))
     baseline = {
         name: ChannelBaseline(fit.unit, fit.rmse, fit.noise, fits[0].summary.free_run[name].rmse)
         for name, fit in fits[0].summary.channels.items()
@@ -138,14 +144,14 @@ def case(effect: str, values: dict[str, float | str], verdict: Verdict = Verdict
     found = verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
     return Diagnosis(
         verdict=verdict, robot=robot, baseline_robot=robot, extended=truth, bags=("run0",), holdout=("run1",),
-        horizon=5.0, baseline=baseline, where=places(looks, baseline),
+        horizon=5.0, baseline=baseline, where=places(comparisons, baseline),
         causes=(_cause(effect, values, ("external_force",) if verdict is Verdict.AMBIGUOUS else ()),) if found else (),
         ranking=_ranking(effect, values), gain=gain,
         unexplained=Unexplained("front yaw moment", "yaw rate", "proportional", 12.0, "N m", "in turns, all runs")
         if verdict is Verdict.UNEXPLAINED else None,
         next_experiment=NextExperiment("Drive an eight of 2 m radius.", "eight", (effect, "external_force"), 55.0)
         if verdict is Verdict.AMBIGUOUS else None,
-        warnings=("run0: /imu/data is silent for 0.8 s from 3.1 s on",), looks=tuple(looks), prior_odds=0.5,
+        warnings=("run0: /imu/data is silent for 0.8 s from 3.1 s on",), comparisons=tuple(comparisons), prior_odds=0.5,
         false_alarm_rate=0.02,
         threshold=25.0, seed=3, seconds=41.5,
     )  # fmt: skip

@@ -115,8 +115,8 @@ def test_the_page_says_all_that_was_found(every: dict[Verdict, Diagnosis]) -> No
 
 def test_names_cannot_break_the_page(named: Diagnosis) -> None:
     nasty = '</script><b>@CHARTS@ & "run"'
-    looks = tuple(replace(look, name=nasty) for look in named.looks)
-    text = markup(replace(named, bags=(nasty,), looks=looks, warnings=(nasty,)))
+    comparisons = tuple(replace(comparison, name=nasty) for comparison in named.comparisons)
+    text = markup(replace(named, bags=(nasty,), comparisons=comparisons, warnings=(nasty,)))
     assert "<b>@" not in text
     assert "&lt;b&gt;@CHARTS@" in text
 
@@ -178,7 +178,7 @@ def test_files_give_the_diagnosis_back(every: dict[Verdict, Diagnosis], tmp_path
         again = load(folder)
         assert again.as_dict() == found.as_dict()
         assert page_of(again, "0") == page_of(found, "0")
-        for mine, its in zip(found.looks, again.looks, strict=True):
+        for mine, its in zip(found.comparisons, again.comparisons, strict=True):
             assert np.array_equal(mine.path, its.path)
             assert np.array_equal(mine.channels["position"].after, its.channels["position"].after, equal_nan=True)
         extended = load_robot(folder / "extended.yaml")
@@ -237,8 +237,8 @@ def test_it_prints(every: dict[Verdict, Diagnosis]) -> None:
 
 
 def test_a_measured_path_is_not_joined_across_a_gap(named: Diagnosis) -> None:
-    look = named.looks[0]
-    shifted = look.path + np.where(np.arange(len(look.path)) >= 60, 3.0, 0.0)[:, None] * (1.0, 0.0, 0.0)
-    line = path(replace(look, path=shifted), "path").lines[0]
+    comparison = named.comparisons[0]
+    shifted = comparison.path + np.where(np.arange(len(comparison.path)) >= 60, 3.0, 0.0)[:, None] * (1.0, 0.0, 0.0)
+    line = path(replace(comparison, path=shifted), "path").lines[0]
     assert np.isnan(line.x[60]) and np.isfinite(line.x[61])
     assert np.isnan(line.x).sum() == 2  # the gap, and the end

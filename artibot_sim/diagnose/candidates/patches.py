@@ -197,12 +197,15 @@ def _seen(base: Around, effect: str, discs: Sequence[_Disc]) -> list[_Seen]:
     information = np.maximum(np.diag(H)[p:] - np.einsum("ij,ij->j", H[:p, p:], beside), 1e-12)
     best = -(gradient[p:] - gradient[:p] @ beside) / information
     return [
-        _Seen(replace(disc, probe=np.array([own]), gain=0.5 * own * own * told), told**-0.5 if told > 1e-9 else np.inf)
-        for disc, own, told in zip(discs, best.tolist(), information.tolist(), strict=True)
+        _Seen(
+            replace(disc, probe=np.array([own]), gain=0.5 * own * own * stated),
+            stated**-0.5 if stated > 1e-9 else np.inf,
+        )
+        for disc, own, stated in zip(discs, best.tolist(), information.tolist(), strict=True)
     ]
 
 
-def told_along(base: Around, effect: str) -> Array:
+def deviations_along(base: Around, effect: str) -> Array:
     """Standard deviations of a disc's coordinate at places all along the paths, shape (places,).
 
     Of less and more slippery discs, whichever tell less; infinite where a disc changes nothing.

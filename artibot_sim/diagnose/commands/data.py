@@ -42,7 +42,7 @@ _LEAST = 8
 
 
 @dataclass(frozen=True)
-class Told:
+class CommandData:
     """Commanded and measured speeds of the front motors of some recordings, part by part.
 
     Attributes
@@ -107,7 +107,7 @@ LAGS = 3
 """Samples back to which errors are taken to be alike."""
 
 
-def told(recordings: Sequence[Experiment], quantity: str = "velocity") -> Told | None:
+def command_data(recordings: Sequence[Experiment], quantity: str = "velocity") -> CommandData | None:
     """What motors were told and did in `recordings`; None where no part has both.
 
     With the quantity ``"effort"`` it is the back motors, and all speeds are torques, N m.
@@ -130,7 +130,7 @@ def told(recordings: Sequence[Experiment], quantity: str = "velocity") -> Told |
     joined = [np.concatenate(column) for column in zip(*pieces, strict=True)]
     at, speed, torque, whole, counts, recording, motor, middle = joined
     period = float(np.median(np.concatenate([np.diff(part.t) for part in parts])))
-    return Told(np.concatenate(grid), at, rise, speed, torque, whole, counts, recording, motor, middle, period)
+    return CommandData(np.concatenate(grid), at, rise, speed, torque, whole, counts, recording, motor, middle, period)
 
 
 def _parts(number: int, experiment: Experiment, quantity: str) -> Iterator[_Part]:
@@ -204,7 +204,7 @@ def _averaged(t: Array, speed: Array) -> tuple[Array, Array]:
 
 
 def _piece(part: _Part, rise: bool, base: int) -> tuple[Array, ...] | None:
-    """The columns of `Told` for a part whose grid begins at place `base`."""
+    """The columns of `CommandData` for a part whose grid begins at place `base`."""
     times, values = part.angle if rise else part.speed
     if len(times) < _LEAST:
         return None

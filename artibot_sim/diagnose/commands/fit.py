@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.commands.data import Told
+from artibot_sim.diagnose.commands.data import CommandData
 from artibot_sim.diagnose.commands.limit import Limit, excluded_limit, torque_limit
 from artibot_sim.diagnose.commands.model import PARAMETERS, Way, followed, known_way, seen, way_of
 from artibot_sim.diagnose.commands.noise import Noise, noise_in, sensor_noise
@@ -67,7 +67,7 @@ class Fitter:
 
     Attributes
     ----------
-    data : Told
+    data : CommandData
     noise : Noise
     known : Way
         What the robot does to its commands as far as is known.
@@ -75,7 +75,7 @@ class Fitter:
         Samples that count.
     """
 
-    data: Told
+    data: CommandData
     noise: Noise
     known: Way
     used: Flags
@@ -274,8 +274,8 @@ class Work:
 
     recordings: Sequence[Experiment]
     robot: Robot
-    data: Told
-    pulls: Told | None
+    data: CommandData
+    pulls: CommandData | None
     noise: Noise
     needed: float = NEEDED
     _fits: dict[tuple[str, ...], Fit] = dataclass_field(default_factory=dict)

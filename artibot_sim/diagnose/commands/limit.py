@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
-from artibot_sim.diagnose.commands.data import Told
+from artibot_sim.diagnose.commands.data import CommandData
 from artibot_sim.diagnose.commands.noise import Noise, log_density
 from artibot_sim.experiment.smoothing import noise_of
 
@@ -47,7 +47,7 @@ class Limit:
     held: Flags
 
 
-def torque_limit(data: Told, noise: Noise, error: Array) -> Limit | None:
+def torque_limit(data: CommandData, noise: Noise, error: Array) -> Limit | None:
     """The limit that explains errors (n,) of predicted speeds (measured − predicted) best; None without torques.
 
     A motor at the limit falls short of its command, exponentially distributed; elsewhere errors are the sensors'. A
@@ -66,7 +66,7 @@ def torque_limit(data: Told, noise: Noise, error: Array) -> Limit | None:
     return found
 
 
-def excluded_limit(data: Told, noise: Noise, error: Array, enough: float) -> float:
+def excluded_limit(data: CommandData, noise: Noise, error: Array, enough: float) -> float:
     """The torque (N m) such that every limit below it loses `enough` nats; 0 where there is none, or no torques.
 
     Limits are tried down to half of what was reached: below that they lose more.
@@ -83,19 +83,21 @@ def excluded_limit(data: Told, noise: Noise, error: Array, enough: float) -> flo
     return found
 
 
-def _driven(data: Told) -> bool:
+def _driven(data: CommandData) -> bool:
     """Whether torques are known, and any is not nothing."""
     known = np.isfinite(data.torque)
     return bool(known.any()) and float(np.abs(data.torque[known]).max()) > 0.0
 
 
-def _top(data: Told, size: Array) -> tuple[float, float]:
+def _top(data: CommandData, size: Array) -> tuple[float, float]:
     """The largest torque, N m, and how sure a single one is."""
     top = float(np.sort(size)[-10:].mean()) if len(size) > 50 else float(size.max())
     return top, float(np.hypot(_noise_of_torques(data), _RELATIVE * top))
 
 
-def _at(data: Told, noise: Noise, error: Array, size: Array, limit: float, spread: float) -> tuple[float, Flags, Flags]:
+def _at(
+    data: CommandData, noise: Noise, error: Array, size: Array, limit: float, spread: float
+) -> tuple[float, Flags, Flags]:
     """Nats that a limit gains; samples that it explains, and those that are near it."""
     known = np.isfinite(data.torque)
     near = known & (size > limit - _NEAR * spread)
@@ -114,7 +116,7 @@ def _refined(size: Array, at: Flags, plain: Flags, spread: float, limit: float) 
     return middle, float(np.hypot(1.25 * spread / np.sqrt(count), _RELATIVE * middle))
 
 
-def _gain(data: Told, at: Flags, short: Array, error: Array, sigma: float) -> tuple[Flags, float]:
+def _gain(data: CommandData, at: Flags, short: Array, error: Array, sigma: float) -> tuple[Flags, float]:
     """Which samples a limit explains, and the log-likelihood that it gains there."""
     usual = log_density(error / sigma) - np.log(sigma)
     mean = max(float(np.mean(np.maximum(short[at], 0.0))) if at.any() else 0.0, 3.0 * sigma)
@@ -140,7 +142,7 @@ def _exponential(short: Array, mean: float, sigma: float) -> Array:
     return np.asarray(-np.log(mean) - short / mean + 0.5 * (sigma / mean) ** 2 + log_ndtr(z))
 
 
-def _noise_of_torques(data: Told) -> float:
+def _noise_of_torques(data: CommandData) -> float:
     levels = []
     for r, m in np.unique(np.column_stack([data.recording, data.motor]), axis=0).tolist():
         mine = (data.recording == r) & (data.motor == m) & np.isfinite(data.torque)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from artibot_sim.diagnose.commands.data import H, Told
+from artibot_sim.diagnose.commands.data import CommandData, H
 from artibot_sim.model import Robot
 from artibot_sim.model.effects import EFFECTS, Values
 
@@ -82,7 +82,7 @@ def followed(command: Array, way: Way) -> Array:
     return np.asarray(speed)
 
 
-def seen(data: Told, way: Way, speed: Array | None = None) -> Array:
+def seen(data: CommandData, way: Way, speed: Array | None = None) -> Array:
     """Speeds that are measured if the motors follow `way`, rad/s, shape (n,); `speed` is what `followed` gave."""
     speed = followed(data.command, way) if speed is None else speed
     at = np.clip(data.at - (way.delay + way.clock) / H, 0.0, len(speed) - 1.000001)

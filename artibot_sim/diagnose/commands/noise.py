@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from artibot_sim.diagnose.commands.data import LAGS, Told
+from artibot_sim.diagnose.commands.data import LAGS, CommandData
 from artibot_sim.experiment.smoothing import noise_of
 
 Array = NDArray[np.float64]
@@ -51,11 +51,11 @@ class Noise:
             and abs(self.thinning - other.thinning) < 0.1
         )
 
-    def whitened(self, data: Told, error: Array) -> tuple[Array, Flags]:
+    def whitened(self, data: CommandData, error: Array) -> tuple[Array, Flags]:
         """Errors (n,) less what the ones before foretell, over sigma; and which of them count."""
         return whitened(data, error, self.colour) / self.sigma, data.valid
 
-    def log_likelihood(self, data: Told, error: Array, used: Flags | None = None) -> float:
+    def log_likelihood(self, data: CommandData, error: Array, used: Flags | None = None) -> float:
         """Of errors (n,), in nats; `used` leaves some out."""
         scaled, valid = self.whitened(data, error)
         valid = valid if used is None else valid & used
@@ -72,7 +72,7 @@ def log_density(scaled: Array) -> Array:
     return np.asarray(constant - 0.5 * (FREEDOM + 1.0) * np.log1p(scaled**2 / FREEDOM))
 
 
-def whitened(data: Told, error: Array, colour: Array) -> Array:
+def whitened(data: CommandData, error: Array, colour: Array) -> Array:
     """Errors (n,) less what the ones before foretell; the first few of a part as they are."""
     rest = error.copy()
     for lag in range(1, LAGS + 1):
@@ -80,12 +80,12 @@ def whitened(data: Told, error: Array, colour: Array) -> Array:
     return rest
 
 
-def least_noise(data: Told) -> float:
+def least_noise(data: CommandData) -> float:
     """Noise that is taken at least, rad/s."""
     return _LEAST * float(np.sqrt(np.mean(data.command**2))) + 1e-9
 
 
-def sensor_noise(data: Told) -> Noise:
+def sensor_noise(data: CommandData) -> Noise:
     """White noise as neighbouring samples show it: good enough to begin with."""
     levels = [
         noise_of(data.at[mine].mean(axis=1)[:_SOME], data.speed[mine][:_SOME])
@@ -96,12 +96,12 @@ def sensor_noise(data: Told) -> Noise:
     return Noise(max(level, least_noise(data)), np.zeros(LAGS))
 
 
-def _series(data: Told) -> Sequence[tuple[int, int]]:
+def _series(data: CommandData) -> Sequence[tuple[int, int]]:
     pairs = np.unique(np.column_stack([data.recording, data.motor]), axis=0)
     return [(int(r), int(m)) for r, m in pairs]
 
 
-def noise_in(data: Told, error: Array, used: Flags) -> Noise:
+def noise_in(data: CommandData, error: Array, used: Flags) -> Noise:
     """Noise as the errors (n,) of a good prediction show it, from the samples that are `used`."""
     valid = data.valid & used
     if valid.sum() < 20 * LAGS:
@@ -127,7 +127,7 @@ def _scale(error: Array) -> float:
     return sigma
 
 
-def _thinning(data: Told, scaled: Array) -> float:
+def _thinning(data: CommandData, scaled: Array) -> float:
     """1 + 2 Σ autocorrelation of whitened errors (n,), up to where it first vanishes."""
     calm = np.clip(scaled, -4.0, 4.0)
     power, total = float(calm @ calm), 1.0

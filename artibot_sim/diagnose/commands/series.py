@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.commands.data import GUARD, H, Told
+from artibot_sim.diagnose.commands.data import GUARD, CommandData, H
 from artibot_sim.diagnose.commands.limit import Limit
 from artibot_sim.diagnose.commands.model import Way, followed
 from artibot_sim.diagnose.records import Series
@@ -42,7 +42,7 @@ class Level:
 
 
 def series_of(
-    recordings: Sequence[Experiment], known: Way, way: Way, data: Told, limit: Limit | None
+    recordings: Sequence[Experiment], known: Way, way: Way, data: CommandData, limit: Limit | None
 ) -> dict[str, Series]:
     """Errors (predicted − measured, rad/s) of both front motors, by recording; NaN where nothing was commanded."""
     found = {}
@@ -90,7 +90,7 @@ def predicted(t: Array, command: Array, way: Way, at: Array) -> Array:
     return np.where(silent, np.nan, speed)
 
 
-def _held(data: Told, limit: Limit, recording: int, motor: int, at: Array) -> NDArray[np.bool_]:
+def _held(data: CommandData, limit: Limit, recording: int, motor: int, at: Array) -> NDArray[np.bool_]:
     """Which instants belong to samples that a limit explains."""
     rows = (data.recording == recording) & (data.motor == motor)
     middle, held = data.middle[rows], limit.held[rows]

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from artibot_sim.diagnose.commands.data import told
+from artibot_sim.diagnose.commands.data import command_data
 from artibot_sim.diagnose.commands.fit import EFFECTS, NEEDED, ViewEvidence, Work
 from artibot_sim.diagnose.commands.model import known_way
 from artibot_sim.diagnose.commands.noise import sensor_noise
@@ -85,10 +85,10 @@ def command_view(recordings: Sequence[Experiment], robot: Robot, *, needed: floa
         Nats that an effect has to gain to be named, for the sizes that are excluded.
     """
     ordered = sorted(recordings, key=lambda r: (r.name, len(r.channels.get("motor_torques") or ())))
-    data = told(ordered)
+    data = command_data(ordered)
     if data is None:
         return CommandView()
-    work = Work(ordered, robot, data, told(ordered, "effort"), sensor_noise(data), needed)
+    work = Work(ordered, robot, data, command_data(ordered, "effort"), sensor_noise(data), needed)
     for _ in range(2):  # the noise that is left beside what was found changes what is found
         found = work.plain()
         noise = work.noise_beside(found)

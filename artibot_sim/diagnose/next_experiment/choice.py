@@ -10,7 +10,7 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.commands.data import told
+from artibot_sim.diagnose.commands.data import command_data
 from artibot_sim.diagnose.commands.fit import Fitter
 from artibot_sim.diagnose.commands.limit import torque_limit
 from artibot_sim.diagnose.commands.model import PARAMETERS, Way, seen, way_of
@@ -198,7 +198,7 @@ def hardest(
 
 def by_commands(driven: Trial, robot: Robot, noise: Mapping[str, float]) -> float:
     """Nats that a robot loses in the command view against the one that drove."""
-    data = told([driven.recording])
+    data = command_data([driven.recording])
     if data is None:
         return 0.0
     level = max(noise.get("front_velocity", USUAL["front_velocity"]) / _AVERAGED, least_noise(data))
@@ -219,7 +219,7 @@ def by_commands(driven: Trial, robot: Robot, noise: Mapping[str, float]) -> floa
 
 def _by_back_torques(driven: Trial, robot: Robot, noise: Mapping[str, float]) -> float:
     """The same of the back motors' torques, which are commanded."""
-    data = told([driven.recording], "effort") if "torque_back" in noise else None
+    data = command_data([driven.recording], "effort") if "torque_back" in noise else None
     if data is None:
         return 0.0
     sensors = CommandNoise(max(noise["torque_back"] / _AVERAGED, least_noise(data)), np.zeros(3))

@@ -239,13 +239,13 @@ class Trial:
         for i, motor in enumerate(MOTORS[:count]):
             columns |= {f"{motor}.position": position[:, i], f"{motor}.velocity": velocity[:, i]}
             columns[f"{motor}.effort"] = torque[:, i]
-        told = {f"{motor}.velocity": self.planned.at(t).velocity[:, i] for i, motor in enumerate(MOTORS[:2])}
+        stated = {f"{motor}.velocity": self.planned.at(t).velocity[:, i] for i, motor in enumerate(MOTORS[:2])}
         if count == 4:
-            told |= {f"{motor}.effort": self.result.motor_torque[:, i] for i, motor in enumerate(MOTORS) if i >= 2}
+            stated |= {f"{motor}.effort": self.result.motor_torque[:, i] for i, motor in enumerate(MOTORS) if i >= 2}
         stamps = np.round(t * 1e9).astype(np.int64)
         channels = {
             "motor_torques": Channel("/motor_torques", stamps, t, stamps, columns),
-            "motor_command": Channel("/motor_command", stamps, t, stamps, told),
+            "motor_command": Channel("/motor_command", stamps, t, stamps, stated),
         }
         return Experiment("trial", Path("trial"), {}, 0, channels, ((0.0, float(t[-1])),))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from artibot_sim.diagnose.records import Found, Left, Verdict
 from artibot_sim.diagnose.selection.evidence import Other
-from artibot_sim.diagnose.selection.forward import Turn
+from artibot_sim.diagnose.selection.forward import Stage
 from artibot_sim.diagnose.selection.per_recording import Apart
 from artibot_sim.diagnose.unlisted.finding import Finding
 from artibot_sim.estimation.problem import Problem
@@ -27,7 +27,7 @@ class Named:
         Effects that explain as much.
     found : mapping of str to Found
         Its parameters where only the view driven by commands sees it; empty where it was fitted with the soil.
-    turn : int
+    stage : int
         Number of the search that found it; the first one for what only commands show, which takes none.
     """
 
@@ -35,7 +35,7 @@ class Named:
     nats: float
     ties: tuple[str, ...]
     found: Mapping[str, Found] = field(default_factory=dict)
-    turn: int = 0
+    stage: int = 0
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Decision:
         The paper's model with its soil identified.
     problem, fit : Problem, Fit
         With all named effects.
-    turns : tuple of Turn
+    stages : tuple of Stage
     other : mapping of str to Other
         What the view driven by commands says of each effect, of the named ones beside each other.
     left : mapping of str to Left
@@ -75,7 +75,7 @@ class Decision:
     neutral_fit: Fit
     problem: Problem
     fit: Fit
-    turns: tuple[Turn, ...]
+    stages: tuple[Stage, ...]
     other: Mapping[str, Other]
     left: Mapping[str, Left] = field(default_factory=dict)
     unexplained: Finding | None = None
@@ -106,6 +106,6 @@ class Decision:
         alone = self.apart if self.verdict is Verdict.UNEXPLAINED else None
         return alone if alone is not None and alone.sufficient else None
 
-    def turn_of(self, effect: str) -> Turn:
+    def stage_of(self, effect: str) -> Stage:
         """The search that found a named effect."""
-        return self.turns[next(one.turn for one in self.named if one.effect == effect)]
+        return self.stages[next(one.stage for one in self.named if one.effect == effect)]

@@ -162,9 +162,9 @@ def together(view: CommandView, rival: Rival, own: Evidence, beside: Mapping[str
         return seen - before - 0.5 * precision * (coordinate - place) ** 2
 
     tried = [place]
-    heard = view.given(*(name for name in others_ if name in view.evidence)).get(rival.id)
-    if heard is not None and heard.values:
-        best, width = float(extension.coordinates(heard.values)[0]), _widths(extension, heard)[0]
+    from_commands = view.given(*(name for name in others_ if name in view.evidence)).get(rival.id)
+    if from_commands is not None and from_commands.values:
+        best, width = float(extension.coordinates(from_commands.values)[0]), _widths(extension, from_commands)[0]
         its = 1.0 / max(width, 1e-9) ** 2
         tried += [best, (precision * place + its * best) / (precision + its)]
     return own.nats + max(gained(coordinate) for coordinate in tried)

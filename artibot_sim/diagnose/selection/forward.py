@@ -42,7 +42,7 @@ _SAME = 0.1
 
 
 @dataclass(frozen=True)
-class Turn:
+class Stage:
     """One search for one more effect.
 
     Attributes
@@ -81,9 +81,9 @@ class Turn:
     nats: Mapping[str, float] = field(default_factory=dict)
 
 
-def turn(
+def stage(
     problem: Problem, fit: Fit, loss: Loss, named: Sequence[str], rounds: Rounds, tick: Tick = lambda: None
-) -> Turn:
+) -> Stage:
     """Look for one more effect beside those in `problem`.
 
     The baseline is fitted again from the best rivals' soil and starts: what they found there without their effect
@@ -94,10 +94,10 @@ def turn(
     every = hypotheses(problem.parameters.robot, problem.stretches, named)
     tried = [one for one in every if in_map or not needed(one.id)]
     trials = screen(base, tried, tick) + (discs(base) if in_map else [])
-    return _contested(Turn(tuple(trials), (), {}, problem, fit, loss, control.cost, base=base), named, rounds, tick)
+    return _contested(Stage(tuple(trials), (), {}, problem, fit, loss, control.cost, base=base), named, rounds, tick)
 
 
-def thorough(found: Turn, named: Sequence[str], rounds: Rounds, tick: Tick = lambda: None) -> Turn:
+def thorough(found: Stage, named: Sequence[str], rounds: Rounds, tick: Tick = lambda: None) -> Stage:
     """The same search with every effect fitted, whatever the screen thought of it, and most of them to the end.
 
     A probe may throw so many windows off their branch that an effect of just its size looks worse than none.
@@ -105,11 +105,11 @@ def thorough(found: Turn, named: Sequence[str], rounds: Rounds, tick: Tick = lam
     base, every = found.base, rounds.for_all(len(found.trials))
     if base is None or not found.trials:
         return found
-    begun = Turn(found.trials, (), {}, base.problem, found.fit, base.loss, found.screened, base=base)
+    begun = Stage(found.trials, (), {}, base.problem, found.fit, base.loss, found.screened, base=base)
     return _contested(begun, named, every, tick)
 
 
-def _contested(begun: Turn, named: Sequence[str], rounds: Rounds, tick: Tick) -> Turn:
+def _contested(begun: Stage, named: Sequence[str], rounds: Rounds, tick: Tick) -> Stage:
     """A search whose trials are screened, with the promising ones fitted and judged."""
     base, problem, loss = begun.base, begun.problem, begun.loss
     assert base is not None
@@ -125,9 +125,9 @@ def _contested(begun: Turn, named: Sequence[str], rounds: Rounds, tick: Tick) ->
     problem, best, rivals, loss = _with_honest_noise(problem, best, rivals, loss, rounds)
     excess = excess_of(problem, best, rivals, number=len(named))
     costs = [best.point.cost - one for one in excess]
-    told = side_by_side(lambda one: evidence(*one), list(zip(rivals, costs, strict=True)), problem.workers)
-    found = {rival.id: one for rival, one in zip(rivals, told, strict=True)}
-    return Turn(begun.trials, tuple(rivals), found, problem, best, loss, begun.screened, fallen, base)
+    stated = side_by_side(lambda one: evidence(*one), list(zip(rivals, costs, strict=True)), problem.workers)
+    found = {rival.id: one for rival, one in zip(rivals, stated, strict=True)}
+    return Stage(begun.trials, tuple(rivals), found, problem, best, loss, begun.screened, fallen, base)
 
 
 def _with_honest_noise(

@@ -64,13 +64,13 @@ class Apart:
     def words(self) -> str:
         """The soils, the parameter that differs most first; those that hardly differ left out."""
         ordered = sorted(self.soil, key=lambda one: -_spread(one[2]))
-        told = [one for one in ordered if _spread(one[2]) > _SAID] or ordered[:1]
-        return "; ".join(_told(self.names, *one) for one in told)
+        stated = [one for one in ordered if _spread(one[2]) > _SAID] or ordered[:1]
+        return "; ".join(_listed(self.names, *one) for one in stated)
 
     @property
     def size_words(self) -> str:
         """The effects as each recording by itself has them; empty where none was fitted."""
-        return "; ".join(_told(self.names, *one) for one in self.sizes)
+        return "; ".join(_listed(self.names, *one) for one in self.sizes)
 
     @property
     def unexplained(self) -> Unexplained:
@@ -144,6 +144,6 @@ def _spread(values: Array) -> float:
     return float(values.max() / values.min()) - 1.0
 
 
-def _told(names: Sequence[str], parameter: str, unit: str, values: Array) -> str:
+def _listed(names: Sequence[str], parameter: str, unit: str, values: Array) -> str:
     each = ", ".join(f"{number(float(value), 3)} in {name}" for name, value in zip(names, values, strict=True))
     return f"{parameter} ({spaced(unit)}) {each}" if unit not in ("", "-", "–", "1") else f"{parameter} {each}"

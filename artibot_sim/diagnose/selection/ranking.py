@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from artibot_sim.diagnose.candidates.patches import RADII, told_along
+from artibot_sim.diagnose.candidates.patches import RADII, deviations_along
 from artibot_sim.diagnose.candidates.screening import Around, Trial
 from artibot_sim.diagnose.checks.common_map import experiments_of, in_common_map, needed
 from artibot_sim.diagnose.policy import Thresholds
 from artibot_sim.diagnose.records import Candidate, Verdict
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.evidence import DECADE, Other
-from artibot_sim.diagnose.selection.forward import Turn, refusal
+from artibot_sim.diagnose.selection.forward import Stage, refusal
 from artibot_sim.estimation.parameters import SPREAD, Extension
 from artibot_sim.model.effects import EFFECTS
 
@@ -75,11 +75,11 @@ def excluded_patch(base: Around, effect: str, least: float, thresholds: Threshol
     least : float
         Nats that it has to gain.
     """
-    told = told_along(base, effect)
-    here = np.sort(told)[int(np.ceil(_GROUND * len(told))) - 1] if len(told) else np.inf
+    stated = deviations_along(base, effect)
+    here = np.sort(stated)[int(np.ceil(_GROUND * len(stated))) - 1] if len(stated) else np.inf
     if not np.isfinite(here):
         return {}
-    among = float(np.log(len(told) * len(RADII)))
+    among = float(np.log(len(stated) * len(RADII)))
     reach, extension = _reach(float(here), 1, least + thresholds.more(effect) + among, thresholds), Extension(effect)
     if reach > _FARTHEST:
         return {}
@@ -119,13 +119,13 @@ def ranking(decision: Decision, thresholds: Thresholds) -> tuple[Candidate, ...]
     named = {n.effect: n for n in decision.named}
     found = []
     for effect in (name for name, declared in EFFECTS.items() if declared.search is not None):
-        turns = decision.turns
+        stages = decision.stages
         if effect in named:
-            at = decision.turn_of(effect)
+            at = decision.stage_of(effect)
         else:
-            tried = [turn for turn in turns if any(trial.id == effect for trial in turn.trials)]
-            first = effect in turns[0].evidence and effect not in decision.dropped
-            at = turns[0] if first or not tried else tried[-1]
+            tried = [stage for stage in stages if any(trial.id == effect for trial in stage.trials)]
+            first = effect in stages[0].evidence and effect not in decision.dropped
+            at = stages[0] if first or not tried else tried[-1]
         own = _candidate(effect, at)
         if effect not in named:
             trials = [trial for trial in at.trials if trial.id == effect]
@@ -138,7 +138,7 @@ def ranking(decision: Decision, thresholds: Thresholds) -> tuple[Candidate, ...]
     return tuple(sorted(found, key=lambda c: -c.log10_bayes_factor if np.isfinite(c.log10_bayes_factor) else np.inf))
 
 
-def _refusal(at: Turn, own: Candidate, decision: Decision, thresholds: Thresholds) -> str:
+def _refusal(at: Stage, own: Candidate, decision: Decision, thresholds: Thresholds) -> str:
     """Why what gained as much as others are named for is not; empty where it did not."""
     nats = DECADE * own.log10_bayes_factor
     if own.effect not in at.evidence or nats < decision.least:
@@ -150,7 +150,7 @@ def _refusal(at: Turn, own: Candidate, decision: Decision, thresholds: Threshold
 
 def _above(decision: Decision, effect: str, trials: Sequence[Trial], thresholds: Thresholds) -> dict[str, float]:
     """Departures from neutral that are excluded of an effect that was not found."""
-    search, last = EFFECTS[effect].search, decision.turns[-1].base
+    search, last = EFFECTS[effect].search, decision.stages[-1].base
     if search is None or not search.disc:
         return excluded(trials, decision.least, thresholds)
     if not in_common_map(experiments_of(decision.neutral_problem.stretches)):
@@ -158,7 +158,7 @@ def _above(decision: Decision, effect: str, trials: Sequence[Trial], thresholds:
     return {} if last is None else excluded_patch(last, effect, decision.least, thresholds)
 
 
-def _candidate(effect: str, at: Turn) -> Candidate:
+def _candidate(effect: str, at: Stage) -> Candidate:
     trials = [trial for trial in at.trials if trial.id == effect]
     rival = next((rival for rival in at.rivals if rival.id == effect), None)
     if rival is not None:

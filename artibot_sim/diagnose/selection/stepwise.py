@@ -13,7 +13,7 @@ from artibot_sim.diagnose.policy import Thresholds
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.evidence import Evidence, Other, others, together
-from artibot_sim.diagnose.selection.forward import Turn, refusal, thorough, turn
+from artibot_sim.diagnose.selection.forward import Stage, refusal, stage, thorough
 from artibot_sim.diagnose.selection.joint_fits import Rounds, settled
 from artibot_sim.diagnose.selection.ridge_search import at_size, revised
 from artibot_sim.diagnose.sizes import sized
@@ -117,13 +117,13 @@ class _Naming:
         self._dropped: list[str] = []
         self._between: list[tuple[Problem, Fit]] = []
         self._again = self._exhausted = False
-        self._heard = self._other = others(view)
-        self._turns = [self._sought(problem, fit, fit.loss)]
+        self._from_commands = self._other = others(view)
+        self._stages = [self._sought(problem, fit, fit.loss)]
         self._problem, self._fit = self._neutral = self._found.problem, self._found.fit
 
     @property
-    def _found(self) -> Turn:
-        return self._turns[-1]
+    def _found(self) -> Stage:
+        return self._stages[-1]
 
     @property
     def _names(self) -> list[str]:
@@ -135,21 +135,21 @@ class _Naming:
     def _fitted(self) -> list[Named]:
         return [one for one in self._named if not one.found]
 
-    def _weighed(self, found: Turn) -> Turn:
+    def _weighed(self, found: Stage) -> Stage:
         return replace(found, nats=_nats(found, self._view, self._named))
 
-    def _sought(self, problem: Problem, fit: Fit, loss: Loss) -> Turn:
-        return self._weighed(turn(problem, fit, loss, self._names, self._rounds, self._tick))
+    def _sought(self, problem: Problem, fit: Fit, loss: Loss) -> Stage:
+        return self._weighed(stage(problem, fit, loss, self._names, self._rounds, self._tick))
 
     def add(self) -> None:
         """Name one effect after the other."""
         thresholds, least = self._options.thresholds, self._options.least
         while not self._full():
             found, out = self._found, (*self._names, *self._dropped)
-            best = best_of(found.evidence, found.nats, self._heard, least, thresholds, out)
+            best = best_of(found.evidence, found.nats, self._from_commands, least, thresholds, out)
             anew = self._anew(best)
             if anew is not None:
-                self._turns[-1] = anew
+                self._stages[-1] = anew
                 self._problem, self._fit = anew.problem, anew.fit
                 self._neutral = self._neutral if self._named else (anew.problem, anew.fit)
             elif best is None:
@@ -157,7 +157,7 @@ class _Naming:
             else:
                 self._name(best)
 
-    def _anew(self, best: Named | None) -> Turn | None:
+    def _anew(self, best: Named | None) -> Stage | None:
         """The last search made better, where that may find what it missed."""
         found = self._found
         if not (self._named or self._again) and found.fallen > max(_BETTER, best.nats if best else 0.0):
@@ -173,12 +173,12 @@ class _Naming:
         only_commanded = "rotation" not in _views(best.effect)
         if self._fitted() and not only_commanded:
             self._between.append((self._problem, self._fit))
-        own = best if only_commanded else replace(best, found={}, turn=len(self._turns) - 1)
+        own = best if only_commanded else replace(best, found={}, stage=len(self._stages) - 1)
         self._named.append(own)
-        if best.effect in self._heard:
-            self._heard = others(self._view, tuple(self._names))
+        if best.effect in self._from_commands:
+            self._from_commands = others(self._view, tuple(self._names))
         if only_commanded:
-            self._turns[-1] = self._weighed(self._found)
+            self._stages[-1] = self._weighed(self._found)
             return
         self._problem, fit = _with_effect(self._problem, self._fit, self._found, best, self._options.seed)
         self._fit = revised(self._problem, fit, self._rounds.few, self._rounds.worth)
@@ -186,7 +186,7 @@ class _Naming:
             self._look()
 
     def _look(self) -> None:
-        self._turns.append(self._sought(self._problem, self._fit, self._found.loss))
+        self._stages.append(self._sought(self._problem, self._fit, self._found.loss))
         self._problem, self._fit = self._found.problem, self._found.fit
 
     def drop(self) -> bool:
@@ -201,7 +201,7 @@ class _Naming:
         self._between = [*self._between[: spare.which], *self._below(len(fitted) - 1, spare.which)]
         self._look()
         for place, one in enumerate(self._fitted()):
-            if one.turn > gone.turn:
+            if one.stage > gone.stage:
                 self._named[self._named.index(one)] = self._found_again(place, one)
         return True
 
@@ -210,13 +210,13 @@ class _Naming:
         options, loss = self._options, self._found.loss
         names = [other for other in self._names if other != one.effect]
         rest = spared(self._problem, self._fit, loss, place, self._rounds)
-        found = self._weighed(turn(rest.problem, rest.fit, loss, names, self._rounds, self._tick))
+        found = self._weighed(stage(rest.problem, rest.fit, loss, names, self._rounds, self._tick))
         out = (*names, *self._dropped)
         best = best_of(found.evidence, found.nats, {}, options.least, options.thresholds, out)
         if best is None or best.effect != one.effect:
             return one
-        self._turns.insert(len(self._turns) - 1, found)
-        return replace(best, found={}, turn=len(self._turns) - 2)
+        self._stages.insert(len(self._stages) - 1, found)
+        return replace(best, found={}, stage=len(self._stages) - 2)
 
     def _below(self, count: int, least: int) -> list[tuple[Problem, Fit]]:
         """The model, which has `count` effects, with only the first of them: as many as are more than `least`."""
@@ -233,7 +233,7 @@ class _Naming:
         other = {**self._other, **_beside_each_other(self._view, self._names)}
         named = tuple(replace(one, found=other[one.effect].found) if one.found else one for one in self._named)
         return Decision(
-            named, self._options.least, *self._neutral, self._problem, self._fit, tuple(self._turns),
+            named, self._options.least, *self._neutral, self._problem, self._fit, tuple(self._stages),
             other, between=tuple(self._between), dropped=tuple(self._dropped),
         )  # fmt: skip
 
@@ -242,8 +242,8 @@ def _beside_each_other(view: CommandView, named: Sequence[str]) -> dict[str, Oth
     """What commands say of each named effect once the others are in the model: alone it stands for them as well."""
     found: dict[str, Other] = {}
     for effect in named:
-        told = others(view, tuple(one for one in named if one != effect))
-        found |= {effect: told[effect]} if effect in told else {}
+        stated = others(view, tuple(one for one in named if one != effect))
+        found |= {effect: stated[effect]} if effect in stated else {}
     return found
 
 
@@ -252,7 +252,7 @@ def _views(effect: str) -> tuple[str, ...]:
     return tuple(search.views) if search is not None else ()
 
 
-def _with_effect(problem: Problem, fit: Fit, found: Turn, best: Named, seed: int) -> tuple[Problem, Fit]:
+def _with_effect(problem: Problem, fit: Fit, found: Stage, best: Named, seed: int) -> tuple[Problem, Fit]:
     """The model with the effect that was named, as it was fitted, or begun at the size that commands tell."""
     for rival in found.rivals:
         if rival.id == best.effect:
@@ -262,7 +262,7 @@ def _with_effect(problem: Problem, fit: Fit, found: Turn, best: Named, seed: int
     return at_size(problem, fit, extension, own, Rounds().few)
 
 
-def _nats(found: Turn, view: CommandView, named: Sequence[Named]) -> dict[str, float]:
+def _nats(found: Stage, view: CommandView, named: Sequence[Named]) -> dict[str, float]:
     """Log Bayes factors of what was fitted, from both views."""
     beside = {n.effect: {name: float(f.value) for name, f in n.found.items()} for n in named if n.found}
     return {rival.id: together(view, rival, found.evidence[rival.id], beside) for rival in found.rivals}
@@ -271,7 +271,7 @@ def _nats(found: Turn, view: CommandView, named: Sequence[Named]) -> dict[str, f
 def best_of(
     evidence: Mapping[str, Evidence],
     fitted: Mapping[str, float],
-    heard: Mapping[str, Other],
+    from_commands: Mapping[str, Other],
     least: float,
     thresholds: Thresholds,
     without: Collection[str] = (),
@@ -284,7 +284,7 @@ def best_of(
         Of what was fitted, by the view that is driven by rotations.
     fitted : mapping of str to float
         Nats of the same from both views.
-    heard : mapping of str to Other
+    from_commands : mapping of str to Other
         What the view driven by commands says.
     least : float
         Nats that an effect has to gain.
@@ -296,7 +296,7 @@ def best_of(
         enough = least + thresholds.more(effect)
         if effect not in without and not refusal(effect, evidence[effect], nats, enough, thresholds):
             good[effect] = nats
-    for effect, view in heard.items():
+    for effect, view in from_commands.items():
         if effect in good or effect in without or fitted.get(effect, least) < least:
             continue  # what rotations contradict is no cause, however well commands like it
         if view.nats >= least:
@@ -311,5 +311,5 @@ def best_of(
         return thresholds.tie if commanded else max(thresholds.tie, thresholds.tie_share * good[best])
 
     ties = sorted((e for e in good if e != best and good[e] >= good[best] - margin(e)), key=lambda e: -good[e])
-    values = heard[best].found if best in heard and best not in fitted else {}
+    values = from_commands[best].found if best in from_commands and best not in fitted else {}
     return Named(best, good[best], tuple(ties), values)

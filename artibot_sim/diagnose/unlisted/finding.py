@@ -30,7 +30,7 @@ from artibot_sim.identify.result import spaced
 
 Array = NDArray[np.float64]
 
-_LOOKS = 2
+_ROUNDS = 2
 _FARTHEST = 0.15
 """Largest change of a parameter's logarithm from one look to the next."""
 _MOST = 3
@@ -73,7 +73,7 @@ class Finding:
     soil: Array
 
 
-def unexplained(problem: Problem, coordinates: Array, looks: int = _LOOKS) -> Finding | None:
+def unexplained(problem: Problem, coordinates: Array, rounds: int = _ROUNDS) -> Finding | None:
     """The force that a fit does not explain; None if nothing is left that a force would.
 
     A force that the fit does not know of has bent the soil to its own ends. So the soil is taken back as far as the
@@ -85,13 +85,13 @@ def unexplained(problem: Problem, coordinates: Array, looks: int = _LOOKS) -> Fi
         Recordings and parameters, effects among them or not.
     coordinates : array, shape (p,)
         Where the fit ended.
-    looks : int
+    rounds : int
     """
-    best = now = look(problem, coordinates)
-    for _ in range(looks - 1):
+    best = now = search_forces(problem, coordinates)
+    for _ in range(rounds - 1):
         if not now.chosen:
             break
-        now = look(problem, now.soil)
+        now = search_forces(problem, now.soil)
         if now.chosen and now.chosen[0].worth > best.chosen[0].worth:
             best = now
     return best if best.chosen else None
@@ -107,7 +107,7 @@ def unexplained_of(found: Finding) -> Unexplained:
     )  # fmt: skip
 
 
-def look(problem: Problem, coordinates: Array, most: int = _MOST, windows: int = WINDOWS) -> Finding:
+def search_forces(problem: Problem, coordinates: Array, most: int = _MOST, windows: int = WINDOWS) -> Finding:
     """What forces explain at `coordinates` (p,), with all that was weighed; so many forces and windows at most."""
     few = short(problem, windows)
     if not len(few):  # too little is measured to tell within tenths of a second which force acts

@@ -19,7 +19,7 @@ from artibot_sim.model.simulate.windows import KINDS, Plan
 Array = NDArray[np.float64]
 
 _SURGE, _SWAY, _FRONT_TURN, _BACK_TURN = range(4)
-_LOOKED_AT = (
+_SAMPLED = (
     "x", "y", "yaw", "articulation_yaw", "yaw_rate", "v_x", "v_y", "articulation_rate",
     *(f"torque_{motor}" for motor in MOTORS),
 )  # fmt: skip
@@ -60,11 +60,11 @@ def scene(problem: Problem, coordinates: Array) -> Scene:
     """Every force at every window's instants, as the fitted model moves."""
     robot = problem.parameters.robot_at(coordinates)
     at = ends(problem)
-    kinds = np.array([KINDS.index(name) for name in _LOOKED_AT])
+    kinds = np.array([KINDS.index(name) for name in _SAMPLED])
     each = np.repeat(kinds, KNOTS)
     plans = [Plan(np.tile(t - w.t, len(kinds)), each) for w, t in zip(problem.windows, at, strict=True)]
     seen = np.array(problem.look(coordinates, problem.starts, plans)).reshape(len(at), len(kinds), KNOTS)
-    motion = dict(zip(_LOOKED_AT, np.nan_to_num(seen).transpose(1, 0, 2), strict=True))
+    motion = dict(zip(_SAMPLED, np.nan_to_num(seen).transpose(1, 0, 2), strict=True))
     for m, motor in enumerate(MOTORS):
         for name, quantity in (("angle", "position"), ("rate", "velocity")):
             motion[f"{name}_{motor}"] = np.array([

@@ -195,12 +195,12 @@ def improvements(
     neutral = [pair.before for pair in pairs]
     before = excess(neutral, _followed(view, extended, names, "before"), levels)
     likely = _likelihoods([neutral, *held])
-    told = command_view(seen, decision.neutral_problem.parameters.robot)
-    heard = [0.0, *map(told.nats, robots)]
+    stated = command_view(seen, decision.neutral_problem.parameters.robot)
+    from_commands = [0.0, *map(stated.nats, robots)]
     found = {}
     for k, (named, robot, one) in enumerate(zip(decision.named, robots, held, strict=True)):
         after = excess(one, _followed(view, robot, names, "after"), levels)
-        found[named.effect] = Worth(before, after, likely[k + 1] - likely[k] + heard[k + 1] - heard[k])
+        found[named.effect] = Worth(before, after, likely[k + 1] - likely[k] + from_commands[k + 1] - from_commands[k])
         before = after
     return found
 

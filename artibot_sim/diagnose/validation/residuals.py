@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.records import ChannelBaseline, Look, Place, Series
+from artibot_sim.diagnose.records import ChannelBaseline, Comparison, Place, Series
 from artibot_sim.diagnose.result import amount, is_wrong
 from artibot_sim.identify.result import number
 
@@ -20,7 +20,7 @@ from artibot_sim.identify.result import number
 Array = NDArray[np.float64]
 
 COVARIATES = ("speed", "yaw_rate", "heading", "articulation_yaw", "x", "y", "load", "acceleration")
-"""What is known of every sample: those of `Look.covariates`, and the speed's change, m/s²."""
+"""What is known of every sample: those of `Comparison.covariates`, and the speed's change, m/s²."""
 _SMOOTH = 0.3
 """s over which a speed's change is taken."""
 
@@ -34,7 +34,7 @@ class Samples:
     channel : str
     t : array, shape (n,)
         s since the recording's start.
-    look : array of int, shape (n,)
+    comparison : array of int, shape (n,)
         Which recording.
     before, after : array, shape (n, k)
         Predicted − measured, SI; k is 2 for positions, else 1: each motor has samples of its own.
@@ -46,7 +46,7 @@ class Samples:
 
     channel: str
     t: Array
-    look: NDArray[np.int64]
+    comparison: NDArray[np.int64]
     before: Array
     after: Array
     noise: float
@@ -71,23 +71,33 @@ def sizes(errors: Array) -> Array:
     return np.abs(errors) if errors.ndim == 1 else np.asarray(np.linalg.norm(errors, axis=1))
 
 
-def gather(looks: Sequence[Look], channel: str) -> Samples | None:
+def gather(comparisons: Sequence[Comparison], channel: str) -> Samples | None:
     """The errors of a channel in all recordings, None where none has any; lost predictions are left out."""
     parts = []
-    for index, look in enumerate(looks):
-        series = look.channels.get(channel)
+    for index, comparison in enumerate(comparisons):
+        series = comparison.channels.get(channel)
         if series is not None and len(series.t):
-            parts.append(_part(index, channel, look, series))
+            parts.append(_part(index, channel, comparison, series))
     if not parts:
         return None
     which, t, before, after = (np.concatenate(column) for column in zip(*(part[:4] for part in parts), strict=True))
     at = {name: np.concatenate([part[4][name] for part in parts]) for name in COVARIATES}
-    noise = float(np.sqrt(np.mean([look.channels[channel].noise ** 2 for look in looks if channel in look.channels])))
+    noise = float(
+        np.sqrt(
+            np.mean(
+                [
+                    comparison.channels[channel].noise ** 2
+                    for comparison in comparisons
+                    if channel in comparison.channels
+                ]
+            )
+        )
+    )
     return Samples(channel, t, which, before, after, noise, at)
 
 
 def _part(
-    number: int, channel: str, look: Look, series: Series
+    number: int, channel: str, comparison: Comparison, series: Series
 ) -> tuple[NDArray[np.int64], Array, Array, Array, dict[str, Array]]:
     before, after, t = series.before, series.after, series.t
     if channel != "position":
@@ -95,16 +105,16 @@ def _part(
         before, after = before.reshape(-1, 1), after.reshape(-1, 1)
     kept = np.isfinite(before).all(axis=1)
     t = t[kept]
-    return np.full(len(t), number), t, before[kept], after[kept], covariates_at(look, t)
+    return np.full(len(t), number), t, before[kept], after[kept], covariates_at(comparison, t)
 
 
-def covariates_at(look: Look, t: Array) -> dict[str, Array]:
+def covariates_at(comparison: Comparison, t: Array) -> dict[str, Array]:
     """What the rover did at times (n,) of a recording; NaN where it is not known."""
-    grid = look.covariates.get("t")
+    grid = comparison.covariates.get("t")
     nothing = np.full(len(t), np.nan)
     if grid is None or len(grid) < 2:
         return dict.fromkeys(COVARIATES, nothing)
-    table = dict(look.covariates)
+    table = dict(comparison.covariates)
     if "speed" in table:
         table["acceleration"] = _slope(grid, table["speed"])
     found = {}
@@ -275,30 +285,30 @@ _BLOCK = 5.0
 """s of the moment that is told as the worst."""
 
 
-def places(looks: Sequence[Look], baseline: Mapping[str, ChannelBaseline]) -> tuple[Place, ...]:
+def places(comparisons: Sequence[Comparison], baseline: Mapping[str, ChannelBaseline]) -> tuple[Place, ...]:
     """Sentences on each channel that is wrong, the worst channel first: how much, when, in which manoeuvre, which way.
 
     Parameters
     ----------
-    looks : sequence of Look
+    comparisons : sequence of Comparison
     baseline : mapping of str to ChannelBaseline
         The channels to look at, with their errors and noise.
     """
     ratios = {name: base.rmse / base.noise for name, base in baseline.items() if is_wrong(name, base)}
     found: list[Place] = []
     for channel in sorted(ratios, key=lambda name: -ratios[name]):
-        samples = gather(looks, channel)
+        samples = gather(comparisons, channel)
         if samples is not None and len(samples) > 1:
-            found += [Place(channel, said) for said in _sentences(samples, looks, baseline[channel])]
+            found += [Place(channel, said) for said in _sentences(samples, comparisons, baseline[channel])]
     return tuple(found)
 
 
-def _sentences(samples: Samples, looks: Sequence[Look], base: ChannelBaseline) -> Iterator[str]:
+def _sentences(samples: Samples, comparisons: Sequence[Comparison], base: ChannelBaseline) -> Iterator[str]:
     head = f"off by {amount(base.rmse, base.unit)} (RMSE), {number(base.rmse / base.noise, 2)} times the noise"
     where = concentration(samples)
-    told = where.said if where else "spread over all that was driven"
-    yield f"{head}; {told}"
-    yield worst_moment(samples, looks, base.unit)
+    stated = where.said if where else "spread over all that was driven"
+    yield f"{head}; {stated}"
+    yield worst_moment(samples, comparisons, base.unit)
     way = direction(samples) if samples.before.shape[1] == 2 else followed(samples, base.unit)
     if way:
         yield way
@@ -359,28 +369,28 @@ def _entropy(e: float, p: float) -> float:
 def _agree(samples: Samples, squares: Array, mask: NDArray[np.bool_]) -> bool:
     """Whether most recordings in which a condition occurs show it."""
     votes = []
-    for number_ in np.unique(samples.look):
-        mine = samples.look == number_
+    for number_ in np.unique(samples.comparison):
+        mine = samples.comparison == number_
         p, total = mask[mine].mean(), squares[mine].sum()
         if _RARE < p < 1.0 and total > 0:
             votes.append(squares[mine & mask].sum() / total > p)
     return not votes or float(np.mean(votes)) >= _AGREE
 
 
-def worst_moment(samples: Samples, looks: Sequence[Look], unit: str) -> str:
+def worst_moment(samples: Samples, comparisons: Sequence[Comparison], unit: str) -> str:
     """When it is worst, and what the rover did then."""
     block = np.floor(samples.t / _BLOCK).astype(np.int64)
-    names, rows = np.unique(np.column_stack([samples.look, block]), axis=0, return_inverse=True)
+    names, rows = np.unique(np.column_stack([samples.comparison, block]), axis=0, return_inverse=True)
     rows = rows.reshape(-1)
     count = np.bincount(rows)
     mean = np.bincount(rows, samples.size**2) / count
     mean[count < 0.2 * np.median(count)] = 0.0
     worst = int(np.argmax(mean))
     mine = rows == worst
-    look, t = looks[int(names[worst, 0])], samples.t[mine]
+    comparison, t = comparisons[int(names[worst, 0])], samples.t[mine]
     doing = _doing({name: values[mine] for name, values in samples.at.items()})
     return (
-        f"worst in {look.name} from {t.min():.0f} to {t.max():.0f} s, {amount(float(np.sqrt(mean[worst])), unit)}"
+        f"worst in {comparison.name} from {t.min():.0f} to {t.max():.0f} s, {amount(float(np.sqrt(mean[worst])), unit)}"
         f"{': ' if doing else ''}{doing}"
     )
 

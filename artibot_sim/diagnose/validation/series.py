@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.commands.series import Level
-from artibot_sim.diagnose.records import ChannelBaseline, Look, Series
+from artibot_sim.diagnose.records import ChannelBaseline, Comparison, Series
 from artibot_sim.diagnose.remains import COMMANDED
 from artibot_sim.diagnose.validation.predictions import Pair
 from artibot_sim.estimation.windows import CHANNEL_NAMES, Window
@@ -24,11 +24,11 @@ _GRID = 0.2
 """s between covariates."""
 
 
-def look(pair: Pair, robot: Robot, in_map: bool = True) -> Look:
+def comparison(pair: Pair, robot: Robot, in_map: bool = True) -> Comparison:
     """One recording; places and headings mean nothing where its segments are not `in_map` together."""
     experiment, before, after = pair.before.experiment, pair.before, pair.after
     free = [[_path(run.window, run.residual) for run in held.free] for held in (before, after)]
-    return Look(
+    return Comparison(
         experiment.name, pair.held_out, _measured_path(experiment), _paths(before), _paths(after), tuple(free[0]),
         tuple(free[1]), before.summary.left, after.summary.left, _series(before, after),
         covariates(experiment, robot, in_map),
@@ -83,17 +83,17 @@ def _errors(held: Held, channel: int) -> Array:
 
 def with_commands(
     baseline: Mapping[str, ChannelBaseline],
-    looks: Sequence[Look],
+    comparisons: Sequence[Comparison],
     levels: Mapping[str, Level],
     series: Mapping[str, Series],
-) -> tuple[dict[str, ChannelBaseline], list[Look]]:
+) -> tuple[dict[str, ChannelBaseline], list[Comparison]]:
     """Channels and recordings with how the front motors followed their commands, where there are any."""
     channels = dict(baseline) | {
         name: ChannelBaseline(level.unit, level.rmse, level.noise, float("nan")) for name, level in levels.items()
     }
     new = [
         replace(one, channels=dict(one.channels) | {COMMANDED: series[one.name]}) if one.name in series else one
-        for one in looks
+        for one in comparisons
     ]
     return channels, new
 

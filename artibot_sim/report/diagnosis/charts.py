@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from artibot_sim.diagnose.records import Look
+from artibot_sim.diagnose.records import Comparison
 from artibot_sim.diagnose.result import Diagnosis, channel_words, effect_words, excess, is_wrong
 from artibot_sim.diagnose.validation.residuals import Samples, gather, sizes
 from artibot_sim.experiment.columns import SEGMENT_GAP
@@ -46,21 +46,21 @@ COVARIATES = {
 """What errors are drawn over: column → (quantity, unit)."""
 
 
-def path(look: Look, title: str, free: bool = False) -> Panel:
+def path(run: Comparison, title: str, free: bool = False) -> Panel:
     """The measured path, and what both models predict of it: window by window, or in one run.
 
     Parameters
     ----------
-    look : Look
+    run : Comparison
     title : str
     free : bool
         The runs from the start instead of the windows.
     """
-    before, after = (look.free_before, look.free_after) if free else (look.before, look.after)
-    lines = [_track(NAMES[0], _unbroken(look.path), MEASURED)]
+    before, after = (run.free_before, run.free_after) if free else (run.before, run.after)
+    lines = [_track(NAMES[0], _unbroken(run.path), MEASURED)]
     lines += [_track(name, parts, stroke) for name, parts, stroke in _models(before, after) if parts]
-    start = look.path[:1, 1:] if len(look.path) else np.empty((0, 2))
-    key = f"{look.name}_{'free' if free else 'path'}"
+    start = run.path[:1, 1:] if len(run.path) else np.empty((0, 2))
+    key = f"{run.name}_{'free' if free else 'path'}"
     return Panel(key, title, ("x", "m"), ("y", "m"), tuple(lines), starts=start, equal=True)
 
 
@@ -83,14 +83,14 @@ def _track(name: str, parts: Sequence[Floats], stroke: Stroke) -> Line:
     return Line(name, name, None, joined[:, 1], joined[:, 2], stroke)
 
 
-def over_time(found: Diagnosis, look: Look, channel: str) -> Panel | None:
+def over_time(found: Diagnosis, run: Comparison, channel: str) -> Panel | None:
     """Sizes of a channel's errors in one recording over time, against the noise; None where it was not measured."""
-    return over_time_of(look, channel, found.baseline[channel].unit if channel in found.baseline else "")
+    return over_time_of(run, channel, found.baseline[channel].unit if channel in found.baseline else "")
 
 
-def over_time_of(look: Look, channel: str, unit: str) -> Panel | None:
+def over_time_of(run: Comparison, channel: str, unit: str) -> Panel | None:
     """The same, of a recording alone."""
-    samples = gather([look], channel)
+    samples = gather([run], channel)
     if samples is None:
         return None
     lines = []
@@ -98,9 +98,9 @@ def over_time_of(look: Look, channel: str, unit: str) -> Panel | None:
         t, size = _averaged(samples.t, sizes(errors))
         if np.isfinite(size).any():
             lines.append(Line(name, name, None, t, size, stroke))
-    title = f"{look.name}: error of the {channel_words(channel)}"
+    title = f"{run.name}: error of the {channel_words(channel)}"
     levels = (Level("noise", samples.level, NOISE),)
-    return Panel(f"{look.name}_{channel}", title, ("time", "s"), ("error", spaced(unit)), tuple(lines), levels)
+    return Panel(f"{run.name}_{channel}", title, ("time", "s"), ("error", spaced(unit)), tuple(lines), levels)
 
 
 def _averaged(t: Floats, size: Floats) -> tuple[Floats, Floats]:
@@ -119,7 +119,7 @@ def _averaged(t: Floats, size: Floats) -> tuple[Floats, Floats]:
 
 def over_covariates(found: Diagnosis, channel: str) -> Iterator[Panel]:
     """Sizes of a channel's errors in all recordings over speed, yaw rate, heading, joint, time and load."""
-    samples = gather(found.looks, channel)
+    samples = gather(found.comparisons, channel)
     if samples is None:
         return
     unit = spaced(found.baseline[channel].unit) if channel in found.baseline else ""
@@ -169,15 +169,15 @@ def wrong_channels(found: Diagnosis) -> list[str]:
     return sorted(names, key=lambda name: -excess(found, name))
 
 
-def telling_look(found: Diagnosis, channel: str) -> Look | None:
+def clearest(found: Diagnosis, channel: str) -> Comparison | None:
     """The recording that shows most: of the held-out ones, else of all, the one with the largest error."""
-    held = [look for look in found.looks if look.held_out]
-    looks = held or list(found.looks)
-    return max(looks, key=lambda look: _error(look, channel), default=None)
+    held = [run for run in found.comparisons if run.held_out]
+    comparisons = held or list(found.comparisons)
+    return max(comparisons, key=lambda run: _error(run, channel), default=None)
 
 
-def _error(look: Look, channel: str) -> float:
-    samples: Samples | None = gather([look], channel)
+def _error(run: Comparison, channel: str) -> float:
+    samples: Samples | None = gather([run], channel)
     return float(np.sqrt(np.mean(samples.size**2))) if samples is not None and len(samples) else 0.0
 
 
@@ -280,7 +280,7 @@ def _role(effect: str, named: set[str], tied: set[str]) -> str:
 
 def error_map(found: Diagnosis, channel: str) -> dict[str, Any] | None:
     """Where on the map a channel's error of the paper's model sits; None where places are not known."""
-    samples: Samples | None = gather(found.looks, channel)
+    samples: Samples | None = gather(found.comparisons, channel)
     if samples is None or not np.isfinite(samples.at["x"]).any():
         return None
     x, y, size = _thinned(samples)
@@ -303,7 +303,7 @@ def _thinned(samples: Samples) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Places and sizes (m,), averaged over neighbours in time so that there are not too many."""
     known = np.flatnonzero(np.isfinite(samples.at["x"]) & np.isfinite(samples.at["y"]))
     group = max(1, -(-len(known) // _MOST))
-    order = known[np.lexsort((samples.t[known], samples.look[known]))]
+    order = known[np.lexsort((samples.t[known], samples.comparison[known]))]
     starts = np.arange(0, len(order), group)
     count = np.diff(np.append(starts, len(order)))
     columns = samples.at["x"], samples.at["y"], samples.size**2

@@ -19,9 +19,9 @@ from artibot_sim.diagnose.records import (
     Cause,
     ChannelBaseline,
     ChannelGain,
+    Comparison,
     Found,
     Left,
-    Look,
     NextExperiment,
     Place,
     PredictionError,
@@ -47,31 +47,31 @@ _PATHS = ("before", "after", "free_before", "free_after")
 _SERIES = ("t", "before", "after")
 
 
-def packed(looks: Sequence[Look]) -> dict[str, NDArray[Any]]:
+def packed(comparisons: Sequence[Comparison]) -> dict[str, NDArray[Any]]:
     """Arrays by name (``0/path``, ``0/channels/position/before``), and a table of contents."""
     arrays: dict[str, NDArray[Any]] = {}
     contents = []
-    for number, look in enumerate(looks):
-        arrays[f"{number}/path"] = look.path
+    for number, run in enumerate(comparisons):
+        arrays[f"{number}/path"] = run.path
         for name in _PATHS:
-            parts = getattr(look, name)
+            parts = getattr(run, name)
             arrays[f"{number}/{name}"] = np.concatenate(parts) if parts else np.empty((0, 3))
             arrays[f"{number}/{name}/rows"] = np.array([len(part) for part in parts], dtype=np.int64)
-        for channel, series in look.channels.items():
+        for channel, series in run.channels.items():
             for name in _SERIES:
                 arrays[f"{number}/channels/{channel}/{name}"] = getattr(series, name)
-        for name, values in look.covariates.items():
+        for name, values in run.covariates.items():
             arrays[f"{number}/covariates/{name}"] = values
         contents.append({
-            "name": look.name, "held_out": look.held_out, "left_before": look.left_before,
-            "left_after": look.left_after, "noise": {name: series.noise for name, series in look.channels.items()},
-            "covariates": list(look.covariates),
+            "name": run.name, "held_out": run.held_out, "left_before": run.left_before,
+            "left_after": run.left_after, "noise": {name: series.noise for name, series in run.channels.items()},
+            "covariates": list(run.covariates),
         })  # fmt: skip
     arrays["contents"] = np.array(json.dumps(contents))
     return arrays
 
 
-def looks_from(arrays: Mapping[str, NDArray[Any]]) -> tuple[Look, ...]:
+def comparisons_from(arrays: Mapping[str, NDArray[Any]]) -> tuple[Comparison, ...]:
     """What `packed` gave; KeyError if an array is missing."""
     found = []
     for number, entry in enumerate(json.loads(str(arrays["contents"]))):
@@ -82,7 +82,7 @@ def looks_from(arrays: Mapping[str, NDArray[Any]]) -> tuple[Look, ...]:
         }
         covariates = {name: arrays[f"{number}/covariates/{name}"] for name in entry["covariates"]}
         found.append(
-            Look(
+            Comparison(
                 name=entry["name"], held_out=entry["held_out"], path=arrays[f"{number}/path"],
                 left_before=entry["left_before"], left_after=entry["left_after"], channels=channels,
                 covariates=covariates, **parts,
@@ -110,7 +110,7 @@ DETAILS = "details.npz"
 
 def files_of(found: Diagnosis, page: bytes) -> dict[str, bytes]:
     """Name and content of every file of a diagnosis."""
-    arrays = packed(found.looks) | {"robot": np.array(_robot_text(found.robot))}
+    arrays = packed(found.comparisons) | {"robot": np.array(_robot_text(found.robot))}
     stream = io.BytesIO()
     np.savez_compressed(stream, allow_pickle=False, **arrays)
     best = {BEST: _best_text(found).encode()} if found.best_robot is not None else {}
@@ -163,11 +163,11 @@ def load(folder: Path) -> Diagnosis:
     try:
         with np.load(folder / DETAILS, allow_pickle=False) as details:
             robot = robot_from_dict(yaml.safe_load(str(details["robot"])))
-            looks = looks_from(details)
+            comparisons = comparisons_from(details)
         robots = (load_robot(folder / BASELINE), load_robot(folder / EXTENDED))
         best = load_robot(folder / BEST) if (folder / BEST).is_file() else None
         predictors = tuple(_predictor(one, document["best"], best) for one in document.get("predictors", ()))
-        return replace(_from_dict(document, robot, *robots), looks=looks, predictors=predictors)
+        return replace(_from_dict(document, robot, *robots), comparisons=comparisons, predictors=predictors)
     except (KeyError, TypeError, ValueError, EOFError, OSError, zipfile.BadZipFile, yaml.YAMLError) as error:
         if isinstance(error, ArtibotError):
             raise

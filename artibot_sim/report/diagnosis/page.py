@@ -307,15 +307,15 @@ def _as_drawn(found: Diagnosis) -> Diagnosis:
     """The diagnosis without an extended model where nothing is named: that is the paper's, and would cover it."""
     if found.causes:
         return found
-    looks = tuple(
+    comparisons = tuple(
         replace(
-            look, after=(), free_after=(),
-            channels={name: replace(one, after=np.full_like(one.after, np.nan)) for name, one in look.channels.items()},
+            run, after=(), free_after=(),
+            channels={name: replace(one, after=np.full_like(one.after, np.nan)) for name, one in run.channels.items()},
         )
-        for look in found.looks
+        for run in found.comparisons
     )  # fmt: skip
     gain = {name: replace(one, after=float("nan")) for name, one in found.gain.items()}
-    return replace(found, looks=looks, gain=gain)
+    return replace(found, comparisons=comparisons, gain=gain)
 
 
 class _Page:
@@ -374,14 +374,14 @@ def listed(lines: Sequence[str], name: str = "") -> str:
 def _first_screen(page: _Page) -> str:
     """The picture under the sentence: measured, paper's model, extended model; and all channels beside it."""
     found = page.found
-    look = panels.telling_look(found, page.channel) if page.channel else None
+    run = panels.clearest(found, page.channel) if page.channel else None
     cells = []
-    if look is not None and len(look.path):
-        held = "held out" if look.held_out else "fitted"
-        cells.append(page.place(panels.path(look, f"{look.name} ({held}), predicted {found.horizon:g} s ahead")))
+    if run is not None and len(run.path):
+        held = "held out" if run.held_out else "fitted"
+        cells.append(page.place(panels.path(run, f"{run.name} ({held}), predicted {found.horizon:g} s ahead")))
     beside = page.place(charts.before_and_after(found), "Errors against the sensors' noise", "plot low")
-    if look is not None and page.channel is not None and page.channel in look.channels:
-        beside += page.place(panels.over_time(found, look, page.channel), kind="plot low")
+    if run is not None and page.channel is not None and page.channel in run.channels:
+        beside += page.place(panels.over_time(found, run, page.channel), kind="plot low")
     cells.append(f'<div class="beside">{beside}</div>')
     return page.row(cells, "first")
 
@@ -410,9 +410,9 @@ def _wrong(page: _Page) -> str:
         " With ÷ noise at 1 they are as good as the sensor."
     )
     parts = [paragraph(text), baseline(found)]
-    for look in found.looks:
-        cells = [page.place(panels.over_time(found, look, name)) for name in found.baseline if name in look.channels]
-        parts.append(folded(f"Errors over time: {look.name}{' (held out)' if look.held_out else ''}", page.row(cells)))
+    for run in found.comparisons:
+        cells = [page.place(panels.over_time(found, run, name)) for name in found.baseline if name in run.channels]
+        parts.append(folded(f"Errors over time: {run.name}{' (held out)' if run.held_out else ''}", page.row(cells)))
     return section("What is wrong", *parts)
 
 
@@ -486,14 +486,14 @@ def _data(found: Diagnosis) -> str:
 
 def _free_runs(page: _Page) -> str:
     """Whole runs from their start, with the branch that each took."""
-    looks = [look for look in page.found.looks if look.free_before]
-    if not looks:
+    comparisons = [run for run in page.found.comparisons if run.free_before]
+    if not comparisons:
         return ""
     text = (
         "Whole recordings in one run from their start. The model has several branches (which wheels slide): a run that "
         "takes another one than the rover did goes astray with every parameter right, so none of this is evidence."
     )
-    cells = [page.place(panels.path(look, f"{look.name}: free runs", free=True)) for look in looks]
+    cells = [page.place(panels.path(run, f"{run.name}: free runs", free=True)) for run in comparisons]
     return section("Free runs", paragraph(text), listed(result.branch_words(page.found)), page.row(cells))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from diagnose.hidden.cases import case
 
-from artibot_sim.diagnose.candidates.patches import scanned, told_along
+from artibot_sim.diagnose.candidates.patches import deviations_along, scanned
 from artibot_sim.diagnose.candidates.screening import Around, around
 from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.policy import THRESHOLDS
@@ -46,7 +46,7 @@ def test_a_patch_is_excluded_from_a_size_on_that_most_of_the_ground_tells() -> N
     base, _ = recorded(0.0)
     (bound,) = excluded_patch(base, PATCH, LEAST, THRESHOLDS).values()
     (stricter,) = excluded_patch(base, PATCH, 4.0 * LEAST, THRESHOLDS).values()
-    told = told_along(base, PATCH)
+    told = deviations_along(base, PATCH)
     size = Extension(PATCH).search.sizes["scale"]
     told_by = np.log1p(bound) / size / told
     assert 0.05 < bound <= stricter < 1.0

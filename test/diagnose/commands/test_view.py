@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from bag_helpers import foreign
 
-from artibot_sim.diagnose.commands.data import H, told
+from artibot_sim.diagnose.commands.data import H, command_data
 from artibot_sim.diagnose.commands.fit import EFFECTS, NEEDED
 from artibot_sim.diagnose.commands.model import Way, followed, seen
 from artibot_sim.diagnose.commands.view import command_view
@@ -71,7 +71,7 @@ def test_the_way_is_the_models_own(delay: float, lag: float, threshold: float) -
 
 @pytest.mark.parametrize("sensors", sorted(SENSORS))
 def test_measured_speeds_are_those_of_the_commands_where_nothing_acts(sensors: str) -> None:
-    data = told(driven(AGRIQ, sensors=sensors))
+    data = command_data(driven(AGRIQ, sensors=sensors))
     assert data is not None
     error = data.speed - seen(data, Way())
     assert np.abs(error).max() < 0.03 * np.abs(data.speed).max()

@@ -40,9 +40,9 @@ def main(effect: str, severity: str, seed: str, runs: str = "2", duration: str =
     if decision.unexplained is not None:
         print("unexplained:", decision.unexplained)
     print("left:", {name: round(one.typical, 2) for name, one in decision.left.items()})
-    last = decision.turns[-1]  # what would be named, whatever became of it
+    last = decision.stages[-1]  # what would be named, whatever became of it
     print("drift:", {name: round(nats, 1) for name, nats in drifts(last.problem, last.fit).items()})
-    base = decision.turns[0].base
+    base = decision.stages[0].base
     if base is not None:
         promised = max((seen.disc.gain for seen in scanned(base, "friction_patch")), default=0.0)
         print(f"a patch along the paths promises: {promised:.1f} nats")
@@ -56,8 +56,8 @@ def main(effect: str, severity: str, seed: str, runs: str = "2", duration: str =
 def values(decision: Decision, seed: int) -> list[str]:
     """Lines with each effect's values as fitted, and as they are given, with their intervals."""
     parameters = decision.problem.parameters
-    heard = {effect: other.found for effect, other in decision.other.items()}
-    what, lines = uncertain(decision.problem, decision.fit, seed, heard), []
+    from_commands = {effect: other.found for effect, other in decision.other.items()}
+    what, lines = uncertain(decision.problem, decision.fit, seed, from_commands), []
     for which, (extension, part) in enumerate(zip(parameters.extensions, parameters.places, strict=True)):
         places = disc_place(decision.problem, decision.fit, which, seed)
         given = found_parameters(extension, what.coordinates[part], what.covariance[part, part], places)

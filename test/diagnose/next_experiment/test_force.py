@@ -25,7 +25,7 @@ from artibot_sim.diagnose.next_experiment.choice import (
     separation,
 )
 from artibot_sim.diagnose.next_experiment.simulation import KAPPA, LIBRARY, Entry
-from artibot_sim.diagnose.unlisted.finding import Finding, look
+from artibot_sim.diagnose.unlisted.finding import Finding, search_forces
 from artibot_sim.diagnose.unlisted.forms import TIME, WANDERING
 from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.estimation.problem import Problem
@@ -49,7 +49,7 @@ def found_in(name: str) -> tuple[Problem, Finding, dict, dict]:
     hidden = case((name,), 1.0, 2, runs=3, held_out=0, duration=30.0)
     problem = problem_of(hidden.recordings, parameter_set(AGRIQ, SOIL), 5.0, 2)
     soil = problem.parameters.coordinates([hidden.truth.soil[key] for key in SOIL])
-    return problem, look(problem, soil, most=1), hidden.truth.unlisted[name], hidden.truth.soil
+    return problem, search_forces(problem, soil, most=1), hidden.truth.unlisted[name], hidden.truth.soil
 
 
 def robot_of(problem: Problem, found: Finding) -> Robot:
@@ -135,7 +135,7 @@ def test_what_wanders_alike_in_every_recording_is_told_from_others() -> None:
     hidden = case(("wandering_moment",), 1.0, 2, runs=3, held_out=0, duration=45.0)
     problem = problem_of(hidden.recordings, parameter_set(AGRIQ, SOIL), 5.0, 2)
     soil = problem.parameters.coordinates([hidden.truth.soil[key] for key in SOIL])
-    found = look(problem, soil, most=1, windows=150)
+    found = search_forces(problem, soil, most=1, windows=150)
     assert found.chosen[0].form.name == WANDERING
     advice = next_for_force(problem, found, LEVELS, library=SHORT)
     assert advice is not None and advice.nats > 5.0

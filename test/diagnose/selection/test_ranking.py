@@ -16,7 +16,7 @@ from artibot_sim.diagnose.policy import THRESHOLDS
 from artibot_sim.diagnose.records import Found, Verdict
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.evidence import DECADE, Evidence, others
-from artibot_sim.diagnose.selection.forward import Turn
+from artibot_sim.diagnose.selection.forward import Stage
 from artibot_sim.diagnose.selection.joint_fits import Rival
 from artibot_sim.diagnose.selection.ranking import ranking
 from artibot_sim.estimation.loss import Loss
@@ -45,14 +45,14 @@ def fit_of(problem: Problem) -> Fit:
     return Fit(point, loss, None, (), True)  # type: ignore[arg-type]
 
 
-def turn_for(problem: Problem, effect: str) -> tuple[Turn, Problem]:
+def turn_for(problem: Problem, effect: str) -> tuple[Stage, Problem]:
     """A search that found an effect, plain in size, beside those in the problem."""
     fit, extension = fit_of(problem), Extension(effect)
     more = with_effect(problem, extension)
     there = fit_of(more)
     rival = Rival(Trial(Hypothesis(extension), more, there.point, np.ones(1)), there)
     told = Evidence(NATS[effect], 0.0, np.ones(1), np.full((1, 1), 1e-4))
-    return Turn((rival.trial,), (rival,), {effect: told}, problem, fit, fit.loss, fit.point.cost), more
+    return Stage((rival.trial,), (rival,), {effect: told}, problem, fit, fit.loss, fit.point.cost), more
 
 
 @pytest.fixture(scope="module")
@@ -63,18 +63,18 @@ def run() -> Experiment:
 def decision_of(run: Experiment, order: tuple[str, ...]) -> Decision:
     """As a search would leave it that found these, one after the other."""
     problem = neutral = problem_of([run], parameter_set(ROBOT), 5.0, 1)
-    turns = []
+    stages = []
     for effect in (name for name in order if name in FITTED):
         found, problem = turn_for(problem, effect)
-        turns.append(found)
+        stages.append(found)
     fit = fit_of(problem)
-    turns.append(Turn((), (), {}, problem, fit, fit.loss, fit.point.cost))
+    stages.append(Stage((), (), {}, problem, fit, fit.loss, fit.point.cost))
     fitted = [name for name in order if name in FITTED]
     at = {name: number for number, name in enumerate(fitted)}
     named = tuple(Named(name, NATS[name], (), COMMANDED.get(name, {}), at.get(name, 0)) for name in order)
     first = fit_of(neutral)
     view = others(command_view([run], ROBOT))
-    return Decision(named, 40.0, neutral, first, problem, fit, tuple(turns), view)
+    return Decision(named, 40.0, neutral, first, problem, fit, tuple(stages), view)
 
 
 ORDERS = [
@@ -101,9 +101,9 @@ def test_what_has_evidence_and_is_not_named_says_why(run: Experiment) -> None:
     nothing = replace(decision, verdict=Verdict.UNEXPLAINED, named=())
     (one,) = (one for one in ranking(nothing, THRESHOLDS) if one.effect == FITTED[0])
     assert "on no list" in one.note
-    small = replace(decision.turns[0].evidence[FITTED[0]], own=np.full(1, 0.05))
-    turns = (replace(decision.turns[0], evidence={FITTED[0]: small}), *decision.turns[1:])
-    (one,) = (one for one in ranking(replace(nothing, turns=turns), THRESHOLDS) if one.effect == FITTED[0])
+    small = replace(decision.stages[0].evidence[FITTED[0]], own=np.full(1, 0.05))
+    stages = (replace(decision.stages[0], evidence={FITTED[0]: small}), *decision.stages[1:])
+    (one,) = (one for one in ranking(replace(nothing, stages=stages), THRESHOLDS) if one.effect == FITTED[0])
     assert "plain size" in one.note
 
 

@@ -28,10 +28,10 @@ def test_an_effect_that_the_next_one_makes_up_for_is_dropped(truth: str, monkeyp
     asked = stepwise.best_of
 
     def misled(
-        evidence: Mapping[str, Evidence], fitted: Mapping[str, float], heard: Mapping[str, Other], least: float,
+        evidence: Mapping[str, Evidence], fitted: Mapping[str, float], from_commands: Mapping[str, Other], least: float,
         thresholds: Thresholds, without: Collection[str] = (),
     ) -> Named | None:  # fmt: skip
-        return asked(evidence, fitted, heard, least, thresholds, without or (truth,))
+        return asked(evidence, fitted, from_commands, least, thresholds, without or (truth,))
 
     hidden = case((truth,), seed=31, **DRIVE)
     robot, options = load_robot("agriq"), Options()

@@ -12,7 +12,7 @@ from diagnose.hidden.unlisted import ACTS_ON
 
 from artibot_sim.diagnose.policy import FORCE_NATS
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
-from artibot_sim.diagnose.unlisted.finding import Finding, look, unexplained_of
+from artibot_sim.diagnose.unlisted.finding import Finding, search_forces, unexplained_of
 from artibot_sim.diagnose.unlisted.variables import through_gear
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import SOIL
@@ -42,7 +42,7 @@ def hidden(*effects: str) -> tuple[Case, Problem, np.ndarray]:
 @cache
 def seen(*effects: str) -> tuple[Case, Finding]:
     found, problem, soil = hidden(*effects)
-    return found, look(problem, soil, most=1, windows=150)
+    return found, search_forces(problem, soil, most=1, windows=150)
 
 
 def settled(problem: Problem, coordinates: np.ndarray) -> Point:

@@ -11,7 +11,7 @@ from artibot_sim.diagnose.candidates.hypotheses import with_effect
 from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.records import Found, Options
 from artibot_sim.diagnose.selection.decision import Decision, Named
-from artibot_sim.diagnose.selection.forward import Turn
+from artibot_sim.diagnose.selection.forward import Stage
 from artibot_sim.diagnose.validation.predictions import improvements, predict
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import Extension
@@ -30,24 +30,24 @@ REAL = replace(ROBOT, effects={"joint_friction": {"torque": TORQUE}, "speed_loop
 OPTIONS = Options(horizon=3.0)
 
 
-def turn_at(problem: Problem, own: np.ndarray) -> Turn:
+def turn_at(problem: Problem, own: np.ndarray) -> Stage:
     loss = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
     point = evaluate(problem, loss, [np.concatenate([np.zeros(5), own])], problem.starts)[0]
-    return Turn((), (), {}, problem, Fit(point, loss, None, (), True), loss, point.cost)  # type: ignore[arg-type]
+    return Stage((), (), {}, problem, Fit(point, loss, None, (), True), loss, point.cost)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("lag_first", [False, True])
 def test_each_cause_takes_its_own_error_away(lag_first: bool) -> None:
     run = synthetic(REAL, random_manoeuvre(np.random.default_rng(2), 12.0), duration=12.0, kappa=0.8, seed=3)
     problem, friction = problem_of([run], parameter_set(ROBOT), 5.0, 1), Extension("joint_friction")
-    turns = (
+    stages = (
         turn_at(problem, np.empty(0)),
         turn_at(with_effect(problem, friction), friction.coordinates({"torque": TORQUE})),
     )
     named = [Named("joint_friction", 500.0, ()), Named("speed_loop_lag", 400.0, (), {"time_constant": Found(LAG, "s")})]
     decision = Decision(
-        tuple(named[::-1] if lag_first else named), 40.0, problem, turns[0].fit, turns[1].problem,
-        turns[1].fit, turns, {},
+        tuple(named[::-1] if lag_first else named), 40.0, problem, stages[0].fit, stages[1].problem,
+        stages[1].fit, stages, {},
     )  # fmt: skip
     pair = predict(run, True, ROBOT, REAL, OPTIONS.horizon, 1)
     found = improvements(decision, [pair], REAL, command_view([run], ROBOT), OPTIONS)
@@ -63,10 +63,10 @@ def test_what_is_not_there_makes_nothing_likelier() -> None:
     """Held out is a rover without the lag that was named: its commands speak against that."""
     run = synthetic(ROBOT, random_manoeuvre(np.random.default_rng(2), 12.0), duration=12.0, kappa=0.8, seed=3)
     problem = problem_of([run], parameter_set(ROBOT), 5.0, 1)
-    turns = (turn_at(problem, np.empty(0)),)
+    stages = (turn_at(problem, np.empty(0)),)
     named = (Named("speed_loop_lag", 400.0, (), {"time_constant": Found(LAG, "s")}),)
     decision = Decision(
-        named, 40.0, problem, turns[0].fit, problem, turns[0].fit, turns, {}
+        named, 40.0, problem, stages[0].fit, problem, stages[0].fit, stages, {}
     )  # fmt: skip
     slow = replace(ROBOT, effects={"speed_loop_lag": {"time_constant": LAG}})
     pair = predict(run, True, ROBOT, slow, OPTIONS.horizon, 1)

@@ -82,8 +82,8 @@ def test_kinematic_models_stand_beside_those_of_a_rigid_robot() -> None:
     problem = problem_of([drive(HUSKY, 1)], parameter_set(HUSKY), 2.0, 1)
     found = predictors([drive(HUSKY, 2)], {GIVEN: HUSKY}, problem, 2.0, 1)
     assert [one.name for one in found] == [GIVEN, "ideal kinematics", "effective track kinematics", "ICR kinematics"]
-    assert all(one.robot is None and set(one.errors) == {"position", "yaw"} for one in found[1:])
-    ideal, track = (one.errors["yaw"].rmse for one in found[1:3])
+    assert all(one.robot is None and one.errors["position"].rmse > 0.0 for one in found[1:])
+    ideal, track = (one.errors["position"].rmse for one in found[1:3])
     assert track < ideal
 
 

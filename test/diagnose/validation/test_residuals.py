@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.records import ChannelBaseline, Look, Series
+from artibot_sim.diagnose.records import ChannelBaseline, Comparison, Series
 from artibot_sim.diagnose.validation.residuals import concentration, direction, followed, gather, places, worst_moment
 
 NOISE = 0.004
 
 
-def drive(error, channel: str = "yaw_rate", runs: int = 3, two: bool = False) -> list[Look]:
+def drive(error, channel: str = "yaw_rate", runs: int = 3, two: bool = False) -> list[Comparison]:
     """Runs of 60 s through an eight; `error(at)` is what the model is wrong by (n,) or (n, 2), `at` what is driven."""
-    looks = []
+    comparisons = []
     for k in range(runs):
         rng = np.random.default_rng(k)
         t = np.arange(0.0, 60.0, 0.1)
@@ -27,20 +27,20 @@ def drive(error, channel: str = "yaw_rate", runs: int = 3, two: bool = False) ->
         before = error(at) + NOISE * rng.standard_normal(shape)
         series = Series(t, before, NOISE * rng.standard_normal(shape), NOISE)
         path = np.column_stack([t, x, y])
-        looks.append(Look(f"run{k}", k == 2, path, (), (), (), (), None, None, {channel: series}, at))
-    return looks
+        comparisons.append(Comparison(f"run{k}", k == 2, path, (), (), (), (), None, None, {channel: series}, at))
+    return comparisons
 
 
 def test_errors_in_left_turns_are_said_to_be_there() -> None:
-    looks = drive(lambda at: 0.05 * (at["yaw_rate"] > 0.1))
-    found = concentration(gather(looks, "yaw_rate"))
+    comparisons = drive(lambda at: 0.05 * (at["yaw_rate"] > 0.1))
+    found = concentration(gather(comparisons, "yaw_rate"))
     assert found is not None and "left turns" in found.condition.said
     assert found.error > 0.9
 
 
 def test_errors_at_a_place_are_said_to_be_there() -> None:
-    looks = drive(lambda at: 0.2 * (np.hypot(at["x"] - 2.0, at["y"] - 1.5) < 1.2))
-    found = concentration(gather(looks, "yaw_rate"))
+    comparisons = drive(lambda at: 0.2 * (np.hypot(at["x"] - 2.0, at["y"] - 1.5) < 1.2))
+    found = concentration(gather(comparisons, "yaw_rate"))
     assert found is not None and found.condition.local
     x, y = (float(v) for v in found.condition.said.partition("(")[2].partition(")")[0].replace("−", "-").split(","))
     assert np.hypot(x - 2.0, y - 1.5) < 1.2
@@ -68,8 +68,8 @@ def test_a_moment_in_one_run_does_not_speak_for_a_manoeuvre() -> None:
 
 
 def test_the_worst_moment_is_told_with_what_was_done() -> None:
-    looks = drive(lambda at: 0.3 * ((at["t"] >= 25.0) & (at["t"] < 30.0)), runs=1)
-    said = worst_moment(gather(looks, "yaw_rate"), looks, "rad/s")
+    comparisons = drive(lambda at: 0.3 * ((at["t"] >= 25.0) & (at["t"] < 30.0)), runs=1)
+    said = worst_moment(gather(comparisons, "yaw_rate"), comparisons, "rad/s")
     assert "run0 from 25 to 30 s" in said
     assert "0.30 rad/s" in said and "turning" in said and "near (" in said
 
@@ -103,16 +103,16 @@ def test_a_constant_error_is_told_with_its_sign() -> None:
 
 
 def test_channels_as_good_as_their_noise_are_not_mentioned() -> None:
-    looks = drive(lambda at: 0.0 * at["t"])
-    assert places(looks, {"yaw_rate": ChannelBaseline("rad/s", NOISE, NOISE, NOISE)}) == ()
+    comparisons = drive(lambda at: 0.0 * at["t"])
+    assert places(comparisons, {"yaw_rate": ChannelBaseline("rad/s", NOISE, NOISE, NOISE)}) == ()
 
 
 def test_the_worst_channel_comes_first() -> None:
-    looks = drive(lambda at: 0.05 * (at["yaw_rate"] > 0.1))
+    comparisons = drive(lambda at: 0.05 * (at["yaw_rate"] > 0.1))
     both = [
-        Look(**{**vars(look), "channels": {**look.channels, "position": other.channels["position"]}})
-        for look, other in zip(
-            looks, drive(lambda at: np.full((len(at["t"]), 2), 0.5), "position", two=True), strict=True
+        Comparison(**{**vars(comparison), "channels": {**comparison.channels, "position": other.channels["position"]}})
+        for comparison, other in zip(
+            comparisons, drive(lambda at: np.full((len(at["t"]), 2), 0.5), "position", two=True), strict=True
         )
     ]
     baseline = {
@@ -130,8 +130,8 @@ def test_two_motors_are_no_direction() -> None:
     def error(at: dict[str, np.ndarray]) -> np.ndarray:
         return np.tile([3.0, 3.0], (len(at["t"]), 1))
 
-    looks = drive(error, "front_velocity", two=True)
-    samples = gather(looks, "front_velocity")
+    comparisons = drive(error, "front_velocity", two=True)
+    samples = gather(comparisons, "front_velocity")
     assert samples.before.shape == (2 * 3 * 600, 1)
-    said = [p.what for p in places(looks, {"front_velocity": ChannelBaseline("rad/s", 3.0, 0.25, np.nan)})]
+    said = [p.what for p in places(comparisons, {"front_velocity": ChannelBaseline("rad/s", 3.0, 0.25, np.nan)})]
     assert "the model is too high by 3.0 rad/s on average" in said
