@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose.candidates.hypotheses import with_effect, without_effect
-from artibot_sim.diagnose.intervals import Uncertain, along, told, uncertain
+from artibot_sim.diagnose.intervals import Uncertain, along, uncertain
 from artibot_sim.diagnose.records import Found
 from artibot_sim.estimation.encoder_noise import noise_share
 from artibot_sim.estimation.loss import Loss
@@ -106,7 +106,7 @@ def from_commands(scale: float, half: float) -> dict[str, dict[str, Found]]:
 
 def test_what_commands_say_takes_the_soil_with_it() -> None:
     parameters, what = scales(sd=0.2, along=-0.15)
-    found = told(parameters, what, from_commands(0.92, 0.002))
+    found = combined(parameters, what, from_commands(0.92, 0.002))
     assert SCALE.values(found.coordinates[-1:])["scale"] == pytest.approx(0.92, abs=0.002)
     ratio = parameters.values(found.coordinates) / parameters.values(what.coordinates)
     assert ratio == pytest.approx(np.full(5, 0.9 / 0.92), rel=0.004)
@@ -115,7 +115,7 @@ def test_what_commands_say_takes_the_soil_with_it() -> None:
 
 def test_views_that_contradict_each_other_are_less_sure() -> None:
     parameters, what = scales(sd=0.01, along=-0.15)
-    agree, differ = (told(parameters, what, from_commands(scale, 0.003)) for scale in (0.9, 0.95))
+    agree, differ = (combined(parameters, what, from_commands(scale, 0.003)) for scale in (0.9, 0.95))
     assert differ.covariance[-1, -1] > 4.0 * agree.covariance[-1, -1]
     low, high = (SCALE.coordinates({"scale": scale})[0] for scale in (0.9, 0.95))
     sd = np.sqrt(differ.covariance[-1, -1])
@@ -124,4 +124,4 @@ def test_views_that_contradict_each_other_are_less_sure() -> None:
 
 def test_what_no_other_view_knows_stays() -> None:
     parameters, what = scales(sd=0.1, along=0.0)
-    assert np.allclose(told(parameters, what, {}).coordinates, what.coordinates)
+    assert np.allclose(combined(parameters, what, {}).coordinates, what.coordinates)

@@ -22,7 +22,7 @@ def named(fitted: dict[str, float], from_commands: dict[str, float]) -> tuple[st
 
 
 @pytest.mark.parametrize(
-    ("fitted", "heard", "ties"),
+    ("fitted", "from_commands", "ties"),
     [
         ({"slope": 10_000.0, "external_force": 9_800.0, "payload": 9_500.0}, {}, ("external_force",)),
         ({"slope": 100.0, "external_force": 93.0, "payload": 91.0}, {}, ("external_force",)),
