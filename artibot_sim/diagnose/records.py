@@ -207,12 +207,15 @@ class Predictor:
     errors : mapping of str to PredictionError
         By channel: position and heading at the ends of predictions.
     robot : Robot or None
-        None for a kinematic model.
+        None for a kinematic model, and where only its errors are known.
+    kinematic : bool
+        Whether it rolls without forces.
     """
 
     name: str
     errors: Mapping[str, PredictionError]
     robot: Robot | None = None
+    kinematic: bool = False
 
 
 @dataclass(frozen=True)

@@ -162,7 +162,7 @@ class Diagnosis:
 
 
 def _predictor(one: Predictor) -> dict[str, Any]:
-    return {"name": one.name, "kinematic": one.robot is None, **{n: _numbers(vars(e)) for n, e in one.errors.items()}}
+    return {"name": one.name, "kinematic": one.kinematic, **{n: _numbers(vars(e)) for n, e in one.errors.items()}}
 
 
 def _cause(cause: Cause) -> dict[str, Any]:

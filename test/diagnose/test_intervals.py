@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose.candidates.hypotheses import with_effect, without_effect
-from artibot_sim.diagnose.intervals import Uncertain, along, uncertain
+from artibot_sim.diagnose.intervals import Uncertain, along, combined, uncertain
 from artibot_sim.diagnose.records import Found
 from artibot_sim.estimation.encoder_noise import noise_share
 from artibot_sim.estimation.loss import Loss

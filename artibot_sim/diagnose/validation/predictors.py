@@ -54,7 +54,7 @@ def predictors(
         found.append(Predictor(name, pooled([run.summary.final for run in runs]), model))
         for rival in mine:
             ends = pooled([run.summary.rivals[rival.name] for run in runs])
-            rolling.append(Predictor(f"{rival.name} kinematics", ends))
+            rolling.append(Predictor(f"{rival.name} kinematics", ends, kinematic=True))
     return (*found, *rolling)
 
 
@@ -78,7 +78,7 @@ def score(predictor: Predictor) -> float:
 
 def best_of(found: Sequence[Predictor]) -> Predictor | None:
     """The dynamic model that predicts best; the simplest of those that are nearly as good. None without any."""
-    models = [one for one in found if one.robot is not None and one.errors]
+    models = [one for one in found if not one.kinematic and one.errors]
     least = min((score(one) for one in models), default=0.0)
     return next((one for one in models if score(one) <= least + CLEARLY_WORSE / 5.0), None)
 
@@ -100,7 +100,7 @@ def refusals(found: Sequence[Predictor]) -> list[str]:
                 f"{_file(name)} ({name}) predicts held-out recordings worse than the robot file as given: "
                 f"{errors(one)}; as given {errors(given)}: do not simulate with it"
             )
-    rolling = min((one for one in found if one.robot is None), key=score, default=None)
+    rolling = min((one for one in found if one.kinematic), key=score, default=None)
     if best is not None and rolling is not None and is_clearly_worse(best, rolling):
         said.append(
             f"no dynamic model predicts held-out recordings as well as {rolling.name}: "

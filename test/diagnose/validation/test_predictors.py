@@ -32,7 +32,7 @@ AGRIQ, HUSKY = load_robot("agriq"), load_robot("husky")
 
 def predictor(name: str, position: float, yaw: float, robot: Robot | None = AGRIQ) -> Predictor:
     errors = {"position": PredictionError("m", position, 10), "yaw": PredictionError("rad", yaw, 10)}
-    return Predictor(name, errors, robot)
+    return Predictor(name, errors, robot, robot is None)
 
 
 def test_a_baseline_worse_than_the_file_as_given_is_refused() -> None:
@@ -82,7 +82,7 @@ def test_kinematic_models_stand_beside_those_of_a_rigid_robot() -> None:
     problem = problem_of([drive(HUSKY, 1)], parameter_set(HUSKY), 2.0, 1)
     found = predictors([drive(HUSKY, 2)], {GIVEN: HUSKY}, problem, 2.0, 1)
     assert [one.name for one in found] == [GIVEN, "ideal kinematics", "effective track kinematics", "ICR kinematics"]
-    assert all(one.robot is None and one.errors["position"].rmse > 0.0 for one in found[1:])
+    assert all(one.kinematic and one.robot is None and one.errors["position"].rmse > 0.0 for one in found[1:])
     ideal, track = (one.errors["position"].rmse for one in found[1:3])
     assert track < ideal
 
