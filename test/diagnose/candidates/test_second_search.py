@@ -29,4 +29,4 @@ def test_the_right_effect_is_named_from_a_baseline_that_is_none() -> None:
     found = decide(problem, far, options, lambda: None, command_view(hidden.recordings, robot))
     assert [named.effect for named in found.named] == ["joint_damping"]
     assert np.abs(found.neutral_fit.point.coordinates - fit.point.coordinates).max() < 0.2 * np.abs(AWAY).max()
-    assert found.turns[0].fallen < 100.0, "the search that counts began at its own baseline"
+    assert found.stages[0].fallen < 100.0, "the search that counts began at its own baseline"
