@@ -21,7 +21,7 @@ from artibot_sim.experiment.can_frames import CanFrame, can_topics, frame_decode
 from artibot_sim.experiment.storage import BagInfo, ChannelInfo, RawMessage
 from artibot_sim.nodes.common.process import asked_to_end, undisturbed
 from artibot_sim.nodes.common.stamps import SECOND
-from artibot_sim.nodes.replay.player import Progress
+from artibot_sim.nodes.replay.progress import Progress
 from artibot_sim.nodes.replay.source import Source, Stretch, lateness_summary, write_statistics
 
 PRIORITY = 40

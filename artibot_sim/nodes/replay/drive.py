@@ -20,7 +20,8 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.storage import BagInfo, RawMessage, iter_messages
 from artibot_sim.nodes.common.arbiter import SIGN_OF_LIFE
 from artibot_sim.nodes.common.stamps import SECOND, stamp_of, with_stamp
-from artibot_sim.nodes.replay.player import Outlet, Progress
+from artibot_sim.nodes.replay.player import Outlet
+from artibot_sim.nodes.replay.progress import Progress
 from artibot_sim.nodes.replay.selection import PROFILE, REQUEST, called, moves_a_rover
 
 SIGN_PERIOD = 0.02

@@ -21,8 +21,8 @@ from artibot_sim.experiment.storage import BagInfo, ChannelInfo
 from artibot_sim.experiment.topics import parse_qos
 from artibot_sim.nodes.common.message_types import import_message
 from artibot_sim.nodes.common.stamps import SECOND, stamp_of, with_stamp
+from artibot_sim.nodes.replay.progress import Progress
 from artibot_sim.nodes.replay.source import Due, RecordedTime, Source, lateness_summary
-from artibot_sim.progress import Bar
 
 # ----------------------------------------------------------------------
 # Publishers of recorded bytes: type and quality of service as recorded, nothing decoded.
@@ -104,48 +104,6 @@ def make_outlets(node: Node, info: BagInfo, names: dict[str, str]) -> dict[str, 
     if names and not outlets:
         raise ArtibotError(f"{info.path}: nothing can be published: {problems[0]}")
     return outlets
-
-
-# ----------------------------------------------------------------------
-# How far a replay is: a bar on a terminal, nothing elsewhere.
-# ----------------------------------------------------------------------
-
-
-PERIOD = 0.25
-"""s between two pictures; drawing one takes a few ms, in which no message is published."""
-
-
-class Progress:
-    """A bar with position, speed and messages a second.
-
-    Parameters
-    ----------
-    total : s of one pass.
-    loop : whether there are more passes.
-    """
-
-    def __init__(self, total: float, loop: bool = False) -> None:
-        self.total = total
-        self.loop = loop
-        self._last: tuple[float, float, int] | None = None
-        self._bar = Bar(total, delay=0.0, period=PERIOD)
-
-    def show(self, position: float, messages: int) -> None:
-        """Draw, if it is time to: `position` in recorded s since the first pass began."""
-        now = time.monotonic()
-        if not self._bar.due(now):
-            return
-        then, before, count = self._last or (now, position, messages)
-        self._last = (now, position, messages)
-        elapsed = max(now - then, 1e-9)
-        number, rest = divmod(position, self.total) if self.loop else (0, min(position, self.total))
-        which = f"pass {number + 1:.0f}, " if self.loop else ""
-        speed = f"{(position - before) / elapsed:.2f} x, {(messages - count) / elapsed:.0f} messages/s"
-        self._bar.show(rest, f"{which}{rest:.1f} of {self.total:.1f} s", speed)
-
-    def end(self) -> None:
-        """Leave the bar."""
-        self._bar.end()
 
 
 # ----------------------------------------------------------------------
