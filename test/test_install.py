@@ -22,8 +22,14 @@ from ros_helpers import ROOT, NodeStarter, skip, spin_until
 
 pytestmark = pytest.mark.install
 
-LEFT_OUT = (".git", ".venv", "build", "install", "log", "demo", "__pycache__", "*.egg-info", ".*_cache")
+LEFT_OUT = (".git", ".venv", "build", "install", "log", "__pycache__", "*.egg-info", ".*_cache")
 """What belongs to a checkout's owner and not to the package."""
+
+
+def _left_out(folder: str, names: list[str]) -> set[str]:
+    """What is not copied: what tools leave anywhere, and the demo's results, which lie at the top."""
+    of_the_demo = {"demo"} if Path(folder) == ROOT else set()
+    return of_the_demo & set(names) | shutil.ignore_patterns(*LEFT_OUT)(folder, names)
 
 
 def call(*command: object, cwd: Path, timeout: float = 300.0) -> str:
@@ -38,7 +44,7 @@ def call(*command: object, cwd: Path, timeout: float = 300.0) -> str:
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the checkout, so that builds leave no trace in it."""
     folder = tmp_path_factory.mktemp("source") / "artibot"
-    shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(*LEFT_OUT))
+    shutil.copytree(ROOT, folder, ignore=_left_out)
     return folder
 
 
