@@ -30,6 +30,7 @@ COMMANDS: Final[dict[str, Word]] = {
     "plot": Word("artibot_sim.cli.plot:command", "Draw a recording, to PNG or an HTML page."),
     "robot": Word("artibot_sim.cli.robot:command", "Write a robot file from what a data sheet says."),
     "urdf": Word("artibot_sim.cli.urdf:command", "Write a robot file as URDF, for viewers."),
+    "check": Word("artibot_sim.cli.check:command", "Say what is wrong with recordings, in seconds."),
     "identify": Word("artibot_sim.cli.identify:command", "Identify soil and geometry from recordings."),
     "diagnose": Word("artibot_sim.cli.diagnose:command", "Find what the simulation gets wrong, and why."),
     "sweep": Word("artibot_sim.cli.sweep:command", "Simulate a grid or hypercube of parameters."),

@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.candidates.patches import disc_place
-from artibot_sim.diagnose.checks.common_map import in_common_map
-from artibot_sim.diagnose.checks.recordings import data_warnings, require_usable
 from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.conclusion import Conclusion, HeldOut, Without, concluded
+from artibot_sim.diagnose.excitation import excitation
 from artibot_sim.diagnose.extended import found_parameters, robot_of
 from artibot_sim.diagnose.intervals import Uncertain, judged, surroundings
 from artibot_sim.diagnose.next_experiment.choice import next_experiment, next_for_force, one_by_one, repeated
@@ -60,6 +59,8 @@ from artibot_sim.diagnose.validation.residuals import places
 from artibot_sim.diagnose.validation.series import comparison, with_commands
 from artibot_sim.diagnose.verdict import Reason, Verdict
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.checks.common_map import in_common_map
+from artibot_sim.estimation.checks.recordings import data_warnings, require_usable
 from artibot_sim.estimation.measurements import Stretch, missing, stretches
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.parameters import SOIL
@@ -184,7 +185,8 @@ def result_of(
             *map(_fallen, found.without),
             *_contradiction(decision),
             *_besides(found),
-            *data_warnings(fitted, robot, decision.neutral_problem, decision.neutral_fit.point, held),
+            *data_warnings(fitted, robot, held),
+            *excitation(decision.neutral_problem, decision.neutral_fit.point),
         ),
         comparisons=tuple(assessed.comparisons),
         prior_odds=float(options.prior_odds),

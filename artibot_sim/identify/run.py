@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.checks.findings import findings
+from artibot_sim.estimation.checks.recordings import require_usable
 from artibot_sim.estimation.encoder_noise import noise_share
 from artibot_sim.estimation.loss import Loss, channel_levels, merged
 from artibot_sim.estimation.measurements import (
@@ -125,6 +127,9 @@ def identify(
     """
     begun, ticks = time.perf_counter(), _Ticks(progress, (effort or Effort()), len(holdout))
     parameters = parameter_set(robot, fit, priors)
+    for experiment in (*recordings, *holdout):
+        require_usable([experiment], robot)
+    doubtful = [f"{one.name}: {finding}" for one in recordings for finding in findings(one, robot)]
     problem = problem_of(recordings, parameters, window, workers, seed=seed)
     ticks()
     problem, found = best_fit(problem, effort or Effort(), ticks)
@@ -137,7 +142,8 @@ def identify(
         held.append(hold_out(experiment, result.robot, window, workers, rivals))
         ticks()
     seconds = time.perf_counter() - begun
-    result = replace(result, predictions=tuple(h.summary for h in held), seconds=seconds)
+    predictions = tuple(h.summary for h in held)
+    result = replace(result, remarks=(*doubtful, *result.remarks), predictions=predictions, seconds=seconds)
     return Work(result, problem, found, nodes, tuple(held))
 
 

@@ -11,11 +11,11 @@ import pytest
 
 from artibot_sim.diagnose import Diagnosis, Verdict, diagnose
 from artibot_sim.diagnose.candidates.hypotheses import hypotheses
-from artibot_sim.diagnose.checks.recordings import data_warnings
 from artibot_sim.diagnose.pipeline import distinctly_named, split
 from artibot_sim.diagnose.unlisted.finding import unexplained
 from artibot_sim.diagnose.unlisted.response import short
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.checks.recordings import data_warnings
 from artibot_sim.estimation.measurements import stretches
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.measured import Measured

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from artibot_sim.diagnose.candidates.hypotheses import hypotheses
 from artibot_sim.diagnose.candidates.patches import discs
 from artibot_sim.diagnose.candidates.screening import Around, Trial, at_rest, screen
-from artibot_sim.diagnose.checks.common_map import experiments_of, in_common_map, needed
 from artibot_sim.diagnose.policy import TRUST, Thresholds
 from artibot_sim.diagnose.selection.evidence import Evidence, evidence
 from artibot_sim.diagnose.selection.joint_fits import (
@@ -24,6 +23,7 @@ from artibot_sim.diagnose.selection.joint_fits import (
     neutralised,
     renoised,
 )
+from artibot_sim.estimation.checks.common_map import experiments_of, in_common_map, needed
 from artibot_sim.estimation.loss import Loss, channel_levels, merged
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.problem import Problem

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.checks.common_map import experiments_of, in_common_map
 from artibot_sim.diagnose.unlisted.response import COMPONENTS, KNOTS, MOTOR, ends
+from artibot_sim.estimation.checks.common_map import experiments_of, in_common_map
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.model import MOTORS, WHEELS, Robot
 from artibot_sim.model.effects import motor_drag

@@ -1,4 +1,4 @@
-"""Clocks of a recording's topics against each other, and whether what the wheels rolled fits where the rover went."""
+"""Whether what the wheels rolled fits where the rover went, and whether clocks of topics run apart."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.measured import Measured
-from artibot_sim.experiment.smoothing import local_fit
 from artibot_sim.model import MOTORS, Robot
 
 # ----------------------------------------------------------------------
@@ -18,6 +17,8 @@ from artibot_sim.model import MOTORS, Robot
 # other.
 # ----------------------------------------------------------------------
 
+
+Array = NDArray[np.float64]
 
 FACTOR_REFUSED = 3.0
 """Wheels that rolled so many times what the rover went (or so little of it) are another robot's."""
@@ -28,8 +29,6 @@ _STRIDE = 1.0
 """s between the positions whose distances add up to a path: noise does not."""
 _SPEEDS_ALIKE = 0.3
 """Known factors within this, as a logarithm, are named."""
-_OPPOSITE = -0.5
-"""Correlation of turning by wheels and as measured, below which sides or signs are the wrong way round."""
 _SCALE = 0.05
 """Difference between a motor's positions and velocities that is said."""
 
@@ -155,77 +154,24 @@ def wheel_faults(experiment: Experiment, robot: Robot) -> Iterator[str]:
             f"the wheels rolled {way.wheels:.3g} m, the rover went {way.path:.3g} m: a factor of "
             f"{way.factor:.3g}{way.guess(robot)}; slip, or another robot?"
         )
-    turning = _turning(experiment, robot)
-    if turning is not None and turning < _OPPOSITE:
-        yield "the rover turns against its wheels: are right and left, or the yaw rate's sign, the wrong way round?"
-
-
-def _turning(experiment: Experiment, robot: Robot) -> float | None:
-    """Correlation of turning by the front wheels with that measured, None where there is too little."""
-    motors, pairs = experiment.channels["motor_torques"], []
-    for first, last in experiment.segments:
-        t, rate = Measured(experiment, first, last).yaw_rate()
-        if len(t) < 10:
-            continue
-        at = np.arange(t[0], t[-1], 0.2)
-        by_wheels = front_speed(motors, robot, at)
-        if by_wheels is None or len(at) < 3:
-            continue
-        angle = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t) * (rate[1:, 0] + rate[:-1, 0]))))
-        pairs.append((np.diff(by_wheels[0]), np.diff(np.interp(at, t, angle))))
-    if not pairs:
-        return None
-    a, b = (np.concatenate(column) for column in zip(*pairs, strict=True))
-    size = float(np.linalg.norm(a) * np.linalg.norm(b))
-    moved = float(np.abs(a).sum()) > 1.0 and float(np.abs(b).sum()) > 1.0
-    return float(a @ b) / size if size > 0 and moved else None
 
 
 # ----------------------------------------------------------------------
-# Clocks of a recording's topics against each other: constant offsets, and clocks that run apart.
+# Clocks that run apart, by when messages arrived.
 # ----------------------------------------------------------------------
 
 
-Array = NDArray[np.float64]
-
-_STEP = 0.02
-_LONGEST = 0.6
-"""s to either side of which an offset is looked for."""
-_EARLY, _LATE = 0.05, 0.12
-"""s of an offset that are said: a rover answers its wheels late by itself, by up to 0.07 s where their speed jumps,"""
-_SURE = 5.0
-"""if it is so many times its standard deviation,"""
-_CLOCKS_ALIKE = 0.99
-"""and the two agree so well (correlation) where they agree best. Where slip makes the rover's speed another one than
-its wheels' any offset may be the best: 15 drives without a fault had 0.995 or more, or at most 0.98 and then up to
-0.37 s."""
 _DRIFT = 0.02
 """s by which a clock runs away over a recording before it is said."""
 _FEW = 40
 """Topics with fewer messages are not asked."""
-_SMOOTH = 0.15
-"""s around each instant over which rates are taken."""
-_DELAYS = ("motor_torques", "total_station", "ground_truth_odom", "imu", "joint_states")
+_CLOCKS = ("total_station", "ground_truth_odom", "imu", "joint_states")
 
 
-def clock_faults(experiment: Experiment, robot: Robot) -> Iterator[str]:
-    """Sentences on topics whose clock differs from the motors'."""
-    yield from _stamped(experiment)
+def clock_faults(experiment: Experiment) -> Iterator[str]:
+    """Sentences on topics whose stamps and times of arrival run apart, in comparison with the motors'."""
     motors = experiment.channels["motor_torques"]
-    for what, topic, pair in _pairs(experiment, robot):
-        found = lag(*pair)
-        if found is None:
-            continue
-        offset, sd = found
-        if abs(offset) > max(_LATE if offset > 0 else _EARLY, _SURE * sd):
-            way = "late" if offset > 0 else "early"
-            yield f"{topic} is {1e3 * abs(offset):.0f} ms {way} against {motors.topic}, by its {what}"
-
-
-def _stamped(experiment: Experiment) -> Iterator[str]:
-    """Topics whose stamps and times of arrival run apart, in comparison with the motors'."""
-    motors = experiment.channels["motor_torques"]
-    for key in _DELAYS[1:]:
+    for key in _CLOCKS:
         channel = experiment.channels.get(key)
         if channel is None or len(channel) < _FEW or len(motors) < _FEW:
             continue
@@ -248,60 +194,3 @@ def _apart(channel: Channel, reference: Channel) -> float:
     delay = (channel.received_ns - channel.t_ns - common) / 1e9
     tenth = max(len(delay) // 10, _FEW // 4)
     return float(np.median(delay[-tenth:]) - np.median(delay[:tenth]))
-
-
-def _pairs(experiment: Experiment, robot: Robot) -> Iterator[tuple[str, str, tuple[Array, Array, Array]]]:
-    """What a sensor and the wheels measure both: words, topic, and times with both rates (n,)."""
-    motors = experiment.channels["motor_torques"]
-    first, last = max(experiment.segments, key=lambda segment: segment[1] - segment[0])
-    measured = Measured(experiment, first, last)
-    at = np.arange(first + 1.0, last - 1.0, _STEP)
-    if len(at) < 250:
-        return
-    by_wheels = [front_speed(motors, robot, at + side * _SMOOTH) for side in (1.0, -1.0)]
-    if by_wheels[0] is None or by_wheels[1] is None:
-        return
-    turn, speed = ((a - b) / (2 * _SMOOTH) for a, b in zip(*by_wheels, strict=True))
-    t, rate = measured.yaw_rate()
-    if len(t) > 50:
-        angle = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t) * (rate[1:, 0] + rate[:-1, 0]))))
-        same = (np.interp(at + _SMOOTH, t, angle) - np.interp(at - _SMOOTH, t, angle)) / (2 * _SMOOTH)
-        imu = experiment.channels.get("imu")
-        topic = imu.topic if imu is not None and "yaw_rate" in imu else "/ground_truth/odom"
-        yield "yaw rate", topic, (at, turn, same)
-    t, points = measured.position()
-    if len(t) > 50 and measured.position_source is not None:
-        _, velocity = local_fit(t, points, at, max(2 * _SMOOTH, 2.5 * float(np.median(np.diff(t)))))
-        yield "speed", measured.position_source.topic, (at, np.abs(speed), np.hypot(*velocity.T))
-
-
-def lag(t: Array, reference: Array, other: Array) -> tuple[float, float] | None:
-    """By how much `other` (n,) is later than `reference` (n,), on an even grid; and its standard deviation, s.
-
-    The offset at which a straight line from one to the other leaves least; None where that is not far from perfect,
-    or lies at the end of what is looked at.
-    """
-    dt = float(t[1] - t[0])
-    most = round(_LONGEST / dt)
-    middle = slice(most, len(t) - most)
-    x = reference[middle]
-    x = x - x.mean()
-    scores, left = [], []
-    for shift in range(-most, most + 1):
-        y = other[most + shift : len(t) - most + shift]
-        y = y - y.mean()
-        size = float(np.linalg.norm(x) * np.linalg.norm(y))
-        score = float(x @ y) / size if size > 0 else 0.0
-        scores.append(score)
-        left.append((1.0 - score**2) * float(y @ y))
-    best = int(np.argmax(scores))
-    if scores[best] < _CLOCKS_ALIKE or best in (0, 2 * most):
-        return None
-    a, b, c = (left[best + side] for side in (-1, 0, 1))
-    bend = a - 2 * b + c
-    between = 0.5 * (a - c) / bend if bend > 0 else 0.0
-    slope = np.gradient(other[best : len(t) - 2 * most + best], dt)
-    independent = max(len(x) * dt / (4 * _SMOOTH), 2.0)
-    spread = b / len(x)
-    sd = float(np.sqrt(spread / max(float(np.mean(slope**2)) * independent, 1e-12)))
-    return (best - most + between) * dt, sd

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.checks.recordings import data_warnings, require_usable
-from artibot_sim.diagnose.checks.sensors import lag
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.checks.findings import findings
+from artibot_sim.estimation.checks.recordings import data_warnings, require_usable
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.identify.synthetic import synthetic
 from artibot_sim.model import Robot, load_robot
@@ -79,15 +79,18 @@ def test_repeated_samples_are_said(good: Experiment, agriq: Robot) -> None:
     assert "/total_station/point: 50 % of its samples repeat" in said(changed(good, "total_station", **held), agriq)
 
 
-@pytest.mark.parametrize(("key", "by"), [("imu", 0.15), ("imu", -0.1), ("total_station", 0.2)])
-def test_a_clock_that_is_off_is_said_with_its_offset(good: Experiment, agriq: Robot, key: str, by: float) -> None:
-    text = said(shifted(good, key, by), agriq)
-    topic = good.channels[key].topic
-    found = [line for line in text.splitlines() if f"{topic} is " in line and " against /motor_torques" in line]
-    assert len(found) == 1, text
-    ms = float(found[0].partition(f"{topic} is ")[2].split()[0])
-    assert ms == pytest.approx(1e3 * abs(by), abs=30.0)
-    assert ("late" if by > 0 else "early") in found[0]
+@pytest.mark.parametrize(
+    ("key", "by", "name"),
+    [("imu", 0.15, "gyro_delay"), ("imu", -0.15, "gyro_delay"), ("total_station", 0.2, "pose_delay")],
+)
+def test_a_clock_that_is_off_is_said_with_its_offset(
+    good: Experiment, agriq: Robot, key: str, by: float, name: str
+) -> None:
+    (found,) = findings(shifted(good, key, by), agriq)
+    assert (found.name, found.topic) == (name, good.channels[key].topic)
+    assert found.value == pytest.approx(by, abs=0.03)
+    assert found.interval[0] <= by + 0.03 and found.interval[1] >= by - 0.03
+    assert ("late" if by > 0 else "early") in found.text
 
 
 def test_a_clock_that_runs_away_is_said(good: Experiment, agriq: Robot) -> None:
@@ -151,7 +154,7 @@ def test_sides_taken_for_each_other_are_said(good: Experiment, agriq: Robot) -> 
         for end in ("front", "back") for side, other in (("right", "left"), ("left", "right"))
         for what in ("position", "velocity", "effort")
     }  # fmt: skip
-    assert "turns against its wheels" in said(changed(good, "motor_torques", **swapped), agriq)
+    assert "left and right wheels are taken for each other" in said(changed(good, "motor_torques", **swapped), agriq)
 
 
 def test_units_that_contradict_each_other_are_said(good: Experiment, agriq: Robot) -> None:
@@ -189,41 +192,3 @@ def test_a_rover_that_never_moves_is_refused(good: Experiment, agriq: Robot) -> 
 def test_no_recording_is_refused(agriq: Robot) -> None:
     with pytest.raises(ArtibotError, match="no recording"):
         require_usable([], agriq)
-
-
-@pytest.mark.parametrize("by", [-0.31, -0.004, 0.0, 0.083, 0.4])
-def test_a_lag_is_found_to_a_few_milliseconds(by: float) -> None:
-    t = np.arange(0.0, 40.0, 0.02)
-    rng = np.random.default_rng(5)
-    phases = rng.uniform(0, 6, 5)
-
-    def signal(at: np.ndarray) -> np.ndarray:
-        return sum(np.sin((0.5 + 0.4 * k) * at + phases[k]) for k in range(5))
-
-    offset, sd = lag(t, signal(t), signal(t - by) + 0.02 * rng.standard_normal(len(t)))
-    assert offset == pytest.approx(by, abs=0.004)
-    assert 0 < sd < 0.01
-
-
-def test_what_is_unrelated_has_no_lag() -> None:
-    rng = np.random.default_rng(1)
-    assert lag(np.arange(0.0, 20.0, 0.02), *rng.standard_normal((2, 1000))) is None
-
-
-def test_a_joint_that_rests_bent_is_not_saturated(good: Experiment, agriq: Robot) -> None:
-    """At a standstill an exact angle stays what it is, at its largest perhaps."""
-    joint = good.channels["joint_states"]
-    angle = np.sin(0.3 * np.minimum(joint.t, joint.t[-1] - 0.8))
-    bent = np.where(joint.t > joint.t[-1] - 0.6, 1.5, angle)  # when it stands for a second
-    assert "saturated" not in said(changed(good, "joint_states", **{"articulation_yaw.position": bent}), agriq)
-    held = np.clip(1.3 * angle, -1.0, 1.0)
-    assert "articulation_yaw.position stands at ±1.00" in said(
-        changed(good, "joint_states", **{"articulation_yaw.position": held}), agriq
-    )
-
-
-def test_motors_without_a_gear_move_as_well() -> None:
-    """A rigid robot's motors are its wheels: some rad/s are a drive."""
-    husky = load_robot("husky")
-    drive = synthetic(husky, BOTH_WAYS, seed=1, name="husky")
-    assert "of motion" not in said(drive, husky)

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.checks.common_map import in_common_map, needed
-from artibot_sim.diagnose.checks.recordings import data_warnings
 from artibot_sim.diagnose.unlisted.variables import PLACE, scene
 from artibot_sim.diagnose.validation.series import covariates
+from artibot_sim.estimation.checks.common_map import in_common_map, needed
+from artibot_sim.estimation.checks.recordings import data_warnings
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of

@@ -4,26 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.checks.common_map import in_common_map, needed
-from artibot_sim.diagnose.checks.sensors import FACTOR_REFUSED, Rolled, clock_faults, rolled, wheel_faults
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.checks.common_map import in_common_map, needed
+from artibot_sim.estimation.checks.findings import COLUMNS, findings
+from artibot_sim.estimation.checks.wheels import FACTOR_REFUSED, Rolled, clock_faults, rolled, wheel_faults
 from artibot_sim.estimation.measurements import missing, other_robot, stretches
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.measured import Measured
 from artibot_sim.experiment.smoothing import fresh, noise_of
-from artibot_sim.identify.result import number
-from artibot_sim.model import MOTORS
+from artibot_sim.model import MOTORS, Robot
 from artibot_sim.model.effects import EFFECTS
-
-if TYPE_CHECKING:
-    from artibot_sim.estimation.problem import Problem
-    from artibot_sim.estimation.solver import Point
-    from artibot_sim.model import Robot
 
 Array = NDArray[np.float64]
 
@@ -49,7 +43,7 @@ _ABOVE_NOISE = 4.0
 """or so many standard deviations of its speed's noise."""
 
 USED = ("motor_torques", "total_station", "ground_truth_odom", "imu", "joint_states", "motor_command")
-"""Channels that a diagnosis looks at."""
+"""Channels that are checked."""
 
 
 def require_usable(recordings: Sequence[Experiment], robot: Robot) -> None:
@@ -61,7 +55,7 @@ def require_usable(recordings: Sequence[Experiment], robot: Robot) -> None:
         Naming the file, the topic, what was found and the mend.
     """
     if not recordings:
-        raise ArtibotError("diagnose: no recording; give at least one")
+        raise ArtibotError("no recording; give at least one")
     for experiment in recordings:
         stretches(experiment, robot)
     for one, other in combinations(recordings, 2):
@@ -82,6 +76,9 @@ def require_usable(recordings: Sequence[Experiment], robot: Robot) -> None:
     factor = float(np.median([way.factor for way in found]))
     if _foreign(factor):
         way = min(found, key=lambda w: abs(np.log(w.factor / factor)))
+        lifted = [one for one in findings(way.experiment, robot) if one.name == "in_air"]
+        if lifted:
+            raise ArtibotError(f"{way.experiment.path}: {lifted[0]}")
         raise ArtibotError(wrong_robot(way, robot))
 
 
@@ -118,8 +115,6 @@ def wrong_robot(way: Rolled, robot: Robot) -> str:
 def data_warnings(
     recordings: Sequence[Experiment],
     robot: Robot,
-    problem: Problem | None = None,
-    point: Point | None = None,
     held: Sequence[Experiment] = (),
 ) -> tuple[str, ...]:
     """What is doubtful about recordings, one sentence each.
@@ -128,27 +123,30 @@ def data_warnings(
     ----------
     recordings : sequence of Experiment
     robot : Robot
-    problem, point : optional
-        A fit to them: with it, whether any wheel slides is known.
     held : sequence of Experiment, optional
         Held out: of these only what is wrong with robot and wheels.
     """
-    said: list[str] = []
-    for experiment in recordings:
-        said += [f"{experiment.name}: {fault}" for fault in _faults(experiment, robot)]
-    said += _together(recordings, robot)
+    said = [f"{one.name}: {finding}" for one in recordings for finding in findings(one, robot)]
+    said += doubts(recordings, robot)
     if not in_common_map([*recordings, *held]):
         fixed = [name.replace("_", " ") for name in EFFECTS if needed(name)]
         said.append(
             "the segments of a recording have no map in common: their poses jump over the gaps, or all begin at one "
             f"place; so nothing that is fixed in the map is looked for ({', '.join(fixed)})"
         )
-    if problem is not None and point is not None:
-        said += _excitation(problem, point)
     for experiment in held:
         said += [f"{experiment.name}: {word}" for word in other_robot(experiment, robot)]
         said += [f"{experiment.name}: {fault}" for fault in wheel_faults(experiment, robot)]
     return tuple(dict.fromkeys(said))
+
+
+def doubts(recordings: Sequence[Experiment], robot: Robot) -> list[str]:
+    """What is doubtful about recordings beside what has a name among the findings, one sentence each."""
+    said: list[str] = []
+    for experiment in recordings:
+        said += [f"{experiment.name}: {fault}" for fault in _faults(experiment, robot)]
+    said += _together(recordings, robot)
+    return said
 
 
 def _faults(experiment: Experiment, robot: Robot) -> Iterator[str]:
@@ -159,19 +157,19 @@ def _faults(experiment: Experiment, robot: Robot) -> Iterator[str]:
         yield f"{len(experiment.segments)} segments; a pose says nothing about the one before the gap"
     for key in USED:
         if key in experiment.channels:
-            yield from _channel_faults(experiment.channels[key], experiment)
-    yield from clock_faults(experiment, robot)
+            yield from _channel_faults(experiment.channels[key], experiment, key not in COLUMNS)
+    yield from clock_faults(experiment)
     yield from wheel_faults(experiment, robot)
 
 
-def _channel_faults(channel: Channel, experiment: Experiment) -> Iterator[str]:
-    """Gaps, repetitions and stops of one topic."""
+def _channel_faults(channel: Channel, experiment: Experiment, repeats: bool) -> Iterator[str]:
+    """Gaps and stops of one topic; repetitions where the streams' comparison does not see them."""
     gaps = _gaps(channel, experiment.segments)
     if gaps:
         start, length = max(gaps, key=lambda gap: gap[1])
         more = f", and {len(gaps) - 1} shorter gaps" if len(gaps) > 1 else ""
         yield f"{channel.topic} is silent for {length:.1f} s from {start:.1f} s on{more}"
-    held = _held(channel)
+    held = _held(channel) if repeats else 0.0
     if held > _HELD:
         yield f"{channel.topic}: {100 * held:.0f} % of its samples repeat the one before; they count once"
     for name in (name for name in _LIVELY if name in channel):
@@ -181,7 +179,7 @@ def _channel_faults(channel: Channel, experiment: Experiment) -> Iterator[str]:
     for name in channel.columns:
         limit = _limit(channel, name, experiment.channels["motor_torques"])
         if limit is not None:
-            yield f"{channel.topic}: {name} stands at ±{number(limit, 3)} for a while: is the sensor saturated?"
+            yield f"{channel.topic}: {name} stands at ±{limit:.3g} for a while: is the sensor saturated?"
 
 
 def _gaps(channel: Channel, segments: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -251,7 +249,7 @@ def _together(recordings: Sequence[Experiment], robot: Robot) -> Iterator[str]:
         yield "no /motor_command: delays, lags, dead bands and limits of the front drives cannot be told"
     noise = [s.sigma for stretch in found for s in stretch.series if s.channel == "position"]
     if noise and np.median(noise) > _NOISY:
-        yield f"positions are noisy: {number(float(np.median(noise)), 2)} m; small effects drown in it"
+        yield f"positions are noisy: {float(np.median(noise)):.2g} m; small effects drown in it"
     moving, total = _moving(recordings, robot)
     if moving < SHORT:
         yield f"only {moving:.0f} s of motion; little can be told apart with less than {SHORT:g} s"
@@ -295,15 +293,3 @@ def _one_sided(recordings: Sequence[Experiment]) -> Iterator[str]:
     elif min(np.mean(turning > 0.0), np.mean(turning < 0.0)) < 0.02:
         side = "left" if np.mean(rate) > 0 else "right"
         yield f"the rover turns to the {side} only: what pulls it to one side looks like soil; drive both ways"
-
-
-def _excitation(problem: Problem, point: Point) -> Iterator[str]:
-    from artibot_sim.identify.judgement import motion_of
-
-    torques = any(s.channel.startswith("torque") for stretch in problem.stretches for s in stretch.series)
-    motion = motion_of(problem, point.coordinates, point.starts, torques)
-    if motion.sliding == 0.0:
-        yield (
-            f"no wheel ever slides (at most {motion.grip:.2f} of its load are held): mu_s, mu_d and what acts "
-            "through them cannot be told; drive tighter turns"
-        )

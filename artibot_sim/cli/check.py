@@ -1,0 +1,83 @@
+"""`artibot check`: what is wrong with recordings, before anything is fitted to them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from artibot_sim.estimation.checks.report import Check
+
+_PATH = click.Path(path_type=Path)
+
+
+@click.command("check", context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("recordings", nargs=-1, required=True, metavar="BAG [BAG…]", type=_PATH)
+@click.option("--robot", required=True, help="Robot name or file that the recordings are of.")
+@click.option(
+    "--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable."
+)
+@click.option("--namespace", metavar="NAME", help="Rover whose topics to read, where there are several: /rover1.")
+@click.option("--json", "as_json", type=click.Path(path_type=Path, dir_okay=False), help="Everything as JSON.")
+def command(
+    recordings: tuple[Path, ...], robot: str, topics: tuple[str, ...], namespace: str | None, as_json: Path | None
+) -> int:
+    """Say in seconds what is wrong with recordings: clocks, units, signs, sides, sensors, excitation.
+
+    Streams are held against each other, no soil is fitted. Exit status 0 where all of them can be used as they are, 1
+    where something has to be mended first, 2 for unusable input.
+
+    \b
+    Example:
+      artibot check run0 run1 --robot husky_driven
+    """
+    import json
+
+    from rich.console import Console
+
+    from artibot_sim.estimation.checks.report import check
+    from artibot_sim.experiment import parse_renames, read_bag
+    from artibot_sim.model import load_robot
+    from artibot_sim.progress import Bar
+    from artibot_sim.report.files import write_files
+
+    rover = load_robot(robot)
+    with Bar() as bar:
+        stages = [(path, bar.stage(f"reading {path.name}", 1.0 / len(recordings))) for path in recordings]
+        read = [read_bag(path, parse_renames(topics), namespace=namespace, progress=stage) for path, stage in stages]
+    found = check(read, rover)
+    console = Console(highlight=False)
+    for one in found:
+        _show(console, one)
+    if as_json is not None:
+        text = json.dumps([one.as_dict() for one in found], indent=1, ensure_ascii=False)
+        write_files({as_json: (text + "\n").encode()})
+    return 0 if all(one.usable for one in found) else 1
+
+
+def _show(console: Console, one: Check) -> None:
+    """One recording: what has to be mended, what is wrong, what is doubtful, delays."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    verdict = "can be used" if one.usable else "has to be mended first"
+    console.print(f"[bold]{escape(one.name)}[/bold]: {verdict}" if one.name != "all together" else one.name)
+    if one.refused:
+        console.print(f"  refused: {escape(one.refused)}", soft_wrap=True)
+    for finding in one.findings:
+        console.print(f"  {finding.name}: {escape(finding.text)}", style="red" if finding.serious else "yellow")
+        console.print(f"    {escape(finding.evidence)}; {escape(finding.mend)}")
+    for said in one.doubts:
+        console.print(f"  {escape(said)}")
+    if one.delays:
+        table = Table("stream", "after", "s", "95 %", "agree", box=None, header_style="dim", pad_edge=False)
+        for stream, after, delay in one.delays:
+            low, high = delay.interval
+            told = delay.agreement >= 0.6
+            cells = (f"{delay.value:+.3f}", f"{low:+.3f} … {high:+.3f}") if told else ("cannot be told", "")
+            table.add_row(f"  {stream}", after, *cells, f"{100 * delay.agreement:.0f} %")
+        console.print(table)

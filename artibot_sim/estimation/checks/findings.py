@@ -1,0 +1,563 @@
+"""What is wrong with a recording's clocks, signs and units, each with evidence, an interval and its mend.
+
+No soil is fitted for it: the streams are held against each other (`estimation.streams`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.estimation.streams import (
+    LAGS,
+    Delay,
+    Segment,
+    Sums,
+    advancing,
+    delay_of,
+    holding,
+    reach,
+    segments_of,
+    turning,
+)
+from artibot_sim.experiment import Experiment
+from artibot_sim.model import MOTORS, Robot
+
+Array = NDArray[np.float64]
+
+AGREES = 0.6
+"""Share of the variance from which two streams are said to show the same motion."""
+LATE_SAID = 0.04
+"""s that a delay's interval must stay away from 0, of the wheels: a rover answers them late by itself;"""
+LATE_SAID_POSE = 0.02
+"""of pose and gyroscope, which see the same body."""
+TOGETHER = 0.07
+"""s within which two streams count as equally late."""
+DRIFT_SAID = 0.02
+"""s by which a clock must run away over a recording, at the least that its interval allows."""
+SKEW_SAID = 100e-6
+HELD_SAID = 0.2
+SCALE_SAID = 0.04
+"""Gyroscope's scale beside 1, at the least."""
+BIAS_SAID = 0.01
+"""rad/s, of a gyroscope."""
+UNIT_SAID = 1.5
+"""Factor between rolled and gone."""
+_ALIKE = 0.3
+"""Known factors within this, as a logarithm, are named."""
+_LEAP, _JITTER = 0.25, 0.25
+"""m that a pose may move farther than the wheels' rims could, with stamps wrong by so many s."""
+_SURE = 3.0
+_AIR_WAY, _AIR_SHARE = 3.0, 0.15
+"""m that wheels rolled while the rover went less than this share of it."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong with a recording.
+
+    Attributes
+    ----------
+    name : str
+        `pose_delay`, `rotation_delay`, `gyro_delay`, `clock_skew`, `held_samples`, `gyro_flip`, `gyro_axis`,
+        `gyro_scale`, `gyro_bias`, `pose_flip`, `side_swap`, `reversed_wheel`, `wheel_units`, `set_points`, `pose_leap`
+        or `in_air`.
+    topic : str
+    value : float or None
+        Its size, in `unit`.
+    interval : (float, float) or None
+        95 %.
+    unit : str
+    text : str
+        What is wrong, for a person.
+    evidence : str
+        What shows it.
+    mend : str
+        What to do about it.
+    serious : bool
+        Whether nothing that is fitted means anything before it is mended.
+    """
+
+    name: str
+    topic: str
+    value: float | None
+    interval: tuple[float, float] | None
+    unit: str
+    text: str
+    evidence: str
+    mend: str
+    serious: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.text} ({self.evidence}); {self.mend}"
+
+    def as_dict(self) -> dict[str, object]:
+        """For a file."""
+        return {
+            "name": self.name, "topic": self.topic, "value": self.value,
+            "ci95": list(self.interval) if self.interval else None, "unit": self.unit, "text": self.text,
+            "evidence": self.evidence, "mend": self.mend,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Streams:
+    """All comparisons of a recording's streams; None where there is nothing to compare.
+
+    Attributes
+    ----------
+    turn : Delay or None
+        Heading after wheels.
+    forward : Delay or None
+        Positions after wheels.
+    gyro : Delay or None
+        Heading after gyroscope.
+    gyro_wheels : Delay or None
+        Gyroscope after wheels.
+    response : Delay or None
+        Wheels after commands.
+    """
+
+    experiment: Experiment
+    segments: tuple[Segment, ...]
+    turn: Delay | None
+    forward: Delay | None
+    gyro: Delay | None
+    gyro_wheels: Delay | None
+    response: Delay | None
+
+    @property
+    def pose_topic(self) -> str:
+        """Where positions come from."""
+        channels = self.experiment.channels
+        source = channels.get("ground_truth_odom") or channels.get("total_station")
+        return source.topic if source is not None else ""
+
+
+def compare_streams(experiment: Experiment) -> Streams:
+    """Hold the streams of a recording against each other; takes a second or two."""
+    segments = segments_of(experiment)
+    _, most = reach(segments)
+
+    def of(pieces: Sequence[object], **options: object) -> Delay | None:
+        return delay_of(list(pieces), most, **options) if most > 0.1 else None  # type: ignore[arg-type]
+
+    return Streams(
+        experiment, tuple(segments),
+        of(list(turning(segments, "heading", "wheels")), lags=LAGS),
+        of(list(advancing(segments)), lags=LAGS),
+        of(list(turning(segments, "heading", "gyro")), trend=True),
+        of(list(turning(segments, "gyro", "wheels")), lags=LAGS),
+        of(list(turning(segments, "wheels", "command")), lags=LAGS),
+    )  # fmt: skip
+
+
+def findings(experiment: Experiment, robot: Robot, streams: Streams | None = None) -> list[Finding]:
+    """What is wrong with a recording, the serious first.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    robot : Robot
+    streams : Streams, optional
+        What `compare_streams` found.
+    """
+    of = streams or compare_streams(experiment)
+    found = [*_held(of), *_air(of, robot)]
+    if not any(one.name == "in_air" for one in found):
+        found += [*_signs(of), *_units(of, robot)]
+    found += [*_gyro(of), *_delays(of), *_skews(of), *_leaps(of, robot), *_set_points(of)]
+    return sorted(found, key=lambda one: not one.serious)
+
+
+def _agree(delay: Delay | None) -> Delay | None:
+    return delay if delay is not None and delay.agreement >= AGREES else None
+
+
+# ----------------------------------------------------------------------
+# Held samples, set-points for speeds, poses that leap.
+# ----------------------------------------------------------------------
+
+COLUMNS = {
+    "motor_torques": tuple(f"{motor}.{what}" for motor in MOTORS[:2] for what in ("velocity", "position")),
+    "ground_truth_odom": ("x", "y", "yaw"),
+    "total_station": ("x", "y"),
+    "imu": ("yaw_rate",),
+}
+
+
+def _held(of: Streams) -> Iterator[Finding]:
+    for key, names in COLUMNS.items():
+        channel = of.experiment.channels.get(key)
+        if channel is None:
+            continue
+        found = holding(channel, names)
+        if found is not None and found.share > HELD_SAID:
+            yield Finding(
+                "held_samples", channel.topic, found.share, None, "-",
+                f"{channel.topic}: {100 * found.share:.0f} % of its samples repeat the one before",
+                f"it changes every {found.period:.2f} s and is written every {found.stamped:.3f} s",
+                "each value counts once, when it changed",
+            )  # fmt: skip
+
+
+def _set_points(of: Streams) -> Iterator[Finding]:
+    motors, command = of.experiment.channels.get("motor_torques"), of.experiment.channels.get("motor_command")
+    if motors is None or command is None or f"{MOTORS[0]}.position" in motors:
+        return
+    equal = []
+    for motor in MOTORS[:2]:
+        name = f"{motor}.velocity"
+        if name not in motors or name not in command:
+            return
+        asked, got = np.unique(command.series(name)[1]), motors.series(name)[1]
+        got = got[np.abs(got) > 1e-3 * max(float(np.abs(got).max(initial=0.0)), 1e-9)]
+        if len(got) < 50 or len(asked) < 5:
+            return
+        near = np.clip(np.searchsorted(asked, got), 1, len(asked) - 1)
+        away = np.minimum(np.abs(asked[near] - got), np.abs(asked[near - 1] - got))
+        equal.append(float(np.mean(away < 1e-6 * np.abs(got))))
+    if min(equal) > 0.9:
+        yield Finding(
+            "set_points", motors.topic, min(equal), None, "-",
+            f"{motors.topic} holds set-points, not measured speeds",
+            f"{100 * min(equal):.0f} % of its values stand in {command.topic} as well, digit for digit",
+            "record what the encoders measure",
+        )  # fmt: skip
+
+
+def _leaps(of: Streams, robot: Robot) -> Iterator[Finding]:
+    rim = robot.wheel.r_w * robot.drive.front.tau
+    at: list[float] = []
+    farthest = 0.0
+    for segment in of.segments:
+        points, wheels = segment.points, segment.wheels
+        if points is None or len(points.t) < 3:
+            continue
+        step, dt = np.hypot(*np.diff(points.values, axis=0).T), np.diff(points.t)
+        rolled = _rolled(wheels, points.t[:-1] - _JITTER, points.t[1:] + _JITTER) * rim if wheels is not None else 0.0
+        noise = 8.0 * float(np.median(step)) if wheels is None else 0.0
+        over = step - np.maximum(rolled * UNIT_SAID, noise) - _LEAP
+        moved = step > 4.0 * np.median(step) if len(step) > 20 else np.ones(len(step), bool)
+        rows = np.flatnonzero((over > 0.0) & moved & (dt < 1.0))
+        at += points.t[rows].tolist()
+        farthest = max(farthest, float(step[rows].max(initial=0.0)))
+    total = sum(len(s.points.t) for s in of.segments if s.points is not None)
+    if at and len(at) < max(0.02 * total, 3):
+        when = ", ".join(f"{t:.1f}" for t in at[:4]) + (" …" if len(at) > 4 else "")
+        yield Finding(
+            "pose_leap", of.pose_topic, float(len(at)), None, "-",
+            f"{of.pose_topic} leaps {len(at)} time{'s' if len(at) > 1 else ''}, by up to {farthest:.2g} m",
+            f"at {when} s it moves farther than the wheels' rims",
+            "leave those windows out; the localisation lost its place there",
+        )  # fmt: skip
+
+
+def _rolled(wheels: Sums, begin: Array, end: Array) -> Array:
+    """The larger angle that a wheel turned through between times (n,), back and forth counted both."""
+    way = Sums(wheels.t, np.vstack([np.zeros((1, 2)), np.cumsum(np.abs(np.diff(wheels.values, axis=0)), axis=0)]))
+    return np.asarray((way.at(end) - way.at(begin)).max(axis=1))
+
+
+def _air(of: Streams, robot: Robot) -> Iterator[Finding]:
+    rim = robot.wheel.r_w * robot.drive.front.tau
+    rolled = gone = 0.0
+    for segment in of.segments:
+        points, wheels = segment.points, segment.wheels
+        if points is None or wheels is None:
+            continue
+        at = np.arange(max(points.t[0], wheels.t[0]), min(points.t[-1], wheels.t[-1]), 1.0)
+        if len(at) < 2:
+            continue
+        rolled += rim * float(np.abs(np.diff(wheels.at(at), axis=0)).mean(axis=1).sum())
+        gone += float(np.hypot(*np.diff(points.at(at), axis=0).T).sum())
+    explained = max((d.agreement for d in (of.turn, of.forward) if d is not None), default=1.0)
+    if rolled > _AIR_WAY and gone < _AIR_SHARE * rolled and explained < 0.4:
+        yield Finding(
+            "in_air", of.pose_topic, gone / rolled, None, "-",
+            "the wheels do not move the robot: it is lifted off the ground, or stuck",
+            f"they rolled {rolled:.3g} m, {of.pose_topic} moved {gone:.3g} m, and not as they did",
+            "record on the ground", serious=True,
+        )  # fmt: skip
+
+
+# ----------------------------------------------------------------------
+# Signs and units of the wheels and of the pose.
+# ----------------------------------------------------------------------
+
+
+def _pattern(delay: Delay) -> str | None:
+    """Signs of the right and the left coefficient, such as "+-"; None where one is not sure."""
+    pair, sd = delay.coefficients[:2], delay.spread[:2]
+    sure = (np.abs(pair) > _SURE * sd) & (np.abs(pair) > 0.2 * np.abs(pair).max())
+    return "".join("+" if c > 0 else "-" for c in pair) if sure.all() else None
+
+
+def _signs(of: Streams) -> Iterator[Finding]:
+    forward, turn = _agree(of.forward), _agree(of.turn) or _agree(of.gyro_wheels)
+    ahead = _pattern(forward) if forward else None
+    about = _pattern(turn) if turn else None
+    topic = of.experiment.require("motor_torques").topic
+    shown = [f"of the positions {100 * forward.agreement:.0f} %" if forward else "",
+             f"of the turning {100 * turn.agreement:.0f} %" if turn else ""]  # fmt: skip
+    evidence = "so they explain " + " and ".join(word for word in shown if word)
+    reversed_ = {("-+", "--"): "right", ("+-", "++"): "left"}.get((ahead or "", about or ""))
+    if reversed_ or (ahead, about) == ("--", "-+"):
+        side = f"the {reversed_} side's" if reversed_ else "both sides'"
+        yield Finding(
+            "reversed_wheel", topic, -1.0, None, "-", f"{side} rotations have the wrong sign", evidence,
+            "turn the sign in the recording, or with drive.front.polarity where it comes from the drive", serious=True,
+        )  # fmt: skip
+    elif about == "-+" and ahead in ("++", None):
+        yield from _swapped(of, topic, evidence)
+
+
+def _swapped(of: Streams, topic: str, evidence: str) -> Iterator[Finding]:
+    """Turning is against the wheels: either their sides or the sensor's sign are the wrong way round."""
+    gyro = _agree(of.gyro)
+    if gyro is not None and gyro.coefficients[0] < 0 and of.gyro_wheels and _pattern(of.gyro_wheels) == "+-":
+        yield Finding(
+            "pose_flip", of.pose_topic, -1.0, None, "-", f"the heading of {of.pose_topic} has the wrong sign",
+            "gyroscope and wheels turn the other way", "turn the sign of its yaw", serious=True,
+        )  # fmt: skip
+    elif gyro is None and (bend := _course(of)) is not None and bend < -0.5:
+        yield Finding(
+            "pose_flip", of.pose_topic, -1.0, None, "-", f"the heading of {of.pose_topic} has the wrong sign",
+            f"its own path turns the other way (correlation {bend:.2f})", "turn the sign of its yaw", serious=True,
+        )  # fmt: skip
+    else:
+        yield Finding(
+            "side_swap", topic, -1.0, None, "-", "left and right wheels are taken for each other", evidence,
+            "exchange the two sides", serious=True,
+        )  # fmt: skip
+
+
+def _course(of: Streams) -> float | None:
+    """Correlation of how a pose's path turns with how its heading does; None where it hardly moves."""
+    pairs = []
+    for segment in of.segments:
+        if segment.points is None or segment.heading is None:
+            continue
+        at = np.arange(segment.points.t[0], segment.points.t[-1], 0.5)
+        if len(at) < 4:
+            continue
+        step = np.diff(segment.points.at(at), axis=0)
+        far = np.hypot(*step.T) > 0.05
+        way = np.arctan2(step[:, 1], step[:, 0])
+        bend = np.arctan2(np.sin(np.diff(way)), np.cos(np.diff(way)))
+        turned = 0.5 * np.diff(segment.heading.at(at)[:, 0])
+        turned = turned[1:] + turned[:-1]
+        used = far[1:] & far[:-1] & (np.abs(bend) < 1.0)
+        pairs.append(np.column_stack([bend[used], turned[used]]))
+    table = np.concatenate(pairs) if pairs else np.empty((0, 2))
+    if len(table) < 30 or not table.std(axis=0).all():
+        return None
+    return float(np.corrcoef(table.T)[0, 1])
+
+
+def _units(of: Streams, robot: Robot) -> Iterator[Finding]:
+    forward = _agree(of.forward)
+    if forward is None:
+        return
+    tau, topic = robot.drive.front.tau, of.experiment.require("motor_torques").topic
+    expected = robot.wheel.r_w * tau
+    fitted = float(np.abs(forward.coefficients[:2]).sum())
+    factor = expected / max(fitted, 1e-12)
+    if 1.0 / UNIT_SAID < factor < UNIT_SAID:
+        return
+    known = {
+        1.0 / tau: "these are speeds of wheels, not of motors", tau: "these are speeds of motors, not of wheels",
+        60.0 / (2.0 * np.pi): "they are in rpm", 180.0 / np.pi: "they are in degrees",
+        1.0 / (2.0 * np.pi): "they are in turns", 1e-3: "positions are in millimetres",
+        1e-2: "positions are in centimetres",
+    }  # fmt: skip
+    away = {f: abs(float(np.log(factor / f))) for f in known if abs(np.log(f)) > _ALIKE}
+    nearest = min(away, key=lambda f: away[f])
+    sd = float(np.hypot(*forward.spread[:2])) / max(fitted, 1e-12)
+    said = known[nearest] if away[nearest] < _ALIKE else "a wrong gear ratio, a wrong wheel radius or another robot"
+    yield Finding(
+        "wheel_units", topic, factor, (factor * (1 - 2 * sd), factor * (1 + 2 * sd)), "-",
+        f"the wheels roll {factor:.3g} times as far as the robot goes: {said}",
+        f"{1e3 * fitted:.3g} mm a radian fit, robot '{robot.name}' has {1e3 * expected:.3g}",
+        "mend the units, or give the right robot with --robot", serious=True,
+    )  # fmt: skip
+
+
+# ----------------------------------------------------------------------
+# The gyroscope.
+# ----------------------------------------------------------------------
+
+
+def _gyro(of: Streams) -> Iterator[Finding]:
+    imu = of.experiment.channels.get("imu")
+    if imu is None or not of.segments:
+        return
+    topic, direct, by_wheels = imu.topic, _agree(of.gyro), _agree(of.gyro_wheels)
+    if direct is None and by_wheels is None:
+        yield from _other_axis(of, topic)
+        return
+    if direct is not None:
+        scale, sd = float(direct.coefficients[0]), max(float(direct.spread[0]), 0.003)
+        turned = _agree(of.turn)
+        if scale < 0 and not (turned and _pattern(turned) == "-+"):
+            yield _flipped(topic, f"{of.pose_topic} turns the other way, by {-scale:.3g} times as much")
+        size = 1.0 / max(abs(scale), 1e-9)
+        low, high = size * (1 - 2 * sd / abs(scale)), size * (1 + 2 * sd / abs(scale))
+        if low > 1.0 + SCALE_SAID or high < 1.0 - SCALE_SAID:
+            unit = ": it is in degrees" if 0.8 < size / (180 / np.pi) < 1.25 else ""
+            yield Finding(
+                "gyro_scale", topic, size, (low, high), "-", f"the gyroscope shows {size:.3g} times the yaw rate{unit}",
+                f"against the heading of {of.pose_topic}", "divide its rates by this", serious=bool(unit),
+            )  # fmt: skip
+        bias = -float(direct.coefficients[1]) / scale
+        wide = 2.0 * float(direct.spread[1]) / abs(scale) + 5e-4
+        if abs(bias) - wide > BIAS_SAID:
+            yield Finding(
+                "gyro_bias", topic, bias, (bias - wide, bias + wide), "rad/s",
+                f"the gyroscope shows {bias:.3g} rad/s too much", f"against the heading of {of.pose_topic}",
+                "take it off",
+            )  # fmt: skip
+    elif by_wheels is not None and _pattern(by_wheels) == "-+" and not _heading_against_wheels(of):
+        yield _flipped(topic, "the wheels turn the other way")
+
+
+def _heading_against_wheels(of: Streams) -> bool:
+    turn = _agree(of.turn)
+    return turn is not None and _pattern(turn) == "-+"
+
+
+def _flipped(topic: str, evidence: str) -> Finding:
+    return Finding(
+        "gyro_flip", topic, -1.0, None, "-", "the gyroscope's yaw rate has the wrong sign: it is upside down", evidence,
+        "turn its sign", serious=True,
+    )  # fmt: skip
+
+
+def _other_axis(of: Streams, topic: str) -> Iterator[Finding]:
+    """The axis of the IMU that does show the turning, where z does not."""
+    axes = of.segments[0].gyro_axes
+    for i, name in enumerate(axes[:-1]):
+        _, most = reach(of.segments)
+        pieces = [
+            type(p)(p.end, p.begin, p.y, Sums(s.gyro.t, s.gyro.values[:, [i]]))
+            for s in of.segments if s.gyro is not None for p in turning([s], "heading", "gyro")
+        ]  # fmt: skip
+        found = _agree(delay_of(pieces, most, trend=True)) if pieces else None
+        if found is not None and found.agreement > 0.8:
+            sign = "" if found.coefficients[0] > 0 else ", with its sign turned"
+            yield Finding(
+                "gyro_axis", topic, float(found.coefficients[0]), None, "-",
+                f"the yaw rate stands in the gyroscope's {name}{sign}, not in its yaw_rate: the IMU is turned",
+                f"it explains {100 * found.agreement:.0f} % of the turning", "turn the IMU's axes", serious=True,
+            )  # fmt: skip
+            return
+
+
+# ----------------------------------------------------------------------
+# Delays and clocks.
+# ----------------------------------------------------------------------
+
+
+def _delays(of: Streams) -> Iterator[Finding]:
+    """Which stream is late, by all comparisons together."""
+    pose_wheels = _best(_agree(of.turn), _agree(of.forward))
+    gyro_wheels, pose_gyro = _agree(of.gyro_wheels), _agree(of.gyro)
+    motors = of.experiment.channels.get("motor_torques")
+    imu = of.experiment.channels.get("imu")
+    wheels_topic, gyro_topic = motors.topic if motors else "", imu.topic if imu else ""
+    if pose_gyro is not None and (gyro_wheels is not None or pose_wheels is not None):
+        late_gyro = gyro_wheels.value if gyro_wheels else pose_wheels.value - pose_gyro.value  # type: ignore[union-attr]
+        if abs(pose_gyro.value) <= LATE_SAID_POSE:
+            both = gyro_wheels or pose_wheels
+            assert both is not None
+            yield from _late("rotation_delay", wheels_topic, _negative(both), "pose and gyroscope", LATE_SAID)
+            return
+        if abs(late_gyro) <= TOGETHER:
+            yield from _late("pose_delay", of.pose_topic, pose_gyro, gyro_topic, LATE_SAID_POSE)
+        elif abs(late_gyro + pose_gyro.value) <= TOGETHER:
+            beside = " and rotations; or these are late together" if pose_gyro.value > 0 else " and rotations"
+            yield from _late("gyro_delay", gyro_topic, _negative(pose_gyro), of.pose_topic + beside, LATE_SAID_POSE)
+        else:
+            yield from _late("pose_delay", of.pose_topic, pose_gyro, gyro_topic, LATE_SAID_POSE)
+            if gyro_wheels is not None:
+                yield from _late("rotation_delay", wheels_topic, _negative(gyro_wheels), gyro_topic, LATE_SAID)
+    elif pose_wheels is not None and gyro_wheels is not None:
+        yield from _by_wheels(of, pose_wheels, gyro_wheels, wheels_topic, gyro_topic)
+    elif pose_wheels is not None:
+        if pose_wheels.value >= 0:
+            yield from _late("pose_delay", of.pose_topic, pose_wheels, wheels_topic, TOGETHER)
+        else:
+            yield from _late("rotation_delay", wheels_topic, _negative(pose_wheels), of.pose_topic, LATE_SAID)
+
+
+def _by_wheels(of: Streams, pose: Delay, gyro: Delay, wheels_topic: str, gyro_topic: str) -> Iterator[Finding]:
+    """Pose (a point without heading) and gyroscope, each against the wheels."""
+    if abs(pose.value - gyro.value) <= TOGETHER and min(pose.value, gyro.value) < 0:
+        surer = min(pose, gyro, key=_width)
+        yield from _late("rotation_delay", wheels_topic, _negative(surer), "pose and gyroscope", LATE_SAID)
+        return
+    yield from _late("pose_delay", of.pose_topic, pose, wheels_topic, TOGETHER if pose.value > 0 else LATE_SAID)
+    yield from _late("gyro_delay", gyro_topic, gyro, wheels_topic, TOGETHER if gyro.value > 0 else LATE_SAID)
+
+
+def _best(*delays: Delay | None) -> Delay | None:
+    there = [d for d in delays if d is not None]
+    return min(there, key=_width) if there else None
+
+
+def _width(delay: Delay) -> float:
+    return delay.interval[1] - delay.interval[0]
+
+
+def _negative(delay: Delay) -> Delay:
+    low, high = delay.interval
+    return Delay(
+        -delay.value, (-high, -low), delay.agreement, delay.coefficients, delay.spread, -delay.skew,
+        (-delay.skew_interval[1], -delay.skew_interval[0]), delay.blocks,
+    )  # fmt: skip
+
+
+_SAID = {"pose_delay": "poses are", "rotation_delay": "rotations are", "gyro_delay": "the gyroscope's rates are"}
+
+
+def _late(name: str, topic: str, delay: Delay, against: str, least: float) -> Iterator[Finding]:
+    low, high = delay.interval
+    if low <= least and high >= -least:
+        return
+    word = "late" if delay.value > 0 else "early"
+    ends = sorted((abs(low), abs(high)))
+    between = f"{ends[0]:.2f}–{ends[1]:.2f}" if np.isfinite(ends[1]) else "or more: windows this short show no later"
+    yield Finding(
+        name, topic, delay.value, delay.interval, "s",
+        f"{_SAID[name]} stamped {abs(delay.value):.2f} s {word} ({between})",
+        f"{topic} against {against}; {100 * delay.agreement:.0f} % of the motion agrees then",
+        f"shift their stamps by {-delay.value:+.2f} s",
+    )  # fmt: skip
+
+
+def _skews(of: Streams) -> Iterator[Finding]:
+    """The surest drift of one stream's clock against another's."""
+    motors = of.experiment.channels.get("motor_torques")
+    imu = of.experiment.channels.get("imu")
+    pairs = [
+        (_agree(of.gyro), of.pose_topic, imu.topic if imu else ""),
+        (_best(_agree(of.turn), _agree(of.forward)), of.pose_topic, motors.topic if motors else ""),
+        (_agree(of.gyro_wheels), imu.topic if imu else "", motors.topic if motors else ""),
+    ]
+    duration = of.experiment.duration
+    for delay, topic, against in pairs:
+        if delay is None or not np.isfinite(delay.skew_interval).all():
+            continue
+        low, high = delay.skew_interval
+        least = min(abs(low), abs(high)) if low * high > 0 else 0.0
+        if least > SKEW_SAID and least * duration > DRIFT_SAID:
+            yield Finding(
+                "clock_skew", topic, 1e6 * delay.skew, (1e6 * low, 1e6 * high), "ppm",
+                f"the clock of {topic} runs away from that of {against} by {1e6 * abs(delay.skew):.0f} ppm",
+                f"its delay changes by {1e3 * abs(delay.skew) * duration:.0f} ms over {duration:.0f} s",
+                "scale its stamps, or stamp both with one clock",
+            )  # fmt: skip
+            return

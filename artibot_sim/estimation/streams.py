@@ -1,0 +1,502 @@
+"""Streams of a recording against each other: what each says of the rover's motion, and how late each is.
+
+Nothing here knows a soil. The wheels' angles, the measured pose and the gyroscope each give forward motion or turning;
+they are compared over spans of about a second, with all scales free.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from artibot_sim.experiment import Channel, Experiment
+from artibot_sim.model import MOTORS
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+LONGEST = 1.0
+"""s to either side of which a delay is looked for."""
+SPAN = 1.0
+"""s over which motion is compared."""
+BLOCK = 8.0
+"""s that count as one independent piece of a recording."""
+LEAST_BLOCKS = 6
+_COARSE, _FINE = 0.02, 0.004
+"""s between delays that are tried, first and last."""
+_MOST_ROWS = 3000
+_FEWEST = 60
+"""Rows."""
+_NEAR = 0.12
+"""s around the best delay in which the fine ones are."""
+_SKEW_SHARE = 0.05
+"""Of a drift, what parabolas through each block's rest are wrong by."""
+_GRID = 0.01
+LAGS = (0.0, 0.03, 0.06, 0.1)
+"""s of first-order lag with which a rover may answer its wheels."""
+_DRAWS = 200
+_FLOOR = 0.004
+"""s: no standard deviation of a delay is claimed to be less."""
+_STEADY = 3.0
+"""s for which equal values are held at most; what stays for longer is a value that stays."""
+
+
+# ----------------------------------------------------------------------
+# Held samples: a logger that is faster than a sensor repeats its values.
+# ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Holding:
+    """How often a channel's columns change while they change at all.
+
+    Attributes
+    ----------
+    share : float
+        Of the samples that repeat the one before, while the quantity changes.
+    period, stamped : float
+        s between changes, and between samples.
+    """
+
+    share: float
+    period: float
+    stamped: float
+
+
+def changes(t: Array, values: Array) -> NDArray[np.bool_]:
+    """Which samples (n, k) are new: those that differ from the one before, and the last ones of what stays long."""
+    new = np.ones(len(t), bool)
+    if len(t) < 3:
+        return new
+    new[1:] = (values[1:] != values[:-1]).any(axis=1)
+    firsts = np.flatnonzero(new)
+    lasts = np.append(firsts[1:], len(t)) - 1
+    length = t[lasts] - t[firsts]
+    moving = length < _STEADY
+    usual = float(np.median(length[moving])) if moving.any() else 0.0
+    new[lasts[length > max(4.0 * usual, 0.5)]] = True
+    new[-1] = True
+    return new
+
+
+def holding(channel: Channel, names: Sequence[str]) -> Holding | None:
+    """How a channel's columns are held; None for fewer than 50 samples, or values that never change."""
+    present = [name for name in names if name in channel]
+    if not present:
+        return None
+    values = np.column_stack([channel[name] for name in present])
+    used = np.isfinite(values).all(axis=1)
+    t, values = channel.t[used], values[used]
+    if len(t) < 50:
+        return None
+    differs = (values[1:] != values[:-1]).any(axis=1)
+    places = np.flatnonzero(differs) + 1
+    if len(places) < 20:
+        return None
+    step, rows = np.diff(t[places]), np.diff(places)
+    moving = step < _STEADY
+    if moving.sum() < 10:
+        return None
+    period = float(step[moving].mean())
+    steps = np.abs(np.diff(values, axis=0))[differs]
+    if all(len(np.unique(np.round(column[column > 0] / column[column > 0].min(), 3))) <= 3
+           for column in steps.T if (column > 0).any()):  # fmt: skip
+        return None  # counts of something slow, not repetitions
+    return Holding(1.0 - moving.sum() / float(rows[moving].sum()), period, float(np.median(np.diff(t))))
+
+
+# ----------------------------------------------------------------------
+# What each stream says of the motion, summed from the start of a segment on.
+# ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Quantities summed since a segment's start: angles, ways. Values between samples are linear.
+
+    Attributes
+    ----------
+    t : array, shape (n,)
+    values : array, shape (n, k)
+    """
+
+    t: Array
+    values: Array
+
+    def at(self, t: Array) -> Array:
+        """Values (…, k) at times (…)."""
+        return np.stack([np.interp(t, self.t, column) for column in self.values.T], axis=-1)
+
+    def lagged(self, lag: float) -> Sums:
+        """The same behind a first-order low-pass with time constant `lag`, s."""
+        if lag <= 0.0:
+            return self
+        grid = np.arange(self.t[0], self.t[-1] + _GRID, _GRID)
+        table, keep = self.at(grid), float(np.exp(-_GRID / lag))
+        start = table[:1] * keep
+        out, _ = lfilter([1.0 - keep], [1.0, -keep], table, axis=0, zi=start)
+        return Sums(grid, out)
+
+
+def _columns(channel: Channel | None, names: Sequence[str], first: float, last: float) -> tuple[Array, Array]:
+    """Times and values (n, k) of what is new within a segment."""
+    if channel is None or not set(names) <= set(channel.columns):
+        return np.empty(0), np.empty((0, len(names)))
+    values = np.column_stack([channel[name] for name in names])
+    used = np.isfinite(values).all(axis=1) & (channel.t >= first - 1e-6) & (channel.t <= last + 1e-6)
+    t, values = channel.t[used], values[used]
+    new = changes(t, values)
+    return t[new], values[new]
+
+
+def _integral(t: Array, rate: Array) -> Array:
+    steps = 0.5 * np.diff(t)[:, None] * (rate[1:] + rate[:-1])
+    return np.vstack([np.zeros((1, rate.shape[1])), np.cumsum(steps, axis=0)])
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One piece of a recording without a gap, and what its streams say."""
+
+    experiment: Experiment
+    first: float
+    last: float
+
+    @cached_property
+    def wheels(self) -> Sums | None:
+        """Angles of the right and the left motor, rad, by positions where they are recorded, else by speeds."""
+        return self._motors("motor_torques")
+
+    @cached_property
+    def command(self) -> Sums | None:
+        """The same as commanded."""
+        return self._motors("motor_command")
+
+    def _motors(self, key: str) -> Sums | None:
+        channel = self.experiment.channels.get(key)
+        for quantity in ("position", "velocity"):
+            t, values = _columns(channel, [f"{motor}.{quantity}" for motor in MOTORS[:2]], self.first, self.last)
+            if len(t) > 3:
+                return Sums(t, values - values[0] if quantity == "position" else _integral(t, values))
+        return None
+
+    @cached_property
+    def heading(self) -> Sums | None:
+        """Measured heading, rad, continuous."""
+        t, yaw = _columns(self.experiment.channels.get("ground_truth_odom"), ["yaw"], self.first, self.last)
+        return Sums(t, np.unwrap(yaw, axis=0)) if len(t) > 3 else None
+
+    @cached_property
+    def points(self) -> Sums | None:
+        """Measured positions, m."""
+        for key in ("ground_truth_odom", "total_station"):
+            t, place = _columns(self.experiment.channels.get(key), ["x", "y"], self.first, self.last)
+            if len(t) > 3:
+                return Sums(t, place)
+        return None
+
+    @cached_property
+    def gyro(self) -> Sums | None:
+        """Rates about the sensor's axes summed, rad; axes that are not recorded are left out, z is the last."""
+        channel = self.experiment.channels.get("imu")
+        if channel is None:
+            return None
+        t, rate = _columns(channel, self.gyro_axes, self.first, self.last)
+        return Sums(t, _integral(t, rate)) if self.gyro_axes and len(t) > 3 else None
+
+    @cached_property
+    def gyro_axes(self) -> tuple[str, ...]:
+        """Which rates the IMU has."""
+        channel = self.experiment.channels.get("imu")
+        if channel is None:
+            return ()
+        return tuple(
+            name for name in ("roll_rate", "pitch_rate", "yaw_rate")
+            if name in channel and np.isfinite(channel[name]).mean() > 0.5
+        )  # fmt: skip
+
+
+def segments_of(experiment: Experiment) -> list[Segment]:
+    """The segments of a recording that last for a second at least."""
+    return [Segment(experiment, a, b) for a, b in experiment.segments if b - a >= 1.0]
+
+
+# ----------------------------------------------------------------------
+# Rows: how a measured quantity changed over a span, beside what explains it, for any delay.
+# ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A segment's rows of one comparison.
+
+    Attributes
+    ----------
+    end, begin : array, shape (n,)
+        The times between which the explained quantity changed, s.
+    y : array, shape (n,)
+        By how much.
+    x : Sums
+        What explains it.
+    """
+
+    end: Array
+    begin: Array
+    y: Array
+    x: Sums
+
+
+def reach(segments: Sequence[Segment]) -> tuple[float, float]:
+    """Span of motion, and largest delay, that segments of this length allow, s."""
+    lengths = np.array([s.last - s.first for s in segments])
+    usual = float(np.sum(lengths**2) / np.sum(lengths)) if len(lengths) else 0.0
+    return min(SPAN, 0.25 * usual), min(LONGEST, 0.25 * usual)
+
+
+def spans(t: Array, span: float, first: float, last: float) -> tuple[Indices, Indices]:
+    """Places of samples and of those `span` s before them, both within two times."""
+    before = np.searchsorted(t, t - span + 1e-9, side="right") - 1
+    rows = np.flatnonzero((before >= 0) & (t <= last))
+    rows = rows[(t[before[rows]] >= first) & (t[rows] - t[before[rows]] < 2.0 * span + 0.2)]
+    return rows, before[rows]
+
+
+def turning(segments: Sequence[Segment], what: str, by: str) -> Iterator[Piece]:
+    """Rows of turning: a heading (or the gyro's) explained by wheels or gyro."""
+    span, most = reach(segments)
+    for segment in segments:
+        y, x = getattr(segment, what), getattr(segment, by)
+        if y is None or x is None:
+            continue
+        rows, before = spans(y.t, span, x.t[0] + most, x.t[-1] - most)
+        if len(rows):
+            change = y.values[rows, -1] - y.values[before, -1]
+            yield Piece(y.t[rows], y.t[before], change, x if by != "gyro" else Sums(x.t, x.values[:, -1:]))
+
+
+def advancing(segments: Sequence[Segment], by: str = "wheels") -> Iterator[Piece]:
+    """Rows of forward motion: along the measured heading, or else unsigned, explained by both wheels."""
+    span, most = reach(segments)
+    for segment in segments:
+        place, x = segment.points, getattr(segment, by)
+        if place is None or x is None:
+            continue
+        rows, before = spans(place.t, span, x.t[0] + most, x.t[-1] - most)
+        if not len(rows):
+            continue
+        step = place.values[rows] - place.values[before]
+        middle = 0.5 * (place.t[rows] + place.t[before])
+        if segment.heading is not None:
+            yaw = segment.heading.at(middle)[:, 0]
+            yield Piece(place.t[rows], place.t[before], np.cos(yaw) * step[:, 0] + np.sin(yaw) * step[:, 1], x)
+        else:
+            turned = x.at(place.t[rows]) - x.at(place.t[before])
+            sign = np.sign(turned.sum(axis=1))
+            yield Piece(place.t[rows], place.t[before], sign * np.hypot(*step.T), x)
+
+
+# ----------------------------------------------------------------------
+# Delays.
+# ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Delay:
+    """By how much one stream is later than another.
+
+    Attributes
+    ----------
+    value : float
+        s; negative where it is earlier.
+    interval : (float, float)
+        95 %; infinite where the delay lies at the end of what can be looked at.
+    agreement : float
+        Share of the variance that the other explains then.
+    coefficients : array
+        Of the other's columns.
+    spread : array
+        Their standard deviations.
+    skew : float
+        Drift of the delay, s per s.
+    skew_interval : (float, float)
+    blocks : int
+        Independent pieces that it stands on.
+    """
+
+    value: float
+    interval: tuple[float, float]
+    agreement: float
+    coefficients: Array
+    spread: Array
+    skew: float
+    skew_interval: tuple[float, float]
+    blocks: int
+
+
+class _Rows:
+    """Rows of all pieces, and what explains them on one axis of time: a delay never leaves a row's segment."""
+
+    def __init__(self, pieces: Sequence[Piece], trend: bool) -> None:
+        every = -(-sum(len(p.y) for p in pieces) // _MOST_ROWS)
+        self.pieces = [p for p in pieces if len(p.y[::every])]
+        self.end, self.begin, self.y = (
+            np.concatenate([getattr(p, name)[::every] for p in self.pieces]) for name in ("end", "begin", "y")
+        )
+        self.trend = trend
+        self.weights = np.ones(len(self.y))
+        _, block = np.unique(np.floor(self.end / BLOCK).astype(np.int64), return_inverse=True)
+        self.block: Indices = np.asarray(block, np.int64).ravel()
+        self._sums: dict[float, Sums] = {}
+
+    def sums(self, lag: float) -> Sums:
+        """What explains, behind a low-pass, of all segments."""
+        if lag not in self._sums:
+            lagged = [p.x.lagged(lag) for p in self.pieces]
+            self._sums[lag] = Sums(np.concatenate([x.t for x in lagged]), np.concatenate([x.values for x in lagged]))
+        return self._sums[lag]
+
+    def x(self, delay: float, lag: float) -> Array:
+        """What explains the rows, (n, k), where the explained stream is so late."""
+        sums = self.sums(lag)
+        change = sums.at(self.end - delay) - sums.at(self.begin - delay)
+        return np.column_stack([change, self.end - self.begin]) if self.trend else change
+
+
+class _Normal:
+    """Normal equations of all blocks for many delays: products of x, y and both."""
+
+    def __init__(self, rows: _Rows, delays: Array, lag: float) -> None:
+        self.rows, self.delays, self.lag = rows, delays, lag
+        w, y, block = rows.weights, rows.y, rows.block
+        count = int(block.max()) + 1
+        order = np.argsort(block, kind="stable")
+        starts = np.searchsorted(block[order], np.arange(count))
+        self.yy = np.bincount(block, w * y * y, count)
+        xx, xy = [], []
+        for delay in delays.tolist():
+            x = rows.x(delay, lag)
+            xx.append(np.add.reduceat((w[:, None, None] * x[:, :, None] * x[:, None, :])[order], starts, axis=0))
+            xy.append(np.add.reduceat(((w * y)[:, None] * x)[order], starts, axis=0))
+        self.xx, self.xy = np.array(xx), np.array(xy)
+
+    def costs(self, chosen: Array | None = None) -> tuple[Array, Array]:
+        """Squared rest (d,) and coefficients (d, k) at every delay, blocks counted as often as `chosen` says."""
+        c = np.ones(len(self.yy)) if chosen is None else chosen
+        xx, xy = np.einsum("b,dbij->dij", c, self.xx), np.einsum("b,dbi->di", c, self.xy)
+        size = xx.shape[1]
+        ridge = 1e-9 * np.trace(xx, axis1=1, axis2=2) / size + 1e-300
+        beta = np.linalg.solve(xx + ridge[:, None, None] * np.eye(size), xy[..., None])[..., 0]
+        return float(c @ self.yy) - np.einsum("di,di->d", xy, beta), beta
+
+    def rest(self, beta: Array) -> Array:
+        """Squared rest of each block at each delay with these coefficients, shape (delays, blocks)."""
+        cross = np.einsum("dbi,i->db", self.xy, beta)
+        return np.asarray(self.yy - 2.0 * cross + np.einsum("dbij,i,j->db", self.xx, beta, beta))
+
+
+def delay_of(
+    pieces: Sequence[Piece], most: float, *, lags: Sequence[float] = (0.0,), trend: bool = False
+) -> Delay | None:
+    """By how much the explained stream is later than what explains it.
+
+    Parameters
+    ----------
+    pieces : sequence of Piece
+    most : float
+        Largest delay, s.
+    lags : sequence of float
+        Time constants of a first-order low-pass that may lie between both, s; the value is for the first of them, the
+        interval for all.
+    trend : bool
+        Whether the explained stream may also drift at a constant rate, as a gyroscope's bias makes it.
+
+    Returns
+    -------
+    Delay or None
+        None where there is too little to compare.
+    """
+    if sum(len(p.y) for p in pieces) < _FEWEST:
+        return None
+    rows = _Rows(pieces, trend)
+    coarse = np.arange(-most, most + 1e-9, _COARSE)
+    _reweigh(rows, _Normal(rows, coarse, 0.0))
+    around = float(coarse[int(np.argmin(_Normal(rows, coarse, lags[0]).costs()[0]))])
+    fine = np.arange(max(around - _NEAR, -most), min(around + _NEAR, most) + 1e-9, _FINE)
+    near = [_Normal(rows, fine, one) for one in lags]
+    value, best, beta, table = _lowest(near[:1], None)
+    count, rng = len(table.yy), np.random.default_rng(0)
+    drawn = rng.multinomial(count, np.full(count, 1.0 / count), _DRAWS).astype(float)
+    again = [_lowest(near[:1], chosen) for chosen in drawn]
+    places = [(value, [d[0] for d in again])]
+    if len(near) > 1:  # a lag in between, or none: the interval holds both
+        places.append((_lowest(near, None)[0], [_lowest(near, chosen)[0] for chosen in drawn]))
+    factor = 2.0 if count >= LEAST_BLOCKS else 4.0
+    wide = [(v, factor * max(float(np.std(values)), _FLOOR)) for v, values in places]
+    low = -np.inf if value < -most + 2 * _FINE else min(v - w for v, w in wide)
+    high = np.inf if value > most - 2 * _FINE else max(v + w for v, w in wide)
+    skew, skew_sd = _skew(table, value, beta, rng)
+    unsure = 2.6 * skew_sd + _SKEW_SHARE * abs(skew)
+    return Delay(
+        value, (low, high), 1.0 - best / max(float(table.yy.sum()), 1e-300), beta,
+        np.std([d[2] for d in again], axis=0), skew, (skew - unsure, skew + unsure), count,
+    )  # fmt: skip
+
+
+def _reweigh(rows: _Rows, table: _Normal) -> None:
+    """Weigh rows by what the best delay leaves: a leap of a pose must not decide."""
+    costs, betas = table.costs()
+    i = int(np.argmin(costs))
+    rest = np.abs(rows.y - rows.x(float(table.delays[i]), table.lag) @ betas[i])
+    rows.weights = 1.0 / (1.0 + (rest / (3.0 * 1.4826 * float(np.median(rest)) + 1e-12)) ** 2)
+
+
+def _lowest(tables: Sequence[_Normal], chosen: Array | None) -> tuple[float, float, Array, _Normal]:
+    """Delay, squared rest, coefficients and table where the rest is lowest; a parabola between delays."""
+    found = []
+    for table in tables:
+        costs, betas = table.costs(chosen)
+        i = int(np.argmin(costs))
+        value = float(table.delays[i])
+        if 0 < i < len(costs) - 1:
+            a, b, c = costs[i - 1 : i + 2]
+            value += _FINE * 0.5 * float((a - c) / max(a - 2.0 * b + c, 1e-300))
+        found.append((value, float(costs[i]), betas[i], table))
+    return min(found, key=lambda one: one[1])
+
+
+def _skew(table: _Normal, value: float, beta: Array, rng: np.random.Generator) -> tuple[float, float]:
+    """Drift of the delay over the recording, s per s, and its standard deviation: each block has its own parabola."""
+    rest, delays, rows = table.rest(beta), table.delays, table.rows
+    if len(delays) < 14:
+        return 0.0, np.inf
+    i = int(np.clip(np.searchsorted(delays, value), 6, len(delays) - 7))
+    step = 6
+    a, b, c = rest[i - step], rest[i], rest[i + step]
+    bend = (a - 2.0 * b + c) / (step * _FINE) ** 2
+    slope = (c - a) / (2.0 * step * _FINE)
+    t = np.array([rows.end[rows.block == k].mean() for k in range(len(b))])
+    used = bend > 1e-3 * np.median(np.abs(bend))
+    if used.sum() < LEAST_BLOCKS:
+        return 0.0, np.inf
+    own = np.clip(delays[i] - slope[used] / bend[used], delays[0] - 0.2, delays[-1] + 0.2)
+    return _line(t[used], own, bend[used], rng)
+
+
+def _line(t: Array, own: Array, weight: Array, rng: np.random.Generator) -> tuple[float, float]:
+    """Slope of values (n,) over time and its standard deviation, by blocks drawn anew."""
+
+    def slope(rows: Indices) -> float:
+        w, x, y = weight[rows], t[rows], own[rows]
+        middle = float(w @ x / w.sum())
+        spread = float(w @ (x - middle) ** 2)
+        return float(w @ ((x - middle) * y) / spread) if spread > 0 else 0.0
+
+    weight = np.minimum(weight, 4.0 * np.median(weight))
+    every = np.arange(len(t))
+    drawn = [slope(rng.integers(0, len(t), len(t))) for _ in range(_DRAWS)]
+    return slope(every), float(np.std(drawn))
