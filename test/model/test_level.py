@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
+from model.effects import SEVERITY_1, with_effects
 from model.helpers import front_commands, ramp
 from model.test_fast_equals_plain import DT, MODES, commands, plain_run
 
 from artibot_sim.model import Mode, Robot, State, Status, initial_state, load_robot, rollout
+from artibot_sim.model.effects import record
 from artibot_sim.model.equations.transmission import back_torque_factor
 from artibot_sim.model.kernels import loop, plane_loop
 from artibot_sim.model.kernels.elementary import turn_by
@@ -57,6 +60,38 @@ def test_steps_on_a_plane_equal_plain_ones(name: str, modes, integrator: str, dt
     want = np.concatenate([plain[:32], plain[32 : 32 + count], plain[36 : 36 + count]])
     scale = np.abs(want).max() if not robot.articulated else np.maximum(np.abs(want), 1.0)
     assert np.max(np.abs(got - want) / scale) < 1e-12
+
+
+@pytest.mark.parametrize(("integrator", "dt"), [("rk4", DT), ("semi_implicit", DT), ("semi_implicit", 3e-3)])
+@pytest.mark.parametrize("effect", [*sorted(SEVERITY_1), "all"])
+def test_effects_on_a_plane_equal_plain_ones(agriq, effect: str, integrator: str, dt: float) -> None:
+    rng, modes = np.random.default_rng(7), MODES["driven" if effect == "torque_limit" else "as in the paper"]
+    robot = with_effects(agriq, *(SEVERITY_1 if effect == "all" else [effect]))
+    start = dataclasses.replace(moving(robot, rng), lateral=20.0 * rng.normal(size=8))
+    order = commands(robot, rng, False, dt)
+    fast = rollout(robot, order, dt=dt, modes=modes, kappa=0.7, state=start, integrator=integrator).final_state
+    got, want = np.concatenate([fast.q, fast.v, fast.eta, fast.torque]), plain_run(
+        robot, start, order, modes, 0.7, integrator
+    )  # fmt: skip
+    assert np.max(np.abs(got - want) / np.maximum(np.abs(want), 1.0)) < 1e-12
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_rows_and_energies_with_all_effects_are_those_of_the_loop_in_space(agriq, integrator: str) -> None:
+    robot = with_effects(agriq, *SEVERITY_1)
+    order = front_commands(robot, lambda t: 0.5 * ramp(t), lambda t: 0.5 * ramp(t - 1.0), 4.0)
+    loops = (
+        (plane_loop.level_rk4, loop.integrate_rk4)
+        if integrator == "rk4"
+        else (plane_loop.level_semi, loop.integrate_semi_implicit)
+    )
+    found = []
+    for integrate in loops:
+        given, _, tables = spread(order, robot, integrator)
+        assert integrate(*given, record(robot.effects, 0.0), np.zeros(8)) == (loop.OK, 401)
+        found.append(tables)
+    for on_plane, in_space in zip(*found, strict=True):
+        assert np.max(np.abs(on_plane - in_space) / (1.0 + np.abs(in_space).max(axis=0))) < 1e-9
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)

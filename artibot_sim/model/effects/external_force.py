@@ -13,6 +13,8 @@ from artibot_sim.model.kernels.elementary import sincos
 def push(fx, module):
     """Force on a module's origin along x and y of `map`, N."""
     force = fx.external_force.force if module == 0 else 0.0
+    if force == 0.0:
+        return 0.0, 0.0
     sine, cosine = sincos(fx.external_force.heading)
     return force * cosine, force * sine
 

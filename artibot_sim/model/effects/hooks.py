@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import reduce
-from typing import Any
+from typing import Any, NamedTuple
 
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.kernels.compilation import inlined
@@ -16,12 +16,7 @@ from artibot_sim.model.kernels.compilation import inlined
 Hook = Callable[..., Any]
 
 
-def _all(name: str) -> list[Hook]:
-    return [effect.hooks[name] for effect in EFFECTS.values() if name in effect.hooks]
-
-
 def _sum(first: Hook, second: Hook) -> Hook:
-    @inlined
     def both(*about):
         return first(*about) + second(*about)
 
@@ -29,7 +24,6 @@ def _sum(first: Hook, second: Hook) -> Hook:
 
 
 def _product(first: Hook, second: Hook) -> Hook:
-    @inlined
     def both(*about):
         return first(*about) * second(*about)
 
@@ -37,7 +31,6 @@ def _product(first: Hook, second: Hook) -> Hook:
 
 
 def _vector_sum(first: Hook, second: Hook) -> Hook:
-    @inlined
     def both(*about):
         x1, y1 = first(*about)
         x2, y2 = second(*about)
@@ -47,7 +40,6 @@ def _vector_sum(first: Hook, second: Hook) -> Hook:
 
 
 def _load_sum(first: Hook, second: Hook) -> Hook:
-    @inlined
     def both(*about):
         x1, y1, m1 = first(*about)
         x2, y2, m2 = second(*about)
@@ -57,51 +49,80 @@ def _load_sum(first: Hook, second: Hook) -> Hook:
 
 
 def _chain(first: Hook, second: Hook) -> Hook:
-    @inlined
     def both(fx, bound, value, about):
         return second(fx, bound, first(fx, bound, value, about), about)
 
     return both
 
 
-soil = reduce(_product, _all("soil"))
+class Place(NamedTuple):
+    """Where effects can act.
+
+    Attributes
+    ----------
+    combine : callable
+        What becomes of the answers of two effects.
+    cost : int
+        1 where all answers together cost little; 2 where they take exponentials, roots or quotients for every wheel;
+        3 the same, of effects that are tried seldom. Rovers side by side are compiled for the costs that they need.
+    """
+
+    combine: Callable[[Hook, Hook], Hook]
+    cost: int = 1
+
+
+PLACES: dict[str, Place] = {}
+"""Every place by its name, in the order of the lines below."""
+
+
+def _place(name: str, combine: Callable[[Hook, Hook], Hook], cost: int = 1) -> Hook:
+    """What compiled code calls there: the answers of all effects that have this name among their hooks."""
+    PLACES[name] = Place(combine, cost)
+    answers = [effect.hooks[name] for effect in EFFECTS.values() if name in effect.hooks]
+    return reduce(lambda first, second: inlined(combine(first, second)), answers)
+
+
+soil = _place("soil", _product)
 """(fx) → factor of k_l, k_t, mu_s and mu_d."""
 
-grip = reduce(_product, _all("grip"))
+grip = _place("grip", _product)
 """(fx, x, y) → factor of mu_s and mu_d for a wheel there in `map` (m)."""
 
-friction = reduce(_chain, _all("friction"))
+friction = _place("friction", _chain, cost=2)
 """(fx, mu_s, mu, slip) → coefficient of a wheel that slides at `slip` (m/s) and would have `mu` without."""
 
-lateral = reduce(_sum, _all("lateral"))
+lateral = _place("lateral", _sum)
 """(fx, p_y) → lateral force on top of eq. 16's, N."""
 
-lead = reduce(_product, _all("lead"))
-"""(fx, speed) → factor of u_w for a wheel whose centre moves at `speed` (m/s)."""
+lead = _place("lead", _product, cost=2)
+"""(fx, p_x, p_y) → factor of u_w for a wheel whose centre moves at p_x along it and p_y across (m/s)."""
 
-follow_rate = reduce(_sum, _all("follow_rate"))
+follow_rate = _place("follow_rate", _sum, cost=2)
 """(fx, p_x) → rate at which a wheel's lateral force follows eq. 15's, 1/s; zero for at once."""
 
-drag = reduce(_sum, _all("drag"))
+radius = _place("radius", _product, cost=3)
+"""(fx, wheel, angle) → factor of the radius of a wheel (its number in the order of WHEELS) at its `angle` (rad)."""
+
+drag = _place("drag", _sum)
 """(fx, motor, theta_dot) → torque against a motor's rotation, N m; it vanishes at rest."""
 
-joint = reduce(_sum, _all("joint"))
+joint = _place("joint", _sum)
 """(fx, angle, rate) → torque against the articulation's yaw, N m."""
 
-push = reduce(_vector_sum, _all("push"))
+push = _place("push", _vector_sum)
 """(fx, module) → force on a module's origin along x and y of `map`, N."""
 
-load = reduce(_load_sum, _all("load"))
+load = _place("load", _load_sum)
 """(fx, module) → force at a module's origin along and across its own frame, N, and yaw moment, N m."""
 
-resist = reduce(_sum, _all("resist"))
+resist = _place("resist", _sum, cost=2)
 """(fx, module, forward) → force against a module's forward motion, N, its origin moving forward at `forward` (m/s)."""
 
-wheel_resist = reduce(_vector_sum, _all("wheel_resist"))
+wheel_resist = _place("wheel_resist", _vector_sum, cost=3)
 """(fx, friction, p_x, p_y) → force along and across a wheel on its centre, N, which moves at p_x and p_y (m/s).
 
 `friction` is what friction holds of it (mu_s F_n, N). The wheel's motor does not feel this force.
 """
 
-centre = reduce(_vector_sum, _all("centre"))
+centre = _place("centre", _vector_sum)
 """(fx, module) → centre of mass of a module in its own frame, x and y, m."""

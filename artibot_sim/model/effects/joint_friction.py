@@ -19,7 +19,8 @@ WIDTH = 0.01
 @inlined
 def joint(fx, angle, rate):
     """Torque against the articulation's yaw, N m."""
-    return fx.joint_friction.torque * tanh(rate / WIDTH)
+    torque = fx.joint_friction.torque
+    return torque * tanh(rate / WIDTH) if torque > 0.0 else 0.0
 
 
 def _adapt(p: Params, values: Values) -> Params:

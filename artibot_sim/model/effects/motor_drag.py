@@ -20,7 +20,7 @@ WIDTH = 0.5
 def drag(fx, motor, theta_dot):
     """Torque against the rotation of a motor, motor-side, N m."""
     torque = fx.motor_drag.torque if motor == fx.motor_drag.motor else 0.0  # no branch: many lanes at once
-    return torque * tanh(theta_dot / WIDTH)
+    return torque * tanh(theta_dot / WIDTH) if torque > 0.0 else 0.0
 
 
 def _adapt(p: Params, values: Values) -> Params:

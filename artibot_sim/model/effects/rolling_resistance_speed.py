@@ -9,10 +9,10 @@ from artibot_sim.model.kernels.compilation import inlined
 
 
 @inlined
-def lead(fx, speed):
-    """Factor of u_w for a wheel whose centre moves at `speed` (m/s)."""
+def lead(fx, p_x, p_y):
+    """Factor of u_w for a wheel whose centre moves at p_x along it and p_y across (m/s)."""
     coefficient = fx.rolling_resistance_speed.coefficient
-    return 1.0 + coefficient * speed if coefficient > 0.0 else 1.0
+    return 1.0 + coefficient * math.sqrt(p_x * p_x + p_y * p_y) if coefficient > 0.0 else 1.0
 
 
 EFFECT = Effect(

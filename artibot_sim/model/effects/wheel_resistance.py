@@ -21,8 +21,10 @@ WIDTH = 0.02
 def wheel_resist(fx, friction, p_x, p_y):
     """Force on a wheel's centre along and across the wheel, N; `friction` (N) is what eq. 16 holds of it."""
     share = fx.wheel_resistance.share
+    if share <= 0.0:
+        return 0.0, 0.0
     speed = math.sqrt(p_x * p_x + (p_y * p_y + 1e-30))  # so that there is something to divide by
-    scale = -share * friction * tanh(speed * (1.0 / WIDTH)) / speed if share > 0.0 else 0.0
+    scale = -share * friction * tanh(speed * (1.0 / WIDTH)) / speed
     return scale * p_x, scale * p_y
 
 

@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 from artibot_sim.model.effects import hooks
 from artibot_sim.model.kernels.compilation import inlined
-from artibot_sim.model.kernels.layout import F_L, F_N, F_T, P_X, P_Y, Q_C, SAT
+from artibot_sim.model.kernels.elementary import inverse_root
+from artibot_sim.model.kernels.layout import Q_C
 
 
 class Pair(NamedTuple):
@@ -25,6 +26,36 @@ class Pair(NamedTuple):
     p_yb: float
     F_nf: float
     F_nb: float
+
+
+class PairForces(NamedTuple):
+    """What the two wheels of a motor do, the front one (f) and the back one (b).
+
+    F_l is the sum of the longitudinal forces, at_rim that of those at radius r_w with the same torque, N; slope their
+    secant slope by the rims' speed, N s/m. u_F_n is the sum of u F_n (N m), F_tf and F_tb the lateral forces (N), u_f
+    and u_b how far ahead of the wheels' centres they act (m), rate_f and rate_b how fast lagging forces build up (N/s).
+    F_lf and F_lb are the single wheels' (N), held_f and held_b what eq. 16 has left of eq. 15's, 1 where they hold.
+    R_l, R_tf and R_tb are forces on the wheels' centres beside (N), which the motor does not feel: their sum along, and
+    those across.
+    """
+
+    F_l: float
+    at_rim: float
+    slope: float
+    u_F_n: float
+    F_tf: float
+    F_tb: float
+    u_f: float
+    u_b: float
+    rate_f: float
+    rate_b: float
+    F_lf: float
+    F_lb: float
+    held_f: float
+    held_b: float
+    R_l: float
+    R_tf: float
+    R_tb: float
 
 
 class Soil(NamedTuple):
@@ -66,12 +97,11 @@ def normal_force(body, p, fx, module, end, side, v_z, alpha_dot, s_a, c_a, z):
 
 
 @inlined
-def wheel_pairs(body, p, fx, v_x, v_y, v_z, alpha_dot, gamma_dot, s_a, c_a, z, module, w):
+def wheel_pairs(body, p, fx, v_x, v_y, v_z, alpha_dot, gamma_dot, s_a, c_a, z, module):
     """What a module's wheels meet: velocities of their centres (eq. 19) and normal forces (eq. 15).
 
     The module's velocity is given in its yaw frame. Pitch does not reach the wheels (section 4.3), so p_x and
-    (for a mass in the middle) F_n are the same for both wheels of a side, and p_y for both of an axle. All goes into
-    the row, too.
+    (for a mass in the middle) F_n are the same for both wheels of a side, and p_y for both of an axle.
 
     Returns
     -------
@@ -79,7 +109,6 @@ def wheel_pairs(body, p, fx, v_x, v_y, v_z, alpha_dot, gamma_dot, s_a, c_a, z, m
         Right and left.
     """
     turn, sweep, slide = gamma_dot * body.half_y * c_a, gamma_dot * body.half_x * c_a, c_a * v_y + s_a * v_z
-    right, left = v_x + turn, v_x - turn
     front, back = slide + sweep, slide - sweep
     F_rf = normal_force(body, p, fx, module, 1.0, -1.0, v_z, alpha_dot, s_a, c_a, z)
     F_lf = normal_force(body, p, fx, module, 1.0, 1.0, v_z, alpha_dot, s_a, c_a, z)
@@ -88,11 +117,7 @@ def wheel_pairs(body, p, fx, v_x, v_y, v_z, alpha_dot, gamma_dot, s_a, c_a, z, m
         F_lb = normal_force(body, p, fx, module, -1.0, 1.0, v_z, alpha_dot, s_a, c_a, z)
     else:
         F_rb, F_lb = F_rf, F_lf
-    i = 4 * module
-    w[P_X + i], w[P_X + i + 1], w[P_X + i + 2], w[P_X + i + 3] = right, right, left, left
-    w[P_Y + i], w[P_Y + i + 1], w[P_Y + i + 2], w[P_Y + i + 3] = front, back, front, back
-    w[F_N + i], w[F_N + i + 1], w[F_N + i + 2], w[F_N + i + 3] = F_rf, F_rb, F_lf, F_lb
-    return Pair(right, front, back, F_rf, F_rb), Pair(left, front, back, F_lf, F_lb)
+    return Pair(v_x + turn, front, back, F_rf, F_rb), Pair(v_x - turn, front, back, F_lf, F_lb)
 
 
 @inlined
@@ -103,8 +128,8 @@ def soil_under(body, p, fx, pair, x, y, s_g, c_g, c_a, side):
         out_x, out_y = x - side * s_g * c_a * body.half_y, y + side * c_g * c_a * body.half_y
         on_f = soil * hooks.grip(fx, out_x + c_g * body.half_x, out_y + s_g * body.half_x)
         on_b = soil * hooks.grip(fx, out_x - c_g * body.half_x, out_y - s_g * body.half_x)
-        u_f = p.u_w * hooks.lead(fx, math.sqrt(pair.p_x * pair.p_x + pair.p_yf * pair.p_yf))
-        u_b = p.u_w * hooks.lead(fx, math.sqrt(pair.p_x * pair.p_x + pair.p_yb * pair.p_yb))
+        u_f = p.u_w * hooks.lead(fx, pair.p_x, pair.p_yf)
+        u_b = p.u_w * hooks.lead(fx, pair.p_x, pair.p_yb)
         return Soil(
             u_f, u_b, soil * body.k_l, soil * body.k_t,
             on_f * body.mu_s, on_f * body.mu_d, on_b * body.mu_s, on_b * body.mu_d,
@@ -113,10 +138,12 @@ def soil_under(body, p, fx, pair, x, y, s_g, c_g, c_a, side):
 
 
 @inlined
-def saturated(body, fx, F_l, F_t, F_n, mu_s, mu_d, slip_l, slip_t):
-    """Eq. 16: F_l, F_t within what friction holds, and the share of them that is left: 1 where nothing is cut.
+def within_friction(body, fx, F_l, F_t, F_n, mu_s, mu_d, slip_l, slip_t):
+    """Eq. 16: F_l, F_t (N) within what friction holds, and the share of them that is left, 1 where nothing is cut.
 
-    Without effects mu_d is read only where it is needed: else the compiler would always take the root, and divide.
+    With a branch, for one rover alone: roots and quotients of those wheels only that slide. So that the compiler keeps
+    it, mu_d of the paper's model is read, and forces are multiplied, inside (2.2 M steps/s on a plane otherwise, not
+    2.8 M).
     """
     F_h2 = F_l * F_l + F_t * F_t
     limit = mu_s * F_n
@@ -131,91 +158,116 @@ def saturated(body, fx, F_l, F_t, F_n, mu_s, mu_d, slip_l, slip_t):
 
 
 @inlined
-def relaxed(fx, F_t, p_x, lag, i, dt):
-    """With effects: what has built up of the lateral force `F_t` (N) of wheel `i` at the end of `dt` (0 for now), N.
+def within_friction_lanes(body, fx, F_l, F_t, F_n, mu_s, mu_d, slip_l, slip_t):
+    """As `within_friction` without a branch, so that loops over many rovers become vector code."""
+    F_h2 = F_l * F_l + (F_t * F_t + 1e-30)  # so that there is a root to divide by
+    limit = mu_s * F_n
+    if fx is not None:
+        mu_d = hooks.friction(fx, mu_s, mu_d, math.sqrt(slip_l * slip_l + slip_t * slip_t))
+    held = mu_d * F_n * inverse_root(F_h2)
+    held = held if F_h2 > limit * limit else 1.0
+    return F_l * held, F_t * held, held
 
-    `lag` holds the forces of eight wheels that lag behind, then their rates, which are written (N/s).
+
+@inlined
+def relaxed(fx, F_t, p_x, lag, dt):
+    """With effects: what has built up of the lateral force `F_t` (N), now or at the end of `dt`, and its rate (N/s).
+
+    `lag` is what has built up so far, N.
     """
     rate = hooks.follow_rate(fx, p_x)
-    if rate > 0.0:
-        lag[8 + i] = rate * (F_t - lag[i]) / (1.0 + dt * rate)
-        return lag[i] + dt * lag[8 + i]
-    return F_t
+    follows = rate > 0.0
+    if dt is not None:
+        growth = rate * (F_t - lag) / (1.0 + dt * rate)
+        built = lag + dt * growth
+    else:
+        growth = rate * (F_t - lag)
+        built = lag
+    return (built if follows else F_t), (growth if follows else 0.0)
 
 
 @inlined
-def motor_wheels(body, fx, unit, pair, soil, omega, motor, lag, dt, w):
-    """Eqs 15 and 16 for the front and the back wheel of a motor, which turn at `omega` (rad/s), into the row.
+def pair_forces(friction, body, fx, pair, soil, motor, rim, angle, lag_f, lag_b, dt):
+    """Eqs 15 and 16 for the two wheels of a motor.
+
+    Parameters
+    ----------
+    friction : function
+        Eq. 16: `within_friction` or `within_friction_lanes`.
+    body : record
+        The wheels' module.
+    motor : int
+    rim, angle : float
+        Speed of the wheels' rims, m/s, and their angle, rad.
+    lag_f, lag_b : float
+        With effects: lateral forces that lag, N.
+    dt : float or None
+        A step at whose end lagging forces are taken, s; None for the instant.
 
     Returns
     -------
-    tuple of 3 floats
-        Sum of both F_l; F_t in front; F_t behind (N).
+    PairForces
     """
-    i = 2 * motor
-    slip = unit.r_w * omega - pair.p_x
-    F_l = soil.k_l * slip
     F_tf, F_tb = -soil.k_t * pair.p_yf, -soil.k_t * pair.p_yb
     if fx is not None:
-        F_tf, F_tb = relaxed(fx, F_tf, pair.p_x, lag, i, dt), relaxed(fx, F_tb, pair.p_x, lag, i + 1, dt)
-    F_lf, F_tf, held_f = saturated(body, fx, F_l, F_tf, pair.F_nf, soil.mu_sf, soil.mu_df, slip, pair.p_yf)
-    F_lb, F_tb, held_b = saturated(body, fx, F_l, F_tb, pair.F_nb, soil.mu_sb, soil.mu_db, slip, pair.p_yb)
+        r_f, r_b = hooks.radius(fx, 2 * motor, angle), hooks.radius(fx, 2 * motor + 1, angle)
+        slip_f, slip_b = r_f * rim - pair.p_x, r_b * rim - pair.p_x
+        F_lf, F_lb = soil.k_l * slip_f, soil.k_l * slip_b
+        F_tf, rate_f = relaxed(fx, F_tf, pair.p_x, lag_f, dt)
+        F_tb, rate_b = relaxed(fx, F_tb, pair.p_x, lag_b, dt)
+    else:
+        r_f = r_b = 1.0
+        rate_f = rate_b = 0.0
+        slip_f = slip_b = rim - pair.p_x
+        F_lf = F_lb = soil.k_l * slip_f
+    F_lf, F_tf, held_f = friction(body, fx, F_lf, F_tf, pair.F_nf, soil.mu_sf, soil.mu_df, slip_f, pair.p_yf)
+    F_lb, F_tb, held_b = friction(body, fx, F_lb, F_tb, pair.F_nb, soil.mu_sb, soil.mu_db, slip_b, pair.p_yb)
+    F_l = F_lf + F_lb
+    at_rim, slope = F_l, soil.k_l * (held_f + held_b)
+    R_lf = R_lb = R_tf = R_tb = 0.0
     if fx is not None:
+        R_lf, R_tf = hooks.wheel_resist(fx, soil.mu_sf * pair.F_nf, pair.p_x, pair.p_yf)
+        R_lb, R_tb = hooks.wheel_resist(fx, soil.mu_sb * pair.F_nb, pair.p_x, pair.p_yb)
+        at_rim, slope = r_f * F_lf + r_b * F_lb, soil.k_l * (r_f * r_f * held_f + r_b * r_b * held_b)
         F_tf += hooks.lateral(fx, pair.p_yf)
         F_tb += hooks.lateral(fx, pair.p_yb)
-    w[F_L + i], w[F_T + i], w[SAT + i] = F_lf, F_tf, 1.0 if held_f != 1.0 else 0.0
-    w[F_L + i + 1], w[F_T + i + 1], w[SAT + i + 1] = F_lb, F_tb, 1.0 if held_b != 1.0 else 0.0
-    return F_lf + F_lb, F_tf, F_tb
+    u_F_n = soil.u_f * pair.F_nf + soil.u_b * pair.F_nb
+    return PairForces(
+        F_l, at_rim, slope, u_F_n, F_tf, F_tb, soil.u_f, soil.u_b, rate_f, rate_b, F_lf, F_lb, held_f, held_b,
+        R_lf + R_lb, R_tf, R_tb,
+    )  # fmt: skip
 
 
 @inlined
-def resistance(body, fx, module, forward, pair_r, pair_l, soil_r, soil_l, c_a):
-    """With effects: what the ground does to a module beside eq. 16, and its wheels do not feel.
-
-    The module's origin moves forward at `forward` (m/s).
-
-    Returns
-    -------
-    tuple of 3 floats
-        Force along and across the module, N, and yaw moment, N m.
-    """
-    rf_x, rf_y = hooks.wheel_resist(fx, soil_r.mu_sf * pair_r.F_nf, pair_r.p_x, pair_r.p_yf)
-    rb_x, rb_y = hooks.wheel_resist(fx, soil_r.mu_sb * pair_r.F_nb, pair_r.p_x, pair_r.p_yb)
-    lf_x, lf_y = hooks.wheel_resist(fx, soil_l.mu_sf * pair_l.F_nf, pair_l.p_x, pair_l.p_yf)
-    lb_x, lb_y = hooks.wheel_resist(fx, soil_l.mu_sb * pair_l.F_nb, pair_l.p_x, pair_l.p_yb)
-    right, left, front, back = rf_x + rb_x, lf_x + lb_x, rf_y + lf_y, rb_y + lb_y
-    turn = body.half_x * (front - back) + body.half_y * c_a * (right - left)
-    return (right + left) - hooks.resist(fx, module, forward), front + back, turn
-
-
-@inlined
-def generalised_forces(body, p, fx, s_a, c_a, s_g, c_g, right, left, pair_r, pair_l, soil_r, soil_l, module, w):
+def generalised_forces(body, p, fx, s_a, c_a, s_g, c_g, right, left, pair_r, pair_l, module, w):
     """Eqs 17, 18: the wheels' forces on one module's x, y, z, alpha, beta, gamma, also into the row.
 
     They act u_w ahead of the wheel centres (eq. 20).
 
     Parameters
     ----------
-    right, left : tuple of 3 floats
-        What `motor_wheels` returns for the two sides.
+    right, left : PairForces
+    pair_r, pair_l : Pair
 
     Returns
     -------
     tuple of 5 floats
         Without that on beta, which is zero.
     """
-    across_f = c_a * (right[1] + left[1]) - s_a * (pair_r.F_nf + pair_l.F_nf)
-    across_b = c_a * (right[2] + left[2]) - s_a * (pair_r.F_nb + pair_l.F_nb)
+    across_f = c_a * (right.F_tf + left.F_tf) - s_a * (pair_r.F_nf + pair_l.F_nf)
+    across_b = c_a * (right.F_tb + left.F_tb) - s_a * (pair_r.F_nb + pair_l.F_nb)
     F_n_right, F_n_left = pair_r.F_nf + pair_r.F_nb, pair_l.F_nf + pair_l.F_nb
-    f_x, f_y = right[0] + left[0], across_f + across_b
-    m_g = (body.half_x + p.u_w) * across_f - (body.half_x - p.u_w) * across_b + body.half_y * c_a * (right[0] - left[0])
+    f_x, f_y = right.F_l + left.F_l, across_f + across_b
+    m_g = (
+        (body.half_x + p.u_w) * across_f - (body.half_x - p.u_w) * across_b + body.half_y * c_a * (right.F_l - left.F_l)
+    )
     if fx is not None:
-        m_g += (soil_r.u_f - p.u_w) * (c_a * right[1] - s_a * pair_r.F_nf)
-        m_g += (soil_r.u_b - p.u_w) * (c_a * right[2] - s_a * pair_r.F_nb)
-        m_g += (soil_l.u_f - p.u_w) * (c_a * left[1] - s_a * pair_l.F_nf)
-        m_g += (soil_l.u_b - p.u_w) * (c_a * left[2] - s_a * pair_l.F_nb)
+        m_g += (right.u_f - p.u_w) * (c_a * right.F_tf - s_a * pair_r.F_nf)
+        m_g += (right.u_b - p.u_w) * (c_a * right.F_tb - s_a * pair_r.F_nb)
+        m_g += (left.u_f - p.u_w) * (c_a * left.F_tf - s_a * pair_l.F_nf)
+        m_g += (left.u_b - p.u_w) * (c_a * left.F_tb - s_a * pair_l.F_nb)
     x, y = c_g * f_x - s_g * f_y, s_g * f_x + c_g * f_y
-    z = s_a * (right[1] + left[1] + right[2] + left[2]) + c_a * (F_n_right + F_n_left)
+    z = s_a * (right.F_tf + left.F_tf + right.F_tb + left.F_tb) + c_a * (F_n_right + F_n_left)
     m_a = body.half_y * (F_n_left - F_n_right)
     o = Q_C + 6 * module
     w[o], w[o + 1], w[o + 2], w[o + 3], w[o + 4], w[o + 5] = x, y, z, m_a, 0.0, m_g

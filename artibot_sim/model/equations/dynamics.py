@@ -44,20 +44,42 @@ def mass_centre(fx, module, s_g, c_g):
 
 
 @inlined
-def about_mass_centre(body, p, fx, resisted, forces, s_g, c_g, module, w):
+def module_loads(body, fx, module, forward, right, left, s_g, c_g, c_a):
+    """What effects do to a module at its origin, which moves forward at `forward` (m/s).
+
+    `right` and `left` are what its wheels do (`contact.PairForces`).
+
+    Returns
+    -------
+    tuple of 5 floats
+        Push along x and y of `map` (N); loads along x and y of `map` (N) and yaw moment (N m).
+    """
+    push_x, push_y = hooks.push(fx, module)
+    surge, sway, turn = hooks.load(fx, module)
+    front, back = right.R_tf + left.R_tf, right.R_tb + left.R_tb
+    surge += (right.R_l + left.R_l) - hooks.resist(fx, module, forward)
+    sway += front + back
+    turn += body.half_x * (front - back) + body.half_y * c_a * (right.R_l - left.R_l)
+    return push_x, push_y, c_g * surge - s_g * sway, s_g * surge + c_g * sway, turn
+
+
+@inlined
+def write_loads(loads, module, w):
+    """What `module_loads` gives, into the row."""
+    if module == 0:
+        w[PUSH], w[PUSH + 1] = loads[0], loads[1]
+    o = LOAD + 3 * module
+    w[o], w[o + 1], w[o + 2] = loads[2], loads[3], loads[4]
+
+
+@inlined
+def about_mass_centre(body, p, fx, loads, forces, s_g, c_g, module):
     """Forces on a module at its origin (x, y, z, alpha, gamma), the effects' added, moved to its centre of mass.
 
-    `resisted` is what `contact.resistance` returns.
+    `loads` are what `module_loads` gives.
     """
     x, y, z, alpha, gamma = forces
-    push_x, push_y = hooks.push(fx, module)
-    if module == 0:
-        w[PUSH], w[PUSH + 1] = push_x, push_y
-    surge, sway, turn = hooks.load(fx, module)
-    surge, sway, turn = surge + resisted[0], sway + resisted[1], turn + resisted[2]
-    load_x, load_y = c_g * surge - s_g * sway, s_g * surge + c_g * sway
-    o = LOAD + 3 * module
-    w[o], w[o + 1], w[o + 2] = load_x, load_y, turn
+    push_x, push_y, load_x, load_y, turn = loads
     x, y, gamma = x + (push_x + load_x), y + (push_y + load_y), gamma + turn
     r_x, r_y = mass_centre(fx, module, s_g, c_g)
     _, left = hooks.centre(fx, module)
@@ -116,18 +138,18 @@ def module_gravity(body, p, module, w):
 
 
 @inlined
-def free_acceleration(body, p, fx, v_x, v_y, gamma_dot, s_g, c_g, forces, resisted, module, dt, w):
+def free_acceleration(body, p, fx, v_x, v_y, gamma_dot, s_g, c_g, forces, loads, module, dt):
     """M⁻¹ n of one module's x, y, z, alpha and gamma, the joint left out; beta has none.
 
     `body.sluggish` (over a step `dt`) resists a change of the velocity as seen from the module, so that it has no
-    effect in a steady turn. With effects x and y are those of the centre of mass; `resisted` is what
-    `contact.resistance` returns.
+    effect in a steady turn. With effects x and y are those of the centre of mass, and
+    `loads` are what `module_loads` gives.
     """
     if fx is not None:
-        forces = about_mass_centre(body, p, fx, resisted, forces, s_g, c_g, module, w)
+        forces = about_mass_centre(body, p, fx, loads, forces, s_g, c_g, module)
     x, y, z, alpha, gamma = forces
     m, extra = body.inverse[0], body.sluggish
-    if dt > 0.0 and extra != 0.0:
+    if dt is not None and extra != 0.0:
         if fx is not None:
             r_x, r_y = mass_centre(fx, module, s_g, c_g)
             v_x, v_y = v_x - gamma_dot * r_y, v_y + gamma_dot * r_x
@@ -270,18 +292,25 @@ def jointed(body, columns, free, push, multiplier, module, w):
 
 
 @inlined
+def joint_slope(fx, angle, rate):
+    """Secant slope of the joint's torque by its yaw rate, N m s/rad."""
+    slow = rate if abs(rate) > 1e-9 else 1e-9
+    return (hooks.joint(fx, angle, slow) - hooks.joint(fx, angle, 0.0)) / slow
+
+
+@inlined
 def turned_by_joint(p, fx, v, geometry, front, back, angle, dt, w):
     """Free accelerations of both modules with the effects' torque in the joint's yaw.
 
-    Over a step `dt` (0 for the instant) friction is taken implicitly, by its secant, so that it stops a motion and
+    Over a step `dt` (None for the instant) friction is taken implicitly, by its secant, so that it stops a motion and
     does not turn it back: M_J = M(angle, rate) + dt s (acceleration), with the acceleration that M_J leaves.
     """
     rate = v[BACK + GAMMA] - v[GAMMA]
-    angle += 0.5 * dt * rate
+    if dt is not None:
+        angle += 0.5 * dt * rate
     torque = hooks.joint(fx, angle, rate)
-    if dt > 0.0:
-        slow = rate if abs(rate) > 1e-9 else 1e-9
-        slope = (hooks.joint(fx, angle, slow) - hooks.joint(fx, angle, 0.0)) / slow
+    if dt is not None:
+        slope = joint_slope(fx, angle, rate)
         alone, compliance = yaw_response(p, v, geometry, *twisted(p, front, back, torque))
         torque += dt * slope * alone / (1.0 + dt * slope * compliance)
     w[M_J] = torque

@@ -5,21 +5,19 @@ with a 2×2 Schur complement. Nothing is approximated: from a level start the si
 level by themselves (`plane_step.level` says which starts are), and both forms agree to rounding, step by step. Both
 modules keep coordinates of their own, since a step that only knew one of them would have other errors.
 
-Values pass as tuples. Nothing here branches, so that loops over many rovers (`lanes`) become vector code; only eq. 16
-is a function that is handed in, `within_friction` there, and for one rover alone (`level_step`) `contact.saturated`,
-which takes roots of those wheels only that slide. `fx` is as in `contact`.
+Values pass as tuples. Nothing here branches, so that loops over many rovers (`kernels.lanes`) become vector code; only
+eq. 16 is a function that is handed in: `contact.within_friction_lanes` there, `contact.within_friction` for one alone.
+`fx` is as in `contact`.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 from artibot_sim.model.effects import hooks
-from artibot_sim.model.equations.contact import Pair, resistance, soil_under
-from artibot_sim.model.equations.dynamics import mass_centre
+from artibot_sim.model.equations.contact import Pair, pair_forces, soil_under
+from artibot_sim.model.equations.dynamics import joint_slope, mass_centre, module_loads
 from artibot_sim.model.kernels.compilation import inlined
-from artibot_sim.model.kernels.elementary import inverse_root
 from artibot_sim.model.kernels.layout import BEHIND, FRONT
 
 
@@ -68,69 +66,6 @@ class Motion(NamedTuple):
     gamma_dot: float
 
 
-class Pull(NamedTuple):
-    """What the wheels of one side do: sums of F_l and of u F_n of both (N, N m), F_t in front and behind (N).
-
-    u_f, u_b (m) are how far ahead of the wheels the forces act; rate_f, rate_b (N/s) how fast forces that lag build up.
-    F_lf, F_lb (N) are the single wheels', held_f, held_b what eq. 16 has left of their forces, 1 where they hold.
-    """
-
-    F_l: float
-    u_F_n: float
-    F_tf: float
-    F_tb: float
-    u_f: float
-    u_b: float
-    rate_f: float
-    rate_b: float
-    F_lf: float
-    F_lb: float
-    held_f: float
-    held_b: float
-
-
-@inlined
-def within_friction(body, fx, F_l, F_t, F_n, mu_s, mu_d, slip_l, slip_t):
-    """Eq. 16 as `contact.saturated`, without a branch."""
-    F_h2 = F_l * F_l + (F_t * F_t + 1e-30)  # so that there is a root to divide by
-    limit = mu_s * F_n
-    slides = F_h2 > limit * limit
-    if fx is not None:
-        mu_d = hooks.friction(fx, mu_s, mu_d, math.sqrt(slip_l * slip_l + slip_t * slip_t))
-    held = mu_d * F_n * inverse_root(F_h2)
-    held = held if slides else 1.0
-    return F_l * held, F_t * held, held
-
-
-@inlined
-def lagging(fx, F_t, p_x, lag):
-    """With effects: what has built up of a lateral force (N), and the rate at which it does (N/s)."""
-    rate = hooks.follow_rate(fx, p_x)
-    behind = rate > 0.0
-    return (lag if behind else F_t), (rate * (F_t - lag) if behind else 0.0)
-
-
-@inlined
-def pull_of(limited, body, fx, pair, soil, r_omega, lag_f, lag_b):
-    """Eqs 15 and 16 for the wheels of one side, which turn at `r_omega` (m/s at their rims)."""
-    slip = r_omega - pair.p_x
-    F_l = soil.k_l * slip
-    F_tf, F_tb = -soil.k_t * pair.p_yf, -soil.k_t * pair.p_yb
-    rate_f = rate_b = 0.0
-    if fx is not None:
-        F_tf, rate_f = lagging(fx, F_tf, pair.p_x, lag_f)
-        F_tb, rate_b = lagging(fx, F_tb, pair.p_x, lag_b)
-    F_lf, F_tf, held_f = limited(body, fx, F_l, F_tf, pair.F_nf, soil.mu_sf, soil.mu_df, slip, pair.p_yf)
-    F_lb, F_tb, held_b = limited(body, fx, F_l, F_tb, pair.F_nb, soil.mu_sb, soil.mu_db, slip, pair.p_yb)
-    if fx is not None:
-        F_tf += hooks.lateral(fx, pair.p_yf)
-        F_tb += hooks.lateral(fx, pair.p_yb)
-    u_F_n = soil.u_f * pair.F_nf + soil.u_b * pair.F_nb
-    return Pull(
-        F_lf + F_lb, u_F_n, F_tf, F_tb, soil.u_f, soil.u_b, rate_f, rate_b, F_lf, F_lb, held_f, held_b
-    )  # fmt: skip
-
-
 @inlined
 def module_pairs(body, ground, fx, at, s_g, c_g):
     """What the wheels right and left meet (Pair), and the soil under them (Soil)."""
@@ -144,31 +79,44 @@ def module_pairs(body, ground, fx, at, s_g, c_g):
 
 
 @inlined
-def module_forces(limited, body, ground, fx, module, at, s_g, c_g, rims, lags, sluggish):
-    """Free accelerations of x, y, gamma (the centre of mass's, with effects), and what the wheels do.
+def module_wheels(friction, body, ground, fx, module, at, s_g, c_g, rims, angles, lags):
+    """What a module's wheels do at an instant (`contact.PairForces`), right and left.
 
     Parameters
     ----------
-    limited : function
-        Eq. 16: `within_friction` or `contact.saturated`.
+    friction : function
+        Eq. 16, see `contact.pair_forces`.
     at : Motion
     s_g, c_g : float
         Sine and cosine of its gamma.
-    rims : tuple of 2 floats
-        Speeds of the rims right and left, m/s.
+    rims, angles : tuple of 2 floats
+        Speeds of the rims right and left, m/s, and the wheels' angles, rad.
     lags : tuple of 4 floats
         With effects: lateral forces that lag (N), in the order of WHEELS.
+    """
+    pair_r, pair_l, soil_r, soil_l = module_pairs(body, ground, fx, at, s_g, c_g)
+    motor = 2 * module
+    return (
+        pair_forces(friction, body, fx, pair_r, soil_r, motor, rims[0], angles[0], lags[0], lags[1], None),
+        pair_forces(friction, body, fx, pair_l, soil_l, motor + 1, rims[1], angles[1], lags[2], lags[3], None),
+    )
+
+
+@inlined
+def module_forces(body, ground, fx, module, at, s_g, c_g, right, left, sluggish):
+    """Free accelerations of x, y, gamma (the centre of mass's, with effects), and what brings them about.
+
+    Parameters
+    ----------
+    right, left : contact.PairForces
     sluggish : float or None
         Mass that a semi-implicit step adds against changes of the velocity (`dynamics.free_acceleration`), kg.
 
     Returns
     -------
     tuple
-        Accelerations; `Pull` of the wheels right and left; forces on x, y and gamma.
+        Accelerations; the wheels' forces on x, y and gamma; what `dynamics.module_loads` gives.
     """
-    pair_r, pair_l, soil_r, soil_l = module_pairs(body, ground, fx, at, s_g, c_g)
-    right = pull_of(limited, body, fx, pair_r, soil_r, rims[0], lags[0], lags[1])
-    left = pull_of(limited, body, fx, pair_l, soil_l, rims[1], lags[2], lags[3])
     across_f, across_b = right.F_tf + left.F_tf, right.F_tb + left.F_tb
     f_x, f_y = right.F_l + left.F_l, across_f + across_b
     u = ground.u_w
@@ -177,22 +125,20 @@ def module_forces(limited, body, ground, fx, module, at, s_g, c_g, rims, lags, s
         turning += (right.u_f - u) * right.F_tf + (right.u_b - u) * right.F_tb
         turning += (left.u_f - u) * left.F_tf + (left.u_b - u) * left.F_tb
     x, y = c_g * f_x - s_g * f_y, s_g * f_x + c_g * f_y
-    forces = x, y, turning
+    contact, loads = (x, y, turning), (0.0, 0.0, 0.0, 0.0, 0.0)
+    v_x, v_y = at.x_dot, at.y_dot
     if fx is not None:
-        push_x, push_y = hooks.push(fx, module)
-        surge, sway, turn = hooks.load(fx, module)
-        forward = c_g * at.x_dot + s_g * at.y_dot
-        along, across, turned = resistance(body, fx, module, forward, pair_r, pair_l, soil_r, soil_l, 1.0)
-        surge, sway, turn = surge + along, sway + across, turn + turned
-        x, y = x + (push_x + (c_g * surge - s_g * sway)), y + (push_y + (s_g * surge + c_g * sway))
-        turning += turn
+        loads = module_loads(body, fx, module, c_g * v_x + s_g * v_y, right, left, s_g, c_g, 1.0)
+        push_x, push_y, load_x, load_y, turn = loads
+        x, y, turning = x + (push_x + load_x), y + (push_y + load_y), turning + turn
         r_x, r_y = mass_centre(fx, module, s_g, c_g)
         turning -= r_x * y - r_y * x
+        v_x, v_y = v_x - at.gamma_dot * r_y, v_y + at.gamma_dot * r_x
     if sluggish is not None:
-        x -= sluggish * (ground.g_x + at.gamma_dot * at.y_dot)
-        y -= sluggish * (ground.g_y - at.gamma_dot * at.x_dot)
+        x -= sluggish * (ground.g_x + at.gamma_dot * v_y)
+        y -= sluggish * (ground.g_y - at.gamma_dot * v_x)
     free = ground.g_x + body.inv_m * x, ground.g_y + body.inv_m * y, body.inv_J * turning
-    return free, right, left, forces
+    return free, contact, loads
 
 
 @inlined
@@ -221,65 +167,80 @@ def from_origin(fx, module, at, s_g, c_g, a):
 
 
 @inlined
-def planar_accelerations(limited, front, back, ground, fx, f, b, trig, rims, lags_f, lags_b, sluggish=(None, None)):
+def planar_accelerations(front, back, ground, fx, f, b, trig, forces, sluggish=(None, None), dt=None):
     """Eq. 25 on the plane.
 
     Parameters
     ----------
-    limited : function
-        Eq. 16, see `module_forces`.
     front, back : Body
     f, b : Motion
         Of both modules.
     trig : tuple of 4 floats
         Sine and cosine of yaw, of the front module and of the back one.
-    rims : tuple of 4 floats
-        Speeds of the wheels' rims, m/s, in the order of MOTORS.
-    lags_f, lags_b : tuple of 4 floats
-        With effects: lateral forces that lag, N.
+    forces : tuple of 4 contact.PairForces
+        Of the wheels, in the order of MOTORS.
     sluggish : tuple of 2 floats or Nones
         See `module_forces`.
+    dt : float, optional
+        A semi-implicit step over which friction in the joint is taken at its end, s (see `dynamics.turned_by_joint`).
 
     Returns
     -------
     on_f, on_b : tuple of 3 floats
         Accelerations of x, y and gamma of both modules.
-    pulls : tuple of 4 Pull
-        In the order of MOTORS.
     contacts : tuple of 2 tuples of 3 floats
         Forces of the wheels on x, y and gamma of both modules.
-    joint : tuple of 4 floats
-        Multipliers of the joint's rows x and y, and its torques on the front module and the back one.
+    joint : tuple of 5 floats
+        Multipliers of the joint's rows x and y, its torques on the front module and the back one, and the effects'.
+    loads : tuple of 2 tuples of 5 floats
+        What `dynamics.module_loads` gives of both modules.
     """
     s_f, c_f, s_b, c_b = trig
-    (fx_a, fy_a, fg_a), front_right, front_left, contact_f = module_forces(
-        limited, front, ground, fx, FRONT, f, s_f, c_f, (rims[0], rims[1]), lags_f, sluggish[0]
+    (fx_a, fy_a, fg_a), contact_f, load_f = module_forces(
+        front, ground, fx, FRONT, f, s_f, c_f, forces[0], forces[1], sluggish[0]
     )
     there = Ground(ground.u_w, ground.joined * ground.g_x, ground.joined * ground.g_y, ground.A, ground.joined)
-    (bx_a, by_a, bg_a), back_right, back_left, contact_b = module_forces(
-        limited, back, there, fx, BEHIND, b, s_b, c_b, (rims[2], rims[3]), lags_b, sluggish[1]
+    (bx_a, by_a, bg_a), contact_b, load_b = module_forces(
+        back, there, fx, BEHIND, b, s_b, c_b, forces[2], forces[3], sluggish[1]
     )
-    if fx is not None:
-        torque = ground.joined * hooks.joint(fx, b.gamma - f.gamma, b.gamma_dot - f.gamma_dot)
-        fg_a, bg_a = fg_a + front.inv_J * torque, bg_a - back.inv_J * torque
     A = ground.A
     rf_x, rf_y, biasf_x, biasf_y, gf_x, gf_y = joint_end(front, fx, FRONT, f, s_f, c_f, A)
     rb_x, rb_y, biasb_x, biasb_y, gb_x, gb_y = joint_end(back, fx, BEHIND, b, s_b, c_b, A)
     gap_x, gap_y = f.x + rf_x - b.x - rb_x, f.y + rf_y - b.y - rb_y
-    # the joint's rows with what they would do without a force in it (`dynamics.multipliers`)
-    turn_f, turn_b = fg_a + 2.0 * A * f.gamma_dot, bg_a + 2.0 * A * b.gamma_dot
-    held_x, held_y = biasf_x - biasb_x + A * A * gap_x, biasf_y - biasb_y + A * A * gap_y
-    row_x = (held_x + fx_a - bx_a + 2.0 * A * (f.x_dot - b.x_dot)) + (gf_x * turn_f - gb_x * turn_b)
-    row_y = (held_y + fy_a - by_a + 2.0 * A * (f.y_dot - b.y_dot)) + (gf_y * turn_f - gb_y * turn_b)
     m = front.inv_m + back.inv_m
     Gf_x, Gf_y, Gb_x, Gb_y = front.inv_J * gf_x, front.inv_J * gf_y, back.inv_J * gb_x, back.inv_J * gb_y
     s_xx, s_xy, s_yy = m + Gf_x * gf_x + Gb_x * gb_x, Gf_x * gf_y + Gb_x * gb_y, m + Gf_y * gf_y + Gb_y * gb_y
     scale = ground.joined / (s_xx * s_yy - s_xy * s_xy)
+    # the joint's rows with what they would do without a force in it (`dynamics.multipliers`)
+    held_x, held_y = biasf_x - biasb_x + A * A * gap_x, biasf_y - biasb_y + A * A * gap_y
+    row_x = held_x + fx_a - bx_a + 2.0 * A * (f.x_dot - b.x_dot)
+    row_y = held_y + fy_a - by_a + 2.0 * A * (f.y_dot - b.y_dot)
+    torque = 0.0
+    if fx is not None:
+        angle, rate = b.gamma - f.gamma, b.gamma_dot - f.gamma_dot
+        if dt is not None:
+            angle += 0.5 * dt * rate
+        torque = ground.joined * hooks.joint(fx, angle, rate)
+        if dt is not None:
+            # the secant times what the joint's yaw does with this torque, and what 1 N m less would make of that
+            a_f, a_b = fg_a + front.inv_J * torque, bg_a - back.inv_J * torque
+            t_f, t_b = a_f + 2.0 * A * f.gamma_dot, a_b + 2.0 * A * b.gamma_dot
+            r_x, r_y = row_x + (gf_x * t_f - gb_x * t_b), row_y + (gf_y * t_f - gb_y * t_b)
+            l_x, l_y = scale * (s_yy * r_x - s_xy * r_y), scale * (s_xx * r_y - s_xy * r_x)
+            alone = a_b + (Gb_x * l_x + Gb_y * l_y) - (a_f - (Gf_x * l_x + Gf_y * l_y))
+            r_x, r_y = Gf_x + Gb_x, Gf_y + Gb_y
+            l_x, l_y = scale * (s_yy * r_x - s_xy * r_y), scale * (s_xx * r_y - s_xy * r_x)
+            compliance = front.inv_J + back.inv_J - ((Gf_x + Gb_x) * l_x + (Gf_y + Gb_y) * l_y)
+            slope = ground.joined * joint_slope(fx, angle, rate)
+            torque += dt * slope * alone / (1.0 + dt * slope * compliance)
+        fg_a, bg_a = fg_a + front.inv_J * torque, bg_a - back.inv_J * torque
+    turn_f, turn_b = fg_a + 2.0 * A * f.gamma_dot, bg_a + 2.0 * A * b.gamma_dot
+    row_x, row_y = row_x + (gf_x * turn_f - gb_x * turn_b), row_y + (gf_y * turn_f - gb_y * turn_b)
     l_x, l_y = scale * (s_yy * row_x - s_xy * row_y), scale * (s_xx * row_y - s_xy * row_x)
-    joint = l_x, l_y, -(gf_x * l_x + gf_y * l_y), gb_x * l_x + gb_y * l_y
+    joint = l_x, l_y, -(gf_x * l_x + gf_y * l_y), gb_x * l_x + gb_y * l_y, torque
     on_f = fx_a - front.inv_m * l_x, fy_a - front.inv_m * l_y, fg_a - (Gf_x * l_x + Gf_y * l_y)
     on_b = bx_a + back.inv_m * l_x, by_a + back.inv_m * l_y, bg_a + (Gb_x * l_x + Gb_y * l_y)
     if fx is not None:
         on_f = from_origin(fx, FRONT, f, s_f, c_f, on_f)
         on_b = from_origin(fx, BEHIND, b, s_b, c_b, on_b)
-    return on_f, on_b, (front_right, front_left, back_right, back_left), (contact_f, contact_b), joint
+    return on_f, on_b, (contact_f, contact_b), joint, (load_f, load_b)

@@ -43,69 +43,65 @@ def rolling_sign(omega):
 
 
 @inlined
-def axle_torque(p, unit, F_l_sum, u_F_n, omega):
-    """M_r of eq. 22 from the sums over its wheels of F_l (N) and u F_n (N m): torque on the wheels' axle, N m."""
+def axle_torque(lever, at_rim, rolling, sign):
+    """M_r of eq. 22 (N m): the wheels' F_l (N) at their `lever` (m), and u F_n (N m) against the `sign` of rotation."""
+    return lever * at_rim + rolling * sign
+
+
+@inlined
+def load_torque(p, unit, forces, omega):
+    """M_r of eq. 22 for the wheels of a motor that turn at `omega` (rad/s), N m; `forces` are `contact.PairForces`."""
     if p.literal_eq22:
-        return unit.r_w * F_l_sum + p.u_w * F_l_sum
-    return unit.r_w * F_l_sum + u_F_n * tanh_alone(omega * (1.0 / ROLLING_WIDTH))
+        return axle_torque(unit.r_w + p.u_w, forces.at_rim, 0.0, 0.0)
+    return axle_torque(unit.r_w, forces.at_rim, forces.u_F_n, tanh_alone(omega * (1.0 / ROLLING_WIDTH)))
 
 
 @inlined
-def load_torque(p, fx, unit, pair, soil, omega, F_l_sum):
-    """M_r of eq. 22 for the wheels of a motor that turn at `omega` (rad/s), N m."""
-    if fx is not None:
-        u_F_n = soil.u_f * pair.F_nf + soil.u_b * pair.F_nb
-    else:
-        u_F_n = p.u_w * (pair.F_nf + pair.F_nb)
-    return axle_torque(p, unit, F_l_sum, u_F_n, omega)
-
-
-@inlined
-def efficiency(motor, M_gear, theta_dot):
-    """Eq. 23: eta_d while the motor drives, 1/eta_r while it brakes.
+def driving(M_gear, theta_dot):
+    """Eq. 23: whether a motor drives its gear (efficiency eta_d), or is braked by it (1/eta_r).
 
     `M_gear` is the motor's torque less what drags on its shaft before the gear. With the whole torque a drag that
     outweighs a braking load would have the efficiency flip at each step: driving makes the load large enough to brake,
     and braking too small.
     """
-    if M_gear * theta_dot >= 0.0:
-        return motor.eta_d
-    return 1.0 / motor.eta_r
+    return M_gear * theta_dot >= 0.0
 
 
 @inlined
-def follow(A, theta, theta_dot, d, d_dot, d_ddot):
-    """Acceleration that makes a rotation follow its command, critically damped at rate A (eqs 27, 28)."""
-    return d_ddot - 2.0 * A * (theta_dot - d_dot) - A * A * (theta - d)
-
-
-@inlined
-def reflect(motor, eta):
+def reflect(tau, J_m, J_w, inverse_eta):
     """Gear ratio tau/eta from wheel torque to motor torque, and inertia J_m + J_w tau²/eta (eq. 21)."""
-    gear = motor.tau / eta
-    return gear, motor.J_m + motor.J_w * motor.tau * gear
+    gear = tau * inverse_eta
+    return gear, J_m + J_w * tau * gear
 
 
 @inlined
-def limited(motor, M_m):
-    """A torque within ±torque_max."""
-    return min(max(M_m, -motor.torque_max), motor.torque_max)
+def follow(damping, stiffness, theta, theta_dot, d, d_dot, d_ddot):
+    """Acceleration that makes a rotation follow its command (eqs 27, 28), in 1/s and 1/s² of speed and angle behind."""
+    return d_ddot + damping * (d_dot - theta_dot) + stiffness * (d - theta)
 
 
 @inlined
-def motor_equation(motor, p, mode, J, load, theta, theta_dot, d, d_dot, d_ddot, M_d):
+def motor_equation(J, inverse_J, load, wish, held, limit):
     """Eq. 21 for one motor under a `load` (N m, motor side), solved for what its mode leaves open.
+
+    Parameters
+    ----------
+    wish : float or None
+        Acceleration by which it follows its command, rad/s² (eqs 27, 28, or a velocity loop); None, at compile time,
+        for a motor that is known to be under a torque.
+    held : float
+        Its torque, N m; NaN for whatever the wish takes.
+    limit : float
+        Torques stay within ± this, N m; infinite for a prescribed motor.
 
     Returns
     -------
     tuple of 2 floats
         Motor torque M_m (N m) and angular acceleration (rad/s²), motor side.
     """
-    if mode == PRESCRIBED:
-        theta_ddot = follow(p.A_motor, theta, theta_dot, d, d_dot, d_ddot)
-        return J * theta_ddot + load, theta_ddot
-    M_m = M_d
-    if mode == DRIVEN:
-        M_m = J * (d_ddot + p.velocity_gain * (d_dot - theta_dot)) + load
-    M_m = limited(motor, M_m)
-    return M_m, (M_m - load) / J
+    if wish is None:
+        M_m = min(max(held, -limit), limit)
+        return M_m, (M_m - load) * inverse_J
+    needed = J * wish + load
+    M_m = min(max(held if held == held else needed, -limit), limit)
+    return M_m, (wish if M_m == needed else (M_m - load) * inverse_J)

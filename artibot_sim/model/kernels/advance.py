@@ -8,7 +8,7 @@ from artibot_sim.model.kernels import loop, plane_loop
 
 
 def advance(integrator: str, given: tuple[Any, ...], effects: tuple[Any, ...] = ()) -> tuple[int, int]:
-    """Advance a rover, in place.
+    """Advance a rover, in place; whoever starts level stays so.
 
     Parameters
     ----------
@@ -16,8 +16,7 @@ def advance(integrator: str, given: tuple[Any, ...], effects: tuple[Any, ...] = 
     given
         What `loop.integrate_rk4` takes, but for effects.
     effects : tuple, optional
-        Effects' record and the lateral forces; with them the way is always that of space. Without, whoever starts
-        level stays so.
+        Effects' record and the lateral forces.
 
     Returns
     -------
@@ -25,8 +24,7 @@ def advance(integrator: str, given: tuple[Any, ...], effects: tuple[Any, ...] = 
         `loop.OK` or `loop.DIVERGED`, and the number of rows written.
     """
     implicit = integrator == "semi_implicit"
-    if not effects:
-        status, rows = (plane_loop.level_semi if implicit else plane_loop.level_rk4)(*given)
-        if status != plane_loop.LEAVES:
-            return status, rows
+    status, rows = (plane_loop.level_semi if implicit else plane_loop.level_rk4)(*given, *effects)
+    if status != plane_loop.LEAVES:
+        return status, rows
     return (loop.integrate_semi_implicit if implicit else loop.integrate_rk4)(*given, *effects)

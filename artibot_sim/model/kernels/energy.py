@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model.effects import hooks
 from artibot_sim.model.equations.contact import unloaded_radius
+from artibot_sim.model.equations.dynamics import mass_centre
 from artibot_sim.model.equations.plane import module_pairs
 from artibot_sim.model.equations.transmission import ROLLING_WIDTH, rolling_sign
 from artibot_sim.model.kernels.compilation import inlined
@@ -18,6 +17,7 @@ from artibot_sim.model.kernels.layout import (
     ACC,
     ALPHA,
     BACK,
+    BEHIND,
     E_ARTICULATION,
     E_DRAG,
     E_GEAR,
@@ -34,13 +34,13 @@ from artibot_sim.model.kernels.layout import (
     F_L,
     F_N,
     F_T,
+    FRONT,
     GAMMA,
     LOAD,
     M_D,
     M_J,
     M_M,
     M_R,
-    MOTOR,
     MOTOR_COORDINATES,
     P_X,
     P_Y,
@@ -94,11 +94,12 @@ def wheel_powers(body, p, fx, q, v, module, base, w, out):
         motor = j // 2
         omega = motor_of(p, motor).tau * v[coordinate_of(motor)]
         F_l, F_t, F_n = w[F_L + j], w[F_T + j], w[F_N + j]
-        r_0, u_w = body.r_0, p.u_w
+        r_0, u_w, rim = body.r_0, p.u_w, motor_of(p, motor).r_w * omega
         if fx is not None:
+            rim *= hooks.radius(fx, j, motor_of(p, motor).tau * q[coordinate_of(motor)])
             r_0 = unloaded_radius(body, p, fx, base // 4, 1.0 if i % 2 == 0 else -1.0, -1.0 if i < 2 else 1.0)
-            u_w *= hooks.lead(fx, math.sqrt(w[P_X + j] * w[P_X + j] + w[P_Y + j] * w[P_Y + j]))
-        out[E_SLIP_L + j] = F_l * (motor_of(p, motor).r_w * omega - w[P_X + j])
+            u_w *= hooks.lead(fx, w[P_X + j], w[P_Y + j])
+        out[E_SLIP_L + j] = F_l * (rim - w[P_X + j])
         out[E_SLIP_T + j] = -F_t * w[P_Y + j]
         out[E_OFFSET + j] = -u_w * gamma_dot * (F_t * c_a - F_n * s_a)
         out[E_ROLLING + j] = u_w * omega * (F_l if p.literal_eq22 else F_n * rolling_sign(omega))
@@ -168,58 +169,81 @@ def stored_energy(robot: Robot, q: NDArray[np.float64], v: NDArray[np.float64]) 
 # ----------------------------------------------------------------------
 
 
-FIRST = tuple(map(np.int64, (0, 2, 4, 6)))
-"""The first wheel of each motor."""
-
-
 @inlined
-def pair_powers(p, unit, pair, pull, i, omega, gamma_dot, weight, e):
-    """Of two wheels that turn at `omega` (rad/s); `i` is the front one's number."""
-    rim, lead = unit.r_w * omega - pair.p_x, weight * p.u_w
+def pair_powers(p, fx, unit, pair, forces, motor, theta, omega, gamma_dot, weight, e):
+    """Of the two wheels of a motor, which turn at `omega` (rad/s)."""
+    i, rim, lead = 2 * motor, unit.r_w * omega, weight * gamma_dot
+    r_f = r_b = 1.0
+    if fx is not None:
+        angle = unit.tau * theta
+        r_f, r_b = hooks.radius(fx, 2 * motor, angle), hooks.radius(fx, 2 * motor + 1, angle)
     sign = tanh_alone(omega * (1.0 / ROLLING_WIDTH))
-    roll_f, roll_b = (pull.F_lf, pull.F_lb) if p.literal_eq22 else (pair.F_nf * sign, pair.F_nb * sign)
-    e[E_SLIP_L + i] += weight * (pull.F_lf * rim)
-    e[E_SLIP_L + i + 1] += weight * (pull.F_lb * rim)
-    e[E_SLIP_T + i] -= weight * (pull.F_tf * pair.p_yf)
-    e[E_SLIP_T + i + 1] -= weight * (pull.F_tb * pair.p_yb)
-    e[E_OFFSET + i] -= lead * (gamma_dot * pull.F_tf)
-    e[E_OFFSET + i + 1] -= lead * (gamma_dot * pull.F_tb)
-    e[E_ROLLING + i] += lead * (omega * roll_f)
-    e[E_ROLLING + i + 1] += lead * (omega * roll_b)
+    roll_f, roll_b = forces.u_f * (pair.F_nf * sign), forces.u_b * (pair.F_nb * sign)
+    if p.literal_eq22:
+        roll_f, roll_b = p.u_w * (r_f * forces.F_lf), p.u_w * (r_b * forces.F_lb)
+    e[E_SLIP_L + i] += weight * (forces.F_lf * (r_f * rim - pair.p_x))
+    e[E_SLIP_L + i + 1] += weight * (forces.F_lb * (r_b * rim - pair.p_x))
+    e[E_SLIP_T + i] -= weight * (forces.F_tf * pair.p_yf)
+    e[E_SLIP_T + i + 1] -= weight * (forces.F_tb * pair.p_yb)
+    e[E_OFFSET + i] -= lead * (forces.u_f * forces.F_tf)
+    e[E_OFFSET + i + 1] -= lead * (forces.u_b * forces.F_tb)
+    e[E_ROLLING + i] += weight * (omega * roll_f)
+    e[E_ROLLING + i + 1] += weight * (omega * roll_b)
 
 
 @inlined
-def motor_power(unit, motor, speed, acceleration, M_m, M_r, hold, weight, e):
-    """Put in by a motor, and lost in its gear."""
-    passed = unit.tau * speed * (unit.J_w * unit.tau * acceleration + M_r)
-    e[E_MOTOR + motor] += weight * (M_m * speed)
+def motor_power(fx, unit, motor, speed, acting, hold, weight, e):
+    """Put in by a motor, lost in its gear, and taken by what drags on it."""
+    passed = unit.tau * speed * (unit.J_w * unit.tau * acting.theta_ddot + acting.M_r)
+    e[E_MOTOR + motor] += weight * (acting.M_m * speed)
     e[E_GEAR + motor] += weight * ((1.0 / hold[EFFICIENCY + motor] - 1.0) * passed)
+    if fx is not None:
+        e[E_DRAG + motor] += weight * (acting.drag * speed)
 
 
 @inlined
-def level_powers(at, p, motions, trig, v, a, acting, M_m, M_r, hold, weight, e):
+def module_power(p, fx, body, ground, at, trig, right, left, module, q, v, now, hold, weight, e):
+    """Of one module's wheels and motors; q and v are those of its motors and its yaw rate, right and left."""
+    pair_r, pair_l, _, _ = module_pairs(body, ground, fx, at, trig[0], trig[1])
+    motor = 2 * module
+    pair_powers(p, fx, right, pair_r, now.forces[motor], motor, q[0], right.tau * v[0], v[2], weight, e)
+    pair_powers(p, fx, left, pair_l, now.forces[motor + 1], motor + 1, q[1], left.tau * v[1], v[2], weight, e)
+    motor_power(fx, right, motor, v[0], now.acting[motor], hold, weight, e)
+    motor_power(fx, left, motor + 1, v[1], now.acting[motor + 1], hold, weight, e)
+
+
+@inlined
+def level_powers(at, p, fx, motions, trig, q, v, now, hold, weight, e):
     """Add `weight` (s) times the power of every contribution to the energies `e` (ENERGIES,).
 
     Parameters
     ----------
     motions : tuple of 2 Motion
         At which the forces are.
-    v : tuple of 10 floats
-        Rates that they act at.
+    q, v : tuple of 10 floats
+        Coordinates, and the rates that the forces act at.
+    now : plane_step.Instant
     """
     f, b = motions
-    pulls, _, (l_x, l_y, turn_f, turn_b) = acting
-    one, two = p.right_front, p.left_front
-    pair_r, pair_l, _, _ = module_pairs(at.front, at.ground, None, f, trig[0], trig[1])
-    pair_powers(p, one, pair_r, pulls[0], FIRST[0], one.tau * v[6], v[2], weight, e)
-    pair_powers(p, two, pair_l, pulls[1], FIRST[1], two.tau * v[7], v[2], weight, e)
-    motor_power(one, MOTOR[0], v[6], a[6], M_m[0], M_r[0], hold, weight, e)
-    motor_power(two, MOTOR[1], v[7], a[7], M_m[1], M_r[1], hold, weight, e)
+    module_power(
+        p, fx, at.front, at.ground, f, trig[:2], p.right_front, p.left_front, FRONT, (q[6], q[7]), (v[6], v[7], v[2]),
+        now, hold, weight, e,
+    )  # fmt: skip
+    if fx is not None:
+        push_x, push_y, load_x, load_y, turn = now.loads[0]
+        e[E_PUSH] += weight * ((push_x + load_x) * v[0] + (push_y + load_y) * v[1] + turn * v[2])
+        e[E_ARTICULATION] += weight * (now.joint[4] * (v[5] - v[2]))
     if p.two:
-        one, two = p.right_back, p.left_back
-        pair_r, pair_l, _, _ = module_pairs(at.back, at.ground, None, b, trig[2], trig[3])
-        pair_powers(p, one, pair_r, pulls[2], FIRST[2], one.tau * v[8], v[5], weight, e)
-        pair_powers(p, two, pair_l, pulls[3], FIRST[3], two.tau * v[9], v[5], weight, e)
-        motor_power(one, MOTOR[2], v[8], a[8], M_m[2], M_r[2], hold, weight, e)
-        motor_power(two, MOTOR[3], v[9], a[9], M_m[3], M_r[3], hold, weight, e)
+        module_power(
+            p, fx, at.back, at.ground, b, trig[2:], p.right_back, p.left_back, BEHIND, (q[8], q[9]), (v[8], v[9], v[5]),
+            now, hold, weight, e,
+        )  # fmt: skip
+        l_x, l_y, turn_f, turn_b, _ = now.joint
+        if fx is not None:
+            r_x, r_y = mass_centre(fx, FRONT, trig[0], trig[1])
+            turn_f += r_y * l_x - r_x * l_y
+            r_x, r_y = mass_centre(fx, BEHIND, trig[2], trig[3])
+            turn_b -= r_y * l_x - r_x * l_y
+            _, _, load_x, load_y, turn = now.loads[1]
+            e[E_PUSH] += weight * (load_x * v[3] + load_y * v[4] + turn * v[5])
         e[E_JOINT] += weight * (l_x * (v[3] - v[0]) + l_y * (v[4] - v[1]) + (turn_f * v[2] + turn_b * v[5]))

@@ -10,29 +10,32 @@ commanded angle, speed and acceleration, ``hold`` what stays through the step.
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 from artibot_sim.model.effects import hooks
 from artibot_sim.model.equations.contact import (
     generalised_forces,
-    motor_wheels,
-    resistance,
-    saturated,
+    pair_forces,
     soil_under,
     wheel_pairs,
+    within_friction,
 )
 from artibot_sim.model.equations.dynamics import (
     back_to_origin,
     free_acceleration,
     joint_geometry,
     jointed,
+    module_loads,
     multipliers,
     turned_by_joint,
+    write_loads,
 )
 from artibot_sim.model.equations.kinematics import attitude
 from artibot_sim.model.equations.transmission import (
-    DRIVEN,
     PRESCRIBED,
+    TORQUE,
     follow,
-    limited,
     load_torque,
     motor_equation,
     reflect,
@@ -45,12 +48,18 @@ from artibot_sim.model.kernels.layout import (  # fmt: skip
     BEHIND,
     BETA,
     ETA,
+    F_L,
+    F_N,
+    F_T,
     FRONT,
     GAMMA,
     LAMBDA,
     M_D,
     M_M,
     M_R,
+    P_X,
+    P_Y,
+    SAT,
     THETA_L,
     THETA_R,
     X,
@@ -61,8 +70,9 @@ from artibot_sim.model.kernels.layout import (  # fmt: skip
 D, D_DOT, D_DDOT = 0, 4, 8
 """Where `drive` holds angles, speeds and accelerations."""
 
-TORQUE_D, EFFICIENCY, GEAR, INERTIA = 0, 4, 8, 12
-"""Where `hold` holds commanded torques, efficiencies, tau/eta and J_m + J_w tau²/eta."""
+TORQUE_D, EFFICIENCY, GEAR, INERTIA, INVERSE = 0, 4, 8, 12, 16
+"""Where `hold` holds torques (NaN for whatever it takes to follow), efficiencies, tau/eta, J_m + J_w tau²/eta and its
+inverse."""
 
 
 @inlined
@@ -91,99 +101,193 @@ def motor_count(p):
 
 @inlined
 def hold_efficiencies(p, eta, hold):
-    """Fix for a step what eq. 21 makes of the efficiencies, which seldom change."""
-    for motor in range(motor_count(p)):
+    """Fix for a step what eq. 21 makes of the efficiencies, which seldom change.
+
+    Of all four motors: on a plane a rigid robot's missing ones are computed, too, and left out at the end.
+    """
+    for motor in range(4):
         if hold[EFFICIENCY + motor] != eta[motor]:
-            gear, J = reflect(motor_of(p, motor), eta[motor])
-            hold[EFFICIENCY + motor], hold[GEAR + motor], hold[INERTIA + motor] = eta[motor], gear, J
+            unit = motor_of(p, motor)
+            gear, J = reflect(unit.tau, unit.J_m, unit.J_w, 1.0 / eta[motor])
+            hold[EFFICIENCY + motor], hold[GEAR + motor] = eta[motor], gear
+            hold[INERTIA + motor], hold[INVERSE + motor] = J, 1.0 / J
+
+
+class Turning(NamedTuple):
+    """A motor at an instant: its number and mode, rotation, acceleration by which it follows, what the step holds."""
+
+    number: int
+    mode: int
+    theta: float
+    theta_dot: float
+    wish: float
+    torque: float
+    gear: float
+    J: float
+    inverse_J: float
+
+
+class Acting(NamedTuple):
+    """What a motor does: torques of the motor, on its wheels' axle and of drag (N m), acceleration, new speed."""
+
+    M_m: float
+    M_r: float
+    drag: float
+    theta_ddot: float
+    speed: float
 
 
 @inlined
-def turn_motor(body, p, fx, unit, mode, theta, theta_dot, pair, soil, motor, drive, hold, lag, dt, w):
-    """A motor and its two wheels at an instant (eqs 15, 16, 21, 22): into the row, and the forces returned."""
-    omega = unit.tau * theta_dot
-    forces = motor_wheels(body, fx, unit, pair, soil, omega, motor, lag, dt, w)
-    M_r = load_torque(p, fx, unit, pair, soil, omega, forces[0])
-    load = hold[GEAR + motor] * M_r
-    if fx is not None:
-        w[M_D + motor] = hooks.drag(fx, motor, theta_dot)
-        load += w[M_D + motor]
-    M_m, theta_ddot = motor_equation(
-        unit, p, mode, hold[INERTIA + motor], load, theta, theta_dot,
-        drive[D + motor], drive[D_DOT + motor], drive[D_DDOT + motor], hold[TORQUE_D + motor],
+def turning(p, modes, motor, theta, theta_dot, drive, hold):
+    """A motor at `theta` (rad) and `theta_dot` (rad/s)."""
+    wish, mode = 0.0, modes[motor]
+    if mode != TORQUE:
+        damping, stiffness = p.velocity_gain, 0.0
+        if mode == PRESCRIBED:
+            damping, stiffness = 2.0 * p.A_motor, p.A_motor * p.A_motor
+        wish = follow(
+            damping, stiffness, theta, theta_dot, drive[D + motor], drive[D_DOT + motor], drive[D_DDOT + motor]
+        )  # fmt: skip
+    return Turning(
+        motor, mode, theta, theta_dot, wish, hold[TORQUE_D + motor], hold[GEAR + motor], hold[INERTIA + motor],
+        hold[INVERSE + motor],
     )  # fmt: skip
-    w[M_R + motor], w[M_M + motor], w[ACC + coordinate_of(motor)] = M_r, M_m, theta_ddot
-    w[ETA + motor] = hold[EFFICIENCY + motor]
-    return forces
 
 
 @inlined
-def spin_slope(body, fx, unit, pair, soil, omega, motor, lag):
-    """Sum of F_l of a motor's wheels, and its secant slope by the wheel speed (N, N s/rad); no force is stored."""
-    slip = unit.r_w * omega - pair.p_x
-    free = soil.k_l * slip
-    F_tf, F_tb = -soil.k_t * pair.p_yf, -soil.k_t * pair.p_yb
-    if fx is not None and hooks.follow_rate(fx, pair.p_x) > 0.0:
-        F_tf, F_tb = lag[2 * motor], lag[2 * motor + 1]
-    F_lf, _, held_f = saturated(body, fx, free, F_tf, pair.F_nf, soil.mu_sf, soil.mu_df, slip, pair.p_yf)
-    F_lb, _, held_b = saturated(body, fx, free, F_tb, pair.F_nb, soil.mu_sb, soil.mu_db, slip, pair.p_yb)
-    return F_lf + F_lb, soil.k_l * unit.r_w * (held_f + held_b)
+def solved(motor, J, inverse_J, load, torque_max):
+    """Torque of a motor and its acceleration under a `load` (N m, motor side), see `transmission.motor_equation`."""
+    if motor.mode == TORQUE:
+        return motor_equation(J, inverse_J, load, None, motor.torque, torque_max)
+    limit = math.inf if motor.mode == PRESCRIBED else torque_max
+    return motor_equation(J, inverse_J, load, motor.wish, math.nan, limit)
 
 
 @inlined
-def next_speed(body, p, fx, unit, mode, gear, J, theta, theta_dot, d, d_dot, d_ddot, M_d, pair, soil, motor, lag, dt):
+def motor_acts(p, fx, unit, motor, forces):
+    """What a motor does at an instant whose wheels' `forces` are known (eqs 21, 22, 26 to 28)."""
+    M_r = load_torque(p, unit, forces, unit.tau * motor.theta_dot)
+    drag = hooks.drag(fx, motor.number, motor.theta_dot) if fx is not None else 0.0
+    load = motor.gear * M_r
+    if fx is not None:
+        load += drag
+    M_m, theta_ddot = solved(motor, motor.J, motor.inverse_J, load, unit.torque_max)
+    return Acting(M_m, M_r, drag, theta_ddot, motor.theta_dot)
+
+
+@inlined
+def next_speed(body, p, fx, unit, motor, pair, soil, lag_f, lag_b, dt):
     """Motor speed after a step, the wheels' slip taken implicitly (linearised at the old speed), and its torque.
 
     A prescribed motor's torque follows from the new forces; zero stands in its place here.
     """
-    if mode == PRESCRIBED:
-        return theta_dot + dt * follow(p.A_motor, theta, theta_dot, d, d_dot, d_ddot), 0.0
+    theta_dot = motor.theta_dot
+    if motor.mode == PRESCRIBED:
+        return theta_dot + dt * motor.wish, 0.0
     omega = unit.tau * theta_dot
-    F_l, slope = spin_slope(body, fx, unit, pair, soil, omega, motor, lag)
-    load = gear * load_torque(p, fx, unit, pair, soil, omega, F_l)
-    inertia = J + dt * gear * unit.r_w * slope * unit.tau
+    forces = pair_forces(
+        within_friction,
+        body,
+        fx,
+        pair,
+        soil,
+        motor.number,
+        unit.r_w * omega,
+        unit.tau * motor.theta,
+        lag_f,
+        lag_b,
+        None,
+    )
+    load = motor.gear * load_torque(p, unit, forces, omega)
+    inertia = motor.J + dt * motor.gear * unit.r_w * (forces.slope * unit.r_w) * unit.tau
     if fx is not None:
-        drag = hooks.drag(fx, motor, theta_dot)
+        drag = hooks.drag(fx, motor.number, theta_dot)
         load += drag
         inertia += dt * drag / theta_dot if theta_dot != 0.0 else 0.0
-    M_m = M_d
-    if mode == DRIVEN:
-        M_m = inertia * (d_ddot + p.velocity_gain * (d_dot - theta_dot)) + load
-    M_m = limited(unit, M_m)
-    return theta_dot + dt * (M_m - load) / inertia, M_m
+    M_m, theta_ddot = solved(motor, inertia, 1.0 / inertia, load, unit.torque_max)
+    return theta_dot + dt * theta_ddot, M_m
 
 
 @inlined
-def step_motor(body, p, fx, unit, mode, theta, theta_dot, pair, soil, motor, drive, hold, lag, dt, w):
-    """As `turn_motor`, over a step: the forces are those at the new speed."""
-    gear, J = hold[GEAR + motor], hold[INERTIA + motor]
-    speed, M_m = next_speed(
-        body, p, fx, unit, mode, gear, J, theta, theta_dot, drive[D + motor], drive[D_DOT + motor],
-        drive[D_DDOT + motor], hold[TORQUE_D + motor], pair, soil, motor, lag, dt,
-    )  # fmt: skip
+def motor_with_wheels(body, p, fx, unit, motor, pair, soil, lag_f, lag_b, dt, torques):
+    """A motor and its two wheels (eqs 15, 16, 21, 22): at an instant (`dt` None), or over a semi-implicit step.
+
+    A prescribed motor at an instant needs to know no force unless `torques` are asked for; they are zero then.
+
+    Returns
+    -------
+    contact.PairForces
+        Over a step those at the new speed.
+    Acting
+    """
+    speed = motor.theta_dot
+    if dt is not None:
+        speed, M_m = next_speed(body, p, fx, unit, motor, pair, soil, lag_f, lag_b, dt)
     omega = unit.tau * speed
-    forces = motor_wheels(body, fx, unit, pair, soil, omega, motor, lag, dt, w)
-    M_r = load_torque(p, fx, unit, pair, soil, omega, forces[0])
-    theta_ddot = (speed - theta_dot) / dt
-    load = gear * M_r
+    forces = pair_forces(
+        within_friction, body, fx, pair, soil, motor.number, unit.r_w * omega, unit.tau * motor.theta, lag_f, lag_b, dt
+    )
+    if dt is None:
+        if motor.mode == PRESCRIBED and not torques:
+            return forces, Acting(0.0, 0.0, 0.0, motor.wish, speed)
+        return forces, motor_acts(p, fx, unit, motor, forces)
+    M_r, theta_ddot = load_torque(p, unit, forces, omega), (speed - motor.theta_dot) / dt
+    drag = hooks.drag(fx, motor.number, speed) if fx is not None else 0.0
+    if motor.mode == PRESCRIBED:
+        M_m = motor.J * theta_ddot + motor.gear * M_r
+        if fx is not None:
+            M_m += drag
+    return forces, Acting(M_m, M_r, drag, theta_ddot, speed)
+
+
+@inlined
+def write_wheels(pair, forces, motor, w):
+    """What the two wheels of a motor meet and do, into the row."""
+    i = 2 * motor
+    w[P_X + i] = w[P_X + i + 1] = pair.p_x
+    w[P_Y + i], w[P_Y + i + 1] = pair.p_yf, pair.p_yb
+    w[F_N + i], w[F_N + i + 1] = pair.F_nf, pair.F_nb
+    w[F_L + i], w[F_L + i + 1], w[F_T + i], w[F_T + i + 1] = forces.F_lf, forces.F_lb, forces.F_tf, forces.F_tb
+    w[SAT + i] = 1.0 if forces.held_f != 1.0 else 0.0
+    w[SAT + i + 1] = 1.0 if forces.held_b != 1.0 else 0.0
+
+
+@inlined
+def write_motor(fx, acting, motor, hold, w):
+    """What a motor does, into the row."""
+    w[M_M + motor], w[M_R + motor], w[ETA + motor] = acting.M_m, acting.M_r, hold[EFFICIENCY + motor]
+    w[ACC + coordinate_of(motor)] = acting.theta_ddot
     if fx is not None:
-        w[M_D + motor] = hooks.drag(fx, motor, speed)
-        load += w[M_D + motor]
-    if mode == PRESCRIBED:
-        M_m = J * theta_ddot + load
-    w[M_R + motor], w[M_M + motor], w[ACC + coordinate_of(motor)] = M_r, M_m, theta_ddot
-    w[ETA + motor] = hold[EFFICIENCY + motor]
+        w[M_D + motor] = acting.drag
+
+
+@inlined
+def move_side(body, p, fx, unit, modes, motor, q, v, pair, soil, drive, hold, lag, dt, w):
+    """A motor of a module and its wheels, into the row; returns `contact.PairForces`."""
+    i, c = 2 * motor, coordinate_of(motor)
+    forces, acting = motor_with_wheels(
+        body,
+        p,
+        fx,
+        unit,
+        turning(p, modes, motor, q[c], v[c], drive, hold),
+        pair,
+        soil,
+        lag[i],
+        lag[i + 1],
+        dt,
+        True,
+    )
+    write_wheels(pair, forces, motor, w)
+    write_motor(fx, acting, motor, hold, w)
+    if fx is not None:
+        lag[8 + i], lag[8 + i + 1] = forces.rate_f, forces.rate_b
     return forces
 
 
 @inlined
-def module_forces(move, body, right, left, q, v, p, fx, s_a, c_a, s_g, c_g, module, modes, drive, hold, lag, dt, w):
+def module_forces(body, right, left, q, v, p, fx, s_a, c_a, s_g, c_g, module, modes, drive, hold, lag, dt, w):
     """Motors, wheels and ground of one module, into the row; the joint left out.
-
-    Parameters
-    ----------
-    move : function
-        How a motor moves: `turn_motor` or `step_motor`.
 
     Returns
     -------
@@ -193,34 +297,31 @@ def module_forces(move, body, right, left, q, v, p, fx, s_a, c_a, s_g, c_g, modu
     b, motor = BACK * module, 2 * module
     v_x, v_y = c_g * v[b + X] + s_g * v[b + Y], c_g * v[b + Y] - s_g * v[b + X]
     pair_r, pair_l = wheel_pairs(
-        body, p, fx, v_x, v_y, v[b + Z], v[b + ALPHA], v[b + GAMMA], s_a, c_a, q[b + Z], module, w
+        body, p, fx, v_x, v_y, v[b + Z], v[b + ALPHA], v[b + GAMMA], s_a, c_a, q[b + Z], module
     )
     soil_r = soil_under(body, p, fx, pair_r, q[b + X], q[b + Y], s_g, c_g, c_a, -1.0)
     soil_l = soil_under(body, p, fx, pair_l, q[b + X], q[b + Y], s_g, c_g, c_a, 1.0)
-    theta_r, theta_l = b + THETA_R, b + THETA_L
-    on_right = move(
-        body, p, fx, right, modes[motor], q[theta_r], v[theta_r], pair_r, soil_r, motor, drive, hold, lag, dt, w
-    )
-    on_left = move(
-        body, p, fx, left, modes[motor + 1], q[theta_l], v[theta_l], pair_l, soil_l, motor + 1, drive, hold, lag, dt, w
-    )
-    forces = generalised_forces(
-        body, p, fx, s_a, c_a, s_g, c_g, on_right, on_left, pair_r, pair_l, soil_r, soil_l, module, w
-    )
-    resisted = 0.0, 0.0, 0.0
+    on_right = move_side(body, p, fx, right, modes, motor, q, v, pair_r, soil_r, drive, hold, lag, dt, w)
+    on_left = move_side(body, p, fx, left, modes, motor + 1, q, v, pair_l, soil_l, drive, hold, lag, dt, w)
+    forces = generalised_forces(body, p, fx, s_a, c_a, s_g, c_g, on_right, on_left, pair_r, pair_l, module, w)
+    loads = 0.0, 0.0, 0.0, 0.0, 0.0
     if fx is not None:
-        resisted = resistance(body, fx, module, v_x, pair_r, pair_l, soil_r, soil_l, c_a)
-    return free_acceleration(body, p, fx, v[b + X], v[b + Y], v[b + GAMMA], s_g, c_g, forces, resisted, module, dt, w)
+        loads = module_loads(body, fx, module, v_x, on_right, on_left, s_g, c_g, c_a)
+        write_loads(loads, module, w)
+    return free_acceleration(body, p, fx, v[b + X], v[b + Y], v[b + GAMMA], s_g, c_g, forces, loads, module, dt)
 
 
 @inlined
-def accelerations(move, q, v, p, fx, modes, drive, hold, lag, dt, w):
-    """All of eq. 28 at (q, v): every contribution and the accelerations of all coordinates, into the row."""
+def accelerations(q, v, p, fx, modes, drive, hold, lag, dt, w):
+    """All of eq. 28 at (q, v): every contribution and the accelerations of all coordinates, into the row.
+
+    At an instant (`dt` None), or as a semi-implicit step of `dt` (s) takes them.
+    """
     trig = attitude(q)
     geometry = joint_geometry(q, v, p, fx, trig)
     sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b = trig
     front = module_forces(
-        move, p.front, p.right_front, p.left_front, q, v, p, fx, sa_f, ca_f, sg_f, cg_f, FRONT, modes, drive, hold,
+        p.front, p.right_front, p.left_front, q, v, p, fx, sa_f, ca_f, sg_f, cg_f, FRONT, modes, drive, hold,
         lag, dt, w,
     )  # fmt: skip
     if not p.two:
@@ -231,7 +332,7 @@ def accelerations(move, q, v, p, fx, modes, drive, hold, lag, dt, w):
             back_to_origin(fx, v, sg_f, cg_f, FRONT, w)
         return
     back = module_forces(
-        move, p.back, p.right_back, p.left_back, q, v, p, fx, sa_b, ca_b, sg_b, cg_b, BEHIND, modes, drive, hold,
+        p.back, p.right_back, p.left_back, q, v, p, fx, sa_b, ca_b, sg_b, cg_b, BEHIND, modes, drive, hold,
         lag, dt, w,
     )  # fmt: skip
     if fx is not None:
@@ -248,7 +349,7 @@ def accelerations(move, q, v, p, fx, modes, drive, hold, lag, dt, w):
 @inlined
 def right_hand_side(q, v, p, fx, modes, drive, hold, lag, w):
     """Accelerations of all coordinates at (q, v), with every contribution, into the row."""
-    accelerations(turn_motor, q, v, p, fx, modes, drive, hold, lag, 0.0, w)
+    accelerations(q, v, p, fx, modes, drive, hold, lag, None, w)
 
 
 @inlined
@@ -257,7 +358,7 @@ def semi_implicit_step(q, v, p, fx, modes, drive, hold, lag, dt, w):
 
     ``drive[D_DDOT:]`` holds the mean acceleration of the commands over the step.
     """
-    accelerations(step_motor, q, v, p, fx, modes, drive, hold, lag, dt, w)
+    accelerations(q, v, p, fx, modes, drive, hold, lag, dt, w)
     for i in range(16):
         new = v[i] + dt * w[ACC + i]
         c = i % 8

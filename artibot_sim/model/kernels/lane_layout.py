@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import namedtuple
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -13,7 +14,8 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from artibot_sim.model.effects import EFFECTS, RECORD_DTYPE, at_work
-from artibot_sim.model.effects.base import Values
+from artibot_sim.model.effects.base import Effect, Values
+from artibot_sim.model.effects.hooks import PLACES
 from artibot_sim.model.equations.plane import Body, Ground
 from artibot_sim.model.kernels.compilation import inlined
 
@@ -32,34 +34,36 @@ def flat(record: Any) -> NDArray[np.float64]:
     return values
 
 
-SLOW_HOOKS = {"friction", "lead", "follow_rate", "resist", "wheel_resist"}
-"""Hooks whose answers cost more than all others together: exponentials, roots and quotients for every wheel."""
+EXTENDED: tuple[tuple[float, ...], ...] = ((1.0,), (1.0, 1.0), (1.0, 1.0, 1.0))
+"""Stand for the extended model as `fx` of lanes, by the cost of what its effects answer (see `effects.hooks.Place`)."""
 
-LIGHT, FULL = (1.0,), (1.0, 1.0)
-"""Stand for the extended model as `fx` of lanes: without effects that answer SLOW_HOOKS, and with them."""
+
+def _cost(effect: Effect) -> int:
+    """Of the dearest place where an effect acts; 0 for one that acts in none."""
+    return max((PLACES[hook].cost for hook in effect.hooks), default=0)
 
 
 def extension(effects: Mapping[str, Values]) -> tuple[float, ...] | None:
-    """What of the model a robot's effects need: None, LIGHT or FULL."""
-    hooks = {hook for effect, _ in at_work(effects).values() for hook in effect.hooks}
-    return None if not hooks else FULL if hooks & SLOW_HOOKS else LIGHT
+    """What of the model a robot's effects need: None, or one of EXTENDED."""
+    cost = max((_cost(effect) for effect, _ in at_work(effects).values()), default=0)
+    return EXTENDED[cost - 1] if cost else None
 
 
-def reader(lanes: int, full: bool) -> Callable[..., Any]:
+def reader(lanes: int, cost: int) -> Callable[..., Any]:
     """A function that puts together from a block what `effects.record` would be for one lane.
 
     Named tuples of what hooks read: the compiler leaves out all that they do not, and all that comes of effects which
-    are neutral here because it is not the `full` model. It is written out because compiled code cannot go through
-    names.
+    are neutral here because they act in places of more than `cost`. It is written out because compiled code cannot go
+    through names.
     """
-    known: dict[str, Any] = {}
+    known: dict[str, Any] = {"inf": math.inf}
     place, entries = 1, ["t"]
     names = RECORD_DTYPE.names or ()
     for name in names[1:]:
         parameters = EFFECTS[name].parameters
         known[f"_{name}"] = namedtuple(name, parameters)
         numbers = [f"S[at + {(place + k) * lanes}]" for k in range(len(parameters))]
-        if not full and SLOW_HOOKS & set(EFFECTS[name].hooks):
+        if _cost(EFFECTS[name]) > cost:
             numbers = [repr(parameter.number(parameter.neutral)) for parameter in parameters.values()]
         entries.append(f"_{name}({', '.join(numbers)})")
         place += len(parameters)
@@ -94,10 +98,10 @@ _SIZES = {
     # commanded torque (NaN: eq. 30), eq. 30's factor of the front motors' sum; held through a step: torque (NaN:
     # whatever it takes to follow the command), gear ratio over efficiency, inertia and its inverse
     "GIVEN": 4, "SHARE": 1, "HELD": 4, "GEARED": 4, "INERTIA": 4, "INV_J": 4,
-    # motors: speed of their wheels' rims, the sign of rolling resistance, sums over the two wheels of F_l and u F_n,
+    # motors: speed of their wheels' rims, the sign of rolling resistance, of both wheels F_l at the rims and u F_n,
     # drag, torque now and a step before, inverse efficiency; factors of speed and angle behind the command; the lever
     # of F_l, and whether rolling resistance is beside it
-    "RIM": 4, "SIGN": 4, "PULL": 4, "U_F_N": 4, "DRAG": 4, "TORQUE": 4, "PREVIOUS": 4, "GEAR": 4,
+    "RIM": 4, "SIGN": 4, "AT_RIM": 4, "U_F_N": 4, "DRAG": 4, "TORQUE": 4, "PREVIOUS": 4, "GEAR": 4,
     "MODE": 4, "TAU": 4, "R_W": 4, "J_M": 4, "J_W": 4, "DRIVING": 4, "BRAKING": 4, "TORQUE_MAX": 4,
     "DAMPING": 4, "STIFFNESS": 4, "LEVER": 4, "ROLLS": 4,
     "BODY_F": len(Body._fields), "BODY_B": len(Body._fields), "GROUND": len(Ground._fields),
@@ -146,7 +150,7 @@ def _line_up_stack(typing_context: Any) -> Any:
 line_up_stack: Any = intrinsic(_line_up_stack)
 
 
-light_effects, all_effects = reader(LANES, full=False), reader(LANES, full=True)
+cheap_effects, dear_effects, all_effects = (reader(LANES, cost) for cost in (1, 2, 3))
 
 
 @inlined
@@ -155,7 +159,9 @@ def effects_at(S, fx, e, t):
     if fx is not None:
         at = AT.EFFECTS + e
         if len(fx) == 1:
-            return light_effects(S, at, S[at] + t)
+            return cheap_effects(S, at, S[at] + t)
+        if len(fx) == 2:
+            return dear_effects(S, at, S[at] + t)
         return all_effects(S, at, S[at] + t)
     return None
 

@@ -58,6 +58,15 @@ class Lot(NamedTuple):
     last: Indices
 
 
+class Grid(NamedTuple):
+    """Steps of `dt` (s): how many, after how many a row is kept, and after how many a knot of the commands stands."""
+
+    dt: float
+    steps: int
+    every: int
+    knot_steps: int
+
+
 @inlined
 def load_lot(S, lot, fx):
     """Rollouts into lanes; lanes that are left over repeat the first."""
@@ -104,12 +113,13 @@ def keep_state(S, row, kept):
 
 
 @kernel
-def run_lot(lot, dt, steps, every, knot_steps, settings, S, kept, rows, fx=None):
-    """Advance all rollouts of a lot by `steps` steps; keep what each `every`-th begins with, and the end.
+def run_lot(lot, grid, settings, S, kept, rows, fx=None):
+    """Advance all rollouts of a lot; keep what each `every`-th step begins with, and the end.
 
     Parameters
     ----------
     lot : Lot
+    grid : Grid
     settings : array of int, shape (2,)
         As in `window_lanes.run_windows`.
     S : array, shape (BLOCK,)
@@ -118,6 +128,7 @@ def run_lot(lot, dt, steps, every, knot_steps, settings, S, kept, rows, fx=None)
         How many rows of each are sound: an output.
     """
     line_up_stack()
+    dt, steps, every, knot_steps = grid
     load_lot(S, lot, fx)
     for step in range(steps):
         phase = step % knot_steps
@@ -149,24 +160,29 @@ def unpack(kept, row, e, two, q, v, eta, previous, lateral):
 
 
 @kernel
-def fill_rows(
-    p, modes, share, position, velocity, torque_d, kept, lane, rows, dt, steps, every, knot_steps, work,
-    q, v, eta, previous, lateral, out_q, out_v, out_w, fx=None,
-):  # fmt: skip
+def fill_rows(lot, lane, grid, kept, rows, work, tables, fx=None):
     """Rows of a lane as `loop.integrate_rk4` keeps them, contributions and all.
 
     Parameters
     ----------
-    p, modes, share, position, velocity, torque_d, work
-        As there.
+    lot : Lot
+        Its states are those of the starts; then that of the lane is the last row's.
+    grid : Grid
+    kept : array
+        What `run_lot` has kept.
     rows : int
         How many.
-    q, v, eta, previous, lateral : array
-        q and v (16,) as they start; then the state of the last row is in them.
+    work : loop.Work
+    tables : tuple of 3 arrays, shapes (rows, 16), (rows, 16), (rows, ROW)
+        An output: q, v and the named contributions.
     fx : record, optional
         Effects, with the time of the start.
     """
     w, drive, cubic, hold, _, _, _, _, _, _, _, lag, _ = work
+    p, modes, share = lot.records[lane], lot.modes[lane], lot.share[lane]
+    q, v, eta, previous, lateral = lot.q[lane], lot.v[lane], lot.eta[lane], lot.torque[lane], lot.lateral[lane]
+    first, end = lot.first[lane], lot.last[lane] + 1
+    position, velocity, torque_d = lot.position[first:end], lot.velocity[first:end], lot.torque_d[first:end]
     start = 0.0
     if fx is not None:
         start = fx.t
@@ -174,18 +190,18 @@ def fill_rows(
     if p.two:
         module_gravity(p.back, p, BEHIND, w)
     for row in range(rows):
-        step = min(row * every, steps)
-        knot, s = step // knot_steps, (step % knot_steps) * dt
+        step = min(row * grid.every, grid.steps)
+        knot, s = step // grid.knot_steps, (step % grid.knot_steps) * grid.dt
         unpack(kept, row, lane, p.two, q, v, eta, previous, lateral)
         for k in range(8):
             lag[k] = lateral[k]
-        hermite(position, velocity, knot, knot_steps * dt, cubic)
-        commanded_torques(torque_d, knot, share, previous, hold)
+        hermite(position, velocity, knot, grid.knot_steps * grid.dt, cubic)
+        commanded_torques(torque_d, knot, share, previous, modes, hold)
         hold_efficiencies(p, eta, hold)
         command_at(cubic, s, modes, drive)
         if fx is not None:
-            fx.t = start + dt * step
+            fx.t = start + grid.dt * step
         right_hand_side(q, v, p, fx, modes, drive, hold, lag, w)
-        keep(q, row, out_q)
-        keep(v, row, out_v)
-        keep(w, row, out_w)
+        keep(q, row, tables[0])
+        keep(v, row, tables[1])
+        keep(w, row, tables[2])

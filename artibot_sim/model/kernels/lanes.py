@@ -8,12 +8,23 @@ from __future__ import annotations
 import math
 
 from artibot_sim.model.effects import hooks
-from artibot_sim.model.equations.plane import Body, Ground, Motion, planar_accelerations, within_friction
-from artibot_sim.model.equations.transmission import ROLLING_WIDTH, TORQUE, rolling_sign
+from artibot_sim.model.equations.contact import within_friction_lanes
+from artibot_sim.model.equations.plane import Body, Ground, Motion, module_wheels, planar_accelerations
+from artibot_sim.model.equations.transmission import (
+    ROLLING_WIDTH,
+    TORQUE,
+    axle_torque,
+    driving,
+    follow,
+    motor_equation,
+    reflect,
+    rolling_sign,
+)
 from artibot_sim.model.kernels.compilation import inlined
+from artibot_sim.model.kernels.cubic import cubic_at, cubic_between
 from artibot_sim.model.kernels.elementary import sincos, turn_by
 from artibot_sim.model.kernels.lane_layout import AT, LANES, LIMIT_Q, LIMIT_V, MOTORS, SIZE, effects_at, four, put4
-from artibot_sim.model.kernels.layout import MOTOR
+from artibot_sim.model.kernels.layout import BEHIND, FRONT, MOTOR
 
 
 @inlined
@@ -23,12 +34,9 @@ def follow_command(S, j, s):
     Returns the speed of its wheels, rad/s.
     """
     c_0, c_1, c_2, c_3 = S[AT.P_0 + j], S[AT.V_0 + j], S[AT.C_2 + j], S[AT.C_3 + j]
-    d = c_0 + s * (c_1 + s * (c_2 + s * c_3))
-    d_dot = c_1 + s * (2.0 * c_2 + 3.0 * s * c_3)
-    d_ddot = 2.0 * c_2 + 6.0 * s * c_3
-    speed = S[AT.V_S + MOTORS + j]
-    behind, back = d_dot - speed, d - S[AT.Q_S + MOTORS + j]
-    S[AT.ACC + MOTORS + j] = d_ddot + S[AT.DAMPING + j] * behind + S[AT.STIFFNESS + j] * back
+    d, d_dot, d_ddot = cubic_at(c_0, c_1, c_2, c_3, s)
+    theta, speed = S[AT.Q_S + MOTORS + j], S[AT.V_S + MOTORS + j]
+    S[AT.ACC + MOTORS + j] = follow(S[AT.DAMPING + j], S[AT.STIFFNESS + j], theta, speed, d, d_dot, d_ddot)
     omega = S[AT.TAU + j] * speed
     S[AT.RIM + j], S[AT.SIGN + j] = S[AT.R_W + j] * omega, math.copysign(1.0, omega)
     return omega
@@ -60,15 +68,13 @@ def turn_motors(S, fx):
     Of all motors: a loop over the back ones only is so short that it is written out, without vectors, and slower.
     """
     for j in range(4 * LANES):
-        rolling = S[AT.ROLLS + j] * S[AT.U_F_N + j] * S[AT.SIGN + j]
-        load = S[AT.GEARED + j] * (S[AT.LEVER + j] * S[AT.PULL + j] + rolling)  # eq. 22, motor side
+        M_r = axle_torque(S[AT.LEVER + j], S[AT.AT_RIM + j], S[AT.ROLLS + j] * S[AT.U_F_N + j], S[AT.SIGN + j])
+        load = S[AT.GEARED + j] * M_r
         if fx is not None:
             load += S[AT.DRAG + j]
-        wish, limit, held = S[AT.ACC + MOTORS + j], S[AT.TORQUE_MAX + j], S[AT.HELD + j]
-        needed = S[AT.INERTIA + j] * wish + load
-        M_m = min(max(held if held == held else needed, -limit), limit)
-        S[AT.ACC + MOTORS + j] = wish if M_m == needed else (M_m - load) * S[AT.INV_J + j]
-        S[AT.TORQUE + j] = M_m
+        S[AT.TORQUE + j], S[AT.ACC + MOTORS + j] = motor_equation(
+            S[AT.INERTIA + j], S[AT.INV_J + j], load, S[AT.ACC + MOTORS + j], S[AT.HELD + j], S[AT.TORQUE_MAX + j]
+        )  # fmt: skip
 
 
 @inlined
@@ -85,9 +91,9 @@ def hold_torques(S):
 @inlined
 def hold_motor(S, j, shared):
     """As `hold_torques` for one motor of a lane."""
-    given, tau = S[AT.GIVEN + j], S[AT.TAU + j]
-    torque, gear = given if given == given else shared, tau * S[AT.GEAR + j]
-    inertia = S[AT.J_M + j] + S[AT.J_W + j] * tau * gear
+    given = S[AT.GIVEN + j]
+    torque = given if given == given else shared
+    gear, inertia = reflect(S[AT.TAU + j], S[AT.J_M + j], S[AT.J_W + j], S[AT.GEAR + j])
     S[AT.HELD + j] = torque if S[AT.MODE + j] == TORQUE else math.nan
     S[AT.GEARED + j], S[AT.INERTIA + j], S[AT.INV_J + j] = gear, inertia, 1.0 / inertia
 
@@ -98,7 +104,7 @@ def feed_back(S, fx):
     for j in range(4 * LANES):
         torque = S[AT.TORQUE + j]
         through_gear = torque - S[AT.DRAG + j] if fx is not None else torque
-        drives = 1.0 if through_gear * S[AT.V + MOTORS + j] >= 0.0 else 0.0  # a choice of places is no vector code
+        drives = 1.0 if driving(through_gear, S[AT.V + MOTORS + j]) else 0.0  # a choice of places is no vector code
         S[AT.PREVIOUS + j] = torque
         S[AT.GEAR + j] = drives * S[AT.DRIVING + j] + (1.0 - drives) * S[AT.BRAKING + j]
 
@@ -125,9 +131,9 @@ def leave_knot(S):
 def cubics(S):
     """Coefficients of the commands' cubics (see `loop.hermite`)."""
     for j in range(4 * LANES):
-        going, a, b = S[AT.GOING + j], S[AT.V_0 + j], S[AT.V_1 + j]
-        rise = (S[AT.P_1 + j] - S[AT.P_0 + j]) * going
-        S[AT.C_2 + j], S[AT.C_3 + j] = (3.0 * rise - 2.0 * a - b) * going, (a + b - 2.0 * rise) * (going * going)
+        S[AT.C_2 + j], S[AT.C_3 + j] = cubic_between(
+            S[AT.P_0 + j], S[AT.P_1 + j], S[AT.V_0 + j], S[AT.V_1 + j], S[AT.GOING + j]
+        )  # fmt: skip
 
 
 # ----------------------------------------------------------------------
@@ -139,7 +145,7 @@ def cubics(S):
 # be written out before it is looked at). Lanes know nothing of each other: results do not depend on which rovers
 # share a block, and one that diverges disturbs no other.
 #
-# `fx` is None for the paper's model. In the extended one it is LIGHT or FULL (`lane_layout`), whose lengths the
+# `fx` is None for the paper's model. In the extended one it is one of EXTENDED (`lane_layout`), whose lengths the
 # compiler knows, and effects' parameters are in `S`.
 # ----------------------------------------------------------------------
 
@@ -212,15 +218,34 @@ def move_modules(S, fx, t):
         turn_f, turn_b = f.gamma - S[AT.FACING + e], b.gamma - S[AT.FACING + LANES + e]
         s_f, c_f = turn_by(turn_f, S[AT.SINE + e], S[AT.COSINE + e])
         s_b, c_b = turn_by(turn_b, S[AT.SINE + LANES + e], S[AT.COSINE + LANES + e])
-        on_f, on_b, pulls, _, _ = planar_accelerations(
-            within_friction, body_of(S, AT.BODY_F + e), body_of(S, AT.BODY_B + e), ground, effects_at(S, fx, e, t),
-            f, b, (s_f, c_f, s_b, c_b), four(S, AT.RIM + e), four(S, lag), four(S, lag + 4 * LANES),
-        )  # fmt: skip
+        front, back, effects = body_of(S, AT.BODY_F + e), body_of(S, AT.BODY_B + e), effects_at(S, fx, e, t)
+        rims, angles = four(S, AT.RIM + e), (0.0, 0.0, 0.0, 0.0)
+        if fx is not None and len(fx) > 2:
+            th, ta = four(S, q + MOTORS), four(S, AT.TAU + e)
+            angles = th[0] * ta[0], th[1] * ta[1], th[2] * ta[2], th[3] * ta[3]
+        right_f, left_f = module_wheels(
+            within_friction_lanes, front, ground, effects, FRONT, f, s_f, c_f, rims[:2], angles[:2], four(S, lag)
+        )
+        right_b, left_b = module_wheels(
+            within_friction_lanes,
+            back,
+            ground,
+            effects,
+            BEHIND,
+            b,
+            s_b,
+            c_b,
+            rims[2:],
+            angles[2:],
+            four(S, lag + 4 * LANES),
+        )
+        on_f, on_b, _, _, _ = planar_accelerations(
+            front, back, ground, effects, f, b, (s_f, c_f, s_b, c_b), (right_f, left_f, right_b, left_b)
+        )
         a = AT.ACC + e
         S[a], S[a + LANES], S[a + 2 * LANES] = on_f
         S[a + 3 * LANES], S[a + 4 * LANES], S[a + 5 * LANES] = on_b
-        right_f, left_f, right_b, left_b = pulls
-        put4(S, AT.PULL + e, right_f.F_l, left_f.F_l, right_b.F_l, left_b.F_l)
+        put4(S, AT.AT_RIM + e, right_f.at_rim, left_f.at_rim, right_b.at_rim, left_b.at_rim)
         if fx is not None and len(fx) > 1:
             put4(S, AT.U_F_N + e, right_f.u_F_n, left_f.u_F_n, right_b.u_F_n, left_b.u_F_n)
             lag = AT.LAG_RATE + e

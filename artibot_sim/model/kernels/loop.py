@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model.equations.dynamics import module_gravity
-from artibot_sim.model.equations.transmission import TORQUE, efficiency
+from artibot_sim.model.equations.transmission import TORQUE, driving
 from artibot_sim.model.kernels.compilation import inlined, kernel
+from artibot_sim.model.kernels.cubic import cubic_at, cubic_between
 from artibot_sim.model.kernels.energy import powers
 from artibot_sim.model.kernels.integrators import (
     D_DDOT,
@@ -51,7 +52,7 @@ class Work(NamedTuple):
 
 def workspace() -> Work:
     """A fresh one, for one loop at a time."""
-    return Work(*map(np.zeros, (ROW, 12, 16, 16, 4, 16, 16, 16, 16, ENERGIES, ENERGIES, 16, 8)))
+    return Work(*map(np.zeros, (ROW, 12, 16, 20, 4, 16, 16, 16, 16, ENERGIES, ENERGIES, 16, 8)))
 
 
 @inlined
@@ -59,13 +60,12 @@ def hermite(position, velocity, knot, h, cubic):
     """Coefficients of the commands' cubic between two knots, motor by motor, into `cubic` (16,)."""
     last = position.shape[0] - 1
     i, j = min(knot, last), min(knot + 1, last)
+    going = 1.0 / h if j > i else 0.0
     for motor in range(4):
-        rise = (position[j, motor] - position[i, motor]) / h
-        a, b = velocity[i, motor], velocity[j, motor]
-        cubic[motor] = position[i, motor]
-        cubic[4 + motor] = a
-        cubic[8 + motor] = (3.0 * rise - 2.0 * a - b) / h if j > i else 0.0
-        cubic[12 + motor] = (a + b - 2.0 * rise) / (h * h) if j > i else 0.0
+        cubic[motor], cubic[4 + motor] = position[i, motor], velocity[i, motor]
+        cubic[8 + motor], cubic[12 + motor] = cubic_between(
+            position[i, motor], position[j, motor], velocity[i, motor], velocity[j, motor], going
+        )
 
 
 @inlined
@@ -74,10 +74,9 @@ def command_at(cubic, s, modes, drive):
     for motor in range(4):
         if modes[motor] == TORQUE:
             continue
-        c0, c1, c2, c3 = cubic[motor], cubic[4 + motor], cubic[8 + motor], cubic[12 + motor]
-        drive[D + motor] = c0 + s * (c1 + s * (c2 + s * c3))
-        drive[D_DOT + motor] = c1 + s * (2.0 * c2 + 3.0 * s * c3)
-        drive[D_DDOT + motor] = 2.0 * c2 + 6.0 * s * c3
+        drive[D + motor], drive[D_DOT + motor], drive[D_DDOT + motor] = cubic_at(
+            cubic[motor], cubic[4 + motor], cubic[8 + motor], cubic[12 + motor], s
+        )
 
 
 @inlined
@@ -88,13 +87,14 @@ def mean_acceleration(cubic, s, dt, drive):
 
 
 @inlined
-def commanded_torques(torque_d, knot, back_factor, previous, hold):
-    """Torques held through a step: commanded ones, or eq. 30 from the step before (NaN commands it)."""
+def commanded_torques(torque_d, knot, back_factor, previous, modes, hold):
+    """Torques held through a step, of motors under torque: commanded ones, or eq. 30 from the step before (NaN)."""
     i = min(knot, torque_d.shape[0] - 1)
     shared = back_factor * (previous[0] + previous[1])
     for motor in range(4):
         given = torque_d[i, motor]
-        hold[TORQUE_D + motor] = given if not math.isnan(given) else (shared if motor > 1 else 0.0)
+        torque = given if not math.isnan(given) else (shared if motor > 1 else 0.0)
+        hold[TORQUE_D + motor] = torque if modes[motor] == TORQUE else math.nan
 
 
 @inlined
@@ -104,7 +104,8 @@ def feed_back(p, fx, v, w, eta, previous):
         previous[motor] = through_gear = w[M_M + motor]
         if fx is not None:
             through_gear -= w[M_D + motor]
-        eta[motor] = efficiency(motor_of(p, motor), through_gear, v[coordinate_of(motor)])
+        unit = motor_of(p, motor)
+        eta[motor] = unit.eta_d if driving(through_gear, v[coordinate_of(motor)]) else 1.0 / unit.eta_r
 
 
 @inlined
@@ -123,7 +124,7 @@ def prepare(
     """What is held through a step that begins `phase` steps after a knot; returns the time since the knot, s."""
     if phase == 0:
         hermite(position, velocity, knot, knot_steps * dt, cubic)
-    commanded_torques(torque_d, knot, back_factor, previous, hold)
+    commanded_torques(torque_d, knot, back_factor, previous, modes, hold)
     hold_efficiencies(p, eta, hold)
     return phase * dt
 

@@ -5,12 +5,13 @@ They take what those take and give the same to rounding. A rover that does not s
 
 from __future__ import annotations
 
+from artibot_sim.model.effects import hooks
 from artibot_sim.model.equations.dynamics import module_gravity
-from artibot_sim.model.equations.transmission import efficiency
+from artibot_sim.model.equations.transmission import driving
 from artibot_sim.model.kernels.compilation import inlined, kernel
 from artibot_sim.model.kernels.energy import level_powers
-from artibot_sim.model.kernels.layout import BEHIND, FRONT
-from artibot_sim.model.kernels.loop import DIVERGED, OK, command_at, keep, mean_acceleration, prepare, sound
+from artibot_sim.model.kernels.layout import BEHIND, FRONT, MOTOR
+from artibot_sim.model.kernels.loop import DIVERGED, OK, command_at, keep, mean_acceleration, next_lag, prepare, sound
 from artibot_sim.model.kernels.plane_step import (
     heading,
     level,
@@ -55,13 +56,23 @@ def middle(a, b):
 
 
 @inlined
-def feed_torques(p, M_m, v, eta, previous):
+def feed_torques(p, fx, now, v, eta, previous):
     """What the next step takes from this one, see `loop.feed_back`."""
-    previous[0], previous[1] = M_m[0], M_m[1]
-    eta[0], eta[1] = efficiency(p.right_front, M_m[0], v[6]), efficiency(p.left_front, M_m[1], v[7])
+    right, left, right_b, left_b = now.acting
+    feed_torque(fx, p.right_front, right, v[6], MOTOR[0], eta, previous)
+    feed_torque(fx, p.left_front, left, v[7], MOTOR[1], eta, previous)
     if p.two:
-        previous[2], previous[3] = M_m[2], M_m[3]
-        eta[2], eta[3] = efficiency(p.right_back, M_m[2], v[8]), efficiency(p.left_back, M_m[3], v[9])
+        feed_torque(fx, p.right_back, right_b, v[8], MOTOR[2], eta, previous)
+        feed_torque(fx, p.left_back, left_b, v[9], MOTOR[3], eta, previous)
+
+
+@inlined
+def feed_torque(fx, unit, acting, theta_dot, motor, eta, previous):
+    """As `feed_torques` for one motor."""
+    previous[motor] = through_gear = acting.M_m
+    if fx is not None:
+        through_gear -= acting.drag
+    eta[motor] = unit.eta_d if driving(through_gear, theta_dot) else 1.0 / unit.eta_r
 
 
 @inlined
@@ -75,24 +86,35 @@ def keep_row(q, v, w, e, row, out_q, out_v, out_w, out_e):
 
 
 @inlined
-def begin(q, v, p, w):
+def begin(q, v, p, fx, w):
     """Gravity into the row; a rover at q and v; its coordinates and rates as tuples."""
     module_gravity(p.front, p, FRONT, w)
     if p.two:
         module_gravity(p.back, p, BEHIND, w)
-    return stand(p, q), load(q), load(v)
+    return stand(p, fx, q), load(q), load(v)
+
+
+@inlined
+def start_lags(fx, lateral, lag):
+    """Lateral forces into `lag`, where effects know some that lag; the time of the start (s), and whether any does."""
+    if fx is not None:
+        for i in range(8):
+            lag[i] = lateral[i]
+        return fx.t, hooks.follow_rate(fx, 1.0) > 0.0
+    return 0.0, False
 
 
 @kernel
 def level_rk4(
     q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
-    work, out_q, out_v, out_w, out_e,
+    work, out_q, out_v, out_w, out_e, fx=None, lateral=None,
 ):  # fmt: skip
-    """As `loop.integrate_rk4` for a rover that stands level, without effects; LEAVES for another."""
-    if not level(p, None, q, v):
+    """As `loop.integrate_rk4` for a rover that stands level; LEAVES for another."""
+    if not level(p, fx, q, v):
         return LEAVES, 0
-    w, drive, cubic, hold, eta_next, _, _, _, _, e, _, _, _ = work
-    at, here, rate = begin(q, v, p, w)
+    w, drive, cubic, hold, eta_next, _, _, _, _, e, _, lag, sum_lag = work
+    at, here, rate = begin(q, v, p, fx, w)
+    start, lags = start_lags(fx, lateral, lag)
     row = phase = knot = since = 0
     begun, known = here, (0.0, 1.0, 0.0, 1.0)
     for step in range(steps + 1):
@@ -109,12 +131,14 @@ def level_rk4(
             else:
                 begun, trig = q_k, heading(q_k)
                 known = trig
-            a, acting, M_m, M_r = level_accelerations(
-                at, p, q_k, v_k, trig, modes, drive, hold, k == 0 or out_e is not None
+            if fx is not None:
+                fx.t = start + dt * (step + (0.0 if k == 0 else 1.0 if k == 3 else 0.5))
+            a, now = level_accelerations(
+                at, p, fx, q_k, v_k, trig, modes, drive, hold, lag, None, k == 0 or out_e is not None
             )
             kept = k == 0 and (since == 0 or step == steps)
             if kept:
-                write_row(at, p.two, motions(q_k, v_k), trig, a, acting, M_m, M_r, hold, w)
+                write_row(at, p.two, fx, motions(q_k, v_k), trig, a, now, hold, w)
             if k == 0:
                 if kept:
                     unload(here, p.two, q)
@@ -125,13 +149,15 @@ def level_rk4(
                     row += 1
                 if step == steps:
                     return OK, row
-                feed_torques(p, M_m, v_k, eta_next, previous)
+                feed_torques(p, fx, now, v_k, eta_next, previous)
             weight = 1.0 if k == 0 or k == 3 else 2.0
             if out_e is not None:
-                level_powers(at, p, motions(q_k, v_k), trig, v_k, a, acting, M_m, M_r, hold, dt / 6.0 * weight, e)
+                level_powers(at, p, fx, motions(q_k, v_k), trig, q_k, v_k, now, hold, dt / 6.0 * weight, e)
             sum_q, sum_v = along(sum_q, weight, v_k), along(sum_v, weight, a)
             h = dt if k == 2 else 0.5 * dt
             q_k, v_k = along(here, h, v_k), along(rate, h, a)
+            if fx is not None and lags:
+                next_lag(k, lateral, dt, lag, sum_lag)
         here, rate = along(here, dt / 6.0, sum_q), along(rate, dt / 6.0, sum_v)
         for motor in range(4 if p.two else 2):
             eta[motor] = eta_next[motor]
@@ -146,13 +172,14 @@ def level_rk4(
 @kernel
 def level_semi(
     q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
-    work, out_q, out_v, out_w, out_e,
+    work, out_q, out_v, out_w, out_e, fx=None, lateral=None,
 ):  # fmt: skip
-    """As `loop.integrate_semi_implicit` for a rover that stands level, without effects; LEAVES for another."""
-    if not level(p, None, q, v):
+    """As `loop.integrate_semi_implicit` for a rover that stands level; LEAVES for another."""
+    if not level(p, fx, q, v):
         return LEAVES, 0
-    w, drive, cubic, hold, _, _, _, _, _, e, _, _, _ = work
-    at, here, rate = begin(q, v, p, w)
+    w, drive, cubic, hold, _, _, _, _, _, e, _, lag, _ = work
+    at, here, rate = begin(q, v, p, fx, w)
+    start, lags = start_lags(fx, lateral, lag)
     row = phase = knot = since = 0
     for step in range(steps + 1):
         s = prepare(
@@ -162,11 +189,13 @@ def level_semi(
         command_at(cubic, s, modes, drive)
         mean_acceleration(cubic, s, dt, drive)
         trig = heading(here)
-        new, a, acting, M_m, M_r = level_semi_implicit(at, p, here, rate, trig, modes, drive, hold, dt)
+        if fx is not None:
+            fx.t = start + dt * step
+        new, a, now = level_semi_implicit(at, p, fx, here, rate, trig, modes, drive, hold, lag, dt)
         mean = middle(rate, new)
         kept = since == 0 or step == steps
         if kept:
-            write_row(at, p.two, motions(here, rate), trig, a, acting, M_m, M_r, hold, w)
+            write_row(at, p.two, fx, motions(here, rate), trig, a, now, hold, w)
         if kept:
             unload(here, p.two, q)
             unload(rate, p.two, v)
@@ -176,9 +205,13 @@ def level_semi(
             row += 1
         if step == steps:
             break
-        feed_torques(p, M_m, new, eta, previous)
+        feed_torques(p, fx, now, new, eta, previous)
+        if fx is not None and lags:
+            for i in range(8):
+                lateral[i] += dt * lag[8 + i]
+                lag[i] = lateral[i]
         if out_e is not None:
-            level_powers(at, p, motions(here, rate), trig, mean, a, acting, M_m, M_r, hold, dt, e)
+            level_powers(at, p, fx, motions(here, rate), trig, here, mean, now, hold, dt, e)
         here, rate = along(here, dt, mean), new
         phase, since = phase + 1, since + 1
         if phase == knot_steps:

@@ -5,38 +5,33 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from artibot_sim.model.effects import hooks
-from artibot_sim.model.equations.contact import normal_force, saturated
+from artibot_sim.model.equations.contact import PairForces, normal_force
+from artibot_sim.model.equations.dynamics import mass_centre, write_loads
 from artibot_sim.model.equations.plane import Body, Ground, Motion, module_pairs, planar_accelerations
-from artibot_sim.model.equations.transmission import PRESCRIBED, axle_torque, follow, motor_equation
 from artibot_sim.model.kernels.compilation import inlined
 from artibot_sim.model.kernels.elementary import sincos, turn_by
-from artibot_sim.model.kernels.integrators import D_DDOT, D_DOT, EFFICIENCY, GEAR, INERTIA, TORQUE_D, D, next_speed
+from artibot_sim.model.kernels.integrators import Acting, motor_with_wheels, turning, write_motor, write_wheels
 from artibot_sim.model.kernels.layout import (
     ACC,
     ALPHA,
     BACK,
     BEHIND,
     BETA,
-    ETA,
-    F_L,
-    F_N,
-    F_T,
     FRONT,
     GAMMA,
     LAMBDA,
-    M_M,
-    M_R,
+    M_J,
     MOTOR,
     MOTOR_COORDINATES,
-    P_X,
-    P_Y,
     Q_C,
     Q_J,
-    SAT,
     X,
     Y,
     Z,
 )
+
+Three = tuple[float, float, float]
+Five = tuple[float, float, float, float, float]
 
 # ----------------------------------------------------------------------
 # Which rovers stand level, and what of a module matters on a plane (`planar`).
@@ -115,32 +110,47 @@ def unload(values, two, out):
         out[8], out[9], out[13], out[14], out[15] = values[3], values[4], values[5], values[8], values[9]
 
 
-@inlined
-def pair_row(pair, pull, i, w):
-    """What two wheels meet and do; `i` is the front one's number."""
-    w[P_X + i] = w[P_X + i + 1] = pair.p_x
-    w[P_Y + i], w[P_Y + i + 1] = pair.p_yf, pair.p_yb
-    w[F_N + i], w[F_N + i + 1] = pair.F_nf, pair.F_nb
-    w[F_L + i], w[F_L + i + 1], w[F_T + i], w[F_T + i + 1] = pull.F_lf, pull.F_lb, pull.F_tf, pull.F_tb
-    w[SAT + i] = 1.0 if pull.held_f != 1.0 else 0.0
-    w[SAT + i + 1] = 1.0 if pull.held_b != 1.0 else 0.0
+class Instant(NamedTuple):
+    """What brings a level rover's accelerations about (`level_accelerations`).
+
+    Attributes
+    ----------
+    forces : tuple of 4 contact.PairForces
+    acting : tuple of 4 integrators.Acting
+        Both in the order of MOTORS.
+    contacts, joint, loads : tuple
+        See `plane.planar_accelerations`.
+    """
+
+    forces: tuple[PairForces, PairForces, PairForces, PairForces]
+    acting: tuple[Acting, Acting, Acting, Acting]
+    contacts: tuple[Three, Three]
+    joint: Five
+    loads: tuple[Five, Five]
 
 
 @inlined
-def module_row(body, ground, at, s_g, c_g, module, right, left, contact, l_x, l_y, turn, w):
-    """Wheels, contact forces and the joint's force (l_x, l_y N, turn N m) of one module."""
-    pair_r, pair_l, _, _ = module_pairs(body, ground, None, at, s_g, c_g)
-    pair_row(pair_r, right, 4 * module, w)
-    pair_row(pair_l, left, 4 * module + 2, w)
+def module_row(body, ground, fx, at, s_g, c_g, module, now, hold, w):
+    """Motors, wheels, contact forces and the joint's force of one module, into the row."""
+    pair_r, pair_l, _, _ = module_pairs(body, ground, fx, at, s_g, c_g)
+    motor, side = 2 * module, 1.0 if module > 0 else -1.0
+    write_wheels(pair_r, now.forces[motor], motor, w)
+    write_wheels(pair_l, now.forces[motor + 1], motor + 1, w)
+    write_motor(fx, now.acting[motor], motor, hold, w)
+    write_motor(fx, now.acting[motor + 1], motor + 1, hold, w)
     c, j = Q_C + 6 * module, Q_J + 6 * module
-    w[c], w[c + 1], w[c + 5] = contact
+    w[c], w[c + 1], w[c + 5] = now.contacts[module]
     on_right, on_left = body.F_rf + body.F_rb, body.F_lf + body.F_lb
     w[c + Z], w[c + 3] = on_right + on_left, body.half_y * (on_left - on_right)
-    w[j], w[j + 1], w[j + 5] = l_x, l_y, turn
+    w[j], w[j + 1], w[j + 5] = side * now.joint[0], side * now.joint[1], now.joint[2 + module]
+    if fx is not None:
+        write_loads(now.loads[module], module, w)
+        r_x, r_y = mass_centre(fx, module, s_g, c_g)
+        w[j + 5] -= side * (r_y * now.joint[0] - r_x * now.joint[1])
 
 
 @inlined
-def write_row(at, two, motions, trig, a, acting, M_m, M_r, hold, w):
+def write_row(at, two, fx, motions, trig, a, now, hold, w):
     """All of an instant but gravity, which never changes, into `w` (ROW,).
 
     Parameters
@@ -150,27 +160,15 @@ def write_row(at, two, motions, trig, a, acting, M_m, M_r, hold, w):
         Sine and cosine of yaw, front and back.
     a : tuple of 10 floats
         Accelerations.
-    acting : tuple
-        See `plane_step.level_accelerations`.
-    M_m, M_r : tuple of 4 floats
-        Torques, N m.
+    now : Instant
     """
-    pulls, contacts, joint = acting
-    l_x, l_y, turn_f, turn_b = joint
-    unload(a, two, w[ACC : ACC + 16])
-    w[M_M], w[M_M + 1], w[M_R], w[M_R + 1] = M_m[0], M_m[1], M_r[0], M_r[1]
-    w[ETA], w[ETA + 1] = hold[EFFICIENCY], hold[EFFICIENCY + 1]
-    module_row(
-        at.front, at.ground, motions[0], trig[0], trig[1], FRONT, pulls[0], pulls[1], contacts[0], -l_x, -l_y, turn_f, w
-    )
+    module_row(at.front, at.ground, fx, motions[0], trig[0], trig[1], FRONT, now, hold, w)
     if two:
-        w[LAMBDA], w[LAMBDA + 1] = l_x, l_y
-        w[M_M + 2], w[M_M + 3], w[M_R + 2], w[M_R + 3] = M_m[2], M_m[3], M_r[2], M_r[3]
-        w[ETA + 2], w[ETA + 3] = hold[EFFICIENCY + 2], hold[EFFICIENCY + 3]
-        module_row(
-            at.back, at.ground, motions[1], trig[2], trig[3], BEHIND, pulls[2], pulls[3], contacts[1], l_x, l_y, turn_b,
-            w,
-        )  # fmt: skip
+        w[LAMBDA], w[LAMBDA + 1] = now.joint[0], now.joint[1]
+        module_row(at.back, at.ground, fx, motions[1], trig[2], trig[3], BEHIND, now, hold, w)
+        if fx is not None:
+            w[M_J] = now.joint[4]
+    unload(a, two, w[ACC : ACC + 16])
 
 
 # ----------------------------------------------------------------------
@@ -178,12 +176,9 @@ def write_row(at, two, motions, trig, a, acting, M_m, M_r, hold, w):
 # space.
 #
 # Coordinates that move and their rates are tuples of ten numbers, which stay in registers: x, y, gamma of the front
-# module, of the back one, and the motors' angles. Nothing is stored on the way; `level_row` writes down what is
+# module, of the back one, and the motors' angles. Nothing is stored on the way; `write_row` writes down what is
 # kept.
 # ----------------------------------------------------------------------
-
-
-NO_LAG = (0.0, 0.0, 0.0, 0.0)
 
 
 class Standing(NamedTuple):
@@ -195,11 +190,11 @@ class Standing(NamedTuple):
 
 
 @inlined
-def stand(p, q):
+def stand(p, fx, q):
     """A level rover at q (16,)."""
     ground = Ground(p.u_w, p.g_x, p.g_y, p.A_joint, 1.0 if p.two else 0.0)
     return Standing(
-        standing(p.front, p, None, FRONT, q[Z]), standing(p.back, p, None, BEHIND, q[BACK + Z]), ground
+        standing(p.front, p, fx, FRONT, q[Z]), standing(p.back, p, fx, BEHIND, q[BACK + Z]), ground
     )  # fmt: skip
 
 
@@ -232,116 +227,58 @@ def near(begun, q):
 
 
 @inlined
-def rims_of(p, right, left, right_b, left_b):
-    """Speeds of the wheels' rims (m/s) at motor speeds (rad/s), in the order of MOTORS."""
-    a, b, c, d = p.right_front, p.left_front, p.right_back, p.left_back
-    return a.r_w * (a.tau * right), b.r_w * (b.tau * left), c.r_w * (c.tau * right_b), d.r_w * (d.tau * left_b)
+def side_moves(body, p, fx, unit, modes, motor, theta, theta_dot, pair, soil, drive, hold, lag, dt, torques):
+    """A motor and its wheels: `integrators.motor_with_wheels` with what is held for them."""
+    i = 2 * motor
+    at = turning(p, modes, motor, theta, theta_dot, drive, hold)
+    forces, acting = motor_with_wheels(body, p, fx, unit, at, pair, soil, lag[i], lag[i + 1], dt, torques)
+    if fx is not None:
+        lag[8 + i], lag[9 + i] = forces.rate_f, forces.rate_b
+    return forces, acting
 
 
 @inlined
-def torque_of(p, unit, mode, pull, motor, theta, theta_dot, drive, hold):
-    """A motor's torque, that on its wheels' axle (N m), and its acceleration (rad/s²): eqs 21, 22, 26 to 28."""
-    M_r = axle_torque(p, unit, pull.F_l, pull.u_F_n, unit.tau * theta_dot)
-    M_m, theta_ddot = motor_equation(
-        unit, p, mode, hold[INERTIA + motor], hold[GEAR + motor] * M_r, theta, theta_dot,
-        drive[D + motor], drive[D_DOT + motor], drive[D_DDOT + motor], hold[TORQUE_D + motor],
-    )  # fmt: skip
-    return M_m, M_r, theta_ddot
+def level_accelerations(at, p, fx, q, v, trig, modes, drive, hold, lag, dt, torques):
+    """Accelerations of the ten coordinates, and what brings them about: an `Instant`.
 
-
-@inlined
-def motor_turns(p, unit, mode, pull, motor, theta, theta_dot, drive, hold, torques):
-    """As `torque_of`; a prescribed motor needs to know no force unless its torque is asked for, which is zero then."""
-    if mode == PRESCRIBED and not torques:
-        theta_ddot = follow(p.A_motor, theta, theta_dot, drive[D + motor], drive[D_DOT + motor], drive[D_DDOT + motor])
-        return 0.0, 0.0, theta_ddot
-    return torque_of(p, unit, mode, pull, motor, theta, theta_dot, drive, hold)
-
-
-@inlined
-def level_accelerations(at, p, q, v, trig, modes, drive, hold, torques):
-    """Accelerations of the ten coordinates, and what brings them about.
-
-    Returns
-    -------
-    a : tuple of 10 floats
-    acting : tuple
-        What `planar_accelerations` returns beside.
-    M_m, M_r : tuple of 4 floats
-        Torques of motors and on axles, N m, in the order of MOTORS; of prescribed ones only where `torques` are wanted.
+    At an instant (`dt` None), with the torques of prescribed motors only where `torques` are wanted; or as a
+    semi-implicit step of `dt` (s) takes them. `lag` (16,) holds lateral forces that lag, then their rates.
     """
     f, b = motions(q, v)
-    on_f, on_b, pulls, contacts, joint = planar_accelerations(
-        saturated, at.front, at.back, at.ground, None, f, b, trig, rims_of(p, v[6], v[7], v[8], v[9]), NO_LAG, NO_LAG
+    pair_r, pair_l, soil_r, soil_l = module_pairs(at.front, at.ground, fx, f, trig[0], trig[1])
+    F_0, M_0 = side_moves(
+        at.front, p, fx, p.right_front, modes, MOTOR[0], q[6], v[6], pair_r, soil_r, drive, hold, lag, dt, torques
     )
-    one, two = p.right_front, p.left_front
-    M_0, R_0, a_0 = motor_turns(p, one, modes[0], pulls[0], MOTOR[0], q[6], v[6], drive, hold, torques)
-    M_1, R_1, a_1 = motor_turns(p, two, modes[1], pulls[1], MOTOR[1], q[7], v[7], drive, hold, torques)
-    M_2 = R_2 = a_2 = M_3 = R_3 = a_3 = 0.0
-    if p.two:
-        one, two = p.right_back, p.left_back
-        M_2, R_2, a_2 = motor_turns(p, one, modes[2], pulls[2], MOTOR[2], q[8], v[8], drive, hold, torques)
-        M_3, R_3, a_3 = motor_turns(p, two, modes[3], pulls[3], MOTOR[3], q[9], v[9], drive, hold, torques)
-    a = on_f[0], on_f[1], on_f[2], on_b[0], on_b[1], on_b[2], a_0, a_1, a_2, a_3
-    return a, (pulls, contacts, joint), (M_0, M_1, M_2, M_3), (R_0, R_1, R_2, R_3)
-
-
-@inlined
-def new_speed(body, p, unit, mode, pair, soil, motor, theta, theta_dot, drive, hold, dt):
-    """As `integrators.next_speed`, with what is held for this motor."""
-    return next_speed(
-        body, p, None, unit, mode, hold[GEAR + motor], hold[INERTIA + motor], theta, theta_dot, drive[D + motor],
-        drive[D_DOT + motor], drive[D_DDOT + motor], hold[TORQUE_D + motor], pair, soil, motor, None, dt,
-    )  # fmt: skip
-
-
-@inlined
-def torque_after(p, unit, mode, pull, motor, theta_dot, speed, M_m, hold, dt):
-    """After a semi-implicit step to `speed`: torque of a motor and on its wheels' axle, N m, with the new forces."""
-    M_r = axle_torque(p, unit, pull.F_l, pull.u_F_n, unit.tau * speed)
-    if mode == PRESCRIBED:
-        M_m = hold[INERTIA + motor] * ((speed - theta_dot) / dt) + hold[GEAR + motor] * M_r
-    return M_m, M_r
-
-
-@inlined
-def level_semi_implicit(at, p, q, v, trig, modes, drive, hold, dt):
-    """New rates after `dt`, as `integrators.semi_implicit_step` finds them.
-
-    Returns
-    -------
-    new, a : tuple of 10 floats
-        Rates, and accelerations up to there.
-    acting : tuple
-        See `level_accelerations`.
-    M_m, M_r : tuple of 4 floats
-        Torques of motors and on axles, N m.
-    """
-    f, b = motions(q, v)
-    pair_r, pair_l, soil_r, soil_l = module_pairs(at.front, at.ground, None, f, trig[0], trig[1])
-    right, M_0 = new_speed(at.front, p, p.right_front, modes[0], pair_r, soil_r, MOTOR[0], q[6], v[6], drive, hold, dt)
-    left, M_1 = new_speed(at.front, p, p.left_front, modes[1], pair_l, soil_l, MOTOR[1], q[7], v[7], drive, hold, dt)
-    right_b = left_b = M_2 = M_3 = 0.0
-    if p.two:
-        pair_r, pair_l, soil_r, soil_l = module_pairs(at.back, at.ground, None, b, trig[2], trig[3])
-        one, two = p.right_back, p.left_back
-        right_b, M_2 = new_speed(at.back, p, one, modes[2], pair_r, soil_r, MOTOR[2], q[8], v[8], drive, hold, dt)
-        left_b, M_3 = new_speed(at.back, p, two, modes[3], pair_l, soil_l, MOTOR[3], q[9], v[9], drive, hold, dt)
-    rims = rims_of(p, right, left, right_b, left_b)
-    on_f, on_b, pulls, contacts, joint = planar_accelerations(
-        saturated, at.front, at.back, at.ground, None, f, b, trig, rims, NO_LAG, NO_LAG,
-        (p.front.sluggish, p.back.sluggish),
-    )  # fmt: skip
-    M_0, R_0 = torque_after(p, p.right_front, modes[0], pulls[0], MOTOR[0], v[6], right, M_0, hold, dt)
-    M_1, R_1 = torque_after(p, p.left_front, modes[1], pulls[1], MOTOR[1], v[7], left, M_1, hold, dt)
-    M_2, R_2 = torque_after(p, p.right_back, modes[2], pulls[2], MOTOR[2], v[8], right_b, M_2, hold, dt)
-    M_3, R_3 = torque_after(p, p.left_back, modes[3], pulls[3], MOTOR[3], v[9], left_b, M_3, hold, dt)
+    F_1, M_1 = side_moves(
+        at.front, p, fx, p.left_front, modes, MOTOR[1], q[7], v[7], pair_l, soil_l, drive, hold, lag, dt, torques
+    )
+    pair_r, pair_l, soil_r, soil_l = module_pairs(at.back, at.ground, fx, b, trig[2], trig[3])
+    F_2, M_2 = side_moves(
+        at.back, p, fx, p.right_back, modes, MOTOR[2], q[8], v[8], pair_r, soil_r, drive, hold, lag, dt, torques
+    )
+    F_3, M_3 = side_moves(
+        at.back, p, fx, p.left_back, modes, MOTOR[3], q[9], v[9], pair_l, soil_l, drive, hold, lag, dt, torques
+    )
+    forces, sluggish = (F_0, F_1, F_2, F_3), (None, None)
+    if dt is not None:
+        sluggish = (p.front.sluggish, p.back.sluggish)
+    on_f, on_b, contacts, joint, loads = planar_accelerations(
+        at.front, at.back, at.ground, fx, f, b, trig, forces, sluggish, dt
+    )
+    a_2, a_3 = (M_2.theta_ddot, M_3.theta_ddot) if p.two else (0.0, 0.0)
     a = (
-        on_f[0], on_f[1], on_f[2], on_b[0], on_b[1], on_b[2],
-        (right - v[6]) / dt, (left - v[7]) / dt, (right_b - v[8]) / dt, (left_b - v[9]) / dt,
+        on_f[0], on_f[1], on_f[2], on_b[0], on_b[1], on_b[2], M_0.theta_ddot, M_1.theta_ddot, a_2, a_3,
     )  # fmt: skip
+    return a, Instant(forces, (M_0, M_1, M_2, M_3), contacts, joint, loads)
+
+
+@inlined
+def level_semi_implicit(at, p, fx, q, v, trig, modes, drive, hold, lag, dt):
+    """New rates after `dt`, as `integrators.semi_implicit_step` finds them; accelerations up to there, an `Instant`."""
+    a, now = level_accelerations(at, p, fx, q, v, trig, modes, drive, hold, lag, dt, True)
+    right, left, right_b, left_b = now.acting
     new = (
         v[0] + dt * a[0], v[1] + dt * a[1], v[2] + dt * a[2], v[3] + dt * a[3], v[4] + dt * a[4], v[5] + dt * a[5],
-        right, left, right_b, left_b,
+        right.speed, left.speed, right_b.speed if p.two else 0.0, left_b.speed if p.two else 0.0,
     )  # fmt: skip
-    return new, a, (pulls, contacts, joint), (M_0, M_1, M_2, M_3), (R_0, R_1, R_2, R_3)
+    return new, a, now

@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from artibot_sim.model.kernels.compilation import inlined, kernel
+from artibot_sim.model.kernels.cubic import cubic_at, cubic_between
 from artibot_sim.model.kernels.elementary import sincos
 from artibot_sim.model.kernels.layout import ACC, BACK, F_L, F_N, F_T, GAMMA, M_M, SAT, X, Y
 
@@ -69,9 +70,9 @@ def gather(q, v, w, count, rows):
 def hermite_at(rows, at, lanes, c, rate, share, h):
     """Column `c` between two rows by the cubic that the rates in column `rate` give; `at` is the first one's lane."""
     i, j, d_i, d_j = at + c * lanes, at + (COLUMNS + c) * lanes, at + rate * lanes, at + (COLUMNS + rate) * lanes
-    a, b = rows[d_i] * h, rows[d_j] * h
-    rise = rows[j] - rows[i]
-    return rows[i] + share * (a + share * (3.0 * rise - 2.0 * a - b + share * (a + b - 2.0 * rise)))
+    rate_h = rows[d_i] * h
+    c_2, c_3 = cubic_between(rows[i], rows[j], rate_h, rows[d_j] * h, 1.0)
+    return cubic_at(rows[i], rate_h, c_2, c_3, share)[0]
 
 
 @inlined

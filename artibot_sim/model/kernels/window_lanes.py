@@ -201,7 +201,7 @@ def run_windows(work, order, first, stride, dt, knot_steps, settings, buffer, ou
     settings : array of int, shape (2,)
         4, the stages of a step; at how many of them torques are computed, see `lanes.stage`.
     fx : tuple, optional
-        LIGHT or FULL for the extended model (`lane_layout`).
+        One of EXTENDED for the extended model (`lane_layout`).
     """
     line_up_stack()
     S, rows = buffer

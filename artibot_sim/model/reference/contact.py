@@ -51,8 +51,8 @@ class Wheels:
     """Contact of eight (or four) wheels.
 
     Velocities (m/s), forces (N), their distance ahead of the centres (m), what eq. 16 left of eq. 15's forces, the
-    longitudinal slip coefficients (N s/m), rates of lagging lateral forces (N/s), generalised forces (n, 16), and those
-    of the effects' resistance beside eq. 16 (n, 16).
+    longitudinal slip coefficients (N s/m), the radii that the wheels roll on (m), rates of lagging lateral forces
+    (N/s), generalised forces (n, 16), and those of the effects' resistance beside eq. 16 (n, 16).
     """
 
     p_x: Array
@@ -63,6 +63,7 @@ class Wheels:
     u: Array
     held: Array
     k_l: Array
+    radius: Array
     rate: Array
     Q: Array
     R: Array
@@ -116,21 +117,36 @@ def _wheel(
     place = q[b : b + 3] + R_z @ R_x @ centre
     rate = (partials(centre) @ v)[2]
     v_x, v_y, _ = (R_z @ R_x).T @ (partials(centre) @ v)
-    r_0 = body.r_0 + fx.extra_load(body, b, side, end) / p.k_n
+    x, y = fx.ask("centre", b // 8)
+    share = (1 + end * x / body.half_x) * (1 + side * y / body.half_y)
+    r_0 = body.r_0 - body.m * p.g_z / 4 * (share - 1) / p.k_n  # stands level, whatever each wheel carries
     F_n = max(p.k_n * (r_0 - place[2]) - p.c_n * rate, 0.0)
-    motor = motors_of(p)[(0 if b == 0 else 2) + (0 if side < 0 else 1)]
-    slip = motor.r_w * motor.tau * v[b + (6 if side < 0 else 7)] - v_x
-    soil, grip = fx.soil(), fx.soil() * fx.grip(place[0], place[1])
+    motor_number = (0 if b == 0 else 2) + (0 if side < 0 else 1)
+    motor, c = motors_of(p)[motor_number], b + (6 if side < 0 else 7)
+    wheel = 2 * motor_number + (0 if end > 0 else 1)
+    radius = motor.r_w * fx.ask("radius", wheel, motor.tau * q[c])
+    slip = radius * motor.tau * v[c] - v_x
+    soil = fx.ask("soil")
+    grip = soil * fx.ask("grip", place[0], place[1])
     F_l, steady = soil * body.k_l * slip, -soil * body.k_t * v_y
-    F_t, F_rate = fx.lagged(steady, F_lag, v_x, dt)
+    F_t, F_rate = _built_up(fx, steady, F_lag, v_x, dt)
     F_h, held = math.hypot(F_l, F_t), 1.0
     if F_h > grip * body.mu_s * F_n:
-        held = fx.friction(grip * body.mu_s, grip * body.mu_d, math.hypot(slip, v_y)) * F_n / F_h
-    F_l, F_t = held * F_l, held * F_t + fx.lateral(v_y)
-    u = p.u_w * fx.lead(math.hypot(v_x, v_y))
+        held = fx.ask("friction", grip * body.mu_s, grip * body.mu_d, math.hypot(slip, v_y)) * F_n / F_h
+    F_l, F_t = held * F_l, held * F_t + fx.ask("lateral", v_y)
+    u = p.u_w * fx.ask("lead", v_x, v_y)
     applied = centre + np.array([u, 0.0, 0.0])  # eq. 20
     Q = partials(applied).T @ (R_z @ R_x @ np.array([F_l, F_t, F_n]))  # eq. 18
-    flat = R_z @ np.array([*fx.wheel_resist(grip * body.mu_s * F_n, v_x, v_y), 0.0])
+    flat = R_z @ np.array([*fx.ask("wheel_resist", grip * body.mu_s * F_n, v_x, v_y), 0.0])
     R = np.zeros(16)
     R[[b, b + 1]], R[b + 5] = flat[:2], flat @ partials(centre)[:, b + 5]
-    return v_x, v_y, F_n, F_l, F_t, u, held, soil * body.k_l, F_rate, Q, R
+    return v_x, v_y, F_n, F_l, F_t, u, held, soil * body.k_l, radius, F_rate, Q, R
+
+
+def _built_up(fx: PlainEffects, steady: float, now: float, p_x: float, dt: float) -> tuple[float, float]:
+    """A lateral force before saturation at the end of `dt` (s), where it lags: N, and its rate, N/s."""
+    follow = fx.ask("follow_rate", p_x)
+    if follow == 0:
+        return steady, 0.0
+    rate = follow * (steady - now) / (1 + dt * follow)
+    return now + dt * rate, rate

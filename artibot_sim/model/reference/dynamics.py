@@ -114,7 +114,7 @@ def solve(
     for i, motor in enumerate(motors_of(p)):
         c = MOTOR_COORDINATES[i]
         mass[c, c] = motor.J_m + motor.J_w * motor.tau**2 / eta[i]
-        n[c] = -motor.tau / eta[i] * load_torque(p, wheels, i, motor.tau * v[c]) - fx.drag(i, v[c])
+        n[c] = -motor.tau / eta[i] * load_torque(p, wheels, i, motor.tau * v[c]) - fx.ask("drag", i, v[c])
         if modes[i] == Mode.PRESCRIBED:
             prescribed.append(i)
             phi = np.vstack([phi, np.eye(16)[c]])
@@ -139,17 +139,18 @@ def body_system(
     M dv/dt = max(M, dt D / 1.5) dv/dt, D being the damping of the slip.
     """
     mass, n = np.eye(16), np.asarray(wheels.Q.sum(axis=0))
-    n[:2] += fx.push()
+    n[:2] += fx.ask("push", 0)
     for body, b in modules_of(p):
         h = dt / (1 + OVERSHOOT)
         k_l, k_t = body.k_l + p.forward_damping, body.k_t + p.lateral_damping
         m = max(body.m, h * 4 * max(k_l, k_t))
         J_z = max(body.J_z, h * 4 * (k_t * body.half_x**2 + k_l * body.half_y**2))
-        surge, sway, turn = fx.load(b // 8, float(v[b : b + 2] @ rotation_z(q[b + 5])[0][:2, 0]))
+        surge, sway, turn = fx.ask("load", b // 8)
+        surge -= fx.ask("resist", b // 8, float(v[b : b + 2] @ rotation_z(q[b + 5])[0][:2, 0]))
         n[b : b + 2] += rotation_z(q[b + 5])[0][:2, :2] @ np.array([surge, sway])
         n[b + 5] += turn
         n += wheels.R[4 * (b // 8) : 4 * (b // 8) + 4].sum(axis=0)
-        x, y = fx.centre(b)
+        x, y = fx.ask("centre", b // 8)
         r = rotation_z(q[b + 5])[0][:2, :2] @ np.array([x, y])
         across, rate = (
             np.array([-r[1], r[0]]),
@@ -176,17 +177,17 @@ def _add_joint_torque(mass: Array, n: Array, q: Array, v: Array, fx: PlainEffect
     """The effects' torque in the joint's yaw, over a step `dt` with its rate taken at the end (by the secant)."""
     angle, rate = q[13] - q[5], v[13] - v[5]
     angle += 0.5 * dt * rate
-    n[[5, 13]] += fx.joint(angle, rate) * np.array([1.0, -1.0])
+    n[[5, 13]] += fx.ask("joint", angle, rate) * np.array([1.0, -1.0])
     slow = rate if abs(rate) > 1e-9 else 1e-9
-    slope = (fx.joint(angle, slow) - fx.joint(angle, 0.0)) / slow
+    slope = (fx.ask("joint", angle, slow) - fx.ask("joint", angle, 0.0)) / slow
     mass[np.ix_([5, 13], [5, 13])] += dt * slope * np.array([[1.0, -1.0], [-1.0, 1.0]])
 
 
 def load_torque(p: Params, wheels: Wheels, motor: int, omega: float) -> float:
     """M_r of eq. 22 for one motor whose wheels turn at `omega` (rad/s), N m."""
     pair, r_w = slice(2 * motor, 2 * motor + 2), motors_of(p)[motor].r_w
-    F_l, u_F_n = float(wheels.F_l[pair].sum()), float(wheels.u[pair] @ wheels.F_n[pair])
-    return r_w * F_l + (p.u_w * F_l if p.literal_eq22 else u_F_n * math.tanh(omega / ROLLING_WIDTH))
+    F_l, u_F_n = float(wheels.F_l[pair] @ wheels.radius[pair]), float(wheels.u[pair] @ wheels.F_n[pair])
+    return F_l + (p.u_w / r_w * F_l if p.literal_eq22 else u_F_n * math.tanh(omega / ROLLING_WIDTH))
 
 
 def follow(p: Params, theta: float, theta_dot: float, command: Array) -> float:

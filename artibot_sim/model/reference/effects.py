@@ -1,13 +1,51 @@
-"""The effects in plain Python, as the contract's table states them; nothing here is shared with compiled code."""
+"""The effects' laws as Python runs them: the very lines of `artibot_sim.model.effects`, not compiled.
+
+Test `test/model/test_laws.py` holds each of them against a transcription of its own.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property, lru_cache, reduce
+from types import FunctionType, SimpleNamespace
+from typing import Any
 
+from artibot_sim.model.effects import EFFECTS, at_work
 from artibot_sim.model.effects.base import Values
-from artibot_sim.model.robot.parameters import ModuleParams
+from artibot_sim.model.effects.hooks import PLACES
+from artibot_sim.model.kernels import elementary
+
+Law = Callable[..., Any]
+
+_STANDARD: dict[Law, Law] = {
+    elementary.tanh: math.tanh,
+    elementary.exp: math.exp,
+    elementary.sincos: lambda angle: (math.sin(angle), math.cos(angle)),
+}
+"""What stands in plain Python for the functions that compiled code has of its own."""
+
+
+def plain(function: Law) -> Law:
+    """A piece of the model as plain Python, with all that it calls."""
+    if function in _STANDARD:
+        return _STANDARD[function]
+    python: Any = getattr(function, "py_func", function)
+    known = python.__globals__
+    names = {name: known[name] for name in python.__code__.co_names if name in known}
+    pieces = {name: plain(piece) for name, piece in names.items() if hasattr(piece, "py_func") or piece in _PIECES}
+    return FunctionType(python.__code__, known | pieces, python.__name__, python.__defaults__, python.__closure__)
+
+
+_PIECES = tuple(_STANDARD)
+
+
+@lru_cache
+def _answers(place: str) -> Law:
+    """The answers of all effects at a place, see `effects.hooks`."""
+    laws = [plain(effect.hooks[place]) for effect in EFFECTS.values() if place in effect.hooks]
+    return reduce(PLACES[place].combine, laws)
 
 
 @dataclass(frozen=True)
@@ -17,89 +55,24 @@ class PlainEffects:
     values: Mapping[str, Values] = field(default_factory=dict)
     t: float = 0.0
 
-    def _of(self, effect: str, name: str, neutral: float = 0.0) -> float:
-        return float(self.values.get(effect, {}).get(name, neutral))
-
     def at(self, t: float) -> PlainEffects:
         """The same at another time."""
         return PlainEffects(self.values, t)
 
-    def soil(self) -> float:
-        """Factor of k_l, k_t, mu_s and mu_d."""
-        return max(0.05, 1 - self._of("soil_softening", "rate") * self.t)
+    def ask(self, place: str, *about: Any) -> Any:
+        """What the effects answer at a place (`effects.hooks`), from what follows the record there."""
+        return _answers(place)(self._record, *about)
 
-    def grip(self, x: float, y: float) -> float:
-        """Factor of mu_s and mu_d at a place in `map`."""
-        away = math.hypot(x - self._of("friction_patch", "x"), y - self._of("friction_patch", "y"))
-        inside = away < self._of("friction_patch", "radius")
-        return self._of("friction_patch", "scale", 1.0) if inside else 1.0
-
-    def friction(self, mu_s: float, mu_d: float, slip: float) -> float:
-        """Coefficient of a wheel that slides at `slip` (m/s)."""
-        velocity = self._of("stribeck", "velocity")
-        return mu_d + (mu_s - mu_d) * math.exp(-slip / velocity) if velocity > 0 else mu_d
-
-    def lateral(self, p_y: float) -> float:
-        """Force on top of eq. 16's, N."""
-        return -self._of("bulldozing", "coefficient") * abs(p_y) * p_y
-
-    def wheel_resist(self, friction: float, p_x: float, p_y: float) -> tuple[float, float]:
-        """Force along and across a wheel on its centre, N, of which friction holds `friction`."""
-        speed = math.hypot(p_x, p_y)
-        force = self._of("wheel_resistance", "share") * friction * math.tanh(speed / 0.02)
-        return (-force * p_x / speed, -force * p_y / speed) if speed > 0 else (0.0, 0.0)
-
-    def lead(self, speed: float) -> float:
-        """Factor of u_w."""
-        return 1 + self._of("rolling_resistance_speed", "coefficient") * speed
-
-    def lagged(self, steady: float, now: float, p_x: float, dt: float) -> tuple[float, float]:
-        """F_t before saturation at the end of `dt`, and its rate."""
-        length = self._of("tyre_relaxation", "length")
-        if length == 0:
-            return steady, 0.0
-        follow = max(abs(p_x), 0.05) / length
-        rate = follow * (steady - now) / (1 + dt * follow)
-        return now + dt * rate, rate
-
-    def centre(self, b: int) -> tuple[float, float]:
-        """Centre of mass of the module whose coordinates begin at `b`."""
-        return (self._of("com_offset", "x"), self._of("com_offset", "y")) if b == 0 else (0.0, 0.0)
-
-    def extra_load(self, body: ModuleParams, b: int, side: int, end: int) -> float:
-        """What a wheel carries more than a quarter of its module's weight, N."""
-        x, y = self.centre(b)
-        weight = body.m * 9.81 * math.cos(self._of("slope", "grade"))
-        return weight / 4 * ((1 + end * x / body.half_x) * (1 + side * y / body.half_y) - 1)
-
-    def drag(self, motor: int, theta_dot: float) -> float:
-        """Torque against a motor's rotation, N m."""
-        names = ("front_right", "front_left", "back_right", "back_left")
-        dragged = self.values.get("motor_drag", {}).get("motor", names[0])
-        return self._of("motor_drag", "torque") * math.tanh(theta_dot / 0.5) if dragged == names[motor] else 0.0
-
-    def joint(self, angle: float, rate: float) -> float:
-        """Torque against the articulation's yaw, N m."""
-        torque = self._of("joint_friction", "torque") * math.tanh(rate / 0.01)
-        torque += self._of("joint_damping", "coefficient") * rate + self._of("joint_stiffness", "stiffness") * angle
-        beyond = abs(angle) - self._of("joint_stop", "angle", math.inf)
-        if beyond > 0:
-            torque += math.copysign(max(4000 * beyond + 40 * rate * math.copysign(1, angle), 0.0), angle)
-        return torque
-
-    def push(self) -> tuple[float, float]:
-        """Force on the front module's origin, N."""
-        force, heading = self._of("external_force", "force"), self._of("external_force", "heading")
-        return force * math.cos(heading), force * math.sin(heading)
-
-    def load(self, module: int, forward: float) -> tuple[float, float, float]:
-        """Force along and across a module's own frame, N, and yaw moment, N m, at its forward speed, m/s."""
-        since = self.t - self._of("residual_force", "since")
-        names = ("front_surge", "front_sway", "front_turn") if module == 0 else ("", "", "back_turn")
-        surge, sway, turn = (
-            self._of("residual_force", n) + since * self._of("residual_force", f"{n}_rate") for n in names
-        )
-        return surge - self._of("motion_resistance", "force") * math.tanh(forward / 0.05), sway, turn
+    @cached_property
+    def _record(self) -> SimpleNamespace:
+        """As `effects.record`: each effect's parameters under its name."""
+        working = at_work(self.values)
+        known: dict[str, Any] = {"t": self.t}
+        for name, effect in EFFECTS.items():
+            values = working[name][1] if name in working else {}
+            numbers = {key: one.number(values.get(key, one.neutral)) for key, one in effect.parameters.items()}
+            known[name] = SimpleNamespace(**numbers)
+        return SimpleNamespace(**known)
 
 
 NEUTRAL = PlainEffects()

@@ -57,15 +57,16 @@ class Lanes:
         records, effects, extended = _packed(self.setups)
         tables = {id(setup.commands): driven_by(setup.commands) for setup in self.setups}
         lot = self._lot(records, effects, tables)
-        steps, knot_steps = self.setups[0].steps, round(self.setups[0].commands.dt / self.dt)
+        steps = self.setups[0].steps
+        grid = lane_rollouts.Grid(self.dt, steps, self.every, round(self.setups[0].commands.dt / self.dt))
         count = -(-steps // self.every) + 1
         kept, rows = aligned(count * lane_rollouts.KEPT_SIZE * LANES), np.zeros(LANES, np.int64)
         lane_rollouts.run_lot(
-            lot, self.dt, steps, self.every, knot_steps, np.array([4, 4]), aligned(BLOCK), kept, rows,
+            lot, grid, np.array([4, 4]), aligned(BLOCK), kept, rows,
             *(() if extended is None else (extended,)),
         )  # fmt: skip
         return [
-            self._result(lane, kept, min(int(rows[lane]), count), count, records, effects, extended, tables)
+            self._result(lane, lot, grid, kept, min(int(rows[lane]), count), effects[lane : lane + 1], extended)
             for lane in range(len(self.setups))
         ]
 
@@ -88,25 +89,19 @@ class Lanes:
         )
 
     def _result(
-        self, lane: int, kept: NDArray[np.float64], rows: int, wanted: int, records: NDArray[Any],
-        effects: NDArray[Any], extended: tuple[float, ...] | None, driven: _Tables,
+        self, lane: int, lot: Any, grid: Any, kept: NDArray[np.float64], rows: int, effects: NDArray[Any],
+        extended: tuple[float, ...] | None,
     ) -> Rollout:  # fmt: skip
         """One lane's rows with all their columns, and its last state if it got so far."""
         from artibot_sim.model.kernels import lane_rollouts, loop
 
-        setup = self.setups[lane]
+        setup, wanted = self.setups[lane], -(-grid.steps // grid.every) + 1
         tables = np.empty((rows, 16)), np.empty((rows, 16)), np.empty((rows, ROW))
-        start = setup.start
-        q, v, eta, torque, lateral = (
-            array.copy() for array in (start.q, start.v, start.eta, start.torque, start.lateral)
-        )
         lane_rollouts.fill_rows(
-            records[lane], np.array(setup.modes, np.int64), back_torque_factor(setup.robot, setup.kappa),
-            *driven[id(setup.commands)], kept, lane, rows, self.dt, setup.steps, self.every,
-            round(setup.commands.dt / self.dt), loop.workspace(), q, v, eta, torque, lateral, *tables,
-            *(() if extended is None else (effects[lane],)),
-        )  # fmt: skip
-        final = State(start.t + setup.steps * self.dt, q, v, eta, torque, lateral) if rows == wanted else None
+            lot, lane, grid, kept, rows, loop.workspace(), tables, *(() if extended is None else (effects[0],))
+        )
+        ends = (lot.q[lane], lot.v[lane], lot.eta[lane], lot.torque[lane], lot.lateral[lane])
+        final = State(setup.start.t + grid.steps * self.dt, *ends) if rows == wanted else None
         return finished(setup, self.dt, "rk4", self.every, rows, (*tables, None), final)
 
 

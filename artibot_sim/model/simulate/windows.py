@@ -22,7 +22,7 @@ from artibot_sim.model.effects import RECORD_DTYPE, record
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor
 from artibot_sim.model.kernels import loop
 from artibot_sim.model.kernels.advance import advance
-from artibot_sim.model.kernels.lane_layout import FULL, LIGHT, extension, flat
+from artibot_sim.model.kernels.lane_layout import EXTENDED, extension, flat
 from artibot_sim.model.kernels.layout import ROW
 from artibot_sim.model.kernels.sampling import COLUMNS, gather, sample
 from artibot_sim.model.robot.derived import PARAMS_DTYPE, params
@@ -125,7 +125,7 @@ class Fleet:
     effects : array of RECORD_DTYPE, shape (r,)
         Zeros for those without.
     extended : array of int, shape (r,)
-        Which need the extended model: 0 none, 1 LIGHT, 2 FULL.
+        Which need the extended model: 0 for none, else which of EXTENDED, from 1.
     share : array, shape (r, tables)
         Eq. 30's factor.
     sensors : array, shape (r, 6)
@@ -427,7 +427,7 @@ class WindowBatch:
         """A thread's part of a group."""
         from artibot_sim.model.kernels import window_lanes
 
-        extra = ((), (LIGHT,), (FULL,))[group.extended]
+        extra = (EXTENDED[group.extended - 1],) if group.extended else ()
         count, buffers = self._borrow(window_lanes.buffers, group.most + 1)
         settings = np.array([4, 4 if group.free else int(group.torques)], dtype=np.int64)
         window_lanes.run_windows(work, group.order, part, parts, self.dt, group.steps, settings, buffers, out, *extra)

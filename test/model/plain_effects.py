@@ -1,0 +1,101 @@
+"""The effects' laws transcribed once more, as their definitions state them: nothing here is shared with the package."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from artibot_sim.model.effects.base import Values
+
+
+@dataclass(frozen=True)
+class Transcribed:
+    """A robot's effects at the time `t` (s); without any the model is the paper's."""
+
+    values: Mapping[str, Values] = field(default_factory=dict)
+    t: float = 0.0
+
+    def _of(self, effect: str, name: str, neutral: float = 0.0) -> float:
+        return float(self.values.get(effect, {}).get(name, neutral))
+
+    def soil(self) -> float:
+        """Factor of k_l, k_t, mu_s and mu_d."""
+        return max(0.05, 1 - self._of("soil_softening", "rate") * self.t)
+
+    def grip(self, x: float, y: float) -> float:
+        """Factor of mu_s and mu_d at a place in `map`."""
+        away = math.hypot(x - self._of("friction_patch", "x"), y - self._of("friction_patch", "y"))
+        inside = away < self._of("friction_patch", "radius")
+        return self._of("friction_patch", "scale", 1.0) if inside else 1.0
+
+    def friction(self, mu_s: float, mu_d: float, slip: float) -> float:
+        """Coefficient of a wheel that slides at `slip` (m/s)."""
+        velocity = self._of("stribeck", "velocity")
+        return mu_d + (mu_s - mu_d) * math.exp(-slip / velocity) if velocity > 0 else mu_d
+
+    def lateral(self, p_y: float) -> float:
+        """Force on top of eq. 16's, N."""
+        return -self._of("bulldozing", "coefficient") * abs(p_y) * p_y
+
+    def wheel_resist(self, friction: float, p_x: float, p_y: float) -> tuple[float, float]:
+        """Force along and across a wheel on its centre, N, of which friction holds `friction`."""
+        speed = math.hypot(p_x, p_y)
+        force = self._of("wheel_resistance", "share") * friction * math.tanh(speed / 0.02)
+        return (-force * p_x / speed, -force * p_y / speed) if speed > 0 else (0.0, 0.0)
+
+    def lead(self, p_x: float, p_y: float) -> float:
+        """Factor of u_w."""
+        return 1 + self._of("rolling_resistance_speed", "coefficient") * math.hypot(p_x, p_y)
+
+    def follow_rate(self, p_x: float) -> float:
+        """Rate at which a lateral force follows the steady one, 1/s."""
+        length = self._of("tyre_relaxation", "length")
+        return max(abs(p_x), 0.05) / length if length else 0.0
+
+    def centre(self, module: int) -> tuple[float, float]:
+        """Centre of mass of a module in its frame, m."""
+        return (self._of("com_offset", "x"), self._of("com_offset", "y")) if module == 0 else (0.0, 0.0)
+
+    def radius(self, wheel: int, angle: float) -> float:
+        """Factor of a wheel's radius at its angle."""
+        motors = ("front_right", "front_left", "back_right", "back_left")
+        name = f"{motors[wheel // 2]}_{('front', 'back')[wheel % 2]}"
+        if self.values.get("wheel_runout", {}).get("wheel", "") != name:
+            return 1.0
+        return 1 + self._of("wheel_runout", "relative") * math.sin(angle + self._of("wheel_runout", "phase"))
+
+    def drag(self, motor: int, theta_dot: float) -> float:
+        """Torque against a motor's rotation, N m."""
+        names = ("front_right", "front_left", "back_right", "back_left")
+        dragged = self.values.get("motor_drag", {}).get("motor", names[0])
+        return self._of("motor_drag", "torque") * math.tanh(theta_dot / 0.5) if dragged == names[motor] else 0.0
+
+    def joint(self, angle: float, rate: float) -> float:
+        """Torque against the articulation's yaw, N m."""
+        torque = self._of("joint_friction", "torque") * math.tanh(rate / 0.01)
+        torque += self._of("joint_damping", "coefficient") * rate + self._of("joint_stiffness", "stiffness") * angle
+        beyond = abs(angle) - self._of("joint_stop", "angle", math.inf)
+        if beyond > 0:
+            torque += math.copysign(max(4000 * beyond + 40 * rate * math.copysign(1, angle), 0.0), angle)
+        return torque
+
+    def push(self, module: int) -> tuple[float, float]:
+        """Force on a module's origin along x and y of `map`, N."""
+        if module:
+            return 0.0, 0.0
+        force, heading = self._of("external_force", "force"), self._of("external_force", "heading")
+        return force * math.cos(heading), force * math.sin(heading)
+
+    def load(self, module: int) -> tuple[float, float, float]:
+        """Force along and across a module's own frame, N, and yaw moment, N m."""
+        since = self.t - self._of("residual_force", "since")
+        names = ("front_surge", "front_sway", "front_turn") if module == 0 else ("", "", "back_turn")
+        surge, sway, turn = (
+            self._of("residual_force", n) + since * self._of("residual_force", f"{n}_rate") for n in names
+        )
+        return surge, sway, turn
+
+    def resist(self, module: int, forward: float) -> float:
+        """Force against a module's forward motion at its forward speed (m/s), N."""
+        return self._of("motion_resistance", "force") * math.tanh(forward / 0.05)
