@@ -23,6 +23,9 @@ SEVERITY_1 = {
     "residual_force": {"back_turn": 10.0, "front_sway": 10.0, "front_sway_rate": -3.0, "since": 1.0},
     "motion_resistance": {"force": 30.0},
     "wheel_resistance": {"share": 0.08},
+    "slip_ratio": {"exponent": 0.95},  # all that RK4 takes at 1 ms: the ground is stiff at low speed
+    "load_sensitivity": {"exponent": 0.3},
+    "friction_anisotropy": {"ratio": 0.7},
     "payload": {"mass": 15.0, "module": "back"},
     "joint_friction": {"torque": 10.0},
     "joint_damping": {"coefficient": 30.0},

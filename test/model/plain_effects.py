@@ -34,6 +34,15 @@ class Transcribed:
         velocity = self._of("stribeck", "velocity")
         return mu_d + (mu_s - mu_d) * math.exp(-slip / velocity) if velocity > 0 else mu_d
 
+    def stiffness(self, load: float, speed: float) -> float:
+        """Factor of k_l and k_t of a wheel by its load over the mean and its speed."""
+        by_speed = (0.5 / max(speed, 0.02)) ** (1 - self._of("slip_ratio", "exponent", 1.0))
+        return by_speed * max(load, 1e-3) ** self._of("load_sensitivity", "exponent")
+
+    def lateral_grip(self) -> float:
+        """Friction across a wheel over that along it."""
+        return self._of("friction_anisotropy", "ratio", 1.0)
+
     def lateral(self, p_y: float) -> float:
         """Force on top of eq. 16's, N."""
         return -self._of("bulldozing", "coefficient") * abs(p_y) * p_y

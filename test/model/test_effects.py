@@ -53,7 +53,9 @@ def test_neutral_is_the_papers_model_to_the_bit(agriq, plain, name):
     np.testing.assert_array_equal(result.row, plain.row)
 
 
-@pytest.mark.parametrize("name", sorted(CONTRACT - {"friction_patch", "joint_stop", "torque_limit", "soil_softening"}))
+@pytest.mark.parametrize(
+    "name", sorted(CONTRACT - {"friction_patch", "joint_stop", "torque_limit", "soil_softening", "slip_ratio"})
+)
 def test_severity_1_is_plain_to_see(agriq, plain, name):
     result = turn(with_effects(agriq, name))
     moved = np.abs(result.pose - plain.pose).max()
@@ -200,6 +202,76 @@ def test_wheel_resistance_points_against_each_wheel_s_motion(husky, integrator):
 def test_a_diagnosis_tries_the_grounds_resistance(request, robot, name):
     tried = hypotheses(request.getfixturevalue(robot), [])
     assert [len(one.probes) for one in tried if one.id == name] == [3]
+
+
+def round_corners(robot, speed, **options):
+    """Where a rover goes that drives a left and a right turn at a `speed` (m/s), by the way of its plan (n, 3)."""
+    way = np.linspace(0.5, 4.0, 200)
+    end = way[-1] / speed + 2.0
+
+    def travelled(t):
+        return speed * np.maximum(t - 1.0, 0.0)
+
+    def curvature(t):
+        return 0.35 * (ramp(travelled(t) - 0.5, 0.4) - 2.0 * ramp(travelled(t) - 2.0, 0.8))
+
+    commands = front_commands(robot, lambda t: speed * ramp(t), lambda t: speed * curvature(t), end)
+    result = rollout(robot, commands, integrator="semi_implicit", kappa=0.8, **options)
+    assert not any(result[f"sat_{wheel}"].any() for wheel in WHEELS)
+    return np.column_stack([np.interp(way, travelled(result.t), column) for column in result.pose.T])
+
+
+def test_a_force_that_follows_the_slip_ratio_gives_one_path_at_every_speed(agriq):
+    """At 0.05 and at 0.4 m/s; by eq. 15 rolling resistance needs as much slip speed, which costs a slow rover way."""
+    holding = agriq.replace({"contact.mu_s": 5.0, "contact.mu_d": 5.0})
+    ratio = with_effects(holding, slip_ratio={"exponent": 0.0})
+    slow, fast = (round_corners(ratio, speed) for speed in (0.05, 0.4))
+    plain_slow, plain_fast = (round_corners(holding, speed) for speed in (0.05, 0.4))
+    apart, before = np.abs(slow - fast).max(), np.abs(plain_slow - plain_fast).max()
+    assert apart < 0.005
+    assert before > 5 * apart
+
+
+def test_turning_costs_the_same_force_at_every_speed_by_the_slip_ratio(agriq):
+    """On a circle of 3 m; by eq. 15 the force is ten times as large at ten times the speed."""
+
+    def lateral(robot, speed):
+        end = turn(robot, speed=speed, yaw_rate=speed / 3.0, duration=8.0, integrator="semi_implicit")
+        return np.mean([abs(end[f"F_t_{wheel}"][-1]) for wheel in FRONT])
+
+    holding = agriq.replace({"contact.mu_s": 5.0, "contact.mu_d": 5.0})
+    ratio = with_effects(holding, slip_ratio={"exponent": 0.0})
+    assert lateral(ratio, 0.5) == pytest.approx(lateral(ratio, 0.05), rel=0.1)
+    assert lateral(holding, 0.5) > 8 * lateral(holding, 0.05)
+
+
+def test_ground_stiffens_with_each_wheels_own_load(agriq):
+    robot = with_effects(agriq, "com_offset", load_sensitivity={"exponent": 0.7})
+    result = turn(robot, yaw_rate=0.2)
+    mean = 9.81 * 87.0 / 8
+    loads = set()
+    for wheel in FRONT:
+        held = result[f"sat_{wheel}"] == 0
+        k_t = -result[f"F_t_{wheel}"][held] / result[f"p_y_{wheel}"][held]
+        moves = np.abs(result[f"p_y_{wheel}"][held]) > 1e-3
+        wanted = agriq.contact.k_t * (result[f"F_n_{wheel}"][held] / mean) ** 0.7
+        assert moves.sum() > 50
+        np.testing.assert_allclose(k_t[moves], wanted[moves], rtol=1e-9)
+        loads.add(round(float(result[f"F_n_{wheel}"][-1])))
+    assert len(loads) == 4
+
+
+@pytest.mark.parametrize("ratio", [0.5, 1.6])
+def test_friction_across_a_wheel_is_a_share_of_that_along_it(agriq, ratio):
+    result = turn(with_effects(agriq, friction_anisotropy={"ratio": ratio}), speed=0.5, yaw_rate=0.9, duration=4.0)
+    slid = 0
+    for wheel in WHEELS:
+        F_l, F_t = result[f"F_l_{wheel}"], result[f"F_t_{wheel}"] / ratio
+        force, held = np.hypot(F_l, F_t) / result[f"F_n_{wheel}"], result[f"sat_{wheel}"] == 0
+        assert force[held].max(initial=0.0) <= agriq.contact.mu_s * (1 + 1e-9)
+        np.testing.assert_allclose(force[~held], agriq.contact.mu_d, rtol=1e-9)
+        slid += (~held).sum()
+    assert slid > 20
 
 
 def test_a_push_from_behind_relieves_the_motors(agriq, straight):

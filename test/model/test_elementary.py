@@ -21,6 +21,12 @@ def _roots(x, out):
 
 
 @kernel
+def _logarithms(x, out):
+    for i in range(x.shape[0]):
+        out[i] = elementary.log(x[i])
+
+
+@kernel
 def _every(x, sine, cosine, exp, tanh):
     for i in range(x.shape[0]):
         sine[i], cosine[i] = elementary.sincos(x[i])
@@ -51,6 +57,17 @@ def test_exponential_and_tangent_are_exact_to_two_rounding_errors(numbers):
     _, _, exp, tanh = of(numbers)
     assert errors(exp, mp.exp, numbers).max() < 1.5
     assert errors(tanh, mp.tanh, numbers).max() < 2.5
+
+
+def test_logarithm_is_exact_to_two_rounding_errors():
+    rng = np.random.default_rng(4)
+    near = 1.0 + rng.choice([-1.0, 1.0], 2000) * 10.0 ** rng.uniform(-15, -0.5, 2000)
+    x = np.concatenate([10.0 ** rng.uniform(-300, 300, 2000), near, [1.0, 2.0, 0.5, math.sqrt(2.0)]])
+    found = np.empty(len(x))
+    _logarithms(x, found)
+    away = x != 1.0
+    assert errors(found[away], mp.log, x[away]).max() < 2.5
+    assert (found[~away] == 0.0).all()
 
 
 def test_sine_and_cosine_are_exact_to_rounding(numbers):

@@ -17,6 +17,8 @@ N = RNG.normal
 ABOUT = {
     "soil": lambda: (),
     "grip": lambda: (1.0 + 0.4 * N(), -2.0 + 0.4 * N()),
+    "stiffness": lambda: (abs(1.0 + 0.4 * N()), abs(0.5 * N())),
+    "lateral_grip": lambda: (),
     "friction": lambda: (0.8, 0.5, abs(0.1 * N())),
     "lateral": lambda: (0.3 * N(),),
     "lead": lambda: (0.5 * N(), 0.2 * N()),

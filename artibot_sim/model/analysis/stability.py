@@ -62,7 +62,7 @@ def parts(p: Params, dt: float, share: float = 0.0) -> int:
     """
     need = min(LONGEST_PART, _quick_sharing_limit(p, share))
     for body in (p.front, p.back)[: 2 if p.two else 1]:
-        along, across = body.k_l + p.forward_damping, body.k_t + p.lateral_damping
+        along, across = p.stiffening * body.k_l + p.forward_damping, p.stiffening * body.k_t + p.lateral_damping
         swing = 4.0 * (across * body.half_x**2 + along * body.half_y**2)
         fastest = max(4.0 * max(along, across) / body.m, swing / body.J_z)
         need = min(need, SLIP_SHARE * (1.0 + OVERSHOOT) / fastest)
@@ -97,7 +97,7 @@ def _quick_sharing_limit(p: Params, share: float) -> float:
     if not p.two or share <= 0.0:
         return math.inf
     more = 2.0 * share * p.right_front.tau / p.right_back.tau
-    return 0.5 * (p.front.m + p.back.m) / (4.0 * p.front.k_l * more)
+    return 0.5 * (p.front.m + p.back.m) / (4.0 * p.stiffening * p.front.k_l * more)
 
 
 def _sharing_limit(p: Params, modes: tuple[int, ...], share: float, longest: float) -> float:
@@ -136,7 +136,7 @@ def _sharing_loop(
         gear = motor.tau / etas[i]
         J = motor.J_m + motor.J_w * motor.tau * gear
         if i < 2 and modes[i] != TORQUE:
-            pull = 2.0 * gear * motor.r_w * p.front.k_l
+            pull = 2.0 * gear * motor.r_w * p.stiffening * p.front.k_l
             K[:3] += pull * np.array([-1.0, 0.0, -p.front.half_y if i == 0 else p.front.half_y])
             if free[i]:
                 K[places[i]] += pull * motor.r_w * motor.tau - p.velocity_gain * J
@@ -243,7 +243,8 @@ def _slip_matrix(
                 along[k] = motor.r_w * motor.tau
                 force[k] = motor.r_w * gear  # eq. 21: the gear's efficiency makes the pair unsymmetric
                 inverse[k] = 1 / (motor.J_m + motor.J_w * motor.tau * gear)
-            damping += body.k_l * np.outer(force, along) + (body.k_t + p.lateral_damping) * np.outer(across, across)
+            k_l, k_t = p.stiffening * body.k_l, p.stiffening * body.k_t
+            damping += k_l * np.outer(force, along) + (k_t + p.lateral_damping) * np.outer(across, across)
     if not p.two:
         return -inverse[:, None] * damping
     twist = np.zeros(size)

@@ -88,6 +88,13 @@ soil = _place("soil", _product)
 grip = _place("grip", _product)
 """(fx, x, y) → factor of mu_s and mu_d for a wheel there in `map` (m)."""
 
+stiffness = _place("stiffness", _product, cost=3)
+"""(fx, load, speed) → factor of k_l and k_t of a wheel that carries `load` times the rover's mean, and whose centre or
+rim moves at `speed` (m/s), whichever is faster."""
+
+lateral_grip = _place("lateral_grip", _product)
+"""(fx) → friction across a wheel over that along it."""
+
 friction = _place("friction", _chain, cost=2)
 """(fx, mu_s, mu, slip) → coefficient of a wheel that slides at `slip` (m/s) and would have `mu` without."""
 

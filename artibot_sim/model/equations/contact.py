@@ -61,7 +61,7 @@ class PairForces(NamedTuple):
 class Soil(NamedTuple):
     """The ground under a pair of wheels: eq. 15's coefficients, and eq. 16's for the front one and the back one.
 
-    u_f, u_b are how far ahead of the wheels' centres the forces act, m.
+    u_f, u_b are how far ahead of the wheels' centres the forces act, m; load is the mean one of the rover's wheels, N.
     """
 
     u_f: float
@@ -72,6 +72,7 @@ class Soil(NamedTuple):
     mu_df: float
     mu_sb: float
     mu_db: float
+    load: float
 
 
 @inlined
@@ -132,9 +133,9 @@ def soil_under(body, p, fx, pair, x, y, s_g, c_g, c_a, side):
         u_b = p.u_w * hooks.lead(fx, pair.p_x, pair.p_yb)
         return Soil(
             u_f, u_b, soil * body.k_l, soil * body.k_t,
-            on_f * body.mu_s, on_f * body.mu_d, on_b * body.mu_s, on_b * body.mu_d,
+            on_f * body.mu_s, on_f * body.mu_d, on_b * body.mu_s, on_b * body.mu_d, p.load,
         )  # fmt: skip
-    return Soil(p.u_w, p.u_w, body.k_l, body.k_t, body.mu_s, body.mu_d, body.mu_s, body.mu_d)
+    return Soil(p.u_w, p.u_w, body.k_l, body.k_t, body.mu_s, body.mu_d, body.mu_s, body.mu_d, p.load)
 
 
 @inlined
@@ -187,6 +188,13 @@ def relaxed(fx, F_t, p_x, lag, dt):
 
 
 @inlined
+def stiffer(fx, F_n, load, rim, p_x, p_y):
+    """With effects: factor of k_l and k_t of a wheel, whose rim moves at `rim` (m/s)."""
+    fastest = max(rim * rim, p_x * p_x + p_y * p_y)
+    return hooks.stiffness(fx, F_n / load, math.sqrt(fastest))
+
+
+@inlined
 def pair_forces(friction, body, fx, pair, soil, motor, rim, angle, lag_f, lag_b, dt):
     """Eqs 15 and 16 for the two wheels of a motor.
 
@@ -212,25 +220,29 @@ def pair_forces(friction, body, fx, pair, soil, motor, rim, angle, lag_f, lag_b,
     if fx is not None:
         r_f, r_b = hooks.radius(fx, 2 * motor, angle), hooks.radius(fx, 2 * motor + 1, angle)
         slip_f, slip_b = r_f * rim - pair.p_x, r_b * rim - pair.p_x
-        F_lf, F_lb = soil.k_l * slip_f, soil.k_l * slip_b
+        s_f = stiffer(fx, pair.F_nf, soil.load, r_f * rim, pair.p_x, pair.p_yf)
+        s_b = stiffer(fx, pair.F_nb, soil.load, r_b * rim, pair.p_x, pair.p_yb)
+        F_lf, F_lb = s_f * (soil.k_l * slip_f), s_b * (soil.k_l * slip_b)
+        F_tf, F_tb, wide = s_f * F_tf, s_b * F_tb, hooks.lateral_grip(fx)
+        narrow = 1.0 / wide
         F_tf, rate_f = relaxed(fx, F_tf, pair.p_x, lag_f, dt)
         F_tb, rate_b = relaxed(fx, F_tb, pair.p_x, lag_b, dt)
     else:
-        r_f = r_b = 1.0
+        r_f = r_b = s_f = s_b = wide = narrow = 1.0
         rate_f = rate_b = 0.0
         slip_f = slip_b = rim - pair.p_x
         F_lf = F_lb = soil.k_l * slip_f
-    F_lf, F_tf, held_f = friction(body, fx, F_lf, F_tf, pair.F_nf, soil.mu_sf, soil.mu_df, slip_f, pair.p_yf)
-    F_lb, F_tb, held_b = friction(body, fx, F_lb, F_tb, pair.F_nb, soil.mu_sb, soil.mu_db, slip_b, pair.p_yb)
+    F_lf, F_tf, held_f = friction(body, fx, F_lf, narrow * F_tf, pair.F_nf, soil.mu_sf, soil.mu_df, slip_f, pair.p_yf)
+    F_lb, F_tb, held_b = friction(body, fx, F_lb, narrow * F_tb, pair.F_nb, soil.mu_sb, soil.mu_db, slip_b, pair.p_yb)
     F_l = F_lf + F_lb
     at_rim, slope = F_l, soil.k_l * (held_f + held_b)
     R_lf = R_lb = R_tf = R_tb = 0.0
     if fx is not None:
         R_lf, R_tf = hooks.wheel_resist(fx, soil.mu_sf * pair.F_nf, pair.p_x, pair.p_yf)
         R_lb, R_tb = hooks.wheel_resist(fx, soil.mu_sb * pair.F_nb, pair.p_x, pair.p_yb)
-        at_rim, slope = r_f * F_lf + r_b * F_lb, soil.k_l * (r_f * r_f * held_f + r_b * r_b * held_b)
-        F_tf += hooks.lateral(fx, pair.p_yf)
-        F_tb += hooks.lateral(fx, pair.p_yb)
+        at_rim, slope = r_f * F_lf + r_b * F_lb, soil.k_l * (r_f * r_f * s_f * held_f + r_b * r_b * s_b * held_b)
+        F_tf = wide * F_tf + hooks.lateral(fx, pair.p_yf)
+        F_tb = wide * F_tb + hooks.lateral(fx, pair.p_yb)
     u_F_n = soil.u_f * pair.F_nf + soil.u_b * pair.F_nb
     return PairForces(
         F_l, at_rim, slope, u_F_n, F_tf, F_tb, soil.u_f, soil.u_b, rate_f, rate_b, F_lf, F_lb, held_f, held_b,

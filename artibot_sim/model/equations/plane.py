@@ -45,7 +45,8 @@ class Body(NamedTuple):
 class Ground(NamedTuple):
     """What both modules share: u_w (m), gravity's pull along x and y of `map` (m/s²), A of the joint (1/s).
 
-    joined is 1, or 0 for a rigid robot, whose back module is not there.
+    load is the mean load of the rover's wheels (N). joined is 1, or 0 for a rigid robot, whose back module is not
+    there.
     """
 
     u_w: float
@@ -53,6 +54,7 @@ class Ground(NamedTuple):
     g_y: float
     A: float
     joined: float
+    load: float
 
 
 class Motion(NamedTuple):
@@ -199,7 +201,9 @@ def planar_accelerations(front, back, ground, fx, f, b, trig, forces, sluggish=(
     (fx_a, fy_a, fg_a), contact_f, load_f = module_forces(
         front, ground, fx, FRONT, f, s_f, c_f, forces[0], forces[1], sluggish[0]
     )
-    there = Ground(ground.u_w, ground.joined * ground.g_x, ground.joined * ground.g_y, ground.A, ground.joined)
+    there = Ground(
+        ground.u_w, ground.joined * ground.g_x, ground.joined * ground.g_y, ground.A, ground.joined, ground.load
+    )
     (bx_a, by_a, bg_a), contact_b, load_b = module_forces(
         back, there, fx, BEHIND, b, s_b, c_b, forces[2], forces[3], sluggish[1]
     )

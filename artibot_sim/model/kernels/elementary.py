@@ -23,6 +23,9 @@ _ROUND = 1.5 * 2.0**52
 _LN2 = (0.6931471803691238, 1.9082149292705877e-10)
 """ln 2 in two parts; the first has zeros at its end, so that its whole multiples are exact."""
 
+_MANTISSA, _ONE, _EXPONENTS = (1 << 52) - 1, 1023 << 52, 1075 << 52
+"""Bits of a number's digits; those of 1; and those of 2^52, whose last digit is 1."""
+
 _LEAST, _MOST = -708.0, 709.0
 """Where `exp` ends: beyond, powers of two are no ordinary numbers."""
 
@@ -135,6 +138,26 @@ def exp(x):
     x = _MOST if x > _MOST else x
     fraction, power = _power(x)
     return power + power * fraction
+
+
+@inlined
+def log(x):
+    """Natural logarithm of an ordinary number above zero, to two rounding errors."""
+    bits = bits_of(x)
+    # the exponent, as whole numbers next to a power of two that is large enough for all of them
+    n = number_of((bits >> 52) + _EXPONENTS) - (2.0**52 + 1023.0)
+    m = number_of((bits & _MANTISSA) + _ONE)  # 1 to 2
+    large = m > math.sqrt(2.0)
+    m, n = 0.5 * m if large else m, n + 1.0 if large else n
+    t = (m - 1.0) / (m + 1.0)
+    y = t * t
+    y2 = y * y
+    y4 = y2 * y2
+    # atanh's series beyond t, summed by halves
+    low = (1 / 3 + y * (1 / 5)) + y2 * (1 / 7 + y * (1 / 9))
+    high = (1 / 11 + y * (1 / 13)) + y2 * (1 / 15 + y * (1 / 17))
+    rest = 2.0 * t * y * (low + y4 * (high + y4 * (1 / 19 + y * (1 / 21))))
+    return n * _LN2[0] + (2.0 * t + (rest + n * _LN2[1]))
 
 
 @inlined

@@ -212,7 +212,7 @@ def move_modules(S, fx, t):
     """Accelerations of both modules, and what the motors' wheels meet, at the stage."""
     for e in range(LANES):
         g = AT.GROUND + e
-        ground = Ground(S[g], S[g + LANES], S[g + 2 * LANES], S[g + 3 * LANES], S[g + 4 * LANES])
+        ground = Ground(S[g], S[g + LANES], S[g + 2 * LANES], S[g + 3 * LANES], S[g + 4 * LANES], S[g + 5 * LANES])
         q, v, lag = AT.Q_S + e, AT.V_S + e, AT.LAG_S + e
         f, b = motion_of(S, q, v), motion_of(S, q + 3 * LANES, v + 3 * LANES)
         turn_f, turn_b = f.gamma - S[AT.FACING + e], b.gamma - S[AT.FACING + LANES + e]

@@ -192,7 +192,7 @@ class Standing(NamedTuple):
 @inlined
 def stand(p, fx, q):
     """A level rover at q (16,)."""
-    ground = Ground(p.u_w, p.g_x, p.g_y, p.A_joint, 1.0 if p.two else 0.0)
+    ground = Ground(p.u_w, p.g_x, p.g_y, p.A_joint, 1.0 if p.two else 0.0, p.load)
     return Standing(
         standing(p.front, p, fx, FRONT, q[Z]), standing(p.back, p, fx, BEHIND, q[BACK + Z]), ground
     )  # fmt: skip

@@ -128,9 +128,11 @@ def _wheel(
     slip = radius * motor.tau * v[c] - v_x
     soil = fx.ask("soil")
     grip = soil * fx.ask("grip", place[0], place[1])
-    F_l, steady = soil * body.k_l * slip, -soil * body.k_t * v_y
+    fastest = max(abs(slip + v_x), math.hypot(v_x, v_y))
+    stiffness = soil * fx.ask("stiffness", F_n / p.load, fastest)
+    F_l, steady = stiffness * body.k_l * slip, -stiffness * body.k_t * v_y
     F_t, F_rate = _built_up(fx, steady, F_lag, v_x, dt)
-    F_h, held = math.hypot(F_l, F_t), 1.0
+    F_h, held = math.hypot(F_l, F_t / fx.ask("lateral_grip")), 1.0
     if F_h > grip * body.mu_s * F_n:
         held = fx.ask("friction", grip * body.mu_s, grip * body.mu_d, math.hypot(slip, v_y)) * F_n / F_h
     F_l, F_t = held * F_l, held * F_t + fx.ask("lateral", v_y)
@@ -140,7 +142,7 @@ def _wheel(
     flat = R_z @ np.array([*fx.ask("wheel_resist", grip * body.mu_s * F_n, v_x, v_y), 0.0])
     R = np.zeros(16)
     R[[b, b + 1]], R[b + 5] = flat[:2], flat @ partials(centre)[:, b + 5]
-    return v_x, v_y, F_n, F_l, F_t, u, held, soil * body.k_l, radius, F_rate, Q, R
+    return v_x, v_y, F_n, F_l, F_t, u, held, stiffness * body.k_l, radius, F_rate, Q, R
 
 
 def _built_up(fx: PlainEffects, steady: float, now: float, p_x: float, dt: float) -> tuple[float, float]:

@@ -22,6 +22,7 @@ Law = Callable[..., Any]
 _STANDARD: dict[Law, Law] = {
     elementary.tanh: math.tanh,
     elementary.exp: math.exp,
+    elementary.log: math.log,
     elementary.sincos: lambda angle: (math.sin(angle), math.cos(angle)),
 }
 """What stands in plain Python for the functions that compiled code has of its own."""

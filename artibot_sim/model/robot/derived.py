@@ -50,6 +50,12 @@ def _motor(robot: Robot, drive: Drive) -> MotorParams:
     return MotorParams(drive.tau, robot.wheel.r_w, drive.eta_d, drive.eta_r, drive.J_m, J_w, drive.torque_max)
 
 
+def mean_load(robot: Robot) -> float:
+    """Mean load of the wheels at rest on level ground, N."""
+    masses = [starred(robot, module)[0] for module in (robot.front, robot.back) if module is not None]
+    return STANDARD_GRAVITY * sum(masses) / (4 * len(masses))
+
+
 def params(robot: Robot) -> Params:
     """The kernel's view of `robot`, with what its effects change in these numbers.
 
@@ -77,6 +83,7 @@ def params(robot: Robot) -> Params:
         g_x=g[0],
         g_y=g[1],
         g_z=g[2],
+        load=mean_load(robot),
     )
     for effect, values in at_work(robot.effects).values():
         if effect.adapt is not None:

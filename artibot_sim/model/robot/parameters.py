@@ -62,6 +62,8 @@ class Params(NamedTuple):
     joint_stiffness: float = 0.0
     lateral_damping: float = 0.0  # of each wheel beside k_t, N s/m
     forward_damping: float = 0.0  # and beside k_l, whatever the wheel turns
+    stiffening: float = 1.0  # largest factor of k_l and k_t that effects bring
+    load: float = 1.0  # mean load of the rover's wheels at rest, N
     relaxation: float = 0.0  # rate at which lateral forces follow, over the wheel's speed, 1/m
 
 

@@ -275,7 +275,7 @@ velocity and acceleration of its origin (m/s, m/s²); its origin, heading and tu
 wheel i of WHEELS, as eq. 16 had it at the row before), and the largest share of its normal force that a wheel holds
 without sliding."""
 
-_STEPS = (5e-3, 2.5e-3, 2e-3, 1e-3, 5e-4)
+_STEPS = (5e-3, 2.5e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1e-4, 5e-5)
 _MARGIN = 0.8  # of the longest stable step: at the limit itself errors do not decay
 
 
