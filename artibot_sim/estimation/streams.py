@@ -204,10 +204,10 @@ class Segment:
     def gyro(self) -> Sums | None:
         """Rates about the sensor's axes summed, rad; axes that are not recorded are left out, z is the last."""
         channel = self.experiment.channels.get("imu")
-        if channel is None:
+        if channel is None or not self.gyro_axes:
             return None
         t, rate = _columns(channel, self.gyro_axes, self.first, self.last)
-        return Sums(t, _integral(t, rate)) if self.gyro_axes and len(t) > 3 else None
+        return Sums(t, _integral(t, rate)) if len(t) > 3 else None
 
     @cached_property
     def gyro_axes(self) -> tuple[str, ...]:
