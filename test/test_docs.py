@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -24,6 +26,11 @@ def test_files_that_a_page_names_exist(page: Path) -> None:
     files = files_of_artibot()
     named = set(NAMED.findall(page.read_text(encoding="utf-8")))
     assert not {name for name in named if not any(path.endswith(f"/{name}") for path in files)}
+
+
+def test_the_map_is_what_the_tree_says() -> None:
+    done = subprocess.run([sys.executable, str(ROOT / "scripts" / "map.py"), "--check"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_pages_do_name_files() -> None:

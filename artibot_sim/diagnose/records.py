@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.policy import FALSE_ALARM_RATE, HORIZON, PRIOR_ODDS, THRESHOLDS, Thresholds
+from artibot_sim.diagnose.policy import CLEARLY_WORSE, FALSE_ALARM_RATE, HORIZON, PRIOR_ODDS, THRESHOLDS, Thresholds
 from artibot_sim.diagnose.verdict import Verdict
 from artibot_sim.model import Robot
 
@@ -216,6 +216,16 @@ class Predictor:
     errors: Mapping[str, PredictionError]
     robot: Robot | None = None
     kinematic: bool = False
+
+    @property
+    def score(self) -> float:
+        """Mean logarithm of the errors: less is better, and a tenth is ten per cent; infinite without any."""
+        errors = [max(one.rmse, 1e-12) for one in self.errors.values()]
+        return float(np.mean(np.log(errors))) if errors else float("inf")
+
+    def is_clearly_worse_than(self, other: Predictor) -> bool:
+        """Whether this one errs by clearly more than another; False where the errors of one are not known."""
+        return bool(self.errors) and bool(other.errors) and self.score > other.score + CLEARLY_WORSE
 
 
 @dataclass(frozen=True)

@@ -326,7 +326,13 @@ def next_step(found: Diagnosis) -> str:
     if found.verdict is Verdict.UNEXPLAINED and tuple(beyond_noise(found.left)) == (COMMANDED,):
         advice = "Compare ramps, filters and limits set in the front drives with what is commanded."
     advice = advice or "Record once more, with motor torques, a gyroscope and the articulation angle where they lack."
-    return f"{advice} Until then simulate with best.yaml." if found.best else advice
+    best = next((one for one in found.predictors if one.name == found.best), None)
+    if best is None:
+        return advice
+    rolling = min((one for one in found.predictors if one.kinematic), key=lambda one: one.score, default=None)
+    if rolling is not None and best.is_clearly_worse_than(rolling):
+        return f"{advice} Until then predict with {rolling.name}: no dynamic model is as good here."
+    return f"{advice} Until then simulate with best.yaml."
 
 
 def differing(how: str) -> str:

@@ -285,7 +285,7 @@ def _uses(experiment: Experiment | None, info: BagInfo, options: str) -> Iterato
     rover = robot if robot in config_names("robots") else "ROBOT"
     if experiment is None:
         nothing = ("a topic that artibot reads",)
-        for name in ("plot", "resimulate", "identify", "diagnose"):
+        for name in ("plot", "resimulate", "check", "identify", "diagnose"):
             yield Use(name, False, nothing, f"artibot inspect {path} --topic WANTED=FOUND")
         return
     drawn = {"motor_torques", "ground_truth_odom", "total_station", "odom", "planned_odom"} & set(experiment.channels)
@@ -297,6 +297,7 @@ def _uses(experiment: Experiment | None, info: BagInfo, options: str) -> Iterato
     again = f"artibot replay {path} --resimulate {inputs} --robot {rover} --out check{options}"
     yield Use("resimulate", not lacks, lacks, again)
     lacks = (*wheels, *where, *(() if wheels or where else _overlap_faults(experiment)))
+    yield Use("check", not lacks, lacks, f"artibot check {path} --robot {rover}{options}")
     limits = lacks or tuple(_limits(experiment))
     yield Use("identify", not lacks, limits, f"artibot identify {path} --robot {rover} --out soil.yaml{options}")
     if not lacks and commands:

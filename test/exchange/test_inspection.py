@@ -55,7 +55,13 @@ def typed(found: Inspection, part: str) -> list[str]:
 
 def test_a_contract_bag_is_ready_for_everything() -> None:
     found = inspect_recording(ROOT / "bags" / "table6_agriq")
-    assert [entry.name for entry in found.uses if entry.ready] == ["plot", "resimulate", "identify", "diagnose"]
+    assert [entry.name for entry in found.uses if entry.ready] == [
+        "plot",
+        "resimulate",
+        "check",
+        "identify",
+        "diagnose",
+    ]
     assert (found.robot, found.storage, found.advice, len(found.segments)) == ("agriq", "mcap", (), 1)
     by_topic = {view.topic: view for view in found.topics}
     assert by_topic["/motor_torques"].rate == pytest.approx(50.0)

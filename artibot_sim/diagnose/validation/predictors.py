@@ -70,22 +70,11 @@ def pooled(fits: Sequence[Mapping[str, ChannelFit]]) -> dict[str, PredictionErro
     return found
 
 
-def score(predictor: Predictor) -> float:
-    """Mean logarithm of the errors: less is better, and a tenth is ten per cent."""
-    errors = [max(one.rmse, 1e-12) for one in predictor.errors.values()]
-    return float(np.mean(np.log(errors))) if errors else float("inf")
-
-
 def best_of(found: Sequence[Predictor]) -> Predictor | None:
     """The dynamic model that predicts best; the simplest of those that are nearly as good. None without any."""
     models = [one for one in found if not one.kinematic and one.errors]
-    least = min((score(one) for one in models), default=0.0)
-    return next((one for one in models if score(one) <= least + CLEARLY_WORSE / 5.0), None)
-
-
-def is_clearly_worse(one: Predictor, other: Predictor) -> bool:
-    """Whether one predictor errs by clearly more than another."""
-    return bool(one.errors) and bool(other.errors) and score(one) > score(other) + CLEARLY_WORSE
+    least = min((one.score for one in models), default=0.0)
+    return next((one for one in models if one.score <= least + CLEARLY_WORSE / 5.0), None)
 
 
 def refusals(found: Sequence[Predictor]) -> list[str]:
@@ -95,13 +84,13 @@ def refusals(found: Sequence[Predictor]) -> list[str]:
     said = []
     for name in (BASELINE, EXTENDED):
         one, given = by_name.get(name), by_name.get(GIVEN)
-        if one is not None and given is not None and is_clearly_worse(one, given):
+        if one is not None and given is not None and one.is_clearly_worse_than(given):
             said.append(
                 f"{_file(name)} ({name}) predicts held-out recordings worse than the robot file as given: "
                 f"{errors(one)}; as given {errors(given)}: do not simulate with it"
             )
-    rolling = min((one for one in found if one.kinematic), key=score, default=None)
-    if best is not None and rolling is not None and is_clearly_worse(best, rolling):
+    rolling = min((one for one in found if one.kinematic), key=lambda one: one.score, default=None)
+    if best is not None and rolling is not None and best.is_clearly_worse_than(rolling):
         said.append(
             f"no dynamic model predicts held-out recordings as well as {rolling.name}: "
             f"{errors(rolling)}; the best dynamic one ({best.name}) {errors(best)}: use the kinematic model"

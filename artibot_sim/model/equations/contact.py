@@ -143,8 +143,7 @@ def within_friction(body, fx, F_l, F_t, F_n, mu_s, mu_d, slip_l, slip_t):
     """Eq. 16: F_l, F_t (N) within what friction holds, and the share of them that is left, 1 where nothing is cut.
 
     With a branch, for one rover alone: roots and quotients of those wheels only that slide. So that the compiler keeps
-    it, mu_d of the paper's model is read, and forces are multiplied, inside (2.2 M steps/s on a plane otherwise, not
-    2.8 M).
+    it, mu_d of the paper's model is read, and forces are multiplied, inside.
     """
     F_h2 = F_l * F_l + F_t * F_t
     limit = mu_s * F_n

@@ -10,6 +10,7 @@ import pytest
 from report.diagnosis_case import case
 
 from artibot_sim.diagnose.records import PredictionError, Predictor
+from artibot_sim.diagnose.result import next_step
 from artibot_sim.diagnose.validation.predictors import (
     BASELINE,
     EXTENDED,
@@ -19,6 +20,7 @@ from artibot_sim.diagnose.validation.predictors import (
     predictors,
     refusals,
 )
+from artibot_sim.diagnose.verdict import Verdict
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
@@ -54,6 +56,16 @@ def test_what_beats_all_dynamic_models_is_said() -> None:
     (said,) = refusals([predictor(GIVEN, 0.4, 0.2), rolling])
     assert "ICR kinematics" in said and "use the kinematic model" in said
     assert not refusals([predictor(GIVEN, 0.2, 0.1), rolling])
+
+
+def test_the_next_step_never_names_a_model_that_another_beats_clearly() -> None:
+    given, rolling = predictor(GIVEN, 0.4, 0.2), predictor("ICR kinematics", 0.2, 0.1, None)
+    open_case = replace(case("slope", {"grade": 0.05, "heading": 1.9}), verdict=Verdict.UNEXPLAINED, causes=())
+    said = next_step(replace(open_case, predictors=(given, rolling), best=GIVEN))
+    assert "predict with ICR kinematics" in said and "best.yaml" not in said
+    said = next_step(replace(open_case, predictors=(given, predictor("ICR kinematics", 0.41, 0.2, None)), best=GIVEN))
+    assert said.endswith("simulate with best.yaml.")
+    assert "Until then" not in next_step(replace(open_case, predictors=(), best=""))
 
 
 def test_the_simplest_of_those_as_good_is_the_best() -> None:
