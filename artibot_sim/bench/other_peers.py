@@ -79,7 +79,7 @@ class LawOnBodies(ABC):
 
 
 class StagedRun(LawOnBodies):
-    """The same with RK4 around somebody's forward dynamics; call it for a rollout."""
+    """A rollout with the paper's contact law and RK4 around another library's forward dynamics; call it to run."""
 
     @abstractmethod
     def solve(self, q: Array, v: Array, torque: Array, wrench: Array) -> Array:

@@ -88,7 +88,7 @@ def thread_waited() -> float | None:
 
 @dataclass(frozen=True)
 class Peer:
-    """The same measured with another program in the same run; `by_cpu_time` is the value by its CPU time."""
+    """What another program reached at this benchmark in this run; `by_cpu_time` is its value by CPU time."""
 
     name: str
     value: float
@@ -119,7 +119,7 @@ class Result:
     peer: Peer | None = None
 
     def beside(self, peer: Peer | None) -> Result:
-        """The same with a peer."""
+        """This result with another program's beside it."""
         return replace(self, peer=peer)
 
     def as_json(self) -> dict[str, Any]:

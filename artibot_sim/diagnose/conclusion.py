@@ -304,7 +304,7 @@ def soils_of(found: Decision) -> tuple[str, Decision, Apart | None]:
 
 
 def own_ties(found: Decision) -> Decision:
-    """The same without ties between what is named: what was found beside another effect is no rival of it."""
+    """A decision without ties between named effects: what was found beside another effect is no rival of it."""
     both = {one.effect for one in found.named}
     named = tuple(replace(one, ties=tuple(tie for tie in one.ties if tie not in both)) for one in found.named)
     return replace(found, named=named)

@@ -103,7 +103,7 @@ def surroundings(fits: Sequence[tuple[Problem, Fit]], tick: Tick = lambda: None)
 def judged(
     problem: Problem, fit: Fit, around: Surroundings, seed: int, from_commands: FromCommands | None = None
 ) -> Uncertain:
-    """The same from what is around the fit."""
+    """Values and intervals of a fit from the profile over mu_s and the noise found around it."""
     parameters, index = problem.parameters, list(fit.free)
     nodes, noise = around.nodes, around.noise
     mean, spread = drawn(problem, nodes, index, noise, seed)
@@ -170,7 +170,7 @@ def drawn(
 
 
 def combined(parameters: ParameterSet, what: Uncertain, from_commands: FromCommands) -> Uncertain:
-    """The same once another view has measured effects' sizes; the soil goes along as the covariance says.
+    """Values once the command view has measured effects' sizes too; the soil follows by the covariance.
 
     Views that contradict each other are both less sure of that size than they say (Birge's ratio), and of the rest as
     far as it goes along.

@@ -434,7 +434,7 @@ def split(
 def distinctly_named(
     recordings: Sequence[Experiment], holdout: Sequence[Experiment]
 ) -> tuple[list[Experiment], list[Experiment]]:
-    """The same with names of their own: `monday/run0` and `tuesday/run0` are both `run0` in their bags."""
+    """Recordings under names of their own: `monday/run0` and `tuesday/run0` are both `run0` in their bags."""
     every, seen = sorted([*recordings, *holdout], key=_order), Counter[str]()
     names: dict[int, str] = {}
     for one in every:

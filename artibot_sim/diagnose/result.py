@@ -185,7 +185,7 @@ def _found(found: Found) -> dict[str, Any]:
 
 
 def _numbers(values: Any) -> Any:
-    """The same in JSON's terms: lists for tuples and mappings' copies, null for what is not finite."""
+    """A value in JSON's terms: lists for tuples and mappings' copies, null for what is not finite."""
     if isinstance(values, Mapping):
         return {key: _numbers(value) for key, value in values.items()}
     if isinstance(values, tuple | list):
@@ -570,7 +570,7 @@ def printed(found: Diagnosis) -> Any:
 
 
 def as_text(found: Diagnosis) -> str:
-    """The same as plain text."""
+    """A diagnosis as plain text, as the terminal shows it."""
     from io import StringIO
 
     from rich.console import Console

@@ -30,7 +30,7 @@ _LARGEST = 2.0
 
 
 def with_noisy_inputs(problem: Problem, number: int) -> Problem:
-    """The same windows of recordings with one more draw of their encoders' noise.
+    """A problem whose recordings have one more draw of their encoders' noise.
 
     As large as neighbouring samples of the motors show it, and smoothed with them as before.
     """

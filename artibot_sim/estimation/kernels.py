@@ -133,7 +133,7 @@ _TURN = 2.0 * math.pi
 
 @inlined
 def shortest(angle):
-    """The same direction between −π and π."""
+    """An angle (rad) brought between −π and π."""
     return angle - _TURN * math.floor(angle / _TURN + 0.5) if abs(angle) > math.pi else angle
 
 

@@ -194,7 +194,7 @@ def _series(measured: Measured, robot: Robot) -> list[Series]:
 
 
 def with_pooled_noise(found: Sequence[Stretch]) -> list[Stretch]:
-    """The same stretches with one noise level a channel: the median over all series that tell it."""
+    """Stretches with one noise level a channel: the median over all series that have one."""
     levels = noise_levels(found)
     return [
         replace(stretch, series=tuple(replace(s, sigma=levels[s.channel]) for s in stretch.series)) for stretch in found

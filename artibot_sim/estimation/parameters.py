@@ -339,7 +339,7 @@ class ParameterSet:
         return replace(robot, effects=dict(robot.effects) | {e.id: e.values(part) for e, part in parts})
 
     def candidate(self, coordinates: Array) -> Robot:
-        """The same for a simulation: where only soil changes, the rest of a robot that was checked is not again.
+        """The robot at some coordinates, for a simulation: where only soil changes, the rest is not checked again.
 
         A fit makes thousands; to check a hundred numbers of each takes as long as to simulate seconds of driving.
         """

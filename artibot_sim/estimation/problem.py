@@ -184,11 +184,11 @@ class Problem:
         return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(purpose, number)))
 
     def part(self, rows: Sequence[int]) -> Problem:
-        """The same with some of the windows."""
+        """This problem with some of its windows only."""
         return replace(self, windows=[self.windows[i] for i in rows])
 
     def with_parameters(self, parameters: ParameterSet) -> Problem:
-        """The same windows, in the same integration steps, for other parameters to explain."""
+        """This problem for other parameters: its windows and its integration step stay."""
         new = copy.copy(self)  # what was worked out of the windows stays
         new.parameters, new.dt = parameters, self._batch.dt
         return new
@@ -203,7 +203,7 @@ class Problem:
         return {name: float(window.sigma[window.channel == c].min()) / sensor[name] for c, name in names.items()}
 
     def rescaled(self, levels: Array) -> Problem:
-        """The same with the noise of each channel multiplied by `levels` (channels,)."""
+        """This problem with the noise of each channel multiplied by `levels` (channels,)."""
         windows = [replace(w, sigma=w.sigma * levels[w.channel]) for w in self.windows]
         return replace(self, windows=windows)
 
@@ -342,7 +342,7 @@ class Problem:
         return [self.parts(row) for row in self.flat_residuals(coordinates, starts)]
 
     def flat_residuals(self, coordinates: Sequence[Array], starts: Array) -> Array:
-        """The same one after the other, shape (sets, n)."""
+        """Residuals of all windows one after the other, shape (sets, n), for sets of coordinates and starts."""
         places: dict[bytes, int] = {}
         which = [places.setdefault(c.tobytes(), len(places)) for c in coordinates]
         robots = [self.parameters.candidate(np.frombuffer(c)) for c in places]

@@ -200,7 +200,7 @@ def scan(problem: Problem, loss: Loss, point: Point, changes: Array) -> Point:
 
 
 def sounded(problem: Problem, loss: Loss, point: Point) -> Point:
-    """The same by every other place of SCAN, then beside the best one: mostly the same end for half the work."""
+    """Scan mu_s at every other place of SCAN, then beside the best one: mostly the same end for half the work."""
     tried = dict(zip(_WIDE, _gripping(problem, loss, point, SCAN[list(_WIDE)]), strict=False))
     if not tried:
         return point

@@ -217,12 +217,12 @@ def align(problem: Problem, loss: Loss, point: Point) -> Point:
 
 
 def _guessed(problem: Problem, loss: Loss, points: Sequence[Point]) -> list[Point]:
-    """The same without a simulation: where the ground is not uniform a guess."""
+    """Points with starts moved over the ground, without a simulation: where the ground is not uniform a guess."""
     flat = np.array([point.residuals.flat for point in points])
     starts, flat = problem.aligned(flat, np.array([point.starts for point in points]))
     return assess(problem, loss, [point.coordinates for point in points], starts, flat)
 
 
 def again(problem: Problem, loss: Loss, point: Point) -> Point:
-    """The same point under another loss."""
+    """A point assessed anew under another loss."""
     return assess(problem, loss, [point.coordinates], point.starts[None], point.residuals.flat[None])[0]

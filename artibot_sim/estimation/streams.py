@@ -133,7 +133,7 @@ class Sums:
         return np.stack([np.interp(t, self.t, column) for column in self.values.T], axis=-1)
 
     def lagged(self, lag: float) -> Sums:
-        """The same behind a first-order low-pass with time constant `lag`, s."""
+        """These sums behind a first-order low-pass with time constant `lag`, s."""
         if lag <= 0.0:
             return self
         grid = np.arange(self.t[0], self.t[-1] + _GRID, _GRID)
@@ -174,7 +174,7 @@ class Segment:
 
     @cached_property
     def command(self) -> Sums | None:
-        """The same as commanded."""
+        """Sums of the wheels' speeds as they were commanded; None without commands."""
         return self._motors("motor_command")
 
     def _motors(self, key: str) -> Sums | None:

@@ -27,7 +27,7 @@ def printed(found: Identification) -> Any:
 
 
 def as_text(found: Identification) -> str:
-    """The same as plain text."""
+    """An identification as plain text, as the terminal shows it."""
     from io import StringIO
 
     from rich.console import Console

@@ -57,7 +57,7 @@ class Segment:
         """Relations between the fields; none here."""
 
     def mirrored(self) -> Segment:
-        """The same segment with left and right exchanged."""
+        """This segment with left and right exchanged."""
         odd = [entry.name for entry in dataclasses.fields(self) if entry.metadata.get("odd")]
         return dataclasses.replace(self, **{name: -getattr(self, name) for name in odd})
 
@@ -289,7 +289,7 @@ class Manoeuvre:
                 entry.metadata["quantity"].check(entry.name, value)
 
     def mirrored(self) -> Manoeuvre:
-        """The same manoeuvre with left and right exchanged."""
+        """This manoeuvre with left and right exchanged."""
         return dataclasses.replace(
             self, name=f"{self.name}_mirrored", segments=tuple(segment.mirrored() for segment in self.segments)
         )

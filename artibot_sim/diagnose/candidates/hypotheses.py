@@ -111,7 +111,7 @@ def largest_bend(stretches: Sequence[Stretch]) -> float:
 
 
 def with_effect(problem: Problem, extension: Extension) -> Problem:
-    """The same problem with one more effect to be fitted."""
+    """A problem with one more effect to be fitted; windows and parameters stay."""
     parameters = problem.parameters
     more = ParameterSet(parameters.robot, parameters.parameters, (*parameters.extensions, extension))
     return problem.with_parameters(more)

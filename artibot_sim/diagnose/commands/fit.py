@@ -91,7 +91,7 @@ class Fitter:
         return self.noise.log_likelihood(self.data, error, self.used) - 0.5 * (way.clock / (0.5 * self.clock)) ** 2
 
     def with_clock(self, way: Way) -> Way:
-        """The same way, stamps as it wants them."""
+        """A way of commands with the clock offset that suits it best."""
         return self._climb(way._replace(clock=0.0), ["clock"])[0]
 
     def at(self, way: Way) -> float:

@@ -218,7 +218,7 @@ def by_commands(driven: Trial, robot: Robot, noise: Mapping[str, float]) -> floa
 
 
 def _by_back_torques(driven: Trial, robot: Robot, noise: Mapping[str, float]) -> float:
-    """The same of the back motors' torques, which are commanded."""
+    """Nats by which commanded torques of the back motors tell a robot from the one that was driven."""
     data = command_data([driven.recording], "effort") if "torque_back" in noise else None
     if data is None:
         return 0.0

@@ -98,7 +98,7 @@ def stage(
 
 
 def thorough(found: Stage, named: Sequence[str], rounds: Rounds, tick: Tick = lambda: None) -> Stage:
-    """The same search with every effect fitted, whatever the screen thought of it, and most of them to the end.
+    """A search in which every effect is fitted, whatever its screening gave, and most of them to the end.
 
     A probe may throw so many windows off their branch that an effect of just its size looks worse than none.
     """

@@ -86,7 +86,7 @@ class Rounds:
         return min(max(good, self.least[number]), self.most[number])
 
     def for_all(self, count: int) -> Rounds:
-        """The same for a search in which all of so many trials may be fitted, and all but hopeless ones to the end."""
+        """Rounds of a search in which all of `count` trials may be fitted, and all but hopeless ones to the end."""
         most, shares = (*self.most[:2], count), (*self.shares[:2], _HOPELESS)
         return replace(self, hopes=count, promise=-np.inf, most=most, shares=shares)
 

@@ -74,7 +74,7 @@ class Apart:
 
     @property
     def unexplained(self) -> Unexplained:
-        """The same as what is on no list; its size is the largest difference of a parameter as a share."""
+        """Several soils as a cause on no list; its size is the largest difference of a parameter as a share."""
         size = max(_spread(values) for _, _, values in self.soil)
         return Unexplained(
             "contact forces",

@@ -65,7 +65,7 @@ def excluded(trials: Sequence[Trial], least: float, thresholds: Thresholds) -> d
 
 
 def excluded_patch(base: Around, effect: str, least: float, thresholds: Thresholds) -> dict[str, float]:
-    """The same of a disc on the ground, which may lie anywhere: the departure that nine tenths of the ground exclude.
+    """From which size on a disc on the ground is excluded: the departure that nine tenths of the ground exclude.
 
     Parameters
     ----------

@@ -135,7 +135,7 @@ def _as_sensitivities_say(problem: Problem, fit: Fit, move: Array, which: int) -
 
 
 def _upon_the_soil(problem: Problem, fit: Fit, move: Array, which: int) -> tuple[Array, Array] | None:
-    """The same where the effect declares how soil makes up for it (`Search.valley`): mu_s too, and starts stay."""
+    """A step along the ridge that an effect declares (`Search.valley`): soil and mu_s follow it, starts stay."""
     parameters = problem.parameters
     extension, place = parameters.extensions[which], parameters.places[which]
     if not extension.search.valley:

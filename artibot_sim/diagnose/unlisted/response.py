@@ -75,7 +75,7 @@ class Answers:
 
 
 def short(problem: Problem, most: int = WINDOWS) -> Problem:
-    """The same recordings in short windows, so many at most, taken evenly."""
+    """A problem's recordings in short windows, `most` at most, taken evenly."""
     places: list[tuple[int, int, int, int]] = []
     for i, stretch in enumerate(problem.stretches):
         dt = stretch.inputs.dt

@@ -58,7 +58,7 @@ class Equations:
         return self.matrix.shape[1] - len(self.slope)
 
     def with_columns(self, columns: Array) -> Equations:
-        """The same with columns (windows, 16, b) that are fitted from now on."""
+        """Equations with columns (windows, 16, b) that are fitted beside every candidate from now on."""
         p = len(self.slope)
         tall = np.concatenate([columns, np.zeros((len(columns), p, columns.shape[2]))], axis=1)
         return replace(self, beside=np.concatenate([self.beside, tall], axis=2))

@@ -57,7 +57,7 @@ class PlainEffects:
     t: float = 0.0
 
     def at(self, t: float) -> PlainEffects:
-        """The same at another time."""
+        """These effects at another time `t`, s."""
         return PlainEffects(self.values, t)
 
     def ask(self, place: str, *about: Any) -> Any:

@@ -199,7 +199,7 @@ def _whole(values: Indices) -> Indices:
 
 
 def _real(values: Array) -> Array:
-    """The same for numbers."""
+    """Numbers as compiled code takes them: float64, contiguous."""
     return np.array(values, dtype=np.float64, order="C")
 
 
@@ -394,7 +394,7 @@ class WindowBatch:
         return [found[begin:end] for begin, end in zip(ends - sizes, ends, strict=True)]
 
     def run_flat(self, robots: Sequence[Robot], items: Items) -> Array:
-        """The same one after the other."""
+        """Run all items; what their plans ask for, item after item, shape (sum of the plans' lengths,)."""
         fleet = Fleet.of(robots, self.tables, bool(self._knots.free.any()))
         ends = np.cumsum(self._looks.sizes[items.plan])
         out = np.full(int(ends[-1]) if len(ends) else 0, math.nan)

@@ -24,7 +24,7 @@ def rotation(roll: float, pitch: float, yaw: float) -> Array:
 
 
 def quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
-    """The same rotation as x, y, z, w."""
+    """A rotation by roll, pitch and yaw (rad) as a quaternion x, y, z, w."""
     s_a, c_a, s_b, c_b = math.sin(roll / 2), math.cos(roll / 2), math.sin(pitch / 2), math.cos(pitch / 2)
     s_g, c_g = math.sin(yaw / 2), math.cos(yaw / 2)
     return (

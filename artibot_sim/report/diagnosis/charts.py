@@ -89,7 +89,7 @@ def over_time(found: Diagnosis, run: Comparison, channel: str) -> Panel | None:
 
 
 def over_time_of(run: Comparison, channel: str, unit: str) -> Panel | None:
-    """The same, of a recording alone."""
+    """Errors of a channel over time in one recording; None where it has no such channel."""
     samples = gather([run], channel)
     if samples is None:
         return None

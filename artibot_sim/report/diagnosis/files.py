@@ -230,7 +230,7 @@ def _float(value: Any) -> float:
 
 
 def _floats(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """The same with NaN for null, and pairs as tuples."""
+    """An entry read from JSON with NaN for null, and pairs as tuples."""
     found: dict[str, Any] = {}
     for name, value in entry.items():
         found[name] = _pair(value) if isinstance(value, list) else float("nan") if value is None else value
