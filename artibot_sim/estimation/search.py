@@ -25,11 +25,11 @@ _WIDE = (1, 3, 5, 8, 10, 12)
 """Places in SCAN, by which a wide look begins."""
 _DRAWS = 0.6
 """Further starts are drawn with this share of the prior's width."""
-_SHAKEN = np.array([0.1, 0.1, 0.3, 0.7, 0.7, 0.7, 0.3, 1.0])
+_START_SPREAD = np.array([0.1, 0.1, 0.3, 0.7, 0.7, 0.7, 0.3, 1.0])
 """Sizes of random changes of a start, in its prior deviations: what a window's own samples leave open."""
 _DRAWN = np.array([0.1, 0.1, 0.3, 1.0, 1.0, 1.0, 1.0, 1.0])
 """The same around a measured start: places and headings are aligned to the window's path anyway."""
-_JOSTLES = 8
+_PERTURBATIONS = 8
 _FARTHEST = 0.12
 """Random changes of all parameters: how many at every step, and the largest as a share of the longest step."""
 _COARSE = 4
@@ -104,7 +104,7 @@ def search(problem: Problem, effort: Effort, tick: Tick = lambda: None, effects:
     ends = side_by_side(_descended, tasks, problem.workers, tick, effort.scheduler)
     ends.sort(key=lambda fit: fit.point.cost)
     near = [fit for fit in ends[: effort.finalists] if fit.point.cost <= _CLOSE * ends[0].point.cost]
-    finals = side_by_side(lambda fit: settle(problem, fit.point, fit.loss, effort.last), near, problem.workers, tick)
+    finals = side_by_side(lambda fit: converge(problem, fit.point, fit.loss, effort.last), near, problem.workers, tick)
     finals.sort(key=lambda fit: fit.point.cost)
     best = finals[0]
     others = tuple(fit.point for fit in [*finals[1:], *ends[effort.finalists :]])
@@ -134,7 +134,7 @@ def _descend(problem: Problem, coordinates: Array, even: Array, steps: int) -> F
     damping, reduced = 1e-3, None
     for k in range(steps):
         point = scan(problem, loss, point, SCAN)
-        point = awake(problem, loss, point, k) if k % 2 == 1 else point
+        point = restarted_windows(problem, loss, point, k) if k % 2 == 1 else point
         point, reduced, damping = step(problem, loss, point, free, damping)
         loss = Loss(max(1.0, loss.inflation / 1.5), even)
         point = again(problem, loss, point)
@@ -143,7 +143,7 @@ def _descend(problem: Problem, coordinates: Array, even: Array, steps: int) -> F
     return Fit(again(problem, common, point), loss, reduced, free, False)
 
 
-def settle(problem: Problem, point: Point, loss: Loss, steps: int) -> Fit:
+def converge(problem: Problem, point: Point, loss: Loss, steps: int) -> Fit:
     """Steps until nothing is gained any more, mu_s scanned coarsely and finely in turn."""
     free = free_parameters(problem)
     point = again(problem, loss, point)
@@ -151,8 +151,8 @@ def settle(problem: Problem, point: Point, loss: Loss, steps: int) -> Fit:
     for k in range(steps):
         before = point.cost
         point = scan(problem, loss, point, SCAN if k % _COARSE == 0 else FINE)
-        point = awake(problem, loss, point, k) if k % _COARSE == 1 else point
-        point = jostled(problem, loss, point, reduced, free, k) if reduced is not None else point
+        point = restarted_windows(problem, loss, point, k) if k % _COARSE == 1 else point
+        point = perturbed(problem, loss, point, reduced, free, k) if reduced is not None else point
         point, reduced, damping = step(problem, loss, point, free, damping)
         if loss.inflation > 1.0:
             loss = replace(loss, inflation=max(1.0, loss.inflation / 1.5))
@@ -166,7 +166,7 @@ def settle(problem: Problem, point: Point, loss: Loss, steps: int) -> Fit:
     return Fit(point, loss, reduced, free, converged)
 
 
-def jostled(
+def perturbed(
     problem: Problem, loss: Loss, point: Point, reduced: Reduced, free: Sequence[int], number: int = 0
 ) -> Point:
     """The best of random changes of all parameters, as far as the data leave them open and a few times further.
@@ -179,7 +179,7 @@ def jostled(
     rng = problem.generator(Draw.PARAMETERS, number)
     i = problem.parameters.index(MU_S)
     candidates = []
-    for k in range(_JOSTLES):
+    for k in range(_PERTURBATIONS):
         size = (1.5, 5.0, 15.0)[k % 3]
         coordinates = point.coordinates.copy()
         move = vectors @ (size * rng.standard_normal(len(values)) / np.sqrt(values))
@@ -195,23 +195,23 @@ def jostled(
 
 def scan(problem: Problem, loss: Loss, point: Point, changes: Array) -> Point:
     """The best of the same point with other mu_s."""
-    points = _gripping(problem, loss, point, changes)
+    points = _at_other_mu_s(problem, loss, point, changes)
     return min([point, *points], key=lambda p: p.cost)
 
 
-def sounded(problem: Problem, loss: Loss, point: Point) -> Point:
+def coarse_to_fine_scan(problem: Problem, loss: Loss, point: Point) -> Point:
     """Scan mu_s at every other place of SCAN, then beside the best one: mostly the same end for half the work."""
-    tried = dict(zip(_WIDE, _gripping(problem, loss, point, SCAN[list(_WIDE)]), strict=False))
+    tried = dict(zip(_WIDE, _at_other_mu_s(problem, loss, point, SCAN[list(_WIDE)]), strict=False))
     if not tried:
         return point
     least = min(tried, key=lambda k: tried[k].cost)
     middle = len(SCAN) // 2
     near = (least - 1, least + 1) if tried[least].cost < point.cost else (middle - 1, middle)
-    more = _gripping(problem, loss, point, SCAN[[k for k in near if 0 <= k < len(SCAN) and k not in tried]])
+    more = _at_other_mu_s(problem, loss, point, SCAN[[k for k in near if 0 <= k < len(SCAN) and k not in tried]])
     return min([point, *tried.values(), *more], key=lambda p: p.cost)
 
 
-def _gripping(problem: Problem, loss: Loss, point: Point, changes: Array) -> list[Point]:
+def _at_other_mu_s(problem: Problem, loss: Loss, point: Point, changes: Array) -> list[Point]:
     """The point with other mu_s, none where it is not fitted."""
     i = problem.parameters.index(MU_S)
     if i is None:
@@ -224,7 +224,7 @@ def _gripping(problem: Problem, loss: Loss, point: Point, changes: Array) -> lis
     return evaluate(problem, loss, candidates, point.starts)
 
 
-def awake(problem: Problem, loss: Loss, point: Point, number: int = 0) -> Point:
+def restarted_windows(problem: Problem, loss: Loss, point: Point, number: int = 0) -> Point:
     """Every window tries other starts: as measured, as the window before predicts, and with other headings.
 
     A start on the wrong branch of eq. 16 (a wheel holds that should slide) is a local optimum; mostly its heading is
@@ -234,11 +234,11 @@ def awake(problem: Problem, loss: Loss, point: Point, number: int = 0) -> Point:
     turns = [turned(point.starts, angle) for angle in _TURNS]
     new = best_of(problem, loss, point.coordinates, [point.starts, problem.starts, *turns])
     new = polished(problem, loss, new, problem.carried(point.coordinates, point.starts))
-    new = shaken(problem, loss, new, number)
+    new = randomized_starts(problem, loss, new, number)
     return new if new.cost < point.cost else point
 
 
-def shaken(problem: Problem, loss: Loss, point: Point, number: int = 0, tries: int = 12) -> Point:
+def randomized_starts(problem: Problem, loss: Loss, point: Point, number: int = 0, tries: int = 12) -> Point:
     """The windows that are explained worst try random starts around theirs, in three sizes, the best one polished.
 
     With effects in the fit around the measured one as well: a start that made up for what the model lacked is far from
@@ -254,7 +254,7 @@ def shaken(problem: Problem, loss: Loss, point: Point, number: int = 0, tries: i
     some = problem.part(worst.tolist())
     scale = np.tile([0.15, 0.4, 1.0], -(-tries // 3))[:tries, None, None]
     moves = rng.normal(size=(tries, len(worst), problem.size)) * problem.start_sd[worst] * scale
-    starts = point.starts[worst] + moves * _SHAKEN[: problem.size]
+    starts = point.starts[worst] + moves * _START_SPREAD[: problem.size]
     if problem.parameters.extensions:
         anew = rng.normal(size=(2 * tries, len(worst), problem.size)) * problem.start_sd[worst] * _DRAWN[: problem.size]
         anew *= np.tile([0.5, 1.0], tries)[:, None, None]

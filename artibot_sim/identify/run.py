@@ -25,7 +25,7 @@ from artibot_sim.estimation.measurements import (
 )
 from artibot_sim.estimation.parameters import SOIL, ParameterSet, Prior
 from artibot_sim.estimation.problem import Problem
-from artibot_sim.estimation.search import Effort, Fit, Tick, awake, search, settle, thinned
+from artibot_sim.estimation.search import Effort, Fit, Tick, converge, restarted_windows, search, thinned
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.estimation.uncertainty import Node, from_bootstrap, from_curvature, profile
 from artibot_sim.estimation.windows import CHANNEL_NAMES, cut
@@ -230,19 +230,19 @@ def best_fit(problem: Problem, effort: Effort, tick: Tick, trust: Trust | None =
         part, problem, before = part.rescaled(levels), problem.rescaled(levels), before * levels
         loss = trust.loss(thinned(part, some))
         point = evaluate(part, loss, [some.point.coordinates], some.point.starts)[0]
-        some = replace(settle(part, point, loss, 3), others=some.others)
+        some = replace(converge(part, point, loss, 3), others=some.others)
     if poor:
         some, _ = _profiled(part, some, _PATIENCE)
     tick()
     starts = problem.starts.copy()
     starts[every] = some.point.starts
     point = evaluate(problem, loss, [some.point.coordinates], starts)[0]
-    found = settle(problem, awake(problem, loss, point), loss, _SETTLE)
+    found = converge(problem, restarted_windows(problem, loss, point), loss, _SETTLE)
     for _ in range(_PATIENCE):
         if found.converged:
             break
-        found = settle(problem, found.point, loss, _SETTLE)  # far from its end: not yet the time to dismiss windows
-    found = settle(problem, found.point, replace(loss, firm=not foreign), _SETTLE)
+        found = converge(problem, found.point, loss, _SETTLE)  # far from its end: not yet the time to dismiss windows
+    found = converge(problem, found.point, replace(loss, firm=not foreign), _SETTLE)
     tick()
     return problem, replace(found, others=some.others)
 
@@ -254,7 +254,7 @@ def _profiled(problem: Problem, found: Fit, moves: int, tick: Tick = lambda: Non
         best = min(nodes, key=lambda node: node.point.cost)
         if best.point.cost > found.point.cost - _BETTER:
             break
-        found = replace(settle(problem, best.point, found.loss, 3), others=found.others)
+        found = replace(converge(problem, best.point, found.loss, 3), others=found.others)
         nodes = profile(problem, found, tick)
     return found, nodes
 

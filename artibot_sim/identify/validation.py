@@ -13,7 +13,7 @@ from artibot_sim.estimation.loss import SAMPLE_BEND, Loss
 from artibot_sim.estimation.measurements import CHANNEL_UNITS, HALF_WIDTH, Stretch, noise_levels, stretches
 from artibot_sim.estimation.parameters import ParameterSet
 from artibot_sim.estimation.problem import Problem
-from artibot_sim.estimation.search import awake
+from artibot_sim.estimation.search import restarted_windows
 from artibot_sim.estimation.solver import Point, evaluate, step
 from artibot_sim.estimation.windows import CHANNEL_NAMES, HEADINGS, Window, cut, predecessors, window_at
 from artibot_sim.experiment import Experiment
@@ -309,7 +309,7 @@ def fitted_starts(problem: Problem, steps: int = _STEPS) -> Point:
     loss = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
     point = evaluate(problem, loss, [here], problem.starts)[0]
     for _ in range(steps):
-        point = awake(problem, loss, point)
+        point = restarted_windows(problem, loss, point)
         point, _, _ = step(problem, loss, point, ())
     return point
 

@@ -14,7 +14,7 @@ from artibot_sim.estimation.encoder_noise import noise_share
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import Extension, ParameterSet
 from artibot_sim.estimation.problem import Problem
-from artibot_sim.estimation.search import Fit, free_parameters, settle
+from artibot_sim.estimation.search import Fit, converge, free_parameters
 from artibot_sim.estimation.solver import evaluate, reduce
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.requested import parameter_set
@@ -37,7 +37,7 @@ def fitted() -> tuple[Problem, Fit]:
     beside = with_effect(problem, Extension("back_friction"))
     loss = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
     point = evaluate(beside, loss, [np.zeros(6)], beside.starts)[0]
-    return beside, settle(beside, point, loss, 3)
+    return beside, converge(beside, point, loss, 3)
 
 
 def test_noise_goes_with_the_square_of_what_grips(fitted: tuple[Problem, Fit]) -> None:

@@ -12,7 +12,7 @@ from estimation.linear import Linear, linear
 from artibot_sim.estimation.encoder_noise import NoiseShare
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.problem import Draw, Problem
-from artibot_sim.estimation.search import awake, free_parameters
+from artibot_sim.estimation.search import free_parameters, restarted_windows
 from artibot_sim.estimation.solver import evaluate, reduce, step
 from artibot_sim.estimation.uncertainty import Node, from_bootstrap, from_curvature
 from artibot_sim.estimation.windows import CHANNEL_NAMES
@@ -129,7 +129,7 @@ def test_intervals_of_linear_problems_cover(problem: Problem) -> None:
 def test_draws_depend_on_the_seed_alone(problem: Problem) -> None:
     """Not on the data, nor on where a fit stands; another seed draws others."""
     even = evaluate(problem, EVEN, [np.full(len(problem.parameters), 0.1)], problem.starts)[0]
-    ends = [awake(replace(problem, seed=seed), EVEN, even) for seed in (0, 0, 1)]
+    ends = [restarted_windows(replace(problem, seed=seed), EVEN, even) for seed in (0, 0, 1)]
     assert np.array_equal(ends[0].starts, ends[1].starts)
     assert not np.array_equal(ends[0].starts, ends[2].starts)
     by_hand = [replace(problem, seed=seed).generator(Draw.STARTS, 7).normal(size=4) for seed in (0, 0, 1)]

@@ -16,7 +16,7 @@ from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem, Sensitivity
-from artibot_sim.estimation.search import Fit, settle
+from artibot_sim.estimation.search import Fit, converge
 from artibot_sim.estimation.solver import Beside, Point, assess, evaluate, prior, reduce, step
 from artibot_sim.model.effects import EFFECTS
 
@@ -407,7 +407,7 @@ def on_best_disc(problem: Problem, fit: Fit, seed: int, steps: int) -> tuple[Pro
         return problem, fit
     moved = with_disc(problem, which, table[np.argmin(losses.sum(axis=1))])
     begun = evaluate(moved, fit.loss, [fit.point.coordinates], fit.point.starts)[0]
-    found = settle(moved, begun, fit.loss, steps)
+    found = converge(moved, begun, fit.loss, steps)
     return (moved, found) if found.point.cost < fit.point.cost else (problem, fit)
 
 

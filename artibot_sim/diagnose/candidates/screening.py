@@ -13,7 +13,7 @@ from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, with_effect
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.problem import Problem, Sensitivity, clip, moved_along
-from artibot_sim.estimation.search import free_parameters, settle, sounded
+from artibot_sim.estimation.search import coarse_to_fine_scan, converge, free_parameters
 from artibot_sim.estimation.solver import Point, assess, evaluate, reduce, step
 
 Array = NDArray[np.float64]
@@ -142,7 +142,7 @@ def at_rest(problem: Problem, loss: Loss, point: Point, steps: int) -> tuple[Aro
         control = _control(base)
         if base.point.cost - control.cost < _QUIET:
             break
-        base = around(problem, loss, settle(problem, control, loss, steps).point)
+        base = around(problem, loss, converge(problem, control, loss, steps).point)
     else:
         control = _control(base)
     return base, control
@@ -151,7 +151,7 @@ def at_rest(problem: Problem, loss: Loss, point: Point, steps: int) -> tuple[Aro
 def _control(base: Around) -> Point:
     """The baseline as a trial without any effect."""
     problem, loss = base.problem, base.loss
-    (point,) = _resumed(base, problem, [sounded(problem, loss, base.point)], 0)
+    (point,) = _resumed(base, problem, [coarse_to_fine_scan(problem, loss, base.point)], 0)
     return step(problem, loss, point, base.free, known=base.sensitivity, tries=2)[0]
 
 
@@ -175,7 +175,7 @@ def _screened(base: Around, hypothesis: Hypothesis) -> Trial:
     if len(points) > len(probes):
         points = [*points[: len(probes)], min(points[len(probes) :], key=lambda point: point.cost)]
     # mu_s acts by switching, so no sensitivity tells where it goes
-    points = [sounded(problem, base.loss, point) for point in points]
+    points = [coarse_to_fine_scan(problem, base.loss, point) for point in points]
     if extension.effect.sensor is not None:
         points = _resumed(base, problem, points, len(extension))
     ends = [step(problem, base.loss, point, base.free, known=base.sensitivity, tries=2)[0] for point in points]

@@ -14,12 +14,12 @@ from scipy.stats import trim_mean
 from artibot_sim.diagnose.candidates.hypotheses import without_effect
 from artibot_sim.diagnose.candidates.patches import refined
 from artibot_sim.diagnose.candidates.screening import Around, Trial
-from artibot_sim.diagnose.selection.ridge_search import leapt, walked
+from artibot_sim.diagnose.selection.ridge_search import along_ridge, from_far_sizes
 from artibot_sim.estimation.encoder_noise import answers, with_noisy_inputs
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.problem import Problem
-from artibot_sim.estimation.search import Fit, awake, free_parameters, settle, sounded
+from artibot_sim.estimation.search import Fit, coarse_to_fine_scan, converge, free_parameters, restarted_windows
 from artibot_sim.estimation.solver import Point, again, evaluate, polished, step
 
 # ----------------------------------------------------------------------
@@ -186,7 +186,7 @@ def _one_each(trials: Sequence[Trial]) -> list[Trial]:
 
 
 def _fitted(loss: Loss, rounds: Rounds, trial: Trial) -> Rival:
-    return Rival(trial, settle(trial.problem, trial.point, loss, rounds.few))
+    return Rival(trial, converge(trial.problem, trial.point, loss, rounds.few))
 
 
 def _settled(loss: Loss, rounds: Rounds, begun: tuple[Problem, Point]) -> Fit:
@@ -198,7 +198,7 @@ def _begun(loss: Loss, rounds: Rounds, trial: Trial) -> Trial:
     free, damping = free_parameters(trial.problem), 1e-3
     for _ in range(2):
         trial = refined(trial, loss)
-        point = sounded(trial.problem, loss, trial.point)
+        point = coarse_to_fine_scan(trial.problem, loss, trial.point)
         point, _, damping = step(trial.problem, loss, point, free, damping)
         trial = replace(trial, point=point)
     return refined(trial, loss)
@@ -209,14 +209,14 @@ def settled(problem: Problem, point: Point, loss: Loss, rounds: Rounds) -> Fit:
 
     The last steps are under the firm loss, which is what evidence counts: a window that lost its branch says little.
     """
-    point = awake(problem, loss, again(problem, loss, point))
-    fit = leapt(problem, loss, settle(problem, point, loss, rounds.many), rounds.few)
+    point = restarted_windows(problem, loss, again(problem, loss, point))
+    fit = from_far_sizes(problem, loss, converge(problem, point, loss, rounds.many), rounds.few)
     for _ in range(rounds.walks):
-        lower = walked(problem, loss, fit)
+        lower = along_ridge(problem, loss, fit)
         if lower.cost > fit.point.cost - rounds.worth:
             break
-        fit = settle(problem, lower, loss, rounds.few)
-    return settle(problem, fit.point, replace(loss, firm=True), rounds.few)
+        fit = converge(problem, lower, loss, rounds.few)
+    return converge(problem, fit.point, replace(loss, firm=True), rounds.few)
 
 
 def neutralised(rival: Rival, best: Fit, loss: Loss, rounds: Rounds) -> Fit:
@@ -228,7 +228,7 @@ def neutralised(rival: Rival, best: Fit, loss: Loss, rounds: Rounds) -> Fit:
     problem, here = without_effect(rival.problem, rival.fit.point)
     begin = evaluate(problem, loss, [here.coordinates], here.starts)[0]
     if best.point.cost - rival.fit.point.cost > 2.0 * rounds.plain:
-        some = settle(problem, awake(problem, loss, begin), loss, rounds.few)
+        some = converge(problem, restarted_windows(problem, loss, begin), loss, rounds.few)
         begin = some.point
         if again(problem, best.loss, begin).cost > best.point.cost:
             return best
@@ -244,14 +244,14 @@ def adopted(problem: Problem, fit: Fit, other: Problem, theirs: Fit, rounds: Rou
     point = polished(problem, fit.loss, fit.point, problem.held(*seen, theirs.point.starts))
     if point.cost > fit.point.cost - 2.0 * rounds.worth:
         return fit
-    return settle(problem, point, fit.loss, rounds.few)
+    return converge(problem, point, fit.loss, rounds.few)
 
 
 def renoised(problem: Problem, fit: Fit, levels: Array, loss: Loss, steps: int) -> tuple[Problem, Fit]:
     """A problem with other noise `levels` (channels,) and its fit under another firm loss."""
     new = problem.rescaled(levels)
     point = evaluate(new, loss, [fit.point.coordinates], fit.point.starts)[0]
-    return new, settle(new, point, loss, steps)
+    return new, converge(new, point, loss, steps)
 
 
 # ----------------------------------------------------------------------

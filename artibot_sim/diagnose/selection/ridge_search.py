@@ -1,7 +1,7 @@
-"""A walk along the valley of an effect: its sizes changed, with the soil that goes with them.
+"""Ridge search: an effect's sizes are changed together with the soil that goes with them.
 
-Some effects and the soil explain nearly the same, a payload and less friction for one: their steps end where the jagged
-loss holds them, far from the valley's lowest place.
+Some effects and the soil explain nearly the same, a payload and less friction for one: the likelihood has a ridge, and
+steps end where the jagged loss holds them, far from its top.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from artibot_sim.diagnose.candidates.hypotheses import with_effect
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import MU_S, Extension
 from artibot_sim.estimation.problem import Problem
-from artibot_sim.estimation.search import Fit, free_parameters, settle
+from artibot_sim.estimation.search import Fit, converge, free_parameters
 from artibot_sim.estimation.solver import Point, evaluate, reduce, step
 
 Array = NDArray[np.float64]
@@ -28,7 +28,7 @@ _GRIPS = np.log1p(np.array([-0.2, -0.12, -0.06, 0.0, 0.06, 0.12, 0.2]))
 _FINE = np.array([-0.02, -0.01, -0.005, 0.0, 0.005, 0.01, 0.02])
 """The same where the effect declares how mu_s goes with it."""
 _FAR = (0.5, 1.7, 3.0)
-"""Factors on an effect's coordinates for leaps,"""
+"""Factors on an effect's coordinates for far sizes,"""
 _WIDE = np.linspace(-0.3, 0.3, 13)
 """and changes of mu_s beside."""
 _FARTHEST = 0.5
@@ -37,8 +37,8 @@ _TRIED = 2
 """So many places are polished by a step before they are compared."""
 
 
-def walked(problem: Problem, loss: Loss, fit: Fit, which: int = -1) -> Point:
-    """The best place along the valley of an effect, the fit's own if none is better or there is no effect."""
+def along_ridge(problem: Problem, loss: Loss, fit: Fit, which: int = -1) -> Point:
+    """The best place along the ridge of an effect, the fit's own if none is better or there is no effect."""
     parameters, point, free = problem.parameters, fit.point, list(fit.free)
     if not parameters.extensions:
         return point
@@ -50,19 +50,19 @@ def walked(problem: Problem, loss: Loss, fit: Fit, which: int = -1) -> Point:
     return min([point, *ends], key=lambda p: p.cost)
 
 
-def revised(problem: Problem, fit: Fit, steps: int, worth: float) -> Fit:
-    """The fit after walks along all valleys but the last effect's: the others were fitted without that one.
+def along_earlier_ridges(problem: Problem, fit: Fit, steps: int, worth: float) -> Fit:
+    """The fit after a search along all ridges but the last effect's: the others were fitted without that one.
 
-    Some steps follow a walk that gains what is `worth` it, nats.
+    Some steps follow a search that gains what is `worth` it, nats.
     """
     for which in range(len(problem.parameters.extensions) - 1):
-        lower = walked(problem, fit.loss, fit, which)
+        lower = along_ridge(problem, fit.loss, fit, which)
         if lower.cost < fit.point.cost - 2.0 * worth:
-            fit = settle(problem, lower, fit.loss, steps)
+            fit = converge(problem, lower, fit.loss, steps)
     return fit
 
 
-def leapt(problem: Problem, loss: Loss, fit: Fit, steps: int) -> Fit:
+def from_far_sizes(problem: Problem, loss: Loss, fit: Fit, steps: int) -> Fit:
     """The best of the fit and others that begin at far other sizes of the last effect, some steps each.
 
     Where the loss is jagged no place on the way is better, and none of the far ones before it has been fitted.
@@ -74,7 +74,7 @@ def leapt(problem: Problem, loss: Loss, fit: Fit, steps: int) -> Fit:
     fits = [fit]
     for factor in _FAR:
         places = beside(problem, loss, fit, (factor - 1.0) * own, _WIDE)
-        fits.append(settle(problem, min(places, key=lambda p: p.cost), loss, steps))
+        fits.append(converge(problem, min(places, key=lambda p: p.cost), loss, steps))
     return min(fits, key=lambda one: one.point.cost)
 
 
@@ -104,12 +104,12 @@ def at_size(problem: Problem, fit: Fit, extension: Extension, own: Array, steps:
     residuals, sensitivity = more.linearised(point.coordinates, point.starts, free)
     neutral = Fit(point, fit.loss, reduce(more, fit.loss, residuals, sensitivity, point.starts), free, False)
     begun = min(beside(more, fit.loss, neutral, own, _FINE), key=lambda place: place.cost)
-    return more, settle(more, begun, fit.loss, steps)
+    return more, converge(more, begun, fit.loss, steps)
 
 
 def beside(problem: Problem, loss: Loss, fit: Fit, move: Array, grips: Array, which: int = -1) -> list[Point]:
     """The fit with one effect's coordinates moved (k,), the soil that goes with it, and some changes of mu_s."""
-    there, starts = _upon_the_soil(problem, fit, move, which) or _as_sensitivities_say(problem, fit, move, which)
+    there, starts = _by_declared_ridge(problem, fit, move, which) or _by_normal_equations(problem, fit, move, which)
     grip = problem.parameters.index(MU_S)
     places = []
     for change in grips if grip is not None else np.zeros(1):
@@ -120,7 +120,7 @@ def beside(problem: Problem, loss: Loss, fit: Fit, move: Array, grips: Array, wh
     return evaluate(problem, loss, places, starts)
 
 
-def _as_sensitivities_say(problem: Problem, fit: Fit, move: Array, which: int) -> tuple[Array, Array]:
+def _by_normal_equations(problem: Problem, fit: Fit, move: Array, which: int) -> tuple[Array, Array]:
     """Coordinates and starts after a move, by the fit's normal equations; mu_s, of which they know nothing, stays."""
     parameters, free, place = problem.parameters, list(fit.free), problem.parameters.places[which]
     mine = np.array([place.start <= i < place.stop for i in free])
@@ -134,7 +134,7 @@ def _as_sensitivities_say(problem: Problem, fit: Fit, move: Array, which: int) -
     return there, fit.point.starts - np.clip(moved, -problem.start_sd, problem.start_sd)
 
 
-def _upon_the_soil(problem: Problem, fit: Fit, move: Array, which: int) -> tuple[Array, Array] | None:
+def _by_declared_ridge(problem: Problem, fit: Fit, move: Array, which: int) -> tuple[Array, Array] | None:
     """A step along the ridge that an effect declares (`Search.valley`): soil and mu_s follow it, starts stay."""
     parameters = problem.parameters
     extension, place = parameters.extensions[which], parameters.places[which]

@@ -15,12 +15,12 @@ from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.evidence import Evidence, Other, others, together
 from artibot_sim.diagnose.selection.forward import Stage, refusal, stage, thorough
 from artibot_sim.diagnose.selection.joint_fits import Rounds, settled
-from artibot_sim.diagnose.selection.ridge_search import at_size, revised
+from artibot_sim.diagnose.selection.ridge_search import along_earlier_ridges, at_size
 from artibot_sim.diagnose.sizes import sized
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.problem import Problem
-from artibot_sim.estimation.search import Effort, Fit, search, settle
+from artibot_sim.estimation.search import Effort, Fit, converge, search
 from artibot_sim.estimation.solver import again, evaluate
 from artibot_sim.model.effects import EFFECTS
 
@@ -181,7 +181,7 @@ class _Naming:
             self._stages[-1] = self._weighed(self._found)
             return
         self._problem, fit = _with_effect(self._problem, self._fit, self._found, best, self._options.seed)
-        self._fit = revised(self._problem, fit, self._rounds.few, self._rounds.worth)
+        self._fit = along_earlier_ridges(self._problem, fit, self._rounds.few, self._rounds.worth)
         if not self._full():
             self._look()
 
@@ -224,7 +224,7 @@ class _Naming:
         problem, fit = self._problem, self._fit
         for last in range(count - 1, least, -1):
             problem, point = without_effect(problem, fit.point, last)
-            fit = settle(problem, point, self._found.loss, self._rounds.few)
+            fit = converge(problem, point, self._found.loss, self._rounds.few)
             found.insert(0, (problem, fit))
         return found
 

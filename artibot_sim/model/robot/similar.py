@@ -148,7 +148,7 @@ class _Scaled:
         return self._of_drive(key.rpartition(".")[2])
 
     def _of_drive(self, name: str) -> tuple[float, str]:
-        """Factor of a drive's number, and the sheet's entry it follows: motor torques go with weight, radius and ratio."""
+        """Factor of a drive's number and the sheet's entry it follows; torques go with weight, radius and ratio."""
         ratio = (self.sheet.ratio or 1.0) / self.reference.drive.front.tau if self.sheet.ratio else 1.0
         if name == "tau":
             return ratio, "ratio"

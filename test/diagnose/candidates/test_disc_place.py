@@ -14,7 +14,7 @@ from artibot_sim.diagnose.candidates.hypotheses import with_effect
 from artibot_sim.diagnose.candidates.patches import disc_place, on_best_disc
 from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem
-from artibot_sim.estimation.search import Fit, settle
+from artibot_sim.estimation.search import Fit, converge
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
@@ -34,7 +34,7 @@ def fitted(effect: str, size: float, fixed: dict[str, float]) -> tuple[Problem, 
     starts = fitted_starts(problem, 2)
     more = with_effect(problem, Extension(effect, fixed))
     (point,) = evaluate(more, EVEN, [np.append(starts.coordinates, size)], starts.starts)
-    return more, settle(more, point, EVEN, 2)
+    return more, converge(more, point, EVEN, 2)
 
 
 def missed(disc: Mapping[str, float]) -> float:

@@ -13,7 +13,7 @@ from artibot_sim.diagnose.selection.joint_fits import Rounds
 from artibot_sim.diagnose.selection.stepwise import spared, superfluous
 from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem
-from artibot_sim.estimation.search import Fit, settle
+from artibot_sim.estimation.search import Fit, converge
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
@@ -45,7 +45,7 @@ def fitted(problem: Problem, *effects: Extension) -> tuple[Problem, Fit]:
         problem = with_effect(problem, effect)
     there = np.concatenate([np.zeros(5), *(OWN[effect.id] for effect in effects)])
     point = evaluate(problem, EVEN, [there], problem.starts)[0]
-    return problem, settle(problem, point, EVEN, Rounds().few)
+    return problem, converge(problem, point, EVEN, Rounds().few)
 
 
 def test_both_of_two_that_are_there_are_needed(problem: Problem) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose.candidates.hypotheses import with_effect
-from artibot_sim.diagnose.selection.ridge_search import at_size, leapt, revised, walked
+from artibot_sim.diagnose.selection.ridge_search import along_earlier_ridges, along_ridge, at_size, from_far_sizes
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem
@@ -45,7 +45,7 @@ def held_at(problem: Problem, coordinates: np.ndarray) -> Fit:
 def test_the_walk_ends_nearer_to_the_truth(problem: Problem, share: float) -> None:
     beside = with_effect(problem, PAYLOAD)
     fit = held_at(beside, np.append(np.zeros(5), share * PAYLOAD.coordinates({"mass": MASS, "module": "front"})))
-    found = walked(beside, LOSS, fit)
+    found = along_ridge(beside, LOSS, fit)
     mass = PAYLOAD.values(found.coordinates[-1:])["mass"]
     assert found.cost <= fit.point.cost
     assert abs(mass - MASS) <= max(0.6 * abs(share * MASS - MASS), 0.15 * MASS)
@@ -56,18 +56,18 @@ def test_effects_that_were_found_earlier_walk_beside_the_last_one(problem: Probl
     beside = with_effect(with_effect(problem, PAYLOAD), Extension("joint_friction"))
     own = share * PAYLOAD.coordinates({"mass": MASS, "module": "front"})
     fit = held_at(beside, np.concatenate([np.zeros(5), own, [0.1]]))
-    found = revised(beside, fit, 2, 12.0)
+    found = along_earlier_ridges(beside, fit, 2, 12.0)
     mass = PAYLOAD.values(found.point.coordinates[5:6])["mass"]
     assert found.point.cost < fit.point.cost
     assert abs(mass - MASS) <= 0.6 * abs(share * MASS - MASS)
-    assert revised(beside, fit, 2, np.inf) is fit
+    assert along_earlier_ridges(beside, fit, 2, np.inf) is fit
 
 
 @pytest.mark.parametrize("share", [0.3, 1.0, 2.5])
 def test_a_leap_reaches_a_size_that_is_far_away(problem: Problem, share: float) -> None:
     beside = with_effect(problem, PAYLOAD)
     fit = held_at(beside, np.append(np.zeros(5), share * PAYLOAD.coordinates({"mass": MASS, "module": "front"})))
-    found = leapt(beside, LOSS, fit, 2)
+    found = from_far_sizes(beside, LOSS, fit, 2)
     mass = PAYLOAD.values(found.point.coordinates[-1:])["mass"]
     assert found.point.cost <= fit.point.cost
     assert abs(mass - MASS) <= max(0.4 * abs(share * MASS - MASS), 0.15 * MASS)
@@ -81,15 +81,15 @@ def test_a_size_is_walked_along_by_itself_too() -> None:
     run = synthetic(real, random_manoeuvre(np.random.default_rng(2), 12.0), duration=12.0, kappa=0.8, seed=3)
     beside = with_effect(problem_of([run], parameter_set(ROBOT), 5.0, 2), offset)
     begun = offset.coordinates(truth | {"x": -0.024})
-    found = walked(beside, LOSS, held_at(beside, np.append(np.zeros(5), begun)))
+    found = along_ridge(beside, LOSS, held_at(beside, np.append(np.zeros(5), begun)))
     away = np.abs(found.coordinates[-2:] - offset.coordinates(truth))
     assert away.max() < 0.7 * 0.6
 
 
 def test_without_an_effect_there_is_no_walk(problem: Problem) -> None:
     fit = held_at(problem, np.zeros(5))
-    assert walked(problem, LOSS, fit) is fit.point
-    assert leapt(problem, LOSS, fit, 2) is fit
+    assert along_ridge(problem, LOSS, fit) is fit.point
+    assert from_far_sizes(problem, LOSS, fit, 2) is fit
 
 
 def test_an_effect_of_known_size_takes_its_share_from_the_soil(problem: Problem) -> None:

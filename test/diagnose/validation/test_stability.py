@@ -11,7 +11,7 @@ from artibot_sim.diagnose.validation.stability import drifts
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import SOIL, Extension
 from artibot_sim.estimation.problem import Problem
-from artibot_sim.estimation.search import Fit, settle
+from artibot_sim.estimation.search import Fit, converge
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.requested import parameter_set
@@ -29,7 +29,7 @@ def fitted(hidden: str, severity: float, seed: int, by: str = "motor_drag") -> t
     soil = plain.parameters.coordinates([found.truth.soil[name] for name in SOIL])
     loss = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
     begin = evaluate(problem, loss, [np.concatenate([soil, [0.2]])], problem.starts)[0]
-    return problem, settle(problem, begin, loss, 4)
+    return problem, converge(problem, begin, loss, 4)
 
 
 def test_a_drag_that_fades_drifts() -> None:
@@ -51,4 +51,4 @@ def test_without_effects_there_is_nothing_to_drift() -> None:
     problem = problem_of(found.recordings, parameter_set(load_robot("agriq"), SOIL), 5.0, 2)
     loss = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
     point = evaluate(problem, loss, [np.zeros(len(SOIL))], problem.starts)[0]
-    assert drifts(problem, settle(problem, point, loss, 1)) == {}
+    assert drifts(problem, converge(problem, point, loss, 1)) == {}
