@@ -43,7 +43,7 @@ def test_a_diagnosis_is_a_whole_folder(drives: list[Path], tmp_path: Path, capsy
     given = [str(drives[0]), "--holdout", str(drives[1]), "--robot", "agriq", "--out", str(out), "--horizon", "4"]
     assert main(["diagnose", *given]) == 0
     assert {path.name for path in out.iterdir()} == {
-        "diagnosis.json", "extended.yaml", "baseline.yaml", "report.html", "details.npz",
+        "diagnosis.json", "extended.yaml", "baseline.yaml", "best.yaml", "report.html", "details.npz",
     }  # fmt: skip
     document = json.loads((out / "diagnosis.json").read_text())
     assert document["schema"] == "artibot/diagnosis/1" and document["horizon"] == 4.0
