@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from artibot_sim.diagnose.candidates.patches import disc_place
 from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.conclusion import Conclusion, HeldOut, Without, concluded
-from artibot_sim.diagnose.excitation import excitation
 from artibot_sim.diagnose.extended import found_parameters, robot_of
 from artibot_sim.diagnose.intervals import Uncertain, judged, surroundings
 from artibot_sim.diagnose.next_experiment.choice import next_experiment, next_for_force, one_by_one, repeated
@@ -67,6 +66,7 @@ from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Effort, Fit, Tick
 from artibot_sim.experiment import Experiment
+from artibot_sim.identify.judgement import excitation
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import best_fit, problem_of
 from artibot_sim.model import Robot

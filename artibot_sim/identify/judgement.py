@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.estimation.parameters import MU_D, MU_S, ParameterSet
 from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.solver import Point
 from artibot_sim.estimation.uncertainty import Spread
 from artibot_sim.identify.result import Estimate, Status
 from artibot_sim.model.simulate.windows import KINDS, Plan
@@ -189,3 +190,14 @@ def overall(found: Sequence[Estimate], converged: bool, text: str, share: float)
     if not converged:
         return Status.NOT_CONVERGED, "the loss still fell when the steps ended; fit again from the result"
     return Status.CONVERGED, "all parameters are identified"
+
+
+def excitation(problem: Problem, point: Point) -> Iterator[str]:
+    """A sentence where no wheel ever slides in a fit."""
+    torques = any(s.channel.startswith("torque") for stretch in problem.stretches for s in stretch.series)
+    motion = motion_of(problem, point.coordinates, point.starts, torques)
+    if motion.sliding == 0.0:
+        yield (
+            f"no wheel ever slides (at most {motion.grip:.2f} of its load are held): mu_s, mu_d and what acts "
+            "through them cannot be told; drive tighter turns"
+        )

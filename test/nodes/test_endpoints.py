@@ -34,6 +34,9 @@ def test_subscribers_with_the_usual_quality_of_service_get_everything(start_node
     for topic, messages in got.items():
         probe.node.create_subscription(TYPES[topic], topic, messages.append, 10)
     probe.until(lambda: all(got.values()), "every topic", 60.0)
+    offered = [info for topic in got for info in probe.node.get_publishers_info_by_topic(f"/{topic}")]
+    assert len(offered) == len(got)
+    assert {info.qos_profile.reliability for info in offered} == {ReliabilityPolicy.RELIABLE}
 
 
 def test_quality_of_service_is_overridden_by_parameters(start_node: Any, ros_context: Any) -> None:
