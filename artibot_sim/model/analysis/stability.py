@@ -159,7 +159,9 @@ def _rk4_limits(p: Params, modes: tuple[int, ...]) -> Iterator[tuple[float, str]
     yield from ((_rk4_limit(rate), slip) for rate in _slip_modes(p, free))
     for motor, spins in zip((p.right_front, p.left_front, p.right_back, p.left_back), free, strict=False):
         if spins and motor.damping > 0.0:
-            inertia = motor.J_m + motor.J_w * motor.tau**2 * min(motor.eta_r, 1.0 / motor.eta_d)
+            # A motor held by drag crosses zero and changes between eq. 21's driving and braking inertia. At the limit
+            # of the inertia without losses it stays within the width over which the drag changes its sign (tests).
+            inertia = motor.J_m + motor.J_w * motor.tau**2
             yield _RK4_REAL * inertia / motor.damping, "effects.motor_drag, a motor that it stops"
     for damping, stiffness, what in _springs(p):
         yield _rk4_limit(cmath.sqrt(damping * damping / 4 - stiffness) - damping / 2), what
