@@ -7,7 +7,7 @@ export VENV
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-run demo test lint types bench bench-can real growth faults faults-live fuzz eq30 diagnose-campaign steadiness bags pictures colcon tables map clean
+.PHONY: help setup setup-run demo test lint types bench bench-can real growth mutants faults faults-live fuzz eq30 diagnose-campaign steadiness bags pictures colcon tables map clean
 
 help: ## this list
 	@echo "make TARGET, of which:"
@@ -77,6 +77,9 @@ pictures: setup-run ## draw the pictures of README and docs again
 
 colcon: setup ## build the ROS 2 package into install/, for `source install/setup.bash`
 	@$(abspath $(VENV))/bin/colcon build --packages-select artibot_sim
+
+mutants: setup ## whether tests notice when a place that decides is wrong (ARGS="friction threshold" for some)
+	@$(PY) scripts/mutants.py $(ARGS)
 
 tables: setup-run ## write the tables that decide a diagnosis into docs/diagnosis_method.md
 	@$(PY) -m artibot_sim.diagnose.tables docs/diagnosis_method.md

@@ -145,11 +145,21 @@ def from_curvature(problem: Problem, nodes: Sequence[Node], free: Sequence[int],
         covariances.append(problem.parameters.mixing @ cov @ problem.parameters.mixing.T)
         logs.append(0.5 * np.linalg.slogdet(inverse)[1] if index else 0.0)
     weight = np.exp(-0.5 * (loss - loss.min()) + np.array(logs) - max(logs)) * [node.width for node in nodes]
-    return _mixture(weight / weight.sum(), np.array(means), np.array(covariances), np.array([n.width for n in nodes]))
+    return mixture(weight / weight.sum(), np.array(means), np.array(covariances))
 
 
-def _mixture(weight: Array, means: Array, covariances: Array, widths: Array) -> Spread:
-    """Mean, covariance and 95 % interval of a mixture; a node stands for its width, too."""
+def mixture(weight: Array, means: Array, covariances: Array) -> Spread:
+    """Mean, covariance and 95 % intervals of a mixture of normal distributions along a path of means.
+
+    Each stands for the path up to halfway to its neighbours, too, as if its mean were evenly spread there.
+
+    Parameters
+    ----------
+    weight : array, shape (k,)
+        Of each, 1 in sum.
+    means : array, shape (k, p)
+    covariances : array, shape (k, p, p)
+    """
     mean = weight @ means
     away = means - mean
     covariance = np.einsum("k,kij->ij", weight, covariances) + np.einsum("k,ki,kj->ij", weight, away, away)
