@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model.equations.transmission import DRIVEN, PRESCRIBED, TORQUE
-from artibot_sim.model.robot.parameters import ModuleParams, MotorParams, Params
+from artibot_sim.model.robot.parameters import MotorParams, Params
 
 Array = NDArray[np.float64]
 
@@ -19,53 +19,29 @@ ARTICULATIONS = (0.0, 0.4, 0.8, 1.2)
 """Articulation yaws (rad) at which the modes are taken; which one is stiffest depends on the robot."""
 
 
-OVERSHOOT = 0.5
-"""How far beyond its goal a semi-implicit step may carry the fastest slip of a module, as a share of the way."""
-
 MARGIN = 0.95
 """Longest semi-implicit step over the one at which an oscillation no longer dies down."""
-
-
-def implicit_slip(p: Params, dt: float) -> Params:
-    """`p` as a semi-implicit step of `dt` (s) takes it: the modules' slip implicit, as far as the step needs it.
-
-    Linearised, a step that takes the share theta of a slip at its end has M + theta dt D in place of M, D being
-    eq. 15's damping of x, y and gamma. theta is the smallest at which no slip overshoots by more than OVERSHOOT,
-    (1 + OVERSHOOT) (M + theta dt D) >= dt D: none at a step so short that M alone does, and no slip limits the step.
-    Sliding wheels (eq. 16) and the joint only make a slip slower.
-    """
-    h = dt / (1.0 + OVERSHOOT)
-
-    def module(body: ModuleParams) -> ModuleParams:
-        along, across = body.k_l + p.forward_damping, body.k_t + p.lateral_damping
-        m = max(body.m, h * 4.0 * max(along, across))
-        J_z = max(body.J_z, h * 4.0 * (across * body.half_x**2 + along * body.half_y**2))
-        return body._replace(inverse=(1 / m, 1 / m, *body.inverse[2:5], 1 / J_z), sluggish=m - body.m)
-
-    return p._replace(front=module(p.front), back=module(p.back))
-
 
 LONGEST_PART = 1e-3
 """Part (s) of a semi-implicit step beyond which its errors, which grow with it, pass 5 mm over Table 6."""
 
-SLIP_SHARE = 0.3
-"""The same, as a share of the part from which `implicit_slip` has to add mass: with it wheels begin to slide late."""
+LONGEST_SLIP_PART = 0.45
+"""The same, times the rate (1/s) of the fastest slip of a module that holds: an explicit step is stable up to 2."""
 
 
 def parts(p: Params, dt: float, share: float = 0.0) -> int:
     """Into how many equal parts a semi-implicit step of `dt` (s) is cut so that its result can be trusted.
 
-    On stiff ground the slip of a module is faster than the step. Taken implicitly it stays stable, but as if the module
-    were heavier; which wheels hold and which slide then comes out differently, and with it the path, by metres. Parts
-    that are short beside the slip need no mass, whatever the ground: errors are known before the run, and what grows
-    is its cost. Parts are as short as the torque sharing needs, too; `share` is eq. 30's factor of one back motor.
+    The slip of a module is explicit, and on stiff ground faster than a step. Parts are short beside it, whatever the
+    ground: errors are known before the run, and what grows is its cost. Parts are as short as the torque sharing needs,
+    too; `share` is eq. 30's factor of one back motor.
     """
     need = min(LONGEST_PART, _quick_sharing_limit(p, share))
     for body in (p.front, p.back)[: 2 if p.two else 1]:
         along, across = p.stiffening * body.k_l + p.forward_damping, p.stiffening * body.k_t + p.lateral_damping
         swing = 4.0 * (across * body.half_x**2 + along * body.half_y**2)
         fastest = max(4.0 * max(along, across) / body.m, swing / body.J_z)
-        need = min(need, SLIP_SHARE * (1.0 + OVERSHOOT) / fastest)
+        need = min(need, LONGEST_SLIP_PART / fastest)
     return max(1, math.ceil(dt / need - 1e-9))
 
 
@@ -75,7 +51,8 @@ def largest_step(p: Params, integrator: str, modes: tuple[int, ...], share: floa
 
     The model is linearised about wheels that hold (eq. 15) and turn; saturated ones are slower. Under RK4 motors that
     are not prescribed spin freely against the same slip that brakes the modules, so their rates add. The
-    semi-implicit integrator takes spin and slip implicitly; the springs and the control loops limit its step.
+    semi-implicit integrator takes spin implicitly and is cut into `parts` short beside the slip; the springs and the
+    control loops limit its step.
 
     Back motors that share the front ones' torque of the step before (eq. 30) pull (1/kappa − 1) times as much as these,
     a step late: the smaller kappa, the shorter the step.

@@ -138,23 +138,15 @@ def module_gravity(body, p, module, w):
 
 
 @inlined
-def free_acceleration(body, p, fx, v_x, v_y, gamma_dot, s_g, c_g, forces, loads, module, dt):
+def free_acceleration(body, p, fx, s_g, c_g, forces, loads, module):
     """M⁻¹ n of one module's x, y, z, alpha and gamma, the joint left out; beta has none.
 
-    `body.sluggish` (over a step `dt`) resists a change of the velocity as seen from the module, so that it has no
-    effect in a steady turn. With effects x and y are those of the centre of mass, and
-    `loads` are what `module_loads` gives.
+    With effects x and y are those of the centre of mass, and `loads` are what `module_loads` gives.
     """
     if fx is not None:
         forces = about_mass_centre(body, p, fx, loads, forces, s_g, c_g, module)
     x, y, z, alpha, gamma = forces
-    m, extra = body.inverse[0], body.sluggish
-    if dt is not None and extra != 0.0:
-        if fx is not None:
-            r_x, r_y = mass_centre(fx, module, s_g, c_g)
-            v_x, v_y = v_x - gamma_dot * r_y, v_y + gamma_dot * r_x
-        x -= extra * (p.g_x + gamma_dot * v_y)
-        y -= extra * (p.g_y - gamma_dot * v_x)
+    m = body.inverse[0]
     return p.g_x + m * x, p.g_y + m * y, p.g_z + body.inverse[2] * z, body.inverse[3] * alpha, body.inverse[5] * gamma
 
 

@@ -105,14 +105,12 @@ def module_wheels(friction, body, ground, fx, module, at, s_g, c_g, rims, angles
 
 
 @inlined
-def module_forces(body, ground, fx, module, at, s_g, c_g, right, left, sluggish):
+def module_forces(body, ground, fx, module, at, s_g, c_g, right, left):
     """Free accelerations of x, y, gamma (the centre of mass's, with effects), and what brings them about.
 
     Parameters
     ----------
     right, left : contact.PairForces
-    sluggish : float or None
-        Mass that a semi-implicit step adds against changes of the velocity (`dynamics.free_acceleration`), kg.
 
     Returns
     -------
@@ -128,17 +126,12 @@ def module_forces(body, ground, fx, module, at, s_g, c_g, right, left, sluggish)
         turning += (left.u_f - u) * left.F_tf + (left.u_b - u) * left.F_tb
     x, y = c_g * f_x - s_g * f_y, s_g * f_x + c_g * f_y
     contact, loads = (x, y, turning), (0.0, 0.0, 0.0, 0.0, 0.0)
-    v_x, v_y = at.x_dot, at.y_dot
     if fx is not None:
-        loads = module_loads(body, fx, module, c_g * v_x + s_g * v_y, right, left, s_g, c_g, 1.0)
+        loads = module_loads(body, fx, module, c_g * at.x_dot + s_g * at.y_dot, right, left, s_g, c_g, 1.0)
         push_x, push_y, load_x, load_y, turn = loads
         x, y, turning = x + (push_x + load_x), y + (push_y + load_y), turning + turn
         r_x, r_y = mass_centre(fx, module, s_g, c_g)
         turning -= r_x * y - r_y * x
-        v_x, v_y = v_x - at.gamma_dot * r_y, v_y + at.gamma_dot * r_x
-    if sluggish is not None:
-        x -= sluggish * (ground.g_x + at.gamma_dot * v_y)
-        y -= sluggish * (ground.g_y - at.gamma_dot * v_x)
     free = ground.g_x + body.inv_m * x, ground.g_y + body.inv_m * y, body.inv_J * turning
     return free, contact, loads
 
@@ -169,7 +162,7 @@ def from_origin(fx, module, at, s_g, c_g, a):
 
 
 @inlined
-def planar_accelerations(front, back, ground, fx, f, b, trig, forces, sluggish=(None, None), dt=None):
+def planar_accelerations(front, back, ground, fx, f, b, trig, forces, dt=None):
     """Eq. 25 on the plane.
 
     Parameters
@@ -181,8 +174,6 @@ def planar_accelerations(front, back, ground, fx, f, b, trig, forces, sluggish=(
         Sine and cosine of yaw, of the front module and of the back one.
     forces : tuple of 4 contact.PairForces
         Of the wheels, in the order of MOTORS.
-    sluggish : tuple of 2 floats or Nones
-        See `module_forces`.
     dt : float, optional
         A semi-implicit step over which friction in the joint is taken at its end, s (see `dynamics.turned_by_joint`).
 
@@ -198,15 +189,11 @@ def planar_accelerations(front, back, ground, fx, f, b, trig, forces, sluggish=(
         What `dynamics.module_loads` gives of both modules.
     """
     s_f, c_f, s_b, c_b = trig
-    (fx_a, fy_a, fg_a), contact_f, load_f = module_forces(
-        front, ground, fx, FRONT, f, s_f, c_f, forces[0], forces[1], sluggish[0]
-    )
+    (fx_a, fy_a, fg_a), contact_f, load_f = module_forces(front, ground, fx, FRONT, f, s_f, c_f, forces[0], forces[1])
     there = Ground(
         ground.u_w, ground.joined * ground.g_x, ground.joined * ground.g_y, ground.A, ground.joined, ground.load
     )
-    (bx_a, by_a, bg_a), contact_b, load_b = module_forces(
-        back, there, fx, BEHIND, b, s_b, c_b, forces[2], forces[3], sluggish[1]
-    )
+    (bx_a, by_a, bg_a), contact_b, load_b = module_forces(back, there, fx, BEHIND, b, s_b, c_b, forces[2], forces[3])
     A = ground.A
     rf_x, rf_y, biasf_x, biasf_y, gf_x, gf_y = joint_end(front, fx, FRONT, f, s_f, c_f, A)
     rb_x, rb_y, biasb_x, biasb_y, gb_x, gb_y = joint_end(back, fx, BEHIND, b, s_b, c_b, A)

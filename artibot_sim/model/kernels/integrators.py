@@ -308,7 +308,7 @@ def module_forces(body, right, left, q, v, p, fx, s_a, c_a, s_g, c_g, module, mo
     if fx is not None:
         loads = module_loads(body, fx, module, v_x, on_right, on_left, s_g, c_g, c_a)
         write_loads(loads, module, w)
-    return free_acceleration(body, p, fx, v[b + X], v[b + Y], v[b + GAMMA], s_g, c_g, forces, loads, module, dt)
+    return free_acceleration(body, p, fx, s_g, c_g, forces, loads, module)
 
 
 @inlined

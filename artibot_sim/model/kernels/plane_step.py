@@ -259,12 +259,8 @@ def level_accelerations(at, p, fx, q, v, trig, modes, drive, hold, lag, dt, torq
     F_3, M_3 = side_moves(
         at.back, p, fx, p.left_back, modes, MOTOR[3], q[9], v[9], pair_l, soil_l, drive, hold, lag, dt, torques
     )
-    forces, sluggish = (F_0, F_1, F_2, F_3), (None, None)
-    if dt is not None:
-        sluggish = (p.front.sluggish, p.back.sluggish)
-    on_f, on_b, contacts, joint, loads = planar_accelerations(
-        at.front, at.back, at.ground, fx, f, b, trig, forces, sluggish, dt
-    )
+    forces = F_0, F_1, F_2, F_3
+    on_f, on_b, contacts, joint, loads = planar_accelerations(at.front, at.back, at.ground, fx, f, b, trig, forces, dt)
     a_2, a_3 = (M_2.theta_ddot, M_3.theta_ddot) if p.two else (0.0, 0.0)
     a = (
         on_f[0], on_f[1], on_f[2], on_b[0], on_b[1], on_b[2], M_0.theta_ddot, M_1.theta_ddot, a_2, a_3,

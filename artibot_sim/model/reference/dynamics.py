@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.model.analysis.stability import OVERSHOOT
 from artibot_sim.model.equations.transmission import ROLLING_WIDTH, Mode
 from artibot_sim.model.kernels.layout import MOTOR_COORDINATES
 from artibot_sim.model.reference.contact import (
@@ -135,16 +134,11 @@ def body_system(
 ) -> tuple[Array, Array, Array, Array]:
     """The modules' part of eq. 25: M (16, 16), n, rows of Phi_x and their right-hand side, motors left out.
 
-    Over a semi-implicit step `dt`, what resists a change of the planar velocity as seen from the module is
-    M dv/dt = max(M, dt D / 1.5) dv/dt, D being the damping of the slip.
+    `dt` is a semi-implicit step, over which damping in the joint's yaw is taken at its end, s.
     """
     mass, n = np.eye(16), np.asarray(wheels.Q.sum(axis=0))
     n[:2] += fx.ask("push", 0)
     for body, b in modules_of(p):
-        h = dt / (1 + OVERSHOOT)
-        k_l, k_t = body.k_l + p.forward_damping, body.k_t + p.lateral_damping
-        m = max(body.m, h * 4 * max(k_l, k_t))
-        J_z = max(body.J_z, h * 4 * (k_t * body.half_x**2 + k_l * body.half_y**2))
         surge, sway, turn = fx.ask("load", b // 8)
         surge -= fx.ask("resist", b // 8, float(v[b : b + 2] @ rotation_z(q[b + 5])[0][:2, 0]))
         n[b : b + 2] += rotation_z(q[b + 5])[0][:2, :2] @ np.array([surge, sway])
@@ -152,20 +146,15 @@ def body_system(
         n += wheels.R[4 * (b // 8) : 4 * (b // 8) + 4].sum(axis=0)
         x, y = fx.ask("centre", b // 8)
         r = rotation_z(q[b + 5])[0][:2, :2] @ np.array([x, y])
-        across, rate = (
-            np.array([-r[1], r[0]]),
-            v[b + 5],
-        )  # z × r: how the centre of mass moves in a turn
-        velocity = v[b : b + 2] + rate * across
-        # a = dv_seen/dt + gamma_dot × v, and only the first part is resisted
-        own = (m - body.m) * rate * np.array([-velocity[1], velocity[0]]) + body.m * np.array([p.g_x, p.g_y])
-        block = np.diag([m, m, body.m, body.J_x, body.J_y, J_z + m * r @ r])
+        across = np.array([-r[1], r[0]])  # z × r: how the centre of mass moves in a turn
+        weight, m = body.m * np.array([p.g_x, p.g_y]), body.m
+        block = np.diag([m, m, m, body.J_x, body.J_y, body.J_z + m * r @ r])
         block[:2, 5], block[5, :2] = m * across, m * across
         mass[b : b + 6, b : b + 6] = block
-        n[b : b + 2] += own + m * rate**2 * r
-        n[b + 2] += body.m * p.g_z
-        n[b + 3] += body.m * p.g_z * y
-        n[b + 5] += across @ own
+        n[b : b + 2] += weight + m * v[b + 5] ** 2 * r
+        n[b + 2] += m * p.g_z
+        n[b + 3] += m * p.g_z * y
+        n[b + 5] += across @ weight
     if not p.two:
         return mass, n, np.zeros((0, 16)), np.zeros(0)
     _add_joint_torque(mass, n, q, v, fx, dt)

@@ -104,7 +104,7 @@ def semi_implicit_step(
     dt: float,
     fx: PlainEffects = NEUTRAL,
 ) -> PlainState:
-    """One step of symplectic Euler with implicit wheel spin and, where the step is long for it, slip.
+    """One step of symplectic Euler with implicit wheel spin.
 
     `drive` (3, 4) holds the commanded angles and speeds at the step's start and the mean acceleration over it.
     """

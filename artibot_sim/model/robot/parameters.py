@@ -22,7 +22,6 @@ class ModuleParams(NamedTuple):
     mu_s: float
     mu_d: float
     inverse: tuple[float, float, float, float, float, float]  # of the mass matrix's six diagonal entries
-    sluggish: float = 0.0  # mass that `stability.implicit_slip` adds against changes of the planar velocity
 
 
 class MotorParams(NamedTuple):

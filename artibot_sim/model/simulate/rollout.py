@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.analysis.stability import RELAXATION, implicit_slip, largest_step, parts, relaxation_limit
+from artibot_sim.model.analysis.stability import RELAXATION, largest_step, parts, relaxation_limit
 from artibot_sim.model.effects import at_work, record
 from artibot_sim.model.equations.kinematics import articulation
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor
@@ -410,7 +410,6 @@ def simulate(setup: Setup, dt: float, integrator: str, every: int, energy: bool)
     cut = 1
     if integrator == "semi_implicit":
         cut = parts(p, dt, back_torque_factor(robot, kappa))
-        p = implicit_slip(p, dt / cut)
     rows = -(-steps // every) + 1
     q, v, eta, torque, lateral = (array.copy() for array in (start.q, start.v, start.eta, start.torque, start.lateral))
     out_q, out_v, out_w = np.empty((rows, 16)), np.empty((rows, 16)), np.empty((rows, ROW))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.analysis.stability import implicit_slip, largest_step, parts
+from artibot_sim.model.analysis.stability import largest_step, parts
 from artibot_sim.model.effects import record
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor
 from artibot_sim.model.kernels import loop
@@ -93,8 +93,7 @@ class Stepper:
         self.robot, self.dt, self._p = robot, dt, p
         self._integrator = integrator
         self._parts = parts(p, dt) if integrator == "semi_implicit" else 1
-        stepped = implicit_slip(p, dt / self._parts) if integrator == "semi_implicit" else p
-        self._table = np.array([stepped], dtype=PARAMS_DTYPE)
+        self._table = np.array([p], dtype=PARAMS_DTYPE)
         self._limits = tuple(self._table[name]["torque_max"] for name in _RECORDS)
         self._own = tuple(float(limit[0]) for limit in self._limits)
         self._shared = back_torque_factor(robot)
