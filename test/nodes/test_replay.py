@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -86,6 +87,46 @@ def test_who_listens_already_misses_nothing(
     expected = recorded(counted)
     for topic in topics:
         assert listener.bytes_of(topic) == expected[topic]
+
+
+COUNTING = """
+import sys, rclpy
+from rclpy.executors import ExternalShutdownException
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import JointState
+
+rclpy.init()
+node, got = rclpy.create_node("counting"), []
+for kind, topic in ((JointState, "motor_torques"), (Odometry, "ground_truth/odom")):
+    node.create_subscription(kind, topic, lambda m, topic=topic: got.append(topic), 5000)
+print("listening", flush=True)
+try:
+    rclpy.spin(node)
+except (ExternalShutdownException, KeyboardInterrupt):
+    print("got", got.count("motor_torques"), got.count("ground_truth/odom"), flush=True)
+node.destroy_node()
+"""
+"""A program of somebody else's that subscribes with the default quality of service."""
+
+
+def test_one_that_is_found_late_misses_nothing_though_every_topic_has_a_subscriber(
+    start_node: NodeStarter, ros_context: Context, counted: Path
+) -> None:
+    """As where the answer to the replay's first announcement gets lost: the other is found seconds later."""
+    listener = Listener(ros_context, TWO)
+    late = start_node.run([sys.executable, "-c", COUNTING], name="late")
+    late.wait_for("listening")
+    with listener.listening():
+        late.send(signal.SIGSTOP)
+        replay = start_node("replay", counted)
+        replay.wait_for("finding who listens")
+        time.sleep(1.5)
+        late.send(signal.SIGCONT)
+        assert replay.wait() == 0
+    time.sleep(0.5)
+    late.send(signal.SIGINT)
+    late.wait_for("got 300 300")
+    assert [len(listener.bytes_of(topic)) for topic in TWO] == [300, 300]
 
 
 def test_rate_start_end_topics_and_remapping(start_node: NodeStarter, ros_context: Context, counted: Path) -> None:

@@ -17,7 +17,9 @@ from artibot_sim.report.files import OutputFile
 _POSITIVE = Number(min=0, min_open=True)
 _NOT_NEGATIVE = Number(min=0)
 _TOPICS_HELP = "Topic to publish, * and ? allowed; repeat, or separate by commas.  [default: all that move no rover]"
-_WAIT_HELP = "Wait until every topic has so many subscribers.  [default: 1, for 3.5 s at most, then play]"
+_WAIT_HELP = (
+    "Begin when every topic has so many subscribers.  [default: 3.5 s, in which all who listen already are found]"
+)
 _DRIVE_HELP = "Move a rover: publish the recorded inputs with new stamps, and the planner's sign of life."
 
 _ONLY = {

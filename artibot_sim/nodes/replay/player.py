@@ -118,6 +118,8 @@ BUSY_PERIOD = 0.2
 """So often services are served when there is no time for it between messages, s."""
 DISCOVERY = 3.5
 """Participants announce themselves every 3 s (Fast DDS): whoever is there has been found by then, s."""
+QUIET = 0.5
+"""Discovery is over when no subscriber was found for so long, s."""
 MATCHED = 0.1
 """So long the subscriber's side of a match may take after ours, s."""
 ACKNOWLEDGED = 5.0
@@ -189,11 +191,19 @@ class Player:
         """Recorded seconds since the beginning of the first pass."""
         return self._held if self._held is not None else (time.monotonic() - self._origin) * self.pace.rate
 
-    def wait_for_listeners(self) -> None:
-        """Wait until every topic has a subscriber, or all who are there have been found."""
-        deadline = time.monotonic() + DISCOVERY
-        while not self.asked and self._lacking(1) and time.monotonic() < deadline:
+    def wait_for_discovery(self) -> None:
+        """Wait until all subscribers that are there already have been found.
+
+        One that was found at once says nothing of others: the answer to a new participant gets lost now and then, and
+        the next word of the other comes with its next announcement. So the whole period is waited for.
+        """
+        publishers = [outlet.publisher for outlet in self.outlets.values()]
+        found, begun = -1, time.monotonic()
+        changed = begun
+        while not self.asked and time.monotonic() < max(begun + DISCOVERY, changed + QUIET):
             self._executor.spin_once(timeout_sec=NAP)
+            if (count := sum(publisher.get_subscription_count() for publisher in publishers)) != found:
+                found, changed = count, time.monotonic()
         time.sleep(MATCHED)
 
     def _lacking(self, count: int) -> list[str]:

@@ -13,7 +13,7 @@ from artibot_sim.experiment.storage import BagInfo
 from artibot_sim.nodes.common.process import undisturbed
 from artibot_sim.nodes.replay.can import PRIORITY, FrameOutlet, frame_outlet
 from artibot_sim.nodes.replay.drive import Driver, Script, request_outlet
-from artibot_sim.nodes.replay.player import Outlet, Pace, Player, make_outlets
+from artibot_sim.nodes.replay.player import DISCOVERY, Outlet, Pace, Player, make_outlets
 from artibot_sim.nodes.replay.selection import REQUEST, Selection, Wish, called, select, without_frames
 from artibot_sim.nodes.replay.source import RecordedTime, Source, Stretch, write_statistics
 
@@ -53,7 +53,10 @@ def _play(
     source = Source(info.path, outlets, latched, stretch, given["loop"], frames.admits if frames else None)
     player = Player(node, source, outlets, recorded, pace, asked)
     if given["wait"] is None:
-        player.wait_for_listeners()
+        node.get_logger().info(
+            f"finding who listens already takes {DISCOVERY:g} s (--wait 1: begin when all topics have one)"
+        )
+        player.wait_for_discovery()
     else:
         player.wait_for_subscribers(given["wait"], given["wait_timeout"])
     length = (stretch.end_ns - stretch.begin_ns) / 1e9
