@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.policy import FAR_BEYOND_NOISE, LEFT_OF_COMMANDS, LEFT_OF_MOTION
+from artibot_sim.diagnose.policy import FAR_BEYOND_NOISE, LEFT_OF_COMMANDS, LEFT_OF_MOTION, LEFT_OF_POSITION
 from artibot_sim.diagnose.records import Left
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.solver import Point
@@ -20,9 +20,10 @@ BIN = 0.25
 COMMANDED = "front_velocity"
 """The channel in which commands show."""
 MOVED = ("yaw", "yaw_rate", "articulation_yaw", "torque_front", "torque_back")
-"""Channels that forces move. Positions have no limit, for how slow a total station's own errors are is not known: with
-nothing hidden they leave up to three times what white noise would."""
-LIMITS: Mapping[str, float] = {**dict.fromkeys(MOVED, LEFT_OF_MOTION), COMMANDED: LEFT_OF_COMMANDS}
+"""Channels that forces move."""
+LIMITS: Mapping[str, float] = {
+    "position": LEFT_OF_POSITION, **dict.fromkeys(MOVED, LEFT_OF_MOTION), COMMANDED: LEFT_OF_COMMANDS,
+}  # fmt: skip
 """By channel: mean square of averaged residuals above which more than noise is left; 1 is the sensor's white noise."""
 
 _MEMORY = 3.0

@@ -109,7 +109,10 @@ MOTION: Table[Outcome] = Table(
             ("no", "instead", "beside"),
         ),
         "effects": ("was any found with enough evidence (and not replaced by soils)?", ("no", "yes")),
-        "left": ("what is left in headings, rates, angle and torques with them?", ("noise", "more", "far more")),
+        "left": (
+            "what is left in positions, headings, rates, angle and torques with them?",
+            ("noise", "more", "far more"),
+        ),
         "force": ("does a force on no list explain it instead of them or beside them?", ("no", "yes")),
         "held out": ("how are held-out recordings predicted with them?", _HELD),
         "left without": ("what is left without any effect?", ("noise", "more", "far more")),

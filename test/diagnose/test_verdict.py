@@ -8,8 +8,12 @@ from collections.abc import Iterator
 import pytest
 
 from artibot_sim.diagnose import policy
+from artibot_sim.diagnose.conclusion import size_of
+from artibot_sim.diagnose.records import Left
+from artibot_sim.diagnose.remains import COMMANDED, LIMITS
 from artibot_sim.diagnose.tables import filled
 from artibot_sim.diagnose.verdict import COMMANDS, MOTION, TABLES, VERDICT, Outcome, Reason, Table, Verdict
+from artibot_sim.estimation.windows import CHANNEL_NAMES
 from ros_helpers import ROOT
 
 
@@ -69,6 +73,24 @@ def test_nothing_is_called_right_where_more_than_noise_is_left() -> None:
     for facts in every(VERDICT):
         if VERDICT.first(facts.__getitem__).then is Verdict.NONE:
             assert facts["motion"] == facts["commands"] == "nothing"
+
+
+def test_every_channel_counts_in_what_is_left() -> None:
+    assert set(LIMITS) == {*CHANNEL_NAMES, COMMANDED}
+
+
+@pytest.mark.parametrize("channel", [*CHANNEL_NAMES])
+def test_a_channel_far_beyond_its_noise_is_no_answer(channel: str) -> None:
+    """Positions 0.2 s late, named as joint friction, leave 280 times their noise."""
+    facts = {"several soils": "no", "effects": "yes", "force": "no", "held out": "better", "left without": "far more"}
+    left = {name: Left(1.0, 1.5) for name in CHANNEL_NAMES}
+    assert MOTION.first((facts | {"left": size_of(left)}).__getitem__).then is Outcome.NAMED
+    left[channel] = Left(280.0, 300.0)
+    assert MOTION.first((facts | {"left": size_of(left)}).__getitem__).then is Outcome.UNEXPLAINED
+
+
+def test_a_total_station_may_err_slowly() -> None:
+    assert size_of({"position": Left(3.0, 9.0)}) == "noise" and size_of({"position": Left(15.0, 15.0)}) == "more"
 
 
 NO_COMMANDS = {"followed": "not commanded"}
