@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from artibot_sim.model import MOTORS, Robot
+from artibot_sim.model import Robot
 from artibot_sim.model.effects import at_work
-from artibot_sim.model.robot.derived import params
+from artibot_sim.model.robot.derived import params, train
+from artibot_sim.model.robot.robot import sides_of
 
 EXPRESSED = ("back_friction", "wheel_radius_mismatch", "payload")
 """Effects that are in the numbers of masses, radii and friction which are written."""
@@ -44,19 +45,18 @@ def wheels_of(robot: Robot) -> dict[str, WheelBody]:
     Below saturation eq. 15's horizontal force is k times the slip's velocity: a slip of 1/k for each newton. Up to
     there Gazebo's law is the same one; beyond, its force stays at mu times the load.
     """
-    p = params(robot)
-    motors = (p.right_front, p.left_front, p.right_back, p.left_back)
     found = {}
-    for name, motor in zip(MOTORS[: 4 if robot.articulated else 2], motors, strict=False):
-        soil = p.front if name.startswith("front") else p.back
+    modules = train(robot).modules if robot.articulated else (params(robot),)
+    sides = [(p.front, motor) for p in modules for motor in (p.right_front, p.left_front)]
+    for name, (soil, motor) in zip(sides_of(len(modules)), sides, strict=True):
         found[name] = WheelBody(motor.r_w, Friction(soil.mu_s, soil.mu_s, 1.0 / soil.k_t, 1.0 / soil.k_l))
     return found
 
 
-def masses(robot: Robot) -> tuple[float, float]:
-    """Return the masses of front and back module without wheels, with what effects add to them, kg."""
-    p, wheels = params(robot), 4.0 * robot.wheel.m_w
-    return p.front.m - wheels, p.back.m - wheels
+def masses(robot: Robot) -> tuple[float, ...]:
+    """Return the masses of the modules without wheels, with what effects add to them, kg."""
+    modules = train(robot).modules if robot.articulated else (params(robot),)
+    return tuple(p.front.m - 4.0 * robot.wheel.m_w for p in modules)
 
 
 def left_out(robot: Robot, ground: bool = True) -> Iterator[str]:
@@ -79,7 +79,7 @@ def left_out(robot: Robot, ground: bool = True) -> Iterator[str]:
         f"tyres are stiff here; in the model they sink by {_sag(robot) * 1e3:.2g} mm under the rover "
         f"(k_n = {contact.k_n:g} N/m)"
     )
-    drives = [drive for drive in (robot.drive.front, robot.drive.back) if drive is not None]
+    drives = [drive for drive in robot.drives if drive is not None]
     if any((drive.eta_d, drive.eta_r) != (1.0, 1.0) for drive in drives):
         yield "efficiencies of the gearboxes, which brake differently than they drive, and the rotors' inertia"
     yield "that one motor turns both wheels of a side: give both the same command"
@@ -92,6 +92,5 @@ def left_out(robot: Robot, ground: bool = True) -> Iterator[str]:
 
 
 def _sag(robot: Robot) -> float:
-    front, back = masses(robot)
-    heaviest = max(front, back if robot.articulated else 0.0) + 4.0 * robot.wheel.m_w
+    heaviest = max(masses(robot)) + 4.0 * robot.wheel.m_w
     return heaviest * 9.81 / (4.0 * robot.contact.k_n)

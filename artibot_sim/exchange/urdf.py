@@ -13,8 +13,8 @@ from pathlib import Path
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.exchange.ground import left_out, masses, wheels_of
-from artibot_sim.model import WHEEL_JOINTS, Robot, load_robot
-from artibot_sim.model.robot.robot import Module
+from artibot_sim.model import Robot, load_robot
+from artibot_sim.model.robot.robot import Module, module_name
 from artibot_sim.resources import config_folder, config_names
 
 MATERIALS = {"body": "0.85 0.45 0.10 1", "wheel": "0.12 0.12 0.12 1"}
@@ -103,34 +103,41 @@ def urdf(robot: Robot, gazebo: bool = False) -> str:
 
     Geometry is the robot file's: wheels at (±i_x/2, ±i_y/2, 0) of their module, the joint at (−l_f, 0, O_z) of
     `base_link` and at (l_b, 0, 0) of `back_link`, turning first in yaw about z of the front module, then in roll
-    about x of the back one. The size of the boxes is for the eye alone.
+    about x of the back one. Modules behind follow likewise (`articulation_link_2`, `module_3_link`, …). The size of
+    the boxes is for the eye alone.
 
     Raises
     ------
     ArtibotError
-        When the joint is not level with the back module's origin.
+        When a joint is not level with the origin of the module behind it.
     """
-    if robot.back is not None and robot.back.O_z != 0:
-        raise ArtibotError(
-            f"back.O_z: {robot.back.O_z:g} m; a URDF can be made only where the joint is level with the back module (0)"
-        )
+    for i, module in enumerate(robot.modules[1:], 1):
+        if module.O_z != 0:
+            name = module_name(i)
+            raise ArtibotError(
+                f"{name}.O_z: {module.O_z:g} m; a URDF can be made only where the joint is level with the {name} "
+                "module (0)"
+            )
     root = ET.Element("robot", name=robot.name)
     for name, rgba in MATERIALS.items():
         ET.SubElement(ET.SubElement(root, "material", name=name), "color", rgba=rgba)
     mass = masses(robot)
-    _module(root, robot, robot.front, mass[0], "base_link", WHEEL_JOINTS[:4])
-    if robot.back is not None:
-        _link(root, "articulation_link", 1e-3, (1e-6, 1e-6, 1e-6))
-        front, back = robot.front, robot.back
-        place = _vector(-front.l, 0, front.O_z)
-        _joint(root, "articulation_yaw", "revolute", "base_link", "articulation_link", place, "0 0 1", math.pi / 2)
-        place = _vector(-back.l, 0, 0)
-        _module(root, robot, back, mass[1], "back_link", WHEEL_JOINTS[4:])
-        # the origin of back_link lies behind the joint, so the roll axis passes through both
-        _joint(root, "articulation_roll", "revolute", "articulation_link", "back_link", place, "1 0 0", math.pi / 2)
+    wheels, ahead = robot.wheel_joints, "base_link"
+    _module(root, robot, robot.front, mass[0], ahead, wheels[:4])
+    for i, (hitch, behind) in enumerate(zip(robot.hitches, robot.modules[1:], strict=True), 1):
+        number, link = ("" if i == 1 else f"_{i}"), f"{module_name(i)}_link"
+        middle = f"articulation_link{number}"
+        _link(root, middle, 1e-3, (1e-6, 1e-6, 1e-6))
+        place = _vector(-hitch.l, 0, hitch.O_z)
+        _joint(root, f"articulation_yaw{number}", "revolute", ahead, middle, place, "0 0 1", math.pi / 2)
+        place = _vector(-behind.l, 0, 0)
+        _module(root, robot, behind, mass[i], link, wheels[4 * i : 4 * i + 4])
+        # the module's origin lies behind the joint, so the roll axis passes through both
+        _joint(root, f"articulation_roll{number}", "revolute", middle, link, place, "1 0 0", math.pi / 2)
+        ahead = link
     made = "made by `python -m artibot_sim.exchange.urdf` from the robot file"
     if gazebo:
-        _gazebo(root, robot, WHEEL_JOINTS[: 8 if robot.articulated else 4])
+        _gazebo(root, robot, wheels)
         made = "\n     ".join(["made by `artibot export`; left out:", *(f"- {word}" for word in left_out(robot))])
     ET.indent(root)
     return f'<?xml version="1.0"?>\n<!-- {made} -->\n{ET.tostring(root, encoding="unicode")}\n'

@@ -13,19 +13,28 @@ from artibot_sim.cli import main
 from artibot_sim.exchange.ground import EXPRESSED, SENSORS, left_out, wheels_of
 from artibot_sim.exchange.sdf import sdf
 from artibot_sim.exchange.urdf import urdf
-from artibot_sim.model import WHEEL_JOINTS, Commands, Robot, load_robot, rollout
+from artibot_sim.model import Commands, Robot, load_robot, rollout
 from artibot_sim.model.effects import EFFECTS
+from artibot_sim.model.robot.robot import module_name
 from artibot_sim.model.simulate.rollout import Mode
 from artibot_sim.resources import config_names
 
 ROBOTS = config_names("robots")
 
 
+def origins(robot: Robot) -> list[float]:
+    """Where the modules' origins are behind the front one's, m, joints at zero."""
+    places = [0.0]
+    for hitch, module in zip(robot.hitches, robot.modules[1:], strict=True):
+        places.append(places[-1] - hitch.l - module.l)
+    return places
+
+
 def wheel_places(robot: Robot) -> dict[str, tuple[float, float, float]]:
     """Where the model has the wheels' centres in base_link, joints at zero."""
     places = {}
-    for i, joint in enumerate(WHEEL_JOINTS[: 8 if robot.articulated else 4]):
-        module, origin = (robot.front, 0.0) if i < 4 else (robot.back, -robot.front.l - robot.back.l)
+    for i, joint in enumerate(robot.wheel_joints):
+        module, origin = robot.modules[i // 4], origins(robot)[i // 4]
         x = origin + (1 if "front_wheel" in joint else -1) * module.i_x / 2
         places[joint] = (x, (1 if "left" in joint else -1) * module.i_y / 2, 0.0)
     return places
@@ -48,14 +57,17 @@ def test_mujoco_reads_the_urdf_and_finds_the_same_bodies(name: str, tmp_path: Pa
         np.testing.assert_allclose(data.joint(joint).xaxis, [0, 1, 0], atol=1e-6)
         inertia = np.sort(model.body(f"{joint}_link").inertia)
         np.testing.assert_allclose(inertia, np.sort([robot.wheel.J_wx, robot.wheel.J_wx, robot.wheel.J_wy]), rtol=1e-6)
-    modules = robot.front.m + (robot.back.m if robot.back else 0.0)
+    modules = sum(module.m for module in robot.modules)
     total = modules + len(wheel_places(robot)) * robot.wheel.m_w
-    assert model.body_mass.sum() == pytest.approx(total, abs=2e-3)
-    if robot.articulated:  # bent, the back module goes where the model has it
-        data.joint("articulation_yaw").qpos[0] = 0.4
+    assert model.body_mass.sum() == pytest.approx(total + 1e-3 * len(robot.hitches), abs=1e-3)
+    place, yaw = np.zeros(2), 0.0
+    for i, hitch in enumerate(robot.hitches):  # bent, the modules behind go where the model has them
+        data.joint(robot.articulation_joints[2 * i]).qpos[0] = 0.4 - 0.3 * i
         mujoco.mj_kinematics(model, data)
-        behind = [-robot.front.l - robot.back.l * np.cos(0.4), -robot.back.l * np.sin(0.4)]
-        np.testing.assert_allclose((data.body("back_link").xpos - base)[:2], behind, atol=1e-6)
+        place = place - hitch.l * np.array([np.cos(yaw), np.sin(yaw)])
+        yaw += 0.4 - 0.3 * i
+        place = place - robot.modules[i + 1].l * np.array([np.cos(yaw), np.sin(yaw)])
+        np.testing.assert_allclose((data.body(f"{module_name(i + 1)}_link").xpos - base)[:2], place, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -74,7 +86,10 @@ def test_sdf_has_the_bodies_and_joints_of_the_model(name: str) -> None:
     assert float(model.findtext("pose").split()[2]) == pytest.approx(robot.wheel.r_w)
     total = sum(float(link.findtext("inertial/mass")) for link in links.values())
     assert total == pytest.approx(
-        robot.front.m + (robot.back.m if robot.back else 0.0) + len(wheel_places(robot)) * robot.wheel.m_w, abs=2e-3
+        sum(module.m for module in robot.modules)
+        + len(wheel_places(robot)) * robot.wheel.m_w
+        + 1e-3 * len(robot.hitches),
+        abs=1e-3,
     )
 
 

@@ -21,7 +21,7 @@ from artibot_sim.model.robot.derived import starred
 from artibot_sim.model.robot.file import robot_from_dict, robot_to_dict
 from artibot_sim.resources import config_names, config_path
 
-ROBOTS = ("agriq", "epiq", "husky")
+ROBOTS = ("agriq", "epiq", "husky", "train3", "train5")
 
 
 def document(name: str = "agriq") -> dict:
@@ -202,3 +202,44 @@ def test_a_bad_entry_of_an_effect_is_refused(entry: dict, says: str) -> None:
     tree = robot_to_dict(load_robot("agriq")) | {"effects": {"slope": {"grade": entry}}}
     with pytest.raises(ArtibotError, match=f"^{re.escape(says)}"):
         robot_from_dict(tree)
+
+
+def train_without(key: str) -> dict:
+    tree = document("train3")
+    *path, last = key.split(".")
+    node = tree
+    for part in path:
+        node = node[part]
+    del node[last]
+    return tree
+
+
+@pytest.mark.parametrize(
+    ("tree", "said"),
+    [
+        (
+            document("train3") | {"module_5": document("train3")["module_3"]},
+            "module_4: missing beside module_3, module_5",
+        ),
+        (train_without("module_3.hitch"), "module_3.hitch: missing; add {l: {value: …, unit: m, source: …}}"),
+        (train_without("module_3.hitch.l"), "module_3.hitch.l: missing"),
+        (put(document("train3"), "module_3.hitch.l.unit", "mm"), "module_3.hitch.l.unit: found 'mm', expected 'm'"),
+        (put(document("train3"), "module_3.m.value", -1.0), "module_3.m: -1 kg is out of bounds"),
+        (put(document("train3"), "module_3.J_z.value", 99.0), "module_3.J_x, J_y, J_z: .* break the triangle"),
+        (put(document("train3"), "drive.module_4", {}), "drive.module_4: unknown key"),
+    ],
+)
+def test_a_module_behind_is_refused_with_its_key(tree: dict, said: str) -> None:
+    with pytest.raises(ArtibotError, match=said.replace("{", r"\{")):
+        robot_from_dict(tree)
+
+
+def test_numbers_of_a_module_behind_can_be_replaced_and_fitted() -> None:
+    robot = load_robot("train5")
+    keys = ["module_4.m", "module_4.hitch.l", "drive.module_5.tau"]
+    changed = robot.with_vector(keys, [31.0, 0.5, 0.03])
+    assert changed.trailing[1].m == 31.0
+    assert changed.trailing[1].hitch.l == 0.5
+    assert changed.drive.trailing[2].tau == 0.03  # type: ignore[union-attr]  # module_5 is driven
+    np.testing.assert_array_equal(changed.as_vector(keys), [31.0, 0.5, 0.03])
+    assert changed.trailing[0] == robot.trailing[0]

@@ -68,6 +68,27 @@ def test_topics_types_stamps_and_rest(start_node, ros_context) -> None:
     assert probe.last("total_station/point").point.x == pytest.approx(1.0, abs=0.05)
 
 
+def test_a_train_publishes_all_its_modules_and_drives(start_node, ros_context) -> None:
+    """Three modules, the third without motors: its wheels and its joint are there, a motor is not; all of it rolls."""
+    start_node("sim", "--robot", "train3", "--ros-args", *PATIENT)
+    probe = Probe(ros_context, ["joint_states", "motor_torques", "ground_truth/odom"])
+    probe.ready()
+    probe.repeat(lambda: probe.send_request([100.0, 140.0]), 6.0)
+    joints, torques = probe.last("joint_states"), probe.last("motor_torques")
+    third = [f"module_3_{side}_{end}_wheel" for side in ("right", "left") for end in ("front", "back")]
+    own = [f"{m}_{e}_wheel" for m in ALL for e in ("front", "back")]
+    bends = [f"articulation_{axis}{number}" for number in ("", "_2") for axis in ("yaw", "roll")]
+    assert list(joints.name) == [*own, *third, *bends]
+    assert torques.name == ALL, "a passive module has no motors"
+    angle = dict(zip(joints.name, joints.position, strict=True))
+    assert min(angle[wheel] for wheel in third) > 1.0, "the third module is pulled along"
+    assert angle["articulation_yaw"] > 0.05 and angle["articulation_yaw_2"] > 0.01, (
+        "it turns right, those behind follow"
+    )
+    tau = load_robot("train3").drive.front.tau
+    assert angle["front_right_front_wheel"] == pytest.approx(torques.position[0] * tau, rel=0.1)
+
+
 def test_a_rigid_robot_has_two_motors_and_no_articulation(start_node, ros_context) -> None:
     start_node("sim", "--robot", "husky", "--ros-args", "-r", "__ns:=/rover1", "-r", "odom:=believed")
     probe = Probe(ros_context, ())

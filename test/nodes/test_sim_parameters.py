@@ -142,18 +142,21 @@ def test_urdf_joints_and_geometry(name: str) -> None:
     robot = load_robot(name)
     root = ET.fromstring(urdf(robot))
     joints = {joint.get("name") for joint in root.findall("joint")}
-    back = robot.back
-    wheels = WHEEL_JOINTS if back else WHEEL_JOINTS[:4]
-    assert joints == {*wheels, *(("articulation_yaw", "articulation_roll") if back else ())}
+    wheels = robot.wheel_joints
+    assert joints == {*wheels, *robot.articulation_joints}
+    assert wheels[:8] == WHEEL_JOINTS[: len(wheels)]
+    assert robot.articulation_joints[:2] == (("articulation_yaw", "articulation_roll") if robot.back else ())
     links = [link.get("name") for link in root.findall("link")]
     assert len(links) == len(set(links)) == len(joints) + 1, "a tree"
     for i, joint in enumerate(wheels):
-        module, origin = (robot.front, 0.0) if i < 4 else (back, -robot.front.l - back.l)
+        module = robot.modules[i // 4]
+        joints_ahead = zip(robot.hitches[: i // 4], robot.modules[1:], strict=False)
+        origin = -sum(hitch.l + behind.l for hitch, behind in joints_ahead)
         x = origin + (1 if "front_wheel" in joint else -1) * module.i_x / 2
         y = (1 if "left" in joint else -1) * module.i_y / 2
         np.testing.assert_allclose(chain(root, f"{joint}_link"), [x, y, 0.0], atol=1e-8)
         wheel = next(link for link in root.findall("link") if link.get("name") == f"{joint}_link")
         assert float(wheel.find("visual/geometry/cylinder").get("radius")) == pytest.approx(robot.wheel.r_w)
     masses = sum(float(mass.get("value")) for mass in root.iter("mass"))
-    bodies = robot.front.m + (back.m if back else 0.0) + len(wheels) * robot.wheel.m_w
-    assert masses == pytest.approx(bodies, abs=2e-3)
+    bodies = sum(module.m for module in robot.modules) + len(wheels) * robot.wheel.m_w
+    assert masses == pytest.approx(bodies + 1e-3 * len(robot.hitches), abs=1e-3)

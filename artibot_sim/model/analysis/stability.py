@@ -6,14 +6,18 @@ import cmath
 import math
 from collections.abc import Iterator
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model.equations.transmission import DRIVEN, PRESCRIBED, TORQUE
-from artibot_sim.model.robot.parameters import MotorParams, Params
+from artibot_sim.model.robot.parameters import ModuleParams, MotorParams, Params, Train
 
 Array = NDArray[np.float64]
+
+Shares = float | tuple[float, ...]
+"""Eq. 30's factor of one back motor, or of a motor of each module."""
 
 ARTICULATIONS = (0.0, 0.4, 0.8, 1.2)
 """Articulation yaws (rad) at which the modes are taken; which one is stiffest depends on the robot."""
@@ -22,6 +26,32 @@ ARTICULATIONS = (0.0, 0.4, 0.8, 1.2)
 MARGIN = 0.95
 """Longest semi-implicit step over the one at which an oscillation no longer dies down."""
 
+
+class _Chain(NamedTuple):
+    """Modules in a row: scalars they share, bodies, two motors each, and where the joints sit on both their bodies."""
+
+    p: Params
+    bodies: tuple[ModuleParams, ...]
+    motors: tuple[MotorParams, ...]
+    hinges: tuple[tuple[float, float], ...]
+
+
+def _chain(p: Params | Train) -> _Chain:
+    if isinstance(p, Train):
+        motors = tuple(motor for module in p.modules for motor in (module.right_front, module.left_front))
+        hinges = tuple((joint.front.O_x, joint.back.O_x) for joint in p.joints)
+        return _Chain(p.modules[0], tuple(module.front for module in p.modules), motors, hinges)
+    if p.two:
+        motors = (p.right_front, p.left_front, p.right_back, p.left_back)
+        return _Chain(p, (p.front, p.back), motors, ((p.front.O_x, p.back.O_x),))
+    return _Chain(p, (p.front,), (p.right_front, p.left_front), ())
+
+
+def _by_module(chain: _Chain, share: Shares) -> tuple[float, ...]:
+    """Eq. 30's factors, one a module; the front one's is zero."""
+    return share if isinstance(share, tuple) else (0.0, share)[: len(chain.bodies)]
+
+
 LONGEST_PART = 1e-3
 """Part (s) of a semi-implicit step beyond which its errors, which grow with it, pass 5 mm over Table 6."""
 
@@ -29,15 +59,16 @@ LONGEST_SLIP_PART = 0.45
 """The same, times the rate (1/s) of the fastest slip of a module that holds: an explicit step is stable up to 2."""
 
 
-def parts(p: Params, dt: float, share: float = 0.0) -> int:
+def parts(p: Params | Train, dt: float, share: Shares = 0.0) -> int:
     """Into how many equal parts a semi-implicit step of `dt` (s) is cut so that its result can be trusted.
 
     The slip of a module is explicit, and on stiff ground faster than a step. Parts are short beside it, whatever the
     ground: errors are known before the run, and what grows is its cost. Parts are as short as the torque sharing needs,
     too; `share` is eq. 30's factor of one back motor.
     """
-    need = min(LONGEST_PART, _quick_sharing_limit(p, share))
-    for body in (p.front, p.back)[: 2 if p.two else 1]:
+    chain = _chain(p)
+    need, p = min(LONGEST_PART, _quick_sharing_limit(chain, share)), chain.p
+    for body in chain.bodies:
         along, across = p.stiffening * body.k_l + p.forward_damping, p.stiffening * body.k_t + p.lateral_damping
         swing = 4.0 * (across * body.half_x**2 + along * body.half_y**2)
         fastest = max(4.0 * max(along, across) / body.m, swing / body.J_z)
@@ -46,7 +77,7 @@ def parts(p: Params, dt: float, share: float = 0.0) -> int:
 
 
 @lru_cache(maxsize=256)
-def largest_step(p: Params, integrator: str, modes: tuple[int, ...], share: float = 0.0) -> tuple[float, str]:
+def largest_step(p: Params | Train, integrator: str, modes: tuple[int, ...], share: Shares = 0.0) -> tuple[float, str]:
     """Longest stable step (s), and which motion sets it; `share` is eq. 30's factor of one back motor.
 
     The model is linearised about wheels that hold (eq. 15) and turn; saturated ones are slower. Under RK4 motors that
@@ -57,29 +88,44 @@ def largest_step(p: Params, integrator: str, modes: tuple[int, ...], share: floa
     Back motors that share the front ones' torque of the step before (eq. 30) pull (1/kappa − 1) times as much as these,
     a step late: the smaller kappa, the shorter the step.
     """
-    modes = modes[: 4 if p.two else 2]
-    limits = list(_rk4_limits(p, modes) if integrator == "rk4" else _semi_implicit_limits(p))
+    chain = _chain(p)
+    modes, p = modes[: len(chain.motors)], chain.p
+    limits = list(_rk4_limits(chain, modes) if integrator == "rk4" else _semi_implicit_limits(chain))
     if PRESCRIBED in modes:
         limits.append(((_RK4_REAL if integrator == "rk4" else MARGIN) / p.A_motor, "control.A_motor"))
     if DRIVEN in modes:
         limits.append(((_RK4_REAL if integrator == "rk4" else 2 * MARGIN) / p.velocity_gain, "control.velocity_gain"))
     longest, what = min(limits)
-    if integrator == "rk4" and TORQUE in modes[2:] and _quick_sharing_limit(p, share) < longest:
-        return min((longest, what), (_sharing_limit(p, modes, share, longest), "control.kappa, torque sharing"))
+    if integrator == "rk4" and TORQUE in modes[2:] and _quick_sharing_limit(chain, share) < longest:
+        return min((longest, what), (_sharing_limit(chain, modes, share, longest), "control.kappa, torque sharing"))
     return longest, what
 
 
-def _quick_sharing_limit(p: Params, share: float) -> float:
+def _quick_sharing_limit(chain: _Chain, share: Shares) -> float:
     """A step (s) at which torque sharing is stable for certain: by the rover's mass in a straight line."""
-    if not p.two or share <= 0.0:
+    p, bodies = chain.p, chain.bodies
+    more = sum(
+        2.0 * factor * chain.motors[0].tau / motor.tau
+        for factor, motor in zip(_by_module(chain, share), chain.motors[::2], strict=True)
+        if factor > 0.0
+    )
+    if len(bodies) < 2 or more <= 0.0:
         return math.inf
-    more = 2.0 * share * p.right_front.tau / p.right_back.tau
-    return 0.5 * (p.front.m + p.back.m) / (4.0 * p.stiffening * p.front.k_l * more)
+    return 0.5 * sum(body.m for body in bodies) / (4.0 * p.stiffening * bodies[0].k_l * more)
 
 
-def _sharing_limit(p: Params, modes: tuple[int, ...], share: float, longest: float) -> float:
+def _bends(chain: _Chain) -> Iterator[tuple[float, ...]]:
+    """Articulation yaws, one a joint, at which the modes are taken: bent all one way, and to and fro."""
+    joints = len(chain.hinges)
+    for bend in ARTICULATIONS if joints else (0.0,):
+        yield (bend,) * joints
+        if joints > 1 and bend:
+            yield tuple(bend * (-1) ** j for j in range(joints))
+
+
+def _sharing_limit(chain: _Chain, modes: tuple[int, ...], share: Shares, longest: float) -> float:
     """Longest RK4 step (s) up to `longest` at which the motions with eq. 30's torques, a step late, do not grow."""
-    loops = [_sharing_loop(p, modes, share, bend, braking) for bend in ARTICULATIONS for braking in (False, True)]
+    loops = [_sharing_loop(chain, modes, share, bends, braking) for bends in _bends(chain) for braking in (False, True)]
     A, B, K = (np.array(part) for part in zip(*loops, strict=True))
     unit = np.broadcast_to(np.eye(A.shape[-1]), A.shape)
 
@@ -100,25 +146,27 @@ def _sharing_limit(p: Params, modes: tuple[int, ...], share: float, longest: flo
 
 
 def _sharing_loop(
-    p: Params, modes: tuple[int, ...], share: float, articulation: float, braking: bool
+    chain: _Chain, modes: tuple[int, ...], share: Shares, bends: tuple[float, ...], braking: bool
 ) -> tuple[Array, Array, Array]:
     """Of x' = A x + B K x(a step ago): `_slip_matrix`, what 1 of the front torques' sum does, and that sum by x."""
-    motors = (p.right_front, p.left_front, p.right_back, p.left_back)
+    p, bodies, motors, _ = chain
+    front, factors = bodies[0], _by_module(chain, share)
     etas = [1.0 / motor.eta_r if braking else motor.eta_d for motor in motors]
     free = tuple(mode != PRESCRIBED for mode in modes)
-    A = _slip_matrix(p, motors, etas, free, articulation)
-    places = dict(zip((i for i in range(4) if free[i]), range(6, len(A)), strict=True))
+    A = _slip_matrix(chain, etas, free, bends)
+    first = 3 * len(bodies)
+    places = dict(zip((i for i in range(len(motors)) if free[i]), range(first, len(A)), strict=True))
     B, K = np.zeros(len(A)), np.zeros(len(A))
     for i, motor in enumerate(motors):
         gear = motor.tau / etas[i]
         J = motor.J_m + motor.J_w * motor.tau * gear
         if i < 2 and modes[i] != TORQUE:
-            pull = 2.0 * gear * motor.r_w * p.stiffening * p.front.k_l
-            K[:3] += pull * np.array([-1.0, 0.0, -p.front.half_y if i == 0 else p.front.half_y])
+            pull = 2.0 * gear * motor.r_w * p.stiffening * front.k_l
+            K[:3] += pull * np.array([-1.0, 0.0, -front.half_y if i == 0 else front.half_y])
             if free[i]:
                 K[places[i]] += pull * motor.r_w * motor.tau - p.velocity_gain * J
         if i > 1 and modes[i] == TORQUE:
-            B[places[i]] = share / J
+            B[places[i]] = factors[i // 2] / J
     return A, B, K
 
 
@@ -130,41 +178,51 @@ def relaxation_limit(p: Params, speed: float) -> float:
     return _RK4_REAL / (p.relaxation * max(speed, 0.05))
 
 
-def _rk4_limits(p: Params, modes: tuple[int, ...]) -> Iterator[tuple[float, str]]:
+def _rk4_limits(chain: _Chain, modes: tuple[int, ...]) -> Iterator[tuple[float, str]]:
     free = tuple(mode != PRESCRIBED for mode in modes)
     slip = "slip of the wheels" + (" and spin of the motors that are not prescribed" if any(free) else "")
-    yield from ((_rk4_limit(rate), slip) for rate in _slip_modes(p, free))
-    for motor, spins in zip((p.right_front, p.left_front, p.right_back, p.left_back), free, strict=False):
+    yield from ((_rk4_limit(rate), slip) for rate in _slip_modes(chain, free))
+    for motor, spins in zip(chain.motors, free, strict=False):
         if spins and motor.damping > 0.0:
             # A motor held by drag crosses zero and changes between eq. 21's driving and braking inertia. At the limit
             # of the inertia without losses it stays within the width over which the drag changes its sign (tests).
             inertia = motor.J_m + motor.J_w * motor.tau**2
             yield _RK4_REAL * inertia / motor.damping, "effects.motor_drag, a motor that it stops"
-    for damping, stiffness, what in _springs(p):
+    for damping, stiffness, what in _springs(chain):
         yield _rk4_limit(cmath.sqrt(damping * damping / 4 - stiffness) - damping / 2), what
         yield _rk4_limit(-cmath.sqrt(damping * damping / 4 - stiffness) - damping / 2), what
 
 
-def _semi_implicit_limits(p: Params) -> Iterator[tuple[float, str]]:
+def _semi_implicit_limits(chain: _Chain) -> Iterator[tuple[float, str]]:
     """Of v += -h (stiffness x + damping v), x += h v, which is stable while stiffness h² + 2 damping h < 4."""
-    for damping, stiffness, what in _springs(p, implicit=True):
+    for damping, stiffness, what in _springs(chain, implicit=True):
         if damping + stiffness > 0.0:
             yield MARGIN * 4 / (damping + math.sqrt(damping * damping + 4 * stiffness)), what
 
 
-def _springs(p: Params, implicit: bool = False) -> Iterator[tuple[float, float, str]]:
+def _springs(chain: _Chain, implicit: bool = False) -> Iterator[tuple[float, float, str]]:
     """Damping (1/s) and stiffness (1/s²) of each module's heave and roll, of the joint's gap, and of its yaw.
 
     Damping in the joint's yaw counts only where it is not taken implicitly.
     """
-    for body in (p.front, p.back)[: 2 if p.two else 1]:
+    p = chain.p
+    for body in chain.bodies:
         for inverse in (4.0 / body.m, 4.0 * body.half_y**2 / body.J_x):
             yield p.c_n * inverse, p.k_n * inverse, "vertical motion on the wheels"
-    if p.two and p.A_joint > 0.0:
+    if chain.hinges and p.A_joint > 0.0:
         yield 2 * p.A_joint, p.A_joint**2, "control.A_joint"
-    if p.two and p.joint_damping + p.joint_stiffness > 0.0:
-        inverse = 1 / p.front.J_z + 1 / p.back.J_z
+    if chain.hinges and p.joint_damping + p.joint_stiffness > 0.0:
+        inverse = _yaw_compliance(chain)
         yield (0.0 if implicit else inverse * p.joint_damping), inverse * p.joint_stiffness, "torque in the joint's yaw"
+
+
+def _yaw_compliance(chain: _Chain) -> float:
+    """Largest acceleration of the joints' yaws that torques in them of 1 N m in all give, 1/(kg m²)."""
+    inverse = np.array([1 / body.J_z for body in chain.bodies])
+    if len(inverse) == 2:
+        return float(inverse.sum())
+    twist = np.diff(np.eye(len(inverse)), axis=0)
+    return float(np.linalg.eigvalsh(twist * inverse @ twist.T).max())
 
 
 def _rk4_limit(rate: complex) -> float:
@@ -185,29 +243,27 @@ def _rk4_radius(direction: complex) -> float:
 _RK4_REAL = _rk4_radius(complex(-1.0))
 
 
-def _slip_modes(p: Params, free: tuple[bool, ...]) -> Iterator[complex]:
+def _slip_modes(chain: _Chain, free: tuple[bool, ...]) -> Iterator[complex]:
     """Eigenvalues (1/s) of the planar velocities and the free motors' speeds, for wheels that hold."""
-    motors = (p.right_front, p.left_front, p.right_back, p.left_back)[: 4 if p.two else 2]
     matrices = []
-    for articulation in ARTICULATIONS if p.two else (0.0,):
+    for bends in _bends(chain):
         for braking in (False, True):
-            etas = [1.0 / motor.eta_r if braking else motor.eta_d for motor in motors]
-            matrices.append(_slip_matrix(p, motors, etas, free, articulation))
+            etas = [1.0 / motor.eta_r if braking else motor.eta_d for motor in chain.motors]
+            matrices.append(_slip_matrix(chain, etas, free, bends))
     yield from np.linalg.eigvals(np.array(matrices)).ravel()
 
 
-def _slip_matrix(
-    p: Params, motors: tuple[MotorParams, ...], etas: list[float], free: tuple[bool, ...], articulation: float
-) -> Array:
-    """d/dt of (x, y, gamma of each module, free motors) = matrix · the same, the joint's two planar rows eliminated."""
-    bodies = ((p.front, 0.0), (p.back, articulation))[: 2 if p.two else 1]
+def _slip_matrix(chain: _Chain, etas: list[float], free: tuple[bool, ...], bends: tuple[float, ...]) -> Array:
+    """d/dt of (x, y, gamma of each module, free motors) = matrix · the same, the joints' planar rows eliminated."""
+    p, bodies, motors, hinges = chain
+    yaws = [sum(bends[:b]) for b in range(len(bodies))]
     spinning = [i for i in range(len(motors)) if free[i]]
     size = 3 * len(bodies) + len(spinning)
     inverse, damping = np.zeros(size), np.zeros((size, size))
-    for b, (body, _) in enumerate(bodies):
+    for b, body in enumerate(bodies):
         inverse[3 * b : 3 * b + 3] = 1 / body.m, 1 / body.m, 1 / body.J_z
     for i, motor in enumerate(motors):
-        body, yaw = bodies[i // 2]
+        body, yaw = bodies[i // 2], yaws[i // 2]
         y = -body.half_y if i % 2 == 0 else body.half_y
         c, s = math.cos(yaw), math.sin(yaw)
         for x in (body.half_x, -body.half_x):
@@ -224,15 +280,18 @@ def _slip_matrix(
                 inverse[k] = 1 / (motor.J_m + motor.J_w * motor.tau * gear)
             k_l, k_t = p.stiffening * body.k_l, p.stiffening * body.k_t
             damping += k_l * np.outer(force, along) + (k_t + p.lateral_damping) * np.outer(across, across)
-    if not p.two:
+    if not hinges:
         return -inverse[:, None] * damping
-    twist = np.zeros(size)
-    twist[[2, 5]] = -1.0, 1.0
-    damping += p.joint_damping * np.outer(twist, twist)
-    joint = np.zeros((2, size))
-    s, c = math.sin(articulation), math.cos(articulation)
-    joint[:, :3] = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, p.front.O_x]])
-    joint[:, 3:6] = np.array([[-1.0, 0.0, p.back.O_x * s], [0.0, -1.0, -p.back.O_x * c]])
+    joint = np.zeros((2 * len(hinges), size))
+    for j, hinge in enumerate(hinges):
+        twist = np.zeros(size)
+        twist[[3 * j + 2, 3 * j + 5]] = -1.0, 1.0
+        damping += p.joint_damping * np.outer(twist, twist)
+        for sign, place, end in ((1.0, j, 0), (-1.0, j + 1, 1)):
+            s, c = math.sin(yaws[place]), math.cos(yaws[place])
+            columns = slice(3 * place, 3 * place + 3)
+            joint[2 * j, columns] = sign, 0.0, -sign * hinge[end] * s
+            joint[2 * j + 1, columns] = 0.0, sign, sign * hinge[end] * c
     weighted = joint * inverse
     project = np.eye(size) - weighted.T @ np.linalg.solve(weighted @ joint.T, joint)
     return -project @ (inverse[:, None] * damping)

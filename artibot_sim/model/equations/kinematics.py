@@ -162,6 +162,12 @@ def articulation(q: NDArray[np.float64]) -> NDArray[np.float64]:
     return q[..., (BACK + GAMMA, BACK + ALPHA)] - q[..., (GAMMA, ALPHA)]
 
 
+def articulations(q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Yaw and roll of every joint one after the other, shape (…, 2 · joints), as `articulation` of the first."""
+    angles = q.reshape(*q.shape[:-1], -1, 8)[..., (GAMMA, ALPHA)]
+    return np.diff(angles, axis=-2).reshape(*q.shape[:-1], -1)
+
+
 def constraint(robot: Robot, q: NDArray[np.float64]) -> NDArray[np.float64]:
     """Phi of eq. 13, shape (4,): the joint's gap in `map` (m) and the fourth row's cosine, at ``q`` (16,)."""
     return np.array(_evaluate(np.array(q), np.zeros(16), packed(params(robot)))[0])

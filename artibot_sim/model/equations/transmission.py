@@ -28,12 +28,24 @@ class Mode(enum.IntEnum):
 PRESCRIBED, DRIVEN, TORQUE = (int(mode) for mode in Mode)
 
 
-def back_torque_factor(robot: Robot, kappa: float | None = None) -> float:
-    """Torque of each back motor over the sum of the front motors' (eq. 30, split equally between the sides)."""
-    if robot.drive.back is None:
-        return 0.0
+def torque_factors(robot: Robot, kappa: float | None = None) -> tuple[float, ...]:
+    """Torque of a motor of each module over the sum of the front motors' (eq. 30, split equally between the sides).
+
+    Eq. 29 gives the front module the share kappa of the traction. What is left is for the driven modules behind it, in
+    equal parts: with one of them that is eq. 30. The front module's own factor, and a passive one's, are zero.
+    """
     share = robot.control.kappa if kappa is None else kappa
-    return 0.5 * robot.drive.back.tau / robot.drive.front.tau * (1.0 / share - 1.0)
+    behind = [None, *robot.drives[1:]]
+    followers = sum(drive is not None for drive in behind)
+    return tuple(
+        0.0 if drive is None else 0.5 * drive.tau / robot.drive.front.tau * (1.0 / share - 1.0) / followers
+        for drive in behind
+    )
+
+
+def back_torque_factor(robot: Robot, kappa: float | None = None) -> float:
+    """`torque_factors` of a back motor; zero for a rigid robot."""
+    return torque_factors(robot, kappa)[1] if robot.articulated else 0.0
 
 
 @inlined

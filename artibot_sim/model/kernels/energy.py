@@ -77,11 +77,12 @@ def motor_powers(v, p, fx, w, out):
 
 
 @inlined
-def wheel_powers(body, p, fx, q, v, module, base, w, out):
+def wheel_powers(body, p, fx, q, v, module, base, number, w, out):
     """Power dissipated between the wheels of one module and the ground.
 
     `E_offset`: the forces act u_w ahead of where the slip is taken. `E_tilt`: eq. 18 turns the normal force with
-    the module's roll, while the spring is vertical; zero without roll.
+    the module's roll, while the spring is vertical; zero without roll. The module's coordinates begin at `module`, its
+    wheels at `base` in the row; `number` is its place, counted from 0.
     """
     s_a, c_a = sincos(q[module + ALPHA])
     s_g, c_g = sincos(q[module + GAMMA])
@@ -96,8 +97,8 @@ def wheel_powers(body, p, fx, q, v, module, base, w, out):
         F_l, F_t, F_n = w[F_L + j], w[F_T + j], w[F_N + j]
         r_0, u_w, rim = body.r_0, p.u_w, motor_of(p, motor).r_w * omega
         if fx is not None:
-            rim *= hooks.radius(fx, j, motor_of(p, motor).tau * q[coordinate_of(motor)])
-            r_0 = unloaded_radius(body, p, fx, base // 4, 1.0 if i % 2 == 0 else -1.0, -1.0 if i < 2 else 1.0)
+            rim *= hooks.radius(fx, 4 * number + i, motor_of(p, motor).tau * q[coordinate_of(motor)])
+            r_0 = unloaded_radius(body, p, fx, number, 1.0 if i % 2 == 0 else -1.0, -1.0 if i < 2 else 1.0)
             u_w *= hooks.lead(fx, w[P_X + j], w[P_Y + j])
         out[E_SLIP_L + j] = F_l * (rim - w[P_X + j])
         out[E_SLIP_T + j] = -F_t * w[P_Y + j]
@@ -121,12 +122,12 @@ def load_power(v, module, base, w):
 def powers(q, v, p, fx, w, out):
     """Power of every contribution (W) at a state whose row is `w`, into `out` (ENERGIES,)."""
     motor_powers(v, p, fx, w, out)
-    wheel_powers(p.front, p, fx, q, v, 0, 0, w, out)
+    wheel_powers(p.front, p, fx, q, v, 0, 0, FRONT, w, out)
     if fx is not None:
         out[E_ARTICULATION] = w[M_J] * (v[BACK + GAMMA] - v[GAMMA])
         out[E_PUSH] = w[PUSH] * v[X] + w[PUSH + 1] * v[Y] + load_power(v, 0, 0, w)
     if p.two:
-        wheel_powers(p.back, p, fx, q, v, BACK, 4, w, out)
+        wheel_powers(p.back, p, fx, q, v, BACK, 4, BEHIND, w, out)
         if fx is not None:
             out[E_PUSH] += load_power(v, BACK, 3, w)
         total = 0.0

@@ -157,12 +157,12 @@ def body_system(
         n[b + 5] += across @ weight
     if not p.two:
         return mass, n, np.zeros((0, 16)), np.zeros(0)
-    _add_joint_torque(mass, n, q, v, fx, dt)
+    add_joint_torque(mass, n, q, v, fx, dt)
     phi, jacobian, bias = constraint_terms(p, q, v)
     return mass, n, jacobian, -bias - 2 * p.A_joint * (jacobian @ v) - p.A_joint**2 * phi
 
 
-def _add_joint_torque(mass: Array, n: Array, q: Array, v: Array, fx: PlainEffects, dt: float) -> None:
+def add_joint_torque(mass: Array, n: Array, q: Array, v: Array, fx: PlainEffects, dt: float) -> None:
     """The effects' torque in the joint's yaw, over a step `dt` with its rate taken at the end (by the secant)."""
     angle, rate = q[13] - q[5], v[13] - v[5]
     angle += 0.5 * dt * rate

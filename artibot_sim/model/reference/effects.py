@@ -60,6 +60,10 @@ class PlainEffects:
         """These effects at another time `t`, s."""
         return PlainEffects(self.values, t)
 
+    def of_module(self, module: int) -> PlainEffects:
+        """These effects as a module computes that stands for itself, in the place of the front one."""
+        return _OfModule(self.values, self.t, module) if module else self
+
     def ask(self, place: str, *about: Any) -> Any:
         """What the effects answer at a place (`effects.hooks`), from what follows the record there."""
         return _answers(place)(self._record, *about)
@@ -74,6 +78,22 @@ class PlainEffects:
             numbers = {key: one.number(values.get(key, one.neutral)) for key, one in effect.parameters.items()}
             known[name] = SimpleNamespace(**numbers)
         return SimpleNamespace(**known)
+
+
+_NUMBERED = {"centre": 1, "push": 1, "load": 1, "resist": 1, "drag": 2, "radius": 4}
+"""Places that are told a module's number, or that of one of its two motors or four wheels: how many a module has."""
+
+
+@dataclass(frozen=True)
+class _OfModule(PlainEffects):
+    """The effects for one module of many: its parts' numbers are counted on from those of the modules ahead."""
+
+    module: int = 0
+
+    def ask(self, place: str, *about: Any) -> Any:
+        if place in _NUMBERED:
+            about = (about[0] + _NUMBERED[place] * self.module, *about[1:])
+        return super().ask(place, *about)
 
 
 NEUTRAL = PlainEffects()

@@ -6,13 +6,18 @@ reference and reads by the same names.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from typing import Any, get_type_hints
 
 import numpy as np
+from numpy.typing import NDArray
 
-from artibot_sim.model.effects import at_work
+from artibot_sim.errors import ArtibotError
+from artibot_sim.model.effects import EFFECTS, at_work
+from artibot_sim.model.effects.base import Choice, Values
 from artibot_sim.model.robot.environment import STANDARD_GRAVITY, gravity
-from artibot_sim.model.robot.parameters import ModuleParams, MotorParams, Params
+from artibot_sim.model.robot.parameters import ModuleParams, MotorParams, Params, Train
 from artibot_sim.model.robot.robot import Drive, Module, Robot
 
 
@@ -45,14 +50,17 @@ def _module(robot: Robot, module: Module, sign: float) -> ModuleParams:
     )  # fmt: skip
 
 
-def _motor(robot: Robot, drive: Drive) -> MotorParams:
+def _motor(robot: Robot, drive: Drive | None) -> MotorParams:
+    """A motor with its wheels; without a drive (a passive module's) they are alone, and turn freely."""
     J_w = robot.wheel.wheels_per_motor * robot.wheel.J_wy
+    if drive is None:
+        return MotorParams(1.0, robot.wheel.r_w, 1.0, 1.0, 0.0, J_w, math.inf)
     return MotorParams(drive.tau, robot.wheel.r_w, drive.eta_d, drive.eta_r, drive.J_m, J_w, drive.torque_max)
 
 
 def mean_load(robot: Robot) -> float:
     """Mean load of the wheels at rest on level ground, N."""
-    masses = [starred(robot, module)[0] for module in (robot.front, robot.back) if module is not None]
+    masses = [starred(robot, module)[0] for module in robot.modules]
     return STANDARD_GRAVITY * sum(masses) / (4 * len(masses))
 
 
@@ -60,19 +68,35 @@ def params(robot: Robot) -> Params:
     """The kernel's view of `robot`, with what its effects change in these numbers.
 
     A rigid robot's missing module is filled with the front's numbers, unused.
+
+    Raises
+    ------
+    ArtibotError
+        For a robot of more modules, which `train` describes.
     """
-    front = _motor(robot, robot.drive.front)
-    back = _motor(robot, robot.drive.back or robot.drive.front)
+    if robot.trailing:
+        raise ArtibotError(
+            f"robot '{robot.name}': it has {len(robot.modules)} modules; what was asked for is computed for robots of "
+            "one or two so far"
+        )
+    return _pair(robot, 1, robot.effects)
+
+
+def _pair(robot: Robot, behind: int, effects: Mapping[str, Values]) -> Params:
+    """The front module and the one `behind` as an articulated rover, with what effects change in its numbers."""
+    modules, drives = robot.modules, robot.drives
+    back = behind if len(modules) > 1 else 0
+    first, second = _motor(robot, drives[0]), _motor(robot, drives[back])
     contact, control = robot.contact, robot.control
     g = gravity(0.0, 0.0)
     p = Params(
         two=robot.articulated,
-        front=_module(robot, robot.front, -1.0),
-        back=_module(robot, robot.back or robot.front, 1.0),
-        right_front=front,
-        left_front=front,
-        right_back=back,
-        left_back=back,
+        front=_module(robot, modules[0], -1.0),
+        back=_module(robot, modules[back], 1.0),
+        right_front=first,
+        left_front=first,
+        right_back=second,
+        left_back=second,
         k_n=contact.k_n,
         c_n=contact.c_n,
         u_w=contact.u_w,
@@ -85,10 +109,41 @@ def params(robot: Robot) -> Params:
         g_z=g[2],
         load=mean_load(robot),
     )
-    for effect, values in at_work(robot.effects).values():
+    for effect, values in at_work(effects).values():
         if effect.adapt is not None:
             p = effect.adapt(p, values)
     return p
+
+
+def train(robot: Robot) -> Train:
+    """The numbers of an articulated robot, module by module and joint by joint.
+
+    What an effect changes in the back module, it changes in every module behind the front one, unless a parameter of
+    it names the part (`payload`, `motor_drag`), which is of the first two modules.
+    """
+    general = {name: v for name, v in robot.effects.items() if not _names_a_part(name)}
+    first = _pair(robot, 1, robot.effects)
+    pairs = [first, first, *(_pair(robot, i, general) for i in range(2, len(robot.modules)))]
+    modules = [first._replace(two=False)]
+    for i, pair in enumerate(pairs[1:], 1):
+        right, left = pair.right_back, pair.left_back
+        if robot.drives[i] is None:
+            right, left = (motor._replace(eta_d=1.0, eta_r=1.0) for motor in (right, left))
+        modules.append(pair._replace(two=False, front=pair.back, right_front=right, left_front=left))
+    joints = [first]
+    for i, module in enumerate(robot.trailing, 1):
+        ahead = modules[i].front._replace(O_x=-module.hitch.l, O_z=module.hitch.O_z)
+        joints.append(modules[i]._replace(two=True, front=ahead, back=modules[i + 1].front))
+    return Train(tuple(modules), tuple(joints))
+
+
+def front_params(robot: Robot) -> Params:
+    """The front module's numbers, and those common to all modules, of a robot of any number of them."""
+    return train(robot).modules[0] if robot.trailing else params(robot)
+
+
+def _names_a_part(effect: str) -> bool:
+    return any(isinstance(parameter.quantity, Choice) for parameter in EFFECTS[effect].parameters.values())
 
 
 def _dtype(cls: type) -> np.dtype:
@@ -111,3 +166,8 @@ def packed(p: Params) -> np.void:
     """`p` as one record."""
     record: np.void = np.array([p], dtype=PARAMS_DTYPE)[0]
     return record
+
+
+def packed_all(records: tuple[Params, ...]) -> NDArray[Any]:
+    """Several of them as an array of records."""
+    return np.array(list(records), dtype=PARAMS_DTYPE)

@@ -21,7 +21,20 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.effects.base import Choice
 from artibot_sim.model.robot.quantity import Quantity
-from artibot_sim.model.robot.robot import Contact, Control, Drive, Drives, Module, Polarity, Readings, Robot, Wheel
+from artibot_sim.model.robot.robot import (
+    Contact,
+    Control,
+    Drive,
+    Drives,
+    Hitch,
+    Module,
+    Polarity,
+    Readings,
+    Robot,
+    Trailing,
+    Wheel,
+    module_name,
+)
 
 SOURCES = (
     "stated",
@@ -38,7 +51,7 @@ SOURCES = (
 
 _ENTRY = ("value", "unit", "source", "ci95")
 _SECTIONS: dict[str, type] = {"front": Module, "wheel": Wheel, "contact": Contact, "control": Control}
-_NESTED: dict[str, type] = {"polarity": Polarity}
+_NESTED: dict[str, type] = {"polarity": Polarity, "hitch": Hitch}
 
 
 def load_robot(robot: str | os.PathLike[str]) -> Robot:
@@ -60,16 +73,21 @@ def load_robot(robot: str | os.PathLike[str]) -> Robot:
 def robot_from_dict(document: Any, name: str = "robot") -> Robot:
     """Build a robot from the mapping that a robot file holds; errors name the key's path."""
     top = _mapping(document, "the file")
-    known = {*_SECTIONS, "back", "drive", "name", "description", "readings", "effects"}
+    behind = _trailing_names(top)
+    known = {*_SECTIONS, "back", *behind, "drive", "name", "description", "readings", "effects"}
     _refuse_unknown(top, known, "")
     reader = _Reader()
     parts = {key: reader.section(cls, _required(top, key), key) for key, cls in _SECTIONS.items()}
     back = reader.section(Module, top["back"], "back") if top.get("back") is not None else None
     drive = _mapping(_required(top, "drive"), "drive")
-    _refuse_unknown(drive, {"front", "back"}, "drive.")
+    _refuse_unknown(drive, {"front", "back", *behind}, "drive.")
     drives = Drives(
         reader.section(Drive, _required(drive, "front", "drive."), "drive.front"),
         reader.section(Drive, drive["back"], "drive.back") if drive.get("back") is not None else None,
+        tuple(
+            reader.section(Drive, drive[name], f"drive.{name}") if drive.get(name) is not None else None
+            for name in behind
+        ),
     )
     readings = _mapping(top.get("readings") or {}, "readings")
     _refuse_unknown(readings, {entry.name for entry in dataclasses.fields(Readings)}, "readings.")
@@ -80,6 +98,7 @@ def robot_from_dict(document: Any, name: str = "robot") -> Robot:
         name=str(top.get("name", name)),
         description=str(top.get("description", "")),
         back=back,
+        trailing=tuple(reader.section(Trailing, top[name], name) for name in behind),
         drive=drives,
         readings=Readings(**readings),
         effects=reader.effects(_mapping(top.get("effects") or {}, "effects")),
@@ -87,6 +106,17 @@ def robot_from_dict(document: Any, name: str = "robot") -> Robot:
         intervals=reader.intervals,
         **parts,
     )
+
+
+def _trailing_names(top: Mapping[str, Any]) -> tuple[str, ...]:
+    """Names of the sections of modules behind `back`, from there on; a gap in their numbers is refused."""
+    found = [str(key) for key in top if str(key).startswith("module_")]
+    names = tuple(module_name(i + 2) for i in range(len(found)))
+    for name in names:
+        if name not in found:
+            have = ", ".join(found)
+            raise ArtibotError(f"{name}: missing beside {have}; number the modules behind `back` from module_3 on")
+    return names
 
 
 class _Reader:
@@ -111,6 +141,9 @@ class _Reader:
                     else self.number(entries[name], entry.metadata["quantity"], key)
                 )
             elif entry.default is dataclasses.MISSING and entry.default_factory is dataclasses.MISSING:
+                if name in _NESTED:
+                    within = "l: {value: …, unit: m, source: …}"
+                    raise ArtibotError(f"{key}: missing; add {{{within}}}, where its joint sits on the module ahead")
                 quantity: Quantity = entry.metadata["quantity"]
                 raise ArtibotError(
                     f"{key}: missing; add {{value: …, unit: {quantity.unit}, source: …}} ({quantity.doc})"

@@ -66,6 +66,22 @@ class Params(NamedTuple):
     relaxation: float = 0.0  # rate at which lateral forces follow, over the wheel's speed, 1/m
 
 
+class Train(NamedTuple):
+    """Everything constant of a robot of three modules or more: one record a module, and one a joint.
+
+    Attributes
+    ----------
+    modules : tuple of Params
+        Each module as a rigid rover of its own, which `front`, `right_front` and `left_front` describe.
+    joints : tuple of Params
+        Each pair of neighbours as an articulated rover: `front` is the module ahead, seen from the joint behind it, and
+        `back` the next one.
+    """
+
+    modules: tuple[Params, ...]
+    joints: tuple[Params, ...]
+
+
 class SensorErrors(NamedTuple):
     """Systematic errors of a robot's sensors; the defaults are sensors without any.
 

@@ -30,6 +30,24 @@ WHEELS = tuple(f"{motor}_{end}" for motor in MOTORS for end in ("front", "back")
 WHEEL_JOINTS = tuple(f"{wheel}_wheel" for wheel in WHEELS)
 """Wheel joints as published in ``/joint_states``."""
 
+FIRST_TRAILING = 3
+"""Number of the first module behind `front` and `back`; it is called ``module_3``."""
+
+
+def module_name(module: int) -> str:
+    """Name of a module by its place, counted from 0: `front`, `back`, ``module_3``, ``module_4``, …"""
+    return ("front", "back")[module] if module < 2 else f"module_{module + 1}"
+
+
+def sides_of(modules: int) -> tuple[str, ...]:
+    """The two sides of each of so many modules, named as a motor there is: `front_right`, …, ``module_3_left``, …"""
+    return tuple(f"{module_name(i)}_{side}" for i in range(modules) for side in ("right", "left"))
+
+
+def wheels_of(modules: int) -> tuple[str, ...]:
+    """Wheels of so many modules, in the order of every (…, 4 · modules) array."""
+    return tuple(f"{side}_{end}" for side in sides_of(modules) for end in ("front", "back"))
+
 
 @dataclass(frozen=True)
 class Module:
@@ -43,6 +61,27 @@ class Module:
     i_y: float = positive("m", "track: lateral spacing of the wheels (along y, as eq. 20 uses it)")
     l: float = not_negative("m", "distance from the module's origin to the joint")  # noqa: E741 - the paper's symbol
     O_z: float = quantity("m", -10.0, 10.0, "height of the joint above the module's origin", 0.0)
+
+
+@dataclass(frozen=True)
+class Hitch:
+    """Where a joint sits on the module ahead of it."""
+
+    l: float = not_negative("m", "distance from the origin of the module ahead to the joint behind it")  # noqa: E741
+    O_z: float = quantity("m", -10.0, 10.0, "height of the joint above that module's origin", 0.0)
+
+
+@dataclass(frozen=True)
+class Trailing(Module):
+    """A module behind `front` and `back`: its `l` and `O_z` are those of the joint ahead of it, as for `back`.
+
+    Attributes
+    ----------
+    hitch : Hitch
+        The same joint as seen from the module ahead.
+    """
+
+    hitch: Hitch = field(kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -93,10 +132,11 @@ class Drive:
 
 @dataclass(frozen=True)
 class Drives:
-    """The drives of both modules."""
+    """The drives of the modules; `trailing` holds those behind `back`, None for a passive module."""
 
     front: Drive
     back: Drive | None = None
+    trailing: tuple[Drive | None, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -127,6 +167,8 @@ class Robot:
         `back` is None for a rigid robot.
     drive : Drives
         ``drive.front`` and ``drive.back``; also as `drive_front` and `drive_back`.
+    trailing : tuple of Trailing
+        Modules behind `back`, from there on: ``module_3``, ``module_4``, …
     effects : mapping of str to mapping
         Model extensions by id; absent is neutral.
     sources : mapping of str to str
@@ -147,6 +189,7 @@ class Robot:
     drive: Drives
     control: Control
     back: Module | None = None
+    trailing: tuple[Trailing, ...] = ()
     readings: Readings = Readings()
     effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     description: str = ""
@@ -165,6 +208,38 @@ class Robot:
     def articulated(self) -> bool:
         """Whether the robot has a back module."""
         return self.back is not None
+
+    @property
+    def modules(self) -> tuple[Module, ...]:
+        """All modules, from the front."""
+        return (self.front, *(() if self.back is None else (self.back,)), *self.trailing)
+
+    @property
+    def drives(self) -> tuple[Drive | None, ...]:
+        """The modules' drives in the same order; None for a passive one, whose wheels turn freely."""
+        return (self.drive.front, self.drive.back, *self.drive.trailing)[: len(self.modules)]
+
+    @property
+    def hitches(self) -> tuple[Module | Hitch, ...]:
+        """Where each joint sits on the module ahead of it (`l` and `O_z`), from the front."""
+        return (self.front, *(module.hitch for module in self.trailing)) if self.articulated else ()
+
+    @property
+    def motors(self) -> tuple[str, ...]:
+        """Motor names in the order of every array of motors: MOTORS, and those of the driven modules behind them."""
+        driven = [2 * i + side for i, drive in enumerate(self.drives) if i > 1 and drive for side in (0, 1)]
+        return MOTORS + tuple(sides_of(len(self.modules))[side] for side in driven)
+
+    @property
+    def wheel_joints(self) -> tuple[str, ...]:
+        """Wheel joints as published in ``/joint_states``."""
+        return tuple(f"{wheel}_wheel" for wheel in wheels_of(len(self.modules)))
+
+    @property
+    def articulation_joints(self) -> tuple[str, ...]:
+        """Articulation joints as published there: yaw and roll of the first, and numbered those behind it."""
+        numbers = ["", *(f"_{j + 2}" for j in range(len(self.trailing)))] if self.articulated else []
+        return tuple(f"articulation_{axis}{number}" for number in numbers for axis in ("yaw", "roll"))
 
     @property
     def drive_front(self) -> Drive:
@@ -231,6 +306,10 @@ def _walk(node: Any, path: str) -> Iterator[tuple[str, Quantity, float]]:
             yield key, declared, value
         elif dataclasses.is_dataclass(value):
             yield from _walk(value, f"{key}.")
+        elif name == "trailing":
+            for i, item in enumerate(value):
+                if item is not None:
+                    yield from _walk(item, f"{path}{module_name(i + 2)}.")
 
 
 @cache
@@ -253,7 +332,12 @@ def _replace_leaves(node: Any, leaves: Mapping[tuple[str, ...], Any]) -> Any:
     changed = {path[0]: value for path, value in leaves.items() if len(path) == 1}
     for head in {path[0] for path in leaves if len(path) > 1}:
         below = {path[1:]: value for path, value in leaves.items() if path[0] == head and len(path) > 1}
-        changed[head] = _replace_leaves(getattr(node, head), below)
+        if head.startswith("module_"):
+            behind, place = list(changed.get("trailing", node.trailing)), int(head[7:]) - FIRST_TRAILING
+            behind[place] = _replace_leaves(behind[place], below)
+            changed["trailing"] = tuple(behind)
+        else:
+            changed[head] = _replace_leaves(getattr(node, head), below)
     return dataclasses.replace(node, **changed)
 
 
@@ -266,18 +350,21 @@ def _check_together(robot: Robot) -> None:
             f"contact.mu_d: {robot.contact.mu_d:g} exceeds mu_s {robot.contact.mu_s:g}; "
             "eq. 16 lets the force drop when a wheel breaks away, so mu_d must not be larger"
         )
-    for name in ("front", "back"):
-        module: Module | None = getattr(robot, name)
-        if module is None:
-            continue
+    if robot.trailing and robot.back is None:
+        raise ArtibotError("module_3: stands behind `back`, which is missing; call the second module `back`")
+    if len(robot.drive.trailing) != len(robot.trailing):
+        raise ArtibotError(
+            f"drive.trailing: {len(robot.drive.trailing)} entries for {len(robot.trailing)} modules behind `back`; "
+            "give one each, None for a passive module"
+        )
+    for i, module in enumerate(robot.modules):
         J = sorted((module.J_x, module.J_y, module.J_z))
         if J[2] > (J[0] + J[1]) * (1 + 1e-9):
             raise ArtibotError(
-                f"{name}.J_x, J_y, J_z: {module.J_x:g}, {module.J_y:g}, {module.J_z:g} kg m^2 break the triangle "
-                "inequality, which every body obeys; check the largest one"
+                f"{module_name(i)}.J_x, J_y, J_z: {module.J_x:g}, {module.J_y:g}, {module.J_z:g} kg m^2 break the "
+                "triangle inequality, which every body obeys; check the largest one"
             )
-    for name in ("front", "back"):
-        drive: Drive | None = getattr(robot.drive, name)
+    for i, drive in enumerate(robot.drives):
         for side in ("right", "left"):
             if drive is not None and abs(getattr(drive.polarity, side)) != 1:
-                raise ArtibotError(f"drive.{name}.polarity.{side}: must be 1 or -1")
+                raise ArtibotError(f"drive.{module_name(i)}.polarity.{side}: must be 1 or -1")

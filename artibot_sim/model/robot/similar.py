@@ -9,7 +9,7 @@ import numpy as np
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.robot.quantity import Quantity
-from artibot_sim.model.robot.robot import Robot
+from artibot_sim.model.robot.robot import Robot, module_name
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,8 @@ class _Scaled:
 
     def __init__(self, reference: Robot, sheet: DataSheet) -> None:
         self.reference, self.sheet = reference, sheet
-        modules = [module for module in (reference.front, reference.back) if module is not None]
+        modules = reference.modules
+        self.modules = {module_name(i): module for i, module in enumerate(modules)}
         wheel = reference.wheel
         whole = sum(module.m + 4.0 * wheel.m_w for module in modules)
         self.heavier = (sheet.mass or whole) / whole
@@ -124,13 +125,14 @@ class _Scaled:
     def _factor(self, key: str) -> tuple[float, str]:
         """By how much a number of the reference changes, and what was given for it, empty where nothing was."""
         section, _, name = key.partition(".")
+        name = name.removeprefix("hitch.")
         body, size = self.rest / self.rest_before, {"J_x": self.wider, "J_y": self.longer}
         spin = self.wheel_mass / self.reference.wheel.m_w if self.reference.wheel.m_w else self.heavier
-        if section in ("front", "back"):
+        if section in self.modules:
             if name in ("i_x", "i_y"):
                 return (self.longer, "wheelbase") if name == "i_x" else (self.wider, "track")
             if name == "J_z":
-                module = self.reference.front if section == "front" or not self.reference.back else self.reference.back
+                module = self.modules[section]
                 before = module.i_x**2 + module.i_y**2
                 after = (module.i_x * self.longer) ** 2 + (module.i_y * self.wider) ** 2
                 return self._closed(section, body * after / before), ""
@@ -158,7 +160,7 @@ class _Scaled:
 
     def _closed(self, section: str, factor: float) -> float:
         """A factor on J_z with which the three inertias stay those of a body: J_z ≤ J_x + J_y."""
-        module = self.reference.front if section == "front" or not self.reference.back else self.reference.back
+        module = self.modules[section]
         body = self.rest / self.rest_before
         low, high = body * module.J_x * self.wider**2, body * module.J_y * self.longer**2
         return float(np.clip(factor * module.J_z, abs(high - low), low + high)) / module.J_z
@@ -175,7 +177,7 @@ class _Scaled:
         if key.startswith(("control.", "drive.")) and factor == 1.0:
             return self._as_before(key), None
         name = key.rpartition(".")[2]
-        spread = _SCALED.get(key) or (_MODULE if key.startswith(("front.", "back.")) else _DRIVE).get(name)
+        spread = _SCALED.get(key) or (_MODULE if key.partition(".")[0] in self.modules else _DRIVE).get(name)
         interval = _rounded(value / spread, value * spread) if spread and 0.0 < value < np.inf else None
         if factor == 1.0 or value == 0.0:
             return self._as_before(key), interval

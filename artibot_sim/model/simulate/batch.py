@@ -122,6 +122,8 @@ def in_lanes(setups: Sequence[Setup], dt: float, every: Sequence[int]) -> Iterat
 
     alike: dict[tuple[Any, ...], list[int]] = {}
     for i, setup in enumerate(setups):
+        if setup.robot.trailing:
+            continue
         alike.setdefault(
             (extension(setup.robot.effects), setup.steps, every[i], round(setup.commands.dt / dt)), []
         ).append(i)

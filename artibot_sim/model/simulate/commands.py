@@ -24,7 +24,7 @@ def _frozen(array: Array) -> Array:
 
 @dataclass(frozen=True)
 class Commands:
-    """Motor commands at ``t0 + i*dt``, motor side, columns in the order of MOTORS.
+    """Motor commands at ``t0 + i*dt``, motor side, columns in the order of MOTORS (of `Robot.motors` for a train).
 
     Between knots a commanded angle is the cubic that meets both knots' angles and speeds; a torque is held from
     its knot to the next. After the last knot angles and torques stay.
@@ -34,7 +34,8 @@ class Commands:
     dt : float
         Spacing of the knots, s.
     velocity : array, shape (n, 4)
-        Speeds, rad/s. NaN in a whole column where a motor is not commanded by speed.
+        Speeds, rad/s. NaN in a whole column where a motor is not commanded by speed. A robot with more driven modules
+        takes two columns more for each; with four its other motors are under eq. 30's torque.
     position : array, shape (n, 4), optional
         Angles, rad; integrated from the speeds (trapezoidal rule, from 0) when absent.
     torque : array, shape (n, 4), optional
@@ -53,7 +54,7 @@ class Commands:
     position: Array = None  # type: ignore[assignment]  # filled in by __post_init__, as torque is
     torque: Array = None  # type: ignore[assignment]
     t0: float = 0.0
-    commanded: tuple[bool, bool, bool, bool] = field(init=False, default=(False,) * 4)
+    commanded: tuple[bool, ...] = field(init=False, default=(False,) * 4)
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.dt) and self.dt > 0):
@@ -83,10 +84,10 @@ class Commands:
     @staticmethod
     def _array(name: str, values: ArrayLike) -> Array:
         array = np.array(values, dtype=float, order="C")  # another order would be compiled for anew
-        if array.ndim != 2 or array.shape[1] != 4 or len(array) < 1:
+        if array.ndim != 2 or array.shape[1] < 4 or array.shape[1] % 2 or len(array) < 1:
             raise ArtibotError(
                 f"commands.{name}: shape {array.shape}; expected (knots, 4), columns front_right, front_left, "
-                "back_right, back_left"
+                "back_right, back_left, and two more for each driven module behind them"
             )
         return array
 
@@ -107,7 +108,7 @@ class Commands:
 
 def _integrate(velocity: Array, dt: float) -> Array:
     steps = 0.5 * dt * (velocity[1:] + velocity[:-1])
-    return np.vstack([np.zeros((1, 4)), np.cumsum(steps, axis=0)])
+    return np.vstack([np.zeros((1, velocity.shape[1])), np.cumsum(steps, axis=0)])
 
 
 # ----------------------------------------------------------------------

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.analysis.stability import RELAXATION, largest_step, parts, relaxation_limit
 from artibot_sim.model.effects import at_work, record
-from artibot_sim.model.equations.kinematics import articulation
-from artibot_sim.model.equations.transmission import Mode, back_torque_factor
+from artibot_sim.model.equations.kinematics import articulation, articulations
+from artibot_sim.model.equations.transmission import Mode, back_torque_factor, torque_factors
 from artibot_sim.model.kernels.layout import (
     ALPHA,
     BACK,
@@ -30,11 +30,14 @@ from artibot_sim.model.kernels.layout import (
     M_M,
     MOTOR_COORDINATES,
     ROW,
+    THETA_R,
     Z,
 )
-from artibot_sim.model.robot.derived import packed, params
-from artibot_sim.model.robot.parameters import Params
-from artibot_sim.model.robot.robot import Robot
+from artibot_sim.model.kernels.train_layout import Places, places
+from artibot_sim.model.robot.derived import packed, params, train
+from artibot_sim.model.robot.parameters import ModuleParams, Params, Train
+from artibot_sim.model.robot.robot import MOTORS, Robot, module_name
+from artibot_sim.model.simulate import trains
 from artibot_sim.model.simulate.commands import Commands
 from artibot_sim.model.simulate.state import State, initial_state
 
@@ -51,22 +54,28 @@ DEFAULT_MODES = (Mode.PRESCRIBED, Mode.PRESCRIBED, Mode.TORQUE, Mode.TORQUE)
 """As in the paper: front motors follow their profile, back motors share their torque."""
 
 
-def default_modes(robot: Robot) -> tuple[Mode, Mode, Mode, Mode]:
-    """As in the paper, but front motors that an effect limits are driven: prescribed ones know no limit."""
+def default_modes(robot: Robot) -> tuple[Mode, ...]:
+    """As in the paper, but front motors that an effect limits are driven: prescribed ones know no limit.
+
+    Motors behind the back module share their torque as the back ones do.
+    """
+    front, behind = DEFAULT_MODES[:2], (Mode.TORQUE,) * (len(robot.motors) - 2)
     if any(effect.drives_front for effect, _ in at_work(robot.effects).values()):
-        return Mode.DRIVEN, Mode.DRIVEN, *DEFAULT_MODES[2:]
-    return DEFAULT_MODES
+        front = Mode.DRIVEN, Mode.DRIVEN
+    return *front, *behind
 
 
 def chosen_modes(robot: Robot, commands: Commands, modes: Mode | Sequence[Mode] | None) -> tuple[Mode, ...]:
-    """The four modes asked for, or the default ones; those moved by speed must have speeds in `commands`."""
-    chosen = (
-        default_modes(robot) if modes is None else (modes,) * 4 if isinstance(modes, Mode) else tuple(map(Mode, modes))
-    )
-    if len(chosen) != 4:
-        raise ArtibotError(f"modes: {len(chosen)} given; expected one, or four in the order of MOTORS")
-    names = ("front_right", "front_left", "back_right", "back_left")[: 4 if robot.articulated else 2]
-    for name, mode, given in zip(names, chosen, commands.commanded, strict=False):
+    """The modes asked for, or the default ones; those moved by speed must have speeds in `commands`."""
+    motors = robot.motors
+    given_modes = (modes,) * len(motors) if isinstance(modes, Mode) else modes
+    chosen = default_modes(robot) if given_modes is None else tuple(map(Mode, given_modes))
+    if len(chosen) != len(motors):
+        expected = "four in the order of MOTORS" if len(motors) == 4 else f"{len(motors)}: {', '.join(motors)}"
+        raise ArtibotError(f"modes: {len(chosen)} given; expected one, or {expected}")
+    names = motors if robot.articulated else motors[:2]
+    commanded = commands.commanded + (False,) * (len(motors) - len(commands.commanded))
+    for name, mode, given in zip(names, chosen, commanded, strict=False):
         if mode != Mode.TORQUE and not given:
             raise ArtibotError(f"commands.velocity: no speeds for {name}, which is {mode.name}; give its column")
     return chosen
@@ -101,7 +110,7 @@ _MOST_MEMORY = 0.5
 """Share of the machine's memory that the rows of one rollout may take."""
 
 
-def number_of_steps(duration: float, dt: float, every: int = 1) -> int:
+def number_of_steps(duration: float, dt: float, every: int = 1, modules: int = 2) -> int:
     """Steps in a duration (s); so many that they, or the rows kept each `every` of them, are too many are refused."""
     if not (math.isfinite(duration) and duration >= 0):
         raise ArtibotError(f"duration: {duration} s; expected a finite time of at least 0")
@@ -111,7 +120,7 @@ def number_of_steps(duration: float, dt: float, every: int = 1) -> int:
             f"{_MOST_STEPS:.0e}; take a longer step or simulate a shorter time"
         )
     steps = round(duration / dt)
-    needed = 8 * (32 + ROW + ENERGIES) * (steps / every)
+    needed = 4 * modules * (32 + ROW + ENERGIES) * (steps / every)
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if needed > _MOST_MEMORY * memory:
         raise ArtibotError(
@@ -121,9 +130,13 @@ def number_of_steps(duration: float, dt: float, every: int = 1) -> int:
     return steps
 
 
-def fastest_wheel(p: Params, commands: Commands, modes: tuple[Mode, ...]) -> float:
+def fastest_wheel(robot: Robot, p: Params | Train, commands: Commands, modes: tuple[Mode, ...]) -> float:
     """The highest speed at a rim that the commands ask of a motor which follows them, m/s."""
-    motors = (p.right_front, p.left_front, p.right_back, p.left_back)
+    if isinstance(p, Train):
+        all_sides = [unit for module in p.modules for unit in (module.right_front, module.left_front)]
+        motors = [all_sides[side] for side in trains.sides(robot)]
+    else:
+        motors = [p.right_front, p.left_front, p.right_back, p.left_back]
     told = [i for i, given in enumerate(commands.commanded) if given and modes[i] != Mode.TORQUE]
     return max(
         (motors[i].r_w * motors[i].tau * float(np.abs(commands.velocity[:, i]).max()) for i in told), default=0.0
@@ -131,11 +144,14 @@ def fastest_wheel(p: Params, commands: Commands, modes: tuple[Mode, ...]) -> flo
 
 
 class Setup(NamedTuple):
-    """What is to be simulated, checked: `p` and `modes` as the kernel takes them, `kappa`, where from, how far."""
+    """What is to be simulated, checked: `p` and `modes` as the kernel takes them, `kappa`, where from, how far.
+
+    Of a train `modes` are those of its motors.
+    """
 
     robot: Robot
     commands: Commands
-    p: Params
+    p: Params | Train
     modes: tuple[Mode, ...]
     kappa: float
     start: State
@@ -149,21 +165,41 @@ def prepare(
     """Check what `rollout` is given, see there."""
     chosen = chosen_modes(robot, commands, modes)
     check_step(commands, dt, integrator, every)
-    p = unlimited_beside_prescribed(params(robot), chosen)
+    p: Params | Train
+    if robot.trailing:
+        trains.way_of(robot, commands)
+        p = trains.unlimited_beside_prescribed(train(robot), trains.by_side(robot, chosen))
+    else:
+        if commands.velocity.shape[1] != len(MOTORS):
+            raise ArtibotError(
+                f"commands: {commands.velocity.shape[1]} columns; robot '{robot.name}' takes {len(MOTORS)}: "
+                f"{', '.join(MOTORS)}"
+            )
+        p = unlimited_beside_prescribed(params(robot), chosen)
     share = robot.control.kappa if kappa is None else float(kappa)
     if not 0.0 < share <= 1.0:
         raise ArtibotError(f"kappa: {share:g}; expected a share of the front module in (0, 1] (eq. 29)")
-    longest, mode = largest_step(p, integrator, chosen, back_torque_factor(robot, share))
-    if integrator == "rk4" and p.relaxation > 0.0:
-        longest, mode = min((longest, mode), (relaxation_limit(p, fastest_wheel(p, commands, chosen)), RELAXATION))
-    if dt > longest:
+    if isinstance(p, Train):
+        common = p.modules[0]
+        longest, mode = largest_step(p, integrator, trains.by_side(robot, chosen), torque_factors(robot, share))
+    else:
+        common = p
+        longest, mode = largest_step(p, integrator, chosen, back_torque_factor(robot, share))
+    if integrator == "rk4" and common.relaxation > 0.0:
+        fastest = fastest_wheel(robot, p, commands, chosen)
+        longest, mode = min((longest, mode), (relaxation_limit(common, fastest), RELAXATION))
+    if dt > longest and not (integrator == "rk4" and mode != RELAXATION and robot.trailing):
         mend = "" if integrator == "semi_implicit" else ", or use the integrator 'semi_implicit'"
         raise ArtibotError(
             f"dt: {dt:g} s is unstable with '{integrator}'; expected at most {longest:.3g} s ({mode}); "
             f"take a shorter step{mend}"
         )
     start = initial_state(robot, t=commands.t0) if state is None else state
-    steps = number_of_steps(commands.duration if duration is None else duration, dt, every)
+    if len(start.q) != 8 * max(2, len(robot.modules)):
+        raise ArtibotError(
+            f"state: {len(start.q)} coordinates; robot '{robot.name}' has {8 * max(2, len(robot.modules))}"
+        )
+    steps = number_of_steps(commands.duration if duration is None else duration, dt, every, max(2, len(robot.modules)))
     return Setup(robot, commands, p, chosen, share, start, steps)
 
 
@@ -203,19 +239,27 @@ TIPPED_AT = 1.0
 """Roll or pitch of a module (rad) from which it lies rather than stands; the wheels' contact knows no sides."""
 
 
-def first_fault(p: Params, robot: Robot, q: Array, t: Array) -> tuple[int, Status, str] | None:
+def _bodies(p: Params | Train) -> list[ModuleParams]:
+    if isinstance(p, Train):
+        return [module.front for module in p.modules]
+    return [p.front, p.back][: 2 if p.two else 1]
+
+
+def first_fault(p: Params | Train, robot: Robot, q: Array, t: Array) -> tuple[int, Status, str] | None:
     """The first of the rows `q` (n, 16) where the model does not hold, how, and a line for a person; None if it does.
 
     The modules' pitch does not reach the wheels (section 4.3), so that what would pitch over is known before it moves.
     """
     found: list[tuple[int, Status, str]] = []
     x = robot.effects.get("com_offset", {}).get("x", 0.0)
-    if abs(float(x)) >= p.front.half_x:
-        wheels = f"the wheels at ±{p.front.half_x:g} m; two of them would carry less than nothing"
+    bodies = _bodies(p)
+    if abs(float(x)) >= bodies[0].half_x:
+        wheels = f"the wheels at ±{bodies[0].half_x:g} m; two of them would carry less than nothing"
         found.append(
             (0, Status.INVALID, f"effects.com_offset.x: {x:g} m is beyond {wheels}, and the model has no pitch")
         )
-    for name, body, b in (("front", p.front, 0), ("back", p.back, BACK))[: 2 if p.two else 1]:
+    for i, body in enumerate(bodies):
+        name, b = module_name(i), BACK * i
         leaning = np.abs(q[:, b + ALPHA : b + BETA + 1]).max(axis=1, initial=0.0) > TIPPED_AT
         lowest = q[:, b + Z] - body.half_y * np.abs(np.sin(q[:, b + ALPHA]))
         lifted = lowest > body.r_0 + robot.wheel.r_w
@@ -238,7 +282,21 @@ _PLACES = {
 }
 """Column → the array of a Rollout that holds it, and where."""
 
-_ENERGY_PLACES = {name: ("energy", i) for i, name in enumerate(ENERGY_COLUMNS)}
+_TWO_MODULES = Places(_PLACES, {name: ("energy", i) for i, name in enumerate(ENERGY_COLUMNS)})
+
+
+def motor_coordinates(robot: Robot) -> list[int]:
+    """Where the angles of `Robot.motors` stand in a state."""
+    if not robot.trailing:
+        return list(MOTOR_COORDINATES)
+    return [8 * (side // 2) + THETA_R + side % 2 for side in trains.sides(robot)]
+
+
+def side_gears(robot: Robot) -> Array:
+    """Wheel speed over the speed that stands in a state, of each side of all modules (of two at least)."""
+    drive = robot.drive
+    first = [drive.front.tau] * 2 + [(drive.back or drive.front).tau] * 2
+    return np.array(first + [tau for one in drive.trailing for tau in [1.0 if one is None else one.tau] * 2])
 
 
 @dataclass(frozen=True)
@@ -254,9 +312,9 @@ class Rollout:
         One line for a person.
     t : array, shape (n,), s
     q, v : array, shape (n, 16)
-        Generalised coordinates and their rates.
+        Generalised coordinates and their rates; eight columns a module for a robot of more than two.
     row : array, shape (n, len(COLUMNS))
-        Contributions by name.
+        Contributions by name; for a robot of more than two modules as `train_layout.places` has them.
     energy : array, shape (n, len(ENERGY_COLUMNS)) or None
         Energies since the start (J), where asked for.
     final_state : State or None
@@ -282,12 +340,18 @@ class Rollout:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names that ``rollout[name]`` knows."""
-        return tuple(_PLACES if self.energy is None else _PLACES | _ENERGY_PLACES)
+        columns, energies = self._places
+        return tuple(columns if self.energy is None else columns | energies)
+
+    @property
+    def _places(self) -> Places:
+        return places(len(self.robot.modules)) if self.robot.trailing else _TWO_MODULES
 
     def __getitem__(self, name: str) -> Array:
-        place = _PLACES.get(name) or (None if self.energy is None else _ENERGY_PLACES.get(name))
+        columns, energies = self._places
+        place = columns.get(name) or (None if self.energy is None else energies.get(name))
         if place is None:
-            hint = "; pass energy=True to rollout for energies" if name in _ENERGY_PLACES else ""
+            hint = "; pass energy=True to rollout for energies" if name in energies else ""
             raise ArtibotError(f"rollout: no column '{name}'; known: {', '.join(self.columns)}{hint}")
         table, column = place
         values: Array = getattr(self, table)[:, column]
@@ -307,33 +371,44 @@ class Rollout:
 
     @property
     def motor_position(self) -> Array:
-        """Motor angles, rad, shape (n, 4)."""
-        return self.q[:, MOTOR_COORDINATES]
+        """Motor angles, rad, shape (n, 4), in the order of `Robot.motors`."""
+        return self.q[:, self._motor_coordinates]
+
+    @cached_property
+    def _motor_coordinates(self) -> list[int]:
+        return motor_coordinates(self.robot)
 
     @property
     def motor_velocity(self) -> Array:
         """Motor speeds, rad/s, shape (n, 4)."""
-        return self.v[:, MOTOR_COORDINATES]
+        return self.v[:, self._motor_coordinates]
 
     @property
     def motor_torque(self) -> Array:
         """Motor torques, N m, shape (n, 4)."""
+        if self.robot.trailing:
+            return np.column_stack([self[f"M_m_{motor}"] for motor in self.robot.motors])
         return self.row[:, M_M : M_M + 4]
 
-    @cached_property
-    def _tau(self) -> Array:
-        drive = self.robot.drive
-        return np.array([drive.front.tau] * 2 + [(drive.back or drive.front).tau] * 2)
+    def _of_wheels(self, coordinates: Array) -> Array:
+        turning = coordinates.reshape(len(coordinates), -1, 8)[:, :, THETA_R : THETA_R + 2]
+        return np.repeat(turning.reshape(len(coordinates), -1) * side_gears(self.robot), 2, axis=1)
 
     @property
     def wheel_position(self) -> Array:
         """Wheel angles, rad, shape (n, 8), in the order of WHEELS."""
-        return np.repeat(self.motor_position * self._tau, 2, axis=1)
+        return self._of_wheels(self.q)
 
     @property
     def wheel_velocity(self) -> Array:
         """Wheel speeds, rad/s, shape (n, 8)."""
-        return np.repeat(self.motor_velocity * self._tau, 2, axis=1)
+        return self._of_wheels(self.v)
+
+    @property
+    def articulations(self) -> Array:
+        """Yaw and roll of every joint, rad, shape (n, joints, 2): the module behind's less those of the one ahead."""
+        joints = len(self.robot.modules) - 1
+        return articulations(self.q)[:, : 2 * joints].reshape(len(self.q), joints, 2)
 
     @property
     def articulation_yaw(self) -> Array:
@@ -370,13 +445,15 @@ def rollout(
         Integration step, s.
     integrator : {"rk4", "semi_implicit"}
         Explicit fourth order, or one right-hand side a step with implicit wheel spin. A step of the latter is cut
-        into as many parts as the ground's stiffness needs (`stability.parts`).
+        into as many parts as the ground's stiffness needs (`stability.parts`); of a robot of three modules or more one
+        of the former, too, into as many as its quickest motion needs: the free wheels of a passive module are quick.
     every : int
         A row is kept each `every` steps, and at the end.
-    modes : Mode or sequence of 4 Mode, optional
-        How each motor is moved; front prescribed and back under torque by default, as in the paper (front driven
-        where an effect limits them). Torque limits hold for motors that are driven, and for torques only beside
-        driven ones: prescribed front motors have no limit, so their share has none.
+    modes : Mode or sequence of Mode, optional
+        One for all, or one for each of `Robot.motors` (four, but for robots with more driven modules): how each motor
+        is moved; front prescribed and those behind under torque by default, as in the paper (front driven where an
+        effect limits them). Torque limits hold for motors that are driven, and for torques only beside driven ones:
+        prescribed front motors have no limit, so their share has none.
     kappa : float, optional
         Front share of eq. 29, in (0, 1]; the robot's own by default.
     state : State, optional
@@ -407,6 +484,12 @@ def simulate(setup: Setup, dt: float, integrator: str, every: int, energy: bool)
     from artibot_sim.model.kernels.advance import advance
 
     robot, commands, p, modes, kappa, start, steps = setup
+    if isinstance(p, Train):
+        found, kept, final = trains.run(
+            robot, p, trains.way_of(robot, commands), trains.by_side(robot, modes), torque_factors(robot, kappa), start,
+            dt, steps, every, round(commands.dt / dt), integrator, energy,
+        )  # fmt: skip
+        return finished(setup, dt, integrator, every, kept, found, final)
     cut = 1
     if integrator == "semi_implicit":
         cut = parts(p, dt, back_torque_factor(robot, kappa))

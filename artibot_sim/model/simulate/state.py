@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.kernels.layout import BACK, BETA, GAMMA, X, Y, Z
+from artibot_sim.model.kernels.layout import ALPHA, BACK, BETA, GAMMA, X, Y, Z
 from artibot_sim.model.reference.dynamics import constraint_terms
-from artibot_sim.model.robot.derived import params
-from artibot_sim.model.robot.parameters import Params
+from artibot_sim.model.reference.train import train_constraint
+from artibot_sim.model.robot.derived import params, train
+from artibot_sim.model.robot.parameters import Params, Train
 from artibot_sim.model.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -28,14 +30,15 @@ class State:
         Time, s.
     q, v : array, shape (16,)
         Generalised coordinates (eqs 10, 11) and their rates: x y z alpha beta gamma theta_r theta_l of the front
-        module, then of the back one; m, rad, motor-side rad.
+        module, then of the back one; m, rad, motor-side rad. A robot of n > 2 modules has 8 n of each, and n/2 times
+        as many of all that follows; where a module has no motors, the wheels of a side stand in the motor's place.
     eta : array, shape (4,)
         Efficiencies for the next step (eq. 23).
     torque : array, shape (4,)
         Motor torques of the last step (N m), which eq. 30 feeds back.
     lateral : array, shape (8,)
         Lateral forces (N) of tyres that need some way to build them up, in the order of WHEELS; only the effect
-        `tyre_relaxation` knows them.
+        `tyre_relaxation` knows them. None are built up by default.
     """
 
     t: float
@@ -43,10 +46,14 @@ class State:
     v: Array
     eta: Array
     torque: Array
-    lateral: Array = field(default_factory=lambda: np.zeros(8))
+    lateral: Array = None  # type: ignore[assignment]  # filled in by __post_init__
 
     def __post_init__(self) -> None:
-        for name, size in (("q", 16), ("v", 16), ("eta", 4), ("torque", 4), ("lateral", 8)):
+        modules = max(2, round(np.size(self.q) / 8))
+        if self.lateral is None:
+            object.__setattr__(self, "lateral", np.zeros(4 * modules))
+        for name, share in (("q", 8), ("v", 8), ("eta", 2), ("torque", 2), ("lateral", 4)):
+            size = share * modules
             array = np.array(getattr(self, name), dtype=float)
             if array.shape != (size,) or not np.isfinite(array).all():
                 raise ArtibotError(f"state.{name}: found {array!r}, expected {size} finite numbers")
@@ -55,7 +62,12 @@ class State:
 
 
 def initial_state(
-    robot: Robot, x: float = 0.0, y: float = 0.0, yaw: float = 0.0, articulation_yaw: float = 0.0, t: float = 0.0
+    robot: Robot,
+    x: float = 0.0,
+    y: float = 0.0,
+    yaw: float = 0.0,
+    articulation_yaw: float | Sequence[float] = 0.0,
+    t: float = 0.0,
 ) -> State:
     """A rover at rest on its wheels.
 
@@ -66,8 +78,8 @@ def initial_state(
     ----------
     x, y, yaw : float
         Pose of the front module in `map`, m and rad.
-    articulation_yaw : float
-        gamma_b − gamma_f, rad.
+    articulation_yaw : float or sequence of float
+        gamma_b − gamma_f, rad; of a robot of more modules one each joint, or that of the first, the others straight.
     t : float
         Time, s.
 
@@ -76,9 +88,15 @@ def initial_state(
     ArtibotError
         When a number is not finite, or the joint cannot be closed at this articulation.
     """
-    for name, value in (("x", x), ("y", y), ("yaw", yaw), ("articulation_yaw", articulation_yaw)):
+    bends = np.atleast_1d(np.asarray(articulation_yaw, dtype=float))
+    for name, value in (("x", x), ("y", y), ("yaw", yaw), *(("articulation_yaw", bend) for bend in bends)):
         if not math.isfinite(value):
             raise ArtibotError(f"initial_state: {name} is {value}; expected a finite number")
+    if robot.trailing:
+        return _train_at_rest(robot, (x, y, yaw), bends, t)
+    if len(bends) != 1:
+        raise ArtibotError(f"initial_state: {len(bends)} articulation yaws; robot '{robot.name}' has one joint at most")
+    articulation_yaw = float(bends[0])
     p = params(robot)
     q = np.zeros(16)
     q[[X, Y, GAMMA]] = x, y, yaw
@@ -89,6 +107,61 @@ def initial_state(
         _close_joint(p, q)
     eta = np.array([robot.drive.front.eta_d] * 2 + [(robot.drive.back or robot.drive.front).eta_d] * 2)
     return State(t, q, np.zeros(16), eta, np.zeros(4))
+
+
+def _train_at_rest(robot: Robot, pose: tuple[float, float, float], bends: Array, t: float) -> State:
+    """As `initial_state`, for any number of modules."""
+    p = train(robot)
+    modules = len(p.modules)
+    if len(bends) not in (1, modules - 1):
+        raise ArtibotError(
+            f"initial_state: {len(bends)} articulation yaws; robot '{robot.name}' has {modules - 1} joints; give one "
+            "each, or the first alone"
+        )
+    q = np.zeros((modules, 8))
+    q[:, GAMMA] = pose[2]
+    q[1:, GAMMA] += np.cumsum(np.resize(np.append(bends, np.zeros(modules)), modules - 1))
+    q[0, :2] = pose[:2]
+    level = True
+    for i, module in enumerate(p.modules):
+        q[i, Z] = module.front.r_0 + module.front.m * module.g_z / (4 * module.k_n)
+    for j, joint in enumerate(p.joints):
+        ahead, behind = joint.front.O_x, joint.back.O_x
+        for c, turn in ((X, math.cos), (Y, math.sin)):
+            q[j + 1, c] = q[j, c] + ahead * turn(q[j, GAMMA]) - behind * turn(q[j + 1, GAMMA])
+        level = level and q[j, Z] + joint.front.O_z == q[j + 1, Z] + joint.back.O_z
+    if not level:
+        _close_joints(p, q.reshape(-1))
+    eta = [eta for module in p.modules for eta in (module.right_front.eta_d, module.left_front.eta_d)]
+    return State(t, q.reshape(-1), np.zeros(8 * modules), np.array(eta), np.zeros(2 * modules))
+
+
+def _close_joints(p: Train, q: Array) -> None:
+    """Close every joint (eq. 13), in place, with the wheels' springs (eq. 15) deflected as little as that takes.
+
+    By Newton's method with the springs' stiffness as the measure. The front module stays where it is, and yaws stay.
+    """
+    modules = len(p.modules)
+    free = [8 * i + c for i in range(modules) for c in ((X, Y) if i else ()) + (Z, ALPHA, BETA)]
+    for _ in range(50):
+        stiffness, force = np.zeros(len(q)), np.zeros(len(q))
+        for i, module in enumerate(p.modules):
+            k, body, z, alpha = 4 * module.k_n, module.front, 8 * i + Z, 8 * i + ALPHA
+            stiffness[[z, alpha]] = k, k * body.half_y**2
+            force[z] = body.m * module.g_z + k * (body.r_0 - q[z])
+            force[alpha] = -k * body.half_y**2 * math.sin(q[alpha]) * math.cos(q[alpha])
+        gap, jacobian, _ = train_constraint(p, q, np.zeros_like(q))
+        columns = jacobian[:, free]
+        matrix = np.block([[np.diag(stiffness[free]), columns.T], [columns, np.zeros((len(gap), len(gap)))]])
+        step = np.linalg.lstsq(matrix, np.append(force[free], -gap), rcond=None)[0][: len(free)]
+        q[free] += step
+        if np.abs(gap).max() < 1e-13:
+            return
+    if np.abs(train_constraint(p, q, np.zeros_like(q))[0]).max() > 1e-9:
+        raise ArtibotError(
+            "initial_state: the joints do not close at these articulations; check O_z, l and the hitches, or start "
+            "straighter"
+        )
 
 
 def _close_joint(p: Params, q: Array) -> None:

@@ -16,7 +16,9 @@ from std_msgs.msg import String
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.exchange.urdf import urdf
-from artibot_sim.model import MOTORS, WHEEL_JOINTS, Robot
+from artibot_sim.model import MOTORS, Robot
+from artibot_sim.model.robot.robot import sides_of
+from artibot_sim.model.simulate.rollout import side_gears
 from artibot_sim.nodes.common.odometry import UNKNOWN
 from artibot_sim.nodes.common.odometry import Odometry as Believed
 from artibot_sim.nodes.common.qos import LATCHED, PUBLISHED, publisher
@@ -50,19 +52,36 @@ def odometry_message(frame: str, child: str = "base_link") -> Odometry:
 class WheelJoints:
     """Wheel angles from motor angles: both wheels of a motor turn with it.
 
+    Parameters
+    ----------
+    robot : Robot
+    passive : bool
+        Whether the wheels of passive modules are known, too.
+
     Attributes
     ----------
     names : tuple of str
     """
 
-    def __init__(self, robot: Robot) -> None:
-        self.names = WHEEL_JOINTS if robot.articulated else WHEEL_JOINTS[:4]
-        front, back = robot.drive.front.tau, (robot.drive.back or robot.drive.front).tau
-        self._tau = np.array([front] * 4 + [back] * 4)[: len(self.names)]
+    def __init__(self, robot: Robot, passive: bool = False) -> None:
+        sides = sides_of(len(robot.modules))
+        self._driven = [sides.index(motor) for motor in robot.motors if motor in sides]
+        self._tau = side_gears(robot)[self._driven]
+        self._passive = passive and len(self._driven) < len(sides)
+        joints = robot.wheel_joints
+        known = range(len(sides)) if passive else self._driven
+        self.names = tuple(joint for side in known for joint in joints[2 * side : 2 * side + 2])
 
-    def of(self, motors: Any) -> array[float]:
-        """Wheel-side values, in the order of `names`, from the motors' (shape (4,))."""
-        return numbers(np.repeat(motors, 2)[: len(self.names)] * self._tau)
+    def of(self, motors: Any, sides: Any = None) -> array[float]:
+        """Wheel-side values, in the order of `names`, from the motors' (shape (4,)).
+
+        `sides` are those of the wheels on each side, of which the ones of passive modules are taken.
+        """
+        turned = np.asarray(motors)[: len(self._driven)] * self._tau
+        if self._passive:
+            turned, driven = np.array(sides), turned
+            turned[self._driven] = driven
+        return numbers(np.repeat(turned, 2))
 
 
 class MotorPublishers:
@@ -87,7 +106,7 @@ class MotorPublishers:
         tf: bool = False,
     ) -> None:
         frames = frames or Frames()
-        self.motors = MOTORS if robot.articulated else MOTORS[:2]
+        self.motors = robot.motors if robot.articulated else MOTORS[:2]
         self._odom = publisher(node, Odometry, "odom", qos)
         self._odom_message = odometry_message(frames.odom, frames.base)
         self._transform = TransformPublisher(node, (frames.odom, frames.base)) if tf else None
@@ -133,6 +152,6 @@ class MotorPublishers:
         """Publish what was commanded: front velocities (rad/s) and back torques (N·m); NaN where nothing was."""
         n, message = len(self.motors), self._command_message
         stamp_of_ns(message, t_ns)
-        message.velocity = array("d", [*velocity, math.nan, math.nan][:n])
+        message.velocity = array("d", [*velocity, *(math.nan,) * n][:n])
         message.effort = array("d", [math.nan, math.nan, *torque][:n])
         self._command.publish(message)

@@ -13,6 +13,7 @@ from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from artibot_sim.model.robot.robot import module_name
 from artibot_sim.nodes.common.qos import publisher
 from artibot_sim.nodes.common.rotations import quaternion
 
@@ -22,18 +23,25 @@ Place = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 @dataclass(frozen=True)
 class Frames:
-    """Names of the frames of one rover; `map` is common to all."""
+    """Names of the frames of one rover; `map` is common to all. Joints and modules behind are counted on."""
 
     map: str = "map"
     odom: str = "odom"
     base: str = "base_link"
     articulation: str = "articulation_link"
     back: str = "back_link"
+    prefix: str = ""
+
+    def behind(self, module: int) -> tuple[str, str]:
+        """The frames of the joint ahead of a module, counted from 0, and of the module itself."""
+        if module == 1:
+            return self.articulation, self.back
+        return f"{self.prefix}articulation_link_{module}", f"{self.prefix}{module_name(module)}_link"
 
     @classmethod
     def of(cls, prefix: str, map_frame: str = "map", odom: str = "odom", base: str = "base_link") -> Frames:
         """All but the map with a prefix, as robot_state_publisher's `frame_prefix`: ``rover1/`` gives rover1/odom."""
-        return cls(map_frame, prefix + odom, prefix + base, prefix + cls.articulation, prefix + cls.back)
+        return cls(map_frame, prefix + odom, prefix + base, prefix + cls.articulation, prefix + cls.back, prefix)
 
 
 def has_tf(node: Node, wanted: bool) -> bool:

@@ -10,17 +10,14 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, Robot, Rollout, State, Status, initial_state, rollout
-from artibot_sim.model.equations.kinematics import articulation
-from artibot_sim.model.kernels.layout import MOTOR_COORDINATES
-from artibot_sim.model.robot.derived import params
+from artibot_sim.model.equations.kinematics import articulations
+from artibot_sim.model.robot.derived import front_params
 from artibot_sim.model.simulate.commands import CommandWay, travelled
-from artibot_sim.model.simulate.rollout import default_modes
+from artibot_sim.model.simulate.rollout import default_modes, motor_coordinates, side_gears
 from artibot_sim.nodes.common.arbiter import Decision, Source
 from artibot_sim.nodes.common.rotations import rotation
 
 Array = NDArray[np.float64]
-
-MOTORS_IN_Q = np.array(MOTOR_COORDINATES)
 
 KNOT_NS = 10_000_000
 """Longest spacing of the command knots: slower publications do not coarsen the commands."""
@@ -81,7 +78,7 @@ class Timing:
 
 @dataclass(frozen=True)
 class Sample:
-    """The truth at one instant: shapes (4,) by MOTORS; map frame unless said otherwise.
+    """The truth at one instant: shapes (4,) by MOTORS (by `Robot.motors`); map frame unless said otherwise.
 
     Attributes
     ----------
@@ -94,9 +91,12 @@ class Sample:
     motor_position, motor_velocity, motor_torque : array, shape (4,)
         Motor-side, rad, rad/s, N·m.
     articulation : array, shape (2, 2)
-        Yaw and roll (rad); their rates (rad/s).
+        Yaw and roll (rad); their rates (rad/s). Two columns a joint.
     command : tuple of 2 floats
         Front motors' commanded velocities at this instant, rad/s.
+    wheels : array, shape (2, sides), or None
+        Angles and rates of the wheels on each side of all modules, wheel-side, rad and rad/s; known of a robot with
+        passive modules.
     """
 
     position: Array
@@ -108,6 +108,7 @@ class Sample:
     motor_torque: Array
     articulation: Array
     command: tuple[float, float]
+    wheels: Array | None = None
 
     @property
     def attitude(self) -> Array:
@@ -145,7 +146,7 @@ class Engine:
         self.start = start
         self.integrator = integrator
         front = Mode.DRIVEN if driven else default_modes(robot)[0]
-        self.modes = (front, front, Mode.TORQUE, Mode.TORQUE)
+        self.modes = (front, front, *default_modes(robot)[2:])
         self._gravity = gravity_of(robot)
         self.state: State = initial_state(robot, start.x, start.y, start.yaw, start.articulation_yaw)
         self._v_last = self.state.v
@@ -222,21 +223,23 @@ class Engine:
 
 def sample_of(robot: Robot, q: Array, v: Array, torque: Array, felt: Array, command: tuple[float, float]) -> Sample:
     """The sample of a state (q, v), both of shape (16,), under motor torques (4,); it keeps views of the arrays."""
+    motors, passive = motor_coordinates(robot), None in robot.drive.trailing
     c, s = math.cos(q[5]), math.sin(q[5])
     return Sample(
         position=q[:3],
         rpy=q[3:6],
         twist=(float(c * v[0] + s * v[1]), float(c * v[1] - s * v[0]), float(v[5])),
         felt=felt,
-        motor_position=q[MOTORS_IN_Q],
-        motor_velocity=v[MOTORS_IN_Q],
+        motor_position=q[motors],
+        motor_velocity=v[motors],
         motor_torque=torque,
-        articulation=np.array([articulation(q), articulation(v)]) if robot.articulated else np.zeros((2, 2)),
+        articulation=np.array([articulations(q), articulations(v)]) if robot.articulated else np.zeros((2, 2)),
+        wheels=np.array([q, v]).reshape(2, -1, 8)[:, :, 6:].reshape(2, -1) * side_gears(robot) if passive else None,
         command=command,
     )
 
 
 def gravity_of(robot: Robot) -> Array:
     """Gravity in `map`, m/s², shape (3,): tilted on a slope."""
-    p = params(robot)
+    p = front_params(robot)
     return np.array([p.g_x, p.g_y, p.g_z])

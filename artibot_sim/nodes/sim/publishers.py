@@ -26,8 +26,6 @@ from artibot_sim.nodes.sim.engine import Sample
 from artibot_sim.nodes.sim.sensors import Sensors
 from artibot_sim.nodes.sim.transforms import SimulatedTransforms
 
-ARTICULATION_JOINTS = ("articulation_yaw", "articulation_roll")
-
 LEAST_RATE, LEAST_ACCELERATION = 1e-3, 1e-2
 """Standard deviations (rad/s, m/s²) that imu/data states at least: filters invert covariances."""
 
@@ -68,9 +66,9 @@ class Publishers:
         self._truth = publisher(node, Odometry, "ground_truth/odom", qos)
         self._truth_message = Odometry(child_frame_id=what.frames.base)  # no covariance: nothing is estimated
         self._truth_message.header.frame_id = what.frames.map
-        self._wheels = None if what.with_driver else WheelJoints(robot)
+        self._wheels = None if what.with_driver else WheelJoints(robot, passive=True)
         wheels = self._wheels.names if self._wheels else ()
-        joints = (*wheels, *(ARTICULATION_JOINTS if robot.articulated else ()))
+        joints = (*wheels, *robot.articulation_joints)
         self._bends = robot.articulated
         self._joints = publisher(node, JointState, "joint_states", qos) if joints else None
         self._joints_message = JointState(name=list(joints))
@@ -138,7 +136,8 @@ class Publishers:
         message.header.stamp.sec, message.header.stamp.nanosec = stamp
         angles, rates = array("d"), array("d")
         if self._wheels:
-            angles, rates = self._wheels.of(position), self._wheels.of(rate)
+            free = (None, None) if sample.wheels is None else sample.wheels
+            angles, rates = self._wheels.of(position, free[0]), self._wheels.of(rate, free[1])
         if self._bends:
             angles.extend(sensors.articulation(sample.articulation[0]).tolist())
             rates.extend(sample.articulation[1].tolist())

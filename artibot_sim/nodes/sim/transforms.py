@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterator
 
 import numpy as np
 from nav_msgs.msg import Odometry
@@ -42,10 +43,13 @@ class SimulatedTransforms:
 
     def __init__(self, node: Node, robot: Robot, frames: Frames, with_driver: bool) -> None:
         pairs = [(frames.map, frames.odom)]
-        if robot.articulated:
-            pairs += [(frames.base, frames.articulation), (frames.articulation, frames.back)]
+        ahead = frames.base
+        for i in range(1, len(robot.modules)):
+            joint, module = frames.behind(i)
+            pairs += [(ahead, joint), (joint, module)]
+            ahead = module
         self._publisher = TransformPublisher(node, *pairs)
-        self._front, self._back = robot.front, robot.back
+        self._joints = list(zip(robot.hitches, robot.modules[1:], strict=True))
         self._odometry = DriverOdometry(node) if with_driver else None
 
     def publish(self, t_ns: int, sample: Sample, believed: tuple[float, float, float]) -> None:
@@ -54,14 +58,16 @@ class SimulatedTransforms:
         correction: Place | None = corrected(truth, believed)  # type: ignore[arg-type]
         if self._odometry:
             correction = self._odometry.correction(t_ns, sample)
-        bends = [self._articulation(sample)] if self._back else []
-        self._publisher.publish(t_ns, correction, *(place for pair in bends for place in pair))
+        self._publisher.publish(t_ns, correction, *self._articulations(sample))
 
-    def _articulation(self, sample: Sample) -> tuple[Place, Place]:
-        assert self._back is not None
-        bend, twist = sample.articulation[0].tolist()
-        hang = (-self._back.l, self._back.O_z * math.sin(twist), -self._back.O_z * math.cos(twist))
-        return ((-self._front.l, 0.0, self._front.O_z), (0.0, 0.0, bend)), (hang, (twist, 0.0, 0.0))
+    def _articulations(self, sample: Sample) -> Iterator[Place]:
+        """Of each joint: the joint on the module ahead, and the module behind on the joint."""
+        for (hitch, behind), (bend, twist) in zip(
+            self._joints, sample.articulation[0].reshape(-1, 2).tolist(), strict=False
+        ):
+            yield (-hitch.l, 0.0, hitch.O_z), (0.0, 0.0, bend)
+            hang = (-behind.l, behind.O_z * math.sin(twist), -behind.O_z * math.cos(twist))
+            yield hang, (twist, 0.0, 0.0)
 
 
 class DriverOdometry:

@@ -1,0 +1,138 @@
+"""Rollouts of robots of three modules or more, by the loops of `kernels.train_loop`.
+
+`rollout` comes here by itself. What is here lays a checked setup out module by module: motors that a robot does not
+have (a passive module's) are sides whose wheels turn under no torque.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.model.analysis.stability import largest_step, parts
+from artibot_sim.model.effects import record
+from artibot_sim.model.equations.transmission import Mode
+from artibot_sim.model.kernels.train_layout import KEPT, KEPT_ENERGIES
+from artibot_sim.model.robot.derived import packed_all
+from artibot_sim.model.robot.parameters import Train
+from artibot_sim.model.robot.robot import Robot, sides_of
+from artibot_sim.model.simulate.commands import Commands
+from artibot_sim.model.simulate.state import State
+
+Array = NDArray[np.float64]
+
+
+def sides(robot: Robot) -> list[int]:
+    """Where the robot's motors stand among the sides of its modules, in the order of `Robot.motors`."""
+    names = sides_of(len(robot.modules))
+    return [names.index(motor) for motor in robot.motors]
+
+
+def by_side(robot: Robot, modes: Sequence[Mode]) -> tuple[Mode, ...]:
+    """The modes of all sides; wheels without a motor turn under no torque."""
+    found = [Mode.TORQUE] * (2 * len(robot.modules))
+    for side, mode in zip(sides(robot), modes, strict=True):
+        found[side] = mode
+    return tuple(found)
+
+
+def unlimited_beside_prescribed(p: Train, modes: Sequence[Mode]) -> Train:
+    """Motors that share the torque of prescribed ones, which have no limit, have none themselves; modes by side."""
+    if Mode.DRIVEN in modes[:2]:
+        return p
+    modules = [p.modules[0]]
+    for i, module in enumerate(p.modules[1:], 1):
+        right, left = (
+            unit if modes[2 * i + side] == Mode.DRIVEN else unit._replace(torque_max=math.inf)
+            for side, unit in enumerate((module.right_front, module.left_front))
+        )
+        modules.append(module._replace(right_front=right, left_front=left))
+    return p._replace(modules=tuple(modules))
+
+
+class Way(NamedTuple):
+    """What the motors of a robot are told, side by side: angles, speeds and torques, (n, knots, 2) each."""
+
+    position: Array
+    velocity: Array
+    torque: Array
+
+
+def way_of(robot: Robot, commands: Commands) -> Way:
+    """`commands` for each side; zero where nothing is commanded, NaN for the torque of eq. 30.
+
+    Raises
+    ------
+    ArtibotError
+        When there are more columns than motors.
+    """
+    knots, given = commands.velocity.shape
+    places, modules = sides(robot), len(robot.modules)
+    if given > len(places):
+        raise ArtibotError(
+            f"commands: {given} columns; robot '{robot.name}' has {len(places)} motors: {', '.join(robot.motors)}"
+        )
+    position, velocity = np.zeros((2 * modules, knots)), np.zeros((2 * modules, knots))
+    torque = np.full((2 * modules, knots), np.nan)
+    for column, side in enumerate(places[:given]):
+        torque[side] = commands.torque[:, column]
+        if commands.commanded[column]:
+            position[side], velocity[side] = commands.position[:, column], commands.velocity[:, column]
+    shape = (modules, 2, knots)
+    return Way(*(np.ascontiguousarray(table.reshape(shape).swapaxes(1, 2)) for table in (position, velocity, torque)))
+
+
+class Tables(NamedTuple):
+    """Rows of a rollout: coordinates, rates, contributions, and energies where asked for."""
+
+    q: Array
+    v: Array
+    w: Array
+    e: Array | None
+
+
+def run(
+    robot: Robot, p: Train, way: Way, modes: Sequence[Mode], factors: Sequence[float], start: State, dt: float,
+    steps: int, every: int, knot_steps: int, integrator: str, energy: bool,
+) -> tuple[Tables, int, State | None]:  # fmt: skip
+    """Simulate; modes are those of all sides, `factors` of `transmission.torque_factors`.
+
+    Returns
+    -------
+    Tables
+    int
+        How many of their rows there are.
+    State or None
+        At the end; None where it diverged.
+    """
+    from artibot_sim.model.kernels import train_loop
+
+    modules = len(p.modules)
+    cut = max(1, math.ceil(dt / largest_step(p, integrator, tuple(modes), tuple(factors))[0] - 1e-9))
+    if integrator == "semi_implicit":
+        cut = parts(p, dt, tuple(factors))
+    rows = -(-steps // every) + 1
+    tables = Tables(
+        np.empty((rows, 8 * modules)), np.empty((rows, 8 * modules)), np.empty((rows, len(KEPT) * modules)),
+        np.empty((rows, len(KEPT_ENERGIES) * modules)) if energy else None,
+    )  # fmt: skip
+    q, v = start.q.reshape(modules, 8).copy(), start.v.reshape(modules, 8).copy()
+    eta, torque = start.eta.reshape(modules, 2).copy(), start.torque.reshape(modules, 2).copy()
+    lateral = start.lateral.reshape(modules, 4).copy()
+    fx = record(robot.effects, start.t)
+    effects: tuple[Any, ...] = () if fx is None else (fx, lateral)
+    loop = train_loop.train_semi_implicit if integrator == "semi_implicit" else train_loop.train_rk4
+    status, kept = loop(
+        q, v, eta, torque, packed_all(p.modules), packed_all(p.joints),
+        np.array(modes, dtype=np.int64).reshape(modules, 2), dt / cut, steps * cut, every * cut, *way,
+        knot_steps * cut, np.array(factors, dtype=float), train_loop.workspace(modules), *tables, *effects,
+    )  # fmt: skip
+    if status != train_loop.OK:
+        return tables, kept, None
+    ends = (array.reshape(-1) for array in (q, v, eta, torque, lateral))
+    return tables, kept, State(start.t + steps * dt, *ends)
