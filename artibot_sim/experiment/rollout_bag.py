@@ -184,9 +184,9 @@ def rollout_columns(result: Rollout, robot: Robot) -> dict[str, dict[str, Floats
     }
 
 
-def _motors(robot: Robot) -> int:
-    """How many motors there are: 4, or 2 without a back module."""
-    return 4 if robot.articulated else 2
+def _motors(robot: Robot) -> tuple[str, ...]:
+    """The motors there are: those of the front module alone without a back one."""
+    return robot.motors if robot.articulated else robot.motors[:2]
 
 
 def _ground_truth(result: Rollout) -> dict[str, Floats]:
@@ -212,24 +212,22 @@ def _odometry(result: Rollout, robot: Robot) -> dict[str, Floats]:
 
 
 def _joint_states(result: Rollout, robot: Robot) -> dict[str, Floats]:
-    from artibot_sim.model import WHEEL_JOINTS
-    from artibot_sim.model.equations.kinematics import articulation
+    from artibot_sim.model.equations.kinematics import articulations
 
     columns, scale = {}, sensor_errors(robot).encoder_scale
-    for i, wheel in enumerate(WHEEL_JOINTS[: 2 * _motors(robot)]):
+    for i, wheel in enumerate(robot.wheel_joints):
         columns[f"{wheel}.position"] = scale * result.wheel_position[:, i]
         columns[f"{wheel}.velocity"] = scale * result.wheel_velocity[:, i]
-    if robot.articulated:
-        angle, rate = articulation(result.q), articulation(result.v)
-        for i, joint in enumerate(("articulation_yaw", "articulation_roll")):
-            columns[f"{joint}.position"], columns[f"{joint}.velocity"] = angle[:, i], rate[:, i]
+    angle, rate = articulations(result.q), articulations(result.v)
+    for i, joint in enumerate(robot.articulation_joints):
+        columns[f"{joint}.position"], columns[f"{joint}.velocity"] = angle[:, i], rate[:, i]
     return columns
 
 
 def _motor_torques(result: Rollout, robot: Robot) -> dict[str, Floats]:
     columns = {}
     position, velocity, torque = recorded_motors(result, robot)
-    for i, motor in enumerate(MOTORS[: _motors(robot)]):
+    for i, motor in enumerate(_motors(robot)):
         columns[f"{motor}.position"] = position[:, i]
         columns[f"{motor}.velocity"] = velocity[:, i]
         columns[f"{motor}.effort"] = torque[:, i]
@@ -240,8 +238,8 @@ def _motor_command(result: Rollout, robot: Robot, commands: Commands | None) -> 
     """Return commanded velocities, and the efforts of motors that are commanded by torque."""
     columns = {}
     given = np.full((1, 4), np.nan) if commands is None else np.asarray(commands.velocity)
-    for i, motor in enumerate(MOTORS[: _motors(robot)]):
-        if commands is not None and np.isfinite(given[:, i]).all():
+    for i, motor in enumerate(_motors(robot)):
+        if commands is not None and i < given.shape[1] and np.isfinite(given[:, i]).all():
             knots = commands.t0 + commands.dt * np.arange(len(given))
             columns[f"{motor}.velocity"] = np.interp(result.t, knots, given[:, i])
         elif i >= 2:

@@ -28,9 +28,10 @@ MARGIN = 0.95
 
 
 class _Chain(NamedTuple):
-    """Modules in a row: scalars they share, bodies, two motors each, and where the joints sit on both their bodies."""
+    """Modules in a row: scalars they share, those of each, bodies, two motors each, where joints sit on both bodies."""
 
     p: Params
+    own: tuple[Params, ...]
     bodies: tuple[ModuleParams, ...]
     motors: tuple[MotorParams, ...]
     hinges: tuple[tuple[float, float], ...]
@@ -40,11 +41,11 @@ def _chain(p: Params | Train) -> _Chain:
     if isinstance(p, Train):
         motors = tuple(motor for module in p.modules for motor in (module.right_front, module.left_front))
         hinges = tuple((joint.front.O_x, joint.back.O_x) for joint in p.joints)
-        return _Chain(p.modules[0], tuple(module.front for module in p.modules), motors, hinges)
+        return _Chain(p.modules[0], p.modules, tuple(module.front for module in p.modules), motors, hinges)
     if p.two:
         motors = (p.right_front, p.left_front, p.right_back, p.left_back)
-        return _Chain(p, (p.front, p.back), motors, ((p.front.O_x, p.back.O_x),))
-    return _Chain(p, (p.front,), (p.right_front, p.left_front), ())
+        return _Chain(p, (p, p), (p.front, p.back), motors, ((p.front.O_x, p.back.O_x),))
+    return _Chain(p, (p,), (p.front,), (p.right_front, p.left_front), ())
 
 
 def _by_module(chain: _Chain, share: Shares) -> tuple[float, ...]:
@@ -149,7 +150,7 @@ def _sharing_loop(
     chain: _Chain, modes: tuple[int, ...], share: Shares, bends: tuple[float, ...], braking: bool
 ) -> tuple[Array, Array, Array]:
     """Of x' = A x + B K x(a step ago): `_slip_matrix`, what 1 of the front torques' sum does, and that sum by x."""
-    p, bodies, motors, _ = chain
+    p, _, bodies, motors, _ = chain
     front, factors = bodies[0], _by_module(chain, share)
     etas = [1.0 / motor.eta_r if braking else motor.eta_d for motor in motors]
     free = tuple(mode != PRESCRIBED for mode in modes)
@@ -206,9 +207,9 @@ def _springs(chain: _Chain, implicit: bool = False) -> Iterator[tuple[float, flo
     Damping in the joint's yaw counts only where it is not taken implicitly.
     """
     p = chain.p
-    for body in chain.bodies:
+    for own, body in zip(chain.own, chain.bodies, strict=True):
         for inverse in (4.0 / body.m, 4.0 * body.half_y**2 / body.J_x):
-            yield p.c_n * inverse, p.k_n * inverse, "vertical motion on the wheels"
+            yield own.c_n * inverse, own.k_n * inverse, "vertical motion on the wheels"
     if chain.hinges and p.A_joint > 0.0:
         yield 2 * p.A_joint, p.A_joint**2, "control.A_joint"
     if chain.hinges and p.joint_damping + p.joint_stiffness > 0.0:
@@ -255,7 +256,7 @@ def _slip_modes(chain: _Chain, free: tuple[bool, ...]) -> Iterator[complex]:
 
 def _slip_matrix(chain: _Chain, etas: list[float], free: tuple[bool, ...], bends: tuple[float, ...]) -> Array:
     """d/dt of (x, y, gamma of each module, free motors) = matrix · the same, the joints' planar rows eliminated."""
-    p, bodies, motors, hinges = chain
+    p, _, bodies, motors, hinges = chain
     yaws = [sum(bends[:b]) for b in range(len(bodies))]
     spinning = [i for i in range(len(motors)) if free[i]]
     size = 3 * len(bodies) + len(spinning)
