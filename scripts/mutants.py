@@ -77,7 +77,7 @@ MUTANTS = (
     Mutant(
         "the threshold ignores --false-alarms", "artibot_sim/diagnose/policy.py",
         "return self.floor + self.tail * max(0.0, float(-np.log(false_alarm_rate * prior_odds)))", "return self.floor",
-        ("diagnose/test_verdict.py", "diagnose/test_acceptable.py", "diagnose/selection"),
+        ("diagnose/test_policy.py",),
     ),
     Mutant(
         "effects are named where a force on no list explains it", "artibot_sim/diagnose/verdict.py",
@@ -101,9 +101,9 @@ MUTANTS = (
         ("driver/test_cia402.py",),
     ),
     Mutant(
-        "a pose's heading is not unwrapped when read", "artibot_sim/estimation/streams.py",
-        "return Sums(t, np.unwrap(yaw, axis=0)) if len(t) > 3 else None", "return Sums(t, yaw) if len(t) > 3 else None",
-        ("estimation/test_streams.py", "estimation/test_checks.py"),
+        "a pose's heading leaps at half a turn", "artibot_sim/experiment/reader.py",
+        "yaw[rows] = np.unwrap(yaw[rows])", "yaw[rows] = yaw[rows]",
+        ("experiment/test_reader.py", "experiment/test_rollout_bag.py"),
     ),
 )  # fmt: skip
 
