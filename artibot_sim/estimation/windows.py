@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.estimation.measurements import CHANNELS, PAST, Stretch
-from artibot_sim.experiment.inputs import start_state
+from artibot_sim.experiment.inputs import plausible_motion, start_state
 from artibot_sim.experiment.measured import Motion, forward_speed
 from artibot_sim.model import Robot, initial_state
 from artibot_sim.model.effects.tyre_relaxation import EFFECT, SLOWEST
@@ -197,14 +197,10 @@ Indices = NDArray[np.int64]
 CHANNEL_NAMES = tuple(CHANNELS)
 HEADINGS = (KINDS.index("yaw"), KINDS.index("heading"))
 """Kinds that are angles in `map`."""
-_STILL = 0.05
-"""rad/s: a motor whose smoothed speed is less stands."""
 _CALM = 0.5
 """s around a start that should be calm."""
 _SURE = 2.0
 """Standard deviation of a start's measured pose, in the noise of one sample."""
-_OVER = 0.1
-"""How much faster than its wheels say a rigid rover may be measured to move, as a share of their speed."""
 _POSITIONS = 4
 """Positions without which a window says nothing."""
 _NEAR_START = 0.7
@@ -343,16 +339,13 @@ def window_at(stretch: Stretch, number: int, robot: Robot, first: int, knots: in
 def measured_start(stretch: Stretch, robot: Robot, knot: int) -> Start:
     """The state at a knot as the measurements around it give it."""
     inputs, measured, t = stretch.inputs, stretch.measured, float(stretch.inputs.t[knot])
-    motion = measured.at(t)
     speeds = inputs.measured_velocity[knot]
-    if (np.abs(speeds[np.isfinite(speeds)]) < _STILL).all():
-        motion = motion._replace(vx=0.0, vy=0.0, yaw_rate=0.0, articulation_rate=0.0)
+    motion = plausible_motion(robot, measured.at(t), speeds)
     times, _ = measured.position()
     away = float(np.abs(times - t).min()) if len(times) else np.inf
     poor = frozenset({"forward", "left"} if away > _NEAR_START else set())
     if not len(measured.yaw_rate()[0]):
         poor |= {"yaw_rate"}
-    motion = _finite(motion, inputs.velocity[knot], robot)
     return start_of(robot, motion, inputs.position[knot], speeds, poor, _known(stretch), measured.late_heading)
 
 
@@ -364,32 +357,6 @@ def _known(stretch: Stretch) -> dict[str, float]:
     place = min(_SURE * sigma["position"], 0.03)
     heading = {"yaw": min(_SURE * sigma["yaw"], 0.1)} if stretch.measured.late_heading else {}
     return {"x": place, "y": place} | heading
-
-
-def _finite(motion: Motion, speeds: Array, robot: Robot) -> Motion:
-    """The motion with velocities of rolling where none could be measured; the articulation stays unknown."""
-    wheels = np.nan_to_num(speeds[:2]) * robot.drive.front.tau * robot.wheel.r_w
-    forward, yaw = float(wheels.mean()), float(np.nan_to_num(motion.yaw))
-    if not np.isfinite([motion.vx, motion.vy]).all():
-        motion = motion._replace(vx=forward * np.cos(yaw), vy=forward * np.sin(yaw))
-    motion = motion._replace(yaw=yaw, yaw_rate=float(np.nan_to_num(motion.yaw_rate)))
-    return motion if robot.articulated else _driven(motion, wheels, robot)
-
-
-def _driven(motion: Motion, wheels: Array, robot: Robot) -> Motion:
-    """A rigid rover's motion, no faster than its wheels make it.
-
-    Its velocities are mostly differences of poses, and where those jump (6 m/s, 8 rad/s have been seen) no window
-    could be predicted from them. `wheels` (2,) are the speeds of its rims, m/s.
-    """
-    c, s = np.cos(motion.yaw), np.sin(motion.yaw)
-    over = _OVER * float(np.abs(wheels).max())
-    turn = float(wheels[0] - wheels[1]) / robot.front.i_y
-    rate = float(np.clip(motion.yaw_rate, min(turn, 0.0) - over, max(turn, 0.0) + over))
-    forward = float(np.clip(c * motion.vx + s * motion.vy, wheels.min() - over, wheels.max() + over))
-    aside = 0.5 * robot.front.i_x * abs(rate) + over
-    left = float(np.clip(c * motion.vy - s * motion.vx, -aside, aside))
-    return motion._replace(vx=c * forward - s * left, vy=s * forward + c * left, yaw_rate=rate)
 
 
 # ----------------------------------------------------------------------

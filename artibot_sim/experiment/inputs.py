@@ -292,6 +292,48 @@ def recorded_efforts(experiment: Experiment, t: float) -> Floats:
 # ----------------------------------------------------------------------
 
 
+_STILL = 0.05
+"""rad/s: a motor whose smoothed speed is less stands."""
+_OVER = 0.1
+"""How much faster than its wheels say a rigid rover may be measured to move, as a share of their speed."""
+
+
+def plausible_motion(robot: Robot, motion: Motion, speeds: Floats) -> Motion:
+    """A measured motion (NaN is unknown) as a simulation can start from it.
+
+    A rover whose motors stand, stands. Velocities that could not be measured are those of rolling; the articulation
+    stays unknown. A rigid rover moves no faster than its wheels make it: its velocities are mostly differences of
+    poses, and where those jump (6 m/s, 8 rad/s have been seen) nothing could be predicted from them.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion
+    speeds : array, shape (4,)
+        Of the motors as their encoders show them, rad/s; NaN where there is none.
+    """
+    if (np.abs(speeds[np.isfinite(speeds)]) < _STILL).all():
+        motion = motion._replace(vx=0.0, vy=0.0, yaw_rate=0.0, articulation_rate=0.0)
+    rims = np.nan_to_num(speeds[:2]) * robot.drive.front.tau * robot.wheel.r_w
+    forward, yaw = float(rims.mean()), float(np.nan_to_num(motion.yaw))
+    if not np.isfinite([motion.vx, motion.vy]).all():
+        motion = motion._replace(vx=forward * np.cos(yaw), vy=forward * np.sin(yaw))
+    motion = motion._replace(yaw=yaw, yaw_rate=float(np.nan_to_num(motion.yaw_rate)))
+    return motion if robot.articulated else _driven(robot, motion, rims)
+
+
+def _driven(robot: Robot, motion: Motion, rims: Floats) -> Motion:
+    """A rigid rover's motion within what the speeds (m/s) of its right and left rims allow."""
+    c, s = np.cos(motion.yaw), np.sin(motion.yaw)
+    over = _OVER * float(np.abs(rims).max())
+    turn = float(rims[0] - rims[1]) / robot.front.i_y
+    rate = float(np.clip(motion.yaw_rate, min(turn, 0.0) - over, max(turn, 0.0) + over))
+    forward = float(np.clip(c * motion.vx + s * motion.vy, rims.min() - over, rims.max() + over))
+    aside = 0.5 * robot.front.i_x * abs(rate) + over
+    left = float(np.clip(c * motion.vy - s * motion.vx, -aside, aside))
+    return motion._replace(vx=c * forward - s * left, vy=s * forward + c * left, yaw_rate=rate)
+
+
 def start_state(
     robot: Robot, motion: Motion, position: Floats, velocity: Floats, torque: Floats | None = None, t: float = 0.0
 ) -> State:

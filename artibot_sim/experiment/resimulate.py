@@ -17,6 +17,7 @@ from artibot_sim.experiment.inputs import (
     MotorInputs,
     commands,
     executed_inputs,
+    plausible_motion,
     recorded_efforts,
     rotations,
     start_state,
@@ -344,8 +345,9 @@ def resimulate(
     -------
     Resimulation
         Every stretch starts from the measured pose, heading, velocity and articulation: local fits to the
-        measurements before and after its start (`Measured.at`), so a window's first tenths of a second are no
-        pure prediction. A sample on the border of two windows counts for the earlier one.
+        measurements before and after its start (`Measured.at`), as far as the wheels allow (`plausible_motion`, as in
+        an identification), so a window's first tenths of a second are no pure prediction. A sample on the border of
+        two windows counts for the earlier one.
 
     Raises
     ------
@@ -428,7 +430,8 @@ class _Run:
     def _start(self, inputs: MotorInputs, measured: Measured, first: int) -> tuple[State, Floats]:
         """Return the measured state at a knot, and what to add to the commanded angles to begin at its angles."""
         t = float(inputs.t[first])
-        motion = true_motion(self.errors, measured.at(t), measured.late_heading)
+        seen = plausible_motion(self.robot, measured.at(t), self._speeds(inputs, first))
+        motion = true_motion(self.errors, seen, measured.late_heading)
         if self.robot.articulated and not np.isfinite(motion.articulation):
             self._remark("the articulation is not recorded; windows start straight")
         position, velocity = inputs.measured_position[first].copy(), inputs.measured_velocity[first].copy()
@@ -442,6 +445,11 @@ class _Run:
         origin = np.where(np.isfinite(position), position, 0.0)
         offset = np.where(prescribed, origin - np.nan_to_num(inputs.position[first]), 0.0)
         return start_state(self.robot, motion, origin, velocity, efforts, t), offset
+
+    def _speeds(self, inputs: MotorInputs, first: int) -> Floats:
+        """The motors' speeds (4,) at a knot as their encoders show them, or as they are turned where nothing does."""
+        shown = self.errors.encoder_scale * inputs.measured_velocity[first]
+        return np.where(np.isfinite(shown), shown, inputs.velocity[first])
 
     def _remark(self, text: str) -> None:
         self.remarks[text] = self.remarks.get(text, 0) + 1

@@ -15,6 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.measurements import stretches
+from artibot_sim.estimation.windows import measured_start
 from artibot_sim.experiment import Experiment, read_bag, write_channels, write_experiment
 from artibot_sim.experiment.metrics import UNITS
 from artibot_sim.experiment.resimulate import resimulate, robot_of
@@ -155,6 +157,32 @@ def test_a_rigid_rover_by_speeds_alone(tmp_path: Path) -> None:
     assert not {"articulation_yaw", "torque_front", "torque_back"} & set(result.metrics)
     assert result.metrics["position"].rmse < 5e-3
     assert result.metrics["yaw"].rmse < 1e-2
+
+
+def test_a_window_starts_as_an_identification_starts_it_where_poses_leap(tmp_path: Path) -> None:
+    robot = load_robot("husky")
+    t = np.arange(0.0, 6.005, 0.01)
+    velocity = np.full((len(t), 4), np.nan)
+    velocity[:, 0], velocity[:, 1] = 3 * np.sin(np.pi * t / 6) ** 2, 2 * np.sin(np.pi * t / 6) ** 2
+    experiment, _ = simulated(tmp_path / "full", robot, Commands(0.01, velocity))
+    torques, truth = experiment.channels["motor_torques"], experiment.channels["ground_truth_odom"]
+    leap = np.where(truth.t > 2.02, -1.5, 0.0)
+    tables = {
+        "motor_torques": (torques.t_ns, {n: torques[n] for n in torques.columns if "velocity" in n}),
+        "ground_truth_odom": (truth.t_ns, {"x": truth["x"] + leap, "y": truth["y"], "yaw": truth["yaw"]}),
+    }
+    bag = read_bag(write_channels(tmp_path / "leap", tables, {"robot": "husky"}))
+    made = resimulate(bag, robot, "rotations", horizon=2.0).tables["ground_truth_odom"]
+    stretch = stretches(bag, robot)[0]
+    for knot in (200, 400):
+        start = measured_start(stretch, robot, knot)
+        t0 = float(stretch.inputs.t[knot])
+        # the first stamp after a start: the velocity with which the window began still stands
+        row = int(np.argmax((made[0] - bag.start_ns) / 1e9 > t0 + 1e-6))
+        rim = robot.wheel.r_w * float(np.abs(stretch.inputs.velocity[knot, :2]).max())
+        assert np.hypot(made[1]["vx"][row], made[1]["vy"][row]) < 1.3 * rim
+        assert made[1]["vx"][row] == pytest.approx(start.mean[3], abs=0.3 * rim)
+        assert made[1]["yaw_rate"][row] == pytest.approx(start.mean[5], abs=0.2)
 
 
 def test_heading_and_velocity_are_found_from_points_gyroscope_and_accelerometer(tmp_path: Path) -> None:
