@@ -337,9 +337,9 @@ def fit_regressor(windows: Windows, robot: Robot) -> Predictor:
 
 
 ARTIBOT: dict[str, tuple[tuple[str, str], ...]] = {
-    "artibot": (),
-    "artibot, timing and lever arm": (
-        ("effects.pose_delay.delay", "0.05±0.05"), ("effects.pose_lever_arm.x", "0.1±0.1"),
+    "artibot, soil only": (),
+    "artibot, wheels resisted": (
+        ("effects.wheel_resistance.share", "0.2±0.2"), ("effects.pose_lever_arm.x", "0.1±0.1"),
     ),
 }  # fmt: skip
 """Artibot's own model → what is fitted beside the soil, with its prior."""

@@ -21,11 +21,16 @@ _PATH = click.Path(path_type=Path)
 @click.option(
     "--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable."
 )
+@click.option(
+    "--joint", "joints", multiple=True, metavar="WANTED=FOUND[,FOUND]",
+    help="Take joints FOUND (their mean) as motor WANTED, such as front_right; repeatable.",
+)  # fmt: skip
 @click.option("--namespace", metavar="NAME", help="Rover whose topics to read, where there are several: /rover1.")
 @click.option("--json", "as_json", type=click.Path(path_type=Path, dir_okay=False), help="Everything as JSON.")
 def command(
-    recordings: tuple[Path, ...], robot: str, topics: tuple[str, ...], namespace: str | None, as_json: Path | None
-) -> int:
+    recordings: tuple[Path, ...], robot: str, topics: tuple[str, ...], joints: tuple[str, ...], namespace: str | None,
+    as_json: Path | None,
+) -> int:  # fmt: skip
     """Say in seconds what is wrong with recordings: clocks, units, signs, sides, sensors, excitation.
 
     Streams are held against each other, no soil is fitted. Exit status 0 where all of them can be used as they are, 1
@@ -40,7 +45,7 @@ def command(
     from rich.console import Console
 
     from artibot_sim.estimation.checks.report import check
-    from artibot_sim.experiment import parse_renames, read_bag
+    from artibot_sim.experiment import open_recording
     from artibot_sim.model import load_robot
     from artibot_sim.progress import Bar
     from artibot_sim.report.files import write_files
@@ -48,7 +53,10 @@ def command(
     rover = load_robot(robot)
     with Bar() as bar:
         stages = [(path, bar.stage(f"reading {path.name}", 1.0 / len(recordings))) for path in recordings]
-        read = [read_bag(path, parse_renames(topics), namespace=namespace, progress=stage) for path, stage in stages]
+        read = [
+            open_recording(path, rover, topics=topics, joints=joints, namespace=namespace, progress=stage)
+            for path, stage in stages
+        ]
     found = check(read, rover)
     console = Console(highlight=False)
     for one in found:

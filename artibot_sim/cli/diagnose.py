@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,6 +13,7 @@ from artibot_sim.report.files import fault_of_folder, write_folder
 
 if TYPE_CHECKING:
     from artibot_sim.experiment import Experiment
+    from artibot_sim.model import Robot
     from artibot_sim.progress import Bar
 
 _BAG = click.Path(path_type=Path)
@@ -32,6 +33,10 @@ _READING = 0.05
 @click.option(
     "--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable."
 )
+@click.option(
+    "--joint", "joints", multiple=True, metavar="WANTED=FOUND[,FOUND]",
+    help="Take joints FOUND (their mean) as motor WANTED, such as front_right; repeatable.",
+)  # fmt: skip
 @click.option("--namespace", metavar="NAME", help="Rover whose topics to read, where there are several: /rover1.")
 @click.option("--seed", default=0, show_default=True, help="Of the searches; the same data and seed, the same answer.")
 @click.option("--workers", type=click.IntRange(1), help="Threads [as many as cores]; the result is the same.")
@@ -46,8 +51,8 @@ _READING = 0.05
 )  # fmt: skip
 def command(
     recordings: tuple[Path, ...], robot: str, out: Path, holdout: tuple[Path, ...], horizon: float,
-    topics: tuple[str, ...], namespace: str | None, seed: int, workers: int | None, scheduler: str | None,
-    prior_odds: float | None, false_alarms: float | None,
+    topics: tuple[str, ...], joints: tuple[str, ...], namespace: str | None, seed: int, workers: int | None,
+    scheduler: str | None, prior_odds: float | None, false_alarms: float | None,
 ) -> int:  # fmt: skip
     """Find what the simulation gets wrong on recordings, where and when, which physical effect it is, how sure that
     is, and what it gains.
@@ -80,8 +85,9 @@ def command(
         raise ArtibotError(f"--out {out}: cannot be written: {why}")
     rover = load_robot(robot)
     with Bar(total=1.0 + _READING * (len(recordings) + len(holdout))) as bar:
-        used = [_read(path, topics, namespace, bar) for path in recordings]
-        held = [_read(path, topics, namespace, bar) for path in holdout]
+        naming = {"topics": topics, "joints": joints, "namespace": namespace}
+        used = [_read(path, rover, naming, bar) for path in recordings]
+        held = [_read(path, rover, naming, bar) for path in holdout]
         found = diagnose(
             used, rover, holdout=held, horizon=horizon, seed=seed, workers=workers,
             progress=bar.stage("diagnosing", 1.0), prior_odds=prior_odds or PRIOR_ODDS,
@@ -96,8 +102,7 @@ def command(
     return 0
 
 
-def _read(path: Path, topics: Sequence[str], namespace: str | None, bar: Bar) -> Experiment:
-    from artibot_sim.experiment import parse_renames, read_bag
+def _read(path: Path, rover: Robot, naming: Mapping[str, Any], bar: Bar) -> Experiment:
+    from artibot_sim.experiment import open_recording
 
-    stage = bar.stage(f"reading {path.name}", _READING)
-    return read_bag(path, parse_renames(tuple(topics)), namespace=namespace, progress=stage)
+    return open_recording(path, rover, progress=bar.stage(f"reading {path.name}", _READING), **naming)

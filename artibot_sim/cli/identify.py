@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,6 +13,7 @@ from artibot_sim.report.files import fault
 
 if TYPE_CHECKING:
     from artibot_sim.experiment import Experiment
+    from artibot_sim.model import Robot
     from artibot_sim.progress import Bar
 
 _BAG = click.Path(path_type=Path)
@@ -40,6 +41,10 @@ _READING = 0.1
 @click.option(
     "--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable."
 )
+@click.option(
+    "--joint", "joints", multiple=True, metavar="WANTED=FOUND[,FOUND]",
+    help="Take joints FOUND (their mean) as motor WANTED, such as front_right; repeatable.",
+)  # fmt: skip
 @click.option("--namespace", metavar="NAME", help="Rover whose topics to read, where there are several: /rover1.")
 @click.option(
     "--report", type=_FILE, help="HTML page with residuals, predictions and free runs; its charts beside it as PNG."
@@ -53,8 +58,8 @@ _READING = 0.1
 @click.option("--workers", type=click.IntRange(1), help="Threads [as many as cores]; the result is the same.")
 def command(
     recordings: tuple[Path, ...], robot: str, out: Path, names: str, priors: tuple[str, ...], holdout: tuple[Path, ...],
-    window: float, topics: tuple[str, ...], namespace: str | None, report: Path | None, as_json: Path | None, seed: int,
-    starts: int | None, scheduler: str | None, workers: int | None,
+    window: float, topics: tuple[str, ...], joints: tuple[str, ...], namespace: str | None, report: Path | None,
+    as_json: Path | None, seed: int, starts: int | None, scheduler: str | None, workers: int | None,
 ) -> int:  # fmt: skip
     """Identify soil (and geometry) from recordings: values with 95 % intervals, written as a robot file.
 
@@ -83,8 +88,9 @@ def command(
     rover, known = load_robot(robot), parse_priors(priors)
     fitted = [name for name in names.split(",") if name.strip()]
     with Bar(total=1.0 + _READING * (len(recordings) + len(holdout))) as bar:
-        used = [_read(path, topics, namespace, bar) for path in recordings]
-        held = [_read(path, topics, namespace, bar) for path in holdout]
+        naming = {"topics": topics, "joints": joints, "namespace": namespace}
+        used = [_read(path, rover, naming, bar) for path in recordings]
+        held = [_read(path, rover, naming, bar) for path in holdout]
         work = identify(
             used, rover, fit=fitted, priors=known, holdout=held, window=window, effort=effort,
             seed=seed, workers=workers, progress=bar.stage("identifying", 1.0),
@@ -107,11 +113,10 @@ def _check_outputs(paths: Sequence[Path]) -> None:
             raise ArtibotError(f"{path}: cannot be written: {why}")
 
 
-def _read(path: Path, topics: Sequence[str], namespace: str | None, bar: Bar) -> Experiment:
-    from artibot_sim.experiment import parse_renames, read_bag
+def _read(path: Path, rover: Robot, naming: Mapping[str, Any], bar: Bar) -> Experiment:
+    from artibot_sim.experiment import open_recording
 
-    stage = bar.stage(f"reading {path.name}", _READING)
-    return read_bag(path, parse_renames(tuple(topics)), namespace=namespace, progress=stage)
+    return open_recording(path, rover, progress=bar.stage(f"reading {path.name}", _READING), **naming)
 
 
 def _write(work: object, report: Path | None, as_json: Path | None) -> None:

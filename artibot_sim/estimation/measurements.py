@@ -162,7 +162,7 @@ def stretches(experiment: Experiment, robot: Robot, half_width: float = HALF_WID
     if not found:
         raise ArtibotError(
             f"{experiment.path}: {motors.topic} and positions are never measured at the same time; "
-            "check the recording's stamps, or give the topics with --topic WANTED=FOUND"
+            "check the recording's stamps"
         )
     return with_pooled_noise(found)
 

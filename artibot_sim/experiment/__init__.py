@@ -3,6 +3,7 @@
 from artibot_sim.experiment.can_frames import CanFrame, can_topics, iter_frames
 from artibot_sim.experiment.columns import Channel, Experiment
 from artibot_sim.experiment.messages import serialize
+from artibot_sim.experiment.naming import open_recording
 from artibot_sim.experiment.reader import bag_info, read_bag
 from artibot_sim.experiment.recover import RecoverReport, recover
 from artibot_sim.experiment.rollout_bag import write_channels, write_experiment
@@ -25,6 +26,7 @@ __all__ = [
     "iter_frames",
     "iter_messages",
     "metrics",
+    "open_recording",
     "parse_renames",
     "read_bag",
     "recover",

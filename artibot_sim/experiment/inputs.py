@@ -84,7 +84,7 @@ def rotations(
         elif i < 2:
             raise ArtibotError(
                 f"{experiment.path}: topic {motors.topic} has neither position nor velocity of {motor}; it has "
-                f"{', '.join(motors.columns)}; resimulate from commands instead, or give the topic with --topic"
+                f"{', '.join(motors.columns)}; name the wheels with --joint {motor}=FOUND[,FOUND]"
             )
     turned = np.isfinite(velocity).all(axis=0)
     torque = np.full_like(velocity, np.nan)

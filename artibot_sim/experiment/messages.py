@@ -244,6 +244,16 @@ def _path(message: Any) -> list[Row]:
     return [(time_ns(p.header.stamp) or time_ns(message.header.stamp), _pose(p.pose)) for p in message.poses]
 
 
+def _transforms(message: Any) -> list[Row]:
+    """Return `<parent>><child>.x`, `.y`, `.yaw` of each transform, a row each."""
+    rows = []
+    for each in message.transforms:
+        name = f"{each.header.frame_id.strip('/')}>{each.child_frame_id.strip('/')}"
+        shift, yaw = each.transform.translation, euler(each.transform.rotation)[2]
+        rows.append((time_ns(each.header.stamp), {f"{name}.x": shift.x, f"{name}.y": shift.y, f"{name}.yaw": yaw}))
+    return rows
+
+
 def _diagnostics(message: Any) -> dict[str, float]:
     return {f"{s.name}.level": float(s.level if isinstance(s.level, int) else s.level[0]) for s in message.status}
 
@@ -265,6 +275,12 @@ MANY_ROWS: dict[str, Callable[[Any], list[Row]]] = {
     "nav_msgs/msg/Path": _path,
 }
 READABLE = frozenset(ONE_ROW) | frozenset(MANY_ROWS)
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+"""Type that is read where a pose is to be made of it."""
+POSES = frozenset(
+    {"nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped"}
+)
+"""Types that have a heading."""
 
 
 @dataclass
@@ -292,6 +308,9 @@ class Rows:
             self.ordered = False
             for stamp, row in MANY_ROWS[ros_type](message):
                 self._append(stamp, log_ns, {**row, "message": float(self.messages)})
+        elif ros_type == TRANSFORMS:
+            for stamp, row in _transforms(message):
+                self._append(stamp or log_ns, log_ns, row)
         else:
             row = ONE_ROW[ros_type](message)
             header = getattr(message, "header", None)

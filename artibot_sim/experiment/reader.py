@@ -13,7 +13,7 @@ import numpy as np
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.columns import Channel, Experiment, find_segments, measured_stamps
-from artibot_sim.experiment.messages import READABLE, Decoder, Rows, decoder
+from artibot_sim.experiment.messages import POSES, READABLE, TRANSFORMS, Decoder, Rows, decoder
 from artibot_sim.experiment.storage import (
     BagInfo,
     ChannelInfo,
@@ -27,6 +27,7 @@ from artibot_sim.experiment.storage import (
     storage_files,
 )
 from artibot_sim.experiment.topics import TOPICS, find_namespace, find_topic
+from artibot_sim.experiment.wheels import Joints, pose_of_transforms, with_wheels
 from artibot_sim.progress import Report
 
 METADATA_RECORD = "artibot"
@@ -39,6 +40,7 @@ def read_bag(
     topics: Mapping[str, str] | None = None,
     *,
     namespace: str | None = None,
+    joints: Joints | None = None,
     progress: Report | None = None,
 ) -> Experiment:
     """Read a recording of the contract's topics.
@@ -50,6 +52,8 @@ def read_bag(
         that use other names.
     namespace : of the rover, below which its topics stand (`/rover1`); where the recording has those of one
         rover only it is found.
+    joints : motor, or joint of the articulation → joints in the recording whose mean it is; without, wheels of a
+        rigid robot are found by their names (``rear_left_wheel_joint``), in `/joint_states` too.
     progress : hears now and then the share of the work that is done; a file without an index is read twice.
 
     Returns
@@ -78,7 +82,12 @@ def read_bag(
         raise ArtibotError(f"{path}: no topic is encoded as cdr (found: {encodings}); expected a ROS 2 recording")
     wanted, remarks = _choose(info, found, topics or {}, namespace)
     rows = _read_rows(info, wanted, (lambda share: advance(0.5 + 0.5 * share)) if twice else advance)
+    _refuse_empty(info, topics or {}, rows)
     channels = {key: table.channel(remarks) for key, table in rows.items() if table.stamps}
+    try:
+        channels = with_wheels(_with_pose(channels, found, remarks, asked=bool(topics)), joints or {}, remarks)
+    except ArtibotError as error:
+        raise ArtibotError(f"{path}: {error}") from error
     if not channels:
         present = ", ".join(sorted(found)) or "no topic at all"
         raise ArtibotError(
@@ -124,14 +133,57 @@ def _choose(
                 present = ", ".join(sorted(found)) or "no topic"
                 raise ArtibotError(f"{info.path}: --topic {topic.name}={name}: no topic '{name}'; it has {present}")
             continue
-        if found[name] in READABLE:
+        if found[name] in READABLE or (found[name] == TRANSFORMS and topic.key == "ground_truth_odom"):
             wanted[name] = topic.key
             continue
         said = f"{name} is of type {found[name]}; artibot reads {topic.name} as {topic.ros_type}"
         if topic.key in asked:
             raise ArtibotError(f"{info.path}: --topic {topic.name}={name}: {said}")
         remarks.append(f"{said}; left out")
-    return wanted, remarks
+    return _posed(wanted, found, remarks), remarks
+
+
+def _posed(wanted: dict[str, str], found: Mapping[str, str], remarks: list[str]) -> dict[str, str]:
+    """Topic → channel key, with the best there is for a pose: its heading, and transforms where nothing else tells."""
+    keys = {key: name for name, key in wanted.items()}
+    point = keys.get("total_station")
+    if point and found[point] in POSES:
+        if "ground_truth_odom" in keys:
+            remarks.append(f"{point}: its headings are not used; {keys['ground_truth_odom']} tells them")
+        else:
+            remarks.append(f"{point} is of type {found[point]}, which has a heading: taken as /ground_truth/odom")
+            return {**wanted, point: "ground_truth_odom"}
+    if not {"total_station", "ground_truth_odom"} & set(keys) and found.get("/tf") == TRANSFORMS:
+        return {**wanted, "/tf": "ground_truth_odom"}
+    return wanted
+
+
+def _refuse_empty(info: BagInfo, renames: Mapping[str, str], rows: Mapping[str, Rows]) -> None:
+    """Raise where a topic that was named by hand has no message: asking for its name again would lead nowhere."""
+    for wanted in renames:
+        table = rows.get(find_topic(wanted).key)
+        if table is not None and not table.stamps:
+            raise ArtibotError(
+                f"{info.path}: --topic {find_topic(wanted).name}={table.topic}: there is no message on {table.topic}"
+            )
+
+
+def _with_pose(
+    channels: dict[str, Channel], found: Mapping[str, str], remarks: list[str], asked: bool
+) -> dict[str, Channel]:
+    """Channels with the pose that transforms tell; without it where they tell none and nobody asked for it."""
+    channel = channels.get("ground_truth_odom")
+    if channel is None or found.get(channel.topic) != TRANSFORMS:
+        return channels
+    try:
+        pose = pose_of_transforms(channel)
+    except ArtibotError as error:
+        if asked:
+            raise
+        remarks.append(f"{error}; left out")
+        return {key: each for key, each in channels.items() if key != "ground_truth_odom"}
+    remarks.append(f"no pose is recorded but that of transforms: {channel.topic} is taken as /ground_truth/odom")
+    return {**channels, "ground_truth_odom": pose}
 
 
 def _read_rows(info: BagInfo, wanted: Mapping[str, str], progress: Report) -> dict[str, Rows]:
@@ -144,7 +196,7 @@ def _read_rows(info: BagInfo, wanted: Mapping[str, str], progress: Report) -> di
         if number % _TELL_EVERY == 0:
             progress(number / max(total, 1))
         channel = message.channel
-        if channel.encoding != "cdr" or channel.ros_type not in READABLE:
+        if channel.encoding != "cdr" or channel.ros_type not in READABLE | {TRANSFORMS}:
             continue
         table = rows[wanted[channel.topic]]
         if not table.ordered and latest.get(channel.topic) == message.data:

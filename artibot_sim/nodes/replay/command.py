@@ -23,7 +23,7 @@ _WAIT_HELP = (
 _DRIVE_HELP = "Move a rover: publish the recorded inputs with new stamps, and the planner's sign of life."
 
 _ONLY = {
-    "resimulate": ("robot", "horizon", "out", "back", "renames", "namespace"),
+    "resimulate": ("robot", "horizon", "out", "back", "renames", "joints", "namespace"),
     "drive": ("delay", "use_sim_time", "request_from"),
     "play": ("rate", "start", "end", "loop", "clock", "restamp", "pause", "can"),
 }
@@ -82,6 +82,9 @@ _FRAMES_HELP = "With --can: what the drives sent, or commands, which MOVE MOTORS
     metavar="WANTED=FOUND",
     help="With --resimulate: the recording's name of a topic.",
 )
+@click.option(
+    "--joint", "joints", multiple=True, metavar="WANTED=FOUND[,FOUND]", help="With --resimulate: joints of a motor."
+)
 @click.option("--namespace", metavar="NAME", help="With --resimulate: of the rover, where there are several.")
 @click.pass_obj
 def command(ros_args: list[str] | None, bag: Path, resimulate: str | None, drive: bool, **given: Any) -> int:
@@ -106,7 +109,8 @@ def command(ros_args: list[str] | None, bag: Path, resimulate: str | None, drive
 
         return run_resimulation(
             bag, resimulate, given["out"], robot=given["robot"], horizon=given["horizon"],
-            back=given["back"] or "auto", renames=given["renames"], namespace=given["namespace"],
+            back=given["back"] or "auto", renames=given["renames"], joints=given["joints"],
+            namespace=given["namespace"],
         )  # fmt: skip
     if given["can_only"]:
         from artibot_sim.experiment.reader import bag_info
@@ -124,7 +128,7 @@ def _check_options(resimulate: str | None, drive: bool, given: dict[str, Any]) -
     for other, names in _ONLY.items():
         used = [name for name in names if given[name] not in (None, False, ())]
         if other != way and used:
-            option = "--" + {"renames": "topic"}.get(used[0], used[0]).replace("_", "-")
+            option = "--" + {"renames": "topic", "joints": "joint"}.get(used[0], used[0]).replace("_", "-")
             wanted = f"works only with --{other}" if other != "play" else f"does not work with --{way}"
             raise click.UsageError(f"{option} {wanted}")
     for needs, names in ((given["can"] is None, _WITH_CAN), (given["can_only"], _NOT_WITH_CAN_ONLY)):

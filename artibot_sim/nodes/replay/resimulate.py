@@ -9,8 +9,9 @@ from typing import Any
 import click
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.experiment import parse_renames, read_bag
+from artibot_sim.experiment import open_recording, read_bag
 from artibot_sim.experiment.resimulate import Resimulation, resimulate, robot_of
+from artibot_sim.experiment.wheels import with_odometry_wheels
 from artibot_sim.progress import Bar, Report
 
 _SIZES = {"reading": 18.0, "simulating": 9.0, "writing": 6.0, "reading back": 8.0, "drawing": 3.0}
@@ -19,7 +20,7 @@ _SIZES = {"reading": 18.0, "simulating": 9.0, "writing": 6.0, "reading back": 8.
 
 def run_resimulation(
     bag: Path, drive: str, out: Path, *, robot: str | None = None, horizon: float | None = None, back: str = "auto",
-    renames: Sequence[str] = (), namespace: str | None = None,
+    renames: Sequence[str] = (), joints: Sequence[str] = (), namespace: str | None = None,
 ) -> int:  # fmt: skip
     """Simulate a recording again, write and print the results; return the exit status 0.
 
@@ -31,7 +32,7 @@ def run_resimulation(
     robot : name or file; the recording's own if None.
     horizon : s; None for free runs.
     back : `auto`, `kappa` or `effort`.
-    renames : `WANTED=FOUND` texts.
+    renames, joints : `WANTED=FOUND` texts.
     namespace : of the rover, where the recording has several.
 
     Raises
@@ -43,8 +44,10 @@ def run_resimulation(
         if made.exists():
             raise ArtibotError(f"{made}: exists already; results are never overwritten, give another folder with --out")
     with Bar(sum(_SIZES.values())) as bar:
-        experiment = read_bag(bag, parse_renames(tuple(renames)), namespace=namespace, progress=_stage(bar, "reading"))
+        reading = _stage(bar, "reading")
+        experiment = open_recording(bag, topics=renames, joints=joints, namespace=namespace, progress=reading)
         found = robot_of(experiment, robot)
+        experiment = with_odometry_wheels(experiment, found)
         told = _stage(bar, "simulating")
         result = resimulate(experiment, found, drive, horizon=horizon, back=back, progress=told)
         result.write(out, progress=_stage(bar, "writing"))
