@@ -339,7 +339,7 @@ def fit_regressor(windows: Windows, robot: Robot) -> Predictor:
 ARTIBOT: dict[str, tuple[tuple[str, str], ...]] = {
     "artibot, soil only": (),
     "artibot, wheels resisted": (
-        ("effects.wheel_resistance.share", "0.2±0.2"), ("effects.pose_lever_arm.x", "0.1±0.1"),
+        ("effects.wheel_resistance.share", "0.2±0.2"), ("effects.pose_lever_arm.x", "0±0.15"),
     ),
 }  # fmt: skip
 """Artibot's own model → what is fitted beside the soil, with its prior."""

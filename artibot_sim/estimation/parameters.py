@@ -179,6 +179,8 @@ moves are seen as often as they count."""
 _LONGEST = 0.25
 """Longest step of a logarithm, and of an effect's coordinate."""
 _LONGEST_EFFECT = 0.7
+_LINEAR = 10.0
+"""Prior deviations from a signed value's middle to where its logarithm ends: over three of them it bends by a sixth."""
 
 
 @dataclass(frozen=True)
@@ -203,6 +205,8 @@ class Parameter:
     prior : Prior
     low, high : float
         Bounds of the value.
+    signed : bool
+        Whether the value may have either sign, as a lever arm.
     """
 
     key: str
@@ -211,11 +215,26 @@ class Parameter:
     prior: Prior
     low: float
     high: float
+    signed: bool = False
+
+    @property
+    def offset(self) -> float:
+        """What is added to a value before its logarithm is taken: 0, or what makes that as good as linear."""
+        return _LINEAR * self.prior.sd - self.prior.value if self.signed else 0.0
+
+    @property
+    def middle(self) -> float:
+        """The prior's middle with the offset: what coordinate 0 stands for."""
+        return self.prior.value + self.offset
 
     @property
     def spread(self) -> float:
         """Standard deviation of the prior in the logarithm."""
-        return self.prior.sd / self.prior.value
+        return self.prior.sd / self.middle
+
+    def at(self, logarithm: float) -> float:
+        """The value at a logarithm over the middle."""
+        return float(self.middle * np.exp(logarithm) - self.offset)
 
 
 @dataclass(frozen=True)
@@ -285,16 +304,18 @@ class ParameterSet:
 
     def values(self, coordinates: Array) -> Array:
         """Values in SI units of the robot's own parameters at coordinates (p,)."""
-        own = len(self.parameters)
-        middles = np.array([p.prior.value for p in self.parameters])
-        values: Array = middles * np.exp(self.mixing[:own] @ coordinates)
-        return values
+        return self.at(self.mixing[: len(self.parameters)] @ coordinates)
+
+    def at(self, logarithms: Array) -> Array:
+        """Values in SI units of the robot's own parameters at logarithms (own,) over the priors' middles."""
+        return np.array([p.at(log) for p, log in zip(self.parameters, logarithms.tolist(), strict=True)])
 
     def coordinates(self, values: Sequence[float] | Array, extended: Array | None = None) -> Array:
         """Coordinates (p,) at values of the robot's own parameters, and the effects' coordinates `extended` (0)."""
         own = len(self.parameters)
-        middles = np.array([p.prior.value for p in self.parameters])
-        mine = np.linalg.solve(self.mixing[:own, :own], np.log(np.asarray(values, float) / middles))
+        raised = np.asarray(values, float) + np.array([p.offset for p in self.parameters])
+        middles = np.array([p.middle for p in self.parameters])
+        mine = np.linalg.solve(self.mixing[:own, :own], np.log(raised / middles))
         rest = np.zeros(len(self) - own) if extended is None else extended
         return np.concatenate([mine, rest])
 
@@ -326,7 +347,7 @@ class ParameterSet:
         """Which of the robot's own parameters stand at a bound."""
         values = self.values(coordinates)
         return [
-            bool(v <= p.low * (1 + 1e-4) or v >= p.high * (1 - 1e-4))
+            bool(v <= p.low + 1e-4 * (p.low + p.offset) or v >= p.high - 1e-4 * (p.high + p.offset))
             for v, p in zip(values, self.parameters, strict=True)
         ]
 

@@ -114,10 +114,10 @@ def search(problem: Problem, effort: Effort, tick: Tick = lambda: None, effects:
 def first_guesses(problem: Problem, effort: Effort, effects: Array | None = None) -> list[Array]:
     """Coordinates to start from: the robot file's values and others drawn around them, effects as they are given."""
     parameters = problem.parameters
-    middles = np.array([parameter.prior.value for parameter in parameters.parameters])
+    count = len(parameters.parameters)
     rng = problem.generator(Draw.FIRST_GUESSES)
-    drawn = rng.uniform(-_DRAWS, _DRAWS, (effort.starts - 1, len(middles))) * parameters.spread[: len(middles)]
-    return [parameters.coordinates(middles * np.exp(d), effects) for d in (np.zeros(len(middles)), *drawn)]
+    drawn = rng.uniform(-_DRAWS, _DRAWS, (effort.starts - 1, count)) * parameters.spread[:count]
+    return [parameters.coordinates(parameters.at(d), effects) for d in (np.zeros(count), *drawn)]
 
 
 def _descended(task: tuple[Problem, Array, Array, int]) -> Fit:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.estimation.parameters import MU_D, MU_S, ParameterSet
+from artibot_sim.estimation.parameters import MU_D, MU_S, Parameter, ParameterSet
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.solver import Point
 from artibot_sim.estimation.uncertainty import Spread
@@ -100,15 +100,14 @@ def estimates(
     The loss is jagged, so its lowest point is a matter of luck; values are the bootstrap's means, which is to say
     the mean of what draws of windows would have given.
     """
-    middles = np.array([p.prior.value for p in parameters.parameters])
     bound = parameters.at_bound(coordinates)
-    values = np.where(bound, parameters.values(coordinates), middles * np.exp(bootstrap.mean))
+    values = np.where(bound, parameters.values(coordinates), parameters.at(bootstrap.mean))
     values = parameters.robot_with(values).as_vector(parameters.keys)
     shares = np.sqrt(np.diag(curvature.covariance)) / parameters.spread
     found = []
     for i, p in enumerate(parameters.parameters):
-        low, high = (middles[i] * np.exp(s) for s in (curvature.low[i], curvature.high[i]))
-        again = float(middles[i] * np.exp(bootstrap.low[i])), float(middles[i] * np.exp(bootstrap.high[i]))
+        low, high = p.at(curvature.low[i]), p.at(curvature.high[i])
+        again = p.at(bootstrap.low[i]), p.at(bootstrap.high[i])
         reason = unseen(p.key, motion)
         status = Status.CONVERGED
         if bound[i] and not reason:
@@ -117,9 +116,9 @@ def estimates(
         elif reason or shares[i] > OPEN:
             status = Status.NOT_IDENTIFIABLE
             reason = reason or open_reason(p.key, motion)
-        widened = _with_systematic(float(values[i]), min(low, again[0]), max(high, again[1]))
+        widened = _with_systematic(p, float(values[i]), min(low, again[0]), max(high, again[1]))
         if status is Status.NOT_IDENTIFIABLE:
-            widened = _with_prior(widened, p.prior.value, p.spread)
+            widened = _with_prior(widened, p)
         found.append(
             Estimate(p.key, p.name, p.unit, float(values[i]), widened, (float(low), float(high)), again,
                      (p.prior.value, p.prior.sd), status, reason)
@@ -145,17 +144,21 @@ def _under_the_limit(found: Sequence[Estimate], parameters: ParameterSet, values
     return [said if estimate is sliding else estimate for estimate in found]
 
 
-def _with_systematic(value: float, low: float, high: float) -> tuple[float, float]:
+def _with_systematic(p: Parameter, value: float, low: float, high: float) -> tuple[float, float]:
     """An interval about `value` widened by SYSTEMATIC, in quadrature."""
+    if p.signed:
+        floor = 1.96 * SYSTEMATIC * abs(value)
+        return float(value - np.hypot(max(value - low, 0.0), floor)), float(
+            value + np.hypot(max(high - value, 0.0), floor)
+        )
     floor = 1.96 * SYSTEMATIC
     down, up = (np.hypot(max(np.log(ratio), 0.0), floor) for ratio in (value / low, high / value))
     return float(value * np.exp(-down)), float(value * np.exp(up))
 
 
-def _with_prior(interval: tuple[float, float], middle: float, spread: float) -> tuple[float, float]:
+def _with_prior(interval: tuple[float, float], p: Parameter) -> tuple[float, float]:
     """An interval at least as wide as the prior's."""
-    low, high = middle * np.exp(-1.96 * spread), middle * np.exp(1.96 * spread)
-    return float(min(interval[0], low)), float(max(interval[1], high))
+    return min(interval[0], p.at(-1.96 * p.spread)), max(interval[1], p.at(1.96 * p.spread))
 
 
 def unseen(key: str, motion: Motion) -> str:

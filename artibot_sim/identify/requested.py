@@ -57,15 +57,15 @@ def parameter_set(robot: Robot, fit: Sequence[str] = SOIL, priors: Mapping[str, 
     for key in keys:
         quantity, value = quantities[key]
         prior = known.get(key) or _prior(robot, key, value)
-        if not (prior.value > 0 and np.isfinite(prior.value)):
+        signed = quantity.low < 0.0
+        if not ((prior.value > 0 or signed) and np.isfinite(prior.value)):
             raise ArtibotError(
                 f"prior: {key} has the middle {prior.value:g} {quantity.unit}; a fit needs one that is finite and "
                 f"greater than 0, such as --prior {_short(key)}=1±0.3"
             )
-        width = _WIDEST * prior.sd / prior.value
-        low = max(prior.value * np.exp(-width), quantity.low)
-        high = min(prior.value * np.exp(width), quantity.high)
-        parameters.append(Parameter(key, _short(key), quantity.unit, prior, low, high))
+        one = Parameter(key, _short(key), quantity.unit, prior, quantity.low, quantity.high, signed)
+        low, high = max(one.at(-_WIDEST * one.spread), one.low), min(one.at(_WIDEST * one.spread), one.high)
+        parameters.append(replace(one, low=low, high=high))
     return ParameterSet(robot, tuple(parameters))
 
 

@@ -299,6 +299,26 @@ def test_a_recording_without_positions_is_refused(real: Robot) -> None:
         identify([blind], real)
 
 
+def test_what_has_either_sign_is_found_with_either_sign(real: Robot) -> None:
+    """A tracked point behind the origin, of which nothing is known beforehand but about how far it is."""
+    key, truth = "effects.pose_lever_arm.x", -0.11
+    drive = synthetic(replace(real, effects={"pose_lever_arm": {"x": truth}}), TURNS, kappa=0.7, seed=8)
+    result = identify([drive], real, fit=["k_t", key], priors={key: Prior(0.0, 0.15)}, effort=QUICK).result
+    assert result[key].value == pytest.approx(truth, abs=0.015)
+    assert result[key].ci95[0] < result[key].value < result[key].ci95[1] < 0.0
+
+
+def test_signed_values_and_their_coordinates_are_inverse() -> None:
+    key = "effects.pose_lever_arm.x"
+    found = parameter_set(load_robot("husky"), ("k_l", key), {key: Prior(0.0, 0.15)})
+    values = np.array([1200.0, -0.3])
+    assert found.values(found.coordinates(values)) == pytest.approx(values)
+    assert found.values(np.zeros(2))[1] == 0.0
+    assert found.parameters[1].low < -0.5
+    assert found.parameters[1].high > 0.5
+    assert found.at_bound(found.coordinates([1200.0, found.parameters[1].low])) == [False, True]
+
+
 def test_priors_are_read() -> None:
     assert parse_priors(["front.i_y=0.72±0.03", "k_l=3000+-500"]) == {
         "front.i_y": Prior(0.72, 0.03), "k_l": Prior(3000.0, 500.0),
