@@ -13,7 +13,7 @@ from artibot_sim.experiment.smoothing import bridge, fit_beside, fresh, hermite,
 from artibot_sim.model import MOTORS, Commands, Mode, Robot, Rollout, State, initial_state
 from artibot_sim.model.robot.parameters import SensorErrors
 from artibot_sim.model.simulate.commands import as_executed
-from artibot_sim.model.simulate.rollout import default_modes
+from artibot_sim.model.simulate.rollout import default_modes, motor_coordinates
 from artibot_sim.model.simulate.sensors import sensor_errors, tracked_point, true_starts
 
 # ----------------------------------------------------------------------
@@ -36,9 +36,9 @@ class MotorInputs:
     ----------
     t : (n,) knots, s, `dt` apart.
     dt : s.
-    position, velocity : (n, 4) rad, rad/s, motor-side; NaN columns for motors without.
+    position, velocity : (n, 4) rad, rad/s, motor-side; NaN columns for motors without. A column each of `Robot.motors`.
     torque : (n, 4) N·m, held from its knot on; NaN for eq. 30.
-    modes : of the four motors.
+    modes : of the motors.
     measured_position, measured_velocity : (n, 4) what the encoders say, for start states; NaN where nothing is known.
     """
 
@@ -76,8 +76,8 @@ def rotations(
     """
     motors = experiment.require("motor_torques")
     t = _knots(t_start, t_end, _KNOT)
-    position, velocity = np.full((2, len(t), 4), np.nan)
-    for i, motor in enumerate(MOTORS[: _count(robot)]):
+    position, velocity = np.full((2, len(t), len(robot.motors)), np.nan)
+    for i, motor in enumerate(_motors(robot)):
         found = _rotation(motors, motor, t, t_start, t_end, half_width)
         if found is not None:
             position[:, i], velocity[:, i] = found
@@ -89,7 +89,7 @@ def rotations(
     turned = np.isfinite(velocity).all(axis=0)
     torque = np.full_like(velocity, np.nan)
     for i in np.flatnonzero(~turned).tolist():
-        torque[:, i] = _held(motors, f"{MOTORS[i]}.effort", t)
+        torque[:, i] = _held(motors, f"{robot.motors[i]}.effort", t)
     modes = tuple(Mode.PRESCRIBED if given else Mode.TORQUE for given in turned)
     return MotorInputs(t, _KNOT, position, velocity, torque, modes, position, velocity)
 
@@ -112,16 +112,16 @@ def commands(experiment: Experiment, robot: Robot, t_start: float, t_end: float,
     spacing = float(np.median(np.diff(channel.t))) if len(channel) > 1 else _KNOT
     dt = min(_KNOT, max(1e-3, round(spacing, 3)))
     t = _knots(t_start, t_end, dt)
-    velocity = np.full((len(t), 4), np.nan)
+    velocity = np.full((len(t), len(robot.motors)), np.nan)
     for i, name in enumerate(names):
         velocity[:, i] = _commanded(*channel.series(name), t)
     torque = np.full_like(velocity, np.nan)
     if robot.articulated and _by_effort(experiment, channel, back):
-        for i in (2, 3):
-            torque[:, i] = _held(channel, f"{MOTORS[i]}.effort", t)
-    measured = np.full((2, len(t), 4), np.nan)
+        for i, motor in enumerate(robot.motors[2:], 2):
+            torque[:, i] = _held(channel, f"{motor}.effort", t)
+    measured = np.full((2, len(t), len(robot.motors)), np.nan)
     motors = experiment.channels.get("motor_torques")
-    for i, motor in enumerate(MOTORS[: _count(robot)]):
+    for i, motor in enumerate(_motors(robot)):
         found = _rotation(motors, motor, t, t_start, t_end) if motors else None
         if found is not None:
             measured[:, :, i] = found
@@ -132,8 +132,9 @@ def commands(experiment: Experiment, robot: Robot, t_start: float, t_end: float,
     return MotorInputs(t, dt, position, velocity, torque, modes, measured[0], measured[1])
 
 
-def _count(robot: Robot) -> int:
-    return 4 if robot.articulated else 2
+def _motors(robot: Robot) -> tuple[str, ...]:
+    """The motors there are: a rigid robot's back ones are names only."""
+    return robot.motors if robot.articulated else robot.motors[:2]
 
 
 def _knots(t_start: float, t_end: float, dt: float) -> Floats:
@@ -275,13 +276,13 @@ def executed_inputs(inputs: MotorInputs, robot: Robot) -> MotorInputs:
     return replace(inputs, velocity=followed.velocity, position=followed.position)
 
 
-def recorded_efforts(experiment: Experiment, t: float) -> Floats:
-    """Return the recorded torques (4,) nearest to `t`, N·m; NaN where none is recorded."""
+def recorded_efforts(experiment: Experiment, t: float, names: tuple[str, ...] = MOTORS) -> Floats:
+    """Return the recorded torques of these motors nearest to `t`, N·m; NaN where none is recorded."""
     motors = experiment.channels.get("motor_torques")
-    efforts = np.full(4, np.nan)
+    efforts = np.full(len(names), np.nan)
     if motors is not None:
         row = int(np.argmin(np.abs(motors.t - t)))
-        for i, motor in enumerate(MOTORS):
+        for i, motor in enumerate(names):
             if f"{motor}.effort" in motors:
                 efforts[i] = motors[f"{motor}.effort"][row]
     return efforts
@@ -335,8 +336,9 @@ def _driven(robot: Robot, motion: Motion, rims: Floats) -> Motion:
 
 
 def start_state(
-    robot: Robot, motion: Motion, position: Floats, velocity: Floats, torque: Floats | None = None, t: float = 0.0
-) -> State:
+    robot: Robot, motion: Motion, position: Floats, velocity: Floats, torque: Floats | None = None, t: float = 0.0,
+    behind: Floats | None = None,
+) -> State:  # fmt: skip
     """Return a rover that moves as measured, on its wheels at static equilibrium.
 
     Parameters
@@ -346,6 +348,7 @@ def start_state(
     position, velocity : (4,) motors, rad and rad/s; a speed that is NaN is that of rolling without slip.
     torque : (4,) N·m of the motors just before, which eq. 30 feeds back; NaN or None counts as 0.
     t : s.
+    behind : (2, joints) angles and rates of the joints behind the first, rad and rad/s; straight if None.
 
     Raises
     ------
@@ -353,33 +356,41 @@ def start_state(
         If the joint cannot be closed at the measured articulation.
     """
     x, y, yaw, vx, vy, yaw_rate, bend, bend_rate = np.nan_to_num(np.array(motion, float), nan=0.0).tolist()
-    state = initial_state(robot, x=x, y=y, yaw=yaw, articulation_yaw=bend if robot.articulated else 0.0, t=t)
+    angles, rates = np.zeros((2, len(robot.trailing))) if behind is None else np.nan_to_num(behind)
+    bends, bend_rates = [bend, *angles.tolist()], [bend_rate, *rates.tolist()]
+    state = initial_state(robot, x=x, y=y, yaw=yaw, articulation_yaw=bends if robot.articulated else 0.0, t=t)
     q, v = state.q.copy(), state.v.copy()
     v[[0, 1, 5]] = vx, vy, yaw_rate
-    if robot.back is not None:
-        yaw_b, rate_b = yaw + bend, yaw_rate + bend_rate
-        l_f, l_b = robot.front.l, robot.back.l
+    for j, (hitch, module) in enumerate(zip(robot.hitches, robot.modules[1:], strict=True)):
+        k, before, rate = 8 * j, yaw, yaw_rate
+        yaw, yaw_rate = yaw + bends[j], yaw_rate + bend_rates[j]
         # eq. 13 differentiated: both modules' ends of the joint move alike
-        v[8] = vx + l_f * yaw_rate * np.sin(yaw) + l_b * rate_b * np.sin(yaw_b)
-        v[9] = vy - l_f * yaw_rate * np.cos(yaw) - l_b * rate_b * np.cos(yaw_b)
-        v[13] = rate_b
-    motors = (6, 7, 14, 15) if robot.articulated else (6, 7)
-    rolling = _rolling(robot, q, v)
-    for i, coordinate in enumerate(motors):
+        v[k + 8] = v[k] + hitch.l * rate * np.sin(before) + module.l * yaw_rate * np.sin(yaw)
+        v[k + 9] = v[k + 1] - hitch.l * rate * np.cos(before) - module.l * yaw_rate * np.cos(yaw)
+        v[k + 13] = yaw_rate
+    for coordinate, speed in _rolling(robot, q, v).items():
+        v[coordinate] = speed
+    coordinates = motor_coordinates(robot)[: len(_motors(robot))]
+    fed_back = np.zeros(len(state.torque))
+    for i, coordinate in enumerate(coordinates):
         q[coordinate] = position[i] if np.isfinite(position[i]) else 0.0
-        v[coordinate] = velocity[i] if np.isfinite(velocity[i]) else rolling[i]
-    fed_back = state.torque if torque is None else np.nan_to_num(torque, nan=0.0)
+        v[coordinate] = velocity[i] if np.isfinite(velocity[i]) else v[coordinate]
+    sides = [2 * (c // 8) + c % 2 for c in motor_coordinates(robot)]
+    if torque is not None:
+        fed_back[sides] = np.nan_to_num(torque, nan=0.0)
     return replace(state, q=q, v=v, torque=fed_back)
 
 
-def _rolling(robot: Robot, q: Floats, v: Floats) -> Floats:
-    """Return the speeds (4,) of motors whose wheels roll without slip, rad/s."""
-    speeds = np.zeros(4)
-    for k, (module, drive) in enumerate(((robot.front, robot.drive.front), (robot.back, robot.drive.back))):
-        if module is None or drive is None:
-            continue
+def _rolling(robot: Robot, q: Floats, v: Floats) -> dict[int, float]:
+    """Return the speeds of motors whose wheels roll without slip, rad/s, by their coordinates.
+
+    Those of a passive module are the wheels' own.
+    """
+    speeds = {}
+    for k, (module, drive) in enumerate(zip(robot.modules, robot.drives, strict=True)):
         yaw, rate = q[8 * k + 5], v[8 * k + 5]
         forward = np.cos(yaw) * v[8 * k] + np.sin(yaw) * v[8 * k + 1]
         for side, sign in enumerate((1.0, -1.0)):  # right, left
-            speeds[2 * k + side] = (forward + sign * rate * module.i_y / 2) / (robot.wheel.r_w * drive.tau)
+            tau = 1.0 if drive is None else drive.tau
+            speeds[8 * k + 6 + side] = (forward + sign * rate * module.i_y / 2) / (robot.wheel.r_w * tau)
     return speeds

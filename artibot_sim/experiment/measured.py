@@ -334,6 +334,17 @@ class Measured:
         """Return the motion at time `t`, by local fits to the measurements before and after it."""
         return Motion(*self.along(np.array([t]))[0].tolist())
 
+    def behind(self, t: float, joints: int) -> Floats:
+        """Return angles and rates (2, joints) of so many joints behind the first at `t`; NaN where not recorded."""
+        found = np.full((2, joints), np.nan)
+        channel = self.experiment.channels.get("joint_states")
+        for j in range(joints):
+            name = f"articulation_yaw_{j + 2}.position"
+            if channel is not None and name in channel:
+                local = Local(*_samples(channel, (name,), self.t_start, self.t_end))
+                found[:, j] = np.concatenate(local.at(np.array([t]), RATE_HALF_WIDTH)).ravel()
+        return found
+
     def along(self, times: Floats) -> Floats:
         """Return the motion at times (n,) that increase, (n, 8) in the order of `Motion`."""
         if not len(times):

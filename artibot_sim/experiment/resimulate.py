@@ -31,10 +31,9 @@ from artibot_sim.experiment.smoothing import hermite
 from artibot_sim.model import MOTORS, Mode, Robot, Rollout, State, Status, load_robot, rollout
 from artibot_sim.model.analysis.stability import largest_step
 from artibot_sim.model.equations.transmission import back_torque_factor
-from artibot_sim.model.kernels.layout import M_M, ROW
 from artibot_sim.model.robot.derived import params
 from artibot_sim.model.robot.parameters import SensorErrors
-from artibot_sim.model.simulate.rollout import unlimited_beside_prescribed
+from artibot_sim.model.simulate.rollout import torque_columns, unlimited_beside_prescribed
 from artibot_sim.model.simulate.sensors import sensor_errors, tracked_point
 from artibot_sim.progress import Report
 
@@ -107,8 +106,10 @@ class Pieces:
         Coordinates are interpolated by the cubics that their rates give, rates and motor torques linearly; other
         contributions are NaN.
         """
-        q, v = np.full((2, len(t), 16), np.nan)
-        row = np.full((len(t), ROW), np.nan)
+        assert self._robot is not None, "nothing was simulated"
+        q, v = np.full((2, len(t), 8 * max(2, len(self._robot.modules))), np.nan)
+        torques, width = torque_columns(self._robot)
+        row = np.full((len(t), width), np.nan)
         number = self._window(t)
         order = np.argsort(number, kind="stable")
         bounds = np.searchsorted(number[order], np.arange(len(self._windows) + 1))
@@ -123,8 +124,7 @@ class Pieces:
             q[rows], _ = hermite(times[i], times[i + 1], all_q[i], all_q[i + 1], all_v[i], all_v[i + 1], at)
             share = ((at - times[i]) / (times[i + 1] - times[i]))[:, None]
             v[rows] = all_v[i] + share * (all_v[i + 1] - all_v[i])
-            row[rows, M_M : M_M + 4] = all_m[i] + share * (all_m[i + 1] - all_m[i])
-        assert self._robot is not None, "nothing was simulated"
+            row[np.ix_(rows, torques)] = all_m[i] + share * (all_m[i + 1] - all_m[i])
         return Rollout(self._robot, Status.OK, "interpolated", np.array(t), q, v, row, None, None, self._modes)
 
 
@@ -149,7 +149,7 @@ _SIMULATED: dict[str, Callable[[Rollout, SensorErrors], Floats]] = {
     "articulation_yaw": lambda result, errors: result.articulation_yaw[:, None],
     "front_velocity": lambda result, errors: errors.encoder_scale * result.motor_velocity[:, :2],
     "torque_front": lambda result, errors: errors.torque_scale * result.motor_torque[:, :2],
-    "torque_back": lambda result, errors: errors.torque_scale * result.motor_torque[:, 2:],
+    "torque_back": lambda result, errors: errors.torque_scale * result.motor_torque[:, 2:4],
 }
 """What a robot's sensors would record of a rollout, at its rows."""
 
@@ -435,7 +435,7 @@ class _Run:
         if self.robot.articulated and not np.isfinite(motion.articulation):
             self._remark("the articulation is not recorded; windows start straight")
         position, velocity = inputs.measured_position[first].copy(), inputs.measured_velocity[first].copy()
-        efforts: Floats | None = recorded_efforts(self.experiment, t) / self.errors.torque_scale
+        efforts: Floats | None = recorded_efforts(self.experiment, t, self.robot.motors) / self.errors.torque_scale
         if _at_rest(self.experiment, t):
             motion = motion._replace(vx=0.0, vy=0.0, yaw_rate=0.0, articulation_rate=0.0)
             velocity[:] = 0.0
@@ -444,7 +444,8 @@ class _Run:
         velocity = np.where(prescribed, inputs.velocity[first], velocity)
         origin = np.where(np.isfinite(position), position, 0.0)
         offset = np.where(prescribed, origin - np.nan_to_num(inputs.position[first]), 0.0)
-        return start_state(self.robot, motion, origin, velocity, efforts, t), offset
+        behind = measured.behind(t, len(self.robot.trailing))
+        return start_state(self.robot, motion, origin, velocity, efforts, t, behind), offset
 
     def _speeds(self, inputs: MotorInputs, first: int) -> Floats:
         """The motors' speeds (4,) at a knot as their encoders show them, or as they are turned where nothing does."""
@@ -489,6 +490,8 @@ def _kappa(experiment: Experiment) -> float | None:
 
 def _integrator(robot: Robot, modes: tuple[Mode, ...], kappa: float | None) -> str:
     """Return the more exact integrator that is stable at `STEP`."""
+    if robot.trailing:
+        return "rk4"  # whose steps are cut as they need it
     p = unlimited_beside_prescribed(params(robot), modes)
     share = back_torque_factor(robot, kappa)
     return "rk4" if largest_step(p, "rk4", modes, share)[0] >= STEP else "semi_implicit"

@@ -125,18 +125,16 @@ def _rovers(source: Source, track: Track) -> list[Outline]:
     if count > 1:
         t[0], t[-1] = track.t[rows[0]], track.t[rows[-1]]
     x, y, yaw = (np.interp(t, track.t, column) for column in (track.x, track.y, track.yaw))
-    bend = _articulation_at(source.experiment, t)
-    return [
-        outline(robot, x[i], y[i], yaw[i], None if np.isnan(bend[i]) else float(bend[i]), float(t[i]))
-        for i in range(len(t))
-    ]
+    joints = robot.articulation_joints[::2]
+    bends = [_articulation_at(source.experiment, t, joint) for joint in joints]
+    return [outline(robot, x[i], y[i], yaw[i], [bend[i] for bend in bends], float(t[i])) for i in range(len(t))]
 
 
-def _articulation_at(experiment: Experiment, t: Floats) -> Floats:
-    """Return the articulation angle at times t (n,), rad; NaN where it was not measured."""
+def _articulation_at(experiment: Experiment, t: Floats, joint: str) -> Floats:
+    """Return the angle of an articulation joint at times t (n,), rad; NaN where it was not measured."""
     channel = experiment.channels.get("joint_states")
-    if channel is None or "articulation_yaw.position" not in channel:
+    if channel is None or f"{joint}.position" not in channel:
         return np.full(len(t), np.nan)
-    times, angle = channel.series("articulation_yaw.position")
+    times, angle = channel.series(f"{joint}.position")
     inside = (t >= times[0] - 0.5) & (t <= times[-1] + 0.5)
     return np.where(inside, np.interp(t, times, angle), np.nan)

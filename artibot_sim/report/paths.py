@@ -29,7 +29,9 @@ _DRAWBAR = 0.06
 """Width of the drawn bar between module and joint over the track."""
 
 
-def outline(robot: Robot, x: float, y: float, yaw: float, articulation_yaw: float | None, t: float = 0.0) -> Outline:
+def outline(
+    robot: Robot, x: float, y: float, yaw: float, articulation_yaw: float | Sequence[float] | None, t: float = 0.0
+) -> Outline:
     """Return the polygons of a rover.
 
     Parameters
@@ -40,8 +42,8 @@ def outline(robot: Robot, x: float, y: float, yaw: float, articulation_yaw: floa
         Origin of the front module in `map`, m.
     yaw : float
         Of the front module, rad.
-    articulation_yaw : float or None
-        gamma_b − gamma_f, rad. Where it is unknown (None) the back module is left out.
+    articulation_yaw : float, sequence of float or None
+        gamma_b − gamma_f, rad, and of the joints behind. From where it is unknown (None, NaN) modules are left out.
     t : float
         When, s.
 
@@ -53,22 +55,25 @@ def outline(robot: Robot, x: float, y: float, yaw: float, articulation_yaw: floa
     bodies, wheels = _module(robot.front, robot.wheel.r_w)
     bodies.append(_nose(robot.front, robot.wheel.r_w))
     parts = [_place(bodies, x, y, yaw), _place(wheels, x, y, yaw)]
-    if robot.back is not None and articulation_yaw is not None:
-        joint = np.array([x, y]) - robot.front.l * _direction(yaw)
-        back_yaw = yaw + articulation_yaw
-        back_x, back_y = joint - robot.back.l * _direction(back_yaw)
-        bodies, wheels = _module(robot.back, robot.wheel.r_w)
-        bar = _DRAWBAR * robot.back.i_y
-        bodies.insert(0, _rectangle(0.0, robot.back.l, -bar / 2, bar / 2))
-        parts[0] = _place(bodies, back_x, back_y, back_yaw) + parts[0]
-        parts[1] += _place(wheels, back_x, back_y, back_yaw)
+    bends = () if articulation_yaw is None else np.atleast_1d(articulation_yaw).tolist()
+    for hitch, module, bend in zip(robot.hitches, robot.modules[1:], bends, strict=False):
+        if np.isnan(bend):
+            break
+        joint = np.array([x, y]) - hitch.l * _direction(yaw)
+        yaw += bend
+        x, y = joint - module.l * _direction(yaw)
+        bodies, wheels = _module(module, robot.wheel.r_w)
+        bar = _DRAWBAR * module.i_y
+        bodies.insert(0, _rectangle(0.0, module.l, -bar / 2, bar / 2))
+        parts[0] = _place(bodies, x, y, yaw) + parts[0]
+        parts[1] += _place(wheels, x, y, yaw)
     return Outline(t, tuple(parts[0]), tuple(parts[1]))
 
 
 def size(robot: Robot) -> float:
     """Return the length of a straight rover over its wheels, m."""
-    behind = robot.front.l + robot.back.l + robot.back.i_x / 2 if robot.back is not None else robot.front.i_x / 2
-    return robot.front.i_x / 2 + behind + 2 * robot.wheel.r_w
+    between = sum(hitch.l + module.l for hitch, module in zip(robot.hitches, robot.modules[1:], strict=True))
+    return robot.front.i_x / 2 + between + robot.modules[-1].i_x / 2 + 2 * robot.wheel.r_w
 
 
 def _module(module: Module, r_w: float) -> tuple[list[Floats], list[Floats]]:

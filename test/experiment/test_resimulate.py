@@ -305,3 +305,21 @@ def test_a_standstill_is_no_held_sample() -> None:
     assert fresh([1.0, 1.0, 2.0, 2.0, 2.0, 3.0]).tolist() == [True, False, True, False, False, True]
     assert fresh([0.0] * 20).all()
     assert fresh([]).shape == (0,)
+
+
+@pytest.mark.parametrize("name", ["train3", "train5"])
+def test_a_train_gives_its_simulation_back(tmp_path: Path, name: str) -> None:
+    """Commands to rounding; windows from measurements in the middle of a bend know the angles of all joints."""
+    robot = load_robot(name)
+    experiment, result = simulated(tmp_path / name, robot, bump())
+    for channel, metric in resimulate(experiment, robot, "commands").metrics.items():
+        assert metric.rmse < 1e-7, channel
+    metrics = resimulate(experiment, robot, "rotations", horizon=1.0).metrics
+    assert np.abs(result.articulations[:, 1:, 0]).max() > 0.02, "the joints behind must bend for this to mean anything"
+    assert metrics["position"].rmse < 1e-3
+    assert metrics["articulation_yaw"].rmse < 1e-3
+    again = resimulate(experiment, robot, "rotations", horizon=1.0).tables["joint_states"][1]
+    recorded = experiment.channels["joint_states"]
+    for joint in robot.articulation_joints[::2]:
+        gap = again[f"{joint}.position"] - recorded[f"{joint}.position"][-len(again[f"{joint}.position"]) :]
+        assert np.sqrt(np.mean(gap**2)) < 2e-3, joint

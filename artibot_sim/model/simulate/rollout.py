@@ -292,6 +292,15 @@ def motor_coordinates(robot: Robot) -> list[int]:
     return [8 * (side // 2) + THETA_R + side % 2 for side in trains.sides(robot)]
 
 
+def torque_columns(robot: Robot) -> tuple[list[int], int]:
+    """Where the torques of `Robot.motors` stand in a rollout's row, and how long that is."""
+    if not robot.trailing:
+        return list(range(M_M, M_M + 4)), ROW
+    columns = places(len(robot.modules)).columns
+    width = 1 + max(i for table, i in columns.values() if table == "row")
+    return [columns[f"M_m_{motor}"][1] for motor in robot.motors], width
+
+
 def side_gears(robot: Robot) -> Array:
     """Wheel speed over the speed that stands in a state, of each side of all modules (of two at least)."""
     drive = robot.drive
@@ -387,7 +396,7 @@ class Rollout:
     def motor_torque(self) -> Array:
         """Motor torques, N m, shape (n, 4)."""
         if self.robot.trailing:
-            return np.column_stack([self[f"M_m_{motor}"] for motor in self.robot.motors])
+            return self.row[:, torque_columns(self.robot)[0]]
         return self.row[:, M_M : M_M + 4]
 
     def _of_wheels(self, coordinates: Array) -> Array:
