@@ -29,6 +29,7 @@ TITLES = {
     "diagnosis": ("Diagnosis, one effect at work", "minutes recorded"),
     "hidden": ("Diagnosis of 2 × 30 s", "effects at work"),
     "effects": ("A rollout of 28.85 s", "effects"),
+    "modules": ("A rollout of 28.85 s", "modules"),
     "cores": ("512 runs, identification", "processes of a sweep, threads of an identification"),
 }
 FEW = ("hidden", "effects", "cores")
@@ -114,21 +115,22 @@ SIZES: dict[str, tuple[float, ...]] = {
     "diagnosis": (1, 2, 4),
     "hidden": (0, 1, 2, 3),
     "effects": (0, 1, 2, 5, 10, 21),
+    "modules": (2, 3, 5, 10, 20, 40),
     "cores": (),
 }
-"""Kind → sizes: runs, runs, minutes three times, effects twice; cores are those there are."""
+"""Kind → sizes: runs, runs, minutes three times, effects twice, modules; cores are those there are."""
 QUICK: dict[str, tuple[float, ...]] = {
     "runs": (50, 200), "table": (5_000, 20_000), "length": (0.5, 2), "identification": (0.5, 1), "diagnosis": (0.5, 1),
-    "hidden": (0, 1), "effects": (0, 3, 21), "cores": (),
+    "hidden": (0, 1), "effects": (0, 3, 21), "modules": (2, 8), "cores": (),
 }  # fmt: skip
 SECONDS = {
     "runs": 2e-3, "table": 4e-5, "length": 6.0, "identification": 8.0, "diagnosis": 30.0, "hidden": 15.0,
-    "effects": 0.3, "cores": 10.0,
+    "effects": 0.3, "modules": 0.5, "cores": 10.0,
 }  # fmt: skip
 """About how long a measurement takes for one of its size, for the progress bar."""
 UNITS = {
     "runs": "runs", "table": "runs", "length": "minutes", "identification": "minutes", "diagnosis": "minutes",
-    "hidden": "effects", "effects": "effects", "cores": "cores",
+    "hidden": "effects", "effects": "effects", "modules": "modules", "cores": "cores",
 }  # fmt: skip
 FILE, PICTURE = "growth.json", "growth.png"
 LINEAR = 1.15

@@ -182,6 +182,18 @@ def effects(size: float, folder: Path) -> Figures:
     return {"rollout": {"seconds": timing.best, "cpu": float(timing.cpu.min()), "bytes": peak}}
 
 
+def modules(size: float, folder: Path) -> Figures:
+    """A rollout of a robot with so many modules, by the kernels for any number of them."""
+    from artibot_sim.bench.model import Scenario
+    from artibot_sim.bench.results import repeat
+    from artibot_sim.bench.trains import chain, of_modules
+
+    robot, commands = of_modules(int(size)), Scenario().commands
+    timing = repeat(lambda: chain(robot, commands), 5)
+    peak = 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return {"rollout": {"seconds": timing.best, "cpu": float(timing.cpu.min()), "bytes": peak}}
+
+
 def cores(size: float, folder: Path) -> Figures:
     """A sweep in so many processes, their start included; an identification in so many threads."""
     from artibot_sim.bench.workflows import recordings
@@ -205,7 +217,7 @@ def cores(size: float, folder: Path) -> Figures:
 
 KINDS: dict[str, Callable[[float, Path], Figures]] = {
     "runs": runs, "table": table, "length": length, "identification": identification, "diagnosis": diagnosis,
-    "hidden": hidden, "effects": effects, "cores": cores,
+    "hidden": hidden, "effects": effects, "modules": modules, "cores": cores,
 }  # fmt: skip
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from artibot_sim.bench import model, nodes, peak, peers, workflows
+from artibot_sim.bench import model, nodes, peak, peers, trains, workflows
 from artibot_sim.bench.model import Scenario
 from artibot_sim.bench.results import Result, Skipped
 from artibot_sim.errors import ArtibotError
@@ -39,6 +39,13 @@ class Benchmark:
 SUITE: dict[str, Benchmark] = {
     "rollout": Benchmark(("rollout_rk4_1ms", "rollout_semi_implicit", "rollout_semi_implicit_2ms"), model.rollouts, 2),
     "effects": Benchmark(("rollout_rk4_1ms_all_effects",), model.all_effects, 8),
+    "modules": Benchmark(
+        ("rollout_3_modules", "rollout_5_modules", "rollout_10_modules", "two_modules_own_kernels"), trains.modules, 10,
+        in_quick=False,
+    ),
+    "mujoco_train": Benchmark(
+        ("mujoco_train5_difference",), trains.against_mujoco, 20, peers.missing, in_quick=False,
+    ),
     "batch": Benchmark(("batch_rk4_all_cores", "batch_rk4_ratio_to_one_core"), model.batch, 15),
     "batch_effects": Benchmark(("batch_rk4_all_effects_all_cores",), workflows.batch_with_effects, 15),
     "sweep": Benchmark(tuple(workflows.WAYS), workflows.sweeps, 15),

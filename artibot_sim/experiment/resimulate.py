@@ -124,7 +124,7 @@ class Pieces:
             q[rows], _ = hermite(times[i], times[i + 1], all_q[i], all_q[i + 1], all_v[i], all_v[i + 1], at)
             share = ((at - times[i]) / (times[i + 1] - times[i]))[:, None]
             v[rows] = all_v[i] + share * (all_v[i + 1] - all_v[i])
-            row[np.ix_(rows, torques)] = all_m[i] + share * (all_m[i + 1] - all_m[i])
+            row[rows[:, None], np.array(torques)] = all_m[i] + share * (all_m[i + 1] - all_m[i])
         return Rollout(self._robot, Status.OK, "interpolated", np.array(t), q, v, row, None, None, self._modes)
 
 
