@@ -12,6 +12,8 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.report.files import fault_of_folder
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from artibot_sim.reproduce.calibration import Calibration
     from artibot_sim.reproduce.result import Section
 
@@ -131,6 +133,8 @@ def as_json(sections: Sequence[Section], calibrations: Mapping[str, Calibration]
     """Comparisons and statements for scripts; of a new calibration also its numbers."""
     import dataclasses
 
+    from artibot_sim.reproduce.result import the_paper
+
     out: dict[str, Any] = {
         str(section.number): {
             "title": section.title,
@@ -140,6 +144,8 @@ def as_json(sections: Sequence[Section], calibrations: Mapping[str, Calibration]
         }
         for section in sections
     }
+    table = the_paper(sections)
+    out["the_paper"] = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
     if calibrations:
         out["calibrations"] = {name: dataclasses.asdict(found) for name, found in calibrations.items()}
     return out
@@ -161,5 +167,24 @@ def _print(sections: Sequence[Section], written: Sequence[Path]) -> None:
             if not statement.holds:
                 console.print(f"  does not hold: {statement.claim}")
                 console.print(f"    {statement.evidence}", style="dim")
+    _print_the_paper(console, sections)
     for path in written:
         console.print(f"wrote {path}", soft_wrap=True)
+
+
+def _print_the_paper(console: Console, sections: Sequence[Section]) -> None:
+    """Every number of the paper beside ours; the page has statements and assumptions, too."""
+    from rich.table import Table as Shown
+
+    from artibot_sim.reproduce.result import the_paper
+
+    table = the_paper(sections)
+    rows = [row[1:5] for row in table.rows if row[4]]
+    if not rows:
+        return
+    shown = Shown(title=table.title, caption=table.note, title_justify="left", caption_justify="left", box=None)
+    for column in table.columns[1:5]:
+        shown.add_column(column, overflow="fold", justify="left" if column == "quantity" else "right")
+    for row in rows:
+        shown.add_row(*row)
+    console.print(shown)

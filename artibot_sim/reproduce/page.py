@@ -14,7 +14,7 @@ from artibot_sim.report.page import filled, render_frame
 from artibot_sim.report.panels import Panel, extent
 from artibot_sim.report.png import draw_panel, legend, new_canvas, to_png
 from artibot_sim.report.web import chart, numbers
-from artibot_sim.reproduce.result import HeatMap, Section, Sheet, Statement, Table
+from artibot_sim.reproduce.result import HeatMap, Section, Sheet, Statement, Table, the_paper
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -210,6 +210,7 @@ def render(sections: Sequence[Section], version: str) -> bytes:
     )
     head = f"<h1>{html.escape(TITLE)}</h1><p>{html.escape(INTRO)}</p><ul>{summary}</ul>"
     body = "".join(_section(section, counter) for section in sections)
+    body += f'<h2 class="section" id="paper">The paper, figure by figure</h2>{_table(the_paper(sections))}'
     foot = f"<p>{html.escape(f'artibot {version}, `artibot reproduce`')}</p>"
     colours = {"GRID": style.GRID, "MUTED": style.MUTED, "GOOD": style.TRUE, "BAD": style.ODOMETRIC}
     return render_frame(TITLE, head, body, foot, charts, css=filled(_CSS, colours), script=_SCRIPT)

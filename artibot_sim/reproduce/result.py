@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -38,6 +39,8 @@ class Comparison:
         Largest difference that counts as agreement: of percentages in points, of radii relative to the paper's.
     basis : str
         ``calibration`` or ``prediction``.
+    assumes : str
+        What the paper leaves open and had to be taken.
     """
 
     what: str
@@ -47,6 +50,7 @@ class Comparison:
     ours: float
     within: float
     basis: str
+    assumes: str = ""
 
     @property
     def difference(self) -> float:
@@ -68,7 +72,7 @@ class Comparison:
     @property
     def within_text(self) -> str:
         """The allowed difference as written."""
-        return f"{self.within:g} points" if self.unit == "%" else f"{100 * self.within:g} %"
+        return f"{self.within:.3g} points" if self.unit == "%" else f"{100 * self.within:.2g} %"
 
 
 @dataclass(frozen=True)
@@ -81,11 +85,14 @@ class Statement:
     holds : bool
         Computed, as is every number in `evidence`.
     evidence : str
+    place : str
+        Where the paper says or shows it; empty for what is not in the paper.
     """
 
     claim: str
     holds: bool
     evidence: str
+    place: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "holds", bool(self.holds))  # NumPy's are no JSON
@@ -182,6 +189,24 @@ def comparison_table(title: str, comparisons: Sequence[Comparison], note: str = 
         for c in comparisons
     )  # fmt: skip
     return Table(title, columns, rows, note)
+
+
+def the_paper(sections: Sequence[Section]) -> Table:
+    """Every number and statement of the paper beside the model's, by figure and table, with what each assumes."""
+    rows: list[tuple[str, ...]] = []
+    for section in sections:
+        for c in section.comparisons:
+            value = [f"{number:.2f} {c.unit}".replace("-", "−") for number in (c.paper, c.ours)]
+            assumes = "; ".join(part for part in (c.assumes, "fitted to it" if c.basis == CALIBRATED else "") if part)
+            rows.append((c.place, c.what, *value, c.difference_text, assumes))
+        for s in section.statements:
+            if s.place:
+                rows.append((s.place, s.claim, "holds", "holds" if s.holds else "does not hold", "", ""))
+    rows.sort(key=lambda row: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", row[0])])
+    note = "Differences are artibot's less the paper's, with their sign: points of percentages, percent of radii."
+    return Table(
+        "The paper", ("place in the paper", "quantity", "paper", "artibot", "difference", "assumes"), tuple(rows), note
+    )
 
 
 def count(comparisons: Sequence[Comparison]) -> str:

@@ -107,6 +107,7 @@ def statements(found: InfluenceMap, epiq_ratio: float) -> tuple[Statement, ...]:
             "An equal longitudinal force on both back sides understeers at any configuration (Σχ opposite to γ_r).",
             bool(against.all()),
             f"{int(against.sum())} of {against.size} points of the map with γ_r ≠ 0.",
+            "Fig. 6",
         ),
         Statement(
             "Equal forces always improve the front module's yaw (Σψ with the sign of γ_r), and do nothing where "
@@ -114,6 +115,7 @@ def statements(found: InfluenceMap, epiq_ratio: float) -> tuple[Statement, ...]:
             bool(along.all() and null <= _ZERO * np.abs(total_psi).max()),
             f"{int(along.sum())} of {along.size} points with l_f > 0 and γ_r ≠ 0; at l_f = 0 the largest |Σψ| is "
             f"{null:.1e} 1/(kg m), elsewhere {np.abs(total_psi).max():.3f} 1/(kg m).",
+            "Fig. 6",
         ),
     )
 
@@ -137,6 +139,7 @@ def _one_sided(found: InfluenceMap, gamma: Array, epiq_ratio: float) -> Statemen
         held and at["e"] > at["a"],
         f"The range ends at {at['a']:.1f}° for Agri.q's l_f / (l_f + l_b) = 0 and at {at['e']:.1f}° for Epi.q's "
         f"{epiq_ratio:.2f}.",
+        "Fig. 6",
     )
 
 
@@ -151,4 +154,5 @@ def _brakes(found: InfluenceMap, gamma: Array) -> Statement:
         both > 0 and alone <= 0.02 * both,
         f"{both} points do both, {alone} only one of the two"
         + ("." if alone else ": all passes the joint, l_f behind the front origin, so χ and ψ vanish together."),
+        "Fig. 6",
     )

@@ -130,6 +130,11 @@ def test_nothing_given_is_changed_and_results_are_read_only() -> None:
         result.q[0, 0] = 1.0
 
 
+def push(force: float) -> dict:
+    """A steady force (N) on the front module along x."""
+    return {"external_force": {"force": force, "heading": 0.0}}
+
+
 @pytest.mark.parametrize(
     ("effects", "status", "says"),
     [
@@ -137,6 +142,9 @@ def test_nothing_given_is_changed_and_results_are_read_only() -> None:
         ({"com_offset": {"x": 0.0, "y": -0.4}}, Status.TIPPED, "tipped over at"),
         ({"com_offset": {"x": 0.3, "y": 0.0}}, Status.INVALID, "effects.com_offset.x: 0.3 m is beyond the wheels"),
         ({"com_offset": {"x": 0.2, "y": -0.3}}, Status.OK, "3000 steps"),
+        (push(1e5), Status.INVALID, "broke an assumption at 0.000 s: the front module is pushed by more than 20 times"),
+        (push(5e3), Status.INVALID, "broke an assumption at 0.92"),
+        (push(300.0), Status.OK, "3000 steps"),
     ],
 )
 def test_a_rover_that_the_model_does_not_hold_for_says_why(effects: dict, status: Status, says: str) -> None:

@@ -173,15 +173,18 @@ def test_semi_implicit_takes_1_to_5_ms_with_room(request, name, modes):
 
 @pytest.mark.parametrize("name", ["agriq", "epiq"])
 def test_long_steps_give_the_same_steady_turn(request, name):
-    """Parts of a step take commands and feedback at their own instants: at 9 ms the circle is that of 1 ms."""
+    """Parts of a step take commands and feedback at their own instants: at 9 and 7 ms the circle is that of 1 ms."""
     robot = request.getfixturevalue(name)
+    longest, _ = largest_step(params(robot), "semi_implicit", PAPER)
+    times = int(0.95 * longest / 1e-3)
 
     def turn(dt):
-        commands = front_commands(robot, lambda t: 0.25 * ramp(t), lambda t: 0.2 * ramp(t), 9.0, h=9 * dt)
+        commands = front_commands(robot, lambda t: 0.25 * ramp(t), lambda t: 0.2 * ramp(t), 9.0, h=times * dt)
         end = rollout(robot, commands, dt=dt, integrator="semi_implicit", kappa=0.8)
         return np.array([*end.twist[-1], end.articulation_yaw[-1], *end.motor_velocity[-1], *end.motor_torque[-1]])
 
-    short, long = turn(1e-3), turn(9e-3)
+    assert times >= 7
+    short, long = turn(1e-3), turn(1e-3 * times)
     np.testing.assert_allclose(long, short, rtol=4e-3, atol=1e-5)
 
 
@@ -283,11 +286,11 @@ def test_a_stepper_takes_long_steps_too(epiq):
 
     cruise = 0.3 / (epiq.wheel.r_w * epiq.drive.front.tau)
     ends = []
-    for dt in (1e-3, 8e-3):
+    for dt in (1e-3, 7e-3):
         rover = Stepper(epiq, dt=dt, integrator="semi_implicit")
         for k in range(500):
             speed = min(1, k / 250) * cruise, min(1, (k + 1) / 250) * cruise
             slower = 0.9 * speed[0], 0.9 * speed[1]
-            rover.advance(round(8e-3 / dt), (Turn(speed), Turn(slower), Turn(speed), Turn(speed)))
+            rover.advance(round(7e-3 / dt), (Turn(speed), Turn(slower), Turn(speed), Turn(speed)))
         ends.append(rover.q[:6].copy())
     np.testing.assert_allclose(ends[1], ends[0], atol=5e-3)

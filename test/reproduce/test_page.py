@@ -96,7 +96,7 @@ def test_the_command_writes_page_pictures_and_numbers(tmp_path: Path, capsys: py
         "section5.png",
     }
     numbers = json.loads((out / "reproduction.json").read_text())
-    assert list(numbers) == ["5"] and len(numbers["5"]["statements"]) == 4
+    assert list(numbers) == ["5", "the_paper"] and len(numbers["5"]["statements"]) == 4
     assert numbers["5"]["verdict"] in capsys.readouterr().out
 
 

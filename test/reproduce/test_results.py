@@ -10,7 +10,15 @@ from artibot_sim.model import load_robot
 from artibot_sim.model.equations.transmission import back_torque_factor
 from artibot_sim.planning import load_manoeuvre, plan
 from artibot_sim.reproduce import paper
-from artibot_sim.reproduce.result import CALIBRATED, PREDICTED, Comparison, Section, Statement, comparison_table
+from artibot_sim.reproduce.result import (
+    CALIBRATED,
+    PREDICTED,
+    Comparison,
+    Section,
+    Statement,
+    comparison_table,
+    the_paper,
+)
 
 
 @pytest.mark.parametrize("name", paper.ROBOTS)
@@ -71,3 +79,14 @@ def test_a_verdict_counts() -> None:
     )
     column = comparison_table("t", numbers).columns.index("agrees")
     assert [row[column] for row in comparison_table("t", numbers).rows] == ["yes", "no", "no"]
+
+
+def test_the_papers_table_has_every_number_with_its_sign_and_what_the_paper_states() -> None:
+    said = (Statement("in the paper", False, "", "Fig. 10"), Statement("about it", True, ""))
+    off = Comparison("e", "%", "Fig. 9", -5.0, -4.0, 2.0, CALIBRATED, "two metres")
+    table = the_paper([Section(2, "t", (), (), (off,), said), Section(1, "t", (), (), (compared(6.0, "m"),), ())])
+    assert table.rows == (
+        ("Fig. 9", "e", "−5.00 %", "−4.00 %", "+1.00 points", "two metres; fitted to it"),
+        ("Fig. 10", "in the paper", "holds", "does not hold", "", ""),
+        ("Table 0", "x", "5.00 m", "6.00 m", "+20.0 %", "fitted to it"),
+    )

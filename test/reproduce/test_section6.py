@@ -88,6 +88,28 @@ def test_the_limit_is_fitted_on_test_1_alone(monkeypatch: pytest.MonkeyPatch) ->
     assert section6.fit_limit(robot, 1.0, 0.1).limit == fitted.limit
 
 
+def test_the_lag_of_the_outer_motor_depends_on_how_the_print_is_read(circles: section6.Study) -> None:
+    """By Table 5's e_gamma the outer motor lags more in Test 2, with inner wheels on plan in Test 1."""
+    robot, half = circles.robot, 0.5 * circles.robot.front.i_y
+    by_error, on_plan = (
+        [section6.outer_lag(robot, test, reading) for test in paper.TESTS] for reading in (False, True)
+    )
+    assert by_error[0] < by_error[1] and on_plan[0] > on_plan[1]
+    for test, lag in zip(paper.TESTS, on_plan, strict=True):
+        printed = paper.TESTS[test]
+        plan = [printed.speed * (1 + side * half / printed.radius["planned"]) for side in (-1, 1)]
+        outer, inner = plan[1] * (1 - lag), plan[0]
+        assert half * (outer + inner) / (outer - inner) == pytest.approx(printed.radius["odometric"])
+
+
+def test_with_front_wheels_that_hold_test_2_is_near_the_papers_model(circles: section6.Study) -> None:
+    slid, held = circles.smooth["test2"], rotation_driven(circles.robot.replace({"contact.mu_s": 0.8}), "test2")
+    fronts = ("front_right_front", "front_right_back", "front_left_front", "front_left_back")
+    assert [sum(run.steady_share(f"sat_{wheel}") > 0.5 for wheel in fronts) for run in (slid, held)] == [2, 0]
+    wanted = paper.TESTS["test2"].radius["simulated"]
+    assert abs(held.radius / wanted - 1) < 0.03 < abs(slid.radius / wanted - 1)
+
+
 def test_more_torque_makes_a_tighter_circle() -> None:
     radii = [torque_limited(load_robot("agriq"), "test1", limit).odometric_radius for limit in (0.3, 0.45, 0.6, 0.8)]
     assert all(np.diff(radii) < 0)
@@ -97,10 +119,16 @@ def test_more_torque_makes_a_tighter_circle() -> None:
 def test_the_section_says_what_the_numbers_say(circles: section6.Study) -> None:
     section = section6.written(circles)
     verdicts = {c.what: c.agrees for c in section.comparisons}
-    assert verdicts["Test 1: radius, driven by rotations"] and verdicts["Test 2: radius, driven by rotations"]
+    within = section6.allowed("radius")
+    assert within == pytest.approx(math.sqrt(0.5) * (1 - 5.12 / 5.53))  # the paper's model: off in Test 2 alone
     two = circles.best.test2
-    wanted = paper.TESTS["test2"].radius["measured"]
-    assert verdicts["Test 2: radius, driven motors"] == (abs(two.radius / wanted - 1) <= 0.08)
+    for what, ours, kind in (
+        ("driven by rotations", circles.smooth["test2"].radius, "simulated"),
+        ("driven motors", two.radius, "measured"),
+    ):
+        wanted = paper.TESTS["test2"].radius[kind]
+        assert verdicts[f"Test 2: radius, {what}"] == (abs(ours / wanted - 1) <= within)
+    assert verdicts["Test 1: radius, driven by rotations"]
     at_limit = next(s for s in section.statements if "reaches its limit" in s.claim)
     assert at_limit.holds == all(run.torque[0] > 0.99 * circles.best.limit for run in (circles.best.test1, two))
     assert {sheet.key for sheet in section.sheets} == {"fig9", "angle", "limit"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -33,7 +33,7 @@ from artibot_sim.model.kernels.layout import (
     THETA_R,
     Z,
 )
-from artibot_sim.model.kernels.train_layout import Places, places
+from artibot_sim.model.kernels.train_layout import Places, places, symbol
 from artibot_sim.model.robot.derived import packed, params, train
 from artibot_sim.model.robot.parameters import ModuleParams, Params, Train
 from artibot_sim.model.robot.robot import MOTORS, Robot, module_name
@@ -235,6 +235,13 @@ class Status(enum.IntEnum):
     INVALID = 4
 
 
+FASTEST = 50.0
+"""Speed of a module (m/s) beyond which no rover drives: eqs 15 and 16 are laws of wheels that roll and slide slowly."""
+
+HARDEST = 20.0
+"""Force of effects on a module over its weight beyond which its wheels do not carry their static load: on flat ground
+the model transfers none (section 4.3)."""
+
 TIPPED_AT = 1.0
 """Roll or pitch of a module (rad) from which it lies rather than stands; the wheels' contact knows no sides."""
 
@@ -245,8 +252,13 @@ def _bodies(p: Params | Train) -> list[ModuleParams]:
     return [p.front, p.back][: 2 if p.two else 1]
 
 
-def first_fault(p: Params | Train, robot: Robot, q: Array, t: Array) -> tuple[int, Status, str] | None:
-    """The first of the rows `q` (n, 16) where the model does not hold, how, and a line for a person; None if it does.
+def first_fault(
+    p: Params | Train, robot: Robot, q: Array, v: Array, w: Array | None, t: Array
+) -> tuple[int, Status, str] | None:  # fmt: skip
+    """The first of the rows where the model does not hold, how, and a line for a person; None if it does.
+
+    Rows are those of q and v (n, 16) and of the named contributions (n, ROW), None where they end in a divergence:
+    speeds and forces then tell of that alone.
 
     The modules' pitch does not reach the wheels (section 4.3), so that what would pitch over is known before it moves.
     """
@@ -272,7 +284,29 @@ def first_fault(p: Params | Train, robot: Robot, q: Array, t: Array) -> tuple[in
                 }[status]
                 begins = "tipped over" if status is Status.TIPPED else "left the ground"
                 found.append((row, status, f"{begins} at {t[row]:.3f} s: the {name} module {what}"))
+        if w is not None:
+            at = (places(len(bodies)) if isinstance(p, Train) else _TWO_MODULES).columns
+            pushes = [(f"load_x_{symbol(i)}", f"load_y_{symbol(i)}"), *([("push_x", "push_y")] if i == 0 else [])]
+            force = sum(np.column_stack([w[:, at[x][1]], w[:, at[y][1]]]) for x, y in pushes)
+            found += _overstrained(body.m * abs(p.g_z), name, v[:, b : b + 2], force, t)
     return min(found) if found else None
+
+
+def _overstrained(
+    weight: float, name: str, velocity: Array, force: Array, t: Array
+) -> Iterator[tuple[int, Status, str]]:  # fmt: skip
+    """Where a module of this `weight` (N) is faster or pushed harder than can be, by its velocity and force (n, 2)."""
+    push, speed = np.hypot(*force.T), np.hypot(*velocity.T)
+    for where, what in (
+        (
+            push > HARDEST * weight,
+            f"pushed by more than {HARDEST:g} times its weight; wheels carry their static load",
+        ),
+        (speed > FASTEST, f"faster than {FASTEST:g} m/s; contact (eqs 15, 16) is that of wheels that drive slowly"),
+    ):
+        if where.any():
+            row = int(np.argmax(where))
+            yield row, Status.INVALID, f"broke an assumption at {t[row]:.3f} s: the {name} module is {what}"
 
 
 _PLACES = {
@@ -539,7 +573,8 @@ def finished(
             "the integrator 'semi_implicit', or less extreme commands"
         )
     status = Status.DIVERGED if final is None else Status.OK
-    fault = first_fault(setup.p, setup.robot, tables[0][:kept], t) if kept else None
+    strained = None if final is None else tables[2][:kept]
+    fault = first_fault(setup.p, setup.robot, tables[0][:kept], tables[1][:kept], strained, t) if kept else None
     if fault is not None:
         row, status, message = fault
         kept, final = row + 1, None

@@ -143,7 +143,8 @@ class Stepper:
             self._velocity, self._torque_d, 2 * cut, self._shared, self._work, *self._out, None,
         )  # fmt: skip
         status, _ = advance(self._integrator, given, extra)
-        fault = first_fault(self._p, self.robot, q[np.newaxis], np.array([self.t])) if status == Status.OK else None
+        rows, t = (q[np.newaxis], v[np.newaxis], self._out[2][1:2]), np.array([self.t])
+        fault = first_fault(self._p, self.robot, *rows, t) if status == Status.OK else None
         if fault is not None:
             _, faulty, self.message = fault
             return faulty
