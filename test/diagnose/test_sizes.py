@@ -33,7 +33,7 @@ def test_plain_sizes_are_declared_for_agriq() -> None:
         ("external_force", HUSKY, 15.0, 30.0),
         ("joint_friction", EPIQ, 0.08, 0.3),  # N m
         ("payload", EPIQ, 0.4, 1.2),  # kg
-        ("pose_lever_arm", EPIQ, 0.02, 0.04),  # m
+        ("pose_lever_arm", EPIQ, 0.04, 0.08),  # m, of a track of 0.34
     ],
 )
 def test_a_plain_size_is_as_large_as_the_robot(effect: str, robot, low: float, high: float) -> None:  # type: ignore[no-untyped-def]
