@@ -78,12 +78,13 @@ def plain_run(robot: Robot, start: State, order: Commands, modes, kappa: float, 
     return np.concatenate([state.q, state.v, state.eta, state.torque])
 
 
-@pytest.mark.parametrize(("integrator", "dt"), [("rk4", DT), ("semi_implicit", DT), ("semi_implicit", 7e-3)])
+@pytest.mark.parametrize(("integrator", "dt"), [("rk4", DT), ("semi_implicit", DT), ("semi_implicit", 8e-3)])
 @pytest.mark.parametrize("modes", MODES.values(), ids=MODES.keys())
 @pytest.mark.parametrize("name", ["agriq", "epiq", "husky"])
 def test_compiled_steps_equal_plain_ones(name: str, modes, integrator: str, dt: float) -> None:
     rng = np.random.default_rng(7)
     robot = load_robot(name)
+    dt = min(dt, 5e-3) if name == "epiq" else dt  # whose springs swing faster
     if robot.articulated:
         robot = robot.replace({"front.O_z": 0.03, "back.O_z": 0.02, "contact.c_n": 40.0, "drive.front.torque_max": 0.5})
     start = moving_state(robot, rng)
