@@ -287,8 +287,9 @@ def first_fault(
         if w is not None:
             at = (places(len(bodies)) if isinstance(p, Train) else _TWO_MODULES).columns
             pushes = [(f"load_x_{symbol(i)}", f"load_y_{symbol(i)}"), *([("push_x", "push_y")] if i == 0 else [])]
-            force = sum(np.column_stack([w[:, at[x][1]], w[:, at[y][1]]]) for x, y in pushes)
-            found += _overstrained(body.m * abs(p.g_z), name, v[:, b : b + 2], force, t)
+            force = np.sum([[w[:, at[x][1]], w[:, at[y][1]]] for x, y in pushes], axis=0)
+            g_z = (p.modules[0] if isinstance(p, Train) else p).g_z
+            found += _overstrained(body.m * abs(g_z), name, v[:, b : b + 2], force.T, t)
     return min(found) if found else None
 
 
