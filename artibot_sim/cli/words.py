@@ -20,6 +20,7 @@ COMMANDS: Final[dict[str, Word]] = {
     "planner": Word("artibot_sim.nodes.planner.command:main", "Plan a manoeuvre, publish its path and wheel speeds."),
     "driver": Word("artibot_sim.nodes.driver.command:main", "Drive a rover, real or simulated, over CAN."),
     "drives": Word("artibot_sim.nodes.drives.command:main", "Simulate four CiA 402 drives on a CAN bus, without ROS."),
+    "odometry": Word("artibot_sim.nodes.odometry.command:main", "Say where a rover is, through its model."),
     "record": Word("artibot_sim.nodes.record.command:main", "Record topics to a bag that survives a crash."),
     "replay": Word("artibot_sim.nodes.replay.command:main", "Publish a recording again, or feed it to the model."),
     "recover": Word("artibot_sim.cli.recover:command", "Mend a recording that was cut off."),

@@ -405,6 +405,7 @@ def _in_order(
 Columns = Mapping[str, Floats]
 _FRAMES = {  # frame_id and child_frame_id
     "odom": ("odom", "base_link"),
+    "odom_model": ("odom", "base_link"),
     "ground_truth_odom": ("map", "base_link"),
     "planned_odom": ("map", "base_link"),
     "planned_path": ("map", ""),

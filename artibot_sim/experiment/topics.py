@@ -124,6 +124,7 @@ _ODOMETRY = "nav_msgs/msg/Odometry"
 
 TOPICS: tuple[Topic, ...] = (
     Topic("/odom", "odom", _ODOMETRY, measured=True),
+    Topic("/odom_model", "odom_model", _ODOMETRY),
     Topic("/ground_truth/odom", "ground_truth_odom", _ODOMETRY, measured=True),
     Topic("/joint_states", "joint_states", _JOINTS, measured=True),
     Topic("/motor_torques", "motor_torques", _JOINTS, measured=True),

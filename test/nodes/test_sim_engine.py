@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.odometry import Odometry
 from artibot_sim.experiment.rollout_bag import rollout_columns
 from artibot_sim.model import Commands, initial_state, load_robot, rollout
 from artibot_sim.model.simulate.commands import as_executed
 from artibot_sim.nodes.common.arbiter import NAN_PAIR, Decision, Source
-from artibot_sim.nodes.common.odometry import Odometry
 from artibot_sim.nodes.common.rotations import quaternion, rotation
 from artibot_sim.nodes.sim.engine import Diverged, Engine, Sample, Start, Timing
 from artibot_sim.nodes.sim.sensors import SensorModel, Sensors

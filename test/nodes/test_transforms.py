@@ -21,9 +21,9 @@ from rclpy.node import Node
 
 from artibot_driver.config import ALL_SPECS
 from artibot_driver.master import Feedback
+from artibot_sim.estimation.odometry import Odometry, Slip, metres_per_radian
 from artibot_sim.model import Robot, load_robot
 from artibot_sim.nodes.common import transforms
-from artibot_sim.nodes.common.odometry import Odometry, Slip, metres_per_radian
 from artibot_sim.nodes.common.rotations import rotation
 from artibot_sim.nodes.common.transforms import Frames
 from artibot_sim.nodes.driver import publishers

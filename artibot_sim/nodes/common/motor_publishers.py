@@ -15,12 +15,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.odometry import UNKNOWN
+from artibot_sim.estimation.odometry import Odometry as Believed
 from artibot_sim.exchange.urdf import urdf
 from artibot_sim.model import MOTORS, Robot
 from artibot_sim.model.robot.robot import sides_of
 from artibot_sim.model.simulate.rollout import side_gears
-from artibot_sim.nodes.common.odometry import UNKNOWN
-from artibot_sim.nodes.common.odometry import Odometry as Believed
 from artibot_sim.nodes.common.qos import LATCHED, PUBLISHED, publisher
 from artibot_sim.nodes.common.transforms import Frames, TransformPublisher
 

@@ -9,9 +9,9 @@ from typing import Any
 from artibot_driver.config import ALL_SPECS, COMMANDING_SPECS, KAPPA, LAW, SPECS, DriverConfig
 from artibot_driver.master import check_kappa
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.odometry import metres_per_radian
 from artibot_sim.model import Robot, load_robot
 from artibot_sim.nodes.common.arbiter import Rules, parse_sources
-from artibot_sim.nodes.common.odometry import metres_per_radian
 from artibot_sim.nodes.common.parameters import declare
 from artibot_sim.nodes.common.profile import Refused
 from artibot_sim.parameters import Value

@@ -15,9 +15,9 @@ from artibot_driver.bus import BusState
 from artibot_driver.cia402 import State, StatusBit
 from artibot_driver.config import DriverConfig
 from artibot_driver.master import Commanded, DriveStatus, Feedback, Phase, Stage, Status
+from artibot_sim.estimation.odometry import Odometry, Slip, metres_per_radian
 from artibot_sim.model import Robot
 from artibot_sim.nodes.common.motor_publishers import MotorPublishers, WheelJoints, stamp_of_ns
-from artibot_sim.nodes.common.odometry import Odometry, Slip, metres_per_radian
 from artibot_sim.nodes.common.qos import PUBLISHED, publisher
 from artibot_sim.nodes.common.transforms import Frames, has_tf
 from artibot_sim.nodes.driver.services import obstacles, stop_text

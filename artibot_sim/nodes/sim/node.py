@@ -30,9 +30,9 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.odometry import Odometry, Slip, metres_per_radian
 from artibot_sim.model import load_robot
 from artibot_sim.model.simulate.sensors import sensor_errors
-from artibot_sim.nodes.common.odometry import Odometry, Slip, metres_per_radian
 from artibot_sim.nodes.common.pacer import Pacer, check_stats
 from artibot_sim.nodes.common.parameters import keep_types, warn_of_unknown
 from artibot_sim.nodes.common.transforms import Frames, has_tf

@@ -9,9 +9,9 @@ from typing import Any
 from artibot_driver.config import ODOMETRY
 from artibot_sim import parameters
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.odometry import metres_per_radian
 from artibot_sim.model import Robot
 from artibot_sim.nodes.common.arbiter import Rules, parse_sources
-from artibot_sim.nodes.common.odometry import metres_per_radian
 from artibot_sim.nodes.common.parameters import declare as declare_spec
 from artibot_sim.nodes.common.profile import Refused
 from artibot_sim.nodes.sim.engine import Start

@@ -15,10 +15,10 @@ from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 
+from artibot_sim.estimation.odometry import UNKNOWN
+from artibot_sim.estimation.odometry import Odometry as Believed
 from artibot_sim.model import Robot
 from artibot_sim.nodes.common.motor_publishers import MotorPublishers, WheelJoints
-from artibot_sim.nodes.common.odometry import UNKNOWN
-from artibot_sim.nodes.common.odometry import Odometry as Believed
 from artibot_sim.nodes.common.qos import PUBLISHED, publisher
 from artibot_sim.nodes.common.rotations import quaternion
 from artibot_sim.nodes.common.transforms import Frames

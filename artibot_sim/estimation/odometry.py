@@ -3,14 +3,16 @@
 The belief is a pose without slip. Real wheels slip, and in the same sense on the same ground, so the error grows with
 the way. Three relative errors are taken for unknown: of the distance (slip along the wheels, wheel radius), of the
 turned angle (wheels scrub in a turn: the largest of them), and a drift to the side. Each has a part that is the same
-all along and one that changes from metre to metre; the covariance is the sum of what both do to the pose.
-``python -m artibot_sim.nodes.common.odometry`` prints the size of the three in simulations of the shipped robots.
+all along and one that changes from metre to metre; the covariance is the sum of what both do to the pose. Where radius,
+track or soil were identified, their intervals add to the three.
+``python -m artibot_sim.estimation.odometry`` prints the size of the three in simulations of the shipped robots.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
@@ -18,6 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.errors import ArtibotError
+from artibot_sim.exchange.turning import placeless, steady_turn, wheel_speeds
 from artibot_sim.model import Robot, load_robot, rollout
 from artibot_sim.planning import load_manoeuvre, manoeuvre_names, plan
 from artibot_sim.resources import config_names
@@ -51,15 +55,56 @@ class Slip:
     turn: float = 0.0
     side: float = 0.0
 
+    def times(self, factor: float) -> Slip:
+        """Return all three times a factor."""
+        return Slip(factor * self.travel, factor * self.turn, factor * self.side)
+
     @classmethod
     def of(cls, settings: Mapping[str, Any], robot: Robot) -> Slip:
         """From a node's parameters, with what the robot file says of how sure radius and track are."""
         radius, track = uncertainty(robot, "wheel.r_w"), uncertainty(robot, "front.i_y")
+        soil = soil_slip(robot)
         return cls(
-            math.hypot(settings["odometry.travel_slip"], radius),
-            math.hypot(settings["odometry.turn_slip"], radius, track),
-            settings["odometry.side_slip"],
+            math.hypot(settings["odometry.travel_slip"], radius, soil.travel),
+            math.hypot(settings["odometry.turn_slip"], radius, track, soil.turn),
+            math.hypot(settings["odometry.side_slip"], soil.side),
         )
+
+
+def soil_slip(robot: Robot) -> Slip:
+    """What the intervals of identified soil leave open: how much a steady turn changes by one deviation of each.
+
+    Parameters whose turn cannot be simulated that far out count as if they changed nothing.
+    """
+    keys = [key for key in robot.intervals if key.startswith("contact.") and uncertainty(robot, key) > 0]
+    if not keys:
+        return Slip()
+    wheels = wheel_speeds(robot)[_TURN]
+    base, errors = steady_turn(placeless(robot), wheels), []
+    for key in keys:
+        with suppress(ArtibotError):
+            turn = steady_turn(placeless(_moved(robot, key)), wheels)
+            errors.append(
+                (
+                    turn.speed / base.speed - 1.0,
+                    turn.yaw_rate / base.yaw_rate - 1.0,
+                    (turn.drift - base.drift) / base.speed,
+                )
+            )
+    return Slip(*np.sqrt(np.sum(np.square(errors), axis=0)).tolist()) if errors else Slip()
+
+
+_TURN = 3
+"""Of `wheel_speeds`: that of medium radius, to the left."""
+
+
+def _moved(robot: Robot, key: str) -> Robot:
+    """Return the robot with one parameter a standard deviation away, downwards: friction stays friction."""
+    value = attrgetter(key)(robot)
+    moved = value * max(1.0 - uncertainty(robot, key), 0.05)
+    if key == "contact.mu_s":
+        moved = max(moved, robot.contact.mu_d)
+    return robot.replace({key: moved})
 
 
 def uncertainty(robot: Robot, key: str) -> float:
@@ -68,6 +113,58 @@ def uncertainty(robot: Robot, key: str) -> float:
         return 0.0
     low, high = robot.intervals[key]
     return float((high - low) / (2.0 * 1.96) / abs(attrgetter(key)(robot)))
+
+
+class PoseError:
+    """What relative errors of the motion have done to a pose so far.
+
+    Parameters
+    ----------
+    slip : Slip
+    track : float
+        m, between the sides, each of which slips on its own ground.
+    drift : float
+        Standard deviation of a constant error of the yaw rate, rad/s (a gyroscope's bias).
+    """
+
+    def __init__(self, slip: Slip, track: float, drift: float = 0.0) -> None:
+        self.slip, self.drift, self._track = slip, drift, track
+        self._common = np.zeros((3, 4))  # of the pose by the errors that are the same all along
+        self._changing = np.zeros((3, 3))  # covariance by those that change
+
+    def spread(self, dx: float, dy: float, turn: float, rolled: float, dt: float = 0.0) -> None:
+        """Carry the errors on over a step (m, m, rad in `odom`), in which the faster wheel rolled so far (m)."""
+        half = 0.5 * turn  # by a wrong turn the step itself leads astray, too
+        step = np.array(
+            [[dx, -half * dy, -dy, -0.5 * dt * dy], [dy, half * dx, dx, 0.5 * dt * dx], [0.0, turn, 0.0, dt]]
+        )
+        # a heading that was wrong before the step leads it astray
+        self._common[0] += step[0] - dy * self._common[2]
+        self._common[1] += step[1] + dx * self._common[2]
+        self._common[2] += step[2]
+        carry = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
+        relative = self._relative
+        fresh = step[:, :3] * relative[:3] / math.sqrt(max(rolled, 1e-12))  # of a walk by metres, not by steps
+        self._changing = carry @ self._changing @ carry.T + fresh @ fresh.T
+
+    def wander(self, variance: float, place: float = 0.0) -> None:
+        """Add variances of the heading (rad²), and of the place in each direction (m²)."""
+        self._changing[2, 2] += variance
+        self._changing[[0, 1], [0, 1]] += place
+
+    def sides_slip(self, rolled: float) -> None:
+        """Each side slips on its own ground: the heading drifts on a straight line too."""
+        self.wander((2.0 * self.slip.travel / self._track) ** 2 * rolled)
+
+    @property
+    def _relative(self) -> Array:
+        return np.array([self.slip.travel, self.slip.turn, self.slip.side, self.drift])
+
+    @property
+    def covariance(self) -> Array:
+        """Of x, y and yaw, shape (3, 3)."""
+        common = self._common * self._relative
+        return common @ common.T + self._changing + np.diag(np.square(FLOOR))
 
 
 class Odometry:
@@ -90,16 +187,14 @@ class Odometry:
     def __init__(self, metres_per_radian: float, track: float, slip: Slip | None = None) -> None:
         self._metres = metres_per_radian
         self._track = track
-        slip = slip or Slip()
-        self._relative = np.array([slip.travel, slip.turn, slip.side])
+        self._slip = slip or Slip()
         self.reset(0.0, 0.0, 0.0)
 
     def reset(self, x: float, y: float, yaw: float) -> None:
         """Believe this pose (m, rad), at rest and for certain; the next motor positions are the zero of rotation."""
         self.pose, self.twist = (x, y, yaw), (0.0, 0.0)
         self._last: tuple[float, float] | None = None
-        self._common = np.zeros((3, 3))  # of the pose by the relative errors that are the same all along
-        self._changing = np.zeros((3, 3))  # covariance by those that change
+        self._error = PoseError(self._slip, self._track)
 
     def update(self, position: tuple[float, float], velocity: tuple[float, float]) -> None:
         """Go on by the front motors' positions (rad) and velocities (rad/s), right and left.
@@ -115,35 +210,23 @@ class Odometry:
             length = way * (math.sin(0.5 * turn) / (0.5 * turn) if abs(turn) > 1e-9 else 1.0)
             dx, dy = length * math.cos(yaw + 0.5 * turn), length * math.sin(yaw + 0.5 * turn)
             if way or turn:
-                self._spread(dx, dy, turn, max(abs(right), abs(left)))
+                rolled = max(abs(right), abs(left))
+                self._error.spread(dx, dy, turn, rolled)
+                self._error.sides_slip(rolled)
             self.pose = (x + dx, y + dy, yaw + turn)
         self._last = position
-
-    def _spread(self, dx: float, dy: float, turn: float, rolled: float) -> None:
-        """Carry the errors on over a step, in which the faster wheel rolled so far (m)."""
-        half = 0.5 * turn  # by a wrong turn the step itself leads astray, too
-        step = np.array([[dx, -half * dy, -dy], [dy, half * dx, dx], [0.0, turn, 0.0]])  # by travel, turn, side
-        # a heading that was wrong before the step leads it astray
-        self._common[0] += step[0] - dy * self._common[2]
-        self._common[1] += step[1] + dx * self._common[2]
-        self._common[2] += step[2]
-        carry = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
-        fresh = step * self._relative / math.sqrt(max(rolled, 1e-12))  # of a walk by metres, not by steps
-        self._changing = carry @ self._changing @ carry.T + fresh @ fresh.T
-        # each side slips on its own ground: the heading drifts on a straight line too
-        self._changing[2, 2] += (2.0 * self._relative[0] / self._track) ** 2 * rolled
 
     @property
     def pose_covariance(self) -> Array:
         """Of x, y and yaw, shape (3, 3)."""
-        common = self._common * self._relative
-        return common @ common.T + self._changing + np.diag(np.square(FLOOR))
+        return self._error.covariance
 
     @property
     def twist_covariance(self) -> Array:
         """Of the velocities forward and to the left and of the yaw rate, shape (3, 3), diagonal."""
-        (travel, turn, side), (speed, rate) = self._relative.tolist(), self.twist
-        errors = (travel * speed, side * speed, math.hypot(turn * rate, 2.0 * travel * speed / self._track))
+        slip, (speed, rate) = self._slip, self.twist
+        turned = math.hypot(slip.turn * rate, 2.0 * slip.travel * speed / self._track)
+        errors = (slip.travel * speed, slip.side * speed, turned)
         return np.diag(np.square(errors) + np.square(FLOOR))
 
 

@@ -8,8 +8,16 @@ import math
 import numpy as np
 import pytest
 
+from artibot_sim.estimation.odometry import (
+    FLOOR,
+    Odometry,
+    Slip,
+    measured_slip,
+    metres_per_radian,
+    soil_slip,
+    uncertainty,
+)
 from artibot_sim.model import load_robot, rollout
-from artibot_sim.nodes.common.odometry import FLOOR, Odometry, Slip, measured_slip, metres_per_radian, uncertainty
 from artibot_sim.nodes.sim import parameters
 from artibot_sim.planning import load_manoeuvre, manoeuvre_names, plan
 
@@ -106,7 +114,7 @@ def test_errors_of_simulated_runs_are_within_what_it_states(name: str) -> None:
 
 
 def test_the_parameters_defaults_are_what_agriq_slips_in_simulation() -> None:
-    """``python -m artibot_sim.nodes.common.odometry`` prints them for all robots."""
+    """``python -m artibot_sim.estimation.odometry`` prints them for all robots."""
     found = measured_slip(load_robot("agriq"))
     for name, value in dataclasses.asdict(found).items():
         default = parameters.SPECS[f"odometry.{name}_slip"].default
@@ -125,3 +133,26 @@ def test_the_uncertainty_of_identified_geometry_adds_to_it() -> None:
     found = Slip.of(settings, identified)
     assert found.travel == pytest.approx(math.hypot(0.03, 0.1 / 1.96))
     assert found.turn == pytest.approx(math.hypot(0.04, 0.1 / 1.96, 0.05 / 1.96 / track))
+
+
+@pytest.mark.parametrize("name", ["agriq", "husky"])
+def test_the_uncertainty_of_identified_soil_adds_to_it(name: str) -> None:
+    """A turn of robots drawn within the intervals scatters as is stated; twice the interval is twice as much."""
+    robot = load_robot(name)
+    assert soil_slip(dataclasses.replace(robot, intervals={})) == Slip()
+
+    def identified(width: float, *keys: str) -> Slip:
+        values = {key: robot.as_vector([key])[0] for key in keys}
+        intervals = {key: ((1 - width) * value, (1 + width) * value) for key, value in values.items()}
+        return soil_slip(dataclasses.replace(robot, intervals=intervals))
+
+    soil = ("contact.k_l", "contact.k_t", "contact.mu_d")
+    narrow, wide = identified(0.05, *soil), identified(0.10, *soil)
+    assert wide.turn == pytest.approx(2.0 * narrow.turn, rel=0.2)
+    assert wide.turn > 1e-3, "the soil decides how much a turn falls short"
+    parts = [identified(0.05, key).turn for key in soil]
+    assert narrow.turn == pytest.approx(math.hypot(*parts), rel=1e-6)
+    settings = {f"odometry.{part}_slip": 0.01 for part in ("travel", "turn", "side")}
+    values = {key: robot.as_vector([key])[0] for key in soil}
+    given = dataclasses.replace(robot, intervals={key: (0.9 * value, 1.1 * value) for key, value in values.items()})
+    assert Slip.of(settings, given).turn == pytest.approx(math.hypot(0.01, wide.turn))

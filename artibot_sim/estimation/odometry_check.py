@@ -1,0 +1,339 @@
+"""How far odometry goes astray on a recording with a reference: by wheels alone, and through the model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+from scipy.stats import chi2
+
+from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.model_odometry import ModelOdometry, Streams
+from artibot_sim.estimation.odometry import Slip, metres_per_radian
+from artibot_sim.experiment.columns import Channel, Experiment
+from artibot_sim.experiment.measured import dead_reckon
+from artibot_sim.experiment.smoothing import fresh, noise_of
+from artibot_sim.model import MOTORS, Robot
+from artibot_sim.model.simulate.sensors import sensor_errors
+from artibot_sim.progress import Report
+
+Array = NDArray[np.float64]
+
+LENGTH = 10.0
+"""m that the faster side rolls in a window; a segment that is shorter is a window of its own."""
+_LEAST = 0.3
+"""Windows of less than so much of `LENGTH`, or of the longest window, are left out."""
+_BOUND = float(chi2.ppf(0.95, 3))
+"""95 % of the normalised squared errors of three coordinates lie below."""
+
+
+@dataclass(frozen=True)
+class Motors:
+    """What a recording says of its motors: times (n,) s, positions and speeds (n, m), NaN where nothing is said."""
+
+    t: Array
+    position: Array
+    velocity: Array
+
+    @classmethod
+    def of(cls, experiment: Experiment, robot: Robot) -> Motors:
+        """From `/motor_torques`."""
+        channel = experiment.require("motor_torques")
+        names = MOTORS if robot.articulated else MOTORS[:2]
+        columns = [[_column(channel, f"{name}.{what}") for name in names] for what in ("position", "velocity")]
+        return cls(channel.t, np.array(columns[0]).T, np.array(columns[1]).T)
+
+    def rolled(self, metres: float) -> Array:
+        """Ground that right and left side have rolled since the beginning (n, 2), m, without slip."""
+        angle = self.position[:, :2].copy()
+        missing = ~np.isfinite(angle).all(axis=1)
+        if missing.all():
+            speed = np.nan_to_num(self.velocity[:, :2])
+            step = 0.5 * np.diff(self.t)[:, None] * (speed[1:] + speed[:-1])
+            angle = np.concatenate([np.zeros((1, 2)), np.cumsum(step, axis=0)])
+        else:
+            for side in (0, 1):
+                angle[missing, side] = np.interp(self.t[missing], self.t[~missing], angle[~missing, side])
+        return (angle - angle[0]) * metres
+
+
+def _column(channel: Channel, name: str) -> Array:
+    return channel.columns.get(name, np.full(len(channel), math.nan))
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One window: where it led, and what odometry says.
+
+    Attributes
+    ----------
+    begin, end : s
+    sides : ground rolled by right and left (k, 2), m, from the window's beginning.
+    truth : x, y (m) and yaw (rad) at the end, from the pose at the beginning.
+    model : the same through the model, by name.
+    covariance : of each, the reference's noise included.
+    """
+
+    begin: float
+    end: float
+    sides: Array
+    truth: Array
+    model: Mapping[str, Array]
+    covariance: Mapping[str, Array]
+
+    @property
+    def rolled(self) -> float:
+        """By the faster side, m."""
+        return float(np.abs(np.diff(self.sides, axis=0)).sum(axis=0).max())
+
+    def wheels(self, track: float) -> Array:
+        """Return x, y (m) and yaw (rad) at the end by wheels that roll without slip, `track` m apart."""
+        travelled, turned = self.sides.mean(axis=1), (self.sides[:, 0] - self.sides[:, 1]) / track
+        return np.asarray(dead_reckon(travelled, turned)[-1])
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Poses of the front module that were measured: times (n,) s, x, y and yaw (n, 3), and their noise (3,)."""
+
+    t: Array
+    pose: Array
+    noise: Array
+
+    @classmethod
+    def of(cls, experiment: Experiment, robot: Robot, delay: float) -> Reference:
+        """From `/ground_truth/odom`, each value once, stamped `delay` s late."""
+        channel, errors = experiment.require("ground_truth_odom", "x", "y", "yaw"), sensor_errors(robot)
+        pose = np.column_stack([channel["x"], channel["y"], channel["yaw"]])
+        there = np.isfinite(pose).all(axis=1)
+        there[there] &= fresh(pose[there])
+        pose, t = pose[there], channel.t[there] - delay - errors.delay
+        c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+        pose[:, 0] -= c * errors.arm_x - s * errors.arm_y
+        pose[:, 1] -= s * errors.arm_x + c * errors.arm_y
+        pose[:, 2] = np.unwrap(pose[:, 2])
+        noise = [noise_of(t, column) if len(t) > 15 else math.nan for column in pose.T]
+        return cls(t, pose, np.nan_to_num(noise))
+
+    def between(self, begin: float, end: float) -> Array:
+        """Pose (3,) at the end, seen from that at the beginning."""
+        first, last = (np.array([np.interp(t, self.t, column) for column in self.pose.T]) for t in (begin, end))
+        c, s = math.cos(first[2]), math.sin(first[2])
+        x, y = (last - first)[:2]
+        return np.array([c * x + s * y, c * y - s * x, last[2] - first[2]])
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to measure.
+
+    Attributes
+    ----------
+    length : m, see LENGTH.
+    streams : of the measurements.
+    pose_delay : by which reference poses are stamped late, s.
+    slip : what the model leaves open.
+    kappa : front share of the torque, see `ModelOdometry`.
+    """
+
+    length: float = LENGTH
+    streams: Streams = field(default_factory=Streams)
+    pose_delay: float = 0.0
+    slip: Slip | None = None
+    kappa: float | None = None
+
+
+def pieces(experiment: Experiment, robot: Robot, settings: Settings, progress: Report | None = None) -> list[Piece]:
+    """Cut a recording into windows and carry odometry through each of them.
+
+    Raises
+    ------
+    ArtibotError
+        Where the recording has no rotations or no reference, or nothing moves in it.
+    """
+    motors, reference = Motors.of(experiment, robot), Reference.of(experiment, robot, settings.pose_delay)
+    sides = motors.rolled(metres_per_radian(robot) / sensor_errors(robot).encoder_scale)
+    gyro = _gyro(experiment)
+    names = ["model"] + (["model and gyro"] if gyro is not None else [])
+    found: list[Piece] = []
+    windows = list(_windows(experiment, motors, sides, reference, settings))
+    for number, (first, last) in enumerate(windows):
+        if progress:
+            progress(number / len(windows))
+        model, covariance = {}, {}
+        for name in names:
+            odometry = _carried(motors, first, last, robot, settings, gyro if name != "model" else None)
+            model[name] = np.array(odometry.pose)
+            covariance[name] = odometry.pose_covariance + np.diag(2.0 * reference.noise**2)  # at both ends
+        lag = settings.streams.rotation_delay
+        begin, end = float(motors.t[first]) - lag, float(motors.t[last]) - lag
+        way = sides[first : last + 1] - sides[first]
+        found.append(Piece(begin, end, way, reference.between(begin, end), model, covariance))
+    longest = max((piece.rolled for piece in found), default=0.0)
+    kept = [piece for piece in found if piece.rolled > _LEAST * min(settings.length, longest)]
+    if not kept:
+        raise ArtibotError(f"{experiment.path}: nothing moves where both rotations and reference poses are recorded")
+    return kept
+
+
+def _gyro(experiment: Experiment) -> tuple[Array, Array] | None:
+    channel = experiment.channels.get("imu")
+    if channel is None or "yaw_rate" not in channel or np.isfinite(channel["yaw_rate"]).sum() < 2:
+        return None
+    t, rate = channel.series("yaw_rate")
+    new = fresh(rate)
+    return t[new], rate[new]
+
+
+def _windows(
+    experiment: Experiment, motors: Motors, sides: Array, reference: Reference, settings: Settings
+) -> Iterator[tuple[int, int]]:
+    lag = settings.streams.rotation_delay
+    for begin, end in experiment.segments:
+        begin, end = max(begin, float(reference.t[0]) + lag), min(end, float(reference.t[-1]) + lag)
+        rows = np.flatnonzero((motors.t >= begin - 1e-6) & (motors.t <= end + 1e-6))
+        if len(rows) < 3:
+            continue
+        way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(sides[rows], axis=0)).max(axis=1))])
+        marks = np.searchsorted(way, np.arange(0.0, way[-1], settings.length))
+        edges = [*marks.tolist(), len(rows) - 1]
+        for first, last in zip(edges[:-1], edges[1:], strict=True):
+            if last - first > 2:
+                yield int(rows[first]), int(rows[last])
+
+
+def _carried(
+    motors: Motors, first: int, last: int, robot: Robot, settings: Settings, gyro: tuple[Array, Array] | None
+) -> ModelOdometry:
+    """Return a model's odometry after a window that begins with how the motors turned half a second before."""
+    odometry = ModelOdometry(robot, settings.slip, settings.streams, settings.kappa)
+    before = int(np.searchsorted(motors.t, motors.t[first] - 0.5))
+    t_gyro, rate = gyro or (np.empty(0), np.empty(0))
+    place = int(np.searchsorted(t_gyro, motors.t[before] - 3.0))
+    for row in range(before, last + 1):
+        t = float(motors.t[row])
+        while place < len(t_gyro) and t_gyro[place] <= t + 0.1:
+            odometry.take_gyro(float(t_gyro[place]), float(rate[place]))
+            place += 1
+        odometry.update(t, motors.position[row], motors.velocity[row])
+        if row == first:
+            odometry.settle()
+    return odometry
+
+
+# ----------------------------------------------------------------------
+# Tables of the errors.
+# ----------------------------------------------------------------------
+
+
+def fitted_track(found: Sequence[Piece], robot: Robot) -> float:
+    """Return the effective track (m) with which wheels alone turn as the reference does, by the mean absolute error."""
+
+    def error(logarithm: float) -> float:
+        return float(np.mean([abs(p.wheels(math.exp(logarithm))[2] - p.truth[2]) for p in found]))
+
+    track = robot.front.i_y
+    best = minimize_scalar(error, bounds=(math.log(0.5 * track), math.log(8.0 * track)), method="bounded")
+    return math.exp(float(best.x))
+
+
+def fitted_factors(found: Sequence[Piece]) -> dict[str, float]:
+    """Return for each model the factor of its deviations with which 95 % of the windows lie below their bound."""
+    return {
+        name: math.sqrt(float(np.quantile([_normalised(p, name, 1.0) for p in found], 0.95)) / _BOUND)
+        for name in found[0].model
+    }
+
+
+def _normalised(piece: Piece, name: str, factor: float) -> float:
+    error = piece.model[name] - piece.truth
+    error[2] = math.remainder(error[2], math.tau)
+    return float(error @ np.linalg.solve(factor**2 * piece.covariance[name], error))
+
+
+@dataclass(frozen=True)
+class Row:
+    """Errors of one odometry over all windows.
+
+    Attributes
+    ----------
+    name : of the odometry.
+    heading, position : at the windows' ends: root mean square and median, rad and m.
+    per_metre, per_radian : medians of the heading's error over the way (rad/m) and over the turned angle (1).
+    consistent : share of windows whose normalised squared error lies below its 95 % bound; None without covariance.
+    normalised : its mean; 3 where the covariance is right, less where it is wide.
+    """
+
+    name: str
+    heading: tuple[float, float]
+    position: tuple[float, float]
+    per_metre: float
+    per_radian: float
+    consistent: float | None = None
+    normalised: float | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON, with units."""
+        return {
+            "heading_rms": {"value": self.heading[0], "unit": "rad"},
+            "heading_median": {"value": self.heading[1], "unit": "rad"},
+            "position_rms": {"value": self.position[0], "unit": "m"},
+            "position_median": {"value": self.position[1], "unit": "m"},
+            "heading_per_metre": {"value": self.per_metre, "unit": "rad/m"},
+            "heading_per_radian": {"value": self.per_radian, "unit": "1"},
+            "consistent": self.consistent,
+            "normalised_mean": self.normalised,
+        }
+
+
+def rows(found: Sequence[Piece], robot: Robot, track: float, factors: Mapping[str, float]) -> list[Row]:
+    """Return the errors of wheels with nominal and with fitted track, and of the model."""
+    table = [
+        _row(found, "wheels, nominal track", [p.wheels(robot.front.i_y) for p in found]),
+        _row(found, f"wheels, fitted track {track:.3f} m", [p.wheels(track) for p in found]),
+    ]
+    for name in found[0].model:
+        normalised = np.array([_normalised(p, name, factors[name]) for p in found])
+        consistent = float(np.mean(normalised <= _BOUND))
+        table.append(_row(found, name, [p.model[name] for p in found], consistent, float(normalised.mean())))
+    return table
+
+
+def _row(
+    found: Sequence[Piece],
+    name: str,
+    ends: Sequence[Array],
+    consistent: float | None = None,
+    normalised: float | None = None,
+) -> Row:
+    error = np.array(ends) - np.array([p.truth for p in found])
+    heading, position = np.abs(error[:, 2]), np.hypot(error[:, 0], error[:, 1])
+    way, turned = (np.array([p.rolled for p in found]), np.array([abs(p.truth[2]) for p in found]))
+    return Row(
+        name,
+        (float(np.sqrt(np.mean(heading**2))), float(np.median(heading))),
+        (float(np.sqrt(np.mean(position**2))), float(np.median(position))),
+        float(np.median(heading / way)),
+        float(np.median(heading / np.maximum(turned, 0.1))),
+        consistent,
+        normalised,
+    )
+
+
+def as_text(table: Sequence[Row], windows: int, fitted: int) -> str:
+    """Return the table for a terminal."""
+    lines = [
+        f"{windows} windows, track and covariances fitted on {fitted} others; errors at the windows' ends",
+        f"{'':34}{'heading, rad':>18}{'position, m':>18}{'rad/m':>9}{'rad/rad':>9}{'within 95 %':>13}",
+        f"{'':34}{'rms':>9}{'median':>9}{'rms':>9}{'median':>9}{'median':>9}{'median':>9}{'':>13}",
+    ]
+    for row in table:
+        numbers = (*row.heading, *row.position, row.per_metre, row.per_radian)
+        share = "" if row.consistent is None else f"{100 * row.consistent:.0f} %"
+        lines.append(f"{row.name:34}" + "".join(f"{number:9.3g}" for number in numbers) + f"{share:>13}")
+    return "\n".join(lines)

@@ -1,0 +1,193 @@
+"""Odometry through the model: right where the model is, better than wheels, and never astray by bad samples."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from artibot_sim.cli import main
+from artibot_sim.estimation.model_odometry import ModelOdometry, Streams
+from artibot_sim.estimation.odometry import Slip
+from artibot_sim.experiment import write_experiment
+from artibot_sim.model import Robot, Rollout, load_robot, rollout
+from artibot_sim.planning import load_manoeuvre, plan
+
+RATE = 50.0
+
+
+@pytest.fixture(scope="module", params=["agriq", "husky"])
+def run(request: pytest.FixtureRequest) -> Rollout:
+    return driven(load_robot(request.param))
+
+
+def driven(robot: Robot, manoeuvre: str = "slalom") -> Rollout:
+    return rollout(robot, plan(load_manoeuvre(manoeuvre), robot).commands(), every=20)
+
+
+def samples(result: Rollout) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, motor positions and speeds at 50 Hz."""
+    motors = slice(0, 4 if result.robot.articulated else 2)
+    return result.t, result.motor_position[:, motors], result.motor_velocity[:, motors]
+
+
+def error(odometry: ModelOdometry, result: Rollout, row: int = -1) -> np.ndarray:
+    found = np.array(odometry.pose) - result.pose[row]
+    found[2] = math.remainder(found[2], math.tau)
+    return found
+
+
+def normalised(odometry: ModelOdometry, result: Rollout) -> float:
+    found = error(odometry, result)
+    return float(found @ np.linalg.solve(odometry.pose_covariance, found))
+
+
+def test_with_the_right_robot_it_ends_where_the_rover_does(run: Rollout) -> None:
+    odometry = ModelOdometry(run.robot)
+    for t, position, velocity in zip(*samples(run), strict=True):
+        odometry.update(t, position, velocity)
+    way = np.abs(np.diff(run.pose[:, :2], axis=0)).sum()
+    assert np.hypot(*error(odometry, run)[:2]) < 0.01 * way
+    assert abs(error(odometry, run)[2]) < 0.02
+    assert odometry.t == pytest.approx(run.t[-1])
+    assert not odometry.remarks
+
+
+def test_speeds_alone_will_do(run: Rollout) -> None:
+    odometry = ModelOdometry(run.robot)
+    for t, _, velocity in zip(*samples(run), strict=True):
+        odometry.update(t, (), velocity)
+    assert abs(error(odometry, run)[2]) < 0.03
+
+
+BAD = {
+    "held": "held sample",
+    "nan": "sample without a number",
+    "one motor": "",
+    "reset": "jump of a rotation",
+    "late": "sample not later than the one before",
+    "spike": "",
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_bad_samples_neither_lead_it_astray_nor_stay(run: Rollout, what: str) -> None:
+    """Every one of them for a fifth of the time; each is counted, and the pose stays a number."""
+    odometry, rng = ModelOdometry(run.robot), np.random.default_rng(3)
+    offset, last = 0.0, None
+    for t, position, velocity in zip(*samples(run), strict=True):
+        bad = t > 1.0 and rng.random() < 0.2
+        position, velocity = position + offset, velocity.copy()
+        if bad and what == "nan":
+            position, velocity = position * math.nan, velocity * math.inf
+        elif bad and what == "one motor":
+            position[1], velocity[0] = math.nan, math.nan
+        elif bad and what == "held" and last is not None:
+            position, velocity = last
+        elif what == "reset" and bad:
+            position, offset = position - position, offset - position.max()
+        elif bad and what == "late":
+            odometry.update(t - 0.5, position + 3.0, velocity)
+        elif bad and what == "spike":
+            velocity[:] = 1e9
+        odometry.update(t, position, velocity)
+        last = (position, velocity)
+        assert np.isfinite([*odometry.pose, *odometry.twist]).all()
+        assert np.isfinite(odometry.pose_covariance).all()
+    assert abs(error(odometry, run)[2]) < 0.1
+    if BAD[what]:
+        assert odometry.remarks[BAD[what]] > 10
+
+
+def test_over_a_gap_it_knows_that_it_does_not_know(run: Rollout) -> None:
+    odometry = ModelOdometry(run.robot)
+    half = run.t[-1] / 2
+    sure = 0.0
+    for t, _, velocity in zip(*samples(run), strict=True):
+        if not half < t < half + 2.0:
+            odometry.update(t, (), velocity)
+        if t <= half:
+            sure = float(np.trace(odometry.pose_covariance))
+    assert odometry.remarks["gap"] == 1
+    assert np.trace(odometry.pose_covariance) > 2.0 * sure
+    assert normalised(odometry, run) < chi2.ppf(0.9999, 3)
+
+
+def test_a_clock_that_is_set_back_begins_anew_where_it_was() -> None:
+    run = driven(load_robot("husky"))
+    odometry = ModelOdometry(run.robot)
+    t, position, velocity = samples(run)
+    for row in range(len(t)):
+        odometry.update(t[row], position[row], velocity[row])
+    before = odometry.pose
+    odometry.update(t[0], position[0], velocity[0])
+    assert odometry.pose == before
+    for row in range(1, 100):
+        odometry.update(t[row], position[row], velocity[row])
+    assert odometry.t == pytest.approx(t[99])
+    moved = np.hypot(*(np.array(odometry.pose) - before)[:2])
+    assert moved == pytest.approx(np.hypot(*run.pose[99, :2]), abs=0.02)
+
+
+def test_delays_of_streams_are_taken_back() -> None:
+    run = driven(load_robot("husky"))
+    late = ModelOdometry(run.robot, streams=Streams(rotation_delay=0.2))
+    for t, position, velocity in zip(*samples(run), strict=True):
+        late.update(t + 0.2, position, velocity)
+    assert late.t == pytest.approx(run.t[-1])
+    assert abs(error(late, run)[2]) < 0.02
+
+
+def test_a_gyroscope_rules_the_heading_and_shows_its_bias_at_rest() -> None:
+    """The model's ground is another than the rover's; the gyroscope has a bias and is stamped late."""
+    run = driven(load_robot("husky"))
+    other = run.robot.replace({"contact.mu_s": 0.5, "contact.mu_d": 0.3, "contact.k_t": 600.0})
+    rng, wheels = np.random.default_rng(1), ModelOdometry(other)
+    streams = Streams(gyro_delay=0.04)
+    odometry = ModelOdometry(other, streams=streams)
+    for t in np.arange(-5.0, 0.0, 0.02):  # it stands first
+        odometry.update(t, (0.0, 0.0), (0.0, 0.0))
+        odometry.take_gyro(t + 0.04, 0.008 + 0.01 * rng.standard_normal())
+    rate = run.twist[:, 2]
+    for row, (t, position, velocity) in enumerate(zip(*samples(run), strict=True)):
+        odometry.take_gyro(t + 0.04, rate[row] + 0.008 + 0.01 * rng.standard_normal())
+        odometry.update(t, position, velocity)
+        wheels.update(t, position, velocity)
+    assert abs(odometry.gyro.bias - 0.008) < 2.5 * odometry.gyro.deviation < 0.003
+    assert abs(error(odometry, run)[2]) < 2.5 * math.sqrt(odometry.pose_covariance[2, 2]) < 0.15
+    assert abs(error(odometry, run)[2]) < 0.3 * abs(error(wheels, run)[2])
+
+
+def test_errors_of_other_soils_are_within_what_it_states() -> None:
+    """The rover's soil differs from the model's by 12 %; the slip that is stated is what that makes of turns."""
+    robot, bound = load_robot("husky"), float(chi2.ppf(0.95, 3))
+    within = []
+    for seed in range(12):
+        k_l, k_t, mu_d = np.exp(0.12 * np.random.default_rng(seed).standard_normal(3)).tolist()
+        soil = {"contact.k_l": k_l * robot.contact.k_l, "contact.k_t": k_t * robot.contact.k_t}
+        run = driven(robot.replace(soil | {"contact.mu_d": min(mu_d * robot.contact.mu_d, robot.contact.mu_s)}))
+        odometry = ModelOdometry(robot, Slip(0.01, 0.06, 0.01))
+        for t, position, velocity in zip(*samples(run), strict=True):
+            odometry.update(t, position, velocity)
+        within.append(normalised(odometry, run) <= bound)
+    assert np.mean(within) >= 0.9
+
+
+def test_the_command_measures_it_beside_wheels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of a turn that slips, a track that was fitted elsewhere knows less than half of what the model knows."""
+    robot = load_robot("husky")
+    for name in ("slalom", "table6_agriq"):
+        planned = plan(load_manoeuvre(name), robot)
+        write_experiment(tmp_path / name, rollout(robot, planned.commands()), planned, robot)
+    words = ["odometry", str(tmp_path / "slalom"), "--fit", str(tmp_path / "table6_agriq"), "--window", "5"]
+    assert main([*words, "--json", str(tmp_path / "table.json")]) == 0
+    assert "wheels, nominal track" in capsys.readouterr().out
+    table = json.loads((tmp_path / "table.json").read_text())["odometry"]
+    heading = {name: row["heading_rms"]["value"] for name, row in table.items()}
+    fitted = next(value for name, value in heading.items() if "fitted" in name)
+    assert heading["model"] < 0.5 * fitted < 0.5 * heading["wheels, nominal track"]
+    assert main(["odometry", "--fit", str(tmp_path / "slalom")]) == 2
