@@ -106,7 +106,8 @@ class Rotations:
         where, speed = self._padded(position), self._padded(velocity)
         speed[np.abs(speed) > self._fastest] = math.nan
         if not (np.isfinite(where) | np.isfinite(speed)).any():
-            return self.remark("sample without a number")
+            self.remark("sample without a number")
+            return None
         if self._t is None:
             self._remember(t, where, speed)
             return None
@@ -116,9 +117,11 @@ class Rotations:
             self._remember(t, where, speed)
             return None
         if elapsed <= 0.0:
-            return self.remark("sample not later than the one before")
+            self.remark("sample not later than the one before")
+            return None
         if self._is_held(elapsed, where, speed):
-            return self.remark("held sample")
+            self.remark("held sample")
+            return None
         rate, between = (where - self._position) / elapsed, self._mean_speed(elapsed, speed)
         jumped = np.abs(rate) > self._fastest
         if elapsed <= self._streams.longest_gap:

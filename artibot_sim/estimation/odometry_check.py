@@ -110,8 +110,8 @@ class Reference:
         """From `/ground_truth/odom`, each value once, stamped `delay` s late."""
         channel, errors = experiment.require("ground_truth_odom", "x", "y", "yaw"), sensor_errors(robot)
         pose = np.column_stack([channel["x"], channel["y"], channel["yaw"]])
-        there = np.isfinite(pose).all(axis=1)
-        there[there] &= fresh(pose[there])
+        there = np.flatnonzero(np.isfinite(pose).all(axis=1))
+        there = there[fresh(pose[there])]
         pose, t = pose[there], channel.t[there] - delay - errors.delay
         c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
         pose[:, 0] -= c * errors.arm_x - s * errors.arm_y
