@@ -234,6 +234,11 @@ class ModelOdometry:
     pose : (x, y, yaw), m and rad
     twist : (forward, leftward, yaw rate), m/s and rad/s
     gyro : Gyroscope
+
+    Raises
+    ------
+    ArtibotError
+        For a robot of more than two modules.
     """
 
     SLIP = Slip(0.02, 0.05, 0.03)
@@ -242,6 +247,10 @@ class ModelOdometry:
     def __init__(
         self, robot: Robot, slip: Slip | None = None, streams: Streams | None = None, kappa: float | None = None
     ) -> None:
+        if len(robot.modules) > 2:
+            raise ArtibotError(
+                f"robot '{robot.name}': has {len(robot.modules)} modules; odometry through the model takes one or two"
+            )
         errors = sensor_errors(robot)
         self.robot, self._kappa = replace(placeless(robot), name=robot.name), kappa
         self._streams, self._slip = streams or Streams(), slip or self.SLIP

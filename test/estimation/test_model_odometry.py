@@ -11,11 +11,13 @@ import pytest
 from scipy.stats import chi2
 
 from artibot_sim.cli import main
+from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.model_odometry import ModelOdometry, Streams
 from artibot_sim.estimation.odometry import Slip
 from artibot_sim.experiment import write_experiment
 from artibot_sim.model import Robot, Rollout, load_robot, rollout
 from artibot_sim.planning import load_manoeuvre, plan
+from artibot_sim.resources import config_names
 
 RATE = 50.0
 
@@ -193,3 +195,9 @@ def test_the_command_measures_it_beside_wheels(tmp_path: Path, capsys: pytest.Ca
     fitted = next(value for name, value in heading.items() if "fitted" in name)
     assert heading["model"] < 0.5 * fitted < 0.5 * heading["wheels, nominal track"]
     assert main(["odometry", "--fit", str(tmp_path / "slalom")]) == 2
+
+
+def test_a_train_is_refused_by_name() -> None:
+    train = next(robot for name in config_names("robots") if len((robot := load_robot(name)).modules) > 2)
+    with pytest.raises(ArtibotError, match=f"'{train.name}'.* one or two"):
+        ModelOdometry(train)
