@@ -66,6 +66,7 @@ from artibot_sim.model.kernels.layout import (  # fmt: skip
     Y,
     Z,
 )
+from artibot_sim.model.kernels.steps import semi_implicit
 
 D, D_DOT, D_DDOT = 0, 4, 8
 """Where `drive` holds angles, speeds and accelerations."""
@@ -360,8 +361,4 @@ def semi_implicit_step(q, v, p, fx, modes, drive, hold, lag, dt, w):
     """
     accelerations(q, v, p, fx, modes, drive, hold, lag, dt, w)
     for i in range(16):
-        new = v[i] + dt * w[ACC + i]
-        c = i % 8
-        # where the ground is a spring the new velocity must be used (symplectic); elsewhere the mean is closer
-        q[i] += dt * (new if Z <= c <= BETA else 0.5 * (v[i] + new))
-        v[i] = new
+        q[i], v[i] = semi_implicit(dt, q[i], v[i], w[ACC + i], Z <= i % 8 <= BETA)

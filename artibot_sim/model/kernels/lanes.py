@@ -25,6 +25,7 @@ from artibot_sim.model.kernels.cubic import cubic_at, cubic_between
 from artibot_sim.model.kernels.elementary import sincos, turn_by
 from artibot_sim.model.kernels.lane_layout import AT, LANES, LIMIT_Q, LIMIT_V, MOTORS, SIZE, effects_at, four, put4
 from artibot_sim.model.kernels.layout import BEHIND, FRONT, MOTOR
+from artibot_sim.model.kernels.steps import STAGE, next_stage, next_stage_of_lag, stage_time
 
 
 @inlined
@@ -254,41 +255,38 @@ def move_modules(S, fx, t):
 
 
 @inlined
-def next_stage(S, k, dt):
-    """From stage `k` of the classical Runge-Kutta method to the next; after the last one, advance the state.
+def next_state(S, k, dt):
+    """From stage `k` to the next; after the last one, advance the state.
 
-    Speeds at the stages come of accelerations at those before, so only these are summed.
+    Each branch has a loop of its own, in which the stage's number is known and what it does not need is left out.
     """
-    h = dt if k == 2 else 0.5 * dt
     if k == 0:
         for j in range(SIZE * LANES):
-            speed, acceleration = S[AT.V_S + j], S[AT.ACC + j]
-            S[AT.FIRST + j] = S[AT.SUM + j] = acceleration
-            S[AT.Q_S + j], S[AT.V_S + j] = S[AT.Q + j] + h * speed, S[AT.V + j] + h * acceleration
+            step_lane(S, STAGE[0], dt, j)
     elif k < 3:
         for j in range(SIZE * LANES):
-            speed, acceleration = S[AT.V_S + j], S[AT.ACC + j]
-            S[AT.SUM + j] += acceleration
-            S[AT.Q_S + j], S[AT.V_S + j] = S[AT.Q + j] + h * speed, S[AT.V + j] + h * acceleration
+            step_lane(S, k, dt, j)
     else:
         for j in range(SIZE * LANES):
-            total = S[AT.SUM + j]
-            q = S[AT.Q + j] + dt * (S[AT.V + j] + dt / 6.0 * total)
-            v = S[AT.V + j] + dt / 6.0 * (2.0 * total - S[AT.FIRST + j] + S[AT.ACC + j])
-            S[AT.Q + j], S[AT.Q_S + j], S[AT.V + j], S[AT.V_S + j] = q, q, v, v
+            step_lane(S, STAGE[3], dt, j)
+            S[AT.Q + j], S[AT.V + j] = S[AT.Q_S + j], S[AT.V_S + j]
+
+
+@inlined
+def step_lane(S, k, dt, j):
+    """`steps.next_stage` of a coordinate of a lane."""
+    S[AT.Q_S + j], S[AT.V_S + j], S[AT.FIRST + j], S[AT.SUM + j] = next_stage(
+        k, dt, S[AT.Q + j], S[AT.V + j], S[AT.V_S + j], S[AT.ACC + j], S[AT.FIRST + j], S[AT.SUM + j]
+    )
 
 
 @inlined
 def next_lag(S, k, dt):
-    """As `next_stage` for the lateral forces that lag."""
-    h = dt if k == 2 else 0.5 * dt
-    weight = 1.0 if k == 0 or k == 3 else 2.0
+    """As `next_state` for the lateral forces that lag."""
     for j in range(8 * LANES):
-        rate = S[AT.LAG_RATE + j]
-        total = weight * rate + (S[AT.SUM_LAG + j] if k > 0 else 0.0)
-        S[AT.SUM_LAG + j] = total
-        S[AT.LAG + j] += dt / 6.0 * total if k == 3 else 0.0
-        S[AT.LAG_S + j] = S[AT.LAG + j] if k == 3 else S[AT.LAG + j] + h * rate
+        x, total = next_stage_of_lag(k, dt, S[AT.LAG + j], S[AT.LAG_RATE + j], S[AT.SUM_LAG + j])
+        S[AT.LAG_S + j], S[AT.SUM_LAG + j] = x, total
+        S[AT.LAG + j] = x if k == 3 else S[AT.LAG + j]
 
 
 @inlined
@@ -300,15 +298,15 @@ def stage(S, fx, k, s, elapsed, dt, turning):
     """
     if k == 0:  # whoever turns: of what it knows to stay, the compiler makes a version of everything
         hold_torques(S)
-    late = 0.0 if k == 0 else 1.0 if k == 3 else 0.5
-    rolls, near = begin_stage(S, s + late * dt)
+    late = stage_time(k, dt)
+    rolls, near = begin_stage(S, s + late)
     at_knot = k == 0 and s == 0.0
     if at_knot or not near:
         face(S, 0.0 if at_knot else NEAR)
-    move_modules(S, fx, elapsed + late * dt)
+    move_modules(S, fx, elapsed + late)
     if k < turning:
         if fx is not None:
-            drag_motors(S, fx, elapsed + late * dt)
+            drag_motors(S, fx, elapsed + late)
         if not rolls:
             smooth_signs(S)
         turn_motors(S, fx)
@@ -319,7 +317,7 @@ def stage(S, fx, k, s, elapsed, dt, turning):
 @inlined
 def end_stage(S, fx, k, dt):
     """To the next stage, and after the last one to the next step."""
-    next_stage(S, k, dt)
+    next_state(S, k, dt)
     if fx is not None and len(fx) > 1:
         next_lag(S, k, dt)
 

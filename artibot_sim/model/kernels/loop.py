@@ -26,6 +26,7 @@ from artibot_sim.model.kernels.integrators import (
     semi_implicit_step,
 )
 from artibot_sim.model.kernels.layout import ACC, BEHIND, ENERGIES, FRONT, M_D, M_M, ROW
+from artibot_sim.model.kernels.steps import next_stage, next_stage_of_lag, stage_time, stage_weight
 
 OK, DIVERGED = 0, 1
 LIMIT = 1e6
@@ -42,8 +43,8 @@ class Work(NamedTuple):
     eta_next: NDArray[np.float64]
     q: NDArray[np.float64]
     v: NDArray[np.float64]
-    sum_q: NDArray[np.float64]
-    sum_v: NDArray[np.float64]
+    first: NDArray[np.float64]
+    total: NDArray[np.float64]
     e: NDArray[np.float64]
     power: NDArray[np.float64]
     lag: NDArray[np.float64]
@@ -138,33 +139,21 @@ def add_powers(q, v, p, fx, w, weight, e, pw):
 
 
 @inlined
-def next_stage(k, q, v, dt, w, q_s, v_s, sum_q, sum_v):
-    """From stage `k` of the classical Runge-Kutta method to the next; after the last one, advance (q, v)."""
-    weight = 1.0 if k == 0 or k == 3 else 2.0
-    h = dt if k == 2 else 0.5 * dt
+def next_state(k, q, v, dt, w, q_s, v_s, first, total):
+    """From stage `k` to the next; after the last one, advance (q, v)."""
     for i in range(16):
-        speed, acceleration = v_s[i], w[ACC + i]
-        sum_q[i] = weight * speed if k == 0 else sum_q[i] + weight * speed
-        sum_v[i] = weight * acceleration if k == 0 else sum_v[i] + weight * acceleration
+        q_s[i], v_s[i], first[i], total[i] = next_stage(k, dt, q[i], v[i], v_s[i], w[ACC + i], first[i], total[i])
         if k == 3:
-            q[i] += dt / 6.0 * sum_q[i]
-            v[i] += dt / 6.0 * sum_v[i]
-            q_s[i], v_s[i] = q[i], v[i]
-        else:
-            q_s[i] = q[i] + h * speed
-            v_s[i] = v[i] + h * acceleration
+            q[i], v[i] = q_s[i], v_s[i]
 
 
 @inlined
 def next_lag(k, lateral, dt, lag, sum_lag):
-    """As `next_stage` for the lateral forces that lag; `lag` holds the stage's and then their rates."""
-    weight = 1.0 if k == 0 or k == 3 else 2.0
-    h = dt if k == 2 else 0.5 * dt
+    """As `next_state` for the lateral forces that lag; `lag` holds the stage's and then their rates."""
     for i in range(8):
-        sum_lag[i] = weight * lag[8 + i] if k == 0 else sum_lag[i] + weight * lag[8 + i]
+        lag[i], sum_lag[i] = next_stage_of_lag(k, dt, lateral[i], lag[8 + i], sum_lag[i])
         if k == 3:
-            lateral[i] += dt / 6.0 * sum_lag[i]
-        lag[i] = lateral[i] if k == 3 else lateral[i] + h * lag[8 + i]
+            lateral[i] = lag[i]
 
 
 @inlined
@@ -201,7 +190,7 @@ def integrate_rk4(
     tuple of int
         OK or DIVERGED, and the number of rows written.
     """
-    w, drive, cubic, hold, eta_next, q_s, v_s, sum_q, sum_v, e, pw, lag, sum_lag = work
+    w, drive, cubic, hold, eta_next, q_s, v_s, first, total, e, pw, lag, sum_lag = work
     start = 0.0
     if fx is not None:
         start = fx.t
@@ -220,9 +209,9 @@ def integrate_rk4(
         )  # fmt: skip
         for k in range(4):
             if k != 2:
-                command_at(cubic, s + (0.0 if k == 0 else 0.5 if k == 1 else 1.0) * dt, modes, drive)
+                command_at(cubic, s + stage_time(k, dt), modes, drive)
             if fx is not None:
-                fx.t = start + dt * (step + (0.0 if k == 0 else 1.0 if k == 3 else 0.5))
+                fx.t = start + (dt * step + stage_time(k, dt))
             right_hand_side(q_s, v_s, p, fx, modes, drive, hold, lag, w)
             if k == 0:
                 if step == steps or step % every == 0:
@@ -238,8 +227,8 @@ def integrate_rk4(
                     return OK, row
                 feed_back(p, fx, v, w, eta_next, previous)
             if out_e is not None:
-                add_powers(q_s, v_s, p, fx, w, dt / (6.0 if k == 0 or k == 3 else 3.0), e, pw)
-            next_stage(k, q, v, dt, w, q_s, v_s, sum_q, sum_v)
+                add_powers(q_s, v_s, p, fx, w, stage_weight(k) * dt, e, pw)
+            next_state(k, q, v, dt, w, q_s, v_s, first, total)
             if fx is not None:
                 next_lag(k, lateral, dt, lag, sum_lag)
         for motor in range(motor_count(p)):

@@ -16,7 +16,6 @@ from artibot_sim.model.kernels.plane_step import (
     heading,
     level,
     level_accelerations,
-    level_semi_implicit,
     motions,
     near,
     stand,
@@ -24,6 +23,7 @@ from artibot_sim.model.kernels.plane_step import (
     unload,
     write_row,
 )
+from artibot_sim.model.kernels.steps import next_stage, semi_implicit, stage_time, stage_weight
 
 NOTHING = (0.0,) * 10
 
@@ -38,12 +38,50 @@ def load(q):
 
 
 @inlined
-def along(q, h, v):
-    """q + h v, of ten."""
-    return (
-        q[0] + h * v[0], q[1] + h * v[1], q[2] + h * v[2], q[3] + h * v[3], q[4] + h * v[4],
-        q[5] + h * v[5], q[6] + h * v[6], q[7] + h * v[7], q[8] + h * v[8], q[9] + h * v[9],
-    )  # fmt: skip
+def next_ten(k, dt, q, v, speed, a, first, total):
+    """`steps.next_stage` of ten coordinates."""
+    c_0 = next_stage(k, dt, q[0], v[0], speed[0], a[0], first[0], total[0])
+    c_1 = next_stage(k, dt, q[1], v[1], speed[1], a[1], first[1], total[1])
+    c_2 = next_stage(k, dt, q[2], v[2], speed[2], a[2], first[2], total[2])
+    c_3 = next_stage(k, dt, q[3], v[3], speed[3], a[3], first[3], total[3])
+    c_4 = next_stage(k, dt, q[4], v[4], speed[4], a[4], first[4], total[4])
+    c_5 = next_stage(k, dt, q[5], v[5], speed[5], a[5], first[5], total[5])
+    c_6 = next_stage(k, dt, q[6], v[6], speed[6], a[6], first[6], total[6])
+    c_7 = next_stage(k, dt, q[7], v[7], speed[7], a[7], first[7], total[7])
+    c_8 = next_stage(k, dt, q[8], v[8], speed[8], a[8], first[8], total[8])
+    c_9 = next_stage(k, dt, q[9], v[9], speed[9], a[9], first[9], total[9])
+    x = c_0[0], c_1[0], c_2[0], c_3[0], c_4[0], c_5[0], c_6[0], c_7[0], c_8[0], c_9[0]
+    rate = c_0[1], c_1[1], c_2[1], c_3[1], c_4[1], c_5[1], c_6[1], c_7[1], c_8[1], c_9[1]
+    first = c_0[2], c_1[2], c_2[2], c_3[2], c_4[2], c_5[2], c_6[2], c_7[2], c_8[2], c_9[2]
+    total = c_0[3], c_1[3], c_2[3], c_3[3], c_4[3], c_5[3], c_6[3], c_7[3], c_8[3], c_9[3]
+    return x, rate, first, total
+
+
+@inlined
+def after_step(dt, q, v, a):
+    """`steps.semi_implicit` of ten coordinates: on a plane none is held by a spring of the ground."""
+    c_0 = semi_implicit(dt, q[0], v[0], a[0], False)
+    c_1 = semi_implicit(dt, q[1], v[1], a[1], False)
+    c_2 = semi_implicit(dt, q[2], v[2], a[2], False)
+    c_3 = semi_implicit(dt, q[3], v[3], a[3], False)
+    c_4 = semi_implicit(dt, q[4], v[4], a[4], False)
+    c_5 = semi_implicit(dt, q[5], v[5], a[5], False)
+    c_6 = semi_implicit(dt, q[6], v[6], a[6], False)
+    c_7 = semi_implicit(dt, q[7], v[7], a[7], False)
+    c_8 = semi_implicit(dt, q[8], v[8], a[8], False)
+    c_9 = semi_implicit(dt, q[9], v[9], a[9], False)
+    return (c_0[0], c_1[0], c_2[0], c_3[0], c_4[0], c_5[0], c_6[0], c_7[0], c_8[0], c_9[0]), (
+        c_0[1],
+        c_1[1],
+        c_2[1],
+        c_3[1],
+        c_4[1],
+        c_5[1],
+        c_6[1],
+        c_7[1],
+        c_8[1],
+        c_9[1],
+    )
 
 
 @inlined
@@ -122,17 +160,17 @@ def level_rk4(
             p, modes, phase, knot, knot_steps, dt, position, velocity, torque_d, back_factor, previous, eta, cubic,
             hold,
         )  # fmt: skip
-        q_k, v_k, sum_q, sum_v = here, rate, NOTHING, NOTHING
+        q_k, v_k, first, total = here, rate, NOTHING, NOTHING
         for k in range(4):
             if k != 2:
-                command_at(cubic, s + (0.0 if k == 0 else 0.5 if k == 1 else 1.0) * dt, modes, drive)
+                command_at(cubic, s + stage_time(k, dt), modes, drive)
             if k > 0 and near(begun, q_k):
                 trig = turned(known, begun, q_k)
             else:
                 begun, trig = q_k, heading(q_k)
                 known = trig
             if fx is not None:
-                fx.t = start + dt * (step + (0.0 if k == 0 else 1.0 if k == 3 else 0.5))
+                fx.t = start + (dt * step + stage_time(k, dt))
             a, now = level_accelerations(
                 at, p, fx, q_k, v_k, trig, modes, drive, hold, lag, None, k == 0 or out_e is not None
             )
@@ -150,15 +188,12 @@ def level_rk4(
                 if step == steps:
                     return OK, row
                 feed_torques(p, fx, now, v_k, eta_next, previous)
-            weight = 1.0 if k == 0 or k == 3 else 2.0
             if out_e is not None:
-                level_powers(at, p, fx, motions(q_k, v_k), trig, q_k, v_k, now, hold, dt / 6.0 * weight, e)
-            sum_q, sum_v = along(sum_q, weight, v_k), along(sum_v, weight, a)
-            h = dt if k == 2 else 0.5 * dt
-            q_k, v_k = along(here, h, v_k), along(rate, h, a)
+                level_powers(at, p, fx, motions(q_k, v_k), trig, q_k, v_k, now, hold, stage_weight(k) * dt, e)
+            q_k, v_k, first, total = next_ten(k, dt, here, rate, v_k, a, first, total)
             if fx is not None and lags:
                 next_lag(k, lateral, dt, lag, sum_lag)
-        here, rate = along(here, dt / 6.0, sum_q), along(rate, dt / 6.0, sum_v)
+        here, rate = q_k, v_k
         for motor in range(4 if p.two else 2):
             eta[motor] = eta_next[motor]
         phase, since = phase + 1, since + 1
@@ -191,8 +226,8 @@ def level_semi(
         trig = heading(here)
         if fx is not None:
             fx.t = start + dt * step
-        new, a, now = level_semi_implicit(at, p, fx, here, rate, trig, modes, drive, hold, lag, dt)
-        mean = middle(rate, new)
+        a, now = level_accelerations(at, p, fx, here, rate, trig, modes, drive, hold, lag, dt, True)
+        there, new = after_step(dt, here, rate, a)
         kept = since == 0 or step == steps
         if kept:
             write_row(at, p.two, fx, motions(here, rate), trig, a, now, hold, w)
@@ -211,8 +246,8 @@ def level_semi(
                 lateral[i] += dt * lag[8 + i]
                 lag[i] = lateral[i]
         if out_e is not None:
-            level_powers(at, p, fx, motions(here, rate), trig, here, mean, now, hold, dt, e)
-        here, rate = along(here, dt, mean), new
+            level_powers(at, p, fx, motions(here, rate), trig, here, middle(rate, new), now, hold, dt, e)
+        here, rate = there, new
         phase, since = phase + 1, since + 1
         if phase == knot_steps:
             phase, knot = 0, knot + 1

@@ -1,4 +1,4 @@
-"""One rover on a plane: which rovers stay level, the right-hand side, both steps, the row of contributions."""
+"""One rover on a plane: which rovers stay level, the right-hand side, the row of contributions."""
 
 from __future__ import annotations
 
@@ -172,8 +172,7 @@ def write_row(at, two, fx, motions, trig, a, now, hold, w):
 
 
 # ----------------------------------------------------------------------
-# One rover on a plane, alone: the right-hand side, and the two ways to step it, as `integrators` has them in
-# space.
+# One rover on a plane, alone: the right-hand side, as `integrators` has it in space.
 #
 # Coordinates that move and their rates are tuples of ten numbers, which stay in registers: x, y, gamma of the front
 # module, of the back one, and the motors' angles. Nothing is stored on the way; `write_row` writes down what is
@@ -266,15 +265,3 @@ def level_accelerations(at, p, fx, q, v, trig, modes, drive, hold, lag, dt, torq
         on_f[0], on_f[1], on_f[2], on_b[0], on_b[1], on_b[2], M_0.theta_ddot, M_1.theta_ddot, a_2, a_3,
     )  # fmt: skip
     return a, Instant(forces, (M_0, M_1, M_2, M_3), contacts, joint, loads)
-
-
-@inlined
-def level_semi_implicit(at, p, fx, q, v, trig, modes, drive, hold, lag, dt):
-    """New rates after `dt`, as `integrators.semi_implicit_step` finds them; accelerations up to there, an `Instant`."""
-    a, now = level_accelerations(at, p, fx, q, v, trig, modes, drive, hold, lag, dt, True)
-    right, left, right_b, left_b = now.acting
-    new = (
-        v[0] + dt * a[0], v[1] + dt * a[1], v[2] + dt * a[2], v[3] + dt * a[3], v[4] + dt * a[4], v[5] + dt * a[5],
-        right.speed, left.speed, right_b.speed if p.two else 0.0, left_b.speed if p.two else 0.0,
-    )  # fmt: skip
-    return new, a, now
