@@ -177,28 +177,17 @@ def motor_acts(p, fx, unit, motor, forces):
 
 
 @inlined
-def next_speed(body, p, fx, unit, motor, pair, soil, lag_f, lag_b, dt):
-    """Motor speed after a step, the wheels' slip taken implicitly (linearised at the old speed), and its torque.
+def step_ahead(body, p, fx, unit, motor, pair, soil, lag_f, lag_b, dt):
+    """A motor's acceleration over a step, the wheels' slip taken implicitly (linearised at the old speed), its torque.
 
     A prescribed motor's torque follows from the new forces; zero stands in its place here.
     """
     theta_dot = motor.theta_dot
     if motor.mode == PRESCRIBED:
-        return theta_dot + dt * motor.wish, 0.0
+        return motor.wish, 0.0
     omega = unit.tau * theta_dot
-    forces = pair_forces(
-        within_friction,
-        body,
-        fx,
-        pair,
-        soil,
-        motor.number,
-        unit.r_w * omega,
-        unit.tau * motor.theta,
-        lag_f,
-        lag_b,
-        None,
-    )
+    rim, angle = unit.r_w * omega, unit.tau * motor.theta
+    forces = pair_forces(within_friction, body, fx, pair, soil, motor.number, rim, angle, lag_f, lag_b, None)
     load = motor.gear * load_torque(p, unit, forces, omega)
     inertia = motor.J + dt * motor.gear * unit.r_w * (forces.slope * unit.r_w) * unit.tau
     if fx is not None:
@@ -206,14 +195,15 @@ def next_speed(body, p, fx, unit, motor, pair, soil, lag_f, lag_b, dt):
         load += drag
         inertia += dt * drag / theta_dot if theta_dot != 0.0 else 0.0
     M_m, theta_ddot = solved(motor, inertia, 1.0 / inertia, load, unit.torque_max)
-    return theta_dot + dt * theta_ddot, M_m
+    return theta_ddot, M_m
 
 
 @inlined
-def motor_with_wheels(body, p, fx, unit, motor, pair, soil, lag_f, lag_b, dt, torques):
+def motor_with_wheels(body, p, fx, unit, motor, pair, soil, lag_f, lag_b, dt, ahead, torques):
     """A motor and its two wheels (eqs 15, 16, 21, 22): at an instant (`dt` None), or over a semi-implicit step.
 
-    A prescribed motor at an instant needs to know no force unless `torques` are asked for; they are zero then.
+    Over a step `ahead` is what `step_ahead` gives. A prescribed motor at an instant needs to know no force unless
+    `torques` are asked for; they are zero then.
 
     Returns
     -------
@@ -223,7 +213,8 @@ def motor_with_wheels(body, p, fx, unit, motor, pair, soil, lag_f, lag_b, dt, to
     """
     speed = motor.theta_dot
     if dt is not None:
-        speed, M_m = next_speed(body, p, fx, unit, motor, pair, soil, lag_f, lag_b, dt)
+        theta_ddot, M_m = ahead
+        speed += dt * theta_ddot
     omega = unit.tau * speed
     forces = pair_forces(
         within_friction, body, fx, pair, soil, motor.number, unit.r_w * omega, unit.tau * motor.theta, lag_f, lag_b, dt
@@ -232,7 +223,7 @@ def motor_with_wheels(body, p, fx, unit, motor, pair, soil, lag_f, lag_b, dt, to
         if motor.mode == PRESCRIBED and not torques:
             return forces, Acting(0.0, 0.0, 0.0, motor.wish, speed)
         return forces, motor_acts(p, fx, unit, motor, forces)
-    M_r, theta_ddot = load_torque(p, unit, forces, omega), (speed - motor.theta_dot) / dt
+    M_r = load_torque(p, unit, forces, omega)
     drag = hooks.drag(fx, motor.number, speed) if fx is not None else 0.0
     if motor.mode == PRESCRIBED:
         M_m = motor.J * theta_ddot + motor.gear * M_r
@@ -266,19 +257,10 @@ def write_motor(fx, acting, motor, hold, w):
 def move_side(body, p, fx, unit, modes, motor, q, v, pair, soil, drive, hold, lag, dt, w):
     """A motor of a module and its wheels, into the row; returns `contact.PairForces`."""
     i, c = 2 * motor, coordinate_of(motor)
-    forces, acting = motor_with_wheels(
-        body,
-        p,
-        fx,
-        unit,
-        turning(p, modes, motor, q[c], v[c], drive, hold),
-        pair,
-        soil,
-        lag[i],
-        lag[i + 1],
-        dt,
-        True,
-    )
+    at, ahead = turning(p, modes, motor, q[c], v[c], drive, hold), None
+    if dt is not None:
+        ahead = step_ahead(body, p, fx, unit, at, pair, soil, lag[i], lag[i + 1], dt)
+    forces, acting = motor_with_wheels(body, p, fx, unit, at, pair, soil, lag[i], lag[i + 1], dt, ahead, True)
     write_wheels(pair, forces, motor, w)
     write_motor(fx, acting, motor, hold, w)
     if fx is not None:

@@ -10,7 +10,14 @@ from artibot_sim.model.equations.dynamics import mass_centre, write_loads
 from artibot_sim.model.equations.plane import Body, Ground, Motion, module_pairs, planar_accelerations
 from artibot_sim.model.kernels.compilation import inlined
 from artibot_sim.model.kernels.elementary import sincos, turn_by
-from artibot_sim.model.kernels.integrators import Acting, motor_with_wheels, turning, write_motor, write_wheels
+from artibot_sim.model.kernels.integrators import (
+    Acting,
+    motor_with_wheels,
+    step_ahead,
+    turning,
+    write_motor,
+    write_wheels,
+)
 from artibot_sim.model.kernels.layout import (
     ACC,
     ALPHA,
@@ -226,11 +233,20 @@ def near(begun, q):
 
 
 @inlined
-def side_moves(body, p, fx, unit, modes, motor, theta, theta_dot, pair, soil, drive, hold, lag, dt, torques):
-    """A motor and its wheels: `integrators.motor_with_wheels` with what is held for them."""
-    i = 2 * motor
-    at = turning(p, modes, motor, theta, theta_dot, drive, hold)
-    forces, acting = motor_with_wheels(body, p, fx, unit, at, pair, soil, lag[i], lag[i + 1], dt, torques)
+def side_ahead(body, p, fx, unit, modes, motor, theta, theta_dot, pair, soil, drive, hold, lag, dt):
+    """A motor (`integrators.Turning`), and over a semi-implicit step what `integrators.step_ahead` gives."""
+    at, i = turning(p, modes, motor, theta, theta_dot, drive, hold), 2 * motor
+    if dt is None:
+        return at, None
+    return at, step_ahead(body, p, fx, unit, at, pair, soil, lag[i], lag[i + 1], dt)
+
+
+@inlined
+def side_moves(body, p, fx, unit, motor, pair, soil, lag, dt, torques):
+    """A motor and its wheels: `integrators.motor_with_wheels`; `motor` is what `side_ahead` gives."""
+    at, ahead = motor
+    i = 2 * at.number
+    forces, acting = motor_with_wheels(body, p, fx, unit, at, pair, soil, lag[i], lag[i + 1], dt, ahead, torques)
     if fx is not None:
         lag[8 + i], lag[9 + i] = forces.rate_f, forces.rate_b
     return forces, acting
@@ -244,20 +260,18 @@ def level_accelerations(at, p, fx, q, v, trig, modes, drive, hold, lag, dt, torq
     semi-implicit step of `dt` (s) takes them. `lag` (16,) holds lateral forces that lag, then their rates.
     """
     f, b = motions(q, v)
-    pair_r, pair_l, soil_r, soil_l = module_pairs(at.front, at.ground, fx, f, trig[0], trig[1])
-    F_0, M_0 = side_moves(
-        at.front, p, fx, p.right_front, modes, MOTOR[0], q[6], v[6], pair_r, soil_r, drive, hold, lag, dt, torques
-    )
-    F_1, M_1 = side_moves(
-        at.front, p, fx, p.left_front, modes, MOTOR[1], q[7], v[7], pair_l, soil_l, drive, hold, lag, dt, torques
-    )
-    pair_r, pair_l, soil_r, soil_l = module_pairs(at.back, at.ground, fx, b, trig[2], trig[3])
-    F_2, M_2 = side_moves(
-        at.back, p, fx, p.right_back, modes, MOTOR[2], q[8], v[8], pair_r, soil_r, drive, hold, lag, dt, torques
-    )
-    F_3, M_3 = side_moves(
-        at.back, p, fx, p.left_back, modes, MOTOR[3], q[9], v[9], pair_l, soil_l, drive, hold, lag, dt, torques
-    )
+    r_f, l_f, soil_rf, soil_lf = module_pairs(at.front, at.ground, fx, f, trig[0], trig[1])
+    r_b, l_b, soil_rb, soil_lb = module_pairs(at.back, at.ground, fx, b, trig[2], trig[3])
+    one, two, three, four = p.right_front, p.left_front, p.right_back, p.left_back
+    # all motors one step ahead first: they know nothing of each other, and the processor takes them side by side
+    T_0 = side_ahead(at.front, p, fx, one, modes, MOTOR[0], q[6], v[6], r_f, soil_rf, drive, hold, lag, dt)
+    T_1 = side_ahead(at.front, p, fx, two, modes, MOTOR[1], q[7], v[7], l_f, soil_lf, drive, hold, lag, dt)
+    T_2 = side_ahead(at.back, p, fx, three, modes, MOTOR[2], q[8], v[8], r_b, soil_rb, drive, hold, lag, dt)
+    T_3 = side_ahead(at.back, p, fx, four, modes, MOTOR[3], q[9], v[9], l_b, soil_lb, drive, hold, lag, dt)
+    F_0, M_0 = side_moves(at.front, p, fx, one, T_0, r_f, soil_rf, lag, dt, torques)
+    F_1, M_1 = side_moves(at.front, p, fx, two, T_1, l_f, soil_lf, lag, dt, torques)
+    F_2, M_2 = side_moves(at.back, p, fx, three, T_2, r_b, soil_rb, lag, dt, torques)
+    F_3, M_3 = side_moves(at.back, p, fx, four, T_3, l_b, soil_lb, lag, dt, torques)
     forces = F_0, F_1, F_2, F_3
     on_f, on_b, contacts, joint, loads = planar_accelerations(at.front, at.back, at.ground, fx, f, b, trig, forces, dt)
     a_2, a_3 = (M_2.theta_ddot, M_3.theta_ddot) if p.two else (0.0, 0.0)

@@ -272,9 +272,11 @@ def first_fault(
         )
     for i, body in enumerate(bodies):
         name, b = module_name(i), BACK * i
-        leaning = np.abs(q[:, b + ALPHA : b + BETA + 1]).max(axis=1, initial=0.0) > TIPPED_AT
-        lowest = q[:, b + Z] - body.half_y * np.abs(np.sin(q[:, b + ALPHA]))
-        lifted = lowest > body.r_0 + robot.wheel.r_w
+        z, alpha, beta = q[:, b + Z], q[:, b + ALPHA], q[:, b + BETA]
+        tilt, height = np.maximum(np.abs(alpha), np.abs(beta)), body.r_0 + robot.wheel.r_w
+        if tilt.max(initial=0.0) <= TIPPED_AT and z.max(initial=0.0) <= height:
+            continue
+        leaning, lifted = tilt > TIPPED_AT, z - body.half_y * np.abs(np.sin(alpha)) > height
         for status, where in ((Status.TIPPED, leaning), (Status.AIRBORNE, lifted)):
             if where.any():
                 row = int(np.argmax(where))
