@@ -1,8 +1,8 @@
 """The classical Runge-Kutta method and the semi-implicit step, each once, coordinate by coordinate.
 
 Every loop applies them to its own state: `loop` to the sixteen coordinates in space, `plane_loop` to the ten that move
-on a plane, `lanes` to those of a whole block of rovers. Nothing here branches but on the stage's number, which a loop
-over coordinates does not change.
+on a plane, `train_loop` to eight a module, `lanes` to those of a whole block of rovers. Nothing here branches but on
+the stage's number, which a loop over coordinates does not change.
 """
 
 from __future__ import annotations

@@ -47,6 +47,7 @@ from artibot_sim.model.kernels.integrators import (
     Turning,
     motor_of,
     motor_with_wheels,
+    step_ahead,
     turning,
     write_motor,
     write_wheels,
@@ -77,6 +78,7 @@ from artibot_sim.model.kernels.layout import (
     Z,
 )
 from artibot_sim.model.kernels.loop import DIVERGED, LIMIT, OK
+from artibot_sim.model.kernels.steps import next_stage, next_stage_of_lag, semi_implicit, stage_time, stage_weight
 from artibot_sim.model.kernels.train_layout import KEPT, KEPT_ENERGIES
 
 Array = NDArray[np.float64]
@@ -112,8 +114,8 @@ class TrainWork(NamedTuple):
     eta_next: Array
     q: Array
     v: Array
-    sum_q: Array
-    sum_v: Array
+    first: Array
+    total: Array
     e: Array
     power: Array
     lag: Array
@@ -127,11 +129,11 @@ def workspace(modules: int) -> TrainWork:
     n = modules
     shapes = [(n, 4), (n, 6), (n, ROWS, 3), (n, ROWS, 3), (n, ROWS, ROWS), (n, ROWS, ROWS), (n, ROWS)]
     chain = Chain(*map(np.zeros, shapes))
-    w, drive, cubic, hold, eta_next, q, v, sum_q, sum_v, e, power, lag, lag_rate, sum_lag = (
+    w, drive, cubic, hold, eta_next, q, v, first, total, e, power, lag, lag_rate, sum_lag = (
         np.zeros((n, width)) for width in (ROW, 12, 16, 20, 2, 8, 8, 8, 8, ENERGIES, ENERGIES, 4, 4, 4)
     )
     return TrainWork(
-        w, drive, cubic, hold, eta_next, q, v, sum_q, sum_v, e, power, lag, lag_rate, sum_lag, chain,
+        w, drive, cubic, hold, eta_next, q, v, first, total, e, power, lag, lag_rate, sum_lag, chain,
     )  # fmt: skip
 
 
@@ -149,7 +151,10 @@ def side_forces(p, fx, unit, side, i, q, v, modes, pair, soil, drive, hold, lag,
         2 * i + side, local.mode, local.theta, local.theta_dot, local.wish, local.torque, local.gear, local.J,
         local.inverse_J,
     )  # fmt: skip
-    forces, acting = motor_with_wheels(p.front, p, fx, unit, motor, pair, soil, lag[a], lag[a + 1], dt, True)
+    ahead = None
+    if dt is not None:
+        ahead = step_ahead(p.front, p, fx, unit, motor, pair, soil, lag[a], lag[a + 1], dt)
+    forces, acting = motor_with_wheels(p.front, p, fx, unit, motor, pair, soil, lag[a], lag[a + 1], dt, ahead, True)
     write_wheels(pair, forces, side, w)
     write_motor(fx, acting, side, hold, w)
     if fx is not None:
@@ -510,35 +515,25 @@ def keep_row(q, v, w, e, row, out_q, out_v, out_w, out_e):
 
 
 @inlined
-def next_stage(k, q, v, dt, w, q_s, v_s, sum_q, sum_v):
-    """From stage `k` of the classical Runge-Kutta method to the next; after the last one, advance (q, v)."""
-    weight = 1.0 if k == 0 or k == 3 else 2.0
-    h = dt if k == 2 else 0.5 * dt
+def next_state(k, q, v, dt, w, q_s, v_s, first, total):
+    """From stage `k` to the next; after the last one, advance (q, v)."""
     for i in range(q.shape[0]):
         for c in range(8):
-            speed, acceleration = v_s[i, c], w[i, ACC + c]
-            sum_q[i, c] = weight * speed + (0.0 if k == 0 else sum_q[i, c])
-            sum_v[i, c] = weight * acceleration + (0.0 if k == 0 else sum_v[i, c])
+            q_s[i, c], v_s[i, c], first[i, c], total[i, c] = next_stage(
+                k, dt, q[i, c], v[i, c], v_s[i, c], w[i, ACC + c], first[i, c], total[i, c]
+            )
             if k == 3:
-                q[i, c] += dt / 6.0 * sum_q[i, c]
-                v[i, c] += dt / 6.0 * sum_v[i, c]
-                q_s[i, c], v_s[i, c] = q[i, c], v[i, c]
-            else:
-                q_s[i, c] = q[i, c] + h * speed
-                v_s[i, c] = v[i, c] + h * acceleration
+                q[i, c], v[i, c] = q_s[i, c], v_s[i, c]
 
 
 @inlined
 def next_lag(k, lateral, dt, lag, rate, sum_lag):
-    """As `next_stage` for the lateral forces that lag."""
-    weight = 1.0 if k == 0 or k == 3 else 2.0
-    h = dt if k == 2 else 0.5 * dt
+    """As `next_state` for the lateral forces that lag."""
     for i in range(lateral.shape[0]):
         for c in range(4):
-            sum_lag[i, c] = weight * rate[i, c] + (0.0 if k == 0 else sum_lag[i, c])
+            lag[i, c], sum_lag[i, c] = next_stage_of_lag(k, dt, lateral[i, c], rate[i, c], sum_lag[i, c])
             if k == 3:
-                lateral[i, c] += dt / 6.0 * sum_lag[i, c]
-            lag[i, c] = lateral[i, c] if k == 3 else lateral[i, c] + h * rate[i, c]
+                lateral[i, c] = lag[i, c]
 
 
 # ----------------------------------------------------------------------
@@ -577,7 +572,7 @@ def train_rk4(
     tuple of int
         OK or DIVERGED, and the number of rows written.
     """
-    w, drive, cubic, hold, eta_next, q_s, v_s, sum_q, sum_v, e, pw, lag, lag_rate, sum_lag, chain = work
+    w, drive, cubic, hold, eta_next, q_s, v_s, first, total, e, pw, lag, lag_rate, sum_lag, chain = work
     start = 0.0
     if fx is not None:
         start = fx.t
@@ -594,9 +589,9 @@ def train_rk4(
         hold_step(modules, modes, factors, torque_d, knot, eta, previous, hold)
         for k in range(4):
             if k != 2:
-                commands_at(cubic, phase * dt + (0.0 if k == 0 else 0.5 if k == 1 else 1.0) * dt, modes, drive)
+                commands_at(cubic, phase * dt + stage_time(k, dt), modes, drive)
             if fx is not None:
-                fx.t = start + dt * (step + (0.0 if k == 0 else 1.0 if k == 3 else 0.5))
+                fx.t = start + (dt * step + stage_time(k, dt))
             accelerations(q_s, v_s, modules, joints, fx, modes, drive, hold, lag, lag_rate, None, w, chain)
             if k == 0:
                 if step == steps or step % every == 0:
@@ -608,8 +603,8 @@ def train_rk4(
                     return OK, row
                 feed_back(modules, fx, v, w, eta_next, previous)
             if out_e is not None:
-                add_powers(q_s, v_s, modules, fx, w, dt / (6.0 if k == 0 or k == 3 else 3.0), e, pw)
-            next_stage(k, q, v, dt, w, q_s, v_s, sum_q, sum_v)
+                add_powers(q_s, v_s, modules, fx, w, stage_weight(k) * dt, e, pw)
+            next_state(k, q, v, dt, w, q_s, v_s, first, total)
             if fx is not None:
                 next_lag(k, lateral, dt, lag, lag_rate, sum_lag)
         for i in range(len(modules)):
@@ -655,10 +650,7 @@ def train_semi_implicit(
             break
         for i in range(len(modules)):
             for c in range(8):
-                new = v[i, c] + dt * w[i, ACC + c]
-                # where the ground is a spring the new velocity must be used (symplectic); elsewhere the mean is closer
-                q[i, c] += dt * (new if Z <= c <= BETA else 0.5 * (v[i, c] + new))
-                v[i, c] = new
+                q[i, c], v[i, c] = semi_implicit(dt, q[i, c], v[i, c], w[i, ACC + c], Z <= c <= BETA)
         feed_back(modules, fx, v, w, eta, previous)
         if fx is not None:
             for i in range(len(modules)):
