@@ -336,12 +336,12 @@ def fit_regressor(windows: Windows, robot: Robot) -> Predictor:
     return lambda of: base(of) + np.column_stack([tree.predict(features(of)) for tree in trees])
 
 
+_RESISTED = (("effects.wheel_resistance.share", "0.2±0.2"), ("effects.pose_lever_arm.x", "0±0.15"))
 ARTIBOT: dict[str, tuple[tuple[str, str], ...]] = {
     "artibot, soil only": (),
-    "artibot, wheels resisted": (
-        ("effects.wheel_resistance.share", "0.2±0.2"), ("effects.pose_lever_arm.x", "0±0.15"),
-    ),
-}  # fmt: skip
+    "artibot, wheels resisted": _RESISTED,
+    "artibot, wheels resisted, timing": (*_RESISTED, ("effects.pose_delay.delay", "0.1±0.1")),
+}
 """Artibot's own model → what is fitted beside the soil, with its prior."""
 
 
