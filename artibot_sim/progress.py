@@ -1,7 +1,8 @@
 """How far a piece of work is: one bar for everything that may take longer than two seconds.
 
-It is drawn on standard error where that is a terminal, and gone when the work is over; in a pipe or a log there is
-nothing. Libraries know nothing of it: they call a function with the share of their work that is done, 0 to 1.
+It is drawn on standard error where that is a terminal, and gone when the work is over. In a pipe or a log a line says
+twice a minute how far long work is, and short work says nothing. Libraries know nothing of it: they call a function
+with the share of their work that is done, 0 to 1.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ DELAY = 0.5
 """Work that is over sooner (s) shows no bar."""
 PERIOD = 0.1
 """s between two pictures; one takes a few ms."""
+LINES = 30.0
+"""s between two lines where standard error is no terminal, and before the first."""
 _LEAST = 0.02
 """Before this share is done nothing is said of the time left."""
 
@@ -63,8 +66,8 @@ class Bar:
     ----------
     total : float or None
         Size of the whole work, in any unit; None where nobody knows.
-    delay, period : float
-        s before the first picture, and between two.
+    delay, period, lines : float
+        s before the first picture, and between two; s between two lines where there is no terminal.
 
     Examples
     --------
@@ -76,12 +79,14 @@ class Bar:
     drawn = 0
     """Bars on the terminal now."""
 
-    def __init__(self, total: float | None = 1.0, *, delay: float = DELAY, period: float = PERIOD) -> None:
+    def __init__(
+        self, total: float | None = 1.0, *, delay: float = DELAY, period: float = PERIOD, lines: float = LINES
+    ) -> None:
         self.total = total
-        self._period = period
-        self._began = time.monotonic()
-        self._next = self._began + delay
         self._terminal = sys.stderr.isatty()
+        self._period = period if self._terminal else lines
+        self._began = time.monotonic()
+        self._next = self._began + (delay if self._terminal else lines)
         self._stage = (0.0, 0.0)  # begin and size of the present stage
         self._rich: Any = None
         self._what = ""
@@ -110,15 +115,18 @@ class Bar:
         if not self.due(now):
             return
         self._next = now + self._period
+        note = self._time_left(done, now) if note is None else note
+        if not self._terminal:
+            print(f"{self._what}: {note}" if note else self._what, file=sys.stderr, flush=True)
+            return
         if self._rich is None:
             self._start()
-        note = self._time_left(done, now) if note is None else note
         self._rich.update(self._rich.task_ids[0], completed=done, description=self._what, note=note)
         self._rich.refresh()
 
     def due(self, now: float) -> bool:
         """Whether `show` would draw at this steady time, s."""
-        return self._terminal and now >= self._next
+        return now >= self._next
 
     def end(self) -> None:
         """Take the bar away."""

@@ -1,4 +1,4 @@
-"""The progress bar: on a terminal, for work that lasts; elsewhere nothing."""
+"""The progress bar: on a terminal, for work that lasts; elsewhere a line now and then, for work that lasts long."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from artibot_sim.progress import Bar
 WORK = """
 import sys, time
 from artibot_sim.progress import Bar
-with Bar(total=10.0, delay=float(sys.argv[1])) as bar:
+lines = {"lines": float(sys.argv[2])} if len(sys.argv) > 2 and sys.argv[2] != "fail" else {}
+with Bar(total=10.0, delay=float(sys.argv[1]), **lines) as bar:
     for what, size in (("reading", 8.0), ("drawing", 2.0)):
         report = bar.stage(what, size)
         for i in range(5):
@@ -67,7 +68,16 @@ def test_the_cursor_comes_back_after_ctrl_c() -> None:
     assert said.rindex("\x1b[?25h") > said.rindex("\x1b[?25l")
 
 
-def test_a_pipe_gets_nothing() -> None:
+def test_a_pipe_gets_a_line_now_and_then_of_long_work() -> None:
+    command = [sys.executable, "-c", WORK, "0", "0.3"]
+    run = subprocess.run(command, capture_output=True, cwd=Path(__file__).parents[1], text=True)
+    lines = run.stderr.splitlines()
+    assert 2 <= len(lines) <= 5, "1.2 s of work, a line every 0.3 s"
+    assert lines[0].startswith("reading: ") and lines[0].endswith(" left")
+    assert "\x1b" not in run.stderr and run.stdout == ""
+
+
+def test_a_pipe_gets_nothing_of_short_work() -> None:
     run = subprocess.run([sys.executable, "-c", WORK, "0"], capture_output=True, cwd=Path(__file__).parents[1])
     assert (run.returncode, run.stdout, run.stderr) == (0, b"", b"")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 
 from artibot_sim.progress import Bar
@@ -23,7 +24,7 @@ class Progress:
         self.total = total
         self.loop = loop
         self._last: tuple[float, float, int] | None = None
-        self._bar = Bar(total, delay=0.0, period=PERIOD)
+        self._bar = Bar(total, delay=0.0, period=PERIOD, lines=math.inf)  # a log needs no clock
 
     def show(self, position: float, messages: int) -> None:
         """Draw, if it is time to: `position` in recorded s since the first pass began."""
