@@ -31,8 +31,10 @@ from artibot_sim.reproduce.result import (
 from artibot_sim.reproduce.simulations import (
     ENTRY,
     CircleRun,
+    Line,
     circle_error,
     ideal_circle,
+    line_limited,
     odometric_speed,
     planned_circle,
     ramp_length,
@@ -56,6 +58,7 @@ def statements(study: Study) -> tuple[Statement, ...]:
         _at_limit(study),
         _fitted(study),
         _one_limit(study),
+        _line(study),
         _branches(study),
         _odometric_e_x(study),
     )
@@ -154,6 +157,26 @@ def _one_limit(study: Study) -> Statement:
         + f" With inner wheels on plan, as the paper says that only the outer ones lag, it lags {listed(lag[True])}: "
         + _verdict(explains[True])
         + " The two readings of the print contradict each other.",
+    )
+
+
+def _line(study: Study) -> Statement:
+    """Whether motors with a torque-speed line drive both tests at the paper's odometric radii."""
+    wanted = {test: TESTS[test].radius[ODOMETRIC] for test in TESTS}
+    found = study.lines
+    both = any(all(abs(tried[test] / wanted[test] - 1) <= 0.1 for test in TESTS) for tried in found)
+    steady = study.steady_line
+    nearest = min(abs(math.log(tried["test2"] / wanted["test2"])) for tried in found)
+    return Statement(
+        "A torque-speed line of the front motors explains Test 2's odometric radius together with Test 1's (both "
+        "within 10 %).",
+        both,
+        f"Steady circles at both odometric radii lie on one line (stall torque {steady.stall:.2f} N·m, "
+        f"{steady.free:.0f} rad/s without load at κ = {KAPPA:g}), with front wheels that hold in Test 1 and slide in "
+        f"Test 2. Driven within it, R_o is {found[0]['test1']:.2f} m in Test 1 and {found[0]['test2']:.2f} m in Test "
+        f"2; of {len(found)} lines the nearest comes within a factor of {math.exp(nearest):.2f} of Test 2's "
+        f"{wanted['test2']} m. A line has less torque at Test 2's speed than at Test 1's, so that its front wheels "
+        "hold on a wide circle, or break away to the planned one.",
     )
 
 
@@ -589,6 +612,10 @@ class Study:
     angle : dict of test to float
         Where errors are compared, rad of the planned circle.
     gap : dict of test to Gap
+    steady_line : Line
+        The torque-speed line through the steady circles of `smooth`.
+    lines : tuple of dict of test to float
+        Odometric radii of motors within that line, then within others (`tried_lines`).
     """
 
     robot: Robot
@@ -597,6 +624,8 @@ class Study:
     driven: tuple[Driven, ...]
     angle: dict[str, float]
     gap: dict[str, Gap]
+    steady_line: Line
+    lines: tuple[dict[str, float], ...]
 
     @property
     def best(self) -> Driven:
@@ -621,7 +650,31 @@ def study(robot: Robot, quick: bool = False, progress: Callable[[float], None] |
         advance(0.1 + 0.9 * (i + 1) / len(DRIVEN_KAPPAS))
     angle = {test: arc_angle(test, robot) for test in TESTS}
     gap = {test: odometric_gap(test) for test in TESTS}
-    return Study(robot, smooth, jump, tuple(driven), angle, gap)
+    line = steady_line(smooth)
+    best = min(driven, key=lambda d: d.off)
+    tried = [{test: line_limited(robot, test, line, KAPPA)[0] for test in TESTS}]
+    for other in tried_lines(smooth["test1"], best.limit, quick):
+        tried.append({test: line_limited(robot, test, other, best.kappa)[0] for test in TESTS})
+    return Study(robot, smooth, jump, tuple(driven), angle, gap, line, tuple(tried))
+
+
+def steady_line(smooth: dict[str, CircleRun]) -> Line:
+    """The torque-speed line on which the outer motor runs in both tests at the paper's odometric radii."""
+    one, two = (
+        (float(run.result.motor_velocity[run.steady, 0].mean()), float(run.torque[0])) for run in smooth.values()
+    )
+    return Line.through(one, two)
+
+
+def tried_lines(first: CircleRun, limit: float, quick: bool) -> list[Line]:
+    """Lines with about the fitted `limit` (N m) at the outer motor's speed of Test 1, flat to steep."""
+    speed = float(first.result.motor_velocity[first.steady, 0].mean())
+    shares = (1.0, 1.4) if quick else (0.9, 1.0, 1.1, 1.4, 1.8)
+    return [
+        Line(share * limit / (1 - speed / free), free)
+        for share in shares
+        for free in ((450.0,) if quick else (300.0, 450.0, 900.0))
+    ]
 
 
 def fit_limit(robot: Robot, kappa: float, step: float) -> Driven:

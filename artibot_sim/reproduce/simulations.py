@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.metrics import position_error, radius, yaw_error
 from artibot_sim.model import WHEELS, Commands, Mode, Robot, Rollout, Status, rollout
+from artibot_sim.model.kernels.layout import MOTOR_COORDINATES
+from artibot_sim.model.simulate.stepper import Stepper, Turn
 from artibot_sim.planning import Arc, FrontKinematics, Manoeuvre, Plan, Sample, load_manoeuvre, plan
 from artibot_sim.reproduce.paper import ODOMETRIC, PLANNED, TEST_A_MAX, TESTS
 
@@ -262,6 +264,50 @@ def torque_limited(robot: Robot, test: str, limit: float, kappa: float = 1.0) ->
     limited = robot.replace({"drive.front.torque_max": limit}, source="assumed: a limit under test")
     planned = planned_circle(test, limited)
     return _run(limited, test, kappa, planned, planned.commands(), DRIVEN)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A motor's torque-speed line at full supply: its torque at rest (N m), and its speed without load (rad/s)."""
+
+    stall: float
+    free: float
+
+    @staticmethod
+    def through(first: tuple[float, float], second: tuple[float, float]) -> Line:
+        """The line through two points of speed (rad/s) and torque (N m); an infinite speed where it does not fall."""
+        fall = (first[1] - second[1]) / (second[0] - first[0])
+        stall = first[1] + fall * first[0]
+        return Line(stall, stall / fall if fall > 0 else math.inf)
+
+    def limit(self, speed: float) -> float:
+        """Largest torque at a speed (rad/s), N m."""
+        return self.stall * min(max(1.0 - abs(speed) / self.free, 0.0), 1.0)
+
+
+SLICE = 5
+"""Steps of 1 ms for which the limit of a torque-speed line is held."""
+
+
+def line_limited(robot: Robot, test: str, line: Line, kappa: float = 1.0) -> tuple[float, float]:
+    """Drive as `torque_limited` does, within a torque-speed line: odometric radius and radius of the circle, m."""
+    unlimited = {f"drive.{module}.torque_max": 10.0 for module in ("front", "back")}
+    robot = robot.replace({"control.kappa": kappa} | unlimited, source="assumed: limited by a line under test")
+    planned, rover, h = planned_circle(test, robot), Stepper(robot, dt=1e-3), SLICE * 1e-3
+    t = np.arange(0.0, planned.duration, h)
+    velocity = planned.at(np.append(t, planned.duration)).velocity
+    where, speeds, shared = np.empty((len(t), 2)), np.empty((len(t), 2)), Turn(torque=math.nan)
+    for k in range(len(t)):
+        right, left = (
+            Turn((velocity[k, i], velocity[k + 1, i]), limit=line.limit(rover.v[c]))
+            for i, c in enumerate(MOTOR_COORDINATES[:2])
+        )
+        if rover.advance(SLICE, (right, left, shared, shared)) is not Status.OK:
+            raise ArtibotError(f"reproduce: {test}, {robot.name}, κ = {kappa:g}: {rover.message}")
+        where[k], speeds[k] = rover.q[:2], rover.v[list(MOTOR_COORDINATES[:2])]
+    late = t > 0.5 * (planned.marks[2].start + planned.duration)
+    forward, turn = FrontKinematics.of(robot).forward(speeds[late])
+    return float(forward.mean() / turn.mean()), radius(where[late, 0], where[late, 1])
 
 
 def _run(

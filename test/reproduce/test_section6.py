@@ -11,7 +11,9 @@ from artibot_sim.model import load_robot
 from artibot_sim.reproduce import paper, section6
 from artibot_sim.reproduce.section6 import odometric_path
 from artibot_sim.reproduce.simulations import (
+    Line,
     circle_error,
+    line_limited,
     odometric_speed,
     ramp_length,
     rotation_driven,
@@ -108,6 +110,29 @@ def test_with_front_wheels_that_hold_test_2_is_near_the_papers_model(circles: se
     assert [sum(run.steady_share(f"sat_{wheel}") > 0.5 for wheel in fronts) for run in (slid, held)] == [2, 0]
     wanted = paper.TESTS["test2"].radius["simulated"]
     assert abs(held.radius / wanted - 1) < 0.03 < abs(slid.radius / wanted - 1)
+
+
+def test_a_torque_speed_line_falls_from_stall_to_nothing() -> None:
+    line = Line.through((100.0, 0.6), (200.0, 0.2))
+    assert (line.stall, line.free) == pytest.approx((1.0, 250.0))
+    assert [line.limit(speed) for speed in (0.0, 100.0, -200.0, 300.0)] == pytest.approx([1.0, 0.6, 0.2, 0.0])
+    assert Line.through((100.0, 0.2), (200.0, 0.6)).free == math.inf
+
+
+def test_motors_within_a_flat_line_do_what_motors_with_one_limit_do() -> None:
+    robot = load_robot("agriq")
+    found = line_limited(robot, "test1", Line(0.4, math.inf), 0.8)
+    run = torque_limited(robot, "test1", 0.4, 0.8)
+    assert found == pytest.approx((run.odometric_radius, run.radius), rel=2e-3)
+
+
+def test_no_torque_speed_line_explains_both_tests(circles: section6.Study) -> None:
+    """Test 2's front wheels hold on a circle twice as wide, or break away to the planned one."""
+    wanted = paper.TESTS["test2"].radius["odometric"]
+    assert circles.steady_line.free > 300.0  # rad/s: the line itself is one that motors have
+    assert all(not 0.8 < tried["test2"] / wanted < 1.5 for tried in circles.lines)
+    (said,) = [s for s in section6.statements(circles) if "torque-speed line" in s.claim]
+    assert not said.holds
 
 
 def test_more_torque_makes_a_tighter_circle() -> None:
