@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import cached_property
@@ -11,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation import kernels
 from artibot_sim.estimation.kernels import Parts, Samples
 from artibot_sim.estimation.measurements import Stretch
@@ -29,7 +31,7 @@ from artibot_sim.estimation.windows import (
 from artibot_sim.model import Robot
 from artibot_sim.model.effects.tyre_relaxation import EFFECT
 from artibot_sim.model.simulate.sensors import measured_starts, sensor_errors, true_starts
-from artibot_sim.model.simulate.windows import KINDS, Items, Plan, WindowBatch, window_step
+from artibot_sim.model.simulate.windows import KINDS, Items, MotorTable, Plan, WindowBatch, window_step
 
 # ----------------------------------------------------------------------
 # How residuals of windows change with parameters and starts.
@@ -120,6 +122,23 @@ _CALM = 10.0
 """The same from which a sample pulls a whole window by its size no longer."""
 
 
+def longest_step(parameters: ParameterSet, tables: Sequence[MotorTable]) -> float:
+    """The longest step (s) that the robot allows, and so it does with each effect that is fitted at its plain size.
+
+    Coulomb friction in the joint of a light rover is a stiff damper about standstill; with a step that is too long the
+    joint chatters, and the friction found is less than there is. Effects with which no step is short enough are left
+    out: these are stops, at which a rover is seldom.
+    """
+    steps, none = [window_step(parameters.robot, tables)], np.zeros(len(parameters))
+    for extension, place in zip(parameters.extensions, parameters.places, strict=True):
+        if extension.one_sided and not (extension.search.logarithmic or extension.search.reference):
+            plain = none.copy()
+            plain[place] = 1.0
+            with suppress(ArtibotError):
+                steps.append(window_step(parameters.robot_at(plain), tables))
+    return min(steps)
+
+
 class Draw(IntEnum):
     """What random numbers are drawn for."""
 
@@ -162,7 +181,7 @@ class Problem:
     def __post_init__(self) -> None:
         kappa = self.kappa or [None] * len(self.stretches)
         tables = [stretch.table(share) for stretch, share in zip(self.stretches, kappa, strict=True)]
-        dt = self.dt or window_step(self.parameters.robot, tables)
+        dt = self.dt or longest_step(self.parameters, tables)
         plans = [window.plan for window in self.windows]
         self._before = predecessors(self.windows)
         after = {before: i for i, before in enumerate(self._before) if before is not None}
@@ -188,9 +207,11 @@ class Problem:
         return replace(self, windows=[self.windows[i] for i in rows])
 
     def with_parameters(self, parameters: ParameterSet) -> Problem:
-        """This problem for other parameters: its windows and its integration step stay."""
+        """This problem for other parameters: its windows stay, and its integration step unless effects need another."""
+        if self.dt is None and longest_step(parameters, self._batch.tables) != self._batch.dt:
+            return replace(self, parameters=parameters)
         new = copy.copy(self)  # what was worked out of the windows stays
-        new.parameters, new.dt = parameters, self._batch.dt
+        new.parameters = parameters
         return new
 
     def widening(self, window: Window) -> dict[str, float]:

@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 from diagnose.hidden import case
 from diagnose.hidden.cases import driven
+from diagnose.turns import EVEN
 
 from artibot_sim.diagnose import Verdict, diagnose
-from artibot_sim.diagnose.candidates.hypotheses import hypotheses
+from artibot_sim.diagnose.candidates.hypotheses import hypotheses, with_effect, without_effect
 from artibot_sim.diagnose.sizes import Scale, factors, scale_of, sized
+from artibot_sim.estimation.solver import evaluate
+from artibot_sim.identify.requested import parameter_set
+from artibot_sim.identify.run import problem_of
 from artibot_sim.model import load_robot
 from artibot_sim.model.effects import EFFECTS
 
@@ -77,3 +81,25 @@ def test_a_light_rovers_small_effect_is_named(effect: str, name: str, size: floa
     assert answer.verdict is Verdict.NAMED
     assert [cause.effect for cause in answer.causes] == [effect]
     assert 0.5 < answer.causes[0].parameters[name].value / size < 2.0
+
+
+@pytest.mark.parametrize(("name", "shorter"), [("epiq", True), ("agriq", False)])
+def test_friction_in_a_light_joint_takes_a_shorter_step(name: str, shorter: bool) -> None:
+    """With the step of the plain robot Epi.q's joint chatters, and the true friction looks wrong."""
+    robot = load_robot(name)
+    found = case(("joint_friction",), 1.0, 5, runs=1, duration=10.0, robot=name)
+    problem = problem_of(found.recordings, parameter_set(robot), 5.0, 2)
+    extension = sized("joint_friction", robot)
+    more = with_effect(problem, extension)
+    assert (more._batch.dt < problem._batch.dt) is shorter
+    assert without_effect(more, evaluate(more, EVEN, [np.zeros(6)], more.starts)[0])[0]._batch.dt == problem._batch.dt
+    soil = np.array([found.truth.soil[key.split(".")[-1]] for key in problem.parameters.keys])
+    own = extension.coordinates(dict(found.truth.effects["joint_friction"]))
+    there = [more.parameters.coordinates(soil, own)]
+
+    def cost(dt: float) -> float:
+        return evaluate(replace(more, dt=dt), EVEN, there, more.starts)[0].cost
+
+    exact = cost(5e-4)
+    assert cost(more._batch.dt) == pytest.approx(exact, rel=0.03)
+    assert (cost(problem._batch.dt) > 1.1 * exact) is shorter
