@@ -30,6 +30,8 @@ def declare_all(node: Any) -> tuple[Robot, dict[str, Any]]:
         When a value given at the start, or the robot, is refused.
     """
     robot = load_robot(str(declare(node, SPECS["robot"])))
+    if len(robot.motors) > 4:
+        raise ArtibotError(f"robot '{robot.name}': it has {len(robot.motors)} motors; the driver drives four at most")
     settings: dict[str, Any] = {"robot": robot.name}
     for name, spec in ALL_SPECS.items():
         if name == "robot":
