@@ -48,7 +48,7 @@ def run(state: Commanding, rules: Rules, steps: int, t_ns: int, now: float, aliv
     decisions: list[Decision] = []
     for _ in range(steps):
         if alive:
-            state = arbiter.hear_planner(state, now)
+            state = arbiter.take_sign_of_life(state, now)
         state, decision = decide(state, rules, t_ns, STEP, 1, now)
         decisions.append(decision)
         t_ns, now = t_ns + STEP, now + STEP * 1e-9
@@ -87,7 +87,7 @@ def test_silence_is_a_ramp_on_the_same_curve_within_the_deceleration(
 def test_what_is_published_next_begins_where_the_last_ended(velocity: Pair, seen: list[Pair]) -> None:
     state, decisions, t_ns, now = run(Commanding(velocity=velocity), RULES, 3, 0, 0.0)
     for pair in seen:
-        state = arbiter.hear_live(state, pair, NAN, now)
+        state = arbiter.take_live(state, pair, NAN, now)
         state, more, t_ns, now = run(state, RULES, 2, t_ns, now)
         decisions += more
     for before, after in zip(decisions, decisions[1:], strict=False):
@@ -96,7 +96,7 @@ def test_what_is_published_next_begins_where_the_last_ended(velocity: Pair, seen
 
 
 def test_live_requests_hold_for_the_timeout_and_no_longer() -> None:
-    state = arbiter.hear_live(Commanding(), (80.0, 40.0), (1.0, -1.0), 5.0)
+    state = arbiter.take_live(Commanding(), (80.0, 40.0), (1.0, -1.0), 5.0)
     state, decision = decide(state, RULES, 0, STEP, 1, 5.0)
     assert (decision.source, decision.velocity[-1], decision.effort) == (Source.LIVE, (80.0, 40.0), (1.0, -1.0))
     state, decision = decide(state, RULES, STEP, STEP, 1, 5.1)
@@ -108,7 +108,7 @@ def test_live_requests_hold_for_the_timeout_and_no_longer() -> None:
 
 def test_a_profile_is_followed_to_the_bit_and_ends_at_its_rotation() -> None:
     plan = ramped(50 * STEP, 1.0)
-    state = arbiter.hear_profile(Commanding(), plan, RULES, 0, 0.0)
+    state = arbiter.take_profile(Commanding(), plan, RULES, 0, 0.0)
     state, decisions, _, _ = run(state, RULES, 200, 0, 0.0, alive=True)
     told = [pair for decision in decisions for pair in decision.velocity[:1]]
     assert told[:50] == [(0.0, 0.0)] * 50
@@ -120,7 +120,7 @@ def test_a_profile_is_followed_to_the_bit_and_ends_at_its_rotation() -> None:
 @given(phase=st.integers(1, STEP - 1))
 def test_a_profile_off_the_grid_is_followed_too(phase: int) -> None:
     plan = ramped(3 * STEP + phase, 1.0)
-    state = arbiter.hear_profile(Commanding(), plan, RULES, 0, 0.0)
+    state = arbiter.take_profile(Commanding(), plan, RULES, 0, 0.0)
     state, decisions, t_ns, _ = run(state, RULES, 60, 0, 0.0, alive=True)
     assert decisions[-1].velocity[-1] == plan.sample(t_ns)[0]
     state, decisions, _, _ = run(state, RULES, 60, t_ns, 0.6, alive=True)
@@ -130,7 +130,7 @@ def test_a_profile_off_the_grid_is_followed_too(phase: int) -> None:
 @given(late_ns=st.integers(1, arbiter.STALE_NS))
 def test_a_latecomer_catches_up_at_the_acceleration_limit(late_ns: int) -> None:
     plan = ramped(0, 6.0)
-    state = arbiter.hear_profile(Commanding(), plan, RULES, late_ns, 0.0)
+    state = arbiter.take_profile(Commanding(), plan, RULES, late_ns, 0.0)
     _, decisions, _, _ = run(state, RULES, 150, late_ns, 0.0, alive=True)
     velocities = [(0.0, 0.0), *ends(decisions)]
     caught = False
@@ -146,18 +146,18 @@ def test_a_latecomer_catches_up_at_the_acceleration_limit(late_ns: int) -> None:
 
 def test_a_stale_profile_and_one_on_another_clock_are_refused() -> None:
     at = 10**18
-    arbiter.hear_profile(Commanding(), ramped(at - arbiter.STALE_NS, 1.0), RULES, at, 0.0)
+    arbiter.take_profile(Commanding(), ramped(at - arbiter.STALE_NS, 1.0), RULES, at, 0.0)
     with pytest.raises(Refused, match=r"1\.000 s in the past.*clock"):
-        arbiter.hear_profile(Commanding(), ramped(at - arbiter.STALE_NS - 1, 1.0), RULES, at, 0.0)
+        arbiter.take_profile(Commanding(), ramped(at - arbiter.STALE_NS - 1, 1.0), RULES, at, 0.0)
     with pytest.raises(Refused, match=r"ahead.*use_sim_time"):
-        arbiter.hear_profile(Commanding(), ramped(at, 1.0), RULES, STEP, 0.0)
+        arbiter.take_profile(Commanding(), ramped(at, 1.0), RULES, STEP, 0.0)
     with pytest.raises(Refused, match="max_speed"):
-        arbiter.hear_profile(Commanding(), ramped(at, 1.0, top=1e6), RULES, at, 0.0)
+        arbiter.take_profile(Commanding(), ramped(at, 1.0, top=1e6), RULES, at, 0.0)
 
 
 def test_without_a_sign_of_life_the_profile_ends_in_a_ramp_and_is_not_taken_up_again() -> None:
     plan = ramped(0, 4.0)
-    state = arbiter.hear_profile(Commanding(), plan, RULES, 0, 0.0)
+    state = arbiter.take_profile(Commanding(), plan, RULES, 0, 0.0)
     state, _, t_ns, now = run(state, RULES, 100, 0, 0.0, alive=True)
     state, decisions, t_ns, now = run(state, RULES, 12, t_ns, now)
     sources = [decision.source for decision in decisions]
@@ -165,12 +165,12 @@ def test_without_a_sign_of_life_the_profile_ends_in_a_ramp_and_is_not_taken_up_a
     assert any("sign of life" in decision.notice for decision in decisions)
     state, decisions, t_ns, now = run(state, RULES, 100, t_ns, now, alive=True)
     assert state.velocity == (0.0, 0.0)
-    again = arbiter.hear_profile(state, plan, RULES, t_ns - STEP, now)
+    again = arbiter.take_profile(state, plan, RULES, t_ns - STEP, now)
     assert again.pending is None
 
 
 def test_a_planner_silent_before_its_start_is_not_followed() -> None:
-    state = arbiter.hear_profile(Commanding(), ramped(100 * STEP, 1.0), RULES, 0, 0.0)
+    state = arbiter.take_profile(Commanding(), ramped(100 * STEP, 1.0), RULES, 0, 0.0)
     state, _, t_ns, now = run(state, RULES, 30, 0, 0.0, alive=True)
     state, decisions, _, _ = run(state, RULES, 120, t_ns, now)
     assert set(ends(decisions)) == {(0.0, 0.0)}
@@ -178,7 +178,7 @@ def test_a_planner_silent_before_its_start_is_not_followed() -> None:
 
 
 def test_a_planner_never_heard_is_followed_for_the_timeout_only() -> None:
-    state = arbiter.hear_profile(Commanding(), ramped(10 * STEP, 4.0), RULES, 0, 0.0)
+    state = arbiter.take_profile(Commanding(), ramped(10 * STEP, 4.0), RULES, 0, 0.0)
     _, decisions, _, _ = run(state, RULES, 60, 0, 0.0)
     followed = [decision.source for decision in decisions].count(Source.PROFILE)
     assert 0 < followed <= 12
@@ -187,26 +187,26 @@ def test_a_planner_never_heard_is_followed_for_the_timeout_only() -> None:
 def test_as_fast_as_it_goes_needs_no_sign_of_life() -> None:
     plan = ramped(0, 2.0)
     rules = replace(RULES, needs_sign_of_life=False)
-    state = arbiter.hear_profile(Commanding(), plan, rules, 0, 0.0)
+    state = arbiter.take_profile(Commanding(), plan, rules, 0, 0.0)
     state, decisions, _, _ = run(state, rules, 199, 0, 0.0)
     assert ends(decisions) == list(plan.velocity[1:-1])
 
 
 def test_the_same_profile_again_changes_nothing() -> None:
     plan = ramped(20 * STEP, 2.0)
-    state = arbiter.hear_profile(Commanding(), plan, RULES, 0, 0.0)
+    state = arbiter.take_profile(Commanding(), plan, RULES, 0, 0.0)
     state, _, t_ns, now = run(state, RULES, 80, 0, 0.0, alive=True)
-    assert arbiter.hear_profile(state, ramped(20 * STEP, 2.0), RULES, t_ns, now) is state
+    assert arbiter.take_profile(state, ramped(20 * STEP, 2.0), RULES, t_ns, now) is state
 
 
 def test_default_precedence() -> None:
-    state = arbiter.hear_twist(Commanding(), (10.0, 10.0), 0.0)
+    state = arbiter.take_twist(Commanding(), (10.0, 10.0), 0.0)
     state, decisions, t_ns, now = run(state, RULES, 20, 0, 0.0)
     assert decisions[-1].source is Source.CMD_VEL
-    state = arbiter.hear_profile(state, ramped(t_ns, 2.0), RULES, t_ns, now)
+    state = arbiter.take_profile(state, ramped(t_ns, 2.0), RULES, t_ns, now)
     state, decisions, t_ns, now = run(state, RULES, 20, t_ns, now, alive=True)
     assert decisions[-1].source is Source.PROFILE
-    state = arbiter.hear_live(state, (5.0, 5.0), NAN, now)
+    state = arbiter.take_live(state, (5.0, 5.0), NAN, now)
     state, decisions, t_ns, now = run(state, RULES, 1, t_ns, now, alive=True)
     assert decisions[-1].source is Source.LIVE and "profile under way is dropped" in decisions[-1].notice
     state, decisions, t_ns, now = run(state, RULES, 60, t_ns, now, alive=True)
@@ -216,8 +216,8 @@ def test_default_precedence() -> None:
 @pytest.mark.parametrize("order", ["cmd_vel,live", "live,cmd_vel", "cmd_vel", "live", "none"])
 def test_precedence_is_a_parameter(order: str) -> None:
     rules = replace(RULES, sources=parse_sources(order))
-    state = arbiter.hear_live(arbiter.hear_twist(Commanding(), (10.0, 10.0), 0.0), (5.0, 5.0), NAN, 0.0)
-    state = arbiter.hear_profile(state, ramped(0, 1.0), rules, 0, 0.0)
+    state = arbiter.take_live(arbiter.take_twist(Commanding(), (10.0, 10.0), 0.0), (5.0, 5.0), NAN, 0.0)
+    state = arbiter.take_profile(state, ramped(0, 1.0), rules, 0, 0.0)
     _, decision = decide(state, rules, 0, STEP, 1, 0.0)
     assert decision.source.value == order.split(",")[0]
 
@@ -229,13 +229,13 @@ def test_nothing_heard_makes_a_command_that_is_not_finite_or_moves_after_long_si
     state, t_ns, now = Commanding(), 10**9, 100.0
     for kind, pair in events:
         if kind == "live":
-            state = arbiter.hear_live(state, pair, NAN, now)
+            state = arbiter.take_live(state, pair, NAN, now)
         elif kind == "twist":
-            state = arbiter.hear_twist(state, pair, now)
+            state = arbiter.take_twist(state, pair, now)
         elif kind == "profile":
-            state = arbiter.hear_profile(state, profile(t_ns, [(0.0, 0.0), pair, (0.0, 0.0)]), RULES, t_ns, now)
+            state = arbiter.take_profile(state, profile(t_ns, [(0.0, 0.0), pair, (0.0, 0.0)]), RULES, t_ns, now)
         elif kind == "sign":
-            state = arbiter.hear_planner(state, now)
+            state = arbiter.take_sign_of_life(state, now)
         state, decisions, t_ns, now = run(state, RULES, 3, t_ns, now)
         for decision in decisions:
             assert all(math.isfinite(v) for knot in (*decision.velocity, *decision.position) for v in knot)
@@ -248,15 +248,15 @@ def test_nothing_heard_makes_a_command_that_is_not_finite_or_moves_after_long_si
 def test_only_a_source_that_asked_for_motion_is_silenced(source: Source, hear: str, refused: bool) -> None:
     def heard(state: Commanding, velocity: Pair, now: float) -> Commanding:
         if hear == "live":
-            return arbiter.hear_live(state, velocity, NAN, now)
-        return arbiter.hear_twist(state, velocity, now)
+            return arbiter.take_live(state, velocity, NAN, now)
+        return arbiter.take_twist(state, velocity, now)
 
     timeout = RULES.command_timeout if hear == "live" else RULES.cmd_vel_timeout
     for velocity in ((80.0, 40.0), (0.0, 0.0)):
         state, decisions, t_ns, now = run(heard(Commanding(), velocity, 5.0), RULES, 5, 0, 5.0)
         assert not any(each.silenced for each in decisions)
         if refused:
-            state = arbiter.hear_refused(state, source)
+            state = arbiter.take_refusal(state, source)
         state, decisions, *_ = run(state, RULES, 60, t_ns, now)
         first = next((k for k, each in enumerate(decisions) if each.silenced), None)
         if velocity == (0.0, 0.0):
@@ -269,16 +269,16 @@ def test_only_a_source_that_asked_for_motion_is_silenced(source: Source, hear: s
 
 
 def test_a_refused_message_leaves_other_sources_and_a_profile_alone() -> None:
-    state = arbiter.hear_twist(arbiter.hear_live(Commanding(), (1.0, 1.0), NAN, 0.0), (2.0, 2.0), 0.0)
-    state = arbiter.hear_profile(state, ramped(10**9, 1.0), RULES, 0, 0.0)
-    assert arbiter.hear_refused(state, Source.LIVE) == replace(state, live=None)
-    assert arbiter.hear_refused(state, Source.CMD_VEL) == replace(state, twist=None)
-    assert arbiter.hear_refused(state, Source.PROFILE) == state
+    state = arbiter.take_twist(arbiter.take_live(Commanding(), (1.0, 1.0), NAN, 0.0), (2.0, 2.0), 0.0)
+    state = arbiter.take_profile(state, ramped(10**9, 1.0), RULES, 0, 0.0)
+    assert arbiter.take_refusal(state, Source.LIVE) == replace(state, live=None)
+    assert arbiter.take_refusal(state, Source.CMD_VEL) == replace(state, twist=None)
+    assert arbiter.take_refusal(state, Source.PROFILE) == state
 
 
 def test_a_planner_that_dies_silences_its_profile_and_one_that_is_over_does_not() -> None:
     for dies in (True, False):
-        state = arbiter.hear_profile(Commanding(), ramped(0, 1.0), RULES, 0, 0.0)
+        state = arbiter.take_profile(Commanding(), ramped(0, 1.0), RULES, 0, 0.0)
         state, decisions, t_ns, now = run(state, RULES, 40, 0, 0.0, alive=True)
         state, more, *_ = run(state, RULES, 100, t_ns, now, alive=not dies)
         assert not any(each.silenced for each in decisions)

@@ -1,6 +1,6 @@
 """Commands as they come in, and who drives the rover: what is refused, arbitration, silence.
 
-Pure and without ROS: a frozen :class:`Commanding` is what has been received so far; the ``hear_*`` functions and
+Pure and without ROS: a frozen :class:`Commanding` is what has been received so far; the ``take_*`` functions and
 :func:`decide` return a new one. `now` is always steady wall time in seconds, ``t_ns`` simulated time.
 
 The rules, in the default order of `AUTO`:
@@ -181,7 +181,7 @@ def parse_twist(message: Any, rules: Rules) -> Pair:
 # ----------------------------------------------------------------------
 # Who drives the rover now: arbitration between the command topics, and what silence does.
 #
-# Pure and without ROS: a frozen :class:`Commanding` is what has been heard so far; the ``hear_*`` functions and
+# Pure and without ROS: a frozen :class:`Commanding` is what has been heard so far; the ``take_*`` functions and
 # :func:`decide` return a new one. `now` is always steady wall time in seconds, ``t_ns`` simulated time.
 #
 # The rules, in the default order of `AUTO`:
@@ -280,17 +280,17 @@ class Decision:
     silenced: bool = False
 
 
-def hear_live(state: Commanding, velocity: Pair, effort: Pair, now: float) -> Commanding:
+def take_live(state: Commanding, velocity: Pair, effort: Pair, now: float) -> Commanding:
     """A live request that :func:`parse_request` has passed."""
     return replace(state, live=Live(velocity, effort, now))
 
 
-def hear_twist(state: Commanding, velocity: Pair, now: float) -> Commanding:
+def take_twist(state: Commanding, velocity: Pair, now: float) -> Commanding:
     """A velocity command that :func:`parse_twist` has passed."""
     return replace(state, twist=Twist(velocity, now))
 
 
-def hear_refused(state: Commanding, source: Source) -> Commanding:
+def take_refusal(state: Commanding, source: Source) -> Commanding:
     """A message that was refused ends the command that its source gave before; a profile stands by itself."""
     return replace(
         state,
@@ -299,12 +299,12 @@ def hear_refused(state: Commanding, source: Source) -> Commanding:
     )
 
 
-def hear_planner(state: Commanding, now: float) -> Commanding:
+def take_sign_of_life(state: Commanding, now: float) -> Commanding:
     """A sign of life of the planner."""
     return replace(state, sign_of_life=now)
 
 
-def hear_profile(state: Commanding, profile: Profile, rules: Rules, t_ns: int, now: float) -> Commanding:
+def take_profile(state: Commanding, profile: Profile, rules: Rules, t_ns: int, now: float) -> Commanding:
     """A profile, at simulated time `t_ns`. One that was heard before changes nothing.
 
     Raises

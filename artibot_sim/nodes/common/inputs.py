@@ -96,7 +96,7 @@ class Inputs:
         What the time is, in that of the stamps.
     state : Commanding
         What was heard so far.
-    deaf : str
+    closed : str
         Why no command is taken at the moment, or empty; a command that comes then is lost.
     refusals : dict of Source to str
         Why the last message of a source was refused; nothing where it was not.
@@ -113,7 +113,7 @@ class Inputs:
         self._stopped_at: float | None = None
         self._reset_wall_ns = 0
         self._reset_at = -IN_FLIGHT
-        self.deaf = ""
+        self.closed = ""
         self.refusals: dict[Source, str] = {}
         self._warned: dict[Source, float] = {}
         self._aged, self.latest = aged, 0.0
@@ -129,9 +129,9 @@ class Inputs:
         self._node, self._profiles = node, None
         self._types_at, self._types_of = 0.0, 0
         self._strangers: set[tuple[str, str, str]] = set()
-        self.hear_profiles(True)
+        self.listen_for_profiles(True)
 
-    def hear_profiles(self, wanted: bool) -> None:
+    def listen_for_profiles(self, wanted: bool) -> None:
         """Subscribe to profiles or not: a planner waits for somebody who does before it publishes its one."""
         if wanted and self._profiles is None:
             topic = TOPICS[Source.PROFILE]
@@ -221,14 +221,14 @@ class Inputs:
             self._warned[source] = now
             self._log.warning(f"{TOPICS[source]} {what}")
 
-    def _is_deaf(self, source: Source) -> bool:
-        if self.deaf:
-            self._warn_of(source, f"refused: {self.deaf}", 5.0)
-        return bool(self.deaf)
+    def _is_closed(self, source: Source) -> bool:
+        if self.closed:
+            self._warn_of(source, f"refused: {self.closed}", 5.0)
+        return bool(self.closed)
 
     def _unheard(self, source: Source, info: dict[str, Any]) -> bool:
         """Whether a command is none, because of when it was sent or comes."""
-        return self._is_deaf(source) or self._outdated(info)
+        return self._is_closed(source) or self._outdated(info)
 
     def _said_at(self, topic: str, info: dict[str, Any]) -> float:
         """When a message counts as heard, in terms of `now`: earlier by as much as it was held up on its way."""
@@ -242,10 +242,10 @@ class Inputs:
     def _refuse(self, source: Source, reason: Refused) -> None:
         self._warn_of(source, f"refused: {reason}", 1.0)
         self.refusals[source] = str(reason)
-        self.state = arbiter.hear_refused(self.state, source)
+        self.state = arbiter.take_refusal(self.state, source)
 
     def _on_profile(self, message: bytes, info: dict[str, Any]) -> None:
-        if self._is_deaf(Source.PROFILE):
+        if self._is_closed(Source.PROFILE):
             return
         # one that waits for latecomers may come long after a stop
         if info["source_timestamp"] < self._reset_wall_ns:
@@ -263,7 +263,7 @@ class Inputs:
             if isinstance(profile, Refused):
                 raise profile
             known = self.state.last_key == profile.key
-            self.state = arbiter.hear_profile(self.state, profile, self.rules, self.t_ns, received)
+            self.state = arbiter.take_profile(self.state, profile, self.rules, self.t_ns, received)
         except Refused as reason:
             self._refuse_profile(reason)
             return
@@ -285,7 +285,7 @@ class Inputs:
         if remark:
             self._log.warning(f"{TOPICS[Source.LIVE]}: {remark}", throttle_duration_sec=1.0)
         self.refusals.pop(Source.LIVE, None)
-        self.state = arbiter.hear_live(self.state, velocity, effort, self._said_at(TOPICS[Source.LIVE], info))
+        self.state = arbiter.take_live(self.state, velocity, effort, self._said_at(TOPICS[Source.LIVE], info))
 
     def _on_twist(self, message: TwistStamped | Twist, info: dict[str, Any]) -> None:
         if self._unheard(Source.CMD_VEL, info):
@@ -296,10 +296,10 @@ class Inputs:
             self._refuse(Source.CMD_VEL, reason)
             return
         self.refusals.pop(Source.CMD_VEL, None)
-        self.state = arbiter.hear_twist(self.state, velocity, self._said_at(TOPICS[Source.CMD_VEL], info))
+        self.state = arbiter.take_twist(self.state, velocity, self._said_at(TOPICS[Source.CMD_VEL], info))
 
     def _on_planner(self, message: bytes, info: dict[str, Any]) -> None:
-        if self.deaf or self._outdated(info) or len(message) < SHORTEST:
+        if self.closed or self._outdated(info) or len(message) < SHORTEST:
             return
         stamp_ns = stamp_of(message)
         off = (stamp_ns - self.t_ns) / SECOND
@@ -312,4 +312,4 @@ class Inputs:
                     throttle_duration_sec=5.0,
                 )
             return
-        self.state = arbiter.hear_planner(self.state, self._said_at(SIGN_OF_LIFE, info))
+        self.state = arbiter.take_sign_of_life(self.state, self._said_at(SIGN_OF_LIFE, info))

@@ -37,9 +37,9 @@ class CommandGate:
         self._close(NOT_ENABLED)
 
     def _close(self, why: str) -> None:
-        self.inputs.deaf = why
+        self.inputs.closed = why
         self.inputs.drop((0.0, 0.0))
-        self.inputs.hear_profiles(False)
+        self.inputs.listen_for_profiles(False)
         self.source = Source.NONE
 
     def follow(self, status: Status) -> None:
@@ -52,8 +52,8 @@ class CommandGate:
             self._close(STOPPED if status.stop else NOT_ENABLED)
             return
         self.inputs.drop((0.0, 0.0))
-        self.inputs.deaf = ""
-        self.inputs.hear_profiles(True)
+        self.inputs.closed = ""
+        self.inputs.listen_for_profiles(True)
 
     def decide(
         self, status: Status, t_ns: int, period_ns: int, periods: int, kappa: float, law: Law | None = None
@@ -68,7 +68,7 @@ class CommandGate:
             Since the last call so many SYNC periods have passed, mostly one.
         """
         self.inputs.t_ns = t_ns - (periods - 1) * period_ns
-        if status.phase is not Phase.ENABLED or self.inputs.deaf:
+        if status.phase is not Phase.ENABLED or self.inputs.closed:
             return None
         before = self.inputs.state
         decision = self.inputs.decide(period_ns, periods)

@@ -12,12 +12,12 @@ from artibot_sim.model import Robot
 from artibot_sim.nodes.drives.loop import drive_config, drive_states, open_drive_loop
 from artibot_sim.nodes.drives.motors import RoverShafts
 from artibot_sim.nodes.sim import parameters
+from artibot_sim.nodes.sim.actuation import Settings
 from artibot_sim.nodes.sim.engine import Sample, Timing
-from artibot_sim.nodes.sim.mover import Settings
 from artibot_sim.nodes.sim.sensors import Sensors
 
 
-class DrivenMover:
+class DrivenActuation:
     """Turned by four simulated drives on a CAN bus, which a driver commands."""
 
     runs_on = "its drives live in real time, like a real rover's"

@@ -38,8 +38,8 @@ from artibot_sim.nodes.common.parameters import keep_types, warn_of_unknown
 from artibot_sim.nodes.common.transforms import Frames, has_tf
 from artibot_sim.nodes.sim import parameters as parameters
 from artibot_sim.nodes.sim import parameters as settings
+from artibot_sim.nodes.sim.actuation import Actuation, CommandedActuation
 from artibot_sim.nodes.sim.engine import Diverged, Timing
-from artibot_sim.nodes.sim.mover import CommandedMover, Mover
 from artibot_sim.nodes.sim.publishers import Published, Publishers
 from artibot_sim.nodes.sim.sensors import Sensors
 
@@ -87,7 +87,7 @@ class SimNode(Node):
         check_stats(self.settings["stats"])
         self.timing = Timing.of(get("publish_rate"), get("dt"))
         self.sensors = Sensors(settings.sensor_model(self.settings), get("seed"), sensor_errors(self.robot))
-        self.mover = self._mover()
+        self.actuation = self._actuation()
         slip = Slip.of(self.settings, self.robot)
         self.odometry = Odometry(metres_per_radian(self.robot), self.robot.front.i_y, slip)
         self._believe_start()
@@ -110,12 +110,12 @@ class SimNode(Node):
 
     # -- settings -----------------------------------------------------------------------------------------------
 
-    def _mover(self) -> Mover:
+    def _actuation(self) -> Actuation:
         if self.settings["with_driver"]:
-            from artibot_sim.nodes.sim.driven import DrivenMover
+            from artibot_sim.nodes.sim.driven import DrivenActuation
 
-            return DrivenMover(self, self.robot, self.timing, self.settings, self.sensors)
-        return CommandedMover(self, self.robot, self.timing, self.settings)
+            return DrivenActuation(self, self.robot, self.timing, self.settings, self.sensors)
+        return CommandedActuation(self, self.robot, self.timing, self.settings)
 
     def _published(self) -> Published:
         get = self.settings.__getitem__
@@ -136,10 +136,10 @@ class SimNode(Node):
             checked = {p.name: parameters.check(p.name, p.value) for p in changes if p.name in parameters.SPECS}
         except ArtibotError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        if checked and self.mover.runs_on:
+        if checked and self.actuation.runs_on:
             return SetParametersResult(successful=False, reason="the driver commands this rover: set it there")
         self.settings |= checked
-        self.mover.adopt(self.settings)
+        self.actuation.adopt(self.settings)
         return SetParametersResult(successful=True)
 
     # -- services -----------------------------------------------------------------------------------------------
@@ -150,8 +150,8 @@ class SimNode(Node):
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        if self.mover.runs_on:
-            response.success, response.message = False, f"cannot be paused: {self.mover.runs_on}"
+        if self.actuation.runs_on:
+            response.success, response.message = False, f"cannot be paused: {self.actuation.runs_on}"
             return response
         if request.data != self.paused:
             self.paused = request.data
@@ -173,7 +173,7 @@ class SimNode(Node):
         return self.paused or self._holding
 
     def _time_stands(self, standing: bool) -> None:
-        self.mover.stop_time(standing)
+        self.actuation.stop_time(standing)
         if not standing:
             self.pacer.start()
             self._catch_up_with_system_time()
@@ -181,11 +181,11 @@ class SimNode(Node):
     def _catch_up_with_system_time(self) -> None:
         """Where stamps are system time they jump ahead over the time that was not simulated."""
         if not self.out.what.clock:
-            self.mover.t_ns = max(self.mover.t_ns, self.pacer.due_ns())
+            self.actuation.t_ns = max(self.actuation.t_ns, self.pacer.due_ns())
 
     def reset(self) -> None:
         """Put the rover back to its start, at rest, and forget all commands; time goes on."""
-        self.mover.reset()
+        self.actuation.reset()
         self._believe_start()
         self._waits = self.settings["wait_for_profile"]
         if self._holding:  # one more step shows the rover at its start
@@ -202,10 +202,10 @@ class SimNode(Node):
         """Simulate until asked to end, the duration is over, or the model diverges; return the exit status."""
         gc.collect()
         gc.freeze()  # what lives now lives to the end: collections stay short
-        self.mover.t_ns = self.timing.period_ns if self.out.what.clock else 0
+        self.actuation.t_ns = self.timing.period_ns if self.out.what.clock else 0
         self.paused = self.settings["start_paused"]
         self._time_stands(self.paused)
-        self.get_logger().info(f"{self.robot.name} is ready {self.mover.describe()}")
+        self.get_logger().info(f"{self.robot.name} is ready {self.actuation.describe()}")
         last = round(self.settings["duration"] * 1e9 / self.timing.period_ns)
         while not self._asked and not (last and self.steps >= last):
             if self.standing and not self._steps_due:
@@ -226,7 +226,7 @@ class SimNode(Node):
         if time.monotonic() >= self._serve_at:
             self._serve_at = time.monotonic() + SERVE_EVERY
             executor.spin_once(timeout_sec=0.0)
-        self.mover.wait(0.0 if self.standing else self.pacer.remaining())
+        self.actuation.wait(0.0 if self.standing else self.pacer.remaining())
 
     def _stand(self, executor: SingleThreadedExecutor) -> None:
         """Hear what comes while time stands, and show late subscribers where it stands."""
@@ -234,16 +234,16 @@ class SimNode(Node):
         if listeners != self._listeners:
             self._listeners, self._ticks = listeners, TICKS
         if self._ticks and self.steps and time.monotonic() >= self._tick_at:
-            self.out.clock(self.mover.t_ns - self.timing.period_ns)
+            self.out.clock(self.actuation.t_ns - self.timing.period_ns)
             self._ticks, self._tick_at = self._ticks - 1, time.monotonic() + TICK_EVERY
         executor.spin_once(timeout_sec=IDLE)
-        if self._holding and self.mover.heard:
+        if self._holding and self.actuation.heard:
             self._holding = self._waits = False
             self._time_stands(self.standing)
 
     def finish(self) -> None:
         """Close what moves the rover; where nothing is to be lost, slow subscribers still get what was published."""
-        self.mover.close()
+        self.actuation.close()
         if self.out.what.long_queue and not self._asked:
             self.out.wait_acknowledged(ACKNOWLEDGED)
 
@@ -253,18 +253,18 @@ class SimNode(Node):
 
     def _step(self) -> None:
         """Publish this instant and compute the next."""
-        t_ns, period = self.mover.t_ns, self.timing.period_ns
-        sample = self.mover.step()
+        t_ns, period = self.actuation.t_ns, self.timing.period_ns
+        sample = self.actuation.step()
         every = round(1e9 / self.settings["total_station.rate"])
         due = t_ns // every != (t_ns - period) // every
         self.out.publish(t_ns, sample, self.sensors, self.odometry, due)
         self.steps += 1
-        self.mover.t_ns = t_ns + period
+        self.actuation.t_ns = t_ns + period
         self._steps_due = max(0, self._steps_due - 1)
         if self.standing:
             return
         self._note_the_time()
-        if self._waits and not self.mover.heard:
+        if self._waits and not self.actuation.heard:
             self._holding = True
             self._time_stands(True)
 
@@ -288,11 +288,11 @@ class SimNode(Node):
 
     def _follow_system_clock(self) -> None:
         """Set the stamps forward after the system clock was (NTP, by hand); say so when it was set back."""
-        behind = self.pacer.due_ns() - self.mover.t_ns
+        behind = self.pacer.due_ns() - self.actuation.t_ns
         if -behind > STEPPED_NS:  # or was this process held up between reading the two clocks? that would look like it
-            behind = self.pacer.due_ns() - self.mover.t_ns
+            behind = self.pacer.due_ns() - self.actuation.t_ns
         if behind > STEPPED_NS:
-            self.mover.t_ns += behind
+            self.actuation.t_ns += behind
             self.get_logger().warning(f"the system clock was set forward by {behind * 1e-9:.2f} s: stamps jump with it")
         elif -behind > STEPPED_NS and not self._ahead:
             self.get_logger().warning(

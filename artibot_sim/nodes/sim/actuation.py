@@ -1,4 +1,4 @@
-"""What moves the simulated rover: the interface, and commands on topics. Drives on a CAN bus are in `sim_driven`."""
+"""What moves the simulated rover: the interface, and commands on topics. Drives on a CAN bus are in `driven`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from artibot_sim.nodes.sim.engine import Engine, Sample, Timing
 Settings = Mapping[str, Any]
 
 
-class Mover(Protocol):
+class Actuation(Protocol):
     """A rover that goes on by a publish period at a time."""
 
     t_ns: int
@@ -50,7 +50,7 @@ class Mover(Protocol):
         """The end."""
 
 
-class CommandedMover:
+class CommandedActuation:
     """Moved by commands on topics: a rollout a period."""
 
     runs_on = ""
