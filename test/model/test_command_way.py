@@ -21,8 +21,9 @@ def test_without_effects_commands_are_what_motors_follow(agriq):
     commands = planned(agriq)
     assert as_executed(agriq, commands) is commands
     neutral = with_effects(
-        agriq, command_delay={"delay": 0.0}, speed_loop_lag={"time_constant": 0.0}, deadband={"threshold": 0.0}
-    )
+        agriq, command_delay={"delay": 0.0}, speed_loop_lag={"time_constant": 0.0}, deadband={"threshold": 0.0},
+        command_rate_limit={"rate": np.inf},
+    )  # fmt: skip
     assert as_executed(neutral, commands) is commands
 
 
@@ -56,10 +57,26 @@ def test_a_dead_band_lets_larger_commands_through(agriq):
     np.testing.assert_array_equal(followed[~small], commands.velocity[~small, 0])
 
 
+def test_a_rate_limit_goes_after_commands_on_a_ramp_and_arrives(agriq):
+    commands = planned(agriq, 6.0)
+    asked = commands.velocity[:, 0]
+    steepest = np.abs(np.diff(asked)).max() / H
+    rate = 0.4 * steepest
+    followed = as_executed(with_effects(agriq, command_rate_limit={"rate": rate}), commands).velocity[:, 0]
+    changes = np.abs(np.diff(followed)) / H
+    assert changes.max() == pytest.approx(rate, rel=1e-9)
+    on_ramp = np.abs(asked - followed)[1:] > 1e-9
+    np.testing.assert_allclose(changes[on_ramp], rate, rtol=1e-9)
+    assert on_ramp.any() and followed[-1] == pytest.approx(asked[-1], abs=1e-9)
+    above = as_executed(with_effects(agriq, command_rate_limit={"rate": 1.01 * steepest}), commands).velocity[:, 0]
+    np.testing.assert_allclose(above, asked, atol=1e-9)
+
+
 def test_samples_one_by_one_are_the_whole(agriq):
     robot = with_effects(
-        agriq, command_delay={"delay": 0.033}, speed_loop_lag={"time_constant": 0.1}, deadband={"threshold": 10.0}
-    )
+        agriq, command_delay={"delay": 0.033}, speed_loop_lag={"time_constant": 0.1}, deadband={"threshold": 10.0},
+        command_rate_limit={"rate": 100.0},
+    )  # fmt: skip
     front = planned(robot).velocity[:, :2]
     whole = CommandWay(robot, H, front[0]).follow(front[1:])
     way, parts = CommandWay(robot, H, front[0]), []

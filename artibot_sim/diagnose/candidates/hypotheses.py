@@ -62,19 +62,30 @@ def hypotheses(robot: Robot, stretches: Sequence[Stretch], without: Sequence[str
         Ids that are left out.
     """
     bend = largest_bend(stretches)
-    measured = {series.channel for stretch in stretches for series in stretch.series}
     found: list[Hypothesis] = []
     for effect in EFFECTS.values():
-        if effect.id in (*without, *robot.effects) or effect.search is None or "rotation" not in effect.search.views:
+        if effect.id in (*without, *robot.effects) or effect.search is None or effect.search.disc:
             continue
-        if effect.search.disc or (not robot.articulated and (effect.search.back or effect.acts == "joint")):
-            continue
-        if effect.search.channels and measured.isdisjoint(effect.search.channels):
-            continue
-        if effect.search.reference == "articulation" and not bend > _STRAIGHT:
-            continue
-        found += _choices(effect, robot, bend)
+        if not why_unseen(effect, robot, stretches):
+            found += _choices(effect, robot, bend)
     return found
+
+
+def why_unseen(effect: Effect, robot: Robot, stretches: Sequence[Stretch]) -> str:
+    """Why recordings whose measured rotations turn the motors cannot show an effect; empty where they can."""
+    search = effect.search
+    if search is None:
+        return "no diagnosis looks for it"
+    if "rotation" not in search.views:
+        return "it shows between commands and speeds only, and no commands are recorded"
+    if not robot.articulated and (search.back or effect.acts == "joint"):
+        return "the robot has no back module"
+    measured = {series.channel for stretch in stretches for series in stretch.series}
+    if search.channels and measured.isdisjoint(search.channels):
+        return f"nothing measures {' or '.join(search.channels)}"
+    if search.reference == "articulation" and not largest_bend(stretches) > _STRAIGHT:
+        return "the articulation never bends"
+    return ""
 
 
 def _choices(effect: Effect, robot: Robot, bend: float) -> list[Hypothesis]:

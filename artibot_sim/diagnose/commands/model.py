@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -12,6 +13,9 @@ from scipy.signal import lfilter
 from artibot_sim.diagnose.commands.data import CommandData, H
 from artibot_sim.model import Robot
 from artibot_sim.model.effects import EFFECTS, Values
+from artibot_sim.model.effects.command_rate_limit import on_ramp
+from artibot_sim.model.effects.deadband import outside
+from artibot_sim.model.effects.speed_loop_lag import weights
 
 Array = NDArray[np.float64]
 
@@ -21,6 +25,8 @@ class Way(NamedTuple):
 
     Attributes
     ----------
+    rate : float
+        Largest change of a command, rad/s².
     threshold : float
         Speeds commanded below it give no motion, rad/s.
     lag : float
@@ -34,6 +40,7 @@ class Way(NamedTuple):
         stamps better than that.
     """
 
+    rate: float = math.inf
     threshold: float = 0.0
     lag: float = 0.0
     delay: float = 0.0
@@ -68,17 +75,20 @@ def known_way(robot: Robot) -> Way:
 def followed(command: Array, way: Way) -> Array:
     """What motors do that are given a command (g,) on a grid H apart, before any delay, rad/s.
 
-    The lag's filter is exact for commands that are linear between grid points. Of several parts one after the other it
-    forgets each within the guard before the next.
+    The laws are those of the effects. Of several parts one after the other each is forgotten within the guard before
+    the next.
     """
     speed = command
+    if np.isfinite(way.rate):
+        ramped, now = np.empty((len(command), 1)), np.array(command[:1])
+        on_ramp(np.array(command)[:, np.newaxis], way.rate * H, now, ramped)
+        speed = ramped[:, 0]
     if way.threshold > 0.0:
-        speed = np.where(np.abs(speed) < way.threshold, 0.0, speed)
+        speed = outside(speed, way.threshold)
     if way.lag > 1e-4:
-        kept = np.exp(-H / way.lag)
-        share = way.lag / H * (1.0 - kept)
-        settled = np.array([share * speed[0]])
-        speed = lfilter([1.0 - share, share - kept], [1.0, -kept], speed, zi=settled)[0]
+        fresh, last, kept = weights(way.lag, H)
+        settled = np.array([(last + kept) * speed[0]])
+        speed = lfilter([fresh, last], [1.0, -kept], speed, zi=settled)[0]
     return np.asarray(speed)
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from artibot_sim.diagnose.candidates.hypotheses import why_unseen
 from artibot_sim.diagnose.candidates.patches import RADII, deviations_along
 from artibot_sim.diagnose.candidates.screening import Around, Trial
 from artibot_sim.diagnose.policy import Thresholds
@@ -171,7 +172,9 @@ def _candidate(effect: str, at: Stage) -> Candidate:
         note = f"not looked for: it needs {needed(effect)}, and the segments of these recordings have none"
         return Candidate(effect, 0.0, {}, note=note)
     if not trials:
-        return Candidate(effect, 0.0, {}, note="not looked for: these recordings cannot show it")
+        why = why_unseen(EFFECTS[effect], at.problem.parameters.robot, at.problem.stretches)
+        note = f"not looked for: these recordings cannot show it ({why})" if why else "not tried"
+        return Candidate(effect, 0.0, {}, note=note)
     best = min(trials, key=lambda trial: trial.point.cost)
     nats = 0.5 * (at.screened - best.point.cost)
     return Candidate(effect, nats / DECADE, best.hypothesis.extension.values(best.own), note=_note(trials))

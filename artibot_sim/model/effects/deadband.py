@@ -9,11 +9,13 @@ import numpy as np
 from artibot_sim.model.effects.base import Array, Effect, Search, Step, Values, number
 
 
-def _way(values: Values, h: float, first: Array) -> Step:
-    def step(speed: Array) -> Array:
-        return np.where(np.abs(speed) < values["threshold"], 0.0, speed)
+def outside(speed: Array, threshold: float) -> Array:
+    """Commands as far as they move anything, of any shape."""
+    return np.where(np.abs(speed) < threshold, 0.0, speed)
 
-    return step
+
+def _way(values: Values, h: float, first: Array) -> Step:
+    return lambda speed: outside(speed, values["threshold"])
 
 
 EFFECT = Effect(

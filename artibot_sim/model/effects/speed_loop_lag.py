@@ -7,16 +7,26 @@ import math
 from artibot_sim.model.effects.base import Array, Effect, Search, Step, Values, number
 
 
+def weights(time_constant: float, h: float) -> tuple[float, float, float]:
+    """Of a command, of the one a sample `h` (s) before it, and of what the motor did then, in what it does now.
+
+    Exact for commands that are linear between samples.
+    """
+    if time_constant <= 0.0:
+        return 1.0, 0.0, 0.0
+    kept = math.exp(-h / time_constant)
+    behind = time_constant / h * (1.0 - kept)  # share of a sample's rise by which it trails
+    return 1.0 - behind, behind - kept, kept
+
+
 def _way(values: Values, h: float, first: Array) -> Step:
-    """Exact for commands that are linear between samples; at the first one it has settled."""
-    T = values["time_constant"]
-    kept = math.exp(-h / T) if T > 0.0 else 0.0
+    """At the first sample it has settled."""
+    fresh, last, kept = weights(values["time_constant"], h)
     before, now = first, first
 
     def step(speed: Array) -> Array:
         nonlocal before, now
-        behind = (speed - before) / h * T  # by which it trails a ramp, once settled
-        now = speed - behind + (now - before + behind) * kept
+        now = fresh * speed + last * before + kept * now
         before = speed
         return now
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, with_effect
+from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, why_unseen, with_effect
 from artibot_sim.diagnose.candidates.screening import Trial
 from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.conclusion import own_ties
@@ -30,6 +30,7 @@ from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
 from artibot_sim.model import load_robot
+from artibot_sim.model.effects import EFFECTS
 
 ROBOT = load_robot("agriq")
 FITTED = ("joint_friction", "joint_damping")
@@ -105,6 +106,21 @@ def test_what_has_evidence_and_is_not_named_says_why(run: Experiment) -> None:
     stages = (replace(decision.stages[0], evidence={FITTED[0]: small}), *decision.stages[1:])
     (one,) = (one for one in ranking(replace(nothing, stages=stages), THRESHOLDS) if one.effect == FITTED[0])
     assert "plain size" in one.note
+
+
+def test_only_what_recordings_cannot_show_is_said_to_be_so(run: Experiment) -> None:
+    """No stage here has tried any other effect: that alone says nothing about the recordings."""
+    decision = decision_of(run, FITTED[:1])
+    notes = {one.effect: one.note for one in ranking(decision, THRESHOLDS)}
+    stretches = decision.neutral_problem.stretches
+    untried = [name for name in notes if name not in decision.other and not EFFECTS[name].search.disc]
+    untried.remove(FITTED[0])
+    assert {"slope", "back_friction", "gyro_bias"} <= set(untried)
+    for name in untried:
+        assert ("cannot show" in notes[name]) == bool(why_unseen(EFFECTS[name], ROBOT, stretches)), notes[name]
+    assert notes["slope"] == "not tried"
+    assert "no back module" in why_unseen(EFFECTS["joint_friction"], load_robot("husky"), stretches)
+    assert "never bends" in why_unseen(EFFECTS["joint_stop"], ROBOT, [])
 
 
 def test_what_is_found_beside_another_is_no_rival_of_it(run: Experiment) -> None:
