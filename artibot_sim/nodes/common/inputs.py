@@ -71,6 +71,9 @@ MOST_AT_ONCE = 20
 SHORTEST = 12
 """A serialised message with a stamp has so many bytes at least."""
 
+UNNAMED = "_NODE_NAME_UNKNOWN_"
+"""What rmw calls the node of an endpoint as long as it does not know it."""
+
 TYPES_EVERY = 0.25
 """Between two checks of who publishes a command topic as what, s; each looks at one topic."""
 
@@ -129,6 +132,7 @@ class Inputs:
         self._node, self._profiles = node, None
         self._types_at, self._types_of = 0.0, 0
         self._strangers: set[tuple[str, str, str]] = set()
+        self._nameless: set[bytes] = set()
         self.listen_for_profiles(True)
 
     def listen_for_profiles(self, wanted: bool) -> None:
@@ -190,6 +194,10 @@ class Inputs:
         for info in self._node.get_publishers_info_by_topic(subscribed.topic_name):
             stranger = (f"{info.node_namespace.rstrip('/')}/{info.node_name}", subscribed.topic_name, info.topic_type)
             if info.topic_type == expected or stranger in self._strangers:
+                continue
+            endpoint = bytes(info.endpoint_gid)
+            if info.node_name == UNNAMED and endpoint not in self._nameless:
+                self._nameless.add(endpoint)  # named later than found; once more, and it is no node
                 continue
             self._strangers.add(stranger)
             mend = ""
