@@ -89,8 +89,9 @@ def test_a_channel_far_beyond_its_noise_is_no_answer(channel: str) -> None:
     assert MOTION.first((facts | {"left": size_of(left)}).__getitem__).then is Outcome.UNEXPLAINED
 
 
-def test_a_total_station_may_err_slowly() -> None:
-    assert size_of({"position": Left(3.0, 9.0)}) == "noise" and size_of({"position": Left(15.0, 15.0)}) == "more"
+def test_positions_may_err_slowly() -> None:
+    """A total station leaves 3, poses that a filter smoothed 34 with the right effect named."""
+    assert size_of({"position": Left(34.0, 60.0)}) == "noise" and size_of({"position": Left(150.0, 150.0)}) == "more"
 
 
 NO_COMMANDS = {"followed": "not commanded"}
