@@ -84,7 +84,8 @@ def rotations(
         elif i < 2:
             raise ArtibotError(
                 f"{experiment.path}: topic {motors.topic} has neither position nor velocity of {motor}; it has "
-                f"{', '.join(motors.columns)}; name the wheels with --joint {motor}=FOUND[,FOUND]"
+                f"{', '.join(motors.columns)}; name the wheels with --joint {motor}=FOUND[,FOUND], or "
+                "resimulate from commands"
             )
     turned = np.isfinite(velocity).all(axis=0)
     torque = np.full_like(velocity, np.nan)

@@ -73,7 +73,7 @@ def test_held_out_data_without_any_error_say_nothing() -> None:
     ],
 )
 def test_a_cause_of_little_of_what_is_wrong_is_not_named(gained, typical, minor) -> None:  # type: ignore[no-untyped-def]
-    assert is_minor(worths(gained), {"position": Left(100.0, 900.0), "yaw": Left(typical, 900.0)}) is minor
+    assert is_minor(worths(gained), {"position": Left(30.0, 900.0), "yaw": Left(typical, 900.0)}) is minor
 
 
 FITTED = Named("back_friction", 200.0, ())

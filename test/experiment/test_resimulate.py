@@ -224,7 +224,7 @@ def test_what_is_missing_is_said(tmp_path: Path, agriq: tuple) -> None:
     silent = read_bag(small_bag(tmp_path / "small"))
     with pytest.raises(ArtibotError, match=r"does not say which robot.*--robot"):
         robot_of(silent)
-    with pytest.raises(ArtibotError, match=r"front_left.*commands"):
+    with pytest.raises(ArtibotError, match=r"front_left.*--joint.*commands"):
         resimulate(silent, robot, "rotations")
     with pytest.raises(ArtibotError, match="/motor_command"):
         resimulate(silent, robot, "commands")
