@@ -89,8 +89,8 @@ LEFT_OF_MOTION = Number(
 )  # fmt: skip
 LEFT_OF_POSITION = Number(
     100.0, "white noise",
-    "the same of positions, whose sensors have slow errors of their own: nothing hidden leaves 3 at most, poses smoothed "
-    "by a filter 34 beside the effect that acts, positions 0.2 s late 280", NULL,
+    "the same of positions, whose sensors have slow errors of their own: nothing hidden leaves 3 at most, poses "
+    "smoothed by a filter 34 beside the effect that acts, positions 0.2 s late 280", NULL,
     "no: 30 times what nothing hidden leaves",
 )  # fmt: skip
 FAR_BEYOND_NOISE = Number(
