@@ -272,34 +272,37 @@ def first_fault(
         )
     for i, body in enumerate(bodies):
         name, b = module_name(i), BACK * i
-        z, alpha, beta = q[:, b + Z], q[:, b + ALPHA], q[:, b + BETA]
-        tilt, height = np.maximum(np.abs(alpha), np.abs(beta)), body.r_0 + robot.wheel.r_w
-        if tilt.max(initial=0.0) <= TIPPED_AT and z.max(initial=0.0) <= height:
-            continue
-        leaning, lifted = tilt > TIPPED_AT, z - body.half_y * np.abs(np.sin(alpha)) > height
-        for status, where in ((Status.TIPPED, leaning), (Status.AIRBORNE, lifted)):
-            if where.any():
-                row = int(np.argmax(where))
-                what = {
-                    Status.TIPPED: f"rolls or pitches by more than {TIPPED_AT:g} rad",
-                    Status.AIRBORNE: "is in the air with all wheels, by more than their radius",
-                }[status]
-                begins = "tipped over" if status is Status.TIPPED else "left the ground"
-                found.append((row, status, f"{begins} at {t[row]:.3f} s: the {name} module {what}"))
+        found += _fallen(body, robot.wheel.r_w, name, q[:, b : b + 6], t)
         if w is not None:
             at = (places(len(bodies)) if isinstance(p, Train) else _TWO_MODULES).columns
             pushes = [(f"load_x_{symbol(i)}", f"load_y_{symbol(i)}"), *([("push_x", "push_y")] if i == 0 else [])]
             force = np.sum([[w[:, at[x][1]], w[:, at[y][1]]] for x, y in pushes], axis=0)
             g_z = (p.modules[0] if isinstance(p, Train) else p).g_z
-            found += _overstrained(body.m * abs(g_z), name, v[:, b : b + 2], force.T, t)
+            found += _overstrained(body.m * abs(g_z), name, v[:, b : b + 2].T, force, t)
     return min(found) if found else None
+
+
+def _fallen(body: ModuleParams, r_w: float, name: str, q: Array, t: Array) -> Iterator[tuple[int, Status, str]]:
+    """Where a module, by its six coordinates q (n, 6), lies or is in the air."""
+    z, alpha, beta = q[:, Z], q[:, ALPHA], q[:, BETA]
+    tilt, height = np.maximum(np.abs(alpha), np.abs(beta)), body.r_0 + r_w
+    if tilt.max(initial=0.0) > TIPPED_AT:
+        row = int(np.argmax(tilt > TIPPED_AT))
+        what = f"rolls or pitches by more than {TIPPED_AT:g} rad"
+        yield row, Status.TIPPED, f"tipped over at {t[row]:.3f} s: the {name} module {what}"
+    if z.max(initial=0.0) > height:
+        lifted = z - body.half_y * np.abs(np.sin(alpha)) > height
+        if lifted.any():
+            row = int(np.argmax(lifted))
+            what = "is in the air with all wheels, by more than their radius"
+            yield row, Status.AIRBORNE, f"left the ground at {t[row]:.3f} s: the {name} module {what}"
 
 
 def _overstrained(
     weight: float, name: str, velocity: Array, force: Array, t: Array
 ) -> Iterator[tuple[int, Status, str]]:  # fmt: skip
-    """Where a module of this `weight` (N) is faster or pushed harder than can be, by its velocity and force (n, 2)."""
-    push, speed = np.hypot(*force.T), np.hypot(*velocity.T)
+    """Where a module of this `weight` (N) is faster or pushed harder than can be, by its velocity and force (2, n)."""
+    push, speed = np.hypot(*force), np.hypot(*velocity)
     for where, what in (
         (
             push > HARDEST * weight,
