@@ -160,20 +160,19 @@ def pieces(experiment: Experiment, robot: Robot, settings: Settings, progress: R
     sides = motors.rolled(metres_per_radian(robot) / sensor_errors(robot).encoder_scale)
     gyro = _gyro(experiment)
     names = ["model"] + (["model and gyro"] if gyro is not None else [])
+    lag = settings.streams.rotation_delay
     found: list[Piece] = []
-    windows = list(_windows(experiment, motors, sides, reference, settings))
-    for number, (first, last) in enumerate(windows):
+    drives = list(_windows(experiment, motors, sides, reference, settings))
+    for number, edges in enumerate(drives):
         if progress:
-            progress(number / len(windows))
-        model, covariance = {}, {}
-        for name in names:
-            odometry = _carried(motors, first, last, robot, settings, gyro if name != "model" else None)
-            model[name] = np.array(odometry.pose)
-            covariance[name] = odometry.pose_covariance + np.diag(2.0 * reference.noise**2)  # at both ends
-        lag = settings.streams.rotation_delay
-        begin, end = float(motors.t[first]) - lag, float(motors.t[last]) - lag
-        way = sides[first : last + 1] - sides[first]
-        found.append(Piece(begin, end, way, reference.between(begin, end), model, covariance))
+            progress(number / len(drives))
+        carried = [_carried(motors, edges, robot, settings, gyro if name != "model" else None) for name in names]
+        for first, last, *ends in zip(edges[:-1], edges[1:], *carried, strict=True):
+            begin, end = float(motors.t[first]) - lag, float(motors.t[last]) - lag
+            way, noise = sides[first : last + 1] - sides[first], np.diag(2.0 * reference.noise**2)  # at both ends
+            model = {name: pose for name, (pose, _) in zip(names, ends, strict=True)}
+            covariance = {name: own + noise for name, (_, own) in zip(names, ends, strict=True)}
+            found.append(Piece(begin, end, way, reference.between(begin, end), model, covariance))
     longest = max((piece.rolled for piece in found), default=0.0)
     kept = [piece for piece in found if piece.rolled > _LEAST * min(settings.length, longest)]
     if not kept:
@@ -192,7 +191,8 @@ def _gyro(experiment: Experiment) -> tuple[Array, Array] | None:
 
 def _windows(
     experiment: Experiment, motors: Motors, sides: Array, reference: Reference, settings: Settings
-) -> Iterator[tuple[int, int]]:
+) -> Iterator[list[int]]:
+    """Yield the rows between which the windows of each segment lie: one more than windows."""
     lag = settings.streams.rotation_delay
     for begin, end in experiment.segments:
         begin, end = max(begin, float(reference.t[0]) + lag), min(end, float(reference.t[-1]) + lag)
@@ -200,30 +200,42 @@ def _windows(
         if len(rows) < 3:
             continue
         way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(sides[rows], axis=0)).max(axis=1))])
-        marks = np.searchsorted(way, np.arange(0.0, way[-1], settings.length))
-        edges = [*marks.tolist(), len(rows) - 1]
-        for first, last in zip(edges[:-1], edges[1:], strict=True):
-            if last - first > 2:
-                yield int(rows[first]), int(rows[last])
+        edges = np.unique(np.append(np.searchsorted(way, np.arange(0.0, way[-1], settings.length)), len(rows) - 1))
+        if len(edges) > 2 and edges[-1] - edges[-2] <= 2:
+            edges = np.delete(edges, -2)  # a rest of a sample or two is no window
+        if len(edges) > 1:
+            yield rows[edges].tolist()
 
 
 def _carried(
-    motors: Motors, first: int, last: int, robot: Robot, settings: Settings, gyro: tuple[Array, Array] | None
-) -> ModelOdometry:
-    """Return a model's odometry after a window that begins with how the motors turned half a second before."""
+    motors: Motors, edges: Sequence[int], robot: Robot, settings: Settings, gyro: tuple[Array, Array] | None
+) -> list[tuple[Array, Array]]:
+    """Carry odometry on through windows that follow each other, as it goes on in use; only the pose begins anew.
+
+    Before the first window it goes on for half a second, where that was recorded.
+
+    Returns
+    -------
+    list of (array, shape (3,); array, shape (3, 3))
+        Pose and covariance at the end of each window, from its beginning.
+    """
     odometry = ModelOdometry(robot, settings.slip, settings.streams, settings.kappa)
-    before = int(np.searchsorted(motors.t, motors.t[first] - 0.5))
+    before = int(np.searchsorted(motors.t, motors.t[edges[0]] - 0.5))
     t_gyro, rate = gyro or (np.empty(0), np.empty(0))
     place = int(np.searchsorted(t_gyro, motors.t[before] - 3.0))
-    for row in range(before, last + 1):
+    found: list[tuple[Array, Array]] = []
+    ends = set(edges[1:])
+    for row in range(before, edges[-1] + 1):
         t = float(motors.t[row])
         while place < len(t_gyro) and t_gyro[place] <= t + 0.1:
             odometry.take_gyro(float(t_gyro[place]), float(rate[place]))
             place += 1
         odometry.update(t, motors.position[row], motors.velocity[row])
-        if row == first:
+        if row in ends:
+            found.append((np.array(odometry.pose), odometry.pose_covariance))
+        if row in ends or row == edges[0]:
             odometry.settle()
-    return odometry
+    return found
 
 
 # ----------------------------------------------------------------------
