@@ -1,4 +1,4 @@
-"""The same rover in MuJoCo: with the paper's contact law as a compiled callback, and with MuJoCo's own contacts."""
+"""Peer of the model in MuJoCo: with the paper's contact law as a compiled callback, and with MuJoCo's own contacts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The same rover in Pinocchio, Drake and PyBullet, the paper's contact law beside each."""
+"""Peers of the model in Pinocchio, Drake and PyBullet: an articulated rover with the paper's contact law."""
 
 from __future__ import annotations
 

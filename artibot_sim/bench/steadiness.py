@@ -31,7 +31,7 @@ KEPT = 0.99
 NATS, SHARE = 3.0, 0.02
 """Spread of the evidence that is wanted at most: the larger of so many nats and this share."""
 VALUE, LENGTH = 0.25, 0.2
-"""The same of values, in half-widths of their interval, and of the intervals' lengths."""
+"""Spread that is wanted at most of values, in half-widths of their interval, and of interval lengths, as a share."""
 HIDDEN: tuple[Mapping[str, Mapping[str, object]], ...] = (
     {},
     {"joint_friction": {"torque": 5.0}},

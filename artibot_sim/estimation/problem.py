@@ -113,13 +113,13 @@ def rigid(of: Samples, predicted: Array, starts: Array) -> Array:
 Indices = NDArray[np.int64]
 
 _START_STEP = np.array([1e-3, 1e-3, 1e-3, 3e-3, 3e-3, 3e-3, 1e-3, 3e-3])
-"""The same for starts, in the order of START."""
+"""Steps of the differences that give gradients by a window's start, in the order of START."""
 _RIGID = 3
 """The first starts, x, y and yaw, move a window's prediction as a whole."""
 _LOST = 50.0
 """Residual, in units of noise, of a sample that the simulation never reached."""
 _CALM = 10.0
-"""The same from which a sample pulls a whole window by its size no longer."""
+"""Residual, in units of noise, from which a sample pulls a whole window by its size no longer."""
 
 
 def longest_step(parameters: ParameterSet, tables: Sequence[MotorTable]) -> float:

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 SCAN = np.log1p(np.array([-0.35, -0.27, -0.2, -0.14, -0.09, -0.05, -0.025, 0.025, 0.05, 0.09, 0.14, 0.2, 0.27, 0.35]))
 """Changes of mu_s tried at every step, as logarithms: its gradient is zero almost everywhere (eq. 16 switches)."""
 FINE = np.array([-0.015, -0.008, -0.004, -0.002, 0.002, 0.004, 0.008, 0.015])
-"""The same near the end."""
+"""Changes of mu_s tried near the end of a search, as logarithms."""
 _WIDE = (1, 3, 5, 8, 10, 12)
 """Places in SCAN, by which a wide look begins."""
 _DRAWS = 0.6
@@ -28,7 +28,8 @@ _DRAWS = 0.6
 _START_SPREAD = np.array([0.1, 0.1, 0.3, 0.7, 0.7, 0.7, 0.3, 1.0])
 """Sizes of random changes of a start, in its prior deviations: what a window's own samples leave open."""
 _DRAWN = np.array([0.1, 0.1, 0.3, 1.0, 1.0, 1.0, 1.0, 1.0])
-"""The same around a measured start: places and headings are aligned to the window's path anyway."""
+"""Sizes of random changes around a measured start, in its prior deviations: places and headings are aligned to the
+window's path anyway."""
 _PERTURBATIONS = 8
 _FARTHEST = 0.12
 """Random changes of all parameters: how many at every step, and the largest as a share of the longest step."""

@@ -37,7 +37,7 @@ _SD = {
 """Standard deviations of the measured start. A window's own samples correct it, so these are wide; the heading's in
 particular, which an integrated gyroscope would tie to its bias."""
 _BLIND = {"forward": 0.2, "left": 0.2, "yaw_rate": 0.3, "articulation": 0.5, "articulation_rate": 0.5, "yaw": 1.0}
-"""The same where nothing measures it."""
+"""Standard deviations of those parts of a start that nothing measures."""
 
 
 @dataclass(frozen=True)

@@ -46,9 +46,11 @@ LEAD = 0.3
 _FEW = 12
 """Windows at most that the search from several starts takes, evenly."""
 _LOWEST_NOISE = 0.7
+"""Least factor by which noise found from residuals may fall below the one assumed before."""
 _SETTLE = 8
 _POOR = 1.4
-"""The same from which a search has probably missed the best; a total station's slow errors alone make as much."""
+"""Residuals over the sensor's noise from which a search has probably missed the best optimum; a total station's slow
+errors alone make as much."""
 _FOREIGN = 4.0
 """Residuals over the sensor's noise from which not the noise but the model's own error is what residuals show; then no
 window is an exception."""

@@ -279,11 +279,11 @@ SOIL = ("contact.k_l", "contact.k_t", "contact.mu_s", "contact.mu_d", "contact.u
 SOIL_SD = 0.05
 """By how much (as logarithms) the soil may differ from the one that earlier recordings gave."""
 SIZE_SD = 0.2
-"""The same of an effect's size, over it."""
+"""By how much, as a share, an effect's size may differ from what earlier recordings gave."""
 _PLACES = {"rad": 0.3, "m": 0.3}
-"""The same of parameters that say where or whither, by unit."""
+"""By how much an effect's places and directions may differ from what earlier recordings gave, by unit."""
 _STARTS = np.array([0.03, 0.03, 0.1, 0.03, 0.03, 0.015, 0.01, 0.05])
-"""The same of a window's start: x, y, yaw, velocities, joint."""
+"""Standard deviations of a window's start: x, y, yaw, velocities, joint."""
 _STEPS = np.array([1e-3, 1e-3, 1e-3, 3e-3, 3e-3, 3e-3, 1e-3, 3e-3])
 _ROUNDS = 8
 _FALL = (0.5, 0.05)

@@ -123,7 +123,7 @@ _NORMAL = 1.96
 _SYSTEMATIC = 0.02
 """Standard deviation, as a share of a value's departure from neutral, of what no residual shows."""
 _FACTOR = 0.002
-"""The same of a factor, beside that: two sensors of the same thing agree no better."""
+"""Standard deviation of a factor, beside that: two sensors of the same quantity agree no better."""
 
 
 def others(view: CommandView, named: tuple[str, ...] = ()) -> dict[str, Other]:

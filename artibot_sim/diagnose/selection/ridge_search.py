@@ -26,7 +26,7 @@ _STEPS = (-0.3, -0.16, -0.08, 0.08, 0.16, 0.3)
 _GRIPS = np.log1p(np.array([-0.2, -0.12, -0.06, 0.0, 0.06, 0.12, 0.2]))
 """Changes of mu_s beside, as logarithms."""
 _FINE = np.array([-0.02, -0.01, -0.005, 0.0, 0.005, 0.01, 0.02])
-"""The same where the effect declares how mu_s goes with it."""
+"""Changes of mu_s beside, as logarithms, where the effect declares how mu_s goes with it."""
 _FAR = (0.5, 1.7, 3.0)
 """Factors on an effect's coordinates for far sizes,"""
 _WIDE = np.linspace(-0.3, 0.3, 13)

@@ -39,7 +39,7 @@ COMPONENTS = MOTOR + len(MOTORS)
 _WIDE = np.array([80.0, 80.0, 40.0, 40.0])
 """Standard deviations of FORCES beforehand for Agri.q, N and N m; other robots' are as their `sizes.Scale`."""
 _WIDE_TORQUE = 0.15
-"""The same of the motors' torques, N m."""
+"""Standard deviation of the motors' torques beforehand for Agri.q, N m."""
 _PROBE = np.array([6.0, 6.0, 3.0, 3.0])
 """Changes of FORCES for their finite differences, for Agri.q."""
 _START_STEP = np.array([1e-3, 1e-3, 1e-3, 3e-3, 3e-3, 3e-3, 1e-3, 3e-3])

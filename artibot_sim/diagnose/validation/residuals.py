@@ -268,7 +268,7 @@ _LEAST_LIFT = 1.5
 _RARE = 0.02
 """Share of the time that a condition must last at least."""
 _RARE_PLACE = 0.004
-"""The same of a place or a time, which a rover passes once."""
+"""Share of the time that a condition on place or time must last at least: a rover passes them once."""
 _MANY = 0.6
 """How much the surprise of a place or a time counts: there are hundreds to choose from, so some fit by chance."""
 _COMMON = 0.85

@@ -57,7 +57,8 @@ LONGEST_PART = 1e-3
 """Part (s) of a semi-implicit step beyond which its errors, which grow with it, pass 5 mm over Table 6."""
 
 LONGEST_SLIP_PART = 0.45
-"""The same, times the rate (1/s) of the fastest slip of a module that holds: an explicit step is stable up to 2."""
+"""Part (s) of a semi-implicit step, times the rate (1/s) at which the fastest slip of a holding module decays, beyond
+which the step is too long: an explicit step is stable up to 2."""
 
 
 def parts(p: Params | Train, dt: float, share: Shares = 0.0) -> int:

@@ -20,7 +20,7 @@ _PATIENCE = 0.1
 _LAST_FRAMES = 10.0
 """At the end what has arrived before is still taken, however much that is, but no longer than this, s."""
 _BRIEF = 0.5
-"""The same where stamps do not tell what came before, s."""
+"""Time for which arrived frames are still taken at the end where stamps do not tell what came before, s."""
 _STEP_BACK = 1_000_000_000
 """ns; a smaller step back of the clock does not change the order of frames."""
 
