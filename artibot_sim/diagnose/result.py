@@ -220,6 +220,10 @@ _FORCES = ("N m", "N")
 """Units of forces."""
 _FEW = 3
 """Effects that are listed one by one in a sentence."""
+_DECADE = float(np.log(10.0))
+"""nats of a factor of ten."""
+_NOT_NAMED = "so that is not named"
+"""How a warning ends that says why an effect has no name."""
 
 
 def effect_words(effect: str) -> str:
@@ -424,6 +428,36 @@ def sureness(found: Diagnosis) -> str:
     return " ".join(parts)
 
 
+def not_named(found: Diagnosis) -> str:
+    """Why effects whose evidence is beyond what a name takes have none; empty where there are no such effects.
+
+    The strongest are listed one by one, with the reason of each.
+    """
+    if not found.threshold > 0.0:
+        return ""
+    named = {name for cause in found.causes for name in (cause.effect, *cause.ties)}
+    strong = [c for c in found.ranking if c.effect not in named and c.log10_bayes_factor >= found.threshold / _DECADE]
+    strong = sorted((c for c in strong if np.isfinite(c.log10_bayes_factor)), key=lambda c: -c.log10_bayes_factor)
+    if not strong:
+        return ""
+    said = [f"{effect_words(c.effect)} ({_why_not(found, c)})" for c in strong[:_FEW]]
+    said += [f"{len(strong) - _FEW} more (see Why)"] if len(strong) > _FEW else []
+    return f"Beyond the evidence that a name takes, and yet not named: {joined(said)}."
+
+
+def _why_not(found: Diagnosis, candidate: Candidate) -> str:
+    """Why a strong effect is not named: its own reason, or the one that its kind of verdict has."""
+    if candidate.note:
+        return candidate.note
+    if any(effect_words(candidate.effect) in line and _NOT_NAMED in line for line in found.warnings):
+        return "the doubts about the data say why"
+    if found.causes:
+        return f"it explains what {joined([effect_words(cause.effect) for cause in found.causes])} explains better"
+    if not candidate.fitted:
+        return "only screened, where it was weaker than those that were fitted"
+    return "held-out data, or what it leaves, speak against it"
+
+
 def best_rival(found: Diagnosis) -> Candidate | None:
     """The best effect that is neither a cause nor tied with one."""
     named = {name for cause in found.causes for name in (cause.effect, *cause.ties)}
@@ -501,7 +535,7 @@ def doubt(effects: Sequence[str], channels: Sequence[str]) -> str:
     names, where = ([effect_words(name) for name in effects], [channel_words(name) for name in channels])
     return (
         f"{joined(names)} would explain the fitted recordings best, but with that far more than noise is left in "
-        f"{joined(where)}, for which no force was found; so that is not named"
+        f"{joined(where)}, for which no force was found; {_NOT_NAMED}"
     )
 
 
@@ -528,7 +562,7 @@ def refutation(effects: Sequence[str], gain: Mapping[str, ChannelGain]) -> str:
     """Why effects that were fitted best are not named: with them, held-out data are predicted worse."""
     return (
         f"{joined([effect_words(name) for name in effects])} would explain the fitted recordings, but held-out ones "
-        f"are predicted worse with that: {_errors(gain)}; so that is not named"
+        f"are predicted worse with that: {_errors(gain)}; {_NOT_NAMED}"
     )
 
 
@@ -536,7 +570,7 @@ def shortfall(effects: Sequence[str], gain: Mapping[str, ChannelGain]) -> str:
     """Why effects that were fitted best are not named: most of the error is still there with them."""
     return (
         f"{joined([effect_words(name) for name in effects])} would explain the recordings best, but with that most "
-        f"of the error is left in held-out ones: {_errors(gain)}; so that is not named"
+        f"of the error is left in held-out ones: {_errors(gain)}; {_NOT_NAMED}"
     )
 
 
@@ -562,7 +596,9 @@ def printed(found: Diagnosis) -> Any:
     from rich.console import Group
     from rich.text import Text
 
-    parts: list[Any] = [Text(headline(found), style="bold"), Text(sureness(found)), Text("")]
+    parts: list[Any] = [Text(headline(found), style="bold"), Text(sureness(found))]
+    parts += [Text(unnamed)] if (unnamed := not_named(found)) else []
+    parts.append(Text(""))
     for table in (_ranking(found), _parameters(found), _gain(found), _predictors(found)):
         if table.row_count:
             parts += [table, Text("")]

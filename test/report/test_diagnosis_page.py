@@ -15,7 +15,7 @@ from report.diagnosis_case import case
 
 from artibot_sim.cli import main
 from artibot_sim.diagnose import result
-from artibot_sim.diagnose.records import ChannelBaseline, Unexplained, Verdict
+from artibot_sim.diagnose.records import Candidate, ChannelBaseline, Unexplained, Verdict
 from artibot_sim.diagnose.result import Diagnosis
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot
@@ -78,6 +78,23 @@ def test_what_is_on_no_list_is_told_where_it_shows(every: dict[Verdict, Diagnosi
     lost = replace(still, baseline={"position": ChannelBaseline("m", 0.2, 0.004, 0.5), "torque_back": torque})
     assert "miss the position by 20 cm" in result.headline(lost)
     assert "miss the position by 6.0 mm" in result.headline(replace(still, verdict=Verdict.NONE))
+
+
+def test_effects_beyond_the_dotted_line_have_their_reason_on_the_first_screen(every: dict[Verdict, Diagnosis]) -> None:
+    """A picture in which bars pass the line, and a sentence which names nothing, contradict each other."""
+    strong = [
+        Candidate("com_offset", 60.0, {}, note="167 nats are asked of it", fitted=True),
+        Candidate("payload", 30.0, {}, note="", fitted=False), Candidate("stribeck", 1.0, {}, note="", fitted=True),
+    ]  # fmt: skip
+    none = replace(every[Verdict.NONE], ranking=tuple(strong), threshold=58.0)
+    head = markup(none).partition("<main>")[0]
+    assert "com offset (167 nats are asked of it) and payload (only screened" in head
+    assert "stribeck" not in result.not_named(none)
+    assert result.not_named(none) in " ".join(str(none).split())
+    assert not result.not_named(replace(none, ranking=tuple(strong[2:])))
+    beside = replace(every[Verdict.NAMED], ranking=(*every[Verdict.NAMED].ranking, strong[1]), threshold=25.0)
+    assert "payload (it explains what slope explains better)" in result.not_named(beside)
+    assert "slope (" not in result.not_named(beside)
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,9 @@ from artibot_sim.model import MOTORS
 
 Array = NDArray[np.float64]
 
+RESOLUTION = 1e-3
+"""Noise of a motor's speed that is taken at least, rad/s: no encoder shows less, also where a recording is exact."""
+
 
 @dataclass(frozen=True)
 class Level:
@@ -65,7 +68,7 @@ def series_of(
                 after[_held(data, limit, number, i, motors.t), i] = np.nan
             noise.append(noise_of(motors.t, speed))
         if noise:
-            found[recording.name] = Series(motors.t, before, after, float(np.nanmedian(noise)))
+            found[recording.name] = Series(motors.t, before, after, max(float(np.nanmedian(noise)), RESOLUTION))
     return found
 
 

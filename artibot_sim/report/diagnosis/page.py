@@ -296,6 +296,7 @@ def page_of(found: Diagnosis, version: str) -> bytes:
         f'<p class="verdict {found.verdict.value}">{html.escape(_VERDICTS[found.verdict])}</p>'
         f"<h1>{html.escape(result.headline(found))}</h1>"
         f'<p class="sure">{html.escape(result.sureness(found))}</p>'
+        f"{paragraph(result.not_named(found), 'sure')}"
         f'<p class="sure"><b>Next:</b> {html.escape(result.next_step(found))}</p>'
     )
     colours = {"GRID": style.GRID, "MUTED": style.MUTED, "GOOD": style.TRUE, "BAD": style.ODOMETRIC, "TIE": style.LEFT}
