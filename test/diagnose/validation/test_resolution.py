@@ -1,4 +1,4 @@
-"""Errors of the front motors' speeds: what is finer than any encoder shows is none, also in a recording without noise."""
+"""Errors of front motors' speeds: what is finer than any encoder shows is none, also in a recording without noise."""
 
 from __future__ import annotations
 
