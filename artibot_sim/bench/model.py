@@ -221,6 +221,7 @@ ALL_EFFECTS: dict[str, dict[str, Any]] = {
     "external_force": {"force": 10.0, "heading": 1.0},
     "friction_patch": {"scale": 0.9, "x": 3.0, "y": 1.0, "radius": 1.5},
     "gear_efficiency": {"scale": 0.95},
+    "gear_no_load": {"torque": 0.01},
     "joint_damping": {"coefficient": 5.0},
     "joint_friction": {"torque": 1.0},
     "joint_stiffness": {"stiffness": 5.0},

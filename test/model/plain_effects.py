@@ -80,6 +80,10 @@ class Transcribed:
         dragged = self.values.get("motor_drag", {}).get("motor", names[0])
         return self._of("motor_drag", "torque") * math.tanh(theta_dot / 0.5) if dragged == names[motor] else 0.0
 
+    def gear(self, theta_dot: float) -> float:
+        """Torque that a gear takes without a load, N m."""
+        return self._of("gear_no_load", "torque") * math.tanh(theta_dot / 0.5)
+
     def joint(self, angle: float, rate: float) -> float:
         """Torque against the articulation's yaw, N m."""
         torque = self._of("joint_friction", "torque") * math.tanh(rate / 0.01)

@@ -362,9 +362,9 @@ def test_softening_goes_on_with_the_states_time(agriq):
 def test_a_cut_rollout_goes_on_with_every_effect(agriq, integrator):
     robot = with_effects(agriq, *SEVERITY_1)
     commands = front_commands(robot, lambda t: 0.4 * ramp(t), lambda t: 0.2 * ramp(t - 1), 4.0)
-    whole = rollout(robot, commands, integrator=integrator)
-    half = rollout(robot, commands, duration=2.0, integrator=integrator)
-    rest = rollout(robot, from_knot(commands, 200), state=half.final_state, integrator=integrator)
+    whole = rollout(robot, commands, integrator=integrator, dt=5e-4)
+    half = rollout(robot, commands, duration=2.0, integrator=integrator, dt=5e-4)
+    rest = rollout(robot, from_knot(commands, 200), state=half.final_state, integrator=integrator, dt=5e-4)
     np.testing.assert_allclose(rest.q[-1], whole.q[-1], rtol=0, atol=1e-11)
 
 
@@ -434,6 +434,28 @@ def test_a_dragged_motor_needs_the_drag_on_top(agriq, straight):
     assert np.abs(more[[0, 2, 3]]).max() < 0.01
     back = turn(with_effects(agriq, motor_drag={"torque": 0.25, "motor": "front_left"}), speed=-0.4, yaw_rate=0.0)
     assert (back["M_drag_front_left"][-100:] < 0).all()
+
+
+@pytest.mark.parametrize("speed", [0.4, -0.4])
+def test_every_gear_takes_its_no_load_torque(agriq, speed):
+    """In a straight line, back motors under no torque: the front ones pull their gears along, which brake through eta_r."""
+    loaded, free = (
+        turn(robot, speed=speed, yaw_rate=0.0, kappa=1.0)
+        for robot in (with_effects(agriq, gear_no_load={"torque": 0.1}), agriq)
+    )
+    np.testing.assert_allclose(total(loaded, "M_drag", MOTORS)[-100:], np.sign(speed) * 0.4, rtol=1e-9)
+    front, back = agriq.drive.front, agriq.drive.back
+    pulled = 0.1 / (back.tau * back.eta_r) * front.tau / front.eta_d
+    more = np.sign(speed) * (loaded.motor_torque[-1] - free.motor_torque[-1])
+    np.testing.assert_allclose(more[:2], 0.1 + pulled, rtol=1e-3)
+
+
+def test_a_gear_takes_no_torque_at_rest_and_the_same_at_every_speed(agriq):
+    robot = with_effects(agriq, gear_no_load={"torque": 0.1})
+    result = turn(robot, speed=0.6, yaw_rate=0.0)
+    drag, speed = result["M_drag_front_left"], np.abs(result["theta_fl_dot"])
+    assert abs(drag[0]) < 1e-12
+    np.testing.assert_allclose(drag[speed > 5.0], 0.1, rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["joint_friction", "joint_damping", "joint_stiffness"])

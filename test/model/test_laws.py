@@ -25,6 +25,7 @@ ABOUT = {
     "follow_rate": lambda: (0.2 * N(),),
     "radius": lambda: (int(RNG.integers(8)), 5.0 * N()),
     "drag": lambda: (int(RNG.integers(4)), N()),
+    "gear": lambda: (N(),),
     "joint": lambda: (0.25 * N(), 0.02 * N()),
     "push": lambda: (int(RNG.integers(2)),),
     "load": lambda: (int(RNG.integers(2)),),

@@ -77,6 +77,7 @@ def moving(robot, rng):
         {"joint_friction": {"torque": 10.0}, "joint_stiffness": {"stiffness": 25.0}, "gear_efficiency": {"scale": 0.7}},
         {"tyre_relaxation": {"length": 0.3}, "wheel_runout": {"relative": 0.03}, "back_friction": {"scale": 0.6}},
         {"motor_drag": {"torque": 0.2, "motor": "back_left"}, "external_force": {"force": 35.0}},
+        {"gear_no_load": {"torque": 0.1}, "slope": {"grade": 0.1, "heading": 0.3}},
     ],
 )
 def test_right_hand_side_is_that_of_the_plain_equations(robot, effects):

@@ -12,7 +12,7 @@ from artibot_sim.diagnose.unlisted.response import COMPONENTS, KNOTS, MOTOR, end
 from artibot_sim.estimation.checks.common_map import experiments_of, in_common_map
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.model import MOTORS, WHEELS, Robot
-from artibot_sim.model.effects import motor_drag
+from artibot_sim.model.effects import gear_no_load, motor_drag
 from artibot_sim.model.robot.robot import Drive, Module
 from artibot_sim.model.simulate.windows import KINDS, Plan
 
@@ -228,11 +228,14 @@ def _add_wheel(
 def through_gear(robot: Robot, motor: int, motion: Mapping[str, Array]) -> Array:
     """What of a motor's torque reaches its gear, which is what eq. 23 goes by: not what drags at the motor itself."""
     name = MOTORS[motor]
+    rate, through = motion[f"rate_{name}"], motion[f"torque_{name}"]
     own = robot.effects.get(motor_drag.EFFECT.id, {})
-    if own.get("motor") != name:
-        return motion[f"torque_{name}"]
-    against = float(own["torque"]) * np.tanh(motion[f"rate_{name}"] / motor_drag.WIDTH)
-    return np.asarray(motion[f"torque_{name}"] - against, float)
+    if own.get("motor") == name:
+        through = through - float(own["torque"]) * np.tanh(rate / motor_drag.WIDTH)
+    if gear_no_load.EFFECT.id in robot.effects:
+        taken = float(robot.effects[gear_no_load.EFFECT.id]["torque"])
+        through = through - taken * np.tanh(rate / gear_no_load.WIDTH)
+    return np.asarray(through, float)
 
 
 def _drive(robot: Robot, motor: int) -> Drive:

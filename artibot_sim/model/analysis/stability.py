@@ -189,7 +189,7 @@ def _rk4_limits(chain: _Chain, modes: tuple[int, ...]) -> Iterator[tuple[float, 
             # A motor held by drag crosses zero and changes between eq. 21's driving and braking inertia. At the limit
             # of the inertia without losses it stays within the width over which the drag changes its sign (tests).
             inertia = motor.J_m + motor.J_w * motor.tau**2
-            yield _RK4_REAL * inertia / motor.damping, "effects.motor_drag, a motor that it stops"
+            yield _RK4_REAL * inertia / motor.damping, "effects.motor_drag or gear_no_load, a motor that drag stops"
     for damping, stiffness, what in _springs(chain):
         yield _rk4_limit(cmath.sqrt(damping * damping / 4 - stiffness) - damping / 2), what
         yield _rk4_limit(-cmath.sqrt(damping * damping / 4 - stiffness) - damping / 2), what

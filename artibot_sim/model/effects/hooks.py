@@ -113,6 +113,9 @@ radius = _place("radius", _product, cost=3)
 drag = _place("drag", _sum)
 """(fx, motor, theta_dot) → torque against a motor's rotation, N m; it vanishes at rest."""
 
+gear = _place("gear", _sum)
+"""(fx, theta_dot) → the same of every motor that has a gear, beside `drag`, N m."""
+
 joint = _place("joint", _sum)
 """(fx, angle, rate) → torque against the articulation's yaw, N m."""
 

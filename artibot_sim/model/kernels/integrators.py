@@ -165,10 +165,16 @@ def solved(motor, J, inverse_J, load, torque_max):
 
 
 @inlined
+def dragged(fx, unit, motor, theta_dot):
+    """With effects: what drags on a motor before its gear, N m."""
+    return hooks.drag(fx, motor, theta_dot) + unit.geared * hooks.gear(fx, theta_dot)
+
+
+@inlined
 def motor_acts(p, fx, unit, motor, forces):
     """What a motor does at an instant whose wheels' `forces` are known (eqs 21, 22, 26 to 28)."""
     M_r = load_torque(p, unit, forces, unit.tau * motor.theta_dot)
-    drag = hooks.drag(fx, motor.number, motor.theta_dot) if fx is not None else 0.0
+    drag = dragged(fx, unit, motor.number, motor.theta_dot) if fx is not None else 0.0
     load = motor.gear * M_r
     if fx is not None:
         load += drag
@@ -191,7 +197,7 @@ def step_ahead(body, p, fx, unit, motor, pair, soil, lag_f, lag_b, dt):
     load = motor.gear * load_torque(p, unit, forces, omega)
     inertia = motor.J + dt * motor.gear * unit.r_w * (forces.slope * unit.r_w) * unit.tau
     if fx is not None:
-        drag = hooks.drag(fx, motor.number, theta_dot)
+        drag = dragged(fx, unit, motor.number, theta_dot)
         load += drag
         inertia += dt * drag / theta_dot if theta_dot != 0.0 else 0.0
     M_m, theta_ddot = solved(motor, inertia, 1.0 / inertia, load, unit.torque_max)
@@ -224,7 +230,7 @@ def motor_with_wheels(body, p, fx, unit, motor, pair, soil, lag_f, lag_b, dt, ah
             return forces, Acting(0.0, 0.0, 0.0, motor.wish, speed)
         return forces, motor_acts(p, fx, unit, motor, forces)
     M_r = load_torque(p, unit, forces, omega)
-    drag = hooks.drag(fx, motor.number, speed) if fx is not None else 0.0
+    drag = dragged(fx, unit, motor.number, speed) if fx is not None else 0.0
     if motor.mode == PRESCRIBED:
         M_m = motor.J * theta_ddot + motor.gear * M_r
         if fx is not None:

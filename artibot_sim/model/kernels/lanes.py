@@ -45,13 +45,16 @@ def follow_command(S, j, s):
 
 @inlined
 def drag_motors(S, fx, t):
-    """With effects: drag on all motors, at the stage."""
+    """With effects: drag on all motors, at the stage; of one or two modules each has a gear."""
     for e in range(LANES):
         effects = effects_at(S, fx, e, t)
         right_f, left_f, right_b, left_b = four(S, AT.V_S + MOTORS + e)
         put4(
-            S, AT.DRAG + e, hooks.drag(effects, MOTOR[0], right_f), hooks.drag(effects, MOTOR[1], left_f),
-            hooks.drag(effects, MOTOR[2], right_b), hooks.drag(effects, MOTOR[3], left_b),
+            S, AT.DRAG + e,
+            hooks.drag(effects, MOTOR[0], right_f) + hooks.gear(effects, right_f),
+            hooks.drag(effects, MOTOR[1], left_f) + hooks.gear(effects, left_f),
+            hooks.drag(effects, MOTOR[2], right_b) + hooks.gear(effects, right_b),
+            hooks.drag(effects, MOTOR[3], left_b) + hooks.gear(effects, left_b),
         )  # fmt: skip
 
 

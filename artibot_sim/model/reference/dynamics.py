@@ -26,7 +26,7 @@ from artibot_sim.model.reference.contact import (
     rotation_z,
 )
 from artibot_sim.model.reference.effects import NEUTRAL, PlainEffects
-from artibot_sim.model.robot.parameters import Params
+from artibot_sim.model.robot.parameters import MotorParams, Params
 
 Array = NDArray[np.float64]
 
@@ -66,6 +66,11 @@ def constraint_terms(p: Params, q: Array, v: Array) -> tuple[Array, Array, Array
     jacobian[3, f], jacobian[3, b] = x_b @ dz_f, z_f @ dx_b
     bias_4 = zbias_f @ x_b + 2.0 * (dz_f @ v[f]) @ (dx_b @ v[b]) + z_f @ xbias_b
     return phi, jacobian, np.append(bias_f - bias_b, bias_4)
+
+
+def dragged(fx: PlainEffects, motor: MotorParams, number: int, theta_dot: float) -> float:
+    """What effects have drag on a motor by its number before its gear, N m, at `theta_dot` (rad/s)."""
+    return float(fx.ask("drag", number, theta_dot) + motor.geared * fx.ask("gear", theta_dot))
 
 
 @dataclass(frozen=True)
@@ -113,7 +118,7 @@ def solve(
     for i, motor in enumerate(motors_of(p)):
         c = MOTOR_COORDINATES[i]
         mass[c, c] = motor.J_m + motor.J_w * motor.tau**2 / eta[i]
-        n[c] = -motor.tau / eta[i] * load_torque(p, wheels, i, motor.tau * v[c]) - fx.ask("drag", i, v[c])
+        n[c] = -motor.tau / eta[i] * load_torque(p, wheels, i, motor.tau * v[c]) - dragged(fx, motor, i, v[c])
         if modes[i] == Mode.PRESCRIBED:
             prescribed.append(i)
             phi = np.vstack([phi, np.eye(16)[c]])

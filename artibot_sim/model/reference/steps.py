@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from artibot_sim.model.equations.transmission import Mode
 from artibot_sim.model.kernels.layout import MOTOR_COORDINATES
 from artibot_sim.model.reference.contact import Wheels, contact, modules_of, motors_of
-from artibot_sim.model.reference.dynamics import body_system, follow, load_torque, solve, solve_augmented
+from artibot_sim.model.reference.dynamics import body_system, dragged, follow, load_torque, solve, solve_augmented
 from artibot_sim.model.reference.effects import NEUTRAL, PlainEffects
 from artibot_sim.model.robot.parameters import Params
 
@@ -40,7 +40,7 @@ def _feed_back(p: Params, torque: Array, theta_dot: Array, eta: Array, fx: Plain
     """Eq. 23 for the next step, judged by what goes through the gear."""
     fresh = eta.copy()
     for i, motor in enumerate(motors_of(p)):
-        M_gear = torque[i] - fx.ask("drag", i, theta_dot[i])
+        M_gear = torque[i] - dragged(fx, motor, i, theta_dot[i])
         fresh[i] = motor.eta_d if M_gear * theta_dot[i] >= 0 else 1.0 / motor.eta_r
     return fresh
 
@@ -118,7 +118,7 @@ def semi_implicit_step(
     for i, motor in enumerate(motors_of(p)):
         if modes[i] == Mode.PRESCRIBED:
             c = MOTOR_COLUMNS[i]
-            load = motor.tau / state.eta[i] * load_torque(p, wheels, i, motor.tau * v[c]) + fx.ask("drag", i, v[c])
+            load = motor.tau / state.eta[i] * load_torque(p, wheels, i, motor.tau * v[c]) + dragged(fx, motor, i, v[c])
             inertia = motor.J_m + motor.J_w * motor.tau**2 / state.eta[i]
             torque[i] = inertia * (v[c] - state.v[c]) / dt + load
     mass, n, phi, right = body_system(p, state.q, state.v, wheels, fx, dt)
@@ -142,7 +142,7 @@ def _next_speed(
     _, d_dot, d_ddot = drive
     if mode == Mode.PRESCRIBED:
         return theta_dot + dt * follow(p, theta, theta_dot, drive), 0.0
-    eta, pair, drag = state.eta[i], slice(2 * i, 2 * i + 2), fx.ask("drag", i, theta_dot)
+    eta, pair, drag = state.eta[i], slice(2 * i, 2 * i + 2), dragged(fx, motor, i, theta_dot)
     slope = wheels.k_l[pair] @ (wheels.held[pair] * wheels.radius[pair] ** 2)  # of the torque on the axle
     inertia = motor.J_m + motor.J_w * motor.tau**2 / eta + dt * motor.tau / eta * slope * motor.tau
     inertia += dt * drag / theta_dot if theta_dot != 0 else 0.0

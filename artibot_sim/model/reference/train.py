@@ -20,6 +20,7 @@ from artibot_sim.model.reference.dynamics import (
     add_joint_torque,
     body_system,
     constraint_terms,
+    dragged,
     follow,
     load_torque,
     solve_augmented,
@@ -79,7 +80,7 @@ def solve_train(
             c, k = turned[2 * i + side]
             mass[c, c] = motor.J_m + motor.J_w * motor.tau**2 / eta[k]
             M_r = load_torque(module, met, side, motor.tau * v[c])
-            n[c] = -motor.tau / eta[k] * M_r - here.ask("drag", side, v[c])
+            n[c] = -motor.tau / eta[k] * M_r - dragged(here, motor, side, v[c])
     for j in range(count - 1):
         pair = slice(8 * j, 8 * j + 16)
         add_joint_torque(mass[pair, pair], n[pair], q[pair], v[pair], fx, 0.0)

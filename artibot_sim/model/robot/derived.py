@@ -54,7 +54,7 @@ def _motor(robot: Robot, drive: Drive | None) -> MotorParams:
     """A motor with its wheels; without a drive (a passive module's) they are alone, and turn freely."""
     J_w = robot.wheel.wheels_per_motor * robot.wheel.J_wy
     if drive is None:
-        return MotorParams(1.0, robot.wheel.r_w, 1.0, 1.0, 0.0, J_w, math.inf)
+        return MotorParams(1.0, robot.wheel.r_w, 1.0, 1.0, 0.0, J_w, math.inf, geared=0.0)
     return MotorParams(drive.tau, robot.wheel.r_w, drive.eta_d, drive.eta_r, drive.J_m, J_w, drive.torque_max)
 
 
