@@ -82,7 +82,7 @@ class Transcribed:
 
     def gear(self, theta_dot: float) -> float:
         """Torque that a gear takes without a load, N m."""
-        return self._of("gear_no_load", "torque") * math.tanh(theta_dot / 0.5)
+        return self._of("gear_no_load", "torque") * math.tanh(theta_dot / 4.0)
 
     def joint(self, angle: float, rate: float) -> float:
         """Torque against the articulation's yaw, N m."""

@@ -362,9 +362,9 @@ def test_softening_goes_on_with_the_states_time(agriq):
 def test_a_cut_rollout_goes_on_with_every_effect(agriq, integrator):
     robot = with_effects(agriq, *SEVERITY_1)
     commands = front_commands(robot, lambda t: 0.4 * ramp(t), lambda t: 0.2 * ramp(t - 1), 4.0)
-    whole = rollout(robot, commands, integrator=integrator, dt=5e-4)
-    half = rollout(robot, commands, duration=2.0, integrator=integrator, dt=5e-4)
-    rest = rollout(robot, from_knot(commands, 200), state=half.final_state, integrator=integrator, dt=5e-4)
+    whole = rollout(robot, commands, integrator=integrator)
+    half = rollout(robot, commands, duration=2.0, integrator=integrator)
+    rest = rollout(robot, from_knot(commands, 200), state=half.final_state, integrator=integrator)
     np.testing.assert_allclose(rest.q[-1], whole.q[-1], rtol=0, atol=1e-11)
 
 
@@ -455,7 +455,7 @@ def test_a_gear_takes_no_torque_at_rest_and_the_same_at_every_speed(agriq):
     result = turn(robot, speed=0.6, yaw_rate=0.0)
     drag, speed = result["M_drag_front_left"], np.abs(result["theta_fl_dot"])
     assert abs(drag[0]) < 1e-12
-    np.testing.assert_allclose(drag[speed > 5.0], 0.1, rtol=1e-6)
+    np.testing.assert_allclose(drag[speed > 40.0], 0.1, rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["joint_friction", "joint_damping", "joint_stiffness"])

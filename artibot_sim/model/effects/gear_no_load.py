@@ -12,7 +12,7 @@ from artibot_sim.model.kernels.elementary import tanh
 if TYPE_CHECKING:
     from artibot_sim.model.robot.parameters import MotorParams, Params
 
-WIDTH = 0.5
+WIDTH = 4.0
 """Motor speed over which the torque changes its sign (tanh), rad/s."""
 
 
