@@ -438,7 +438,7 @@ def test_a_dragged_motor_needs_the_drag_on_top(agriq, straight):
 
 @pytest.mark.parametrize("speed", [0.4, -0.4])
 def test_every_gear_takes_its_no_load_torque(agriq, speed):
-    """In a straight line, back motors under no torque: the front ones pull their gears along, which brake through eta_r."""
+    """In a straight line, back motors under no torque: front ones pull their gears along, which brake through eta_r."""
     loaded, free = (
         turn(robot, speed=speed, yaw_rate=0.0, kappa=1.0)
         for robot in (with_effects(agriq, gear_no_load={"torque": 0.1}), agriq)
