@@ -21,9 +21,11 @@ from ros_helpers import ROOT, NodeStarter, skip, spin_until
 if TYPE_CHECKING:
     from rclpy.context import Context
 
-PLAIN = ("ros-jazzy-rclpy", "ros-jazzy-rmw-fastrtps-cpp", "ros-jazzy-common-interfaces", "numpy", "scipy", "numba",
-         "pyyaml", "click")  # fmt: skip
-"""What a plain simulation may need: ROS 2, and what Debian and rosdep have."""
+PLAIN = ("ros-jazzy-rclpy", "ros-jazzy-rmw-fastrtps-cpp", "ros-jazzy-common-interfaces", "numpy", "scipy", "numba")
+"""What a plain simulation may need: ROS 2 (rclpy brings PyYAML), and the compiled model."""
+
+WITH_OPTIONS = (*PLAIN, "click")
+"""What reads command lines, too."""
 
 ROSDEP = {
     "python3-can": "python-can",
@@ -60,12 +62,10 @@ def closure(names: tuple[str, ...]) -> Iterator[importlib.metadata.Distribution]
                 waiting.append(re.split(r"[\s\[<>=!~(]", requirement.strip())[0])
 
 
-@pytest.fixture(scope="module")
-def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Python of a virtual environment that has nothing but `PLAIN`, linked from this one."""
-    folder = tmp_path_factory.mktemp("bare") / "venv"
+def environment_of(names: tuple[str, ...], folder: Path) -> Path:
+    """Python of a new virtual environment that has nothing but `names` and what they need, linked from this one."""
     try:
-        found = list(closure(PLAIN))
+        found = list(closure(names))
         importlib.metadata.distribution("ros-jazzy-rclpy")
     except importlib.metadata.PackageNotFoundError:
         skip("ROS 2 is not from PyPI here, and cannot be had without the rest of this environment")
@@ -85,34 +85,56 @@ def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "bin" / "python"
 
 
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return environment_of(PLAIN, tmp_path_factory.mktemp("plain") / "venv")
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return environment_of(WITH_OPTIONS, tmp_path_factory.mktemp("bare") / "venv")
+
+
 def run(python: Path, *args: object, cwd: Path) -> subprocess.CompletedProcess[str]:
     command = [str(python), "-m", "artibot_sim.cli", *map(str, args)]
     env = {"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(cwd)}
     return subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, timeout=300, check=False)
 
 
-def test_the_environment_is_bare(bare: Path, tmp_path: Path) -> None:
-    code = f"import importlib.util as u; print([m for m in {sorted(PACKAGES)!r} if u.find_spec(m)])"
-    done = subprocess.run([bare, "-c", code], capture_output=True, text=True, check=True, timeout=60, cwd=tmp_path)
-    assert done.stdout.strip() == "['numba', 'numpy', 'scipy', 'yaml']"
+def test_the_environments_are_bare(plain: Path, bare: Path, tmp_path: Path) -> None:
+    code = f"import importlib.util as u; print(*[m for m in {sorted(PACKAGES)!r} if u.find_spec(m)])"
+    for python, there in ((plain, "numba numpy scipy yaml"), (bare, "click numba numpy scipy yaml")):
+        done = subprocess.run(
+            [python, "-c", code], capture_output=True, text=True, check=True, timeout=60, cwd=tmp_path
+        )
+        assert done.stdout.strip() == there
 
 
 def test_the_plain_simulator_and_planner_run_with_ros_and_the_compiled_model_alone(
-    bare: Path, start_node: NodeStarter, ros_context: Context, tmp_path: Path
+    plain: Path, start_node: NodeStarter, ros_context: Context
 ) -> None:
     from nav_msgs.msg import Odometry
     from rclpy.node import Node
 
     node, truths = Node("probe", context=ros_context), []
     node.create_subscription(Odometry, "ground_truth/odom", truths.append, 10)
-    start = [str(bare), "-m", "artibot_sim.cli"]
-    sim = start_node.run([*start, "sim", "--kappa", "0.8"], name="sim")
-    planner = start_node.run([*start, "planner", "short"], name="planner")
+    start = [str(plain), "-m", "artibot_sim.cli"]
+    sim = start_node.run([*start, "sim", "--ros-args", "-p", "kappa:=0.8"], name="sim")
+    planner = start_node.run([*start, "planner", "--ros-args", "-p", "manoeuvre:=short"], name="planner")
     spin_until(node, lambda: bool(truths) or not sim.running, 120.0, "the simulator")
     assert sim.running, sim.output
     spin_until(node, lambda: truths[-1].pose.pose.position.x > 0.5 or not planner.running, 60.0, "motion")
     assert truths[-1].pose.pose.position.x > 0.5, planner.output
     assert sim.stop() == 0, sim.output
+
+
+@pytest.mark.parametrize("args", [("sim", "--kappa", "0.8"), ("driver",), ("plot", "bag"), ("--help",), ()])
+def test_where_click_is_missing_it_is_named_with_the_command_that_installs_it(
+    plain: Path, tmp_path: Path, args: tuple[str, ...]
+) -> None:
+    done = run(plain, *args, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == f"artibot: click: not found; this command needs it: {plain} -m pip install click\n"
 
 
 @pytest.mark.parametrize(

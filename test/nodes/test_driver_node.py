@@ -36,6 +36,7 @@ from artibot_driver.rig import load_rig
 from artibot_sim.model import MOTORS, load_robot
 from artibot_sim.model.equations.transmission import back_torque_factor
 from artibot_sim.nodes.common.qos import LATCHED
+from artibot_sim.nodes.driver.loop import Settling
 from artibot_sim.sharing import LAWS, Cycle, load_law
 from ros_helpers import NodeProcess, spin_until
 
@@ -488,6 +489,36 @@ def test_a_signal_brings_it_to_standstill_before_it_ends(
     assert all(abs(each["velocity"]) < STANDS for motor, each in states.items() if motor in FRONT)
     assert all(each["free"] for each in states.values())
     assert "Traceback" not in driver.output
+
+
+def test_a_drive_that_does_not_fit_is_named_in_the_log(start_node: Any, channel: str, drives: Drives) -> None:
+    """Setting up finds it out while the phase stays what it was: the log must not end with "not heard"."""
+    driver = start_node("driver", "--channel", channel, *PATIENT, "-p", "counts_per_turn.front:=1000")
+    driver.wait_for("object 608Fh:1 (Position encoder resolution, Encoder increments): found 4096, expected 1000")
+    driver.stop()
+    assert driver.output.count("608Fh") == 1, "said once, not in every period"
+
+
+def test_two_drives_with_one_id_are_named_in_the_log(start_node: Any, channel: str, drives: Drives) -> None:
+    with drives_on("remote", channel):
+        driver = start_node("driver", "--channel", channel, *PATIENT)
+        driver.wait_for("every answer comes twice: a second node has the id 1", 60.0)
+        driver.stop()
+
+
+def test_what_is_in_the_way_is_said_anew_when_it_has_settled() -> None:
+    obstacle = Settling(1.0)
+    obstacle.said("not heard")
+    assert not obstacle.settles("not heard", 0.0)
+    assert not obstacle.settles("being set up", 5.0), "it has only begun"
+    assert not obstacle.settles("no heartbeat", 5.5), "the other one has passed"
+    assert not obstacle.settles("no heartbeat", 6.4)
+    assert obstacle.settles("no heartbeat", 6.5)
+    assert not obstacle.settles("no heartbeat", 9.0), "once"
+    assert not obstacle.settles("", 9.1)
+    assert not obstacle.settles("", 20.0), "nothing in the way is the phase's to say"
+    assert not obstacle.settles("no heartbeat", 21.0)
+    assert not obstacle.settles("no heartbeat", 23.0), "it was said, and no other since"
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot
-from artibot_sim.nodes.common.options import split_ros_args
+from artibot_sim.nodes.common.process import split_ros_args
 from artibot_sim.nodes.planner.command import command
 from artibot_sim.parameters import Spec
 from artibot_sim.planning import load_manoeuvre, manoeuvre_names, plan

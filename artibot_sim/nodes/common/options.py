@@ -1,4 +1,4 @@
-"""Command lines of which one part is the command's and one is ROS's, and types of their options."""
+"""Options that several nodes' command lines share: parameter files, and types."""
 
 from __future__ import annotations
 
@@ -12,22 +12,6 @@ import click
 from artibot_sim.errors import ArtibotError
 from artibot_sim.resources import config_names, config_path
 
-# ----------------------------------------------------------------------
-# Command lines of which one part is the command's and one is ROS's.
-# ----------------------------------------------------------------------
-
-
-def split_ros_args(argv: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return the command's own arguments, and those between `--ros-args` and `--`, markers included."""
-    own: list[str] = []
-    ros: list[str] = []
-    inside = False
-    for word in argv:
-        inside = inside or word == "--ros-args"
-        (ros if inside else own).append(word)
-        inside = inside and word != "--"
-    return own, ros
-
 
 def parameter_files(names: Sequence[str]) -> list[str]:
     """``--ros-args`` that load parameter files, each a path or the name of a shipped one (``sim``)."""
@@ -39,11 +23,6 @@ def parameter_files(names: Sequence[str]) -> list[str]:
             raise ArtibotError(f"--params {name}: no such file; give an existing one or one of {', '.join(shipped)}")
         args += ["--params-file", str(path)]
     return ["--ros-args", *args, "--"] if args else []
-
-
-# ----------------------------------------------------------------------
-# Types of command line options that several nodes share.
-# ----------------------------------------------------------------------
 
 
 EMPTY = ""

@@ -10,13 +10,13 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
-
-import click
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from artibot_driver.priority import drop_priority, take_priority
 from artibot_sim.errors import ArtibotError
-from artibot_sim.nodes.common.options import split_ros_args
+
+if TYPE_CHECKING:
+    import click
 
 # ----------------------------------------------------------------------
 # Log lines hold no loop up: where those who should read them do not, lines are lost instead of waited for.
@@ -71,6 +71,18 @@ def _replace(descriptor: int) -> None:
 __all__ = ["asked_to_end", "built", "destroyed", "ros_process", "split_ros_args", "undisturbed"]
 
 _SWITCH = 5e-4  # s: a thread hands over to the one that waits after so long; Python's own 5 ms are too many
+
+
+def split_ros_args(argv: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the command's own arguments, and those between `--ros-args` and `--`, markers included."""
+    own: list[str] = []
+    ros: list[str] = []
+    inside = False
+    for word in argv:
+        inside = inside or word == "--ros-args"
+        (ros if inside else own).append(word)
+        inside = inside and word != "--"
+    return own, ros
 
 
 class Destructible(Protocol):

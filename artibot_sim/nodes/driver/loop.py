@@ -137,6 +137,37 @@ def opened(config: DriverConfig) -> Bus:
 STEPPED_NS = 50_000_000
 """A system clock that is off by more was set; the stamps follow when the rover stands."""
 
+SETTLED = 1.0
+"""What is in the way of enabling is logged anew once it has been another for so long, s; setting up has brief ones."""
+
+
+class Settling:
+    """Tells once of a text that has become another one, when it has stayed the same for a while.
+
+    Parameters
+    ----------
+    patience : float
+        How long it has to stay, s.
+    """
+
+    def __init__(self, patience: float) -> None:
+        self._patience = patience
+        self._told = self._text = ""
+        self._since = 0.0
+
+    def said(self, text: str) -> None:
+        """This text has been told by other means."""
+        self._told = text
+
+    def settles(self, text: str, now: float) -> bool:
+        """Whether a text, which is so at `now` (steady s), is to be told now; an empty one is nothing to tell."""
+        if text != self._text:
+            self._text, self._since = text, now
+        if not text or text == self._told or now - self._since < self._patience:
+            return False
+        self._told = text
+        return True
+
 
 class DriverLoop:
     """Everything between the topics and the bus.
@@ -172,6 +203,7 @@ class DriverLoop:
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
         self._stop: Stop | None = None
         self._logged: tuple[Phase, bool] | None = None
+        self._obstacles = Settling(SETTLED)
         self._warned: set[str] = set()
         self._law_name = settings["law"]
         self._law = parameters.law_of(self._law_name)
@@ -245,6 +277,9 @@ class DriverLoop:
         if news != self._logged:
             self._logged = news
             self._log.info("; ".join(filter(None, (status.phase.value, obstacles(status)))))
+            self._obstacles.said(obstacles(status))
+        elif not status.phase.moves and self._obstacles.settles(obstacles(status), time.monotonic()):
+            self._log.warning(f"{status.phase.value}; {obstacles(status)}")
         stop = status.stop
         if stop is not None and stop != self._stop:
             if stop.reason.asked_for:

@@ -8,7 +8,8 @@ from typing import Any
 
 import click
 
-from artibot_sim.nodes.common.process import built, destroyed, node_main, ros_process
+from artibot_sim.nodes.common.process import node_main
+from artibot_sim.nodes.plain import run_planner
 
 
 def _show_list(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
@@ -58,29 +59,7 @@ def command(
     overrides = {key: value for key, value in given.items() if value is not None}
     if start is not None:
         overrides |= dict(zip(("start.x", "start.y", "start.yaw"), start, strict=True))
-    return run(overrides, ros_args or [])
-
-
-def run(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
-    """Run the node until it ends; return the exit status.
-
-    0 after the profile's end, 1 when /clock was lost, 128 and the signal's number when SIGINT or SIGTERM came before
-    the end.
-
-    Raises
-    ------
-    ArtibotError
-        When a parameter, robot or manoeuvre is refused, or nobody listens.
-    """
-    with ros_process("planner", ros_args) as asked:
-        from rclpy.executors import SingleThreadedExecutor
-
-        from artibot_sim.nodes.planner.node import PlannerNode
-
-        with destroyed(built(PlannerNode, overrides, asked)) as node:
-            executor = SingleThreadedExecutor()
-            executor.add_node(node)
-            return node.run(executor)
+    return run_planner(overrides, ros_args or [])
 
 
 def main(argv: Sequence[str] | None = None) -> int:

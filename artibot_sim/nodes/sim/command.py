@@ -9,7 +9,8 @@ from typing import Any
 import click
 
 from artibot_sim.nodes.common.options import Optional, parameter_files
-from artibot_sim.nodes.common.process import LoopNode, built, node_main, run_loop
+from artibot_sim.nodes.common.process import node_main
+from artibot_sim.nodes.plain import run_sim
 
 OPTIONS = {
     "robot": "robot",
@@ -76,26 +77,7 @@ def command(
     overrides = {OPTIONS[name]: value for name, value in given.items() if value is not None}
     if start is not None:
         overrides |= dict(zip(("start.x", "start.y", "start.yaw"), start, strict=True))
-    return run(overrides, [*parameter_files(params), *(ros_args or [])])
-
-
-def run(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
-    """Run the node until it ends; return the exit status: 0, or 1 when the model diverged.
-
-    SIGINT and SIGTERM end it with status 0.
-
-    Raises
-    ------
-    ArtibotError
-        When a parameter or the robot file is refused.
-    """
-
-    def make(asked: list[int]) -> LoopNode:
-        from artibot_sim.nodes.sim.node import SimNode
-
-        return built(SimNode, overrides, asked)
-
-    return run_loop("sim", ros_args, make)
+    return run_sim(overrides, [*parameter_files(params), *(ros_args or [])])
 
 
 def main(argv: Sequence[str] | None = None) -> int:
