@@ -58,6 +58,7 @@ from artibot_sim.diagnose.validation.residuals import places
 from artibot_sim.diagnose.validation.series import comparison, with_commands
 from artibot_sim.diagnose.verdict import Reason, Verdict
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.alignment import on_one_clock, what_is_left, what_was_mended
 from artibot_sim.estimation.checks.common_map import in_common_map
 from artibot_sim.estimation.checks.recordings import data_warnings, require_usable
 from artibot_sim.estimation.measurements import Stretch, missing, stretches
@@ -163,8 +164,9 @@ def result_of(
     found: Conclusion,
     assessed: Assessment,
     options: Options,
+    streams: Sequence[str],
 ) -> Diagnosis:
-    """The diagnosis that a conclusion comes to."""
+    """The diagnosis that a conclusion comes to; `streams` says what is wrong with the recordings' streams."""
     decision, channels = found.decision, assessed.channels
     return Diagnosis(
         verdict=decision.verdict,
@@ -185,7 +187,7 @@ def result_of(
             *map(_fallen, found.without),
             *_contradiction(decision),
             *_besides(found),
-            *data_warnings(fitted, robot, held),
+            *data_warnings(fitted, robot, held, streams),
             *excitation(decision.neutral_problem, decision.neutral_fit.point),
         ),
         comparisons=tuple(assessed.comparisons),
@@ -391,19 +393,21 @@ def diagnose(
     begun, ticks = time.perf_counter(), _Ticks(progress)
     options = Options(horizon, seed, workers, prior_odds, false_alarm_rate, thresholds, scheduler)
     _check([*recordings, *holdout], robot, options)
-    fitted, held = split(*distinctly_named(recordings, holdout), robot)
+    named = distinctly_named(recordings, holdout)
+    timed, later = (on_one_clock(some, robot, seed, poses="pose_delay" in robot.effects) for some in named)
+    fitted, held = split([one.experiment for one in timed], [one.experiment for one in later], robot)
     problem, fit = baseline(fitted, robot, options, ticks)
     view = command_view(fitted, robot, needed=options.least)
     decision = decide(problem, fit, options, ticks, view)
     assessor = Assessor(robot, fitted, held, options, ticks)
     found = concluded(decision, view, assessor.worth)
-    result = result_of(robot, fitted, held, found, assessor(found.decision), options)
+    result = result_of(robot, fitted, held, found, assessor(found.decision), options, what_is_left(timed))
     models = _models(robot, result, decision)
     seen = predictors(held, models, decision.neutral_problem, options.horizon, options.workers)
     best = best_of(seen)
     result = replace(
         result, predictors=seen, best=best.name if best is not None else "",
-        warnings=(*refusals(seen), *result.warnings),
+        warnings=(*what_was_mended([*timed, *later]), *refusals(seen), *result.warnings),
     )  # fmt: skip
     ticks.done()
     return replace(result, seconds=time.perf_counter() - begun)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.pose_noise import PoseNoise, pose_noise, rates
 from artibot_sim.experiment import Experiment
 from artibot_sim.experiment.inputs import MotorInputs, rotations
 from artibot_sim.experiment.measured import Measured
@@ -74,6 +75,8 @@ class Series:
         s since the recording's start, SI.
     sigma : float
         Standard deviation of its noise.
+    jitter : float
+        Standard deviation of the instants that its stamps are off by, s.
     """
 
     channel: str
@@ -81,6 +84,24 @@ class Series:
     t: Array
     value: Array
     sigma: float
+    jitter: float = 0.0
+
+    @cached_property
+    def timing(self) -> Array:
+        """What stamps that jitter add to the noise while the value changes, shape (n,): a standard deviation."""
+        if not self.jitter or len(self.t) < 2:
+            return np.zeros(len(self.t))
+        return np.asarray(self.jitter * np.abs(rates(self.t, self.value[:, None])[:, 0]))
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of its noise in the middle of all samples, whatever it is from."""
+        return float(np.hypot(self.sigma, np.median(self.timing))) if len(self.t) else self.sigma
+
+    @cached_property
+    def spread(self) -> Array:
+        """Standard deviation of each sample's noise, shape (n,)."""
+        return np.asarray(np.hypot(np.hypot(self.sigma, self.slack), self.timing))
 
     @cached_property
     def slack(self) -> Array:
@@ -194,11 +215,23 @@ def _series(measured: Measured, robot: Robot) -> list[Series]:
 
 
 def with_pooled_noise(found: Sequence[Stretch]) -> list[Stretch]:
-    """Stretches with one noise level a channel: the median over all series that have one."""
-    levels = noise_levels(found)
-    return [
-        replace(stretch, series=tuple(replace(s, sigma=levels[s.channel]) for s in stretch.series)) for stretch in found
-    ]
+    """Stretches with one noise level a channel: the median over all series that have one, of poses their `pose_noise`."""
+    segments = {(id(one.experiment), one.measured.t_start): one.measured for one in found}
+    levels, poses = noise_levels(found), pose_noise(list(segments.values()))
+    own = _own_noise(found, poses) if poses is not None else {}
+    jitter = poses.jitter if poses is not None else 0.0
+    return [replace(stretch, series=tuple(
+        replace(s, sigma=own[s.channel], jitter=jitter) if s.channel in own else replace(s, sigma=levels[s.channel])
+        for s in stretch.series
+    )) for stretch in found]  # fmt: skip
+
+
+def _own_noise(found: Sequence[Stretch], poses: PoseNoise) -> dict[str, float]:
+    """Constant noise of the channels of which `poses` tells more than each series by itself: stamps jitter, or few samples."""
+    own = {"position": poses.place} | ({"yaw": poses.heading} if np.isfinite(poses.heading) else {})
+    sigmas = [(s.channel, s.sigma) for stretch in found for s in stretch.series]
+    told = {channel for channel, sigma in sigmas if np.isfinite(sigma)}
+    return {channel: max(value, _LEAST[channel]) for channel, value in own.items() if poses.jitter or channel not in told}
 
 
 def noise_levels(found: Sequence[Stretch]) -> dict[str, float]:
@@ -206,7 +239,7 @@ def noise_levels(found: Sequence[Stretch]) -> dict[str, float]:
     levels: dict[str, list[float]] = {}
     for stretch in found:
         for series in stretch.series:
-            levels.setdefault(series.channel, []).append(series.sigma)
+            levels.setdefault(series.channel, []).append(series.noise)
     pooled = {}
     for channel, values in levels.items():
         known = [value for value in values if np.isfinite(value)]

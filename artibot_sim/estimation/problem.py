@@ -215,13 +215,9 @@ class Problem:
         return new
 
     def widening(self, window: Window) -> dict[str, float]:
-        """By channel of a window, by how much its noise is taken to be more than its sensor's own.
-
-        Samples beside a jump have a wider sigma: it is the narrowest ones' that tells.
-        """
-        sensor = {s.channel: s.sigma for s in self.stretches[window.stretch].series}
-        names = {int(c): CHANNEL_NAMES[c] for c in np.unique(window.channel)}
-        return {name: float(window.sigma[window.channel == c].min()) / sensor[name] for c, name in names.items()}
+        """By channel of a window, by how much its noise is taken to be more than its sensor's own."""
+        ratio = window.sigma / window.sensor
+        return {CHANNEL_NAMES[c]: float(ratio[window.channel == c][0]) for c in np.unique(window.channel)}
 
     def rescaled(self, levels: Array) -> Problem:
         """This problem with the noise of each channel multiplied by `levels` (channels,)."""

@@ -400,7 +400,12 @@ class _Normal:
 
 
 def delay_of(
-    pieces: Sequence[Piece], most: float, *, lags: Sequence[float] = (0.0,), trend: bool = False
+    pieces: Sequence[Piece],
+    most: float,
+    rng: np.random.Generator,
+    *,
+    lags: Sequence[float] = (0.0,),
+    trend: bool = False,
 ) -> Delay | None:
     """By how much the explained stream is later than what explains it.
 
@@ -409,6 +414,8 @@ def delay_of(
     pieces : sequence of Piece
     most : float
         Largest delay, s.
+    rng : numpy.random.Generator
+        Draws the blocks anew that intervals come from.
     lags : sequence of float
         Time constants of a first-order low-pass that may lie between both, s; the value is for the first of them, the
         interval for all.
@@ -429,7 +436,7 @@ def delay_of(
     fine = np.arange(max(around - _NEAR, -most), min(around + _NEAR, most) + 1e-9, _FINE)
     near = [_Normal(rows, fine, one) for one in lags]
     value, best, beta, table = _lowest(near[:1], None)
-    count, rng = len(table.yy), np.random.default_rng(0)
+    count = len(table.yy)
     drawn = rng.multinomial(count, np.full(count, 1.0 / count), _DRAWS).astype(float)
     again = [_lowest(near[:1], chosen) for chosen in drawn]
     places = [(value, [d[0] for d in again])]

@@ -223,7 +223,9 @@ class Window:
     plan : Plan
         When and what was measured.
     value, sigma : array, shape (n,)
-        Measured, and the noise's standard deviation.
+        Measured, and the standard deviation that its noise is taken to have.
+    sensor : array, shape (n,)
+        That of the sensor's own noise.
     channel : array of int, shape (n,)
         Places in CHANNEL_NAMES.
     """
@@ -236,6 +238,7 @@ class Window:
     plan: Plan
     value: Array
     sigma: Array
+    sensor: Array
     channel: Indices
 
     def __len__(self) -> int:
@@ -327,12 +330,13 @@ def window_at(stretch: Stretch, number: int, robot: Robot, first: int, knots: in
         times.append(series.t[rows] - t)
         values.append(series.value[rows])
         kinds.append(np.full(size, series.kind))
-        sigmas.append(np.hypot(series.sigma, series.slack[rows]))
+        sigmas.append(series.spread[rows])
         channels.append(np.full(size, CHANNEL_NAMES.index(series.channel)))
     plan = Plan(np.concatenate(times), np.concatenate(kinds).astype(np.int64))
+    sigma = np.concatenate(sigmas)
     return Window(
-        number, first, knots, t, measured_start(stretch, robot, first), plan, np.concatenate(values),
-        np.concatenate(sigmas), np.concatenate(channels).astype(np.int64),
+        number, first, knots, t, measured_start(stretch, robot, first), plan, np.concatenate(values), sigma, sigma,
+        np.concatenate(channels).astype(np.int64),
     )  # fmt: skip
 
 
@@ -346,17 +350,21 @@ def measured_start(stretch: Stretch, robot: Robot, knot: int) -> Start:
     poor = frozenset({"forward", "left"} if away > _NEAR_START else set())
     if not len(measured.yaw_rate()[0]):
         poor |= {"yaw_rate"}
-    return start_of(robot, motion, inputs.position[knot], speeds, poor, _known(stretch), measured.late_heading)
+    return start_of(robot, motion, inputs.position[knot], speeds, poor, _known(stretch, motion), measured.late_heading)
 
 
-def _known(stretch: Stretch) -> dict[str, float]:
+def _known(stretch: Stretch, motion: Motion) -> dict[str, float]:
     """How well a measured pose is known: where headings are measured, too, a start need not guess its own."""
-    sigma = {series.channel: series.sigma for series in stretch.series}
-    if "yaw" not in sigma:
+    series = {one.channel: one for one in stretch.series}
+    if "yaw" not in series:
         return {}
-    place = min(_SURE * sigma["position"], 0.03)
-    heading = {"yaw": min(_SURE * sigma["yaw"], 0.1)} if stretch.measured.late_heading else {}
-    return {"x": place, "y": place} | heading
+
+    def sd(channel: str, rate: float, most: float) -> float:
+        one = series[channel]
+        return float(np.hypot(min(_SURE * one.sigma, most), _SURE * one.jitter * np.nan_to_num(rate)))
+
+    heading = {"yaw": sd("yaw", motion.yaw_rate, 0.1)} if stretch.measured.late_heading else {}
+    return {"x": sd("position", motion.vx, 0.03), "y": sd("position", motion.vy, 0.03)} | heading
 
 
 # ----------------------------------------------------------------------

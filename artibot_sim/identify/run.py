@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.estimation.checks.findings import findings
+from artibot_sim.estimation.alignment import on_one_clock, what_is_left, what_was_mended
 from artibot_sim.estimation.checks.recordings import require_usable
 from artibot_sim.estimation.encoder_noise import noise_share
 from artibot_sim.estimation.loss import Loss, channel_levels, merged
@@ -131,7 +131,10 @@ def identify(
     parameters = parameter_set(robot, fit, priors)
     for experiment in (*recordings, *holdout):
         require_usable([experiment], robot)
-    doubtful = [f"{one.name}: {finding}" for one in recordings for finding in findings(one, robot)]
+    in_model = "pose_delay" in parameters.robot.effects  # a late pose is the model's own matter then
+    timed, later = (on_one_clock(some, robot, seed, poses=not in_model) for some in (recordings, holdout))
+    recordings, holdout = [one.experiment for one in timed], [one.experiment for one in later]
+    doubtful = [*what_was_mended([*timed, *later]), *what_is_left(timed)]
     problem = problem_of(recordings, parameters, window, workers, seed=seed)
     ticks()
     problem, found = best_fit(problem, effort or Effort(), ticks)

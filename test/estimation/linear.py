@@ -50,7 +50,7 @@ def linear(like: Problem, truth: Array, rng: np.random.Generator, count: int = 3
     channel = np.arange(samples) % 4
     rows = np.arange(samples)
     window = replace(
-        one, plan=type(plan)(plan.t[rows], plan.kind[rows]), value=np.zeros(samples), sigma=np.ones(samples),
+        one, plan=type(plan)(plan.t[rows], plan.kind[rows]), value=np.zeros(samples), sigma=np.ones(samples), sensor=np.ones(samples),
         channel=np.sort(channel),
     )  # fmt: skip
     new.windows = [window] * count

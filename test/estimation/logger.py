@@ -34,6 +34,8 @@ class Logger:
         Hz of the sensors' messages.
     delays : mapping of str to float
         s by which stamps are late.
+    jitter : mapping of str to float
+        s by which stamps scatter, with heavy tails.
     skew : mapping of str to float
         By how much a stream's clock is fast, s per s.
     quantum : float
@@ -52,6 +54,7 @@ class Logger:
     )
     delays: Mapping[str, float] = field(default_factory=dict)
     skew: Mapping[str, float] = field(default_factory=dict)
+    jitter: Mapping[str, float] = field(default_factory=dict)
     quantum: float = 0.001
     lost: float = 0.01
     flaws: frozenset[str] = frozenset()
@@ -140,6 +143,11 @@ def _messages(t, columns, logger, key, noise, rng):
     measured = measured[rng.random(len(measured)) >= logger.lost]
     values = {name: np.interp(measured, t, c) + sd * noise(len(measured)) for name, (c, sd) in columns.items()}
     stamped = (measured + logger.delays.get(key, 0.0)) * (1.0 + logger.skew.get(key, 0.0))
+    if key in logger.jitter:
+        # a message is written when it is there: those that overtake others are sorted with their values
+        stamped = stamped + logger.jitter[key] * rng.standard_t(4.0, len(stamped))
+        order = np.argsort(stamped)
+        stamped, values = stamped[order], {name: c[order] for name, c in values.items()}
     if not logger.polled:
         stamps = np.round(stamped / logger.quantum) * logger.quantum
         new = np.concatenate(([True], np.diff(stamps) > 0))

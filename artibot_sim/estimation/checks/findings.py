@@ -119,6 +119,8 @@ class Streams:
         Gyroscope after wheels.
     response : Delay or None
         Wheels after commands.
+    seed : int
+        Of the draws that intervals come from.
     """
 
     experiment: Experiment
@@ -128,6 +130,7 @@ class Streams:
     gyro: Delay | None
     gyro_wheels: Delay | None
     response: Delay | None
+    seed: int = 0
 
     @property
     def pose_topic(self) -> str:
@@ -137,13 +140,21 @@ class Streams:
         return source.topic if source is not None else ""
 
 
-def compare_streams(experiment: Experiment) -> Streams:
-    """Hold the streams of a recording against each other; takes a second or two."""
+def compare_streams(experiment: Experiment, seed: int = 0) -> Streams:
+    """Hold the streams of a recording against each other; takes a second or two.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    seed : int
+        Of the draws that the delays' intervals come from.
+    """
     segments = segments_of(experiment)
     _, most = reach(segments)
 
     def of(pieces: Sequence[object], **options: object) -> Delay | None:
-        return delay_of(list(pieces), most, **options) if most > 0.1 else None  # type: ignore[arg-type]
+        rng = np.random.default_rng(seed)
+        return delay_of(list(pieces), most, rng, **options) if most > 0.1 else None  # type: ignore[arg-type]
 
     return Streams(
         experiment, tuple(segments),
@@ -152,10 +163,11 @@ def compare_streams(experiment: Experiment) -> Streams:
         of(list(turning(segments, "heading", "gyro")), trend=True),
         of(list(turning(segments, "gyro", "wheels")), lags=LAGS),
         of(list(turning(segments, "wheels", "command")), lags=LAGS),
+        seed,
     )  # fmt: skip
 
 
-def findings(experiment: Experiment, robot: Robot, streams: Streams | None = None) -> list[Finding]:
+def findings(experiment: Experiment, robot: Robot, streams: Streams | None = None, seed: int = 0) -> list[Finding]:
     """What is wrong with a recording, the serious first.
 
     Parameters
@@ -164,8 +176,10 @@ def findings(experiment: Experiment, robot: Robot, streams: Streams | None = Non
     robot : Robot
     streams : Streams, optional
         What `compare_streams` found.
+    seed : int
+        Of the draws that intervals come from, where it is still to be found.
     """
-    of = streams or compare_streams(experiment)
+    of = streams or compare_streams(experiment, seed)
     found = [*_held(of), *_air(of, robot)]
     if not any(one.name == "in_air" for one in found):
         found += [*_signs(of), *_units(of, robot)]
@@ -445,7 +459,7 @@ def _other_axis(of: Streams, topic: str) -> Iterator[Finding]:
             type(p)(p.end, p.begin, p.y, Sums(s.gyro.t, s.gyro.values[:, [i]]))
             for s in of.segments if s.gyro is not None for p in turning([s], "heading", "gyro")
         ]  # fmt: skip
-        found = _agree(delay_of(pieces, most, trend=True)) if pieces else None
+        found = _agree(delay_of(pieces, most, np.random.default_rng(of.seed), trend=True)) if pieces else None
         if found is not None and found.agreement > 0.8:
             sign = "" if found.coefficients[0] > 0 else ", with its sign turned"
             yield Finding(
@@ -470,14 +484,15 @@ def _delays(of: Streams) -> Iterator[Finding]:
     wheels_topic, gyro_topic = motors.topic if motors else "", imu.topic if imu else ""
     if pose_gyro is not None and (gyro_wheels is not None or pose_wheels is not None):
         late_gyro = gyro_wheels.value if gyro_wheels else pose_wheels.value - pose_gyro.value  # type: ignore[union-attr]
+        apart = [abs(late_gyro + pose_gyro.value), *([abs(pose_wheels.value)] if pose_wheels else [])]
         if abs(pose_gyro.value) <= LATE_SAID_POSE:
-            both = gyro_wheels or pose_wheels
+            both = _best(gyro_wheels, pose_wheels)  # of one body
             assert both is not None
             yield from _late("rotation_delay", wheels_topic, _negative(both), "pose and gyroscope", LATE_SAID)
             return
         if abs(late_gyro) <= TOGETHER:
             yield from _late("pose_delay", of.pose_topic, pose_gyro, gyro_topic, LATE_SAID_POSE)
-        elif abs(late_gyro + pose_gyro.value) <= TOGETHER:
+        elif min(apart) <= TOGETHER:
             beside = " and rotations; or these are late together" if pose_gyro.value > 0 else " and rotations"
             yield from _late("gyro_delay", gyro_topic, _negative(pose_gyro), of.pose_topic + beside, LATE_SAID_POSE)
         else:

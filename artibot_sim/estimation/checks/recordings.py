@@ -116,6 +116,7 @@ def data_warnings(
     recordings: Sequence[Experiment],
     robot: Robot,
     held: Sequence[Experiment] = (),
+    found: Sequence[str] | None = None,
 ) -> tuple[str, ...]:
     """What is doubtful about recordings, one sentence each.
 
@@ -125,8 +126,12 @@ def data_warnings(
     robot : Robot
     held : sequence of Experiment, optional
         Held out: of these only what is wrong with robot and wheels.
+    found : sequence of str, optional
+        What is wrong with the streams of `recordings`, where that is known already.
     """
-    said = [f"{one.name}: {finding}" for one in recordings for finding in findings(one, robot)]
+    if found is None:
+        found = [f"{one.name}: {finding}" for one in recordings for finding in findings(one, robot)]
+    said = list(found)
     said += doubts(recordings, robot)
     if not in_common_map([*recordings, *held]):
         fixed = [name.replace("_", " ") for name in EFFECTS if needed(name)]

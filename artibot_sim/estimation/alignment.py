@@ -1,0 +1,119 @@
+"""The streams of a recording on one clock: stamps that are late or early are shifted before anything is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.estimation.checks.findings import Finding, compare_streams, findings
+from artibot_sim.experiment import Channel, Experiment
+from artibot_sim.model import Robot
+
+SHIFTED = ("rotation_delay", "gyro_delay", "pose_delay")
+"""Findings that say by how much stamps are off,"""
+SCALED = "clock_skew"
+"""and the one that says how that drifts."""
+EARLY = 0.1
+"""s by which rotations must be early, at the least that the interval allows, before their stamps are shifted: tyres and
+wheels that answer late look alike. Rotations that are late cannot be the rover's own doing."""
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """A recording on one clock.
+
+    Attributes
+    ----------
+    experiment : Experiment
+        With the stamps shifted.
+    mended : tuple of Finding
+        What was wrong with its stamps, and is not any more.
+    found : tuple of Finding
+        What else is wrong with it, the serious first.
+    """
+
+    experiment: Experiment
+    mended: tuple[Finding, ...]
+    found: tuple[Finding, ...]
+
+    @property
+    def pose_delay(self) -> Finding | None:
+        """By how much positions are late, where that was found and left as it is."""
+        return next((one for one in self.found if _late_pose(one) and shiftable(one)), None)
+
+
+def aligned(experiment: Experiment, robot: Robot, seed: int = 0, poses: bool = True) -> Aligned:
+    """Shift the stamps of streams that are late or early, as the streams themselves show.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    robot : Robot
+    seed : int
+        Of the draws that intervals come from.
+    poses : bool
+        Whether late poses are shifted, too; not where their delay is a parameter of the model that is fitted.
+    """
+    found = findings(experiment, robot, compare_streams(experiment, seed))
+    mended = tuple(one for one in found if shiftable(one) and (poses or not _late_pose(one)))
+    channels = dict(experiment.channels)
+    for one in mended:
+        for key, channel in channels.items():
+            if channel.topic == one.topic:
+                channels[key] = _mended(channel, one, 0.5 * experiment.duration)
+    rest = tuple(one for one in found if one not in mended)
+    return Aligned(replace(experiment, channels=channels) if mended else experiment, mended, rest)
+
+
+def shiftable(one: Finding) -> bool:
+    """Whether a finding says by how much stamps have to be shifted or scaled, surely enough to do so."""
+    if one.name not in (*SHIFTED, SCALED) or one.value is None or one.interval is None:
+        return False
+    low, high = one.interval
+    if not (np.isfinite(low) and np.isfinite(high)):
+        return False
+    return low > 0.0 or high < (-EARLY if one.name == "rotation_delay" else 0.0)
+
+
+def _mended(channel: Channel, was: Finding, middle: float) -> Channel:
+    """A channel with the stamps that it should have; a drift leaves them as they are at `middle`, s."""
+    size = float(was.value or 0.0)
+    if was.name == SCALED:
+        return restamped(channel, channel.t - 1e-6 * size * (channel.t - middle))
+    return restamped(channel, channel.t - size)
+
+
+def restamped(channel: Channel, t: NDArray[np.float64]) -> Channel:
+    """A channel with other stamps (n,), s; when its messages were received stays as it is."""
+    ns = np.round(1e9 * (t - channel.t)).astype(np.int64)
+    return replace(channel, t_ns=channel.t_ns + ns, t=channel.t + 1e-9 * ns)
+
+
+def _late_pose(one: Finding) -> bool:
+    return one.name == "pose_delay" and (one.value or 0.0) > 0.0
+
+
+def on_one_clock(recordings: Sequence[Experiment], robot: Robot, seed: int = 0, poses: bool = True) -> list[Aligned]:
+    """Several recordings, each `aligned` by itself."""
+    return [aligned(one, robot, seed, poses) for one in recordings]
+
+
+def what_was_mended(timed: Sequence[Aligned]) -> list[str]:
+    """Sentences on the stamps that were shifted or scaled."""
+    return [
+        f"{one.experiment.name}: {was.text} ({was.evidence}); {_mend(was)} before anything was fitted"
+        for one in timed for was in one.mended
+    ]  # fmt: skip
+
+
+def _mend(was: Finding) -> str:
+    size = float(was.value or 0.0)
+    return f"that drift was taken off {was.topic}" if was.name == SCALED else f"stamps were shifted by {-size:+.2f} s"
+
+
+def what_is_left(timed: Sequence[Aligned]) -> list[str]:
+    """Sentences on what else is wrong with the streams."""
+    return [f"{one.experiment.name}: {found}" for one in timed for found in one.found]

@@ -1,0 +1,120 @@
+"""Streams on one clock: what a logger did to stamps is taken off before anything is fitted, and nothing else is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bag_helpers import foreign
+from estimation.logger import FLAWS, Logger, age, drive, recorded, robot_of
+
+from artibot_sim.estimation.alignment import aligned, restamped, what_is_left, what_was_mended
+from artibot_sim.estimation.checks.findings import compare_streams
+from artibot_sim.experiment import read_bag
+from artibot_sim.identify import identify
+from artibot_sim.model import load_robot
+
+
+def logged(logger: Logger, seed: int, robot=None):
+    """A robot, and a drive of it as a logger wrote it."""
+    rng = np.random.default_rng(seed)
+    robot = robot or robot_of(rng)
+    return robot, recorded(drive(robot, rng), logger, rng)
+
+
+@pytest.mark.parametrize("polled", [0.0, 20.0])
+@pytest.mark.parametrize(("key", "by"), [("imu", 0.15), ("imu", -0.2), ("motor_torques", 0.2),
+                                         ("ground_truth_odom", 0.25), ("ground_truth_odom", -0.15)])  # fmt: skip
+def test_stamps_are_shifted_by_what_the_logger_added(key: str, by: float, polled: float) -> None:
+    """Polling adds half of its period, or of a stream's own, to every stream alike within that."""
+    logger = Logger(polled=polled, delays={key: by})
+    robot, raw = logged(logger, 21)
+    found = aligned(raw, robot)
+    assert len(found.mended) == 1 and found.mended[0].topic == "/" + key
+    moved = {name: float(np.median(channel.t - raw.channels[name].t)) for name, channel in
+             found.experiment.channels.items()}  # fmt: skip
+    assert moved.pop(key) == pytest.approx(-by, abs=0.02 + age(logger, key, polled))
+    assert not any(moved.values())
+    channel = found.experiment.channels[key]
+    assert np.array_equal(channel.t_ns - raw.start_ns, np.round(1e9 * channel.t).astype(np.int64))
+    assert f"stamps were shifted by {-found.mended[0].value:+.2f} s before" in what_was_mended([found])[0]
+    again = compare_streams(found.experiment)
+    assert abs(again.gyro.value) < 0.03
+
+
+def test_a_drift_is_taken_off_around_the_middle() -> None:
+    robot, raw = logged(FLAWS["clock_skew"], 3)
+    found = aligned(raw, robot)
+    assert "clock_skew" in {one.name for one in found.mended}
+    before, after = raw.channels["ground_truth_odom"].t, found.experiment.channels["ground_truth_odom"].t
+    drift = (before[-1] - before[0]) / (after[-1] - after[0]) - 1.0
+    assert drift == pytest.approx(2e-3, rel=0.25)
+    assert abs(compare_streams(found.experiment).gyro.skew) < 5e-4
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_clean_recordings_stay_as_they_are(seed: int) -> None:
+    robot, raw = logged(Logger(polled=20.0 * (seed % 2), lost=0.03), 40 + seed)
+    found = aligned(raw, robot)
+    assert not found.mended and found.experiment is raw
+
+
+def test_a_late_pose_may_be_left_to_the_model_and_an_early_one_may_not() -> None:
+    """The effect `pose_delay` knows late poses only."""
+    robot, late = logged(Logger(delays={"ground_truth_odom": 0.25}), 5)
+    found = aligned(late, robot, poses=False)
+    assert found.experiment is late and found.pose_delay is not None
+    assert found.pose_delay.value == pytest.approx(0.25, abs=0.04)
+    assert "shift their stamps by -0." in " ".join(what_is_left([found]))
+    robot, early = logged(Logger(delays={"ground_truth_odom": -0.15}), 5)
+    assert [one.name for one in aligned(early, robot, poses=False).mended] == ["pose_delay"]
+
+
+def test_intervals_are_drawn_from_the_callers_seed() -> None:
+    robot, raw = logged(Logger(delays={"imu": 0.15}), 8)
+    one, same, other = (compare_streams(raw, seed).gyro for seed in (1, 1, 2))
+    assert one.interval == same.interval != other.interval
+    assert one.value == other.value
+    again = [aligned(raw, robot, seed).mended[0].interval for seed in (1, 1)]
+    assert again[0] == again[1]
+
+
+def test_wheels_that_are_late_cost_an_identification_nothing() -> None:
+    """Speeds 0.2 s late and a gyroscope 0.15 s early: shifted first, soil and errors are those of good stamps."""
+    robot = load_robot("husky_driven")
+    flaws = {"motor_torques": 0.2, "imu": -0.15}
+    good, bad = (logged(Logger(polled=0.0, delays=delays), 6, robot)[1] for delays in ({}, flaws))
+    found = [identify([one], robot, fit=["k_t", "mu_s"], window=4.0).result for one in (good, bad)]
+    shifts = [said for said in found[1].remarks if "stamps were shifted by" in said]
+    assert list(found[1].remarks[: len(shifts)]) == shifts and len(shifts) == 2
+    assert not any("stamps were shifted" in said for said in found[0].remarks)
+    for channel in ("position", "yaw", "yaw_rate"):
+        assert found[1].channels[channel].rmse < 1.5 * found[0].channels[channel].rmse
+    one, other = (result.estimates[0] for result in found)
+    assert other.value == pytest.approx(one.value, rel=0.15)
+
+
+def test_other_stamps_leave_arrivals() -> None:
+    _, raw = logged(Logger(), 1, load_robot("husky_driven"))
+    imu = raw.channels["imu"]
+    moved = restamped(imu, imu.t + 0.125)
+    assert np.array_equal(moved.t_ns - imu.t_ns, np.full(len(imu), 125_000_000))
+    assert np.array_equal(moved.received_ns, imu.received_ns) and np.allclose(moved.t - imu.t, 0.125)
+
+
+@pytest.mark.parametrize("name", ["husky_drive_a", "husky_drive_b"])
+def test_the_gyroscope_of_a_real_husky_is_early(name: str) -> None:
+    """Poses and wheels fit each other; the gyroscope fits neither until its stamps are shifted."""
+    found = aligned(read_bag(foreign(f"real/{name}")), load_robot("husky_driven"))
+    (gyro,) = found.mended
+    assert gyro.name == "gyro_delay" and gyro.value == pytest.approx(-0.17, abs=0.02)
+    assert abs(compare_streams(found.experiment).gyro.value) < 0.02
+
+
+def test_what_is_mended_is_said_of_every_recording_and_first() -> None:
+    robot, raw = logged(Logger(delays={"imu": 0.15}, gyro_bias=0.05), 9)
+    found = aligned(raw, robot)
+    assert [one.name for one in found.mended] == ["gyro_delay"]
+    assert "gyro_bias" in {one.name for one in found.found}
+    assert "gyro_delay" not in {one.name for one in aligned(replace(found.experiment), robot).mended}
