@@ -40,6 +40,12 @@ class HeldOut:
             return "worse"
         return "little" if decision.fitted and is_minor(self.gained, decision.left) else "better"
 
+    @property
+    def sure(self) -> bool:
+        """Whether positions or headings are surely predicted better, and neither surely worse."""
+        intervals = [self.gain[name].ci95 for name in ("position", "yaw") if name in self.gain]
+        return any(low > 0.0 for low, _ in intervals) and not any(high < 0.0 for _, high in intervals)
+
 
 Judge = Callable[[Decision], HeldOut]
 """Predicts held-out recordings with what a decision names."""
@@ -143,6 +149,10 @@ class MotionFacts:
             return "yes" if self._force is not None else "no"
         if question == "held out":
             return self.held.fact(decision)
+        if question == "forces":
+            return "yes" if shows_forces(decision) else "no"
+        if question == "sure":
+            return "yes" if self.held.sure else "no"
         assert question == "left without"
         return "more" if self._contradiction is not None else size_of(self._without_left)
 
@@ -268,6 +278,15 @@ class CommandFacts:
         robot = self._found.problem.parameters.robot_at(self._found.fit.point.coordinates)
         stated = {one.effect: {name: found.value for name, found in one.found.items()} for one in named if one.found}
         return replace(robot, effects={**robot.effects, **stated})
+
+
+FORCES = frozenset({"torque_front", "torque_back", "articulation_yaw"})
+"""Channels in which a force shows that no list has; poses and rates only show that something is not as predicted."""
+
+
+def shows_forces(decision: Decision) -> bool:
+    """Whether anything was measured in which a force on no list would show."""
+    return any(series.channel in FORCES for stretch in decision.problem.stretches for series in stretch.series)
 
 
 def size_of(left: Mapping[str, Left]) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.candidates.patches import disc_place
 from artibot_sim.diagnose.commands.view import command_view
-from artibot_sim.diagnose.conclusion import Conclusion, HeldOut, Without, concluded
+from artibot_sim.diagnose.conclusion import Conclusion, HeldOut, Without, concluded, shows_forces
 from artibot_sim.diagnose.extended import found_parameters, robot_of
 from artibot_sim.diagnose.intervals import Uncertain, judged, surroundings
 from artibot_sim.diagnose.next_experiment.choice import next_experiment, next_for_force, one_by_one, repeated
@@ -273,7 +273,7 @@ def _besides(found: Conclusion) -> list[str]:
         channels = tuple(name for name in channels if name == COMMANDED)
     if decision.verdict is Verdict.UNEXPLAINED or not (decision.named and channels):
         return []
-    return [besides([one.effect for one in decision.ordered], channels)]
+    return [besides([one.effect for one in decision.ordered], channels, shows_forces(decision))]
 
 
 def _next(decision: Decision, channels: Mapping[str, ChannelBaseline]) -> NextExperiment | None:
@@ -321,6 +321,8 @@ Array = NDArray[np.float64]
 
 _FEWEST = 12
 """Positions of a recording, without which its last third is too little to be held out."""
+ENOUGH, ENOUGH_APART = 240.0, 90.0
+"""s of windows that are fitted, about: of recordings in one map, and of others. All count for what is held out."""
 _TICKS = 60
 """Parts of the work after which half of the bar is drawn: how many there will be is not known beforehand."""
 
@@ -491,4 +493,13 @@ def baseline(
 ) -> tuple[Problem, Fit]:
     """The paper's model with its soil identified; all windows keep their say, for local effects hide in bad ones."""
     problem = problem_of(fitted, parameter_set(robot, SOIL), options.horizon, options.workers, HALF_WIDTH, options.seed)
-    return best_fit(problem, Effort(), tick, TRUST)
+    return best_fit(evenly(problem, in_common_map(fitted)), Effort(), tick, TRUST)
+
+
+def evenly(problem: Problem, in_map: bool) -> Problem:
+    """A problem of some windows in turn, where all of them are more than it takes to tell effects apart.
+
+    What is bound to a place may be met in few windows of a recording; without a common map there is no such thing.
+    """
+    every = max(1, round(float(problem.durations.sum()) / (ENOUGH if in_map else ENOUGH_APART)))
+    return problem if every == 1 else problem.part(range(0, len(problem), every))

@@ -539,9 +539,14 @@ def doubt(effects: Sequence[str], channels: Sequence[str]) -> str:
     )
 
 
-def besides(effects: Sequence[str], channels: Sequence[str]) -> str:
-    """That something else may act beside what is named."""
+def besides(effects: Sequence[str], channels: Sequence[str], forces: bool = True) -> str:
+    """That something else may act beside what is named; `forces` says whether it would show as a force."""
     names, where = ([effect_words(name) for name in effects], [channel_words(name) for name in channels])
+    if not forces:
+        return (
+            f"with {joined(names)} more than noise is still left in {joined(where)}: ground that varies, or something "
+            "else as well; wheel speeds and poses do not tell these apart, recorded torques would"
+        )
     return (
         f"with {joined(names)} more than noise is still left in {joined(where)}, and no force was found for it: "
         "something else may act as well"

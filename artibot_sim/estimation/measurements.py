@@ -215,7 +215,7 @@ def _series(measured: Measured, robot: Robot) -> list[Series]:
 
 
 def with_pooled_noise(found: Sequence[Stretch]) -> list[Stretch]:
-    """Stretches with one noise level a channel: the median over all series that have one, of poses their `pose_noise`."""
+    """Stretches with one noise level a channel: the median over all series that have one; of poses see `pose_noise`."""
     segments = {(id(one.experiment), one.measured.t_start): one.measured for one in found}
     levels, poses = noise_levels(found), pose_noise(list(segments.values()))
     own = _own_noise(found, poses) if poses is not None else {}
@@ -227,11 +227,13 @@ def with_pooled_noise(found: Sequence[Stretch]) -> list[Stretch]:
 
 
 def _own_noise(found: Sequence[Stretch], poses: PoseNoise) -> dict[str, float]:
-    """Constant noise of the channels of which `poses` tells more than each series by itself: stamps jitter, or few samples."""
+    """Constant noise of channels of which `poses` tells more than single series: stamps jitter, or series are short."""
     own = {"position": poses.place} | ({"yaw": poses.heading} if np.isfinite(poses.heading) else {})
     sigmas = [(s.channel, s.sigma) for stretch in found for s in stretch.series]
     told = {channel for channel, sigma in sigmas if np.isfinite(sigma)}
-    return {channel: max(value, _LEAST[channel]) for channel, value in own.items() if poses.jitter or channel not in told}
+    return {
+        channel: max(value, _LEAST[channel]) for channel, value in own.items() if poses.jitter or channel not in told
+    }
 
 
 def noise_levels(found: Sequence[Stretch]) -> dict[str, float]:

@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 
 LEAST_JITTER = 0.01
 """s from which stamps are said to jitter; smoothing a curved path leaves as much as less."""
-LEAST = 3e-4
-"""m and rad that the constants are at least."""
+LEAST = 1e-3
+"""m and rad that the constants are at least: a robot that stands repeats its pose, whatever that is off by."""
 _SURE = 15.0
 """Nats by which a recording must be likelier with jitter than without."""
 _FEWEST = 60

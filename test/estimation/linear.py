@@ -50,8 +50,8 @@ def linear(like: Problem, truth: Array, rng: np.random.Generator, count: int = 3
     channel = np.arange(samples) % 4
     rows = np.arange(samples)
     window = replace(
-        one, plan=type(plan)(plan.t[rows], plan.kind[rows]), value=np.zeros(samples), sigma=np.ones(samples), sensor=np.ones(samples),
-        channel=np.sort(channel),
+        one, plan=type(plan)(plan.t[rows], plan.kind[rows]), value=np.zeros(samples), sigma=np.ones(samples),
+        sensor=np.ones(samples), channel=np.sort(channel),
     )  # fmt: skip
     new.windows = [window] * count
     found = object.__new__(Linear)
