@@ -502,7 +502,19 @@ def fit_model(model: str, part: Part, robot: Robot) -> Fitted:
     rolling = fit_kinematic(windows, robot, FREE["ICR with timing"])
     work = fit_artibot(part, robot, ARTIBOT[model])
     values = ", ".join(f"{e.name} {e.value:.3g} ({e.ci95[0]:.3g} … {e.ci95[1]:.3g})" for e in work.result.estimates)
-    return lambda other: predict_artibot(work.result.robot, other, rolling), values
+    late = as_recorded(work.result.robot, work.shifts)
+    return lambda other: predict_artibot(late, other, rolling), values
+
+
+def as_recorded(robot: Robot, shifts: Mapping[str, float]) -> Robot:
+    """A robot identified with stamps that were shifted, as recordings see it whose stamps are as they came.
+
+    What counts is by how much poses are later than rotations; poses that are earlier are taken to be on time.
+    """
+    effects = {name: dict(values) for name, values in robot.effects.items()}
+    delay = float(effects.pop("pose_delay", {}).get("delay", 0.0))
+    delay += shifts.get("rotation_delay", 0.0) - shifts.get("pose_delay", 0.0)
+    return replace(robot, effects=effects | ({"pose_delay": {"delay": delay}} if delay > 0.0 else {}))
 
 
 MODELS = ("ideal", *FREE, "regressor", *ARTIBOT)

@@ -49,10 +49,16 @@ _READING = 0.05
     "--false-alarms", type=click.FloatRange(0.0, 1.0, min_open=True, max_open=True),
     help="Share of recordings with nothing hidden in which an effect may be named [0.01].",
 )  # fmt: skip
+@click.option(
+    "--budget",
+    type=click.FloatRange(0.0, min_open=True),
+    metavar="SECONDS",
+    help="Time to search in, about; what was not tried for it is said [none].",
+)
 def command(
     recordings: tuple[Path, ...], robot: str, out: Path, holdout: tuple[Path, ...], horizon: float,
     topics: tuple[str, ...], joints: tuple[str, ...], namespace: str | None, seed: int, workers: int | None,
-    scheduler: str | None, prior_odds: float | None, false_alarms: float | None,
+    scheduler: str | None, prior_odds: float | None, false_alarms: float | None, budget: float | None,
 ) -> int:  # fmt: skip
     """Find what the simulation gets wrong on recordings, where and when, which physical effect it is, how sure that
     is, and what it gains.
@@ -92,6 +98,7 @@ def command(
             used, rover, holdout=held, horizon=horizon, seed=seed, workers=workers,
             progress=bar.stage("diagnosing", 1.0), prior_odds=prior_odds or PRIOR_ODDS,
             false_alarm_rate=false_alarms or FALSE_ALARM_RATE, scheduler=scheduler and check_address(scheduler),
+            budget=budget or float("inf"),
         )  # fmt: skip
     write_folder(out, files_of(found, page_of(found, __version__)))
     console = Console(highlight=False)

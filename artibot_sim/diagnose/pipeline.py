@@ -184,6 +184,7 @@ def result_of(
         gain=assessed.worth.gain,
         next_experiment=_next(decision, channels),
         warnings=(
+            *_untried(decision),
             *map(_fallen, found.without),
             *_contradiction(decision),
             *_besides(found),
@@ -197,6 +198,11 @@ def result_of(
         seed=options.seed,
         left=decision.left,
     )
+
+
+def _untried(decision: Decision) -> list[str]:
+    """What there was no time for."""
+    return [f"not tried in the time given: {'; '.join(decision.untried)}"] if decision.untried else []
 
 
 def _fallen(without: Without) -> str:
@@ -321,6 +327,8 @@ Array = NDArray[np.float64]
 
 _FEWEST = 12
 """Positions of a recording, without which its last third is too little to be held out."""
+_FOR_SEARCH = 0.75
+"""Share of a time that is given, after which no further search begins: intervals and predictions follow."""
 ENOUGH, ENOUGH_APART = 240.0, 90.0
 """s of windows that are fitted, about: of recordings in one map, and of others. All count for what is held out."""
 _TICKS = 60
@@ -355,6 +363,7 @@ def diagnose(
     false_alarm_rate: float = FALSE_ALARM_RATE,
     thresholds: Thresholds = THRESHOLDS,
     scheduler: str | None = None,
+    budget: float = np.inf,
 ) -> Diagnosis:
     """What the simulation of these recordings gets wrong, and why.
 
@@ -386,6 +395,9 @@ def diagnose(
     scheduler : str, optional
         Address of a Dask scheduler (:mod:`artibot_sim.cluster`) whose workers fit one effect each; the rest of the
         work stays here, and the result is the same.
+    budget : float
+        s that the search for effects may take, about: what would not be over in time is not begun, and the warnings say
+        what was not tried. Then the result depends on how fast the machine is.
 
     Raises
     ------
@@ -393,7 +405,11 @@ def diagnose(
         For recordings that lack what is needed.
     """
     begun, ticks = time.perf_counter(), _Ticks(progress)
-    options = Options(horizon, seed, workers, prior_odds, false_alarm_rate, thresholds, scheduler)
+    if not budget > 0.0:
+        raise ArtibotError(f"budget: {budget} s; expected more than 0 s")
+    options = Options(
+        horizon, seed, workers, prior_odds, false_alarm_rate, thresholds, scheduler, begun + _FOR_SEARCH * budget
+    )
     _check([*recordings, *holdout], robot, options)
     named = distinctly_named(recordings, holdout)
     timed, later = (on_one_clock(some, robot, seed, poses="pose_delay" in robot.effects) for some in named)

@@ -55,6 +55,8 @@ class Options:
     false_alarm_rate: float = FALSE_ALARM_RATE
     thresholds: Thresholds = THRESHOLDS
     scheduler: str | None = None
+    until: float = np.inf
+    """`time.perf_counter` after which no further search begins that would take longer than is left."""
 
     @property
     def least(self) -> float:

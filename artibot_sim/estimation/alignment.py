@@ -101,6 +101,12 @@ def on_one_clock(recordings: Sequence[Experiment], robot: Robot, seed: int = 0, 
     return [aligned(one, robot, seed, poses) for one in recordings]
 
 
+def mean_shifts(timed: Sequence[Aligned]) -> dict[str, float]:
+    """s by which stamps were shifted, in the mean over recordings, by the name of what was found."""
+    each = [{was.name: -float(was.value or 0.0) for was in one.mended if was.name in SHIFTED} for one in timed]
+    return {name: float(np.mean([found.get(name, 0.0) for found in each])) for name in SHIFTED if each}
+
+
 def what_was_mended(timed: Sequence[Aligned]) -> list[str]:
     """Sentences on the stamps that were shifted or scaled."""
     return [

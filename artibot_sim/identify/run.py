@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.estimation.alignment import on_one_clock, what_is_left, what_was_mended
+from artibot_sim.estimation.alignment import mean_shifts, on_one_clock, what_is_left, what_was_mended
 from artibot_sim.estimation.checks.recordings import require_usable
 from artibot_sim.estimation.encoder_noise import noise_share
 from artibot_sim.estimation.loss import Loss, channel_levels, merged
@@ -73,6 +73,8 @@ class Work:
     nodes : tuple of Node
         The profile over mu_s.
     held : tuple of Held
+    shifts : mapping of str to float
+        s by which stamps were shifted before anything was fitted, in the mean over the recordings, by finding.
     """
 
     result: Identification
@@ -80,6 +82,7 @@ class Work:
     fit: Fit
     nodes: tuple[Node, ...]
     held: tuple[Held, ...]
+    shifts: Mapping[str, float] = field(default_factory=dict)
 
 
 def identify(
@@ -149,7 +152,7 @@ def identify(
     seconds = time.perf_counter() - begun
     predictions = tuple(h.summary for h in held)
     result = replace(result, remarks=(*doubtful, *result.remarks), predictions=predictions, seconds=seconds)
-    return Work(result, problem, found, nodes, tuple(held))
+    return Work(result, problem, found, nodes, tuple(held), mean_shifts(timed))
 
 
 class _Ticks:

@@ -165,3 +165,15 @@ def test_three_parameters_leave_on_real_recordings_what_an_independent_analysis_
     assert score.position["rmse"][0] == pytest.approx(rmse, rel=0.12)
     assert score.position["median"][0] == pytest.approx(median, rel=0.15)
     assert score.position["p90"][0] == pytest.approx(p90, rel=0.12)
+
+
+def test_what_stamps_were_shifted_by_is_in_the_predicting_robot() -> None:
+    """Only how much later poses are than rotations matters, be it fitted or taken off the stamps."""
+    for effects, shifts, delay in (
+        ({}, {"rotation_delay": -0.14, "pose_delay": -0.26}, 0.12),
+        ({"pose_delay": {"delay": 0.26}}, {"rotation_delay": -0.14}, 0.12),
+        ({}, {"rotation_delay": -0.2}, None),
+        ({}, {"gyro_delay": 0.17}, None),
+    ):
+        found = real.as_recorded(replace(ROBOT, effects=effects), shifts).effects.get("pose_delay")
+        assert found == (None if delay is None else {"delay": pytest.approx(delay)})

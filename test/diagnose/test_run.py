@@ -96,6 +96,13 @@ def test_positions_alone_are_enough_to_say_something(drives: list[Experiment]) -
     assert all(cause.effect == "joint_friction" or cause.ties for cause in result.causes)
 
 
+def test_what_there_was_no_time_for_is_said(drives: list[Experiment]) -> None:
+    """The first search is made whatever the time, and what it finds is named."""
+    result = diagnose(drives, ROBOT, workers=2, budget=1e-3)
+    assert {cause.effect for cause in result.causes} == {"joint_friction"}
+    assert "not tried in the time given: further effects beside joint friction" in result.warnings
+
+
 def odometry_alone(one: Experiment) -> Experiment:
     """Poses from one source in place of points and IMU."""
     station = one.channels["total_station"]
@@ -224,6 +231,7 @@ def test_what_is_fitted_to_is_not_held_out(drives: list[Experiment]) -> None:
         ({"horizon": 0.1}, "horizon: 0.1 s"),
         ({"prior_odds": 0.0}, "prior_odds"),
         ({"false_alarm_rate": 1.0}, "rate"),
+        ({"budget": 0.0}, "budget: 0.0 s"),
     ],
 )
 def test_wrong_options_are_refused(drives: list[Experiment], options: dict[str, float], said: str) -> None:

@@ -65,6 +65,8 @@ class Decision:
         The model with the first of the `fitted` effects, the first two, …, but not with all.
     dropped : tuple of str
         Effects that were found and are not needed beside those found after them.
+    untried : tuple of str
+        What there was no time for.
     verdict : Verdict
         What the tables of `verdict` make of it; of a search by itself it is none.
     """
@@ -82,6 +84,7 @@ class Decision:
     apart: Apart | None = None
     between: tuple[tuple[Problem, Fit], ...] = ()
     dropped: tuple[str, ...] = ()
+    untried: tuple[str, ...] = ()
     verdict: Verdict = Verdict.NONE
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -116,7 +117,8 @@ class _Naming:
         self._named: list[Named] = []
         self._dropped: list[str] = []
         self._between: list[tuple[Problem, Fit]] = []
-        self._again = self._exhausted = False
+        self._again = self._exhausted = self._stopped = False
+        self._took, self._untried = 0.0, list[str]()
         self._from_commands = self._other = others(view)
         self._stages = [self._sought(problem, fit, fit.loss)]
         self._problem, self._fit = self._neutral = self._found.problem, self._found.fit
@@ -139,12 +141,23 @@ class _Naming:
         return replace(found, nats=_nats(found, self._view, self._named))
 
     def _sought(self, problem: Problem, fit: Fit, loss: Loss) -> Stage:
-        return self._weighed(stage(problem, fit, loss, self._names, self._rounds, self._tick))
+        begun = time.perf_counter()
+        found = self._weighed(stage(problem, fit, loss, self._names, self._rounds, self._tick))
+        self._took = time.perf_counter() - begun
+        return found
+
+    def _no_time(self, what: str) -> bool:
+        """Whether another search would take longer than is left; then it is noted as not tried, and none follows."""
+        if time.perf_counter() + self._took <= self._options.until:
+            return False
+        self._untried.append(what)
+        self._stopped = True
+        return True
 
     def add(self) -> None:
         """Name one effect after the other."""
         thresholds, least = self._options.thresholds, self._options.least
-        while not self._full():
+        while not (self._full() or self._stopped):
             found, out = self._found, (*self._names, *self._dropped)
             best = best_of(found.evidence, found.nats, self._from_commands, least, thresholds, out)
             anew = self._anew(best)
@@ -165,6 +178,8 @@ class _Naming:
             return self._sought(found.problem, found.fit, found.loss)
         if best is None and not self._exhausted and leaves_more_than_noise(remains(self._problem, self._fit.point)):
             self._exhausted = True
+            if self._no_time("fitting every effect to the end"):
+                return None
             return self._weighed(thorough(found, self._names, self._rounds, self._tick))
         return None
 
@@ -182,7 +197,7 @@ class _Naming:
             return
         self._problem, fit = _with_effect(self._problem, self._fit, self._found, best, self._options.seed)
         self._fit = along_earlier_ridges(self._problem, fit, self._rounds.few, self._rounds.worth)
-        if not self._full():
+        if not self._full() and not self._no_time(f"further effects beside {best.effect.replace('_', ' ')}"):
             self._look()
 
     def _look(self) -> None:
@@ -192,6 +207,8 @@ class _Naming:
     def drop(self) -> bool:
         """Take an effect back that those named after it make up for; whether there was one."""
         options, fitted = self._options, self._fitted()
+        if self._stopped or (len(fitted) > 1 and self._no_time("leaving out each effect that was found")):
+            return False
         spare = superfluous(self._problem, self._fit, self._found.loss, options.least, self._rounds)
         if spare is None:
             return False
@@ -234,7 +251,7 @@ class _Naming:
         named = tuple(replace(one, found=other[one.effect].found) if one.found else one for one in self._named)
         return Decision(
             named, self._options.least, *self._neutral, self._problem, self._fit, tuple(self._stages),
-            other, between=tuple(self._between), dropped=tuple(self._dropped),
+            other, between=tuple(self._between), dropped=tuple(self._dropped), untried=tuple(self._untried),
         )  # fmt: skip
 
 
