@@ -54,6 +54,10 @@ class Browser:
         )  # fmt: skip
         self._ask("Emulation.setTouchEmulationEnabled", enabled=phone)
 
+    def scheme(self, wanted: str) -> None:
+        """Ask pages to be ``light`` or ``dark``."""
+        self._ask("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": wanted}])
+
     def open(self, page: Path, part: str = "") -> None:
         """Show a page and wait until it says that its charts are drawn."""
         self._ask("Page.navigate", url="about:blank")

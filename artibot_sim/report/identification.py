@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.checks.common_map import in_common_map
 from artibot_sim.estimation.measurements import CHANNEL_UNITS
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.result import from_dict, number, prediction_lines, spaced
@@ -16,8 +17,11 @@ from artibot_sim.identify.validation import deviations, end_errors, worst_of
 from artibot_sim.report.page import Section, render_page
 from artibot_sim.report.panels import Figure, Floats, Level, Line, Panel
 from artibot_sim.report.style import LEFT, MUTED, ODOMETRIC, POINTS, RIGHT, TRUE, Stroke
+from artibot_sim.report.windows import Drive, Path, side_by_side
 
 if TYPE_CHECKING:
+    import pathlib
+
     from artibot_sim.estimation.windows import Window
     from artibot_sim.identify.result import ChannelFit, Estimate, Prediction
     from artibot_sim.identify.run import Work
@@ -43,18 +47,46 @@ _TURNED = Stroke(RIGHT, 4.5, "points")
 _CUT = 1.5
 """A chart ends at so many times the effective track's 95 % quantile: ideal wheels are far off everywhere."""
 _BREAK = np.array([np.nan])
+_WHERE = "Where windows are bad"
+_PATHS_PART = "Paths"
+_ERRORS_PART = "Errors over time"
+_LEAST = 8
+"""Windows of which an order says something."""
 
 
 def window_panels(held: Held) -> Iterator[Panel]:
-    """What is drawn where other models predict the same windows."""
+    """How far off predictions are at the windows' ends, which windows are worst, and what these look like."""
     ends = {name: end_errors(held.windows, held.residuals, name) for name in ("position", "yaw")}
     worst = {name: worst_of(error).tolist() for name, error in ends.items() if np.isfinite(error).all()}
-    if "position" in worst:
-        yield _map(held, worst["position"])
-    if worst:
-        yield _wheels(held, worst)
     for name in worst:
         yield _distribution(held, name)
+    if "position" in worst:
+        yield from _drives(held, ends["position"])
+        if in_common_map([held.experiment]):
+            yield _map(held, worst["position"])
+    if worst:
+        yield _wheels(held, worst)
+
+
+def _drives(held: Held, error: Floats) -> Iterator[Panel]:
+    """A typical, a bad and the worst window."""
+    drives = []
+    for i, window in enumerate(held.windows):
+        paths = [Path("measured", _points(held, i, None), _WINDOW_MEASURED)]
+        models = {"this model": held.residuals, **held.rivals}
+        paths += [Path(name, _points(held, i, own[i]), _MODELS[name]) for name, own in models.items()]
+        drives.append(Drive(window.t, float(error[i]), paths))
+    title = "Typical, bad and worst windows"
+    for panel in side_by_side(held.summary.name, drives):
+        yield replace(panel, title=f"{held.summary.name}: {panel.title}", part=title)
+
+
+def _points(held: Held, row: int, residual: Floats | None) -> Floats:
+    """A window's positions (n, 2), m: measured, or predicted with these residuals."""
+    window = held.windows[row]
+    x, y, _ = window.places
+    value = window.value if residual is None else window.value + residual * window.sigma
+    return np.column_stack([value[x], value[y]])
 
 
 def _distribution(held: Held, channel: str) -> Panel:
@@ -69,7 +101,10 @@ def _distribution(held: Held, channel: str) -> Panel:
     ]
     unit = spaced(CHANNEL_UNITS[channel])
     title = f"{held.summary.name}: {channel} at the ends, windows in order of error"
-    return Panel(f"{held.summary.name}_{channel}_ends", title, ("windows", "%"), ("error", unit), tuple(lines[::-1]))
+    return Panel(
+        f"{held.summary.name}_{channel}_ends", title, ("windows", "%"), ("error", unit), tuple(lines[::-1]),
+        part="Windows in order of error",
+    )  # fmt: skip
 
 
 def _map(held: Held, worst: Sequence[int]) -> Panel:
@@ -79,7 +114,7 @@ def _map(held: Held, worst: Sequence[int]) -> Panel:
     lines += [_paths(held, f"measured, the worst {len(worst)}", worst, False, _WINDOW_MEASURED)]
     lines += [_paths(held, f"predicted, the worst {len(worst)}", worst, True, _WINDOW_PREDICTED)]
     title = f"{held.summary.name}: the worst positions on its map"
-    return Panel(f"{held.summary.name}_map", title, ("x", "m"), ("y", "m"), tuple(lines), equal=True)
+    return Panel(f"{held.summary.name}_map", title, ("x", "m"), ("y", "m"), tuple(lines), equal=True, part=_WHERE)
 
 
 def _paths(held: Held, name: str, rows: Sequence[int], predicted: bool, stroke: Stroke) -> Line:
@@ -105,7 +140,7 @@ def _wheels(held: Held, worst: Mapping[str, Sequence[int]]) -> Panel:
     title = f"{held.summary.name}: mean speeds of motors, worst windows"
     return Panel(
         f"{held.summary.name}_wheels", title, ("right motor", "rad/s"), ("left motor", "rad/s"), tuple(lines),
-        equal=True,
+        equal=True, part=_WHERE,
     )  # fmt: skip
 
 
@@ -134,8 +169,11 @@ def page_of(work: Work) -> bytes:
     """The page (UTF-8) of an identification."""
     found = work.result
     notes = [f"{e.name}: {e.note}" for e in found.estimates if e.note]
-    notes += [line for prediction in found.predictions for line in prediction_lines(prediction)]
-    return render_page(figure_of(work), tables(work), COLUMNS, [*notes, *found.remarks])
+    answer = [line for prediction in found.predictions for line in prediction_lines(prediction)]
+    return render_page(
+        figure_of(work), tables(work), COLUMNS, [*notes, *found.remarks], answer=answer, first=1,
+        closed=(_ERRORS_PART, "table"),
+    )  # fmt: skip
 
 
 def figure_of(work: Work) -> Figure:
@@ -145,7 +183,7 @@ def figure_of(work: Work) -> Figure:
     return Figure(f"{found.robot.name}: identified from {', '.join(found.recordings)}", subtitle, tuple(panels(work)))
 
 
-def page_of_document(document: Mapping[str, Any], path: Path) -> bytes:
+def page_of_document(document: Mapping[str, Any], path: pathlib.Path) -> bytes:
     """The page of an identification's JSON: its tables, and parameters beside their priors.
 
     Raises
@@ -164,9 +202,12 @@ def page_of_document(document: Mapping[str, Any], path: Path) -> bytes:
             "`artibot identify --json`"
         ) from error
     notes = [f"{e.name}: {e.note}" for e in estimates if e.note]
-    notes += [line for prediction in predictions for line in prediction_lines(prediction)]
+    answer = [line for prediction in predictions for line in prediction_lines(prediction)]
     figure = Figure(title, subtitle, (_intervals(estimates),))
-    return render_page(figure, _tables(estimates, channels, predictions), COLUMNS, [*notes, *document["remarks"]])
+    return render_page(
+        figure, _tables(estimates, channels, predictions), COLUMNS, [*notes, *document["remarks"]], answer=answer,
+        first=1,
+    )  # fmt: skip
 
 
 def _intervals(estimates: Sequence[Estimate]) -> Panel:
@@ -229,7 +270,7 @@ def panels(work: Work) -> Iterator[Panel]:
     """What is drawn: of held-out recordings if there are any, else of the fitted windows."""
     for held in work.held:
         name = held.summary.name
-        if held.rivals:
+        if held.rivals or len(held.windows) >= _LEAST:
             yield from window_panels(held)
         if any(run.window.channel.tolist().count(0) for run in held.free):
             yield _path(held)
@@ -259,7 +300,7 @@ def _panel(
 ) -> Panel:
     lines = tuple(Line(name, name, None, x, y, stroke) for name, stroke, (x, y) in drawn if len(x))
     noise = Level("noise", fit.noise, _NOISE)
-    return Panel(key, title, ("time", "s"), ("error", spaced(fit.unit)), lines, (noise,))
+    return Panel(key, title, ("time", "s"), ("error", spaced(fit.unit)), lines, (noise,), part=_ERRORS_PART)
 
 
 def _over_time(windows: list[Window], residuals: list[Floats], channel: int) -> tuple[Floats, Floats]:
@@ -297,4 +338,4 @@ def _path(held: Held) -> Panel:
         label = "measured points" if stroke is _MEASURED else name
         lines.append(Line(label, label, None, np.concatenate(xs), np.concatenate(ys), stroke))
     title = f"{held.summary.name}: path, predicted {held.summary.horizon:g} s ahead, and run freely"
-    return Panel(f"{held.summary.name}_path", title, ("x", "m"), ("y", "m"), tuple(lines), equal=True)
+    return Panel(f"{held.summary.name}_path", title, ("x", "m"), ("y", "m"), tuple(lines), equal=True, part=_PATHS_PART)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import base64
 import html
 import json
 import re
-from collections.abc import Mapping, Sequence
+import zlib
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 from artibot_sim.report import style
@@ -14,44 +18,108 @@ from artibot_sim.report.web import MOST_POINTS, chart, is_thinned
 
 # ----------------------------------------------------------------------
 # The frame of every page: one file with its charts, its style and plotly in it, which asks the network for
-# nothing.
+# nothing. Its parts are folded under an outline that stays in sight; it is dark where the browser asks for that.
 # ----------------------------------------------------------------------
 
 
+@dataclass(frozen=True)
+class Part:
+    """A part of a page, folded under its heading.
+
+    Attributes
+    ----------
+    title : str
+        Its heading, plain text; a part without one is never folded.
+    body : str
+        HTML. A part without anything in it is left out.
+    opened : bool
+        Whether it is open at first.
+    word : str
+        What the outline calls it; its title where empty.
+    anchor : str
+        Where links within the page lead; by default its number.
+    """
+
+    title: str
+    body: str
+    opened: bool = True
+    word: str = ""
+    anchor: str = ""
+
+
 def render_frame(
-    title: str, head: str, main: str, foot: str, data: Any, *, css: str = "", script: str, name: str = "charts"
-) -> bytes:
+    title: str, head: str, parts: Sequence[Part], foot: str, data: Any, *, css: str = "", script: str,
+    name: str = "charts",
+) -> bytes:  # fmt: skip
     """Return a page (UTF-8).
 
     Parameters
     ----------
     title : str
         Plain text, for the browser's window.
-    head, main, foot : str
-        HTML of the page's parts.
+    head : str
+        HTML of what is seen first.
+    parts : sequence of Part
+    foot : str
+        HTML of the page's end.
     data : object
         What the script draws from, JSON-ready: plotly figures, say.
     css : str
         Style beside that of all pages.
     script : str
-        Draws the charts, and says so: ``document.documentElement.dataset.drawn`` is how many.
+        Draws the charts, by ``drawParts`` or by ``show``, and says so: ``document.documentElement.dataset.drawn`` is
+        how many.
     name : str
         What the script calls `data`.
     """
-    from plotly.offline import get_plotlyjs
-
-    parts = {
+    shown = [
+        replace(part, anchor=part.anchor or f"part{number}") for number, part in enumerate(parts) if part.body.strip()
+    ]
+    colours = {light.lower(): dark for light, dark in style.DARK.items()}
+    fields = {
         "TITLE": html.escape(title),
         "STYLE": page_style() + css,
         "HEAD": head,
-        "MAIN": main,
+        "OUTLINE": _outline(shown),
+        "MAIN": "".join(map(_folded, shown)),
         "FOOT": foot,
         "NAME": name,
         "DATA": script_json(data),
+        "COMMON": filled(_COMMON, {"DARK": script_json(colours)}),
         "SCRIPT": script,
-        "PLOTLY": get_plotlyjs(),
+        "PLOTLY": _packed_plotly(),
     }
-    return filled(_PAGE, parts).encode()
+    return filled(_PAGE, fields).encode()
+
+
+def _outline(parts: Sequence[Part]) -> str:
+    """Links to all parts that have a heading, if there are several."""
+    links = [
+        f'<a href="#{part.anchor}">{html.escape(part.word or part.title)}</a>' for part in parts if part.title
+    ]  # fmt: skip
+    if len(links) < 2:
+        return ""
+    every = '<button type="button" data-fold>open all</button>'
+    return f'<nav class="outline" aria-label="Outline">{"".join(links)}{every}</nav>'
+
+
+def _folded(part: Part) -> str:
+    """A part under its heading."""
+    if not part.title:
+        return f'<section class="part" id="{part.anchor}">{part.body}</section>'
+    head = f"<summary><h2>{html.escape(part.title)}</h2></summary>"
+    return f'<details class="part" id="{part.anchor}"{" open" if part.opened else ""}>{head}{part.body}</details>'
+
+
+@cache
+def _packed_plotly() -> str:
+    """Plotly's script, deflated and in base 85, with a comma for <, which might end the element that it stands in.
+
+    A page is 2 MB so, and 5 MB without.
+    """
+    from plotly.offline import get_plotlyjs
+
+    return base64.b85encode(zlib.compress(get_plotlyjs().encode(), 9)).decode().replace("<", ",")
 
 
 def filled(text: str, parts: Mapping[str, str]) -> str:
@@ -64,46 +132,82 @@ def script_json(content: Any) -> str:
     return json.dumps(content, separators=(",", ":"), allow_nan=False, ensure_ascii=False).replace("</", "<\\/")
 
 
+_VARIABLES = {
+    "ink": style.INK, "muted": style.MUTED, "grid": style.GRID, "paper": style.PAPER, "good": style.TRUE,
+    "bad": style.ODOMETRIC, "tie": style.LEFT,
+}  # fmt: skip
+"""What style sheets call the colours."""
+
+
 def page_style() -> str:
-    """Return the style sheet of all pages, in the colours of `style`."""
-    colours = {name: getattr(style, name) for name in ("INK", "MUTED", "GRID", "PAPER")}
-    return filled(_CSS, colours | {"FONTS": style.WEB_FONTS})
+    """Return the style sheet of all pages, in the colours of `style`, for bright and for dark screens."""
+    light = " ".join(f"--{name}: {colour};" for name, colour in _VARIABLES.items())
+    dark = " ".join(f"--{name}: {style.DARK[colour]};" for name, colour in _VARIABLES.items())
+    return filled(_CSS, {"LIGHT": light, "DARK": dark, "FONTS": style.WEB_FONTS})
 
 
 _CSS = """
-:root { color-scheme: light; }
+:root { color-scheme: light dark; @LIGHT@ }
+@media screen and (prefers-color-scheme: dark) { :root { @DARK@ } }
 * { box-sizing: border-box; }
-body { margin: 0; background: @PAPER@; color: @INK@; font: 15px/1.45 @FONTS@; -webkit-text-size-adjust: 100%; }
+html { scroll-padding-top: 52px; }
+body { margin: 0; background: var(--paper); color: var(--ink); font: 15px/1.45 @FONTS@;
+  -webkit-text-size-adjust: 100%; }
 main, header, footer { max-width: 1240px; margin: 0 auto; padding: 0 16px; }
 header { padding-top: 20px; }
+a { color: var(--good); }
 h1 { font-size: 1.5rem; margin: 0 0 4px; overflow-wrap: anywhere; }
 h2 { font-size: 1rem; margin: 18px 0 2px; }
-header p, footer { color: @MUTED@; font-size: .93rem; }
+header p, footer { color: var(--muted); font-size: .93rem; }
 header p { margin: 2px 0; }
 footer { padding-bottom: 24px; padding-top: 12px; }
+nav.outline { position: sticky; top: 0; z-index: 5; display: flex; gap: 2px 4px; overflow-x: auto; white-space: nowrap;
+  background: var(--paper); border-bottom: 1px solid var(--grid); padding: 6px 12px; margin-top: 10px; }
+nav.outline a, nav.outline button { font: inherit; font-size: .9rem; color: var(--muted); text-decoration: none;
+  background: none; border: 0; padding: 3px 8px; border-radius: 6px; cursor: pointer; text-align: left; }
+nav.outline a[aria-current], nav.outline a:hover, nav.outline button:hover { color: var(--ink);
+  background: var(--grid); }
+.part > summary { cursor: pointer; border-top: 2px solid var(--grid); padding: 8px 0; margin-top: 14px; }
+.part > summary h2 { display: inline; font-size: 1.2rem; margin: 0; }
+.part > summary::marker { color: var(--muted); }
 .key { display: flex; flex-wrap: wrap; gap: 4px 18px; }
 .key button { font: inherit; font-size: 1.15rem; color: inherit; background: none; border: 0; padding: 2px 0;
   cursor: pointer; }
 .key button::before { content: ""; display: inline-block; width: 1.3em; height: .28em; margin-right: .5em;
   vertical-align: .25em; background: var(--hue); }
-.key button[aria-pressed=false] { color: @MUTED@; text-decoration: line-through; }
-.key button[aria-pressed=false]::before { background: @GRID@; }
+.key button[aria-pressed=false] { color: var(--muted); text-decoration: line-through; }
+.key button[aria-pressed=false]::before { background: var(--grid); }
 .grid { display: grid; grid-template-columns: minmax(0, 1fr); gap: 0 24px; }
+.grid h3 { font-size: 1rem; margin: 12px 0 2px; }
+.grid.alike { grid-template-columns: repeat(auto-fit, minmax(min(100%, 300px), 1fr)); }
 .plot { width: 100%; height: 270px; }
 .plot.square { height: min(100vw, 560px); }
 .scroll { overflow-x: auto; margin-top: 20px; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { padding: 3px 14px 3px 0; text-align: right; white-space: nowrap; }
 th:first-child, td:nth-child(2) { text-align: left; font-weight: normal; }
-td:nth-child(2) { color: @MUTED@; }
-thead th { font-weight: 600; border-bottom: 1px solid @GRID@; }
+td:nth-child(2) { color: var(--muted); }
+thead th { font-weight: 600; border-bottom: 1px solid var(--grid); }
 tr.name th { font-weight: 600; padding-top: 10px; }
+@media (max-width: 600px) {  /* names stay in sight while numbers scroll */
+  .scroll tr:not(.name) > :first-child { position: sticky; left: 0; background: var(--paper); min-width: 9em;
+    max-width: 46vw; white-space: normal; }
+}
 @media (min-width: 860px) {
-  .grid { grid-template-columns: minmax(0, 1fr) minmax(0, 1fr); }
+  .grid:not(.alike) { grid-template-columns: minmax(0, 1fr) minmax(0, 1fr); }
   .wide { grid-row: span 2; }
   .both { grid-column: span 2; }
   .wide .plot.square { height: 592px; }
+  .alike .plot.square { height: 360px; }
 }
+@media screen and (min-width: 1180px) {
+  html { scroll-padding-top: 8px; }
+  body:has(nav.outline) { display: grid; grid-template-columns: 200px minmax(0, 1240px); justify-content: center; }
+  body:has(nav.outline) :is(header, main, footer) { grid-column: 2; width: 100%; }
+  nav.outline { grid-column: 1; grid-row: 1 / span 4; align-self: start; flex-direction: column; white-space: normal;
+    max-height: 100vh; overflow: hidden auto; border: 0; margin: 0; padding: 26px 4px 12px 12px; }
+}
+@media print { nav.outline { display: none; } }
 """
 
 _PAGE = """<!DOCTYPE html>
@@ -118,13 +222,103 @@ _PAGE = """<!DOCTYPE html>
 </head>
 <body>
 <header>@HEAD@</header>
+@OUTLINE@
 <main>@MAIN@</main>
 <footer>@FOOT@</footer>
 <script>const @NAME@ = @DATA@;</script>
-<script>@PLOTLY@</script>
-<script>@SCRIPT@</script>
+<script type="text/plain" id="plotly">@PLOTLY@</script>
+<script>@COMMON@
+start(() => {@SCRIPT@});</script>
 </body>
 </html>
+"""
+
+_COMMON = """
+"use strict";
+const coarse = window.matchMedia("(pointer: coarse)").matches;  // a finger on a chart scrolls the page
+const settings = {responsive: true, displayModeBar: false};
+const night = window.matchMedia("(prefers-color-scheme: dark)"), dark = @DARK@;
+const shown = new Map();  // place of a chart -> [data, layout] as on paper
+let printing = false;
+
+async function start(then) {  // unpacks plotly and runs it, then the page's own script
+  const digits = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz!#$%&()*+-;,=>?@^_`{|}~";
+  const value = new Uint8Array(128), text = document.getElementById("plotly").textContent;
+  for (let i = 0; i < 85; i++) value[digits.charCodeAt(i)] = i;
+  const bytes = new Uint8Array(Math.ceil(text.length / 5) * 4);
+  for (let i = 0, at = 0; i < text.length; i += 5) {
+    let word = 0;
+    for (let k = i; k < i + 5; k++) word = word * 85 + (k < text.length ? value[text.charCodeAt(k)] : 84);
+    for (let shift = 3; shift >= 0; shift--) { bytes[at + shift] = word % 256; word = Math.floor(word / 256); }
+    at += 4;
+  }
+  const size = Math.floor(text.length * 4 / 5);
+  const stream = new Blob([bytes.subarray(0, size)]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const script = document.createElement("script");
+  script.textContent = await new Response(stream).text();
+  document.head.append(script);
+  then();
+}
+
+function inScheme(content) {  // with the colours of a dark screen, where the browser asks for one
+  if (!night.matches || printing) return content;
+  const found = /#[0-9a-f]{6}(?![0-9a-f])|rgba[(]255,255,255,0[.]75[)]/gi;
+  return JSON.parse(JSON.stringify(content).replace(found, colour => dark[colour.toLowerCase()] || colour));
+}
+function show(place, data, layout) {  // draws a chart, or draws it anew
+  const target = typeof place === "string" ? document.getElementById(place) : place;
+  shown.set(target, [data, layout]);
+  return Plotly.react(target, inScheme(data), inScheme(layout), settings).then(() => target);
+}
+function recolour() {
+  for (const [target, [data, layout]] of shown) Plotly.react(target, inScheme(data), inScheme(layout), settings);
+}
+night.addEventListener("change", recolour);
+window.addEventListener("beforeprint", () => { printing = true; if (night.matches) recolour(); });
+window.addEventListener("afterprint", () => { printing = false; if (night.matches) recolour(); });
+
+function drawParts(each) {  // draws charts[i] at #plot<i> as soon as its part is open; each(plot, i) follows
+  const done = new Set();
+  const draw = place => {
+    const i = Number(place.id.slice(4));
+    if (done.has(i)) return null;
+    done.add(i);
+    charts[i].layout.dragmode = coarse ? false : "zoom";
+    return show(place, charts[i].data, charts[i].layout).then(plot => { if (each) each(plot, i); });
+  };
+  const drawOpen = () => {  // a place in a closed part has no size
+    const places = [...document.querySelectorAll(".plot")].filter(place => !place.closest("details:not([open])"));
+    return Promise.all(places.map(draw)).then(() => { document.documentElement.dataset.drawn = String(done.size); });
+  };
+  for (const part of document.querySelectorAll("details")) part.addEventListener("toggle", drawOpen);
+  drawOpen();
+}
+
+const parts = [...document.querySelectorAll(".part")], links = [...document.querySelectorAll("nav.outline a")];
+const openAt = hash => {
+  const part = hash.length > 1 && document.getElementById(decodeURIComponent(hash.slice(1)));
+  if (part && part.tagName === "DETAILS") part.open = true;
+  return part;
+};
+for (const link of links) link.addEventListener("click", () => openAt(link.hash));
+const fold = document.querySelector("nav.outline [data-fold]");
+if (fold) fold.addEventListener("click", () => {
+  const open = fold.textContent === "open all";
+  for (const part of document.querySelectorAll("details")) part.open = open;
+  fold.textContent = open ? "fold all" : "open all";
+});
+if (location.hash === "#all") for (const part of document.querySelectorAll("details")) part.open = true;
+else openAt(location.hash);
+const sighted = new Set();
+const observer = new IntersectionObserver(entries => {
+  for (const entry of entries) sighted[entry.isIntersecting ? "add" : "delete"](entry.target);
+  const first = parts.find(part => sighted.has(part));
+  for (const link of links) {
+    if (first && link.hash === "#" + first.id) link.setAttribute("aria-current", "true");
+    else link.removeAttribute("aria-current");
+  }
+}, {rootMargin: "-60px 0px -50% 0px"});
+for (const part of parts) observer.observe(part);
 """
 
 
@@ -146,26 +340,45 @@ Section = tuple[str, Sequence[tuple[str, str, Sequence[str]]]]
 
 
 def render_page(
-    figure: Figure, table: Sequence[Section] = (), columns: Sequence[str] = (), notes: Sequence[str] = ()
+    figure: Figure,
+    table: Sequence[Section] = (),
+    columns: Sequence[str] = (),
+    notes: Sequence[str] = (),
+    *,
+    answer: Sequence[str] = (),
+    first: int = 0,
+    closed: Collection[str] = (),
 ) -> bytes:
     """Return a page (UTF-8) with all panels of a figure.
 
     Parameters
     ----------
     figure : Figure
+        Its panels stand in the parts that they name, in the order in which parts are named first.
     table : sequence of (heading, lines)
         Figures of merit below the charts.
     columns : sequence of str
         Headings of the texts in the table's lines.
     notes : sequence of str
         Sentences at the end.
+    answer : sequence of str
+        Sentences at the beginning.
+    first : int
+        So many sections of the table stand with the answer.
+    closed : collection of str
+        Parts that are folded at first; ``table`` is the one of the table.
     """
     hints = (THINNED, HINT) if any(map(is_thinned, figure.panels)) else (HINT,)
     charts = [chart(panel, figure.time_span) | {"time": panel.timed} for panel in figure.panels]
+    said = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in answer)
+    parts = [Part("Answer", said + _table(table[:first], columns))]
+    for name in dict.fromkeys(panel.part for panel in figure.panels):
+        parts.append(Part(name or "Charts", _panels(figure, name), name not in closed))
+    parts.append(Part("Figures of merit", _table(table[first:], columns), "table" not in closed))
     return render_frame(
         figure.title,
         _head(figure),
-        f'\n<div class="grid">\n{_panels(figure)}\n</div>\n{_table(table, columns)}\n',
+        parts,
         "".join(f"<p>{html.escape(note)}</p>" for note in (*notes, *hints)),
         charts,
         script=_SCRIPT,
@@ -186,16 +399,22 @@ def _head(figure: Figure) -> str:
     return title + "".join(f"<p>{html.escape(line)}</p>" for line in lines)
 
 
-def _panels(figure: Figure) -> str:
-    """Return the charts' places: two columns on a wide screen; a path takes two rows, a last one alone both columns."""
-    cells = sum(2 if panel.equal else 1 for panel in figure.panels)
+def _panels(figure: Figure, part: str) -> str:
+    """Return the places of a part's charts: two columns on a wide screen.
+
+    A path takes two rows, a last one alone both columns; paths among themselves stand side by side.
+    """
+    mine = [(i, panel) for i, panel in enumerate(figure.panels) if panel.part == part]
+    alike = all(panel.equal for _, panel in mine) and len(mine) > 1
+    cells = sum(2 if panel.equal and not alike else 1 for _, panel in mine)
     out = []
-    for i, panel in enumerate(figure.panels):
-        place = "wide" if panel.equal else "both" if cells % 2 and panel is figure.panels[-1] else "one"
+    for i, panel in mine:
+        last = cells % 2 == 1 and panel is mine[-1][1] and not alike
+        place = "one" if alike else "wide" if panel.equal else "both" if last else "one"
         kind = "plot square" if panel.equal else "plot"
-        title = f"<h2>{html.escape(panel.title)}</h2>"
+        title = f"<h3>{html.escape(panel.title)}</h3>"
         out.append(f'<section class="{place}">{title}<div id="plot{i}" class="{kind}"></div></section>')
-    return "\n".join(out)
+    return f'<div class="grid{" alike" if alike else ""}">\n{chr(10).join(out)}\n</div>'
 
 
 def _table(table: Sequence[Section], columns: Sequence[str]) -> str:
@@ -214,39 +433,31 @@ def _table(table: Sequence[Section], columns: Sequence[str]) -> str:
 
 
 _SCRIPT = """
-"use strict";
-const coarse = window.matchMedia("(pointer: coarse)").matches;  // a finger on a chart scrolls the page
-const settings = {responsive: true, displayModeBar: false};
-const plots = charts.map((chart, i) => {
-  const plot = document.getElementById("plot" + i);
-  chart.layout.dragmode = coarse ? false : "zoom";
-  return Plotly.newPlot(plot, chart.data, chart.layout, settings).then(() => plot);
+const timed = [], all = [];
+let following = false;
+drawParts((plot, i) => {
+  all.push(plot);
+  if (!charts[i].time) return;
+  timed.push(plot);
+  plot.on("plotly_relayout", change => {  // all time axes show the same span
+    const keys = ["xaxis.range[0]", "xaxis.range[1]", "xaxis.range", "xaxis.autorange"].filter(key => key in change);
+    if (following || !keys.length) return;
+    following = true;
+    const range = plot.layout.xaxis.range.slice();
+    const others = timed.filter(other => other !== plot);
+    Promise.all(others.map(other => Plotly.relayout(other, {"xaxis.range": range.slice()})))
+      .finally(() => { following = false; });
+  });
 });
-Promise.all(plots).then(all => {
-  const timed = all.filter((plot, i) => charts[i].time);
-  let following = false;
-  for (const plot of timed) {
-    plot.on("plotly_relayout", change => {  // all time axes show the same span
-      const keys = ["xaxis.range[0]", "xaxis.range[1]", "xaxis.range", "xaxis.autorange"].filter(key => key in change);
-      if (following || !keys.length) return;
-      following = true;
-      const range = plot.layout.xaxis.range.slice();
-      const others = timed.filter(other => other !== plot);
-      Promise.all(others.map(other => Plotly.relayout(other, {"xaxis.range": range.slice()})))
-        .finally(() => { following = false; });
-    });
-  }
-  for (const button of document.querySelectorAll("[data-bag]")) {
-    button.addEventListener("click", () => {
-      const shown = button.getAttribute("aria-pressed") !== "true";
-      button.setAttribute("aria-pressed", String(shown));
-      for (const plot of all) {
-        const mine = [];
-        plot.data.forEach((trace, i) => { if (trace.meta && trace.meta.bag === button.dataset.bag) mine.push(i); });
-        if (mine.length) Plotly.restyle(plot, {visible: shown}, mine);
-      }
-    });
-  }
-  document.documentElement.dataset.drawn = String(all.length);
-});
+for (const button of document.querySelectorAll("[data-bag]")) {
+  button.addEventListener("click", () => {
+    const pressed = button.getAttribute("aria-pressed") !== "true";
+    button.setAttribute("aria-pressed", String(pressed));
+    for (const plot of all) {
+      const mine = [];
+      plot.data.forEach((trace, i) => { if (trace.meta && trace.meta.bag === button.dataset.bag) mine.push(i); });
+      if (mine.length) Plotly.restyle(plot, {visible: pressed}, mine);
+    }
+  });
+}
 """

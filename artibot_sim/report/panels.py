@@ -111,6 +111,8 @@ class Panel:
         In drawing order.
     equal : bool
         One metre is as long along x as along y.
+    part : str
+        Which part of a page it stands in; empty for the charts that every page begins with.
     """
 
     key: str
@@ -123,6 +125,7 @@ class Panel:
     outlines: tuple[Outline, ...] = ()
     starts: Floats = field(default_factory=lambda: np.empty((0, 2)))
     equal: bool = False
+    part: str = ""
 
     @property
     def timed(self) -> bool:

@@ -26,6 +26,19 @@ LEFT: Final = "#c98a00"
 BAGS: Final = ("#0072b2", "#d55e00", "#44aa99", "#e6b422", "#6b2d73")
 """One hue a recording, where several are drawn together."""
 
+VEIL: Final = "rgba(255,255,255,0.75)"
+"""Behind labels that stand on a picture."""
+FAINT: Final = "#dfe5ea"
+"""Where a map of errors has none."""
+
+DARK: Final = {
+    INK: "#e3e8ed", MUTED: "#a3afbb", GRID: "#2d363f", PAPER: "#12171c", BODY: "#3a444f", WHEEL: "#8e9aa6",
+    TRUE: "#4fb0e8", ODOMETRIC: "#ff8a3d", RIGHT: "#a795f0", LEFT: "#e3ab2c", "#6b2d73": "#cf86da",
+    VEIL: "rgba(18,23,28,0.75)", FAINT: "#27303a", "#440154": "#9a6cc0", "#482173": "#8b78cc", "#433e85": "#7a8ad6",
+    "#38588c": "#669fd9",
+}  # fmt: skip
+"""Colour on paper → on a dark screen. What is not here does for both."""
+
 PNG_FONTS: Final = ("DejaVu Sans",)
 """Comes with matplotlib, so a picture looks the same everywhere."""
 WEB_FONTS: Final = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Noto Sans', 'DejaVu Sans', Arial, sans-serif"

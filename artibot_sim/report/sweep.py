@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.report import style
-from artibot_sim.report.page import filled, render_frame
+from artibot_sim.report.page import Part, filled, render_frame
 from artibot_sim.report.web import numbers
 from artibot_sim.sweep.measures import MEASURES
 from artibot_sim.sweep.summary import HeatMap, Summary
@@ -27,8 +27,9 @@ def sweep_page(summary: Summary, title: str) -> bytes:
     lines = "".join(f"<p>{html.escape(line)}</p>" for line in headlines(summary))
     options = "".join(_option(summary, name, name == first) for name in measures)
     head = filled(_HEAD, {"TITLE": html.escape(title), "LINES": lines, "OPTIONS": options})
-    main = filled(_MAIN, {"TABLE": _table(summary)})
-    return render_frame(title, head, main, _FOOT, _data(summary), css=_STYLE, script=_SCRIPT, name="data")
+    parts = [Part(*part) for part in _PARTS]
+    parts = [*(parts if summary.maps else parts[1:]), Part("Measures", _table(summary))]
+    return render_frame(title, head, parts, _FOOT, _data(summary), css=_STYLE, script=_SCRIPT, name="data")
 
 
 def headlines(summary: Summary) -> list[str]:
@@ -61,7 +62,14 @@ def _data(summary: Summary) -> dict[str, Any]:
         "runs": [int(run) for run in summary.sample["run"][rows]],
         "columns": {name: _column(summary.sample[name][rows]) for name in names},
         "maps": [_map(one) for one in summary.maps],
-        "look": {"ink": style.INK, "muted": style.MUTED, "grid": style.GRID, "fonts": style.WEB_FONTS},
+        "look": {
+            "ink": style.INK,
+            "muted": style.MUTED,
+            "grid": style.GRID,
+            "paper": style.PAPER,
+            "veil": style.VEIL,
+            "fonts": style.WEB_FONTS,
+        },
     }
 
 
@@ -103,26 +111,23 @@ _STYLE = """
 """
 
 _SCRIPT = """
-"use strict";
-const settings = {responsive: true, displayModeBar: false};
-const shown = name => data.units[name] ? name + " (" + data.units[name] + ")" : name;
+const worded = name => data.units[name] ? name + " (" + data.units[name] + ")" : name;
 const isText = key => data.text.includes(key);
 const varied = data.parameters.filter(key => new Set(data.columns[key]).size > 1);
-const base = () => ({font: {family: data.look.fonts, size: 13, color: data.look.ink}, paper_bgcolor: "#fff",
-  plot_bgcolor: "#fff", margin: {l: 64, r: 16, t: 10, b: 48}, hovermode: "closest", showlegend: false});
-const axis = (name, more) => Object.assign({title: {text: shown(name)}, gridcolor: data.look.grid, zeroline: false,
+const base = () => ({font: {family: data.look.fonts, size: 13, color: data.look.ink}, paper_bgcolor: data.look.paper,
+  plot_bgcolor: data.look.paper, margin: {l: 64, r: 16, t: 10, b: 48}, hovermode: "closest", showlegend: false});
+const axis = (name, more) => Object.assign({title: {text: worded(name)}, gridcolor: data.look.grid, zeroline: false,
   automargin: true, type: isText(name) ? "category" : "-"}, more);
 const measure = document.getElementById("measure"), pair = document.getElementById("pair");
 data.maps.forEach((map, i) => pair.add(new Option(map.x + " × " + map.y, i)));
-if (!data.maps.length) document.getElementById("maps").hidden = true;
 
 function heat() {
   if (!data.maps.length) return null;
   const map = data.maps[pair.value || 0], name = measure.value;
   const trace = {type: "heatmap", x: map.xs, y: map.ys, z: map.z[name], colorscale: "Viridis", hoverongaps: false,
-    colorbar: {title: {text: shown(name), side: "right"}, thickness: 14},
+    colorbar: {title: {text: worded(name), side: "right"}, thickness: 14},
     hovertemplate: map.x + " %{x}<br>" + map.y + " %{y}<br>" + name + " %{z:.4g}<extra></extra>"};
-  return Plotly.react("heat", [trace], Object.assign(base(), {xaxis: axis(map.x), yaxis: axis(map.y)}), settings);
+  return show("heat", [trace], Object.assign(base(), {xaxis: axis(map.x), yaxis: axis(map.y)}));
 }
 
 function shares(name) {  // a column as heights 0 to 1, with what stands at the ends
@@ -150,18 +155,18 @@ function parallel() {
     trace.x.push(null); trace.y.push(null);
   });
   const marks = all.flatMap((one, k) => one.marks.map(([y, text]) => ({x: k, y, text, showarrow: false, xanchor: "left",
-    xshift: 4, font: {size: 12}, bgcolor: "rgba(255,255,255,0.75)"})));
+    xshift: 4, font: {size: 12}, bgcolor: data.look.veil})));
   const layout = Object.assign(base(), {annotations: marks, yaxis: {visible: false, range: [-0.06, 1.06]},
-    xaxis: {tickvals: names.map((_, k) => k), ticktext: names.map(shown), range: [-0.15, names.length - 0.6],
+    xaxis: {tickvals: names.map((_, k) => k), ticktext: names.map(worded), range: [-0.15, names.length - 0.6],
       gridcolor: "#9aa5b1", zeroline: false, automargin: true}});
-  return Plotly.react("parallel", traces, layout, settings);
+  return show("parallel", traces, layout);
 }
 
 function scatters() {
-  return varied.map((key, i) => Plotly.react("over" + i, [{type: "scatter", mode: "markers", x: data.columns[key],
+  return varied.map((key, i) => show("over" + i, [{type: "scatter", mode: "markers", x: data.columns[key],
     y: data.columns[measure.value], text: data.runs, marker: {size: 5, opacity: 0.45, color: "#0072b2"},
     hovertemplate: "run %{text}<br>" + key + " %{x}<br>" + measure.value + " %{y:.4g}<extra></extra>"}],
-    Object.assign(base(), {xaxis: axis(key), yaxis: axis(measure.value)}), settings));
+    Object.assign(base(), {xaxis: axis(key), yaxis: axis(measure.value)})));
 }
 
 const grid = document.getElementById("over");
@@ -175,22 +180,26 @@ function draw() {
   });
 }
 measure.addEventListener("change", draw);
-pair.addEventListener("change", heat);
+if (pair) pair.addEventListener("change", heat);
 draw();
 """
 
 _HEAD = """<h1>@TITLE@</h1>@LINES@
 <div class="choice"><label>measure <select id="measure">@OPTIONS@</select></label></div>"""
 
-_MAIN = """
-<section id="maps"><h2>Mean over two parameters</h2>
-<div class="choice"><label>parameters <select id="pair"></select></label></div>
-<div id="heat" class="plot tall"></div></section>
-<section><h2>Parallel coordinates: a line is a run, its colour the measure</h2>
-<div id="parallel" class="plot tall"></div></section>
-<section><h2>Over each parameter</h2><div id="over" class="grid"></div></section>
-@TABLE@
-"""
+_PARTS = (
+    (
+        "Mean over two parameters",
+        ('<div class="choice"><label>parameters <select id="pair"></select></label></div>'
+        '<div id="heat" class="plot tall"></div>'),
+    ),
+    (
+        "Parallel coordinates: a line is a run, its colour the measure", '<div id="parallel" class="plot tall"></div>',
+        True, "Parallel coordinates",
+    ),
+    ("Over each parameter", '<div id="over" class="grid"></div>'),
+)  # fmt: skip
+"""Heading, HTML, whether it is open at first, and what the outline calls it; the first one needs two parameters."""
 
 _FOOT = """<p>"Follows" is the parameter with the largest rank correlation. Heat maps are means over all runs of a cell;
 of many runs, lines and points are an even selection.</p>"""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from artibot_sim.report import style
-from artibot_sim.report.page import filled, render_frame
+from artibot_sim.report.page import Part, render_frame
 from artibot_sim.report.panels import Panel, extent
 from artibot_sim.report.png import draw_panel, legend, new_canvas, to_png
 from artibot_sim.report.web import chart, numbers
@@ -209,11 +209,16 @@ def render(sections: Sequence[Section], version: str) -> bytes:
         for section in sections
     )
     head = f"<h1>{html.escape(TITLE)}</h1><p>{html.escape(INTRO)}</p><ul>{summary}</ul>"
-    body = "".join(_section(section, counter) for section in sections)
-    body += f'<h2 class="section" id="paper">The paper, figure by figure</h2>{_table(the_paper(sections))}'
+    parts = [
+        Part(
+            f"Section {section.number}: {section.title}", _section(section, counter), number == 0,
+            f"Section {section.number}", f"s{section.number}",
+        )
+        for number, section in enumerate(sections)
+    ]  # fmt: skip
+    parts.append(Part("The paper, figure by figure", _table(the_paper(sections)), anchor="paper"))
     foot = f"<p>{html.escape(f'artibot {version}, `artibot reproduce`')}</p>"
-    colours = {"GRID": style.GRID, "MUTED": style.MUTED, "GOOD": style.TRUE, "BAD": style.ODOMETRIC}
-    return render_frame(TITLE, head, body, foot, charts, css=filled(_CSS, colours), script=_SCRIPT)
+    return render_frame(TITLE, head, parts, foot, charts, css=_CSS, script="drawParts();")
 
 
 def _short(section: Section) -> str:
@@ -221,8 +226,7 @@ def _short(section: Section) -> str:
 
 
 def _section(section: Section, counter: Any) -> str:
-    head = f'<h2 class="section" id="s{section.number}">Section {section.number}: {html.escape(section.title)}</h2>'
-    parts = [head, f'<p class="verdict">{html.escape(section.verdict)}</p>']
+    parts = [f'<p class="verdict">{html.escape(section.verdict)}</p>']
     parts += [f"<p>{html.escape(note)}</p>" for note in section.notes]
     if section.statements:
         parts.append("<h3>What holds and what does not</h3>")
@@ -303,7 +307,7 @@ def _map(item: HeatMap) -> dict[str, Any]:
     ]  # fmt: skip
     notes = [
         {"x": x, "y": 1, "yref": "paper", "text": text, "showarrow": False, "xanchor": "left", "yanchor": "top",
-         "bgcolor": "rgba(255,255,255,0.75)", "font": {"size": 12}}
+         "bgcolor": style.VEIL, "font": {"size": 12}}
         for x, text in item.marks
     ]  # fmt: skip
     axis = {"zeroline": False, "showgrid": False, "automargin": True, "tickfont": {"color": style.MUTED}}
@@ -318,20 +322,19 @@ def _map(item: HeatMap) -> dict[str, Any]:
 
 
 _CSS = """
-h2.section { font-size: 1.3rem; margin-top: 44px; border-top: 2px solid @GRID@; padding-top: 18px; }
 h3 { font-size: 1.05rem; margin: 26px 0 2px; }
 h4 { font-size: .95rem; margin: 12px 0 0; }
-main p, figcaption { color: @MUTED@; margin: 4px 0; max-width: 90ch; }
+main p, figcaption { color: var(--muted); margin: 4px 0; max-width: 90ch; }
 p.verdict { color: inherit; font-weight: 600; }
 figure { margin: 0; }
 .row { display: grid; grid-template-columns: minmax(0, 1fr); gap: 0 20px; }
 .row .plot { height: 300px; }
 .row .plot.square { height: min(92vw, 380px); }
 ul.claims { list-style: none; padding: 0; max-width: 110ch; }
-ul.claims li { margin: 7px 0; padding-left: 12px; border-left: 4px solid @GRID@; }
-ul.claims li.good { border-color: @GOOD@; } ul.claims li.bad { border-color: @BAD@; }
-li.good b, td.good { color: @GOOD@; } li.bad b, td.bad { color: @BAD@; }
-ul.claims small { color: @MUTED@; font-size: .9em; }
+ul.claims li { margin: 7px 0; padding-left: 12px; border-left: 4px solid var(--grid); }
+ul.claims li.good { border-color: var(--good); } ul.claims li.bad { border-color: var(--bad); }
+li.good b, td.good { color: var(--good); } li.bad b, td.bad { color: var(--bad); }
+ul.claims small { color: var(--muted); font-size: .9em; }
 table.plain th { white-space: normal; vertical-align: bottom; max-width: 12em; }
 table.plain td:nth-child(2) { color: inherit; text-align: right; }
 table.plain td:first-child { text-align: left; }
@@ -341,13 +344,4 @@ table.plain td:first-child { text-align: left; }
   .row.n3 { grid-template-columns: repeat(3, minmax(0, 1fr)); }
   .row.n3 .plot, .row.n3 .plot.square { height: 350px; }
 }
-"""
-
-_SCRIPT = """
-"use strict";
-const coarse = window.matchMedia("(pointer: coarse)").matches;  // a finger on a chart scrolls the page
-Promise.all(charts.map((chart, i) => {
-  chart.layout.dragmode = coarse ? false : "zoom";
-  return Plotly.newPlot("plot" + i, chart.data, chart.layout, {responsive: true, displayModeBar: false});
-})).then(all => { document.documentElement.dataset.drawn = String(all.length); });
 """

@@ -19,7 +19,7 @@ from artibot_sim.diagnose.records import Candidate, ChannelBaseline, Unexplained
 from artibot_sim.diagnose.result import Diagnosis
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot
-from artibot_sim.report.diagnosis.charts import path
+from artibot_sim.report.diagnosis.charts import path, windows
 from artibot_sim.report.diagnosis.files import files_of, load
 from artibot_sim.report.diagnosis.page import page_of
 from artibot_sim.report.files import write_folder
@@ -170,6 +170,40 @@ def test_the_sentence_and_the_picture_are_on_a_phones_first_screen(
     chromium.open(page)
     top = chromium.value("document.querySelector('#plot0 svg.main-svg').getBoundingClientRect().top")
     assert top < 0.75 * 844
+
+
+def test_words_of_the_chart_of_evidence_do_not_overlap(chromium: Browser, named: Diagnosis, tmp_path: Path) -> None:
+    """What is needed to be named stands in the legend: on the line it covered the bars' numbers."""
+    page = tmp_path / "report.html"
+    page.write_bytes(page_of(named, "0"))
+    for width in (390, 1280):
+        chromium.size(width, 844, phone=width < 800)
+        chromium.open(page, "#all")
+        boxes = chromium.value(
+            "[...document.querySelectorAll('.plot.bars text')].filter(t => t.textContent.trim()).map(t => {"
+            "const b = t.getBoundingClientRect(); return [t.textContent, b.left, b.top, b.right, b.bottom]; })"
+        )
+        assert any("needed to be named" in box[0] for box in boxes) and len(boxes) > 15
+        for i, (a, *first) in enumerate(boxes):
+            for b, *second in boxes[i + 1 :]:
+                apart = first[2] <= second[0] + 2 or second[2] <= first[0] + 2
+                apart |= first[3] <= second[1] + 4 or second[3] <= first[1] + 4
+                assert apart, (a, b, first, second)
+
+
+def test_a_recording_without_one_map_shows_three_of_its_windows(named: Diagnosis) -> None:
+    """Windows on one origin are a star that nobody can read."""
+    run = named.comparisons[-1]
+    lost = {**run.covariates, **{name: np.full_like(run.covariates["x"], np.nan) for name in ("x", "y", "heading")}}
+    apart = replace(named, comparisons=(replace(run, covariates=lost),))
+    drawn = markup(apart).partition("<h2>")[0]
+    assert "a typical, a bad and the worst one" in drawn and drawn.count('class="plot square"') == 3
+    panels = windows(run)
+    assert [panel.key.rpartition("_")[2] for panel in panels] == ["typical", "bad", "worst"]
+    for panel in panels:
+        for line in panel.lines:
+            first = np.flatnonzero(np.isfinite(line.x))[0]
+            assert abs(line.x[first]) < 0.2 and abs(line.y[first]) < 0.2  # all begin at the measured start
 
 
 def test_a_fault_in_a_page_would_be_seen(chromium: Browser, tmp_path: Path) -> None:

@@ -57,6 +57,22 @@ def test_lines_stand_out_from_the_paper(colour: str) -> None:
     assert lab(linear(colour))[0] < 78
 
 
+DARK_TOGETHER = {name: tuple(style.DARK.get(one, one) for one in colours) for name, colours in TOGETHER.items()}
+
+
+@pytest.mark.parametrize("sight", SIGHT)
+@pytest.mark.parametrize("colours", DARK_TOGETHER.values(), ids=DARK_TOGETHER)
+def test_colours_on_a_dark_screen_are_told_apart(colours: tuple[str, ...], sight: str) -> None:
+    for a, b in itertools.combinations(colours, 2):
+        assert difference(a, b, sight) > PLAIN, (a, b)
+
+
+def test_lines_and_words_stand_out_from_a_dark_screen() -> None:
+    paper = lab(linear(style.DARK[style.PAPER]))[0]
+    for colour in (*style.BAGS, style.TRUE, style.ODOMETRIC, style.RIGHT, style.LEFT, style.MUTED, style.INK):
+        assert lab(linear(style.DARK.get(colour, colour)))[0] > paper + 45, colour
+
+
 def test_kinds_differ_in_their_dashes_too() -> None:
     dashes = [style.track_stroke(kind, 0).dash for kind in ("planned", "odometric", "true", "total station")]
     assert len(set(dashes)) == len(dashes)

@@ -16,6 +16,7 @@ from artibot_sim.report import style
 from artibot_sim.report.panels import Floats, Level, Line, Panel
 from artibot_sim.report.style import Stroke
 from artibot_sim.report.web import numbers
+from artibot_sim.report.windows import Drive, Path, side_by_side
 
 # ----------------------------------------------------------------------
 # What a diagnosis draws: paths, errors over time and over what the rover did, as panels free of any library.
@@ -62,6 +63,28 @@ def path(run: Comparison, title: str, free: bool = False) -> Panel:
     start = run.path[:1, 1:] if len(run.path) else np.empty((0, 2))
     key = f"{run.name}_{'free' if free else 'path'}"
     return Panel(key, title, ("x", "m"), ("y", "m"), tuple(lines), starts=start, equal=True)
+
+
+def in_map(run: Comparison) -> bool:
+    """Whether the recording's places mean something together: its segments share one map."""
+    return bool(np.isfinite(run.covariates["x"]).any()) if "x" in run.covariates else True
+
+
+def windows(run: Comparison) -> list[Panel]:
+    """A typical, a bad and the worst window with what both models predict, for a recording without one map."""
+    drives = []
+    for row, before in enumerate(run.before):
+        if not len(before):
+            continue
+        rows = (run.path[:, 0] >= before[0, 0] - 1e-6) & (run.path[:, 0] <= before[-1, 0] + 1e-6)
+        measured = run.path[rows, 1:]
+        if len(measured) < 2:
+            continue
+        end = float(np.hypot(*(before[-1, 1:] - measured[-1])))
+        paths = [Path(NAMES[0], measured, MEASURED), Path(NAMES[1], before[:, 1:], BEFORE)]
+        paths += [Path(NAMES[2], run.after[row][:, 1:], AFTER)] if row < len(run.after) else []
+        drives.append(Drive(float(before[0, 0]), end, paths))
+    return side_by_side(f"{run.name}_window", drives)
 
 
 def _unbroken(path_: Floats) -> tuple[Floats, ...]:
@@ -260,18 +283,18 @@ def evidence(found: Diagnosis) -> dict[str, Any]:
                 "text": [f"{c.log10_bayes_factor:.1f}".replace("-", "−") for c in mine], "textposition": "auto",
                 "cliponaxis": False, "hovertemplate": "%{y}: log10 Bayes factor %{x:.1f}<extra></extra>",
             })  # fmt: skip
-    shapes, notes = [], []
+    shapes = []
     if threshold > 0:
         shapes.append({"type": "line", "x0": threshold, "x1": threshold, "yref": "paper", "y0": 0, "y1": 1,
                        "line": {"color": style.INK, "width": 1.5, "dash": "dot"}})  # fmt: skip
-        notes.append({"x": threshold, "y": 0, "yref": "paper", "yanchor": "bottom", "text": "needed to be named",
-                      "showarrow": False, "xanchor": "left", "font": {"size": 12, "color": style.MUTED}})  # fmt: skip
+        data.append({"type": "scatter", "mode": "lines", "x": [None], "y": [None], "name": "needed to be named",
+                     "line": {"color": style.INK, "width": 1.5, "dash": "dot"}})  # fmt: skip
     x = {"title": {"text": "log₁₀ of the Bayes factor", "font": {"size": 13}},
          "range": [float(least - 0.12 * (most - least) if least < 0 else 0.0), float(1.05 * most)]}  # fmt: skip
     order = [effect_words(c.effect) for c in ranking]
     y = {"autorange": "reversed", "type": "category", "categoryorder": "array", "categoryarray": order,
          "gridcolor": style.PAPER}  # fmt: skip
-    return {"data": data, "layout": _layout(x, y, shapes=shapes, annotations=notes, barmode="overlay", bargap=0.25)}
+    return {"data": data, "layout": _layout(x, y, shapes=shapes, barmode="overlay", bargap=0.25)}
 
 
 def _role(effect: str, named: set[str], tied: set[str]) -> str:
@@ -289,7 +312,7 @@ def error_map(found: Diagnosis, channel: str) -> dict[str, Any] | None:
     order = np.argsort(size)  # the worst on top
     marker = {
         "color": numbers(size[order], 4), "cmin": 0, "cmax": top, "size": 6, "opacity": 0.85,
-        "colorscale": [[0, "#dfe5ea"], [0.25, "#f3c9a6"], [1, style.ODOMETRIC]],
+        "colorscale": [[0, style.FAINT], [0.25, "#f3c9a6"], [1, style.ODOMETRIC]],
         "colorbar": {"thickness": 10, "title": {"text": unit, "side": "right"}, "len": 0.9},
     }  # fmt: skip
     dots = {"type": "scatter", "mode": "markers", "x": numbers(x[order], 5), "y": numbers(y[order], 5),
@@ -322,8 +345,8 @@ def interval(value: float, ci95: tuple[float, float] | None, neutral: float) -> 
     title = f"{number(value)}, 95 % from {number(ci95[0])} to {number(ci95[1])}; neutral is {number(neutral)}"
     return (
         f'<svg class="ci" viewBox="0 0 160 16" width="160" height="16" role="img"><title>{title}</title>'
-        f'<line x1="0" x2="160" y1="8" y2="8" stroke="{style.GRID}"/>'
-        f'<line x1="{n:.1f}" x2="{n:.1f}" y1="2" y2="14" stroke="{style.MUTED}" stroke-dasharray="2 2"/>'
-        f'<line x1="{a:.1f}" x2="{b:.1f}" y1="8" y2="8" stroke="{style.TRUE}" stroke-width="4"/>'
-        f'<circle cx="{v:.1f}" cy="8" r="4.5" fill="{style.TRUE}"/></svg>'
+        f'<line x1="0" x2="160" y1="8" y2="8" style="stroke: var(--grid)"/>'
+        f'<line x1="{n:.1f}" x2="{n:.1f}" y1="2" y2="14" style="stroke: var(--muted)" stroke-dasharray="2 2"/>'
+        f'<line x1="{a:.1f}" x2="{b:.1f}" y1="8" y2="8" style="stroke: var(--good)" stroke-width="4"/>'
+        f'<circle cx="{v:.1f}" cy="8" r="4.5" style="fill: var(--good)"/></svg>'
     )

@@ -15,11 +15,10 @@ from artibot_sim.diagnose.result import Diagnosis
 from artibot_sim.identify.result import number, spaced
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.effects.base import Choice
-from artibot_sim.report import style
 from artibot_sim.report.diagnosis import charts as charts
 from artibot_sim.report.diagnosis import charts as panels
 from artibot_sim.report.diagnosis.charts import interval
-from artibot_sim.report.page import filled, render_frame
+from artibot_sim.report.page import Part, render_frame
 from artibot_sim.report.panels import Panel, extent
 from artibot_sim.report.web import chart
 
@@ -30,27 +29,26 @@ from artibot_sim.report.web import chart
 
 CSS = """
 h1 { font-size: 1.55rem; line-height: 1.25; max-width: 62ch; }
-h2 { font-size: 1.2rem; margin: 34px 0 4px; border-top: 2px solid @GRID@; padding-top: 14px; }
 h3 { font-size: .98rem; margin: 12px 0 0; }
 main p, main li { max-width: 84ch; }
-main p { color: @MUTED@; margin: 4px 0; }
+main p { color: var(--muted); margin: 4px 0; }
 header p.sure { color: inherit; max-width: 84ch; font-size: 1rem; }
-header p.verdict { display: inline-block; margin: 0 0 6px; padding: 1px 10px; border-radius: 10px; color: #fff;
-  font-weight: 600; background: @MUTED@; }
-header p.verdict.named { background: @GOOD@; } header p.verdict.ambiguous { background: @TIE@; }
-header p.verdict.unexplained { background: @BAD@; }
+header p.verdict { display: inline-block; margin: 0 0 6px; padding: 1px 10px; border-radius: 10px; color: var(--paper);
+  font-weight: 600; background: var(--muted); }
+header p.verdict.named { background: var(--good); } header p.verdict.ambiguous { background: var(--tie); }
+header p.verdict.unexplained { background: var(--bad); }
 p.next { color: inherit; font-weight: 600; }
 ul { padding-left: 1.2em; margin: 6px 0; } li { margin: 4px 0; overflow-wrap: anywhere; }
 ul.said li::first-letter { text-transform: uppercase; }
-ul.warnings li { list-style: none; border-left: 4px solid @TIE@; padding-left: 10px; margin-left: -1.2em; }
-details { margin: 8px 0; } summary { cursor: pointer; padding: 4px 0; color: @GOOD@; }
+ul.warnings li { list-style: none; border-left: 4px solid var(--tie); padding-left: 10px; margin-left: -1.2em; }
+details details { margin: 8px 0; } details details summary { cursor: pointer; padding: 4px 0; color: var(--good); }
 .first, .row, .grid3 { display: grid; grid-template-columns: minmax(0, 1fr); gap: 0 24px; }
 .plot.square { height: min(92vw, 460px); }
 .plot.low { height: 230px; } .plot.bars { height: 380px; }
 table td:nth-child(2) { color: inherit; }
 .wrap { display: inline-block; white-space: normal; min-width: 14em; max-width: min(56em, 78vw); text-align: left; }
 td.text { text-align: left; } th.text { text-align: left; }
-tr.found td, tr.found th { font-weight: 600; } tr.ties th { color: @TIE@; }
+tr.found td, tr.found th { font-weight: 600; } tr.ties th { color: var(--tie); }
 svg.ci { display: block; }
 @media (max-width: 600px) { h1 { font-size: 1.25rem; } }
 @media (min-width: 860px) {
@@ -71,28 +69,9 @@ svg.ci { display: block; }
 """
 
 SCRIPT = """
-"use strict";
-const coarse = window.matchMedia("(pointer: coarse)").matches;  // a finger on a chart scrolls the page
-const settings = {responsive: true, displayModeBar: false};
-const done = new Set();
-function draw(place) {  // a place in a closed part has no size, so it waits until it is opened
-  const i = Number(place.id.slice(4));
-  if (done.has(i)) return null;
-  done.add(i);
-  charts[i].layout.dragmode = coarse ? false : "zoom";
-  return Plotly.newPlot(place, charts[i].data, charts[i].layout, settings);
-}
-function drawAll(places) {
-  return Promise.all(places.map(draw)).then(() => { document.documentElement.dataset.drawn = String(done.size); });
-}
-const all = location.hash === "#all";
-for (const part of document.querySelectorAll("details")) {
-  if (all) part.open = true;
-  part.addEventListener("toggle", () => { if (part.open) drawAll([...part.querySelectorAll(".plot")]); });
-}
-drawAll([...document.querySelectorAll(".plot")].filter(place => !place.closest("details:not([open])")));
+drawParts();
 function fit(width) {  // a sheet of paper has room for two columns of this, px; null is as wide as the screen has room
-  for (const i of done) Plotly.relayout("plot" + i, {width: width, autosize: width === null});
+  for (const place of shown.keys()) Plotly.relayout(place, {width: width, autosize: width === null});
 }
 window.addEventListener("beforeprint", () => fit(340));
 window.addEventListener("afterprint", () => fit(null));
@@ -286,11 +265,9 @@ _VERDICTS = {
 def page_of(found: Diagnosis, version: str) -> bytes:
     """The page (UTF-8) of a diagnosis."""
     page = _Page(_as_drawn(found))
-    body = "".join(
-        (
-            *_opening(page), _wrong(page), _where(page), _why(page), _parameters(found), _gains(page), _next(found),
-            _data(found), _free_runs(page), _excluded(found),
-        )
+    parts = (
+        *_opening(page), _wrong(page), _where(page), _why(page), _parameters(found), _gains(page), _next(found),
+        _data(found), _free_runs(page), _excluded(found),
     )  # fmt: skip
     head = (
         f'<p class="verdict {found.verdict.value}">{html.escape(_VERDICTS[found.verdict])}</p>'
@@ -299,9 +276,8 @@ def page_of(found: Diagnosis, version: str) -> bytes:
         f"{paragraph(result.not_named(found), 'sure')}"
         f'<p class="sure"><b>Next:</b> {html.escape(result.next_step(found))}</p>'
     )
-    colours = {"GRID": style.GRID, "MUTED": style.MUTED, "GOOD": style.TRUE, "BAD": style.ODOMETRIC, "TIE": style.LEFT}
     title = f"{found.robot.name}: {_VERDICTS[found.verdict]}"
-    return render_frame(title, head, body, _foot(found, version), page.charts, css=filled(CSS, colours), script=SCRIPT)
+    return render_frame(title, head, parts, _foot(found, version), page.charts, css=CSS, script=SCRIPT)
 
 
 def _as_drawn(found: Diagnosis) -> Diagnosis:
@@ -349,10 +325,13 @@ class _Page:
         return f'<div class="{name}">{inside}</div>' if inside else ""
 
 
-def section(title: str, *parts: str) -> str:
-    """A part of the page, empty if it has nothing to say."""
-    inside = "".join(parts)
-    return f"<section><h2>{html.escape(title)}</h2>{inside}</section>" if inside else ""
+_NONE = Part("", "")
+"""A part with nothing to say, which a page leaves out."""
+
+
+def section(title: str, *parts: str, opened: bool = True, word: str = "") -> Part:
+    """A part of the page; empty if it has nothing to say."""
+    return Part(title, "".join(parts), opened, word)
 
 
 def folded(title: str, *parts: str) -> str:
@@ -372,38 +351,46 @@ def listed(lines: Sequence[str], name: str = "") -> str:
     return f'<ul class="{name}">{inside}</ul>' if inside else ""
 
 
-def _first_screen(page: _Page) -> str:
+def _first_screen(page: _Page) -> Part:
     """The picture under the sentence: measured, paper's model, extended model; and all channels beside it."""
     found = page.found
     run = panels.clearest(found, page.channel) if page.channel else None
-    cells = []
+    cells, windows = [], ""
     if run is not None and len(run.path):
         held = "held out" if run.held_out else "fitted"
-        cells.append(page.place(panels.path(run, f"{run.name} ({held}), predicted {found.horizon:g} s ahead")))
+        if panels.in_map(run):
+            cells.append(page.place(panels.path(run, f"{run.name} ({held}), predicted {found.horizon:g} s ahead")))
+        else:
+            title = f"{run.name} ({held}), windows of {found.horizon:g} s: a typical, a bad and the worst one"
+            drawn = page.row([page.place(one) for one in panels.windows(run)], "grid3")
+            windows = f"<h3>{html.escape(title)}</h3>{drawn}"
     beside = page.place(charts.before_and_after(found), "Errors against the sensors' noise", "plot low")
+    over = ""
     if run is not None and page.channel is not None and page.channel in run.channels:
-        beside += page.place(panels.over_time(found, run, page.channel), kind="plot low")
-    cells.append(f'<div class="beside">{beside}</div>')
-    return page.row(cells, "first")
+        over = page.place(panels.over_time(found, run, page.channel), kind="plot low")
+    if windows:
+        return Part("", windows + page.row([beside, over]))
+    cells.append(f'<div class="beside">{beside}{over}</div>')
+    return Part("", page.row(cells, "first"))
 
 
-def _opening(page: _Page) -> tuple[str, str]:
+def _opening(page: _Page) -> tuple[Part, Part]:
     """Pictures and the table of models; the table first for a robot without articulation, where kinematics may do."""
     picture, models = _first_screen(page), _predictors(page.found)
     return (picture, models) if page.found.robot.articulated else (models, picture)
 
 
-def _predictors(found: Diagnosis) -> str:
+def _predictors(found: Diagnosis) -> Part:
     """All models side by side."""
     text = (
         f"Errors (RMSE) on held-out data at the ends of predictions {found.horizon:g} s ahead. The best dynamic model "
         "is in best.yaml, for prediction only: it claims no cause."
     )
     inside = predictors(found)
-    return section("Which model predicts best", paragraph(text), inside) if inside else ""
+    return section("Which model predicts best", paragraph(text), inside, word="Models") if inside else _NONE
 
 
-def _wrong(page: _Page) -> str:
+def _wrong(page: _Page) -> Part:
     """Channels against their noise, and errors over time."""
     found = page.found
     text = (
@@ -414,10 +401,10 @@ def _wrong(page: _Page) -> str:
     for run in found.comparisons:
         cells = [page.place(panels.over_time(found, run, name)) for name in found.baseline if name in run.channels]
         parts.append(folded(f"Errors over time: {run.name}{' (held out)' if run.held_out else ''}", page.row(cells)))
-    return section("What is wrong", *parts)
+    return section("What is wrong", *parts, opened=False)
 
 
-def _where(page: _Page) -> str:
+def _where(page: _Page) -> Part:
     """Sentences, the map, and errors over what the rover did."""
     found = page.found
     parts = []
@@ -435,14 +422,14 @@ def _where(page: _Page) -> str:
         row = page.row(cells, "grid3")
         name = result.channel_words(channel)
         parts.append(row if index == 0 else folded(f"The same for the {name}", row))
-    return section("Where and when", *parts)
+    return section("Where and when", *parts, opened=False)
 
 
-def _why(page: _Page) -> str:
+def _why(page: _Page) -> Part:
     """Evidence of all effects."""
     found = page.found
     if not found.ranking:
-        return ""
+        return _NONE
     text = (
         "Evidence against the model without the effect, of both views together: ground motion and torques for motors "
         "that turn as measured, motor speeds for given commands."
@@ -454,14 +441,14 @@ def _why(page: _Page) -> str:
     return section("Why", *parts)
 
 
-def _parameters(found: Diagnosis) -> str:
-    return section("Parameters", parameters(found)) if found.causes else ""
+def _parameters(found: Diagnosis) -> Part:
+    return section("Parameters", parameters(found)) if found.causes else _NONE
 
 
-def _gains(page: _Page) -> str:
+def _gains(page: _Page) -> Part:
     found = page.found
     if not found.gain or not found.causes:
-        return ""
+        return _NONE
     where = f"on held-out data ({', '.join(found.holdout)})" if found.holdout else "on data held out"
     text = (
         f"Predictions {found.horizon:g} s ahead {where}: the paper's model, its soil identified, and the extended one."
@@ -469,10 +456,10 @@ def _gains(page: _Page) -> str:
     return section("What it gains", paragraph(text), gain(found))
 
 
-def _next(found: Diagnosis) -> str:
+def _next(found: Diagnosis) -> Part:
     what = found.next_experiment
     if what is None:
-        return ""
+        return _NONE
     said = [paragraph(what.what, "next")]
     if what.separates:
         between = result.joined([result.effect_words(name) for name in what.separates])
@@ -481,24 +468,24 @@ def _next(found: Diagnosis) -> str:
     return section("What to measure next", *said)
 
 
-def _data(found: Diagnosis) -> str:
-    return section("Doubts about the data", listed(found.warnings, "warnings")) if found.warnings else ""
+def _data(found: Diagnosis) -> Part:
+    return section("Doubts about the data", listed(found.warnings, "warnings")) if found.warnings else _NONE
 
 
-def _free_runs(page: _Page) -> str:
+def _free_runs(page: _Page) -> Part:
     """Whole runs from their start, with the branch that each took."""
     comparisons = [run for run in page.found.comparisons if run.free_before]
     if not comparisons:
-        return ""
+        return _NONE
     text = (
         "Whole recordings in one run from their start. The model has several branches (which wheels slide): a run that "
         "takes another one than the rover did goes astray with every parameter right, so none of this is evidence."
     )
     cells = [page.place(panels.path(run, f"{run.name}: free runs", free=True)) for run in comparisons]
-    return section("Free runs", paragraph(text), listed(result.branch_words(page.found)), page.row(cells))
+    return section("Free runs", paragraph(text), listed(result.branch_words(page.found)), page.row(cells), opened=False)
 
 
-def _excluded(found: Diagnosis) -> str:
+def _excluded(found: Diagnosis) -> Part:
     inside = excluded(found)
     text = (
         "Effects that were not found, and the sizes that these recordings exclude: departures from the paper's model "
@@ -507,7 +494,7 @@ def _excluded(found: Diagnosis) -> str:
     )
     if found.verdict is Verdict.UNEXPLAINED:
         text += " That holds beside what is on no list only as far as that neither hides an effect nor looks like one."
-    return section("What it is not", paragraph(text), inside) if inside else ""
+    return section("What it is not", paragraph(text), inside, opened=False) if inside else _NONE
 
 
 def _foot(found: Diagnosis, version: str) -> str:

@@ -105,7 +105,7 @@ def test_the_best_is_a_file_that_claims_nothing_else(robot: Robot, tmp_path: Pat
     models = (predictor(GIVEN, 0.4, 0.2, robot), predictor(BASELINE, 0.2, 0.1, better))
     found = replace(case("slope", {"grade": 0.05, "heading": 1.9}), robot=robot, predictors=models, best=BASELINE)
     page = page_of(found, "1").decode()
-    assert page.index("Which model predicts best") < page.index("What is wrong")
+    assert page.index("<h2>Which model predicts best</h2>") < page.index("<h2>What is wrong</h2>")
     write_folder(tmp_path / "found", files_of(found, page.encode()))
     text = (tmp_path / "found" / BEST).read_text()
     assert text.startswith("# For prediction only") and "position 0.2 m" in text and BASELINE in text
