@@ -33,7 +33,7 @@ FAINT: Final = "#dfe5ea"
 
 DARK: Final = {
     INK: "#e3e8ed", MUTED: "#a3afbb", GRID: "#2d363f", PAPER: "#12171c", BODY: "#3a444f", WHEEL: "#8e9aa6",
-    TRUE: "#4fb0e8", ODOMETRIC: "#ff8a3d", RIGHT: "#a795f0", LEFT: "#e3ab2c", "#6b2d73": "#cf86da",
+    TRUE: "#5883ff", ODOMETRIC: "#f65e3e", POINTS: "#44ad7f", RIGHT: "#a795f0", LEFT: "#e3ab2c", "#6b2d73": "#d1a9d2",
     VEIL: "rgba(18,23,28,0.75)", FAINT: "#27303a", "#440154": "#9a6cc0", "#482173": "#8b78cc", "#433e85": "#7a8ad6",
     "#38588c": "#669fd9",
 }  # fmt: skip

@@ -290,7 +290,7 @@ def evidence(found: Diagnosis) -> dict[str, Any]:
         data.append({"type": "scatter", "mode": "lines", "x": [None], "y": [None], "name": "needed to be named",
                      "line": {"color": style.INK, "width": 1.5, "dash": "dot"}})  # fmt: skip
     x = {"title": {"text": "log₁₀ of the Bayes factor", "font": {"size": 13}},
-         "range": [float(least - 0.12 * (most - least) if least < 0 else 0.0), float(1.05 * most)]}  # fmt: skip
+         "range": [float(least - 0.22 * (most - least) if least < 0 else 0.0), float(1.05 * most)]}  # fmt: skip
     order = [effect_words(c.effect) for c in ranking]
     y = {"autorange": "reversed", "type": "category", "categoryorder": "array", "categoryarray": order,
          "gridcolor": style.PAPER}  # fmt: skip
