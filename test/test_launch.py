@@ -18,6 +18,7 @@ import pytest
 import yaml
 
 from artibot_driver.loopback import loopback_bus
+from artibot_sim.cli import main
 from artibot_sim.cli.words import COMMANDS
 from ros_helpers import ROOT, NodeStarter, spin_until
 
@@ -129,7 +130,7 @@ def nodes_of(entities: list[Any], **given: str) -> list[Node]:
 
 def test_the_launch_files_are_there() -> None:
     assert [path.name for path in LAUNCH_FILES] == [
-        "field_test.launch.py", "replay.launch.py", "sim.launch.py", "view.launch.py",
+        "field_test.launch.py", "replay.launch.py", "ros2_control.launch.py", "sim.launch.py", "view.launch.py",
     ]  # fmt: skip
 
 
@@ -152,7 +153,7 @@ def test_executables_and_their_options_exist(path: Path, monkeypatch: pytest.Mon
     nodes = nodes_of(described(path, monkeypatch))
     assert nodes
     for node in nodes:
-        if node.package in ("rviz2", "robot_state_publisher"):
+        if node.package in ("rviz2", "robot_state_publisher", "controller_manager"):
             continue
         assert node.package == "artibot_sim"
         assert node.executable in COMMANDS
@@ -221,6 +222,25 @@ def test_the_view_gives_robot_state_publisher_the_urdf_and_rviz_its_file(monkeyp
     displays = layout["Visualization Manager"]["Displays"]
     topics = {d[key]["Value"] for d in displays for key in ("Topic", "Description Topic") if key in d}
     assert topics == {"robot_description", "planned/path", "odom", "ground_truth/odom"}
+
+
+def test_controllers_have_the_exported_files_and_no_description_of_another(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Simulator and driver publish a description without ros2_control's tag, which a manager must not take."""
+    urdf, controllers = tmp_path / "agriq_ros2_control.urdf", tmp_path / "agriq_ros2_control.yaml"
+    assert main(["export", "agriq", "--to", "ros2_control", "-o", str(urdf)]) == 0
+    path = next(path for path in LAUNCH_FILES if path.name.startswith("ros2_control"))
+    with monkeypatch.context() as patch:
+        state, manager, spawner = nodes_of(described(path, patch), urdf=str(urdf), controllers=str(controllers))
+    words = "".join(state.parameters[0]["robot_description"].command).split()
+    assert subprocess.run(words, capture_output=True, text=True, check=True).stdout == urdf.read_text()
+    for node in (state, manager):
+        assert ("robot_description", "robot_description_control") in node.remappings
+    assert manager.arguments[-1] == spawner.arguments[-1] == str(controllers)
+    manifest = yaml.safe_load(controllers.read_text())
+    assert spawner.arguments[0] in manifest["controller_manager"]["ros__parameters"]
+    assert spawner.arguments[0] in manifest
 
 
 def test_without_rviz_the_view_is_robot_state_publisher_alone(monkeypatch: pytest.MonkeyPatch) -> None:

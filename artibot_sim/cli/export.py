@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     Writer = Callable[[Mapping[str, Robot], float | None, Report], str]
 
 _TABLES = ("csv", "parquet")
-_ROBOTS = {"diff_drive_controller": "yaml", "robot_localization": "yaml", "urdf": "urdf", "sdf": "sdf", "mjcf": "xml"}
+_ROBOTS = {"diff_drive_controller": "yaml", "robot_localization": "yaml", "urdf": "urdf", "sdf": "sdf", "mjcf": "xml",
+           "ros2_control": "urdf"}  # fmt: skip
 """Format of a robot → the suffix of its file."""
 _SEVERAL = ("diff_drive_controller",)
 """Formats that hold several grounds."""
@@ -48,6 +49,7 @@ def command(
                            SI units, said in the header or the columns' metadata. `artibot import` reads them.
     diff_drive_controller  of robot files: effective track and radii, a section for each ground, with intervals
     robot_localization     of a robot file: parameters of its ekf_node
+    ros2_control           of a robot file: URDF with the motors as joints, and beside it the controllers' parameters
     mjcf                   of a robot file: for MuJoCo, friction and softness fitted so that it turns as the model
     urdf, sdf              of a robot file: bodies, joints, and the wheels' friction as Gazebo takes it
 
@@ -58,6 +60,7 @@ def command(
       artibot export husky.db3 --to csv --all --topic /ground_truth/odom=/lidar/odom
       artibot export grass.yaml --to sdf                # grass.sdf
       artibot export grass.yaml --to mjcf               # grass.xml
+      artibot export agriq --to ros2_control            # agriq_ros2_control.urdf, agriq_ros2_control.yaml
       artibot export grass.yaml gravel.yaml --to diff_drive_controller -o controllers.yaml
     """
     if form in _TABLES:
@@ -85,13 +88,21 @@ def _export_robots(sources: tuple[str, ...], form: str, out: Path | None, speed:
     if twice := {name for name in names if names.count(name) > 1}:
         raise ArtibotError(f"{', '.join(sorted(twice))}: two robot files of one name; rename one, it names the ground")
     grounds = {name: load_robot(source) for name, source in zip(names, sources, strict=True)}
-    target = out or Path(f"{names[0]}.{_ROBOTS[form]}" if _ROBOTS[form] != "yaml" else f"{names[0]}_{form}.yaml")
+    plain = _ROBOTS[form] != "yaml" and form != "ros2_control"
+    target = out or Path(f"{names[0]}.{_ROBOTS[form]}" if plain else f"{names[0]}_{form}.{_ROBOTS[form]}")
     if why := fault(target):
         raise ArtibotError(f"{target}: cannot be written: {why}")
+    if form == "ros2_control" and target.suffix == ".yaml":
+        raise ArtibotError(f"{target}: is the name of the controllers' file beside the URDF; call the URDF .urdf")
     with Bar() as bar:
-        text = _writer(form)(grounds, speed, bar.stage("simulating turns", 1.0))
-    write_files({target: text.encode()})
-    click.echo(f"wrote {target}")
+        files = {target: _writer(form)(grounds, speed, bar.stage("simulating turns", 1.0))}
+    if form == "ros2_control":
+        from artibot_sim.exchange.ros2_control import description
+
+        files = {target: description(next(iter(grounds.values()))), target.with_suffix(".yaml"): files[target]}
+    write_files({path: text.encode() for path, text in files.items()})
+    for path in files:
+        click.echo(f"wrote {path}")
 
 
 def _writer(form: str) -> Writer:
@@ -106,6 +117,10 @@ def _writer(form: str) -> Writer:
         return lambda grounds, _, __: sdf(next(iter(grounds.values())))
     if form == "mjcf":
         return _mjcf
+    if form == "ros2_control":
+        from artibot_sim.exchange.ros2_control import controllers as motors
+
+        return motors
     from artibot_sim.exchange import controllers
 
     if form == "diff_drive_controller":

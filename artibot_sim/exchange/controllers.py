@@ -41,16 +41,28 @@ def diff_drive_controller(
             advance((begun + share) / len(grounds))
 
         section = "diff_drive_controller" if number == 0 else f"diff_drive_controller_{name}"
-        lines += ["", *_controller(section, name, robot, spread(robot, speed, progress=part), speed)]
+        lines += ["", *section_of(section, name, robot, spread(robot, speed, progress=part), speed)]
     return "\n".join(lines) + "\n"
 
 
-def _controller(section: str, name: str, robot: Robot, found: Spread, speed: float | None) -> list[str]:
-    front = {"left": WHEEL_JOINTS[2:4], "right": WHEEL_JOINTS[0:2]}
+def section_of(
+    section: str, name: str, robot: Robot, found: Spread, speed: float | None, *,
+    joints: Mapping[str, Sequence[str]] | None = None, ratio: float = 1.0,
+) -> list[str]:  # fmt: skip
+    """Return the lines of a controller's section.
+
+    Parameters
+    ----------
+    section, name : what the section and the ground are called.
+    robot, found, speed : the robot, the differential drive fitted to it, and at which speed of the turns, m/s.
+    joints : side → the joints that turn it; by default the wheels.
+    ratio : turns of a wheel for a turn of a joint.
+    """
+    front = joints or {"left": WHEEL_JOINTS[2:4], "right": WHEEL_JOINTS[0:2]}
     track, r_w, value = robot.front.i_y, robot.wheel.r_w, found.value
     rows = [
         ("wheel_separation", track, ""),
-        ("wheel_radius", r_w, ""),
+        ("wheel_radius", r_w * ratio, ""),
         ("wheel_separation_multiplier", value.separation / track, _interval(found, "separation", track)),
         ("left_wheel_radius_multiplier", value.radius_left / r_w, _interval(found, "radius_left", r_w)),
         ("right_wheel_radius_multiplier", value.radius_right / r_w, _interval(found, "radius_right", r_w)),
