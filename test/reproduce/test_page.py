@@ -79,7 +79,7 @@ def test_a_browser_draws_the_page(page: str, tmp_path: Path) -> None:
     target.write_text(page)
     result = subprocess.run(
         [browser, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}",
-         "--virtual-time-budget=20000", "--dump-dom", target.as_uri()],
+         "--virtual-time-budget=20000", "--dump-dom", f"{target.as_uri()}#all"],
         capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip
     expected = len(set(re.findall(r'id="plot(\d+)"', page)))
