@@ -30,12 +30,17 @@ _SHOWN = 18
 @click.option(
     "--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable."
 )
+@click.option(
+    "--joint", "joints", multiple=True, metavar="WANTED=FOUND[,FOUND]",
+    help="Take joints FOUND (their mean) as motor WANTED, such as front_right; repeatable.",
+)  # fmt: skip
 @click.option("--namespace", metavar="NAME", help="Rover whose topics to read, where there are several: /rover1.")
 @click.option("--all", "everything", is_flag=True, help="Also all topics that artibot does not read.")
 @click.option("--json", "as_json", type=OutputFile(), help="The same as JSON, in SI units.")
 def command(
-    recording: Path, topics: tuple[str, ...], namespace: str | None, everything: bool, as_json: Path | None
-) -> None:
+    recording: Path, topics: tuple[str, ...], joints: tuple[str, ...], namespace: str | None, everything: bool,
+    as_json: Path | None,
+) -> None:  # fmt: skip
     """Show what is in a recording (folder or file), what it is good for, and what is missing.
 
     Any rosbag2 recording is read, MCAP or SQLite. Topics under other names are listed with what to type. Exit status
@@ -51,12 +56,15 @@ def command(
 
     from artibot_sim.exchange.inspection import inspect_recording
     from artibot_sim.experiment import parse_renames
+    from artibot_sim.experiment.wheels import parse_joints
     from artibot_sim.progress import Bar
     from artibot_sim.report.files import write_files
 
     with Bar() as bar:
         stage = bar.stage(f"reading {recording.name}", 1.0)
-        found = inspect_recording(recording, parse_renames(topics), namespace=namespace, progress=stage)
+        found = inspect_recording(
+            recording, parse_renames(topics), namespace=namespace, joints=parse_joints(joints), progress=stage
+        )
     if as_json is not None:
         write_files({as_json: (json.dumps(found.as_dict(), indent=1, ensure_ascii=False) + "\n").encode()})
     _print(found, everything)

@@ -14,7 +14,6 @@ from artibot_sim.report.files import OutputFile, fault
 
 if TYPE_CHECKING:
     from artibot_sim.experiment import Experiment
-    from artibot_sim.progress import Report
     from artibot_sim.report.recordings import Drawn
 
 _DRAWING = 0.15
@@ -31,12 +30,16 @@ _FILE = OutputFile()
 @click.option(
     "--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable."
 )
+@click.option(
+    "--joint", "joints", multiple=True, metavar="WANTED=FOUND[,FOUND]",
+    help="Take joints FOUND (their mean) as motor WANTED, such as front_right; repeatable.",
+)  # fmt: skip
 @click.option("--namespace", metavar="NAME", help="Rover whose topics to read, where there are several: /rover1.")
 @click.option("--start", type=float, help="Draw from here on, s since the recording's start.")
 @click.option("--end", type=float, help="Draw up to here, s.")
 def command(
     recordings: tuple[Path, ...], png: Path | None, html: Path | None, as_json: Path | None, robot: str | None,
-    topics: tuple[str, ...], namespace: str | None, start: float | None, end: float | None,
+    topics: tuple[str, ...], joints: tuple[str, ...], namespace: str | None, start: float | None, end: float | None,
 ) -> None:  # fmt: skip
     """Draw recordings (folders or files): path, yaw, speed, motor velocities and torques, articulation.
 
@@ -50,6 +53,7 @@ def command(
       artibot plot husky_a --start 0 --end 30 --png start.png
       artibot plot run7 --json run7.json                 # figures of merit only
     """
+    from artibot_sim.experiment import open_recording
     from artibot_sim.experiment.storage import recording_name
     from artibot_sim.progress import Bar
     from artibot_sim.report.figures import check_count
@@ -62,10 +66,11 @@ def command(
             png = Path(f"{recording_name(recordings[0])}.png")
             if why := fault(png):
                 raise ArtibotError(f"{png}: cannot be written: {why}; name another file with --png")
-        experiments = [
-            _read(path, topics, namespace, (start, end), bar.stage(f"reading {path.name}", size))
-            for path, size in zip(recordings, sizes, strict=True)
-        ]
+        experiments = []
+        for path, size in zip(recordings, sizes, strict=True):
+            stage = bar.stage(f"reading {path.name}", size)
+            whole = open_recording(path, topics=topics, joints=joints, namespace=namespace, progress=stage)
+            experiments.append(_part(whole, start, end))
         robots = [robot_of_recording(robot, experiment) for experiment in experiments]
         drawing = bar.stage("drawing", _DRAWING * sum(sizes))
         drawn = draw(experiments, robots, png=png, html=html, json=as_json, progress=drawing)
@@ -79,14 +84,8 @@ def _bytes_of(path: Path) -> int:
     return sum(file.stat().st_size for file in storage_files(path))
 
 
-def _read(
-    path: Path, topics: Sequence[str], namespace: str | None, span: tuple[float | None, float | None], progress: Report
-) -> Experiment:
-    """Return a recording, or the part of it that was asked for."""
-    start, end = span
-    from artibot_sim.experiment import parse_renames, read_bag
-
-    experiment = read_bag(path, parse_renames(tuple(topics)), namespace=namespace, progress=progress)
+def _part(experiment: Experiment, start: float | None, end: float | None) -> Experiment:
+    """Return a recording, or the part of it that was asked for (s)."""
     if start is None and end is None:
         return experiment
     first, last = -math.inf if start is None else start, math.inf if end is None else end
@@ -95,7 +94,8 @@ def _read(
     part = experiment.between(first, last)
     if not part.segments:
         raise ArtibotError(
-            f"{path}: nothing was recorded between {first:g} and {last:g} s; it is {experiment.duration:.1f} s long"
+            f"{experiment.path}: nothing was recorded between {first:g} and {last:g} s; "
+            f"it is {experiment.duration:.1f} s long"
         )
     return part
 

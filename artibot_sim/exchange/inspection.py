@@ -12,9 +12,11 @@ import numpy as np
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.columns import SEGMENT_GAP, Channel, Experiment
 from artibot_sim.experiment.messages import MANY_ROWS, READABLE
+from artibot_sim.experiment.naming import names_of
 from artibot_sim.experiment.reader import bag_info, read_bag
 from artibot_sim.experiment.storage import BagInfo
-from artibot_sim.experiment.topics import BY_KEY, TOPICS, find_namespace
+from artibot_sim.experiment.topics import BY_KEY, TOPICS, find_namespace, parse_renames
+from artibot_sim.experiment.wheels import Joints, parse_joints
 from artibot_sim.model import MOTORS
 from artibot_sim.progress import Report
 from artibot_sim.resources import config_names
@@ -136,13 +138,15 @@ def inspect_recording(
     topics: Mapping[str, str] | None = None,
     *,
     namespace: str | None = None,
+    joints: Joints | None = None,
     progress: Report | None = None,
 ) -> Inspection:
     """Say what a recording holds and what it is good for.
 
     Parameters
     ----------
-    path, topics, namespace, progress : as of :func:`artibot_sim.experiment.read_bag`.
+    path, topics, namespace, joints, progress : as of :func:`artibot_sim.experiment.read_bag`. They go before what a
+        file of names says that is kept with the recording.
 
     Raises
     ------
@@ -151,16 +155,20 @@ def inspect_recording(
         not know is no error: what to do about it is in `advice`.
     """
     info = bag_info(path)
-    renames = dict(topics or {})
+    known = names_of(Path(path))
+    renames, wheels = dict(topics or {}), dict(joints or {})
+    used = {**parse_renames(known["topics"]), **renames}
+    named = {**parse_joints(known["joints"]), **wheels}
+    space = namespace or known["namespace"]
     experiment: Experiment | None = None
     advice: list[str] = []
     try:
-        experiment = read_bag(path, renames, namespace=namespace, progress=progress)
+        experiment = read_bag(path, used, namespace=space, joints=named, progress=progress)
     except ArtibotError as error:
-        if renames or namespace is not None:
+        if used or named or space is not None:
             raise
         advice += _unread(info, str(error))
-    options = _options(renames, namespace)
+    options = _options(renames, namespace, wheels)
     views = _topics(info, experiment)
     segments = experiment.segments if experiment else ()
     unread = [view for view in views if not view.read_as]
@@ -182,9 +190,10 @@ def inspect_recording(
     )
 
 
-def _options(renames: Mapping[str, str], namespace: str | None) -> str:
+def _options(renames: Mapping[str, str], namespace: str | None, joints: Joints) -> str:
     """Return the options that read the recording as it was read here, with a blank before each."""
     words = [f" --topic {wanted}={found}" for wanted, found in renames.items()]
+    words += [f" --joint {wanted}={','.join(found)}" for wanted, found in joints.items()]
     return "".join(words + ([f" --namespace {namespace}"] if namespace is not None else []))
 
 
@@ -211,9 +220,11 @@ def _topics(info: BagInfo, experiment: Experiment | None) -> tuple[TopicView, ..
     found = []
     for key in [topic.key for topic in TOPICS if topic.key in channels]:
         measured = channels[key]
-        view = TopicView(measured.topic, types[measured.topic], counts.pop(measured.topic), BY_KEY[key].name)
+        view = TopicView(measured.topic, types[measured.topic], counts[measured.topic], BY_KEY[key].name)
         found.append(_measured_view(view, measured, experiment.segments if experiment else ()))
-    return (*found, *(TopicView(topic, types[topic], count) for topic, count in sorted(counts.items())))
+    read = {view.topic for view in found}  # one may be read as two: /joint_states with the wheels in it
+    rest = [TopicView(topic, types[topic], count) for topic, count in sorted(counts.items()) if topic not in read]
+    return (*found, *rest)
 
 
 def _measured_view(view: TopicView, channel: Channel, segments: Sequence[tuple[float, float]]) -> TopicView:
@@ -422,7 +433,8 @@ def _joint_names(channels: Mapping[str, Channel], path: Path) -> Iterator[str]:
         known = set(MOTORS) | {"articulation_yaw", "articulation_roll"}
         if strange := [joint for joint in joints if joint not in known]:
             yield (
-                f"{channel.topic} names {', '.join(strange[:4])}; artibot's motors are {', '.join(MOTORS)}: name "
-                f"them in a YAML file: artibot import {path} --columns columns.yaml --out {path.name}_named"
+                f"{channel.topic} names {', '.join(strange[:4])}; artibot's motors are {', '.join(MOTORS)}: add "
+                "--joint front_right=FOUND[,FOUND] --joint front_left=FOUND[,FOUND] (the mean of a side's wheels), or "
+                f"name them in a YAML file: artibot import {path} --columns columns.yaml --out {path.name}_named"
             )
             return

@@ -84,8 +84,8 @@ def rotations(
         elif i < 2:
             raise ArtibotError(
                 f"{experiment.path}: topic {motors.topic} has neither position nor velocity of {motor}; it has "
-                f"{', '.join(motors.columns)}; name the wheels with --joint {motor}=FOUND[,FOUND], or "
-                "resimulate from commands"
+                f"{', '.join(motors.columns)}; name the wheels with --joint {motor}=FOUND[,FOUND] "
+                "(only `replay --resimulate commands` does without)"
             )
     turned = np.isfinite(velocity).all(axis=0)
     torque = np.full_like(velocity, np.nan)

@@ -281,6 +281,13 @@ POSES = frozenset(
     {"nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped"}
 )
 """Types that have a heading."""
+_MOTION = POSES | {"geometry_msgs/msg/PointStamped", "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/Twist"}
+"""Types that tell where something is, or how it moves."""
+
+
+def serves_as(ros_type: str, wanted: str) -> bool:
+    """Whether messages of a type tell quantities for which those of another are wanted: a PoseStamped an Odometry's."""
+    return ros_type in READABLE and (ros_type == wanted or {ros_type, wanted} <= _MOTION)
 
 
 @dataclass

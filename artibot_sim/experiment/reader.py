@@ -13,7 +13,7 @@ import numpy as np
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.columns import Channel, Experiment, find_segments, measured_stamps
-from artibot_sim.experiment.messages import POSES, READABLE, TRANSFORMS, Decoder, Rows, decoder
+from artibot_sim.experiment.messages import POSES, READABLE, TRANSFORMS, Decoder, Rows, decoder, serves_as
 from artibot_sim.experiment.storage import (
     BagInfo,
     ChannelInfo,
@@ -133,7 +133,7 @@ def _choose(
                 present = ", ".join(sorted(found)) or "no topic"
                 raise ArtibotError(f"{info.path}: --topic {topic.name}={name}: no topic '{name}'; it has {present}")
             continue
-        if found[name] in READABLE or (found[name] == TRANSFORMS and topic.key == "ground_truth_odom"):
+        if serves_as(found[name], topic.ros_type) or (found[name] == TRANSFORMS and topic.key == "ground_truth_odom"):
             wanted[name] = topic.key
             continue
         said = f"{name} is of type {found[name]}; artibot reads {topic.name} as {topic.ros_type}"

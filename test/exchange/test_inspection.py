@@ -145,6 +145,43 @@ def test_another_name_is_said_with_what_to_type(tmp_path: Path) -> None:
     assert again.topics[0].read_as == "/ground_truth/odom"
 
 
+WHEELS = ("front_left_wheel_joint", "front_right_wheel_joint", "rear_left_wheel_joint", "rear_right_wheel_joint")
+
+
+def test_wheels_in_joint_states_are_shown_as_both(tmp_path: Path) -> None:
+    found = inspect_recording(bag(tmp_path / "run", {"motors": "/joint_states"}, motors=WHEELS))
+    assert use(found, "identify")[0]
+    read = {view.read_as: view for view in found.topics}
+    assert read["/motor_torques"].topic == read["/joint_states"].topic == "/joint_states"
+    assert read["/motor_torques"].messages == read["/joint_states"].messages == COUNT
+    assert len(found.topics) == 3
+    assert any("front_right is the mean of front_right_wheel_joint, rear_right_wheel_joint" in r for r in found.remarks)
+
+
+def test_wheels_under_any_names_are_named_by_option_or_beside_the_recording(tmp_path: Path) -> None:
+    path = bag(tmp_path / "run", {"pose": "/icp", "motors": "/joint_states"}, motors=("a", "b", "c", "d"))
+    renames = {"/ground_truth/odom": "/icp"}
+    found = inspect_recording(path, renames)
+    assert not use(found, "identify")[0]
+    assert any(
+        "add --joint front_right=FOUND[,FOUND] --joint front_left=FOUND[,FOUND]" in line for line in found.advice
+    )
+    assert main(["inspect", str(path), "--topic", "/ground_truth/odom=/icp", "--joint", "front_right=a,b",
+                 "--joint", "front_left=c,d"]) == 0  # fmt: skip
+    found = inspect_recording(path, renames, joints={"front_right": ("a", "b"), "front_left": ("c", "d")})
+    ready = {entry.name: entry for entry in found.uses}
+    assert ready["plot"].ready and ready["identify"].ready
+    assert all(" --joint front_right=a,b --joint front_left=c,d" in entry.command for entry in found.uses)
+    assert main([*shlex.split(ready["plot"].command)[1:], "--json", str(tmp_path / "plot.json")]) == 0
+    names = "topics: {/ground_truth/odom: /icp}\njoints: {front_right: [a, b], front_left: [c, d]}\n"
+    (path / "names.yaml").write_text(names)
+    found = inspect_recording(path)
+    assert use(found, "identify")[0]
+    assert "--joint" not in found.uses[0].command, "kept with the recording, nothing is to be typed"
+    assert main(["plot", str(path), "--json", str(tmp_path / "again.json")]) == 0
+    assert (tmp_path / "again.json").read_text() == (tmp_path / "plot.json").read_text()
+
+
 def test_what_a_robot_believes_is_not_offered_as_where_it_was(tmp_path: Path) -> None:
     found = inspect_recording(bag(tmp_path / "run", {"pose": "/odom"}))
     assert not use(found, "identify")[0]

@@ -133,6 +133,26 @@ def test_a_topic_that_was_given_is_not_asked_for_again(tmp_path: Path) -> None:
     assert "WANTED" not in str(said.value)
 
 
+@pytest.mark.parametrize(
+    ("wanted", "found", "said"),
+    [
+        ("/motor_torques", "/ground_truth/odom", "is of type nav_msgs/msg/Odometry; artibot reads /motor_torques as"),
+        (
+            "/ground_truth/odom",
+            "/motor_torques",
+            "is of type sensor_msgs/msg/JointState; artibot reads /ground_truth/odom",
+        ),
+        ("/imu/data", "/motor_torques", "is of type sensor_msgs/msg/JointState; artibot reads /imu/data as"),
+    ],
+)
+def test_a_topic_of_another_type_is_called_that(tmp_path: Path, wanted: str, found: str, said: str) -> None:
+    """Both types are read, each as something else: the message names them, and asks for no other topic."""
+    path = bag(tmp_path, motor_torques=wheels(front_right=RIGHT, front_left=LEFT), ground_truth_odom=POSE)
+    with pytest.raises(ArtibotError, match=said) as refused:
+        read_bag(path, {wanted: found})
+    assert "WANTED" not in str(refused.value) and "=FOUND" not in str(refused.value)
+
+
 def test_names_kept_with_a_recording_are_used_until_an_option_says_otherwise(tmp_path: Path) -> None:
     path = bag(tmp_path, joint_states=wheels(a=RIGHT, b=LEFT, c=LEFT), ground_truth_odom=POSE)
     (path / "names.yaml").write_text("joints: {front_right: a, front_left: [b, c]}\n")

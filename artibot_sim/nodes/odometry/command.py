@@ -16,7 +16,7 @@ from artibot_sim.nodes.common.process import built, destroyed, node_main, ros_pr
 from artibot_sim.report.files import OutputFile
 
 _DELAY = Number(min=-1.0, max=1.0)
-_OFFLINE = ("fit", "window", "pose_delay", "as_json", "renames", "namespace")
+_OFFLINE = ("fit", "window", "pose_delay", "as_json", "renames", "joints", "namespace")
 
 
 @click.command("odometry", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -30,6 +30,7 @@ _OFFLINE = ("fit", "window", "pose_delay", "as_json", "renames", "namespace")
 @click.option("--pose-delay", type=_DELAY, help="With BAG: by which reference poses are stamped late, s.")
 @click.option("--json", "as_json", type=OutputFile(), help="With BAG: write the table as JSON.")
 @click.option("--topic", "renames", multiple=True, metavar="WANTED=FOUND", help="With BAG: the name of a topic in it.")
+@click.option("--joint", "joints", multiple=True, metavar="WANTED=FOUND[,FOUND]", help="With BAG: joints of a motor.")
 @click.option("--namespace", metavar="NAME", help="With BAG: of the rover, where there are several.")
 @click.option("--params", multiple=True, metavar="FILE", help="Live: parameter file.")
 @click.option("--publish-tf/--no-tf", default=None, help="Live: publish odom -> base_link.  [default: no]")
@@ -50,7 +51,7 @@ def command(ros_args: list[str] | None, bag: Path | None, params: tuple[str, ...
     if bag is None:
         used = [name for name in _OFFLINE if given[name] not in (None, ())]
         if used:
-            option = {"as_json": "json", "renames": "topic"}.get(used[0], used[0]).replace("_", "-")
+            option = {"as_json": "json", "renames": "topic", "joints": "joint"}.get(used[0], used[0]).replace("_", "-")
             raise click.UsageError(f"--{option} needs a recording: artibot odometry BAG --{option} …")
         live = ("robot", "kappa", "rotation_delay", "gyro_delay", "publish_tf")
         overrides = {name: given[name] for name in live if given[name] is not None}
@@ -92,12 +93,12 @@ def measure(bag: Path, given: dict[str, Any]) -> int:
     """
     from artibot_sim.estimation import odometry_check as check
     from artibot_sim.estimation.model_odometry import ModelOdometry, Streams
-    from artibot_sim.experiment import parse_renames, read_bag
+    from artibot_sim.experiment import open_recording
     from artibot_sim.experiment.resimulate import robot_of
     from artibot_sim.progress import Bar
 
-    renames, namespace = parse_renames(given["renames"]), given["namespace"]
-    experiment = read_bag(bag, renames, namespace=namespace)
+    named = {"topics": given["renames"], "joints": given["joints"], "namespace": given["namespace"]}
+    experiment = open_recording(bag, **named)
     robot = robot_of(experiment, given["robot"])
     streams = Streams(rotation_delay=given["rotation_delay"] or 0.0, gyro_delay=given["gyro_delay"] or 0.0)
     settings = check.Settings(
@@ -106,7 +107,7 @@ def measure(bag: Path, given: dict[str, Any]) -> int:
     with Bar() as bar:
         found = check.pieces(experiment, robot, settings, bar.stage(f"odometry of {bag.name}", 1.0))
         if given["fit"] is not None:
-            other = read_bag(given["fit"], renames, namespace=namespace)
+            other = open_recording(given["fit"], **named)
             fit = check.pieces(other, robot, settings, bar.stage(f"odometry of {given['fit'].name}", 1.0))
         else:
             fit, found = found[: len(found) // 2], found[len(found) // 2 :]
