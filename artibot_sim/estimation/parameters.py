@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -18,6 +16,7 @@ from artibot_sim.model import Robot
 from artibot_sim.model.effects import EFFECTS, effects_from_dict
 from artibot_sim.model.effects.base import Effect, Search
 from artibot_sim.model.robot.quantity import Quantity
+from artibot_sim.model.robot.robot import unchecked
 
 # ----------------------------------------------------------------------
 # An effect as coordinates of a fit: 0 where it is absent, 1 where it is plain.
@@ -373,10 +372,7 @@ class ParameterSet:
             return self.robot_at(coordinates)
         parts = zip(self.extensions, self.extended(coordinates), strict=True)
         effects = dict(self.robot.effects) | effects_from_dict({e.id: e.values(part) for e, part in parts})
-        robot = copy.copy(self.robot)
-        object.__setattr__(robot, "contact", replace(self.robot.contact, **soil))
-        object.__setattr__(robot, "effects", MappingProxyType(effects))
-        return robot
+        return unchecked(self.robot, effects, replace(self.robot.contact, **soil))
 
     @property
     def uniform(self) -> bool:

@@ -166,7 +166,7 @@ def step(
     def cost(of: Point) -> float:
         return of.cost + (0.0 if beside is None else float(beside.losses(of.coordinates[index]).sum()))
 
-    for _ in range(tries):
+    for _ in range(tries if index else 1):  # damping is for the parameters: without any it changes nothing
         move = np.linalg.solve(H + damping * np.diag(np.diag(H)), -gradient) if index else np.empty(0)
         move *= min(1.0, 1.0 / max((np.abs(move) / problem.parameters.longest[index]).max(initial=0.0), 1e-12))
         coordinates = point.coordinates.copy()

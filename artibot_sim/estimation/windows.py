@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from artibot_sim.estimation.measurements import CHANNELS, PAST, Stretch
 from artibot_sim.experiment.inputs import plausible_motion, start_state
 from artibot_sim.experiment.measured import Motion, forward_speed
-from artibot_sim.model import Robot, initial_state
+from artibot_sim.model import Robot
 from artibot_sim.model.effects.tyre_relaxation import EFFECT, SLOWEST
 from artibot_sim.model.kernels.layout import BACK, GAMMA, MOTOR_COORDINATES, X, Y
 from artibot_sim.model.robot.derived import params
 from artibot_sim.model.simulate.sensors import sensor_errors, true_starts
-from artibot_sim.model.simulate.windows import KINDS, Plan
+from artibot_sim.model.simulate.state import posture_at_rest
+from artibot_sim.model.simulate.windows import KINDS, Plan, by_numbers
 
 # ----------------------------------------------------------------------
 # Where windows start: the measured state and its uncertainty, and the model's state at many guesses of it.
@@ -137,10 +138,11 @@ class Postures(NamedTuple):
 
 def postures(robots: Sequence[Robot]) -> Postures:
     """What `states` needs to know of robots, which are all articulated or all rigid."""
-    level = np.array([initial_state(robot).q for robot in robots])
-    arms = np.array([(robot.front.l, robot.back.l if robot.back else 0.0) for robot in robots])
-    sensors = np.array([sensor_errors(robot) for robot in robots])
-    return Postures(level, arms, sensors, robots[0].articulated)
+    different, like = by_numbers(robots)
+    level = np.array([posture_at_rest(params(robot)) for robot in different])
+    arms = np.array([(robot.front.l, robot.back.l if robot.back else 0.0) for robot in different])
+    sensors = np.array([sensor_errors(robot) for robot in different])
+    return Postures(level[like], arms[like], sensors[like], robots[0].articulated)
 
 
 def states(

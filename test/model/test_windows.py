@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, Robot, load_robot, rollout
-from artibot_sim.model.simulate.windows import KINDS, Items, MotorTable, Plan, WindowBatch, window_step
+from artibot_sim.model.effects.residual_force import FORCES
+from artibot_sim.model.robot.robot import unchecked
+from artibot_sim.model.simulate.windows import KINDS, Items, MotorTable, Plan, WindowBatch, by_numbers, window_step
 
 ALL = (Mode.PRESCRIBED,) * 4
 
@@ -65,6 +69,28 @@ def test_workers_do_not_change_results() -> None:
     runs = [WindowBatch([table], [plan], 5e-3, workers=n).run(robots, _items([start] * 3, 0, 150)) for n in (1, 3)]
     np.testing.assert_array_equal(runs[0], runs[1])
     assert len({tuple(r) for r in runs[0]}) == 3
+
+
+def test_robots_that_share_their_parts_are_as_if_each_were_alone() -> None:
+    """Of three, two differ in a force only, which the paper's numbers do not know; one has another mass as well."""
+    plain, table = load_robot("agriq"), _table()
+    push = {f"{name}{of}": 0.0 for name in FORCES for of in ("", "_rate")} | {"since": 0.0}
+    given = [
+        {"residual_force": {**push, "front_sway": 20.0}},
+        {"residual_force": {**push, "front_sway": -20.0}},
+        {"residual_force": {**push, "front_sway": 20.0}, "payload": {"mass": 15.0, "module": "front"}},
+    ]
+    robots = [unchecked(plain, effects) for effects in given]
+    different, like = by_numbers(robots)
+    assert different == [robots[0], robots[2]] and like.tolist() == [0, 0, 1]
+    start = rollout(plain, Commands(0.01, table.velocity[:2]), modes=ALL, duration=0.0).final_state
+    plan = Plan(np.array([0.5, 1.0]), np.array([1, 10]))
+    batch = WindowBatch([table], [plan], 2.5e-3, workers=1)
+    together = batch.run(robots, _items([start] * 3, 0, 150))
+    for effects, found in zip(given, together, strict=True):
+        (alone,) = batch.run([replace(plain, effects=effects)], _items([start], 0, 150))
+        np.testing.assert_array_equal(found, alone)
+    assert len({tuple(found) for found in together}) == 3
 
 
 def test_step_is_stable_and_divides_the_knots() -> None:

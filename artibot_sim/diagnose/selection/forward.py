@@ -14,6 +14,7 @@ from artibot_sim.diagnose.candidates.screening import Around, Trial, at_rest, sc
 from artibot_sim.diagnose.policy import TRUST, Thresholds
 from artibot_sim.diagnose.selection.evidence import Evidence, evidence
 from artibot_sim.diagnose.selection.joint_fits import (
+    Known,
     Rival,
     Rounds,
     adopted,
@@ -67,6 +68,8 @@ class Stage:
         That one.
     nats : mapping of str to float
         Log Bayes factors of the rivals from both views, by effect.
+    known : Known
+        The fits that were made on the way.
     """
 
     trials: tuple[Trial, ...]
@@ -79,6 +82,7 @@ class Stage:
     fallen: float = 0.0
     base: Around | None = None
     nats: Mapping[str, float] = field(default_factory=dict)
+    known: Known = field(default_factory=Known, repr=False, compare=False)
 
 
 def stage(
@@ -105,20 +109,25 @@ def thorough(found: Stage, named: Sequence[str], rounds: Rounds, tick: Tick = la
     base, every = found.base, rounds.for_all(len(found.trials))
     if base is None or not found.trials:
         return found
-    begun = Stage(found.trials, (), {}, base.problem, found.fit, base.loss, found.screened, base=base)
+    begun = Stage(
+        found.trials, (), {}, base.problem, found.fit, base.loss, found.screened, base=base, known=found.known
+    )
     return _contested(begun, named, every, tick)
 
 
 def _contested(begun: Stage, named: Sequence[str], rounds: Rounds, tick: Tick) -> Stage:
     """A search whose trials are screened, with the promising ones fitted and judged."""
-    base, problem, loss = begun.base, begun.problem, begun.loss
+    base, problem, loss, known = begun.base, begun.problem, begun.loss, begun.known
     assert base is not None
-    rivals = contest(begun.trials, begun.screened, loss, rounds, tick)
+    rivals = contest(begun.trials, begun.screened, loss, rounds, tick, known)
     if not rivals:
         return begun
-    best, rivals = finished(base, rivals, rounds, tick)
+    best, rivals = finished(base, rivals, rounds, tick, known)
     near = [r for r in rivals[: rounds.returns] if best.point.cost - r.fit.point.cost >= 2.0 * rounds.worth]
-    others = side_by_side(lambda rival: neutralised(rival, best, loss, rounds), near, problem.workers, tick)
+    others = known.all(
+        lambda rival: neutralised(rival, best, loss, rounds), near, lambda rival: (neutralised, rival.fit, best),
+        lambda do, some: side_by_side(do, some, problem.workers, tick),
+    )  # fmt: skip
     best = min([best, *others], key=lambda fit: fit.point.cost)
     fallen = 0.5 * (again(problem, best.loss, base.point).cost - best.point.cost)
     rivals = _with_starts_of(problem, best, rivals, rounds)
@@ -127,7 +136,7 @@ def _contested(begun: Stage, named: Sequence[str], rounds: Rounds, tick: Tick) -
     costs = [best.point.cost - one for one in excess]
     stated = side_by_side(lambda one: evidence(*one), list(zip(rivals, costs, strict=True)), problem.workers)
     found = {rival.id: one for rival, one in zip(rivals, stated, strict=True)}
-    return Stage(begun.trials, tuple(rivals), found, problem, best, loss, begun.screened, fallen, base)
+    return Stage(begun.trials, tuple(rivals), found, problem, best, loss, begun.screened, fallen, base, known=known)
 
 
 def _with_honest_noise(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,8 +120,42 @@ class Rival:
         return self.fit.point.coordinates[-len(self.trial.hypothesis.extension) :]
 
 
+class Known:
+    """Fits of one search by what they began from, so that a more thorough one does not make them again.
+
+    What they began from is known by identity; it is kept, for the number of an object that is gone may be given again.
+    Only fits under one loss and by as many steps share this: `Rounds.for_all` changes how many are made, not how.
+    """
+
+    def __init__(self) -> None:
+        self._made: dict[tuple[object, ...], tuple[tuple[object, ...], Any]] = {}
+
+    def all(
+        self,
+        do: Callable[[Item], Result],
+        items: Sequence[Item],
+        begun: Callable[[Item], tuple[object, ...]],
+        make: Callable[[Callable[[Item], Result], Sequence[Item]], list[Result]],
+    ) -> list[Result]:
+        """What `do` makes of each item, in their order; `make` makes those that are not known yet.
+
+        `begun` says of an item what a fit depends on: what is done, and the objects that it begins with.
+        """
+        keys = [tuple(map(id, begun(item))) for item in items]
+        new = [item for key, item in zip(keys, items, strict=True) if key not in self._made]
+        for item, result in zip(new, make(do, new), strict=True):
+            parts = begun(item)
+            self._made[tuple(map(id, parts))] = parts, result
+        return [self._made[key][1] for key in keys]
+
+
 def contest(
-    trials: Sequence[Trial], baseline: float, loss: Loss, rounds: Rounds, tick: Tick = lambda: None
+    trials: Sequence[Trial],
+    baseline: float,
+    loss: Loss,
+    rounds: Rounds,
+    tick: Tick = lambda: None,
+    known: Known | None = None,
 ) -> list[Rival]:
     """The best hypotheses, each fitted with the soil and the starts by a few steps; the least cost first.
 
@@ -134,36 +168,40 @@ def contest(
     loss : Loss
         The baseline's.
     rounds : Rounds
+    known : Known, optional
+        Fits that were made of the same trials under the same loss.
     """
-    workers = trials[0].problem.workers if trials else None
+    workers, known = trials[0].problem.workers if trials else None, known or Known()
     worthy = [trial for trial in trials if 0.5 * (baseline - trial.point.cost) > rounds.worth]
-    begun = _all(_begun, _through(worthy, 0, baseline, rounds), loss, rounds, tick, workers)
+
+    def made(do: Callable[[Loss, Rounds, Trial], Result], some: Sequence[Trial]) -> list[Result]:
+        return known.all(partial(do, loss, rounds), some, lambda trial: (do, trial), _beside(rounds, tick, workers))
+
+    begun = made(_begun, _through(worthy, 0, baseline, rounds))
     tried = _through(_one_each(sorted(begun, key=lambda t: t.point.cost)), 1, baseline, rounds)
     tried = _one_each([*tried, *_promising(trials, worthy, rounds)])
-    fitted = sorted(_all(_fitted, tried, loss, rounds, tick, workers), key=lambda rival: rival.fit.point.cost)
+    fitted = sorted(made(_fitted, tried), key=lambda rival: rival.fit.point.cost)
     return fitted[: rounds.through(2, [baseline - rival.fit.point.cost for rival in fitted])]
 
 
 def finished(
-    base: Around, rivals: Sequence[Rival], rounds: Rounds, tick: Tick = lambda: None
+    base: Around, rivals: Sequence[Rival], rounds: Rounds, tick: Tick = lambda: None, known: Known | None = None
 ) -> tuple[Fit, list[Rival]]:
     """The baseline and the rivals fitted to the end, all with the same effort; the least cost first."""
     begun = [(base.problem, base.point), *((rival.problem, rival.fit.point) for rival in rivals)]
-    best, *fits = _all(_settled, begun, base.loss, rounds, tick, base.problem.workers)
+    best, *fits = (known or Known()).all(
+        partial(_settled, base.loss, rounds), begun, lambda one: (_settled, *one),
+        _beside(rounds, tick, base.problem.workers),
+    )  # fmt: skip
     found = [replace(rival, fit=fit) for rival, fit in zip(rivals, fits, strict=True)]
     return best, sorted(found, key=lambda rival: rival.fit.point.cost)
 
 
-def _all(
-    do: Callable[[Loss, Rounds, Item], Result],
-    items: Sequence[Item],
-    loss: Loss,
-    rounds: Rounds,
-    tick: Tick,
-    workers: int | None,
-) -> list[Result]:
-    """What `do` makes of each, in their order; on a cluster where the rounds name one."""
-    return side_by_side(partial(do, loss, rounds), items, workers, tick, rounds.scheduler)
+def _beside(
+    rounds: Rounds, tick: Tick, workers: int | None
+) -> Callable[[Callable[[Item], Result], Sequence[Item]], list[Result]]:
+    """Fits made side by side; on a cluster where the rounds name one."""
+    return lambda do, items: side_by_side(do, items, workers, tick, rounds.scheduler)
 
 
 def _through(trials: Sequence[Trial], number: int, baseline: float, rounds: Rounds) -> list[Trial]:

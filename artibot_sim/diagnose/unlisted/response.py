@@ -21,6 +21,7 @@ from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.windows import CHANNEL_NAMES, Window, window_at
 from artibot_sim.model import MOTORS, Robot
 from artibot_sim.model.effects.residual_force import FORCES
+from artibot_sim.model.robot.robot import unchecked
 from artibot_sim.model.simulate.windows import KINDS
 
 Array = NDArray[np.float64]
@@ -136,7 +137,7 @@ def pushed(robot: Robot, forces: Array, t: Array) -> Robot:
     rate = (forces[:, 1] - forces[:, 0]) / (t[1] - t[0])
     values = dict(zip(FORCES, forces[:, 0].tolist(), strict=True))
     values |= {f"{name}_rate": r for name, r in zip(FORCES, rate.tolist(), strict=True)}
-    return replace(robot, effects=dict(robot.effects) | {"residual_force": values | {"since": float(t[0])}})
+    return unchecked(robot, dict(robot.effects) | {"residual_force": values | {"since": float(t[0])}})
 
 
 def _linearised(problem: Problem, coordinates: Array, state: _State, free: Sequence[int]) -> _Linear:

@@ -62,16 +62,30 @@ RECORD_DTYPE = np.dtype(
 
 def record(effects: Mapping[str, Values], t: float) -> np.void | None:
     """A robot's effects for the extended kernel at the time `t` (s); None where the paper's model does."""
-    working = at_work(effects)
-    if not any(effect.hooks for effect, _ in working.values()):
+    working = {name: (effect, values) for name, (effect, values) in at_work(effects).items() if effect.hooks}
+    if not working:
         return None
-    fx: np.void = np.zeros(1, dtype=RECORD_DTYPE)[0]
+    fx: np.void = _NEUTRAL.copy()
     fx["t"] = t
-    for name, effect in _RECORDED.items():
-        values = working[name][1] if name in working else {}
-        for key, parameter in effect.parameters.items():
-            fx[name][key] = parameter.number(values.get(key, parameter.neutral))
+    for name, (effect, values) in working.items():
+        fx[name] = _numbers(effect, values)
     return fx
+
+
+def _numbers(effect: Effect, values: Values) -> tuple[float, ...]:
+    """An effect's parameters as compiled code takes them; those that are not given are neutral."""
+    return tuple(one.number(values.get(key, one.neutral)) for key, one in effect.parameters.items())
+
+
+def _neutral() -> np.void:
+    """The record of a robot without any effect."""
+    fx: np.void = np.zeros(1, dtype=RECORD_DTYPE)[0]
+    for name, effect in _RECORDED.items():
+        fx[name] = _numbers(effect, {})
+    return fx
+
+
+_NEUTRAL = _neutral()
 
 
 def _effect(name: str) -> Effect:

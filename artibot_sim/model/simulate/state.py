@@ -96,17 +96,32 @@ def initial_state(
         return _train_at_rest(robot, (x, y, yaw), bends, t)
     if len(bends) != 1:
         raise ArtibotError(f"initial_state: {len(bends)} articulation yaws; robot '{robot.name}' has one joint at most")
-    articulation_yaw = float(bends[0])
-    p = params(robot)
+    q = posture_at_rest(params(robot), (x, y, yaw), float(bends[0]))
+    eta = np.array([robot.drive.front.eta_d] * 2 + [(robot.drive.back or robot.drive.front).eta_d] * 2)
+    return State(t, q, np.zeros(16), eta, np.zeros(4))
+
+
+def posture_at_rest(
+    p: Params, pose: tuple[float, float, float] = (0.0, 0.0, 0.0), articulation_yaw: float = 0.0
+) -> Array:
+    """Coordinates (16,) of a rover of one or two modules at rest on its wheels, see `initial_state`.
+
+    Parameters
+    ----------
+    p : Params
+    pose : (float, float, float)
+        Of the front module in `map`: x and y in m, yaw in rad.
+    articulation_yaw : float
+        gamma_b − gamma_f, rad.
+    """
     q = np.zeros(16)
-    q[[X, Y, GAMMA]] = x, y, yaw
+    q[[X, Y, GAMMA]] = pose
     q[Z] = p.front.r_0 + p.front.m * p.g_z / (4 * p.k_n)
     if p.two:
         q[BACK + Z] = p.back.r_0 + p.back.m * p.g_z / (4 * p.k_n)
-        q[BACK + GAMMA] = yaw + articulation_yaw
+        q[BACK + GAMMA] = pose[2] + articulation_yaw
         _close_joint(p, q)
-    eta = np.array([robot.drive.front.eta_d] * 2 + [(robot.drive.back or robot.drive.front).eta_d] * 2)
-    return State(t, q, np.zeros(16), eta, np.zeros(4))
+    return q
 
 
 def _train_at_rest(robot: Robot, pose: tuple[float, float, float], bends: Array, t: float) -> State:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.analysis.stability import largest_step
-from artibot_sim.model.effects import RECORD_DTYPE, record
+from artibot_sim.model.effects import EFFECTS, RECORD_DTYPE, record
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor
 from artibot_sim.model.kernels import loop
 from artibot_sim.model.kernels.advance import advance
@@ -143,22 +143,47 @@ class Fleet:
     @classmethod
     def of(cls, robots: Sequence[Robot], tables: Sequence[MotorTable], free: bool) -> Fleet:
         """Of robots; eq. 30 is for tables with `free` motors."""
-        every = [params(robot) for robot in robots]
+        different, like = by_numbers(robots)
+        every = [params(robot) for robot in different]
         modes = {table.modes for table in tables}
         if len(modes) == 1:
             every = [unlimited_beside_prescribed(p, next(iter(modes))) for p in every]
-        drives = [(robot.drive.front, robot.drive.back or robot.drive.front) for robot in robots]
+        drives = [(robot.drive.front, robot.drive.back or robot.drive.front) for robot in different]
         effects, extended = np.zeros(len(robots), RECORD_DTYPE), np.zeros(len(robots), np.int64)
         for i, robot in enumerate(robots):
             found = record(robot.effects, 0.0) if robot.effects else None
             if found is not None:
                 effects[i], extended[i] = found, len(extension(robot.effects) or ())
-        share = np.zeros((len(robots), len(tables)))
+        share = np.zeros((len(different), len(tables)))
         if free:
-            share[:] = [[back_torque_factor(robot, table.kappa) for table in tables] for robot in robots]
+            share[:] = [[back_torque_factor(robot, table.kappa) for table in tables] for robot in different]
         eta = np.array([[front.eta_d] * 2 + [back.eta_d] * 2 for front, back in drives]).reshape(-1, 4)
-        sensors = np.array([sensor_errors(robot) for robot in robots], dtype=float).reshape(-1, 6)
-        return cls(robots, np.array(every, dtype=PARAMS_DTYPE), eta, effects, extended, share, sensors)
+        sensors = np.array([sensor_errors(robot) for robot in different], dtype=float).reshape(-1, 6)
+        records = np.array(every, dtype=PARAMS_DTYPE)
+        return cls(robots, records[like], eta[like], effects, extended, share[like], sensors[like])
+
+
+def by_numbers(robots: Sequence[Robot]) -> tuple[list[Robot], Indices]:
+    """The robots that differ in the paper's numbers or in their sensors, and which of them each one is like.
+
+    Robots are alike that are made of the very same parts (objects), whatever their effects do in the extended model
+    only: a search for forces asks for thousands of these.
+    """
+    places: dict[tuple[int, ...], int] = {}
+    different: list[Robot] = []
+    like = np.empty(len(robots), np.int64)
+    for i, robot in enumerate(robots):
+        parts = (robot.front, robot.back, robot.wheel, robot.contact, robot.drive, robot.control, robot.readings)
+        changing = [values for name, values in robot.effects.items() if name in _CHANGING]
+        key = (*map(id, parts), *map(id, changing))
+        if key not in places:
+            places[key] = len(different)
+            different.append(robot)
+        like[i] = places[key]
+    return different, like
+
+
+_CHANGING = frozenset(name for name, effect in EFFECTS.items() if effect.adapt or effect.sensor)
 
 
 def level(fleet: Fleet, items: Items) -> Mask:

@@ -13,7 +13,7 @@ from artibot_sim.diagnose.candidates.hypotheses import hypotheses
 from artibot_sim.diagnose.candidates.screening import at_rest, screen
 from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.records import Options
-from artibot_sim.diagnose.selection.joint_fits import Rounds, contest, finished
+from artibot_sim.diagnose.selection.joint_fits import Known, Rounds, contest, finished
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
@@ -50,6 +50,26 @@ def test_where_all_are_fitted_a_screen_that_was_misled_costs_no_effect() -> None
     misled = replace(trial, point=evaluate(trial.problem, EVEN, [far], base.point.starts)[0], promised=0.0)
     assert misled.point.cost > control.cost
     assert not contest([misled], control.cost, EVEN, Rounds())
-    begun = contest([misled], control.cost, EVEN, Rounds().for_all(1))
-    _, (rival,) = finished(base, begun, Rounds())
+    known = Known()
+    begun = contest([misled], control.cost, EVEN, Rounds().for_all(1), known=known)
+    best, (rival,) = finished(base, begun, Rounds(), known=known)
     assert rival.trial.hypothesis.extension.values(rival.own) == pytest.approx(truth, rel=0.05)
+    (again,) = contest([misled], control.cost, EVEN, Rounds().for_all(1), known=known)
+    assert again.fit is begun[0].fit
+    same, (once,) = finished(base, [again], Rounds(), known=known)
+    assert once.fit is rival.fit and same is best, "what is known is not fitted again"
+
+
+def test_what_is_known_is_not_made_again() -> None:
+    """A fit is known by the very objects that it began from; the others are made, all at once."""
+    first, second, third = [1.0], [1.0], [2.0]
+    made: list[list[list[float]]] = []
+
+    def make(do, some):  # type: ignore[no-untyped-def]
+        made.append(list(some))
+        return [do(one) for one in some]
+
+    known = Known()
+    for items in ([first, second], [third, first], [second]):
+        assert known.all(sum, items, lambda one: (sum, one), make) == [sum(one) for one in items]
+    assert [[id(one) for one in some] for some in made] == [[id(first), id(second)], [id(third)], []]
