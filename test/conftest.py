@@ -26,11 +26,17 @@ LONGEST = (
     "nodes/test_record.py",
     "nodes/test_replay.py",
     "diagnose/test_hidden_slice.py",
-    "diagnose/test_elsewhere.py",
+    "diagnose/selection/test_per_recording.py",
+    "diagnose/selection/test_stepwise.py",
     "diagnose/test_run.py",
     "diagnose/unlisted/test_finding.py",
-    "diagnose/commands/test_view.py",
+    "diagnose/test_elsewhere.py",
+    "diagnose/test_not_on_the_list.py",
+    "diagnose/candidates/test_second_search.py",
+    "diagnose/candidates/test_disc_place.py",
+    "diagnose/test_refuted.py",
     "diagnose/test_tyre_relaxation.py",
+    "diagnose/commands/test_view.py",
     "diagnose/test_handbook.py",
     "model/test_batch.py",
     "model/test_effects.py",
@@ -38,7 +44,7 @@ LONGEST = (
     "experiment/test_kill.py",
     "test_install.py",
 )
-"""Files whose tests take longest together, in `test`."""
+"""Files whose tests take longest together, in `test`: of those that run last what only computes comes first."""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
