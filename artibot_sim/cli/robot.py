@@ -40,7 +40,7 @@ def new(
     the file by hand, with its source and its ci95.
     """
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
 
     from artibot_sim.errors import ArtibotError
     from artibot_sim.model import load_robot, save_robot
@@ -53,7 +53,7 @@ def new(
     robot = similar(load_robot(like), name, sheet)
     save_robot(robot, path)
     load_robot(path)  # what was written can be read
-    table = Table("least known", "value", "95 %", "unit", box=None, header_style="bold")
+    table = Table(Column("least known", no_wrap=True), "value", "95 %", "unit", box=None, header_style="bold")
     for key, spec, value, (low, high) in uncertain(robot)[:8]:
         table.add_row(key, f"{value:.3g}", f"{low:.3g} … {high:.3g}", spec.unit)
     console = Console(highlight=False)

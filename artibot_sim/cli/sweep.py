@@ -163,7 +163,8 @@ def _print(summary: Any, done: Outcome, clock: _Clock) -> None:
         console.print(line)
     table = Table(box=None, header_style="bold", pad_edge=False)
     for column in ("measure", "unit", "least", "median", "greatest", "follows"):
-        table.add_column(column, justify="right" if column in ("least", "median", "greatest") else "left")
+        numbers = column in ("least", "median", "greatest")
+        table.add_column(column, justify="right" if numbers else "left", no_wrap=column == "measure")
     for name, values in summary.spread.items():
         table.add_row(name, summary.unit(name), *(f"{value:.4g}" for value in values), follows(summary, name))
     console.print(table)

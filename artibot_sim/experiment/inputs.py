@@ -84,7 +84,7 @@ def rotations(
         elif i < 2:
             raise ArtibotError(
                 f"{experiment.path}: topic {motors.topic} has neither position nor velocity of {motor}; it has "
-                f"{', '.join(motors.columns)}; name the wheels with --joint {motor}=FOUND[,FOUND] "
+                f"{', '.join(motors.columns) or 'nothing'}; name the wheels with --joint {motor}=FOUND[,FOUND] "
                 "(only `replay --resimulate commands` does without)"
             )
     turned = np.isfinite(velocity).all(axis=0)
@@ -148,7 +148,8 @@ def _by_effort(experiment: Experiment, channel: Channel, back: str) -> bool:
     recorded = all(f"{motor}.effort" in channel for motor in MOTORS[2:])
     if back == "effort" and not recorded:
         raise ArtibotError(
-            f"{experiment.path}: topic {channel.topic} has no back efforts; it has {', '.join(channel.columns)}; "
+            f"{experiment.path}: topic {channel.topic} has no back efforts; it has "
+            f"{', '.join(channel.columns) or 'nothing'}; "
             "leave them to eq. 30 with --back kappa"
         )
     return recorded and (back == "effort" or (back == "auto" and "kappa" not in experiment.metadata))

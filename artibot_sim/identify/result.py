@@ -42,7 +42,9 @@ def _parameters(found: Identification) -> Any:
 
     table = Table(title=f"{found.robot.name}: identified from {', '.join(found.recordings)}", title_justify="left")
     for column in ("parameter", "value", "95 %", "unit", "prior", "status"):
-        table.add_column(column, justify="left" if column in ("parameter", "unit", "status") else "right")
+        left = column in ("parameter", "unit", "status")
+        # a name that is cut is none: the other columns give way where the terminal is narrow
+        table.add_column(column, justify="left" if left else "right", no_wrap=column == "parameter")
     for e in found.estimates:
         low, high = e.ci95
         table.add_row(
@@ -57,7 +59,8 @@ def _channels(found: Identification) -> Any:
 
     table = Table()
     for column in ("channel", "unit", "noise", "fitted"):
-        table.add_column(column, justify="right" if column in ("noise", "fitted") else "left")
+        numbers = column in ("noise", "fitted")
+        table.add_column(column, justify="right" if numbers else "left", no_wrap=column == "channel")
     for prediction in found.predictions:
         table.add_column(f"{prediction.name}: {prediction.horizon:g} s ahead", justify="right")
         table.add_column("free run", justify="right")
@@ -90,9 +93,11 @@ def prediction_lines(prediction: Prediction) -> Iterator[str]:
     """Sentences about a held-out recording."""
     position = prediction.channels.get("position")
     if position is not None:
+        known = np.isfinite(position.noise)
+        noise = f" (fast noise alone: {1e3 * position.noise:.1f} mm)" if known else ""
         yield (
             f"{prediction.name}, held out: {prediction.windows} predictions of {prediction.horizon:g} s, "
-            f"position RMSE {1e3 * position.rmse:.1f} mm (fast noise alone: {1e3 * position.noise:.1f} mm)"
+            f"position RMSE {1e3 * position.rmse:.1f} mm{noise}"
         )
     for name, fits in {"this model": prediction.final, **prediction.rivals}.items() if prediction.rivals else ():
         errors = "; ".join(
@@ -110,7 +115,9 @@ def prediction_lines(prediction: Prediction) -> Iterator[str]:
 
 
 def number(value: float, digits: int = 4) -> str:
-    """A number for people: so many digits, no exponent where there need be none."""
+    """A number for people: so many digits, no exponent where there need be none; a dash where it is not known."""
+    if np.isnan(value):
+        return "–"
     text = f"{value:#.{digits}g}"
     if "e" in text:
         mantissa, exponent = text.split("e")

@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bag_helpers import joint_state
 from click.testing import CliRunner
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import BagWriter, open_recording, read_bag, write_channels
+from artibot_sim.experiment.inputs import rotations
 from artibot_sim.experiment.messages import message_class, serialize
 from artibot_sim.experiment.wheels import detected_sides, parse_joints
 from artibot_sim.model import load_robot
@@ -151,6 +153,16 @@ def test_a_topic_of_another_type_is_called_that(tmp_path: Path, wanted: str, fou
     with pytest.raises(ArtibotError, match=said) as refused:
         read_bag(path, {wanted: found})
     assert "WANTED" not in str(refused.value) and "=FOUND" not in str(refused.value)
+
+
+def test_motors_without_any_value_are_said_to_have_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "empty"
+    with BagWriter(path) as writer:
+        writer.register("/motor_torques", "sensor_msgs/msg/JointState")
+        for stamp in STAMPS.tolist():
+            writer.write("/motor_torques", joint_state(stamp, ["a", "b"]), stamp, stamp)
+    with pytest.raises(ArtibotError, match="nor velocity of front_right; it has nothing; name the wheels with --joint"):
+        rotations(read_bag(path), ROBOT, 0.0, 1.0)
 
 
 def test_names_kept_with_a_recording_are_used_until_an_option_says_otherwise(tmp_path: Path) -> None:

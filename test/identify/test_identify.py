@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from rich.console import Console
 
 from artibot_sim.cli.identify import command
 from artibot_sim.errors import ArtibotError
@@ -50,6 +53,18 @@ def found(real: Robot) -> Work:
     drive, shares = replace(TURNS, blend=0.3), (0.7, 0.85, 1.0)
     recordings = [synthetic(real, drive, kappa=kappa, seed=k, name=f"run{k}") for k, kappa in enumerate(shares)]
     return identify(recordings[:2], load_robot("agriq"), holdout=recordings[2:], effort=QUICK)
+
+
+def test_names_are_whole_on_a_narrow_terminal_and_what_is_not_known_is_no_number(found: Work) -> None:
+    name = "effects.wheel_radius_mismatch.right"
+    first, *others = found.result.estimates
+    channels = {key: replace(fit, noise=math.nan) for key, fit in found.result.channels.items()}
+    shown = replace(found.result, estimates=(replace(first, name=name), *others), channels=channels)
+    out = StringIO()
+    Console(file=out, width=80, highlight=False).print(shown)
+    assert name in out.getvalue()
+    assert "nan" not in out.getvalue()
+    assert all(len(line) <= 80 for line in out.getvalue().splitlines())
 
 
 def test_a_known_soil_is_found(found: Work) -> None:
