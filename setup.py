@@ -63,6 +63,8 @@ setup(
         # ROS 2 Jazzy as wheels (x86-64, Python 3.10-3.13). Never on top of a ROS 2 that is sourced already.
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-rmw-fastrtps-cpp", "ros-jazzy-common-interfaces"],
         "bench": ["mujoco>=3.2"],
+        # Rovers in three dimensions, in the browser: `artibot view`
+        "view": ["viser>=1.1"],
         # The regressor that predictions of real recordings are held against
         "real": ["scikit-learn>=1.3"],
         # Sweeps, identifications and campaigns on a Dask cluster
@@ -77,6 +79,7 @@ setup(
             "pytest-xdist>=3.5",
             "scikit-learn>=1.3",
             "sympy>=1.12",
+            "viser>=1.1",
         ],
         # Another minor version of ruff formats otherwise, one of mypy finds more: neither may break a clone of today.
         "dev": [

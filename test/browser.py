@@ -133,14 +133,26 @@ class Browser:
 
 
 @contextlib.contextmanager
-def browser(profile: Path) -> Iterator[Browser]:
-    """A browser with a profile of its own; the test is skipped, in CI failed, where none is installed."""
+def browser(profile: Path, *options: str) -> Iterator[Browser]:
+    """A browser with a profile of its own and further options of its command line.
+
+    The test is skipped, in CI failed, where none is installed.
+    """
     found = next(filter(None, map(shutil.which, BROWSERS)), None)
     if found is None:
         skip(f"no browser ({', '.join(BROWSERS)}) is installed; as root: apt-get install chromium")
     pipes = [os.pipe(), os.pipe()]
     reads, writes = (fcntl.fcntl(fd, fcntl.F_DUPFD, 30) for fd in (pipes[0][0], pipes[1][1]))
-    start = ["bash", "-c", f'exec "$@" 3<&{reads} 4>&{writes}', "bash", found, *_OPTIONS, f"--user-data-dir={profile}"]
+    start = [
+        "bash",
+        "-c",
+        f'exec "$@" 3<&{reads} 4>&{writes}',
+        "bash",
+        found,
+        *_OPTIONS,
+        *options,
+        f"--user-data-dir={profile}",
+    ]
     with open(profile.with_suffix(".log"), "wb") as log:
         process = subprocess.Popen(start, pass_fds=(reads, writes), stdout=log, stderr=log, start_new_session=True)
     for fd in (reads, writes, pipes[0][0], pipes[1][1]):

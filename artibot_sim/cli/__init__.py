@@ -18,7 +18,9 @@ from artibot_sim import progress
 from artibot_sim.cli.words import COMMANDS
 from artibot_sim.errors import ArtibotError
 
-_NAMES = "canopen click distributed lz4 matplotlib mcap mujoco numba numpy plotly pyarrow rich rosbags scipy zstandard"
+_NAMES = (
+    "canopen click distributed lz4 matplotlib mcap mujoco numba numpy plotly pyarrow rich rosbags scipy viser zstandard"
+)
 PACKAGES = {
     **{name: name for name in _NAMES.split()},
     "can": "python-can",

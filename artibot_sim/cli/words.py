@@ -29,6 +29,7 @@ COMMANDS: Final[dict[str, Word]] = {
     "import": Word("artibot_sim.cli.import_:command", "Make a recording of CSV files, or of a bag with other names."),
     "can": Word("artibot_sim.cli.can:command", "Decode recorded CAN frames; a DBC, a loopback bus."),
     "plot": Word("artibot_sim.cli.plot:command", "Draw a recording, to PNG or an HTML page."),
+    "view": Word("artibot_sim.nodes.view.command:main", "See a recording or a running rover in 3D, in the browser."),
     "robot": Word("artibot_sim.cli.robot:command", "Write a robot file from what a data sheet says."),
     "urdf": Word("artibot_sim.cli.urdf:command", "Write a robot file as URDF, for viewers."),
     "check": Word("artibot_sim.cli.check:command", "Say what is wrong with recordings, in seconds."),

@@ -265,6 +265,7 @@ class Resimulation:
     metrics : channel → sizes of the deviations; channels that cannot be computed are absent.
     windows : how many starts.
     remarks : what could not be simulated or was assumed.
+    pieces : what was simulated, one entry per segment: at any instant of it.
     """
 
     experiment: Experiment
@@ -276,6 +277,7 @@ class Resimulation:
     metrics: Mapping[str, Metric]
     windows: int
     remarks: tuple[str, ...] = ()
+    pieces: tuple[Pieces, ...] = ()
 
     def write(self, out: Path | str, *, progress: Report | None = None) -> Path:
         """Write `out/simulated` and `out/metrics.json`; `progress` hears the share that is done. Returns `out`.
@@ -464,7 +466,7 @@ class _Run:
         remarks = tuple(f"{text} ({count} times)" if count > 1 else text for text, count in self.remarks.items())
         return Resimulation(
             self.experiment, self.robot, self.drive, self.horizon, tables_of(self.experiment, self.robot, self.pieces),
-            compared, metrics_of(compared), self.windows, remarks,
+            compared, metrics_of(compared), self.windows, remarks, tuple(self.pieces),
         )  # fmt: skip
 
 

@@ -1,0 +1,139 @@
+"""A film on a web page of this machine, with a time slider; or saved as one file that plays by itself."""
+
+from __future__ import annotations
+
+import contextlib
+import html
+import io
+import time
+import webbrowser
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from artibot_sim.progress import Report
+from artibot_sim.view.frames import Film
+from artibot_sim.view.scene import BODIES, HOLDS, PATHS, SLIDES, Scene
+
+HOST = "127.0.0.1"
+"""The page is for this machine alone."""
+SPEEDS = ("0.25", "0.5", "1", "2", "5", "10")
+_PERIOD = 1.0 / 30.0
+_SAVED_RATE = 15.0
+"""Instants a second in a saved file; a browser goes on smoothly in between."""
+
+
+def started(port: int) -> Any:
+    """A viser server on this machine; `port` 0 takes a free one."""
+    import viser
+
+    if port == 0:
+        import socket
+
+        with socket.socket() as probe:
+            probe.bind((HOST, 0))
+            port = probe.getsockname()[1]
+    with contextlib.redirect_stdout(io.StringIO()):  # its banner; the command says where the page is
+        return viser.ViserServer(host=HOST, port=port, verbose=False)
+
+
+def stopped(server: Any) -> None:
+    """End a server, without its words."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        server.stop()
+
+
+def announced(server: Any, browser: bool) -> str:
+    """Where a server's page is, in a line; opened where a browser is wanted."""
+    address = f"http://{HOST}:{server.get_port()}"
+    if browser:
+        webbrowser.open(address)
+    return f"{address} (end with Ctrl-C)"
+
+
+def staged(server: Any, film: Film) -> Scene:
+    """All of a film in a server's scene, at its first instant."""
+    scene = Scene(server, film.robot, tuple(film.rovers), np.concatenate([*film.paths.values(), np.zeros((1, 2))]))
+    for name, points in film.paths.items():
+        scene.line(name, points)
+    for name, force in film.pushes.items():
+        scene.push(name, force)
+    scene.show(film.rovers, 0)
+    return scene
+
+
+def legend(film: Film) -> str:
+    """What the colours mean, and the notes, as Markdown."""
+    said = [f"**{film.title}** ({film.robot.name})"]
+    said.append(
+        f'Force of the ground on each wheel: <span style="color:{HOLDS}">holds</span>, '
+        f'<span style="color:{SLIDES}">slides</span>.'
+    )
+    lines = [f'<span style="color:{PATHS[name]}">{name}</span>' for name in film.paths if name in PATHS]
+    said += [f"Paths: {', '.join(lines)}."] if lines else []
+    if len(film.rovers) > 1:
+        rovers = [f'<span style="color:{BODIES[name]}">{html.escape(name)}</span>' for name in film.rovers]
+        said.append(f"Rovers: {', '.join(rovers)}.")
+    said += [html.escape(note) for note in film.notes]
+    return "\n\n".join(said)
+
+
+class Player:
+    """A film with its controls.
+
+    Parameters
+    ----------
+    server : viser.ViserServer
+    film : Film
+    """
+
+    def __init__(self, server: Any, film: Film) -> None:
+        self.film, self.scene = film, staged(server, film)
+        gui, t = server.gui, film.t
+        gui.configure_theme(show_share_button=False, show_logo=False)
+        gui.add_markdown(legend(film))
+        step = max(float(t[-1] - t[0]) / 2000.0, 1e-3)
+        self._time = gui.add_slider("time (s)", float(t[0]), float(t[-1]), step, float(t[0]))
+        self._playing = gui.add_checkbox("play", True)
+        self._speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
+        self._row = -1
+        self._time.on_update(lambda _: self.show(self._time.value))
+
+    def show(self, t: float) -> None:
+        """Show the instant next to `t`, s since the recording's start."""
+        row = int(np.clip(np.searchsorted(self.film.t, t), 0, len(self.film.t) - 1))
+        if row != self._row:
+            self._row = row
+            self.scene.show(self.film.rovers, row)
+
+    def run(self, ended: Callable[[], bool]) -> None:
+        """Play until told to end."""
+        last = time.monotonic()
+        while not ended():
+            time.sleep(_PERIOD)
+            now = time.monotonic()
+            if self._playing.value:
+                t = self._time.value + float(self._speed.value) * (now - last)
+                self._time.value = float(self.film.t[0]) if t > self.film.t[-1] else t
+                self.show(self._time.value)
+            last = now
+
+
+def saved(film: Film, progress: Report | None = None) -> bytes:
+    """A film as one HTML file (UTF-8) that plays by itself and asks the network for nothing."""
+    server = started(0)
+    try:
+        scene = staged(server, film)
+        recording = server.get_scene_serializer()
+        rows = np.arange(0, len(film.t), max(1, round(len(film.t) / ((film.t[-1] - film.t[0]) * _SAVED_RATE + 1.0))))
+        for number, row in enumerate(rows.tolist()):
+            scene.show(film.rovers, row)
+            later = rows[number + 1] if number + 1 < len(rows) else row
+            recording.insert_sleep(float(film.t[later] - film.t[row]))
+            if progress is not None:
+                progress(number / len(rows))
+        text: str = recording.as_html()
+    finally:
+        stopped(server)
+    return text.replace("<head>", f"<head><title>{html.escape(film.title)}</title>", 1).encode()
