@@ -89,6 +89,7 @@ class Scene:
         self._wheels: dict[str, list[Any]] = {}
         self._forces: dict[str, Any] = {}
         self._lines: dict[str, Any] = {}
+        self._known: dict[str, bool] = {}
         self._pushes: Any = None
         server.scene.set_up_direction("+z")
         self._ground(extent)
@@ -155,9 +156,10 @@ class Scene:
 
     def _put(self, name: str, poses: Poses, row: int) -> None:
         r_w, known = self.robot.wheel.r_w, bool(np.isfinite(poses.modules[row]).all())
-        for frame in self._modules[name]:
-            frame.visible = known
-        self._forces[name].visible = known
+        if known != self._known.get(name, True):  # each setting is a message to every browser
+            self._known[name] = known
+            for handle in (*self._modules[name], self._forces[name]):
+                handle.visible = known
         if not known:
             return
         for i, frame in enumerate(self._modules[name]):

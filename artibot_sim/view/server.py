@@ -53,8 +53,9 @@ def announced(server: Any, browser: bool) -> str:
 
 
 def staged(server: Any, film: Film) -> Scene:
-    """All of a film in a server's scene, at its first instant."""
-    scene = Scene(server, film.robot, tuple(film.rovers), np.concatenate([*film.paths.values(), np.zeros((1, 2))]))
+    """All of a film in a scene, at its first instant; a film without paths has ground for ten tracks around."""
+    around = film.robot.front.i_y * np.array([[-10.0, -10.0], [10.0, 10.0]])
+    scene = Scene(server, film.robot, tuple(film.rovers), np.concatenate(list(film.paths.values()) or [around]))
     for name, points in film.paths.items():
         scene.line(name, points)
     for name, force in film.pushes.items():

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 import time
 from functools import partial
-from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry, Path
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -18,9 +16,10 @@ from artibot_sim.model import MOTORS, Robot, load_robot
 from artibot_sim.nodes.common.process import built, destroyed, ros_process
 from artibot_sim.nodes.common.qos import subscription
 from artibot_sim.view.frames import MEASURED, Film, Poses, chain, state_of, wheel_forces, wheels_of
+from artibot_sim.view.scene import Scene
 from artibot_sim.view.server import announced, legend, staged, started, stopped
 
-_SENSOR = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+_SENSOR = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE)
 _PERIOD = 1.0 / 30.0
 _PATH_PERIOD = 0.5
@@ -48,11 +47,21 @@ class LiveRover(Node):
         self._poses: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {}
         self._bends: dict[str, tuple[float, float]] = {}
         self._motors = np.full((len(robot.motors), 2), np.nan)
-        for kind, topic in (("true", "ground_truth/odom"), ("odometric", "odom")):
-            subscription(self, Odometry, topic, partial(self._on_pose, kind), _SENSOR)
-        subscription(self, Path, "planned/path", self._on_plan, _LATCHED)
-        subscription(self, JointState, "motor_torques", self._on_motors, _SENSOR)
-        subscription(self, JointState, "joint_states", self._on_joints, _SENSOR)
+        poses = (("true", "ground_truth/odom"), ("odometric", "odom"))
+        self._taken = [
+            *(subscription(self, Odometry, topic, partial(self._on_pose, kind), _SENSOR) for kind, topic in poses),
+            subscription(self, Path, "planned/path", self._on_plan, _LATCHED),
+            subscription(self, JointState, "motor_torques", self._on_motors, _SENSOR),
+            subscription(self, JointState, "joint_states", self._on_joints, _SENSOR),
+        ]
+
+    def take(self) -> None:
+        """Take the last message of each topic, if it is new; to take all that come would cost more than all drawing."""
+        for subscribed in self._taken:
+            with subscribed.handle:
+                taken = subscribed.handle.take_message(subscribed.msg_type, subscribed.raw)
+            if taken is not None:
+                subscribed.callback(taken[0])
 
     def _on_pose(self, kind: str, message: Odometry) -> None:
         place, turn, twist = message.pose.pose.position, message.pose.pose.orientation, message.twist.twist
@@ -104,33 +113,29 @@ def run(robot_name: str, port: int, browser: bool, ros_args: list[str]) -> int:
     """Show a running rover until the process is asked to end; return the exit status."""
     robot = load_robot(robot_name)
     with ros_process("view", ros_args) as asked, destroyed(built(LiveRover, robot)) as node:
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
         server = started(port)
         try:
             empty = Poses(
                 np.full((1, len(robot.modules), 3), np.nan), np.zeros((1, 4 * len(robot.modules))),
                 np.zeros((1, 4 * len(robot.modules), 2)), np.zeros((1, 4 * len(robot.modules)), bool),
             )  # fmt: skip
-            film = Film("live", robot, np.zeros(1), {MEASURED: empty}, {"ground": np.array([[-5.0, -5.0], [5.0, 5.0]])})
+            film = Film("live", robot, np.zeros(1), {MEASURED: empty}, {})
             server.gui.configure_theme(show_share_button=False, show_logo=False)
             server.gui.add_markdown(legend(film))
-            scene = staged(server, Film(film.title, robot, film.t, film.rovers, {}))
+            scene = staged(server, film)
             print(announced(server, browser), flush=True)
-            _follow(node, executor, scene, asked)
+            _follow(node, scene, asked)
         finally:
             stopped(server)
-            executor.shutdown()
     return 0
 
 
-def _follow(node: LiveRover, executor: SingleThreadedExecutor, scene: Any, asked: Any) -> None:
+def _follow(node: LiveRover, scene: Scene, asked: list[int]) -> None:
     """Draw what comes in, at a steady pace."""
     shown, paths_at = -1, 0.0
     while not asked:
-        until = time.monotonic() + _PERIOD
-        while (left := until - time.monotonic()) > 0.0 and not asked:
-            executor.spin_once(timeout_sec=left)
+        time.sleep(_PERIOD)
+        node.take()
         poses = node.poses() if node.seen != shown else None
         shown = node.seen
         if poses is not None:
