@@ -19,6 +19,9 @@ SCALED = "clock_skew"
 EARLY = 0.1
 """s by which rotations must be early, at the least that the interval allows, before their stamps are shifted: tyres and
 wheels that answer late look alike. Rotations that are late cannot be the rover's own doing."""
+WIDEST = 0.15
+"""s from end to end of a delay's interval, beyond which stamps are not shifted: where a rover slides as its wheels do
+not say (down a slope, say), streams fit badly, and many delays fit alike."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +77,8 @@ def shiftable(one: Finding) -> bool:
         return False
     low, high = one.interval
     if not (np.isfinite(low) and np.isfinite(high)):
+        return False
+    if one.name != SCALED and high - low > WIDEST:
         return False
     return low > 0.0 or high < (-EARLY if one.name == "rotation_delay" else 0.0)
 

@@ -118,3 +118,13 @@ def test_what_is_mended_is_said_of_every_recording_and_first() -> None:
     assert [one.name for one in found.mended] == ["gyro_delay"]
     assert "gyro_bias" in {one.name for one in found.found}
     assert "gyro_delay" not in {one.name for one in aligned(replace(found.experiment), robot).mended}
+
+
+@pytest.mark.parametrize("what", ["none", "slope", "joint_friction", "speed_loop_lag"])
+def test_stamps_that_are_right_stay_where_physics_is_missing(what: str) -> None:
+    """Slopes, friction and slow drives make streams differ; none of these is a clock."""
+    for run in range(3):
+        part = read_bag(foreign(f"field_examples/{what}/run{run}")).between(20.0, 40.0)
+        timed = aligned(part, load_robot("agriq"))
+        assert timed.mended == ()
+        assert timed.experiment is part
