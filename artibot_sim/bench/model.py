@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from artibot_sim.bench.results import Result, Timing, repeat, thread_waited
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, Robot, Rollout, load_robot, rollout
-from artibot_sim.model.effects import EFFECTS
+from artibot_sim.model.effects import EFFECTS, LAWS
 from artibot_sim.model.simulate.batch import available_cores, rollout_batch
 from artibot_sim.model.simulate.windows import KINDS, Items, MotorTable, WindowBatch
 from artibot_sim.model.simulate.windows import Plan as SamplingPlan
@@ -243,12 +243,12 @@ ALL_EFFECTS: dict[str, dict[str, Any]] = {
     "friction_anisotropy": {"ratio": 0.95},
     "wheel_runout": {"relative": 0.003, "phase": 0.0, "wheel": "front_right_front"},
 }
-"""Every effect at work at once, each a little."""
+"""Every effect at work at once, each a little; laws, which have code of their own, apart."""
 
 
 def all_effects(scenario: Scenario) -> list[Result]:
     """RK4 at 1 ms with every effect that acts in the model."""
-    working = {name for name, effect in EFFECTS.items() if effect.hooks or effect.adapt}
+    working = {name for name, effect in EFFECTS.items() if (effect.hooks or effect.adapt) and name not in LAWS}
     if working != set(ALL_EFFECTS):
         raise ArtibotError(f"bench: effects {sorted(working ^ set(ALL_EFFECTS))} are not in the table of ALL_EFFECTS")
     robot = dataclasses.replace(scenario.robot, effects=ALL_EFFECTS)

@@ -10,13 +10,15 @@ import click
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from artibot_sim.estimation.checks.report import Check
+    from artibot_sim.exchange.own_effects import effects_option
+from artibot_sim.estimation.checks.report import Check
 
 _PATH = click.Path(path_type=Path)
 
 
 @click.command("check", context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("recordings", nargs=-1, required=True, metavar="BAG [BAG…]", type=_PATH)
+@effects_option
 @click.option("--robot", required=True, help="Robot name or file that the recordings are of.")
 @click.option(
     "--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable."

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.exchange.own_effects import effects_option
 from artibot_sim.report.files import fault_of_folder, write_folder
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ _READING = 0.05
 
 @click.command("diagnose", context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("recordings", nargs=-1, required=True, metavar="BAG [BAG…]", type=_BAG)
+@effects_option
 @click.option("--robot", required=True, help="Robot name or file: what the recordings are held against.")
 @click.option("--out", required=True, type=_BAG, help="Folder for the results; made if it is not there.")
 @click.option(

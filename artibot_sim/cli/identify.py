@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.exchange.own_effects import effects_option
 from artibot_sim.report.files import fault
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ _READING = 0.1
 
 @click.command("identify", context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("recordings", nargs=-1, required=True, metavar="BAG [BAG…]", type=_BAG)
+@effects_option
 @click.option("--robot", required=True, help="Robot name or file; its values are what is assumed beforehand.")
 @click.option("--out", required=True, type=_FILE, help="Robot file to write.")
 @click.option(

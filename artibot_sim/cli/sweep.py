@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.exchange.own_effects import effects_option
 
 if TYPE_CHECKING:
     from artibot_sim.progress import Bar
@@ -24,6 +25,7 @@ INTERRUPTED = 130
     "--axis", "axes", multiple=True, metavar="KEY=FROM:TO:COUNT[:log] | KEY=A,B,C", help="What to vary; repeatable."
 )
 @click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="What to set in every run; repeatable.")
+@effects_option
 @click.option("--robot", help="Robot name or file [agriq].")
 @click.option("--manoeuvre", help="Manoeuvre name or file [table6_agriq].")
 @click.option("--latin", type=click.IntRange(1), metavar="RUNS", help="A Latin hypercube of so many runs, not a grid.")

@@ -31,6 +31,7 @@ COMMANDS: Final[dict[str, Word]] = {
     "plot": Word("artibot_sim.cli.plot:command", "Draw a recording, to PNG or an HTML page."),
     "view": Word("artibot_sim.nodes.view.command:main", "See a recording or a running rover in 3D, in the browser."),
     "robot": Word("artibot_sim.cli.robot:command", "Write a robot file from what a data sheet says."),
+    "effects": Word("artibot_sim.cli.effects:command", "List effects; give a law that was found a name."),
     "urdf": Word("artibot_sim.cli.urdf:command", "Write a robot file as URDF, for viewers."),
     "check": Word("artibot_sim.cli.check:command", "Say what is wrong with recordings, in seconds."),
     "identify": Word("artibot_sim.cli.identify:command", "Identify soil and geometry from recordings."),

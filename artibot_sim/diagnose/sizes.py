@@ -49,6 +49,8 @@ class Scale:
 
     def of(self, unit: str, acts: str) -> float:
         """The factor of a quantity with this unit in an effect that acts there; 1 where no size of the robot counts."""
+        if acts == "law":  # of somebody's own robot
+            return 1.0
         if unit.startswith("N m"):
             return self.motor if acts == "drive" else self.torque
         if unit.startswith("N") or unit == "kg":

@@ -32,7 +32,18 @@ SEVERITY_1 = {
     "joint_damping": {"coefficient": 30.0},
     "joint_stiffness": {"stiffness": 25.0},
     "joint_stop": {"angle": 0.2},
-}
+    "force_law": {
+        "size": 25.0, "where": "wheels_lateral", "variable": "place", "form": "periodic", "scale": 1.1, "phase": 0.4,
+        "direction": 0.3,
+    },
+    "force_law_2": {
+        "size": 0.3, "where": "front_left_torque", "variable": "time", "form": "decaying", "scale": 8.0,
+        "times": "speed", "times_form": "coulomb", "times_scale": 0.02,
+    },
+    "force_law_3": {
+        "size": -12.0, "where": "front_yaw", "variable": "yaw_rate", "form": "threshold", "scale": 0.1,
+    },
+}  # fmt: skip
 """Effect → parameters at the contract's severity 1."""
 
 SENSORS_1 = {

@@ -3,10 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from artibot_sim.model.effects.base import Values
+from artibot_sim.model.effects.force_law import Own
+
+
+def _form(law: Values, form: str, u: float) -> float:
+    """What the forms are, in words of mathematics."""
+    return {
+        "constant": lambda: 1.0,
+        "linear": lambda: u,
+        "quadratic": lambda: u * abs(u),
+        "magnitude": lambda: abs(u),
+        "coulomb": lambda: math.tanh(u),
+        "power": lambda: math.copysign(abs(u) ** law["exponent"], u),
+        "periodic": lambda: math.cos(2 * math.pi * (u - round(u)) + law["phase"]),
+        "threshold": lambda: math.copysign(max(abs(u) - 1, 0), u),
+        "decaying": lambda: math.exp(-u),
+    }[form]()
 
 
 @dataclass(frozen=True)
@@ -15,6 +31,7 @@ class Transcribed:
 
     values: Mapping[str, Values] = field(default_factory=dict)
     t: float = 0.0
+    seen: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     def _of(self, effect: str, name: str, neutral: float = 0.0) -> float:
         return float(self.values.get(effect, {}).get(name, neutral))
@@ -91,7 +108,8 @@ class Transcribed:
         beyond = abs(angle) - self._of("joint_stop", "angle", math.inf)
         if beyond > 0:
             torque += math.copysign(max(4000 * beyond + 40 * rate * math.copysign(1, angle), 0.0), angle)
-        return torque
+        moving = {"articulation_angle": angle, "articulation_rate": rate}
+        return torque + sum(self._law(law, 0, moving) for law in self._laws("joint"))
 
     def push(self, module: int) -> tuple[float, float]:
         """Force on a module's origin along x and y of `map`, N."""
@@ -107,7 +125,54 @@ class Transcribed:
         surge, sway, turn = (
             self._of("residual_force", n) + since * self._of("residual_force", f"{n}_rate") for n in names
         )
+        for k, axis in enumerate(("surge", "sway", "yaw")):
+            laws = list(self._laws(f"{('front', 'back')[module]}_{axis}"))
+            forces = sum(self._law(law, module, {}) for law in laws)
+            surge, sway, turn = (one + (forces if i == k else 0.0) for i, one in enumerate((surge, sway, turn)))
         return surge, sway, turn
+
+    def _laws(self, *places: str) -> list[Values]:
+        """Of the laws those that act at one of these places."""
+        return [law for name, law in self.values.items() if name.startswith("force_law") and law["where"] in places]
+
+    def _law(self, law: Values, module: int, own: Mapping[str, float]) -> float:
+        """A law's force on a part of a module that knows its `own` variables."""
+        at = {name: values[module] for name, values in self.seen.items() if len(values) == 2}
+        known = {"nothing": 0.0, "time": self.t}
+        if at:
+            known |= {"speed": at["forward"], "lateral_speed": at["left"], "yaw_rate": at["turn"], "heading": at["yaw"]}
+            known |= {"curvature": at["turn"] * at["forward"] / (at["forward"] ** 2 + 0.05**2)}
+            known |= {"x": at["x"], "y": at["y"]}
+            known |= {"articulation_angle": self.seen["bend"][0], "articulation_rate": self.seen["bend_rate"][0]}
+            names = ("front_right", "front_left", "back_right", "back_left")
+            known |= {f"{name}_angle": angle for name, angle in zip(names, self.seen["angle"], strict=True)}
+        known |= own
+        if "x" in known:
+            known["place"] = known["x"] * math.cos(law["direction"]) + known["y"] * math.sin(law["direction"])
+        force = law["size"] * _form(law, law["form"], known[law["variable"]] / law["scale"])
+        if law["times"] != "nothing":
+            force *= _form(law, law["times_form"], known[law["times"]] / law["times_scale"])
+        return float(force)
+
+    def across(self, wheel: int, own: Own) -> float:
+        """Lateral force of the laws at a wheel, N."""
+        motors = ("front_right", "front_left", "back_right", "back_left")
+        name, module = f"{motors[wheel // 2]}_{('front', 'back')[wheel % 2]}", int(wheel > 3)
+        ends = ("front", "back")[module]
+        laws = self._laws("wheels_lateral", f"{ends}_wheels_lateral", f"{name}_lateral")
+        return sum(self._law(law, module, own._asdict()) for law in laws)
+
+    def along(self, motor: int, own: Own) -> float:
+        """Longitudinal force of the laws at both wheels of a motor, N."""
+        name = ("front_right", "front_left", "back_right", "back_left")[motor]
+        laws = self._laws("wheels_longitudinal", f"{name}_longitudinal")
+        return sum(self._law(law, int(motor > 1), own._asdict()) for law in laws)
+
+    def shaft(self, motor: int, angle: float, speed: float) -> float:
+        """Torque of the laws that a motor needs, N m."""
+        name = ("front_right", "front_left", "back_right", "back_left")[motor]
+        laws = self._laws("motors_torque", f"{name}_torque")
+        return sum(self._law(law, int(motor > 1), {"angle": angle, "speed": speed}) for law in laws)
 
     def resist(self, module: int, forward: float) -> float:
         """Force against a module's forward motion at its forward speed (m/s), N."""

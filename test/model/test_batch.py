@@ -15,7 +15,7 @@ from model.helpers import from_knot, front_commands, ramp
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Mode, Status, initial_state, rollout
-from artibot_sim.model.effects import EFFECTS
+from artibot_sim.model.effects import EFFECTS, LAWS
 from artibot_sim.model.simulate.batch import available_cores, rollout_batch
 
 PARTS = ("t", "q", "v", "row")
@@ -86,7 +86,9 @@ def test_effects_modes_and_states_are_those_of_single_rollouts(agriq, husky, epi
     """Each effect alone and with others, from the middle of a motion, in lots of different kinds."""
     modes = (Mode.DRIVEN, Mode.DRIVEN, Mode.TORQUE, Mode.TORQUE) if driven else None
     names = [name for name in SEVERITY_1 if EFFECTS[name].hooks or EFFECTS[name].adapt]
-    robots = [agriq, with_effects(agriq, *names), *(with_effects(agriq, name) for name in names)]
+    side_by_side = [name for name in names if name not in LAWS]
+    robots = [agriq, with_effects(agriq, *side_by_side), with_effects(agriq, *names)]
+    robots += [with_effects(agriq, name) for name in names]
     robots = [robot.replace({"drive.front.torque_max": 2.0}) for robot in robots]
     begun = [rollout(robot, commands, modes=modes, duration=0.7).final_state for robot in robots]
     rest = from_knot(commands, 70)

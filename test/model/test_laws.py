@@ -8,7 +8,10 @@ import pytest
 from model.effects import SEVERITY_1
 from model.plain_effects import Transcribed
 
+from artibot_sim.errors import ArtibotError
 from artibot_sim.model.effects import EFFECTS, effects_from_dict, hooks, record
+from artibot_sim.model.effects.force_law import FORMS, SEEN, VARIABLES, Own, follows
+from artibot_sim.model.effects.force_law import PLACES as PLACES_OF_LAWS
 from artibot_sim.model.effects.hooks import PLACES
 from artibot_sim.model.reference.effects import PlainEffects
 
@@ -31,9 +34,21 @@ ABOUT = {
     "load": lambda: (int(RNG.integers(2)),),
     "resist": lambda: (int(RNG.integers(2)), 0.1 * N()),
     "wheel_resist": lambda: (abs(50.0 * N()), 0.02 * N(), 0.02 * N()),
+    "across": lambda: (int(RNG.integers(8)), Own(*N(size=6), abs(100.0 * N()))),
+    "along": lambda: (int(RNG.integers(4)), Own(*N(size=6), abs(100.0 * N()))),
+    "shaft": lambda: (int(RNG.integers(4)), 5.0 * N(), 0.3 * N()),
     "centre": lambda: (int(RNG.integers(2)),),
 }
 """Place → what may be asked there."""
+
+BY_LAWS = ("load", "across", "along", "shaft", "joint")
+
+
+def seen() -> dict[str, np.ndarray]:
+    """What laws see of an instant."""
+    rng = np.random.default_rng(3)
+    return {name: rng.normal(size=count) for name, count in SEEN}
+
 
 ACTING = sorted(name for name in SEVERITY_1 if EFFECTS[name].hooks)
 
@@ -47,14 +62,14 @@ def test_every_place_is_asked_here() -> None:
 def test_laws_are_what_their_definitions_state(name: str) -> None:
     effects = effects_from_dict(SEVERITY_1 if name == "all" else {name: SEVERITY_1[name]})
     t = 1.7
-    stated, law = Transcribed(effects, t), PlainEffects(effects, t)
+    stated, law = Transcribed(effects, t, seen()), PlainEffects(effects, t, seen())
     acts = 0.0
     for place, about in ABOUT.items():
         for _ in range(20):
             asked = about()
             expected = np.array(getattr(stated, place)(*asked))
             np.testing.assert_allclose(law.ask(place, *asked), expected, rtol=1e-13, atol=1e-13)
-            acts += np.abs(expected - np.array(getattr(Transcribed(), place)(*asked))).sum()
+            acts += np.abs(expected - np.array(getattr(Transcribed({}, t, seen()), place)(*asked))).sum()
     assert acts > 0.0
 
 
@@ -63,9 +78,72 @@ def test_compiled_laws_are_the_plain_ones(place: str) -> None:
     answer = getattr(hooks, place)
     compiled = numba.njit(lambda fx, about: answer(fx, *about))
     effects = effects_from_dict(SEVERITY_1)
+    assert_compiled_is_plain(place, compiled, effects)
+
+
+def assert_compiled_is_plain(place, compiled, effects) -> None:
     fx = record(effects, 1.7)
+    for name, values in seen().items():
+        fx["seen"][name] = values
     for _ in range(20):
         asked = ABOUT[place]()
         np.testing.assert_allclose(
-            compiled(fx, asked), PlainEffects(effects, 1.7).ask(place, *asked), rtol=1e-13, atol=1e-13
+            compiled(fx, asked), PlainEffects(effects, 1.7, seen()).ask(place, *asked), rtol=1e-13, atol=1e-13
         )
+
+
+def laws() -> list[dict[str, object]]:
+    """Laws that between them have every place, variable and form, most with a second variable."""
+    rng = np.random.default_rng(4)
+    found = []
+    for k, where in enumerate([*PLACES_OF_LAWS, *PLACES_OF_LAWS]):
+        known = follows(where)
+        form = list(FORMS)[k % len(FORMS)]
+        variable = known[1 + k % (len(known) - 1)] if form != "constant" else "nothing"
+        law = {"size": rng.normal(), "where": where, "variable": variable, "form": form, "scale": rng.uniform(0.2, 2.0)}
+        if k % 3:
+            second = {"times": known[1 + 7 * k % (len(known) - 1)], "times_form": list(FORMS)[4 * k % len(FORMS)]}
+            law |= second | {"times_scale": rng.uniform(0.2, 2.0)}
+        found.append(law | {"exponent": 1.6, "phase": 0.7, "direction": 2.1})
+    return found
+
+
+def test_every_place_variable_and_form_of_laws_is_what_it_states() -> None:
+    """Plain Python against the transcription, and compiled code against plain Python."""
+    asked_at = {place: numba.njit(answering(getattr(hooks, place))) for place in BY_LAWS}
+    every = laws()
+    assert {law["variable"] for law in every} == set(VARIABLES) and {law["form"] for law in every} == set(FORMS)
+    acting = 0
+    for law in every:
+        effects = effects_from_dict({"force_law_2": law})
+        stated, plain = Transcribed(effects, 1.7, seen()), PlainEffects(effects, 1.7, seen())
+        acts = 0.0
+        for place in BY_LAWS:
+            assert_compiled_is_plain(place, asked_at[place], effects)
+            for _ in range(30):
+                asked = ABOUT[place]()
+                expected = np.array(getattr(stated, place)(*asked))
+                np.testing.assert_allclose(plain.ask(place, *asked), expected, rtol=1e-13, atol=1e-13)
+                acts += np.abs(expected).sum()
+        acting += acts > 0.0
+    assert acting > 0.75 * len(every)  # others ask for more than a threshold, or were not asked at their wheel
+
+
+def answering(answer):
+    return lambda fx, about: answer(fx, *about)
+
+
+@pytest.mark.parametrize(
+    ("law", "says"),
+    [
+        ({"where": "front_yaw", "variable": "slip", "form": "linear"}, "force_law.variable: 'slip' means nothing to"),
+        ({"where": "joint", "variable": "place", "times": "load"}, "force_law.times: 'load' means nothing to the yaw"),
+        ({"where": "joint", "form": "linear"}, "force_law.form: 'linear' needs a variable"),
+        ({"where": "roof"}, "force_law.where: found 'roof', expected one of front_surge"),
+        ({"scale": 0.0}, "force_law.scale: 0 SI is out of bounds"),
+    ],
+)
+def test_laws_whose_parts_do_not_go_together_are_refused(law, says) -> None:
+    with pytest.raises(ArtibotError) as caught:
+        effects_from_dict({"force_law": {"size": 1.0} | law})
+    assert str(caught.value).startswith(f"effects.{says}")

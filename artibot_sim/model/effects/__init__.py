@@ -16,9 +16,10 @@ import numpy as np
 
 from artibot_sim.documents import did_you_mean
 from artibot_sim.errors import ArtibotError
+from artibot_sim.model.effects import force_law
 from artibot_sim.model.effects.base import Effect, Values
 
-_NOT_EFFECTS = ("base", "hooks")
+_NOT_EFFECTS = ("base", "files", "hooks")
 
 
 def _found() -> dict[str, Effect]:
@@ -41,23 +42,59 @@ def effects_from_dict(document: Mapping[str, Any]) -> dict[str, dict[str, float 
 
 
 def at_work(effects: Mapping[str, Values]) -> dict[str, tuple[Effect, Values]]:
-    """Those of a robot's effects that make a difference, in the order of `EFFECTS`."""
+    """Those of a robot's effects that make a difference, in the order of `EFFECTS`.
+
+    Effects that are laws with a name stand as the laws that they are.
+    """
     if not effects:
         return {}
-    return {
+    working = {
         name: (effect, effects[name])
         for name, effect in EFFECTS.items()
         if name in effects and effect.active(effects[name])
     }
+    named = [name for name, (effect, _) in working.items() if effect.law is not None]
+    free = [name for name in LAWS if name not in working]
+    if len(named) > len(free):
+        raise ArtibotError(f"effects: {', '.join(named)}: a robot has at most {len(LAWS)} laws at work")
+    for name, place in zip(named, free, strict=False):
+        effect, values = working.pop(name)
+        if effect.law is not None:
+            working[place] = (EFFECTS[place], effect.law(values))
+    return working
 
 
-_RECORDED = {name: effect for name, effect in EFFECTS.items() if effect.hooks}
+LAWS = force_law.NAMES
+"""The effects that are laws: only robots that have one are simulated by code that knows of them."""
 
-RECORD_DTYPE = np.dtype(
-    [("t", np.float64), *((name, [(key, np.float64) for key in e.parameters]) for name, e in _RECORDED.items())],
+_RECORDED = {name: effect for name, effect in EFFECTS.items() if effect.hooks and name not in LAWS}
+
+
+def _fields(effects: Mapping[str, Effect]) -> list[tuple[str, Any]]:
+    return [(name, [(key, np.float64) for key in effect.parameters]) for name, effect in effects.items()]
+
+
+_FIELDS: list[tuple[str, Any]] = [("t", np.float64), *_fields(_RECORDED)]
+
+RECORD_DTYPE = np.dtype(_FIELDS, align=True)
+"""What compiled code takes of the effects: the time (s), and each one's parameters under its name."""
+
+LAW_DTYPE = np.dtype(
+    [
+        *_fields({name: EFFECTS[name] for name in LAWS}),
+        ("seen", [(name, np.float64, (count,)) for name, count in force_law.SEEN]),
+        *_FIELDS,
+    ],
     align=True,
 )
-"""What compiled code takes of the effects: the time (s), and each one's parameters under its name."""
+"""The same of a robot with laws, and what its laws see of an instant.
+
+These come first: numba takes a record that begins as another does for one of the same kind."""
+
+
+def has_laws(effects: Mapping[str, Values]) -> bool:
+    """Whether a robot has laws at work."""
+    return any(name in LAWS for name in at_work(effects))
 
 
 def record(effects: Mapping[str, Values], t: float) -> np.void | None:
@@ -65,7 +102,7 @@ def record(effects: Mapping[str, Values], t: float) -> np.void | None:
     working = {name: (effect, values) for name, (effect, values) in at_work(effects).items() if effect.hooks}
     if not working:
         return None
-    fx: np.void = _NEUTRAL.copy()
+    fx: np.void = (_NEUTRAL_LAWS if any(name in LAWS for name in working) else _NEUTRAL).copy()
     fx["t"] = t
     for name, (effect, values) in working.items():
         fx[name] = _numbers(effect, values)
@@ -77,21 +114,22 @@ def _numbers(effect: Effect, values: Values) -> tuple[float, ...]:
     return tuple(one.number(values.get(key, one.neutral)) for key, one in effect.parameters.items())
 
 
-def _neutral() -> np.void:
-    """The record of a robot without any effect."""
-    fx: np.void = np.zeros(1, dtype=RECORD_DTYPE)[0]
-    for name, effect in _RECORDED.items():
-        fx[name] = _numbers(effect, {})
+def _neutral(dtype: np.dtype[np.void]) -> np.void:
+    """The record of a robot without any effect, of one of the two types."""
+    fx: np.void = np.zeros(1, dtype=dtype)[0]
+    for name in dtype.names or ():
+        if name in EFFECTS:
+            fx[name] = _numbers(EFFECTS[name], {})
     return fx
 
 
-_NEUTRAL = _neutral()
+_NEUTRAL, _NEUTRAL_LAWS = _neutral(RECORD_DTYPE), _neutral(LAW_DTYPE)
 
 
 def _effect(name: str) -> Effect:
     if name not in EFFECTS:
         raise ArtibotError(
             f"effects.{name}: unknown effect{did_you_mean(name, EFFECTS)}; "
-            f"this version simulates {', '.join(sorted(EFFECTS))}"
+            f"this version simulates {', '.join(sorted(EFFECTS))}; files of your own are read by --effects DIR"
         )
     return EFFECTS[name]

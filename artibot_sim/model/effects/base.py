@@ -108,7 +108,7 @@ class Effect:
     id : str
         Name in robot files and results.
     acts : str
-        Where it acts: command, drive, contact, body, joint, environment or sensor.
+        Where it acts: command, drive, contact, body, joint, environment or sensor; ``"law"`` where it says itself.
     doc : str
         The physics in one sentence.
     parameters : mapping of str to EffectParameter
@@ -124,6 +124,10 @@ class Effect:
         `first` (2,) having been commanded for long. See `commands.as_executed`.
     sensor : callable, optional
         (SensorErrors, values) → SensorErrors: what the effect changes in what sensors make of the truth.
+    law : callable, optional
+        values → those of the `force_law` that the effect is: it takes the place of one that the robot does not have.
+    check : callable, optional
+        (values, path): refuses parameters that do not go together; `path` says where they stand.
     drives_front : bool
         Whether it acts on front motors only where they are driven.
     uniform : bool
@@ -141,6 +145,8 @@ class Effect:
     hooks: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
     command: Callable[[Values, float, Array], Step] | None = None
     sensor: Callable[[SensorErrors, Values], SensorErrors] | None = None
+    law: Callable[[Values], Values] | None = None
+    check: Callable[[Values, str], None] | None = None
     drives_front: bool = False
     uniform: bool = True
     search: Search | None = None
@@ -152,10 +158,13 @@ class Effect:
         for key in entries:
             if key not in self.parameters:
                 raise ArtibotError(f"{path}.{key}: unknown key; expected one of {', '.join(self.parameters)}")
-        return {
+        values = {
             name: _value(entries[name], parameter.quantity, f"{path}.{name}") if name in entries else parameter.neutral
             for name, parameter in self.parameters.items()
         }
+        if self.check is not None:
+            self.check(values, path)
+        return values
 
     def active(self, values: Values) -> bool:
         """Whether these values make a difference."""

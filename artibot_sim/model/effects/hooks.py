@@ -78,7 +78,7 @@ PLACES: dict[str, Place] = {}
 def _place(name: str, combine: Callable[[Hook, Hook], Hook], cost: int = 1) -> Hook:
     """What compiled code calls there: the answers of all effects that have this name among their hooks."""
     PLACES[name] = Place(combine, cost)
-    answers = [effect.hooks[name] for effect in EFFECTS.values() if name in effect.hooks]
+    answers = dict.fromkeys(effect.hooks[name] for effect in EFFECTS.values() if name in effect.hooks)  # laws share one
     return reduce(lambda first, second: inlined(combine(first, second)), answers)
 
 
@@ -101,6 +101,12 @@ friction = _place("friction", _chain, cost=2)
 lateral = _place("lateral", _sum)
 """(fx, p_y) → lateral force on top of eq. 16's, N."""
 
+across = _place("across", _sum)
+"""(fx, wheel, own) → lateral force of a law at a wheel (its number), N; `own` (`force_law.Own`) it may follow."""
+
+along = _place("along", _sum)
+"""(fx, motor, own) → longitudinal force of a law at both wheels of a motor (its number), N."""
+
 lead = _place("lead", _product, cost=2)
 """(fx, p_x, p_y) → factor of u_w for a wheel whose centre moves at p_x along it and p_y across (m/s)."""
 
@@ -115,6 +121,11 @@ drag = _place("drag", _sum)
 
 gear = _place("gear", _sum)
 """(fx, theta_dot) → the same of every motor that has a gear, beside `drag`, N m."""
+
+shaft = _place("shaft", _sum)
+"""(fx, motor, angle, speed) → torque of a law that a motor needs beside its load, N m.
+
+`angle` (rad) is that of its wheels, `speed` (m/s) their rolling speed."""
 
 joint = _place("joint", _sum)
 """(fx, angle, rate) → torque against the articulation's yaw, N m."""

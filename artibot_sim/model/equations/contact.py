@@ -10,6 +10,7 @@ import math
 from typing import NamedTuple
 
 from artibot_sim.model.effects import hooks
+from artibot_sim.model.effects.force_law import Own
 from artibot_sim.model.kernels.compilation import inlined
 from artibot_sim.model.kernels.elementary import inverse_root
 from artibot_sim.model.kernels.layout import Q_C
@@ -62,6 +63,7 @@ class Soil(NamedTuple):
     """The ground under a pair of wheels: eq. 15's coefficients, and eq. 16's for the front one and the back one.
 
     u_f, u_b are how far ahead of the wheels' centres the forces act, m; load is the mean one of the rover's wheels, N.
+    x, y is the middle between the two wheels in `map`, ahead_x, ahead_y from there to the front one, m: with effects.
     """
 
     u_f: float
@@ -73,6 +75,10 @@ class Soil(NamedTuple):
     mu_sb: float
     mu_db: float
     load: float
+    x: float
+    y: float
+    ahead_x: float
+    ahead_y: float
 
 
 @inlined
@@ -127,15 +133,19 @@ def soil_under(body, p, fx, pair, x, y, s_g, c_g, c_a, side):
     if fx is not None:
         soil = hooks.soil(fx)
         out_x, out_y = x - side * s_g * c_a * body.half_y, y + side * c_g * c_a * body.half_y
-        on_f = soil * hooks.grip(fx, out_x + c_g * body.half_x, out_y + s_g * body.half_x)
-        on_b = soil * hooks.grip(fx, out_x - c_g * body.half_x, out_y - s_g * body.half_x)
+        ahead_x, ahead_y = c_g * body.half_x, s_g * body.half_x
+        on_f = soil * hooks.grip(fx, out_x + ahead_x, out_y + ahead_y)
+        on_b = soil * hooks.grip(fx, out_x - ahead_x, out_y - ahead_y)
         u_f = p.u_w * hooks.lead(fx, pair.p_x, pair.p_yf)
         u_b = p.u_w * hooks.lead(fx, pair.p_x, pair.p_yb)
         return Soil(
             u_f, u_b, soil * body.k_l, soil * body.k_t,
             on_f * body.mu_s, on_f * body.mu_d, on_b * body.mu_s, on_b * body.mu_d, p.load,
+            out_x, out_y, ahead_x, ahead_y,
         )  # fmt: skip
-    return Soil(p.u_w, p.u_w, body.k_l, body.k_t, body.mu_s, body.mu_d, body.mu_s, body.mu_d, p.load)
+    return Soil(
+        p.u_w, p.u_w, body.k_l, body.k_t, body.mu_s, body.mu_d, body.mu_s, body.mu_d, p.load, 0.0, 0.0, 0.0, 0.0
+    )
 
 
 @inlined
@@ -194,6 +204,20 @@ def stiffer(fx, F_n, load, rim, p_x, p_y):
 
 
 @inlined
+def at_wheel(pair, soil, rim, angle, end):
+    """With effects: what a law may follow at the wheel at `end` (1 in front, −1 behind) of a motor's two."""
+    p_y, F_n = (pair.p_yf, pair.F_nf) if end > 0.0 else (pair.p_yb, pair.F_nb)
+    x, y = soil.x + end * soil.ahead_x, soil.y + end * soil.ahead_y
+    return Own(pair.p_x, p_y, rim - pair.p_x, angle, x, y, F_n)
+
+
+@inlined
+def at_pair(pair, soil, rim, angle):
+    """With effects: what a law may follow in the middle between the two wheels of a motor."""
+    return Own(pair.p_x, 0.5 * (pair.p_yf + pair.p_yb), rim - pair.p_x, angle, soil.x, soil.y, pair.F_nf + pair.F_nb)
+
+
+@inlined
 def pair_forces(friction, body, fx, pair, soil, motor, rim, angle, lag_f, lag_b, dt):
     """Eqs 15 and 16 for the two wheels of a motor.
 
@@ -233,6 +257,9 @@ def pair_forces(friction, body, fx, pair, soil, motor, rim, angle, lag_f, lag_b,
         F_lf = F_lb = soil.k_l * slip_f
     F_lf, F_tf, held_f = friction(body, fx, F_lf, narrow * F_tf, pair.F_nf, soil.mu_sf, soil.mu_df, slip_f, pair.p_yf)
     F_lb, F_tb, held_b = friction(body, fx, F_lb, narrow * F_tb, pair.F_nb, soil.mu_sb, soil.mu_db, slip_b, pair.p_yb)
+    if fx is not None:
+        half = 0.5 * hooks.along(fx, motor, at_pair(pair, soil, rim, angle))
+        F_lf, F_lb = F_lf + half, F_lb + half
     F_l = F_lf + F_lb
     at_rim, slope = F_l, soil.k_l * (held_f + held_b)
     R_lf = R_lb = R_tf = R_tb = 0.0
@@ -242,6 +269,8 @@ def pair_forces(friction, body, fx, pair, soil, motor, rim, angle, lag_f, lag_b,
         at_rim, slope = r_f * F_lf + r_b * F_lb, soil.k_l * (r_f * r_f * s_f * held_f + r_b * r_b * s_b * held_b)
         F_tf = wide * F_tf + hooks.lateral(fx, pair.p_yf)
         F_tb = wide * F_tb + hooks.lateral(fx, pair.p_yb)
+        F_tf += hooks.across(fx, 2 * motor, at_wheel(pair, soil, rim, angle, 1.0))
+        F_tb += hooks.across(fx, 2 * motor + 1, at_wheel(pair, soil, rim, angle, -1.0))
     u_F_n = soil.u_f * pair.F_nf + soil.u_b * pair.F_nb
     return PairForces(
         F_l, at_rim, slope, u_F_n, F_tf, F_tb, soil.u_f, soil.u_b, rate_f, rate_b, F_lf, F_lb, held_f, held_b,

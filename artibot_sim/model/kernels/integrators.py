@@ -14,6 +14,7 @@ import math
 from typing import NamedTuple
 
 from artibot_sim.model.effects import hooks
+from artibot_sim.model.effects.force_law import note_module, note_whole, seen_in
 from artibot_sim.model.equations.contact import (
     generalised_forces,
     pair_forces,
@@ -166,15 +167,28 @@ def solved(motor, J, inverse_J, load, torque_max):
 
 @inlined
 def dragged(fx, unit, motor, theta_dot):
-    """With effects: what drags on a motor before its gear, N m."""
+    """With effects: what drags on a motor (its number) before its gear, against its rotation, N m."""
     return hooks.drag(fx, motor, theta_dot) + unit.geared * hooks.gear(fx, theta_dot)
+
+
+@inlined
+def at_shaft(fx, unit, motor, theta_dot):
+    """With effects: what laws ask of a motor at its shaft, at a speed `theta_dot` (rad/s), N m."""
+    omega = unit.tau * theta_dot
+    return hooks.shaft(fx, motor.number, unit.tau * motor.theta, unit.r_w * omega)
+
+
+@inlined
+def dragging(fx, unit, motor, theta_dot):
+    """With effects: all that a motor needs before its gear at a speed `theta_dot` (rad/s), N m."""
+    return dragged(fx, unit, motor.number, theta_dot) + at_shaft(fx, unit, motor, theta_dot)
 
 
 @inlined
 def motor_acts(p, fx, unit, motor, forces):
     """What a motor does at an instant whose wheels' `forces` are known (eqs 21, 22, 26 to 28)."""
     M_r = load_torque(p, unit, forces, unit.tau * motor.theta_dot)
-    drag = dragged(fx, unit, motor.number, motor.theta_dot) if fx is not None else 0.0
+    drag = dragging(fx, unit, motor, motor.theta_dot) if fx is not None else 0.0
     load = motor.gear * M_r
     if fx is not None:
         load += drag
@@ -200,6 +214,7 @@ def step_ahead(body, p, fx, unit, motor, pair, soil, lag_f, lag_b, dt):
         drag = dragged(fx, unit, motor.number, theta_dot)
         load += drag
         inertia += dt * drag / theta_dot if theta_dot != 0.0 else 0.0
+        load += at_shaft(fx, unit, motor, theta_dot)
     M_m, theta_ddot = solved(motor, inertia, 1.0 / inertia, load, unit.torque_max)
     return theta_ddot, M_m
 
@@ -230,7 +245,7 @@ def motor_with_wheels(body, p, fx, unit, motor, pair, soil, lag_f, lag_b, dt, ah
             return forces, Acting(0.0, 0.0, 0.0, motor.wish, speed)
         return forces, motor_acts(p, fx, unit, motor, forces)
     M_r = load_torque(p, unit, forces, omega)
-    drag = dragged(fx, unit, motor.number, speed) if fx is not None else 0.0
+    drag = dragging(fx, unit, motor, speed) if fx is not None else 0.0
     if motor.mode == PRESCRIBED:
         M_m = motor.J * theta_ddot + motor.gear * M_r
         if fx is not None:
@@ -301,6 +316,22 @@ def module_forces(body, right, left, q, v, p, fx, s_a, c_a, s_g, c_g, module, mo
 
 
 @inlined
+def note_instant(p, fx, q, v, s_f, c_f, s_b, c_b):
+    """With effects: what laws may see of a rover at (q, v), whose modules' yaws have these sines and cosines."""
+    seen, b = seen_in(fx), BACK
+    forward, left = c_f * v[X] + s_f * v[Y], c_f * v[Y] - s_f * v[X]
+    note_module(seen, FRONT, q[X], q[Y], q[GAMMA], forward, left, v[GAMMA])
+    right_f, left_f = p.right_front.tau * q[THETA_R], p.left_front.tau * q[THETA_L]
+    if not p.two:
+        note_whole(seen, right_f, left_f, 0.0, 0.0, 0.0, 0.0)
+        return
+    forward, left = c_b * v[b + X] + s_b * v[b + Y], c_b * v[b + Y] - s_b * v[b + X]
+    note_module(seen, BEHIND, q[b + X], q[b + Y], q[b + GAMMA], forward, left, v[b + GAMMA])
+    right_b, left_b = p.right_back.tau * q[b + THETA_R], p.left_back.tau * q[b + THETA_L]
+    note_whole(seen, right_f, left_f, right_b, left_b, q[b + GAMMA] - q[GAMMA], v[b + GAMMA] - v[GAMMA])
+
+
+@inlined
 def accelerations(q, v, p, fx, modes, drive, hold, lag, dt, w):
     """All of eq. 28 at (q, v): every contribution and the accelerations of all coordinates, into the row.
 
@@ -309,6 +340,8 @@ def accelerations(q, v, p, fx, modes, drive, hold, lag, dt, w):
     trig = attitude(q)
     geometry = joint_geometry(q, v, p, fx, trig)
     sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b = trig
+    if fx is not None:
+        note_instant(p, fx, q, v, sg_f, cg_f, sg_b, cg_b)
     front = module_forces(
         p.front, p.right_front, p.left_front, q, v, p, fx, sa_f, ca_f, sg_f, cg_f, FRONT, modes, drive, hold,
         lag, dt, w,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from artibot_sim.model.effects import hooks
+from artibot_sim.model.effects.force_law import note_module, note_whole, seen_in
 from artibot_sim.model.equations.contact import PairForces, normal_force
 from artibot_sim.model.equations.dynamics import mass_centre, write_loads
 from artibot_sim.model.equations.plane import Body, Ground, Motion, module_pairs, planar_accelerations
@@ -253,6 +254,22 @@ def side_moves(body, p, fx, unit, motor, pair, soil, lag, dt, torques):
 
 
 @inlined
+def note_level(p, fx, q, f, b, trig):
+    """With effects: what laws may see of a level rover, whose modules move as `f` and `b` (`Motion`)."""
+    seen, (s_f, c_f, s_b, c_b) = seen_in(fx), trig
+    forward, left = c_f * f.x_dot + s_f * f.y_dot, c_f * f.y_dot - s_f * f.x_dot
+    note_module(seen, FRONT, f.x, f.y, f.gamma, forward, left, f.gamma_dot)
+    right_f, left_f = p.right_front.tau * q[6], p.left_front.tau * q[7]
+    if not p.two:
+        note_whole(seen, right_f, left_f, 0.0, 0.0, 0.0, 0.0)
+        return
+    forward, left = c_b * b.x_dot + s_b * b.y_dot, c_b * b.y_dot - s_b * b.x_dot
+    note_module(seen, BEHIND, b.x, b.y, b.gamma, forward, left, b.gamma_dot)
+    right_b, left_b = p.right_back.tau * q[8], p.left_back.tau * q[9]
+    note_whole(seen, right_f, left_f, right_b, left_b, b.gamma - f.gamma, b.gamma_dot - f.gamma_dot)
+
+
+@inlined
 def level_accelerations(at, p, fx, q, v, trig, modes, drive, hold, lag, dt, torques):
     """Accelerations of the ten coordinates, and what brings them about: an `Instant`.
 
@@ -260,6 +277,8 @@ def level_accelerations(at, p, fx, q, v, trig, modes, drive, hold, lag, dt, torq
     semi-implicit step of `dt` (s) takes them. `lag` (16,) holds lateral forces that lag, then their rates.
     """
     f, b = motions(q, v)
+    if fx is not None:
+        note_level(p, fx, q, f, b, trig)
     r_f, l_f, soil_rf, soil_lf = module_pairs(at.front, at.ground, fx, f, trig[0], trig[1])
     r_b, l_b, soil_rb, soil_lb = module_pairs(at.back, at.ground, fx, b, trig[2], trig[3])
     one, two, three, four = p.right_front, p.left_front, p.right_back, p.left_back

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model.effects import hooks
+from artibot_sim.model.effects.force_law import note_module, note_whole, seen_in
 from artibot_sim.model.equations.contact import generalised_forces, soil_under, wheel_pairs
 from artibot_sim.model.equations.dynamics import (
     back_to_origin,
@@ -72,6 +73,7 @@ from artibot_sim.model.kernels.layout import (
     PUSH,
     Q_J,
     ROW,
+    THETA_L,
     THETA_R,
     X,
     Y,
@@ -352,6 +354,25 @@ def held_by_joints(body, i, joints, rows, chain, w):
 
 
 @inlined
+def note_angles(modules, fx, q, v):
+    """With effects: the wheels' angles of the first two modules and the yaw of their joint, for laws to see."""
+    front, back = modules[0], modules[1]
+    note_whole(
+        seen_in(fx), front.right_front.tau * q[0, THETA_R], front.left_front.tau * q[0, THETA_L],
+        back.right_front.tau * q[1, THETA_R], back.left_front.tau * q[1, THETA_L], q[1, GAMMA] - q[0, GAMMA],
+        v[1, GAMMA] - v[0, GAMMA],
+    )  # fmt: skip
+
+
+@inlined
+def note_one(fx, i, q, v, trig):
+    """With effects: module `i` for laws to see; those behind the first take turns, for each asks about itself."""
+    s_g, c_g = trig[2], trig[3]
+    forward, left = c_g * v[X] + s_g * v[Y], c_g * v[Y] - s_g * v[X]
+    note_module(seen_in(fx), min(i, 1), q[X], q[Y], q[GAMMA], forward, left, v[GAMMA])
+
+
+@inlined
 def accelerations(q, v, modules, joints_p, fx, modes, drive, hold, lag, lag_rate, dt, w, chain):
     """All of eq. 28 for every module and joint: contributions and accelerations into the modules' rows.
 
@@ -361,10 +382,14 @@ def accelerations(q, v, modules, joints_p, fx, modes, drive, hold, lag, lag_rate
     joints, rows = count - 1, 4
     if fx is not None:
         rows = 5
+    if fx is not None:
+        note_angles(modules, fx, q, v)
     for i in range(count):
         trig = chain.trig[i]
         trig[0], trig[1] = sincos_small(q[i, ALPHA])
         trig[2], trig[3] = sincos(q[i, GAMMA])
+        if fx is not None:
+            note_one(fx, i, q[i], v[i], trig)
         module_alone(
             modules[i], fx, i, q[i], v[i], modes[i], trig, drive[i], hold[i], lag[i], lag_rate[i], dt, w[i],
             chain.free[i],

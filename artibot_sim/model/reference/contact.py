@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.model.effects.force_law import Own
 from artibot_sim.model.reference.effects import NEUTRAL, PlainEffects
 from artibot_sim.model.robot.derived import params
 from artibot_sim.model.robot.parameters import ModuleParams, MotorParams, Params
@@ -135,7 +136,12 @@ def _wheel(
     F_h, held = math.hypot(F_l, F_t / fx.ask("lateral_grip")), 1.0
     if F_h > grip * body.mu_s * F_n:
         held = fx.ask("friction", grip * body.mu_s, grip * body.mu_d, math.hypot(slip, v_y)) * F_n / F_h
-    F_l, F_t = held * F_l, held * F_t + fx.ask("lateral", v_y)
+    omega_rim = motor.r_w * motor.tau * v[c]
+    own = Own(v_x, v_y, omega_rim - v_x, motor.tau * q[c], place[0], place[1], F_n)
+    middle = q[b : b + 3] + R_z @ R_x @ np.array([0.0, side * body.half_y, 0.0])
+    shared = own._replace(x=middle[0], y=middle[1], lateral_speed=math.nan, load=math.nan)  # no law takes these two
+    F_l = held * F_l + fx.ask("along", motor_number, shared) / 2  # half of what acts at both wheels of the motor
+    F_t = held * F_t + fx.ask("lateral", v_y) + fx.ask("across", wheel, own)
     u = p.u_w * fx.ask("lead", v_x, v_y)
     applied = centre + np.array([u, 0.0, 0.0])  # eq. 20
     Q = partials(applied).T @ (R_z @ R_x @ np.array([F_l, F_t, F_n]))  # eq. 18

@@ -111,6 +111,7 @@ def solve(
     lateral : array, shape (8,), optional
         Lateral forces that lag.
     """
+    fx = fx.seeing(p, q, v)
     wheels = contact(p, q, v, fx, lateral)
     mass, n, phi, right = body_system(p, q, v, wheels, fx)
     joint = len(phi)
@@ -118,7 +119,7 @@ def solve(
     for i, motor in enumerate(motors_of(p)):
         c = MOTOR_COORDINATES[i]
         mass[c, c] = motor.J_m + motor.J_w * motor.tau**2 / eta[i]
-        n[c] = -motor.tau / eta[i] * load_torque(p, wheels, i, motor.tau * v[c]) - dragged(fx, motor, i, v[c])
+        n[c] = -motor.tau / eta[i] * load_torque(p, wheels, i, motor.tau * v[c]) - dragging(fx, motor, i, q[c], v[c])
         if modes[i] == Mode.PRESCRIBED:
             prescribed.append(i)
             phi = np.vstack([phi, np.eye(16)[c]])
@@ -182,6 +183,12 @@ def load_torque(p: Params, wheels: Wheels, motor: int, omega: float) -> float:
     pair, r_w = slice(2 * motor, 2 * motor + 2), motors_of(p)[motor].r_w
     F_l, u_F_n = float(wheels.F_l[pair] @ wheels.radius[pair]), float(wheels.u[pair] @ wheels.F_n[pair])
     return F_l + (p.u_w / r_w * F_l if p.literal_eq22 else u_F_n * math.tanh(omega / ROLLING_WIDTH))
+
+
+def dragging(fx: PlainEffects, motor: MotorParams, i: int, theta: float, theta_dot: float) -> float:
+    """All that effects ask of motor `i` before its gear, N m, at `theta` (rad) and `theta_dot` (rad/s)."""
+    asked = fx.ask("shaft", i, motor.tau * theta, motor.r_w * motor.tau * theta_dot)
+    return dragged(fx, motor, i, theta_dot) + float(asked)
 
 
 def follow(p: Params, theta: float, theta_dot: float, command: Array) -> float:

@@ -7,17 +7,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, reduce
-from types import FunctionType, SimpleNamespace
+from types import CellType, FunctionType, SimpleNamespace
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from artibot_sim.model.effects import EFFECTS, at_work
 from artibot_sim.model.effects.base import Values
+from artibot_sim.model.effects.force_law import SEEN
 from artibot_sim.model.effects.hooks import PLACES
 from artibot_sim.model.kernels import elementary
+from artibot_sim.model.robot.parameters import MotorParams, Params, Train
 
 Law = Callable[..., Any]
+Array = NDArray[np.float64]
 
 _STANDARD: dict[Law, Law] = {
     elementary.tanh: math.tanh,
@@ -35,18 +41,24 @@ def plain(function: Law) -> Law:
     python: Any = getattr(function, "py_func", function)
     known = python.__globals__
     names = {name: known[name] for name in python.__code__.co_names if name in known}
-    pieces = {name: plain(piece) for name, piece in names.items() if hasattr(piece, "py_func") or piece in _PIECES}
-    return FunctionType(python.__code__, known | pieces, python.__name__, python.__defaults__, python.__closure__)
+    pieces = {name: plain(piece) for name, piece in names.items() if _compiled(piece)}
+    cells = [cell.cell_contents for cell in python.__closure__ or ()]
+    closure = tuple(CellType(plain(piece) if _compiled(piece) else piece) for piece in cells)
+    return FunctionType(python.__code__, known | pieces, python.__name__, python.__defaults__, closure)
 
 
 _PIECES = tuple(_STANDARD)
 
 
+def _compiled(piece: Any) -> bool:
+    return hasattr(piece, "py_func") or piece in _PIECES
+
+
 @lru_cache
 def _answers(place: str) -> Law:
     """The answers of all effects at a place, see `effects.hooks`."""
-    laws = [plain(effect.hooks[place]) for effect in EFFECTS.values() if place in effect.hooks]
-    return reduce(PLACES[place].combine, laws)
+    laws = dict.fromkeys(effect.hooks[place] for effect in EFFECTS.values() if place in effect.hooks)
+    return reduce(PLACES[place].combine, map(plain, laws))
 
 
 @dataclass(frozen=True)
@@ -55,14 +67,39 @@ class PlainEffects:
 
     values: Mapping[str, Values] = field(default_factory=dict)
     t: float = 0.0
+    seen: Mapping[str, Array] = field(default_factory=lambda: {name: np.zeros(count) for name, count in SEEN})
 
     def at(self, t: float) -> PlainEffects:
         """These effects at another time `t`, s."""
-        return PlainEffects(self.values, t)
+        return replace(self, t=t)
+
+    def seeing(self, p: Params, q: Array, v: Array) -> PlainEffects:
+        """These effects where laws see a rover at q and v (16,)."""
+        wheels = [unit.tau * q[c] for unit, c in zip(_motors(p), (6, 7, 14, 15), strict=False)]
+        bend = (q[13] - q[5], v[13] - v[5]) if p.two else (0.0, 0.0)
+        bodies = [_motion(q[k : k + 8], v[k : k + 8]) for k in (0, 8)[: 2 if p.two else 1]]
+        return replace(self, seen=_noted(bodies, wheels, bend))
+
+    def seeing_train(self, p: Train, q: Array, v: Array) -> PlainEffects:
+        """These effects where laws see the first two of n modules at q and v (8 n,)."""
+        wheels = [
+            motor.tau * q[8 * i + 6 + k]
+            for i, module in enumerate(p.modules[:2])
+            for k, motor in enumerate((module.right_front, module.left_front))
+        ]
+        bodies = [_motion(q[k : k + 8], v[k : k + 8]) for k in (0, 8)]
+        return replace(self, seen=_noted(bodies, wheels, (q[13] - q[5], v[13] - v[5])))
+
+    def seeing_module(self, i: int, q: Array, v: Array) -> PlainEffects:
+        """These effects where module `i` of a train, at q and v (8,), asks about itself."""
+        seen = {name: values.copy() for name, values in self.seen.items()}
+        for name, number in zip(_POSE, _motion(q, v), strict=True):
+            seen[name][min(i, 1)] = number
+        return replace(self, seen=seen)
 
     def of_module(self, module: int) -> PlainEffects:
         """These effects as a module computes that stands for itself, in the place of the front one."""
-        return _OfModule(self.values, self.t, module) if module else self
+        return _OfModule(self.values, self.t, self.seen, module) if module else self
 
     def ask(self, place: str, *about: Any) -> Any:
         """What the effects answer at a place (`effects.hooks`), from what follows the record there."""
@@ -77,10 +114,13 @@ class PlainEffects:
             values = working[name][1] if name in working else {}
             numbers = {key: one.number(values.get(key, one.neutral)) for key, one in effect.parameters.items()}
             known[name] = SimpleNamespace(**numbers)
+        known["seen"] = SimpleNamespace(**{name: values.copy() for name, values in self.seen.items()})
         return SimpleNamespace(**known)
 
 
-_NUMBERED = {"centre": 1, "push": 1, "load": 1, "resist": 1, "drag": 2, "radius": 4}
+_NUMBERED = {
+    "centre": 1, "push": 1, "load": 1, "resist": 1, "drag": 2, "shaft": 2, "along": 2, "radius": 4, "across": 4,
+}  # fmt: skip
 """Places that are told a module's number, or that of one of its two motors or four wheels: how many a module has."""
 
 
@@ -94,6 +134,30 @@ class _OfModule(PlainEffects):
         if place in _NUMBERED:
             about = (about[0] + _NUMBERED[place] * self.module, *about[1:])
         return super().ask(place, *about)
+
+
+_POSE = ("x", "y", "yaw", "forward", "left", "turn")
+
+
+def _motors(p: Params) -> list[MotorParams]:
+    return [p.right_front, p.left_front, p.right_back, p.left_back][: 4 if p.two else 2]
+
+
+def _motion(q: Array, v: Array) -> tuple[float, ...]:
+    """Pose of a module at q and v (8,) and its velocity in its own yaw frame, in the order of `_POSE`."""
+    s, c = math.sin(q[5]), math.cos(q[5])
+    return q[0], q[1], q[5], c * v[0] + s * v[1], c * v[1] - s * v[0], v[5]
+
+
+def _noted(bodies: list[tuple[float, ...]], wheels: list[float], bend: tuple[float, float]) -> dict[str, Array]:
+    """What laws see (see `force_law.SEEN`) of modules, of wheels' angles and of the articulation."""
+    seen = {name: np.zeros(count) for name, count in SEEN}
+    for i, motion in enumerate(bodies):
+        for name, number in zip(_POSE, motion, strict=True):
+            seen[name][i] = number
+    seen["angle"][: len(wheels)] = wheels
+    seen["bend"][0], seen["bend_rate"][0] = bend
+    return seen
 
 
 NEUTRAL = PlainEffects()

@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 from artibot_sim.model.equations.transmission import Mode
 from artibot_sim.model.kernels.layout import MOTOR_COORDINATES
 from artibot_sim.model.reference.contact import Wheels, contact, modules_of, motors_of
-from artibot_sim.model.reference.dynamics import body_system, dragged, follow, load_torque, solve, solve_augmented
+from artibot_sim.model.reference.dynamics import (
+    body_system,
+    dragged,
+    dragging,
+    follow,
+    load_torque,
+    solve,
+    solve_augmented,
+)
 from artibot_sim.model.reference.effects import NEUTRAL, PlainEffects
 from artibot_sim.model.robot.parameters import Params
 
@@ -36,11 +44,11 @@ def _hold(p: Params, state: PlainState, command: Array, back_factor: float) -> A
     return np.where(np.isnan(command), default, command)
 
 
-def _feed_back(p: Params, torque: Array, theta_dot: Array, eta: Array, fx: PlainEffects) -> Array:
+def _feed_back(p: Params, torque: Array, theta: Array, theta_dot: Array, eta: Array, fx: PlainEffects) -> Array:
     """Eq. 23 for the next step, judged by what goes through the gear."""
     fresh = eta.copy()
     for i, motor in enumerate(motors_of(p)):
-        M_gear = torque[i] - dragged(fx, motor, i, theta_dot[i])
+        M_gear = torque[i] - dragging(fx, motor, i, theta[i], theta_dot[i])
         fresh[i] = motor.eta_d if M_gear * theta_dot[i] >= 0 else 1.0 / motor.eta_r
     return fresh
 
@@ -88,7 +96,8 @@ def rk4_step(
         q, v = state.q + h * dt * k_q[-1], state.v + h * dt * k_v[-1]
         lateral = state.lateral + h * dt * k_lag[-1]
     weights = np.array([1, 2, 2, 1]) / 6 * dt
-    eta = _feed_back(p, torque, state.v[MOTOR_COLUMNS], state.eta, fx)
+    begun = fx.seeing(p, state.q, state.v)
+    eta = _feed_back(p, torque, state.q[MOTOR_COLUMNS], state.v[MOTOR_COLUMNS], state.eta, begun)
     ends = (now + weights @ np.array(k) for now, k in ((state.q, k_q), (state.v, k_v), (state.lateral, k_lag)))
     new_q, new_v, new_lateral = ends
     return PlainState(new_q, new_v, eta, torque, new_lateral)
@@ -111,6 +120,7 @@ def semi_implicit_step(
     held = _hold(p, state, command, factor)
     v = state.v.copy()
     torque = np.zeros(4)
+    fx = fx.seeing(p, state.q, state.v)
     old = contact(p, state.q, state.v, fx, state.lateral)
     for i in range(len(motors_of(p))):
         v[MOTOR_COLUMNS[i]], torque[i] = _next_speed(p, state, old, i, modes[i], drive[:, i], held[i], dt, fx)
@@ -118,7 +128,8 @@ def semi_implicit_step(
     for i, motor in enumerate(motors_of(p)):
         if modes[i] == Mode.PRESCRIBED:
             c = MOTOR_COLUMNS[i]
-            load = motor.tau / state.eta[i] * load_torque(p, wheels, i, motor.tau * v[c]) + dragged(fx, motor, i, v[c])
+            load = motor.tau / state.eta[i] * load_torque(p, wheels, i, motor.tau * v[c])
+            load += dragging(fx, motor, i, state.q[c], v[c])
             inertia = motor.J_m + motor.J_w * motor.tau**2 / state.eta[i]
             torque[i] = inertia * (v[c] - state.v[c]) / dt + load
     mass, n, phi, right = body_system(p, state.q, state.v, wheels, fx, dt)
@@ -128,7 +139,7 @@ def semi_implicit_step(
     new_v[bodies] = state.v[bodies] + dt * acceleration[bodies]
     vertical = np.isin(np.arange(16) % 8, (2, 3, 4))
     new_q = state.q + dt * np.where(vertical, new_v, 0.5 * (state.v + new_v))
-    eta = _feed_back(p, torque, new_v[MOTOR_COLUMNS], state.eta, fx)
+    eta = _feed_back(p, torque, state.q[MOTOR_COLUMNS], new_v[MOTOR_COLUMNS], state.eta, fx)
     return PlainState(new_q, new_v, eta, torque, state.lateral + dt * np.resize(wheels.rate, 8))
 
 
@@ -146,7 +157,8 @@ def _next_speed(
     slope = wheels.k_l[pair] @ (wheels.held[pair] * wheels.radius[pair] ** 2)  # of the torque on the axle
     inertia = motor.J_m + motor.J_w * motor.tau**2 / eta + dt * motor.tau / eta * slope * motor.tau
     inertia += dt * drag / theta_dot if theta_dot != 0 else 0.0
-    load = motor.tau / eta * load_torque(p, wheels, i, motor.tau * theta_dot) + drag
+    load = motor.tau / eta * load_torque(p, wheels, i, motor.tau * theta_dot)
+    load += dragging(fx, motor, i, theta, theta_dot)
     M = held if mode == Mode.TORQUE else inertia * (d_ddot + p.velocity_gain * (d_dot - theta_dot)) + load
     M = min(max(M, -motor.torque_max), motor.torque_max)
     return theta_dot + dt * (M - load) / inertia, M

@@ -20,7 +20,7 @@ from artibot_sim.model.reference.dynamics import (
     add_joint_torque,
     body_system,
     constraint_terms,
-    dragged,
+    dragging,
     follow,
     load_torque,
     solve_augmented,
@@ -64,13 +64,15 @@ def solve_train(
     Solution
         Multipliers joint by joint; wheels in the order of the modules.
     """
-    count = len(p.modules)
+    count, fx = len(p.modules), fx.seeing_train(p, q, v)
     lagging = np.zeros(4 * count) if lateral is None else lateral
     mass, n, wheels = np.zeros((8 * count, 8 * count)), np.zeros(8 * count), []
     M_m, prescribed = np.zeros(2 * count), []
     turned = [(8 * i + 6 + side, 2 * i + side) for i in range(count) for side in (0, 1)]
     for i, module in enumerate(p.modules):
-        own, here = slice(8 * i, 8 * i + 8), fx.of_module(i)
+        own = slice(8 * i, 8 * i + 8)
+        fx = fx.seeing_module(i, q[own], v[own])
+        here = fx.of_module(i)
         at, moving = np.append(q[own], np.zeros(8)), np.append(v[own], np.zeros(8))
         met = contact(module, at, moving, here, np.append(lagging[4 * i : 4 * i + 4], np.zeros(4)))
         wheels.append(met)
@@ -80,7 +82,7 @@ def solve_train(
             c, k = turned[2 * i + side]
             mass[c, c] = motor.J_m + motor.J_w * motor.tau**2 / eta[k]
             M_r = load_torque(module, met, side, motor.tau * v[c])
-            n[c] = -motor.tau / eta[k] * M_r - dragged(here, motor, side, v[c])
+            n[c] = -motor.tau / eta[k] * M_r - dragging(here, motor, side, q[c], v[c])
     for j in range(count - 1):
         pair = slice(8 * j, 8 * j + 16)
         add_joint_torque(mass[pair, pair], n[pair], q[pair], v[pair], fx, 0.0)

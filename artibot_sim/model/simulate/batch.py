@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.effects import RECORD_DTYPE, record
+from artibot_sim.model.effects import RECORD_DTYPE, has_laws, record
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor
 from artibot_sim.model.kernels.lane_layout import extension, flat
 from artibot_sim.model.kernels.layout import ROW
@@ -116,13 +116,13 @@ def _packed(setups: Sequence[Setup]) -> tuple[NDArray[Any], NDArray[Any], tuple[
 
 
 def in_lanes(setups: Sequence[Setup], dt: float, every: Sequence[int]) -> Iterator[Lanes]:
-    """Those that stay on a plane, in lots of equal length and commands' spacing, with or without effects."""
+    """Those that stay on a plane and know no laws, in lots of equal length and commands' spacing."""
     from artibot_sim.model.kernels.lane_layout import LANES
     from artibot_sim.model.kernels.lane_loading import find_level
 
     alike: dict[tuple[Any, ...], list[int]] = {}
     for i, setup in enumerate(setups):
-        if setup.robot.trailing:
+        if setup.robot.trailing or has_laws(setup.robot.effects):
             continue
         alike.setdefault(
             (extension(setup.robot.effects), setup.steps, every[i], round(setup.commands.dt / dt)), []
@@ -186,8 +186,9 @@ def rollout_batch(
 ) -> list[Rollout]:
     """Simulate many rovers, each as `rollout` does.
 
-    With RK4 those that stay on a plane run side by side in the processor's vector units (`lanes`), and equal single
-    rollouts to rounding (1e-9 in the test suite); the others, and all where energies are asked for, to the bit.
+    With RK4 those that stay on a plane and know no laws run side by side in the processor's vector units (`lanes`), and
+    equal single rollouts to rounding (1e-9 in the test suite); the others, and all where energies are asked for, to the
+    bit.
     Results do not depend on the number of `workers`, nor on what else is in the batch.
 
     Parameters

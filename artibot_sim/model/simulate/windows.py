@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.analysis.stability import largest_step
-from artibot_sim.model.effects import EFFECTS, RECORD_DTYPE, record
+from artibot_sim.model.effects import EFFECTS, RECORD_DTYPE, has_laws, record
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor
 from artibot_sim.model.kernels import loop
 from artibot_sim.model.kernels.advance import advance
@@ -123,7 +123,9 @@ class Fleet:
     eta : array, shape (r, 4)
         Efficiencies of a first step.
     effects : array of RECORD_DTYPE, shape (r,)
-        Zeros for those without.
+        Zeros for those without, and for those with laws.
+    laws : mapping of int to record of LAW_DTYPE
+        Effects of the robots with laws, which run one by one, by their numbers.
     extended : array of int, shape (r,)
         Which need the extended model: 0 for none, else which of EXTENDED, from 1.
     share : array, shape (r, tables)
@@ -136,6 +138,7 @@ class Fleet:
     records: NDArray[Any]
     eta: Array
     effects: NDArray[Any]
+    laws: Mapping[int, Any]
     extended: Indices
     share: Array
     sensors: Array
@@ -150,17 +153,23 @@ class Fleet:
             every = [unlimited_beside_prescribed(p, next(iter(modes))) for p in every]
         drives = [(robot.drive.front, robot.drive.back or robot.drive.front) for robot in different]
         effects, extended = np.zeros(len(robots), RECORD_DTYPE), np.zeros(len(robots), np.int64)
+        laws: dict[int, Any] = {}
         for i, robot in enumerate(robots):
             found = record(robot.effects, 0.0) if robot.effects else None
-            if found is not None:
-                effects[i], extended[i] = found, len(extension(robot.effects) or ())
+            if found is None:
+                continue
+            if has_laws(robot.effects):
+                laws[i] = found
+            else:
+                effects[i] = found
+            extended[i] = len(extension(robot.effects) or ())
         share = np.zeros((len(different), len(tables)))
         if free:
             share[:] = [[back_torque_factor(robot, table.kappa) for table in tables] for robot in different]
         eta = np.array([[front.eta_d] * 2 + [back.eta_d] * 2 for front, back in drives]).reshape(-1, 4)
         sensors = np.array([sensor_errors(robot) for robot in different], dtype=float).reshape(-1, 6)
         records = np.array(every, dtype=PARAMS_DTYPE)
-        return cls(robots, records[like], eta[like], effects, extended, share[like], sensors[like])
+        return cls(robots, records[like], eta[like], effects, laws, extended, share[like], sensors[like])
 
 
 def by_numbers(robots: Sequence[Robot]) -> tuple[list[Robot], Indices]:
@@ -187,12 +196,12 @@ _CHANGING = frozenset(name for name, effect in EFFECTS.items() if effect.adapt o
 
 
 def level(fleet: Fleet, items: Items) -> Mask:
-    """Which items stay on a plane, shape (n,)."""
+    """Which items stay on a plane and know no laws, shape (n,)."""
     from artibot_sim.model.kernels.lane_loading import find_level
 
     found = np.zeros(len(items), bool)
-    extended = fleet.extended[items.robot] > 0
-    for rows, effects in ((~extended, None), (extended, fleet.effects)):
+    extended, lawless = fleet.extended[items.robot] > 0, ~np.isin(items.robot, list(fleet.laws))
+    for rows, effects in ((~extended & lawless, None), (extended & lawless, fleet.effects)):
         if rows.any():
             some = np.zeros(int(rows.sum()), bool)
             find_level(fleet.records, effects, _whole(items.robot[rows]), items.q[rows], items.v[rows], some)
@@ -229,8 +238,8 @@ def _real(values: Array) -> Array:
 
 
 # ----------------------------------------------------------------------
-# Windows one by one, by the kernels of `rollout`: for what does not stay on a plane, or is asked how wheels
-# slide.
+# Windows one by one, by the kernels of `rollout`: for what does not stay on a plane, has laws, or is asked how
+# wheels slide.
 # ----------------------------------------------------------------------
 
 
@@ -262,7 +271,7 @@ def run_window(
     )  # as `rollout` has them: another order would be compiled for anew
     extra: tuple[Any, ...] = ()
     if fleet.extended[r]:
-        fx = fleet.effects[r].copy()
+        fx = (fleet.laws[r] if r in fleet.laws else fleet.effects[r]).copy()
         fx["t"] = items.t[i]
         extra = (fx, np.zeros(8) if items.lateral is None else items.lateral[i].copy())
     work, q, v, w, rows = room
@@ -381,9 +390,9 @@ class Items:
 class WindowBatch:
     """Runs items; keeps what it can between calls.
 
-    Rovers that stay on a plane run side by side in the processor's vector units (`window_lanes`); the others, and
-    those of which it is asked how wheels slide or grip, one by one. Both give what `rollout` would, to rounding, and
-    neither depends on what else runs.
+    Rovers that stay on a plane run side by side in the processor's vector units (`window_lanes`); the others, those
+    with laws and those of which it is asked how wheels slide or grip, one by one. Both give what `rollout` would, to
+    rounding, and neither depends on what else runs.
 
     Parameters
     ----------

@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.exchange.own_effects import effects_option
 from artibot_sim.nodes.common.options import Number, parameter_files
 from artibot_sim.nodes.common.process import built, destroyed, node_main, ros_process
 from artibot_sim.report.files import OutputFile
@@ -21,6 +22,7 @@ _OFFLINE = ("fit", "window", "pose_delay", "as_json", "renames", "joints", "name
 
 @click.command("odometry", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.argument("bag", required=False, type=click.Path(path_type=Path))
+@effects_option
 @click.option("--robot", help="Robot as identified: a name, or a robot file.  [default: agriq; with BAG: its own]")
 @click.option("--kappa", type=Number(min=0, max=1), help="Front share of the torque, where back rotations are unknown.")
 @click.option("--rotation-delay", type=_DELAY, help="By which rotations are stamped late, s.  [default: 0]")

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.exchange.own_effects import effects_option
 from artibot_sim.nodes.common.options import Number
 from artibot_sim.nodes.common.process import node_main
 from artibot_sim.report.files import OutputFile
@@ -65,6 +66,7 @@ _FRAMES_HELP = "With --can: what the drives sent, or commands, which MOVE MOTORS
 @click.option("--use-sim-time", is_flag=True, help="With --drive: take the time from a simulator's /clock.")
 @click.option("--request-from", metavar="NAME", help="With --drive: publish this topic as motor_command_request.")
 @click.option("--resimulate", type=click.Choice(["rotations", "commands"]), help="Feed this to the model, without ROS.")
+@effects_option
 @click.option("--robot", help="With --resimulate: a name or a robot file.  [default: the recording's]")
 @click.option("--horizon", type=_POSITIVE, help="With --resimulate: start anew from the measurements so often, s.")
 @click.option(

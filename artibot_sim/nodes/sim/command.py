@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from artibot_sim.exchange.own_effects import effects_option
 from artibot_sim.nodes.common.options import Optional, parameter_files
 from artibot_sim.nodes.common.process import node_main
 from artibot_sim.nodes.plain import run_sim
@@ -34,6 +35,7 @@ OPTIONS = {
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@effects_option
 @click.option("--robot", type=Optional(str), help="Robot: agriq, epiq, husky, or a robot file.  [default: agriq]")
 @click.option(
     "--kappa", type=Optional(float), help="Front share of the traction torque, in (0, 1].  [default: robot's]"
