@@ -82,8 +82,9 @@ def config_path(kind: str, name: str) -> Path:
 def local_environment() -> dict[str, str]:
     """Variables that keep nodes to this machine and let them meet quickly and surely.
 
-    Loopback instead of shared memory: what killed nodes leave in /dev/shm can keep later ones from finding each other.
-    A profile of Fast DDS that was set before stays.
+    What killed nodes leave in /dev/shm can keep later ones from finding each other: FASTDDS_BUILTIN_TRANSPORTS asks for
+    loopback instead, which rmw_fastrtps heeds only where the range is another than LOCALHOST. A profile of Fast DDS
+    that was set before stays.
     """
     profile = str(config_folder() / "fastdds.xml")
     names = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")  # the latter until Fast DDS 3

@@ -506,6 +506,20 @@ def test_two_drives_with_one_id_are_named_in_the_log(start_node: Any, channel: s
         driver.stop()
 
 
+@pytest.mark.parametrize(("given", "shares"), [("", False), ("DEFAULT", True)])
+def test_the_driver_keeps_out_of_shared_memory_unless_told_otherwise(
+    start_node: Any, channel: str, given: str, shares: bool
+) -> None:
+    """What a killed node leaves in it is read by those that go on, and has corrupted their memory."""
+    # nobody is to be found, and nothing leaves the machine; with LOCALHOST rmw_fastrtps would choose transports itself
+    env = {"FASTDDS_BUILTIN_TRANSPORTS": given, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}
+    driver = start_node("driver", "--channel", channel, env=env)
+    driver.wait_for("driver on", 60.0)
+    maps = Path(f"/proc/{driver.pid}/maps").read_text()
+    assert ("/dev/shm/fastrtps" in maps or "/dev/shm/fastdds" in maps) == shares
+    assert driver.stop() == 0
+
+
 def test_what_is_in_the_way_is_said_anew_when_it_has_settled() -> None:
     obstacle = Settling(1.0)
     obstacle.said("not heard")

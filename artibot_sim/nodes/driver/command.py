@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -65,16 +66,26 @@ def command(ros_args: list[str] | None, params: tuple[str, ...], **given: Any) -
     return run(overrides, [*parameter_files(params), *(ros_args or [])])
 
 
+TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
+"""Variable in which Fast DDS finds what it speaks over."""
+
+
 def run(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
     """Run the node until it ends; return the exit status.
 
-    SIGINT and SIGTERM end it with status 0, after a ramp to standstill.
+    SIGINT and SIGTERM end it with status 0, after a ramp to standstill. Unless TRANSPORTS is set, the process speaks
+    over UDP alone: a node that is killed leaves its part of shared memory in disorder, and whoever goes on reading it
+    may end with corrupted memory. A driver must outlast any other node. With ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
+    rmw_fastrtps chooses transports itself, shared memory among them.
 
     Raises
     ------
     ArtibotError
         When a parameter, the robot or the bus is refused.
     """
+
+    if not os.environ.get(TRANSPORTS):
+        os.environ[TRANSPORTS] = "UDPv4"
 
     def make(asked: list[int]) -> LoopNode:
         from artibot_sim.nodes.driver.node import DriverNode
