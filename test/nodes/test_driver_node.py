@@ -81,14 +81,15 @@ def test_what_is_published_is_what_the_drives_report(probe: DriverProbe, drives:
     probe.clear()
     probe.repeat(lambda: probe.send_request([60.0, 40.0]), 1.0)
     command, torques = probe.last("motor_command"), probe.last("motor_torques")
-    joints, odom = probe.last("joint_states"), probe.last("odom")
+    at = {stamp_ns(m): m for m in probe.got["motor_torques"]}
+    joints = next(m for m in reversed(probe.got["joint_states"]) if stamp_ns(m) in at)  # topics come one by one
+    odom = probe.last("odom")
     assert command.name == torques.name == ALL
     assert command.velocity[:2] == pytest.approx([60.0, 40.0], abs=1e-3)
     assert all(map(math.isnan, (*command.velocity[2:], *command.effort[:2])))
     assert all(map(math.isfinite, command.effort[2:]))
     assert torques.velocity[:2] == pytest.approx([60.0, 40.0], rel=0.02)
     assert joints.name == [f"{motor}_{end}_wheel" for motor in ALL for end in ("front", "back")]
-    at = {stamp_ns(m): m for m in probe.got["motor_torques"]}
     same, drive = at[stamp_ns(joints)], load_robot("agriq").drive
     tau = np.repeat([drive.front.tau, drive.back.tau], 4)
     np.testing.assert_allclose(joints.position, np.repeat(same.position, 2) * tau, rtol=1e-12)
