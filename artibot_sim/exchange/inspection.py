@@ -172,7 +172,8 @@ def inspect_recording(
     views = _topics(info, experiment)
     segments = experiment.segments if experiment else ()
     unread = [view for view in views if not view.read_as]
-    advice += _renames(experiment, unread, options, Path(path))
+    if experiment is not None or not _several(info):  # which rover is asked first
+        advice += _renames(experiment, unread, options, Path(path))
     advice += _robot_advice(info.metadata.get("robot", ""), experiment)
     return Inspection(
         path=info.path,
@@ -199,14 +200,20 @@ def _options(renames: Mapping[str, str], namespace: str | None, joints: Joints) 
 
 def _unread(info: BagInfo, error: str) -> Iterator[str]:
     """Say what to type where nothing could be read."""
-    names = [channel.topic for channel in info.channels]
-    try:
-        find_namespace(names)
-    except ArtibotError as several:
-        yield f"{several}: artibot inspect {info.path} --namespace NAME"
+    if several := _several(info):
+        yield f"{several}: artibot inspect {info.path} {several.partition(' with ')[2]}"
         return
     if not any(channel.ros_type in READABLE for channel in info.channels):
         yield error.removeprefix(f"{info.path}: ")
+
+
+def _several(info: BagInfo) -> str:
+    """That a recording has topics of several rovers, and how one is chosen; empty where it has not."""
+    try:
+        find_namespace([channel.topic for channel in info.channels])
+    except ArtibotError as several:
+        return str(several)
+    return ""
 
 
 def _topics(info: BagInfo, experiment: Experiment | None) -> tuple[TopicView, ...]:

@@ -181,23 +181,30 @@ def find_namespace(topics: Collection[str], asked: str | None = None) -> str:
     if asked is not None:
         wanted = f"/{asked.strip('/')}".rstrip("/")
         if not any(topic.startswith(f"{wanted}/") for topic in topics):
-            present = ", ".join(sorted(topics)) or "no topic"
+            spaces = _rovers(topics)[0] or topics
+            present = ", ".join(sorted(filter(None, spaces))) or "no topic"
             raise ArtibotError(f"--namespace {asked}: no topic below {wanted}/; the recording has {present}")
         return wanted
-    names = sorted((topic.name for topic in TOPICS if topic.name not in GLOBAL), key=len, reverse=True)
-    found: dict[str, set[str]] = {}
-    for topic in topics:
-        name = next((name for name in names if topic.endswith(name)), None)
-        if name:  # the longest: /rover1/ground_truth/odom is no /odom of /rover1/ground_truth
-            found.setdefault(topic.removesuffix(name), set()).add(name)
-    several = [space for space, below in found.items() if len(below) > 1]  # /lidar/odom alone is no rover's
-    rovers = [space for space, below in found.items() if "/motor_torques" in below] or several
+    rovers, several = _rovers(topics)
+    rovers = rovers or several
     if "" in rovers or not rovers:
         return ""
     if len(rovers) > 1:
         spaces = ", ".join(sorted(rovers))
         raise ArtibotError(f"topics of several rovers ({spaces}); choose one with --namespace {min(rovers)}")
     return rovers[0]
+
+
+def _rovers(topics: Collection[str]) -> tuple[list[str], list[str]]:
+    """Namespaces with `/motor_torques`, and those with two of the contract's topics: /lidar/odom alone is no rover's."""
+    names = sorted((topic.name for topic in TOPICS if topic.name not in GLOBAL), key=len, reverse=True)
+    found: dict[str, set[str]] = {}
+    for topic in topics:
+        name = next((name for name in names if topic.endswith(name)), None)
+        if name:  # the longest: /rover1/ground_truth/odom is no /odom of /rover1/ground_truth
+            found.setdefault(topic.removesuffix(name), set()).add(name)
+    torques = [space for space, below in found.items() if "/motor_torques" in below]
+    return torques, [space for space, below in found.items() if len(below) > 1]
 
 
 def parse_renames(pairs: list[str] | tuple[str, ...]) -> dict[str, str]:

@@ -371,7 +371,7 @@ def render_page(
     hints = (THINNED, HINT) if any(map(is_thinned, figure.panels)) else (HINT,)
     charts = [chart(panel, figure.time_span) | {"time": panel.timed} for panel in figure.panels]
     said = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in answer)
-    parts = [Part("Answer", said + _table(table[:first], columns))]
+    parts = [Part("Answer", _table(table[:first], columns) + said)]
     for name in dict.fromkeys(panel.part for panel in figure.panels):
         parts.append(Part(name or "Charts", _panels(figure, name), name not in closed))
     parts.append(Part("Figures of merit", _table(table[first:], columns), "table" not in closed))

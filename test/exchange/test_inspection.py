@@ -13,7 +13,7 @@ import pytest
 from bag_helpers import EPOCH, JOINTS, ODOMETRY, ROOT, foreign, joint_state, odometry
 from report_helpers import recording
 from rosbags.rosbag1 import Writer as Rosbag1
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from artibot_sim.cli import main
@@ -284,3 +284,28 @@ def test_real_recordings_repeat_values_as_often_as_their_description_says(
 ) -> None:
     found = {view.topic: view for view in inspect_recording(foreign(name)).topics}
     assert low < found[topic].distinct < high
+
+
+def test_of_several_rovers_one_line_says_what_to_type(tmp_path: Path) -> None:
+    """Two rovers' topics below their namespaces: every reader asks which one, by a command that then works."""
+    path, spaces = tmp_path / "two", ("/rover1", "/rover2")
+    with (
+        Reader(ROOT / "bags" / "table6_agriq") as one,
+        Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as two,
+    ):
+        known = {
+            (space, c.id): two.add_connection(space + c.topic, c.msgtype, msgdef=c.msgdef.data, rihs01=c.digest)
+            for space in spaces for c in one.connections
+        }  # fmt: skip
+        for connection, stamp, data in one.messages():
+            for space in spaces:
+                two.write(known[space, connection.id], stamp, data)
+    (line,) = inspect_recording(path).advice
+    assert "several rovers (/rover1, /rover2)" in line
+    words = line.partition("artibot inspect ")[2].split()
+    assert words == [str(path), "--namespace", "/rover1"]
+    assert inspect_recording(path, namespace=words[2]).uses[0].ready
+    with pytest.raises(ArtibotError, match=r"several rovers .* --namespace /rover1"):
+        read_bag(path)
+    with pytest.raises(ArtibotError, match=r"no topic below /rover3/; the recording has /rover1, /rover2$"):
+        read_bag(path, namespace="rover3")
