@@ -196,7 +196,7 @@ def find_namespace(topics: Collection[str], asked: str | None = None) -> str:
 
 
 def _rovers(topics: Collection[str]) -> tuple[list[str], list[str]]:
-    """Namespaces with `/motor_torques`, and those with two of the contract's topics: /lidar/odom alone is no rover's."""
+    """Namespaces with `/motor_torques`, and those with two topics of the contract: /lidar/odom alone is no rover."""
     names = sorted((topic.name for topic in TOPICS if topic.name not in GLOBAL), key=len, reverse=True)
     found: dict[str, set[str]] = {}
     for topic in topics:
