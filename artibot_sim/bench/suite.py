@@ -112,7 +112,7 @@ def all_names() -> list[str]:
 
 
 def run(keys: Sequence[str], scenario: Scenario, begin: Callable[[str], Any]) -> tuple[list[Result], list[Skipped]]:
-    """Run benchmarks; `begin` hears which one comes next."""
+    """Run benchmarks; `begin` is called with which one comes next."""
     results: list[Result] = []
     skipped: list[Skipped] = []
     for key in keys:

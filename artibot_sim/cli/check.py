@@ -87,7 +87,7 @@ def _show(console: Console, one: Check) -> None:
         table = Table("stream", "after", "s", "95 %", "agree", box=None, header_style="dim", pad_edge=False)
         for stream, after, delay in one.delays:
             low, high = delay.interval
-            told = delay.agreement >= 0.6
-            cells = (f"{delay.value:+.3f}", f"{low:+.3f} … {high:+.3f}") if told else ("cannot be told", "")
+            known = delay.agreement >= 0.6
+            cells = (f"{delay.value:+.3f}", f"{low:+.3f} … {high:+.3f}") if known else ("unknown", "")
             table.add_row(f"  {stream}", after, *cells, f"{100 * delay.agreement:.0f} %")
         console.print(table)

@@ -107,7 +107,7 @@ def _sweep(plan: SweepPlan, out: Path, workers: int | None, scheduler: str | Non
     clock = _Clock()
     try:
         with Bar(total=float(plan.count)) as bar:
-            done = sweep(plan, out, workers=workers, scheduler=scheduler, progress=clock.tell_to(bar))
+            done = sweep(plan, out, workers=workers, scheduler=scheduler, progress=clock.report_to(bar))
             bar.show(float(plan.count), "drawing", note="")
             summary = summarise(done.folder)
             write_files({out / PAGE: sweep_page(summary, f"Sweep {out.resolve().name}")})
@@ -128,7 +128,7 @@ class _Clock:
         self._began = time.monotonic()
         self.seconds = 0.0
 
-    def tell_to(self, bar: Bar) -> Any:
+    def report_to(self, bar: Bar) -> Any:
         """What the sweep tells how far it is."""
 
         def advance(done: int, before: int) -> None:

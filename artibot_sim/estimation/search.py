@@ -172,7 +172,7 @@ def perturbed(
 ) -> Point:
     """The best of random changes of all parameters, as far as the data leave them open and a few times further.
 
-    Steps end where the jagged loss holds them. The valley that they would have to follow is where the normal
+    Steps end where the jagged loss holds them. The ridge that they would have to follow is where the normal
     equations are flattest: all forces by one factor, say, and rolling resistance by its inverse.
     """
     information = problem.parameters.prior_information[np.ix_(free, free)]

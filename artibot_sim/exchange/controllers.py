@@ -28,7 +28,7 @@ def diff_drive_controller(
     grounds : name → the robot as identified on that ground; the first one's section is called
         ``diff_drive_controller``, the others' ``diff_drive_controller_NAME``.
     speed : of the turns, m/s.
-    progress : hears the share that is done.
+    progress : is called with the share that is done.
     """
     advance = progress or (lambda _: None)
     lines = [

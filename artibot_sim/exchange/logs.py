@@ -190,7 +190,7 @@ def import_logs(
     paths : CSV or Parquet files, or bags whose topics are called otherwise.
     columns : what their columns are.
     folder : made anew; whole, or not there at all.
-    progress : hears now and then the share that is done.
+    progress : is called now and then with the share that is done.
 
     Raises
     ------

@@ -23,7 +23,7 @@ from artibot_sim.experiment.topics import Qos
 
 
 CAN_TOPIC = "from_can_bus"
-"""Name of the topic, relative: ros2_socketcan's for what it hears on a bus."""
+"""Name of the topic, relative: ros2_socketcan's for what it receives from a bus."""
 CAN_QOS = Qos(depth=500)
 """What ros2_socketcan offers it with."""
 

@@ -54,7 +54,7 @@ def read_bag(
         rover only it is found.
     joints : motor, or joint of the articulation → joints in the recording whose mean it is; without, wheels of a
         rigid robot are found by their names (``rear_left_wheel_joint``), in `/joint_states` too.
-    progress : hears now and then the share of the work that is done; a file without an index is read twice.
+    progress : is called now and then with the share of the work that is done; a file without an index is read twice.
 
     Returns
     -------
@@ -246,7 +246,7 @@ def bag_info(path: Path | str, *, progress: Report | None = None) -> BagInfo:
     Parameters
     ----------
     path : rosbag2 folder or bare file.
-    progress : hears now and then how much of a file without an index has been counted; nothing where all have one.
+    progress : is called now and then with how much of a file without an index is counted; nothing where all have one.
 
     Raises
     ------

@@ -500,10 +500,10 @@ class _Salvage:
             for file in self.files:
                 for stamp in self._messages(file, bag):
                     first, last = min(first, stamp), max(last, stamp)
-                    self._tell()
+                    self._report()
         return (last - first) / 1e9 if self.counts else 0.0
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         """Say how far the work is, now and then."""
         self._until_told -= 1
         if self._progress and self._until_told < 0:

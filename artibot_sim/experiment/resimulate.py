@@ -280,7 +280,7 @@ class Resimulation:
     pieces: tuple[Pieces, ...] = ()
 
     def write(self, out: Path | str, *, progress: Report | None = None) -> Path:
-        """Write `out/simulated` and `out/metrics.json`; `progress` hears the share that is done. Returns `out`.
+        """Write `out/simulated` and `out/metrics.json`; `progress` gets the share that is done. Returns `out`.
 
         Raises
         ------
@@ -341,7 +341,7 @@ def resimulate(
         `commands`: the front motors do what `/motor_command` says, the back ones share by eq. 30.
     horizon : s; each segment is cut into windows of this length, each started anew. None: free runs.
     back : with `commands`, `kappa`, `effort` or `auto` (see `inputs.commands`).
-    progress : hears now and then the share that is simulated.
+    progress : is called now and then with the share that is simulated.
 
     Returns
     -------

@@ -77,7 +77,7 @@ def write_channels(
     metadata : strings for the `artibot` record.
     latched : channel key → (stamp in ns, CDR bytes) of messages made elsewhere.
     compression : of the chunks: `zstd`, `lz4` or `none`.
-    progress : hears now and then the share that is done.
+    progress : is called now and then with the share that is done.
 
     Returns
     -------

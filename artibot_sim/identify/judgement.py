@@ -183,7 +183,7 @@ def overall(found: Sequence[Estimate], converged: bool, text: str, share: float)
     loose = [e for e in found if e.status is Status.NOT_IDENTIFIABLE]
     if loose:
         names = ", ".join(e.name for e in loose)
-        return Status.NOT_IDENTIFIABLE, f"{names} cannot be told from these recordings: {loose[0].note}"
+        return Status.NOT_IDENTIFIABLE, f"{names} cannot be determined from these recordings: {loose[0].note}"
     at = [e for e in found if e.status is Status.AT_BOUND]
     if at:
         return Status.AT_BOUND, f"{', '.join(e.name for e in at)}: {at[0].note}"
@@ -202,5 +202,5 @@ def excitation(problem: Problem, point: Point) -> Iterator[str]:
     if motion.sliding == 0.0:
         yield (
             f"no wheel ever slides (at most {motion.grip:.2f} of its load are held): mu_s, mu_d and what acts "
-            "through them cannot be told; drive tighter turns"
+            "through them cannot be determined; drive tighter turns"
         )

@@ -34,7 +34,7 @@ def draw(
     json: Path | None = None,
     progress: Report | None = None,
 ) -> Drawn:
-    """Write the files asked for; `progress` hears the share that is done.
+    """Write the files asked for; `progress` is called with the share that is done.
 
     Raises
     ------

@@ -382,7 +382,7 @@ def allowed(quantity: str) -> float:
     """Largest difference that counts as agreement: points of ``e_gamma`` and ``e_x``, a share of a ``radius``.
 
     It is how far the paper's own model is from its measurements, root mean square over both tests: who is nearer to
-    that model than it is to the rover cannot be told from it.
+    that model than it is to the rover cannot be distinguished from it.
     """
     off = []
     for test in TESTS.values():

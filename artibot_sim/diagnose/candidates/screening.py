@@ -222,21 +222,21 @@ def faint(hypothesis: Hypothesis) -> list[Array]:
 def _guesses(
     base: Around, problem: Problem, hypothesis: Hypothesis, probe: Array, follow: Follow | None
 ) -> list[Array]:
-    """Coordinates of the whole fit at a probe: the baseline's soil, what it would become beside it, and its valley."""
+    """Coordinates of the whole fit at a probe: the baseline's soil, what it would become beside it, and its ridge."""
     parameters, own = problem.parameters, base.point.coordinates
     guesses = [np.concatenate([own, probe])]
     if follow is not None:
         moved = own.copy()
         moved[list(base.free)] += np.clip(follow(probe), -_FARTHEST, _FARTHEST)
         guesses.append(parameters.inside(np.concatenate([moved, probe])))
-    valley = hypothesis.extension.search.valley
-    if not valley:
+    ridge = hypothesis.extension.search.ridge
+    if not ridge:
         return guesses
     first = guesses[0]
     values = hypothesis.extension.values(probe)
     size = float(values[next(iter(hypothesis.extension.search.sizes))])
     soil = parameters.values(first)
-    for key, power in valley.items():
+    for key, power in ridge.items():
         i = parameters.index(key)
         if i is not None:
             soil[i] *= size**power

@@ -1,4 +1,4 @@
-"""What the front motors were told and what they did, laid out so that any way between the two is quickly computed."""
+"""Commands of the front motors and what they did, laid out so that any way between the two is quickly computed."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ class Rounds:
     few, many : int
         Steps.
     walks : int
-        Along an effect's valley, at most, as long as each gains what `worth` says.
+        Along an effect's ridge, at most, as long as each gains what `worth` says.
     worth : float
         Nats that an effect has to gain in the screen to be fitted at all.
     plain : float

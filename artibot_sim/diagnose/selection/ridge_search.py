@@ -43,7 +43,7 @@ def along_ridge(problem: Problem, loss: Loss, fit: Fit, which: int = -1) -> Poin
     if not parameters.extensions:
         return point
     own = point.coordinates[parameters.places[which]]
-    grips = _FINE if parameters.extensions[which].search.valley else _GRIPS
+    grips = _FINE if parameters.extensions[which].search.ridge else _GRIPS
     places = [place for move in _moves(own) for place in beside(problem, loss, fit, move, grips, which)]
     found = sorted(places, key=lambda p: p.cost)
     ends = [step(problem, loss, place, free)[0] for place in found[:_TRIED]]
@@ -135,17 +135,17 @@ def _by_normal_equations(problem: Problem, fit: Fit, move: Array, which: int) ->
 
 
 def _by_declared_ridge(problem: Problem, fit: Fit, move: Array, which: int) -> tuple[Array, Array] | None:
-    """A step along the ridge that an effect declares (`Search.valley`): soil and mu_s follow it, starts stay."""
+    """A step along the ridge that an effect declares (`Search.ridge`): soil and mu_s follow it, starts stay."""
     parameters = problem.parameters
     extension, place = parameters.extensions[which], parameters.places[which]
-    if not extension.search.valley:
+    if not extension.search.ridge:
         return None
     own = fit.point.coordinates[place]
     name = next(iter(extension.search.sizes))
     after = extension.nearest(own + move)
     ratio = float(extension.values(after)[name]) / float(extension.values(own)[name])
     soil = parameters.values(fit.point.coordinates)
-    for key, power in extension.search.valley.items():
+    for key, power in extension.search.ridge.items():
         i = parameters.index(key)
         if i is not None:
             soil[i] *= ratio**power

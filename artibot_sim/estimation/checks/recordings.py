@@ -251,7 +251,7 @@ def _together(recordings: Sequence[Experiment], robot: Robot) -> Iterator[str]:
         words = ", ".join(name.replace("_", " ") for name in absent)
         yield f"not measured: {words}; effects that show there only cannot be found"
     if not any("motor_command" in experiment.channels for experiment in recordings):
-        yield "no /motor_command: delays, lags, dead bands and limits of the front drives cannot be told"
+        yield "no /motor_command: delays, lags, dead bands and limits of the front drives cannot be determined"
     noise = [s.sigma for stretch in found for s in stretch.series if s.channel == "position"]
     if noise and np.median(noise) > _NOISY:
         yield f"positions are noisy: {float(np.median(noise)):.2g} m; small effects drown in it"

@@ -73,10 +73,10 @@ class Search:
         What a limit is measured by: ``"articulation"``, the largest angle seen.
     disc : tuple of str
         Parameters that say where on the ground the effect is: centre (x, y) and radius.
-    valley : mapping of str to float
+    ridge : mapping of str to float
         Soil parameters that hide the effect best: key to the power of the value with which they change along.
     least : float
-        Coordinate up to which the effect cannot be simulated or told from neutral.
+        Coordinate up to which the effect cannot be simulated or distinguished from neutral.
     channels : tuple of str
         What is measured of it, where it does not change how the rover moves: without any of these it is not looked for.
     back : bool
@@ -92,7 +92,7 @@ class Search:
     direction: str = ""
     reference: str = ""
     disc: tuple[str, ...] = ()
-    valley: Mapping[str, float] = field(default_factory=dict)
+    ridge: Mapping[str, float] = field(default_factory=dict)
     least: float = 0.0
     channels: tuple[str, ...] = ()
     back: bool = False

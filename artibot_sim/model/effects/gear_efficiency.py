@@ -32,6 +32,6 @@ EFFECT = Effect(
         {"scale": 0.26},
         ((-1.0,), (-0.4,), (0.6,)),
         logarithmic=True,
-        valley={f"contact.{name}": 1.0 for name in ("k_l", "k_t", "mu_s", "mu_d", "u_w")},
+        ridge={f"contact.{name}": 1.0 for name in ("k_l", "k_t", "mu_s", "mu_d", "u_w")},
     ),
 )

@@ -24,7 +24,7 @@ EFFECT = Effect(
         {"scale": 0.15},
         ((-1.0,), (1.0,)),
         logarithmic=True,
-        valley={f"contact.{name}": -1.0 for name in ("k_l", "k_t", "mu_s", "mu_d", "u_w")},
+        ridge={f"contact.{name}": -1.0 for name in ("k_l", "k_t", "mu_s", "mu_d", "u_w")},
         channels=("torque_front", "torque_back"),
         views=("rotation", "command"),
     ),

@@ -119,17 +119,17 @@ class _Compiling(event.Listener):
         """Called for a loop, and for every piece that is compiled into it."""
         self._depth += 1
         if self._depth == 1:
-            self._tell(True)
+            self._notify(True)
 
     def on_end(self, event: event.Event | None) -> None:
         """Called in the reverse order."""
         self._depth -= 1
         if self._depth == 0:
-            self._tell(False)
+            self._notify(False)
 
-    def _tell(self, begins: bool) -> None:
-        for hear in progress.compiling:
-            hear(begins)
+    def _notify(self, begins: bool) -> None:
+        for listener in progress.compiling:
+            listener(begins)
 
 
 _COMPILING = _Compiling()
@@ -183,7 +183,7 @@ class _Shared(FunctionCache):
         return True
 
     def _waited(self) -> bool:
-        """Wait for the lock; whoever wants to know hears that somebody compiles."""
+        """Wait for the lock; whoever wants to know is called when somebody compiles."""
         until = time.monotonic() + _PATIENCE
         _COMPILING.on_start(None)
         try:

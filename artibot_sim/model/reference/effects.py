@@ -121,7 +121,7 @@ class PlainEffects:
 _NUMBERED = {
     "centre": 1, "push": 1, "load": 1, "resist": 1, "drag": 2, "shaft": 2, "along": 2, "radius": 4, "across": 4,
 }  # fmt: skip
-"""Places that are told a module's number, or that of one of its two motors or four wheels: how many a module has."""
+"""Places that are given a module's number, or that of one of its two motors or four wheels: how many a module has."""
 
 
 @dataclass(frozen=True)

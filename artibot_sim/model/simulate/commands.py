@@ -13,7 +13,7 @@ from artibot_sim.model.effects import at_work
 from artibot_sim.model.robot.robot import Robot
 
 # ----------------------------------------------------------------------
-# What the motors are told: angles, speeds and torques at evenly spaced knots.
+# What the motors are commanded: angles, speeds and torques at evenly spaced knots.
 # ----------------------------------------------------------------------
 
 

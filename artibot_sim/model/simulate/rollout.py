@@ -137,9 +137,9 @@ def fastest_wheel(robot: Robot, p: Params | Train, commands: Commands, modes: tu
         motors = [all_sides[side] for side in trains.sides(robot)]
     else:
         motors = [p.right_front, p.left_front, p.right_back, p.left_back]
-    told = [i for i, given in enumerate(commands.commanded) if given and modes[i] != Mode.TORQUE]
+    driven = [i for i, given in enumerate(commands.commanded) if given and modes[i] != Mode.TORQUE]
     return max(
-        (motors[i].r_w * motors[i].tau * float(np.abs(commands.velocity[:, i]).max()) for i in told), default=0.0
+        (motors[i].r_w * motors[i].tau * float(np.abs(commands.velocity[:, i]).max()) for i in driven), default=0.0
     )
 
 
@@ -489,7 +489,7 @@ def rollout(
     ----------
     robot : Robot
     commands : Commands
-        What the motors are told, from its ``t0``; `dt` must divide the spacing of its knots.
+        What the motors are commanded, from its ``t0``; `dt` must divide the spacing of its knots.
     dt : float
         Integration step, s.
     integrator : {"rk4", "semi_implicit"}

@@ -1,4 +1,4 @@
-"""A rover turned slice by slice, by motors that may be told something else for every slice.
+"""A rover turned slice by slice, by motors whose commands may change from slice to slice.
 
 For those who exchange with the model hundreds of times a second: the same kernel as `rollout`, the same numbers, a
 tenth of its overhead.
@@ -30,7 +30,7 @@ _RECORDS = ("right_front", "left_front", "right_back", "left_back")
 
 
 class Turn(NamedTuple):
-    """What a motor is told for a slice, motor-side; its current limit never lets it exceed its `torque_max`.
+    """What a motor is commanded for a slice, motor-side; its current limit never lets it exceed its `torque_max`.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Stepper:
     q, v : array, shape (16,)
         Generalised coordinates and rates now; valid until the next call of :meth:`advance`.
     torque : array, shape (4,)
-        Motor torques now, N m, under what the motors were told last.
+        Motor torques now, N m, under the motors' last commands.
     message : str
         One line for a person about an advance that was not OK.
 
@@ -131,7 +131,7 @@ class Stepper:
             Not OK where the state left the finite world or the model does not hold; it then stays as it was.
         """
         for motor, turn in enumerate(turns):
-            self._tell(motor, turn, steps * self.dt)
+            self._command(motor, turn, steps * self.dt)
         q, v, eta, previous = self.q.copy(), self.v.copy(), self._eta.copy(), self._previous.copy()
         lateral = self._lateral.copy()
         extra = () if self._effects is None else (self._effects, lateral)
@@ -155,7 +155,7 @@ class Stepper:
             self._steps += steps
         return Status(status)
 
-    def _tell(self, motor: int, turn: Turn, slice_s: float) -> None:
+    def _command(self, motor: int, turn: Turn, slice_s: float) -> None:
         """Write down one motor's mode, set-points and limit.
 
         The knots lie two slices apart, so that the torque at the slice's end is one in the middle of a motion, not at

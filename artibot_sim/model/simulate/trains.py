@@ -56,7 +56,7 @@ def unlimited_beside_prescribed(p: Train, modes: Sequence[Mode]) -> Train:
 
 
 class Way(NamedTuple):
-    """What the motors of a robot are told, side by side: angles, speeds and torques, (n, knots, 2) each."""
+    """What the motors of a robot are commanded, side by side: angles, speeds and torques, (n, knots, 2) each."""
 
     position: Array
     velocity: Array

@@ -525,8 +525,8 @@ def window_step(robot: Robot, tables: Sequence[MotorTable]) -> float:
     ArtibotError
         If none does.
     """
-    told = {(table.modes, back_torque_factor(robot, table.kappa)) for table in tables}
-    limits = [largest_step(params(robot), "rk4", modes, share)[0] for modes, share in told]
+    driven = {(table.modes, back_torque_factor(robot, table.kappa)) for table in tables}
+    limits = [largest_step(params(robot), "rk4", modes, share)[0] for modes, share in driven]
     longest = _MARGIN * min(limits, default=math.inf)
     for dt in _STEPS:
         if dt <= longest and all(abs(table.dt / dt - round(table.dt / dt)) < 1e-6 for table in tables):

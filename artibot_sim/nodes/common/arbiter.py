@@ -181,7 +181,7 @@ def parse_twist(message: Any, rules: Rules) -> Pair:
 # ----------------------------------------------------------------------
 # Who drives the rover now: arbitration between the command topics, and what silence does.
 #
-# Pure and without ROS: a frozen :class:`Commanding` is what has been heard so far; the ``take_*`` functions and
+# Pure and without ROS: a frozen :class:`Commanding` is what has been received so far; the ``take_*`` functions and
 # :func:`decide` return a new one. `now` is always steady wall time in seconds, ``t_ns`` simulated time.
 #
 # The rules, in the default order of `AUTO`:
@@ -190,7 +190,7 @@ def parse_twist(message: Any, rules: Rules) -> Pair:
 #    are taken as they are. It ends a profile that is under way, for a profile belongs to its absolute time.
 # 2. **profile** (`planned/front_velocity`) rules from its first to its last point, while the planner's sign of life
 #    (`planned/odom`) is at most `command_timeout` old, counted from the first point at the earliest. A planner that
-#    was heard and has fallen silent before the first point is not followed at all. Where the command differs from the
+#    was there and has fallen silent before the first point is not followed at all. Where the command differs from the
 #    profile (it came late, or took over from another source), the command first catches up, at `acceleration_limit`.
 # 3. **cmd_vel** rules while at most `cmd_vel_timeout` old, through inverse kinematics, at `acceleration_limit`.
 # 4. When nobody rules, both wheels' commands are scaled down alike, so that the path keeps its curvature, at
@@ -242,7 +242,7 @@ class Pending:
 
 @dataclass(frozen=True)
 class Commanding:
-    """What has been heard, and the front motors' command now: velocity rad/s, position rad."""
+    """What has been received, and the front motors' command now: velocity rad/s, position rad."""
 
     position: Pair = (0.0, 0.0)
     velocity: Pair = (0.0, 0.0)
@@ -305,7 +305,7 @@ def take_sign_of_life(state: Commanding, now: float) -> Commanding:
 
 
 def take_profile(state: Commanding, profile: Profile, rules: Rules, t_ns: int, now: float) -> Commanding:
-    """A profile, at simulated time `t_ns`. One that was heard before changes nothing.
+    """A profile, at simulated time `t_ns`. One that was received before changes nothing.
 
     Raises
     ------
@@ -340,7 +340,7 @@ def decide(
     Returns
     -------
     Commanding, Decision
-        What has been heard, without what is over, and with the command at the period's end; the ``knots + 1`` commands.
+        What was received, without what is over, and with the command at the period's end; the ``knots + 1`` commands.
     """
     end_ns = t_ns + knots * knot_ns
     pending, notice = _planner_alive(state, rules, end_ns, now)
@@ -381,10 +381,10 @@ def _planner_alive(state: Commanding, rules: Rules, end_ns: int, now: float) -> 
     begun = now if pending.begun is None else pending.begun
     sign, limit = state.sign_of_life, rules.command_timeout
     if rules.needs_sign_of_life:
-        heard = sign is not None and sign >= pending.accepted - limit
-        if pending.begun is None and heard and now - sign > limit:  # type: ignore[operator]
+        alive = sign is not None and sign >= pending.accepted - limit
+        if pending.begun is None and alive and now - sign > limit:  # type: ignore[operator]
             return None, f"the planner fell silent before its profile began ({now - sign:.2f} s): not followed"  # type: ignore[operator]
-        since = max(begun, sign) if heard else begun  # type: ignore[type-var]
+        since = max(begun, sign) if alive else begun  # type: ignore[type-var]
         if now - since > limit:
             return None, f"no sign of life of the planner (planned/odom) for {now - since:.2f} s: ramp to standstill"
     return replace(pending, begun=begun), ""

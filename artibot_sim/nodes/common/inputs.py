@@ -45,7 +45,7 @@ class Lateness:
         Parameters
         ----------
         sent_ns, heard_ns : int
-            By the system clocks of who sent it and who hears it.
+            By the system clocks of who sent it and who receives it.
         now : float
             Steady time, s.
         """
@@ -58,7 +58,7 @@ class Lateness:
 
 
 # ----------------------------------------------------------------------
-# The ear of simulator and driver: subscriptions, refusals with their warnings, and what was heard so far.
+# Commands of simulator and driver: subscriptions, refusals with their warnings, and what was received so far.
 # ----------------------------------------------------------------------
 
 
@@ -98,7 +98,7 @@ class Inputs:
     t_ns : int
         What the time is, in that of the stamps.
     state : Commanding
-        What was heard so far.
+        What was received so far.
     closed : str
         Why no command is taken at the moment, or empty; a command that comes then is lost.
     refusals : dict of Source to str
@@ -158,7 +158,7 @@ class Inputs:
             self._stopped_at = None
 
     @property
-    def heard(self) -> bool:
+    def has_command(self) -> bool:
         """Whether a command has been accepted since the start or the last reset."""
         return arbiter.commanded(self.state)
 
@@ -172,15 +172,15 @@ class Inputs:
         self._reset_wall_ns, self._reset_at = time.time_ns(), time.monotonic()
 
     def take(self) -> None:
-        """Hear the messages that have come, without an executor."""
-        for heard in (*self._subscriptions, *([self._profiles] if self._profiles else [])):
-            handle = heard.handle
+        """Take the messages that have come, without an executor."""
+        for subscribed in (*self._subscriptions, *([self._profiles] if self._profiles else [])):
+            handle = subscribed.handle
             with handle:
                 for _ in range(MOST_AT_ONCE):
-                    taken = handle.take_message(heard.msg_type, heard.raw)
+                    taken = handle.take_message(subscribed.msg_type, subscribed.raw)
                     if taken is None:
                         break
-                    heard.callback(*taken)
+                    subscribed.callback(*taken)
         self._take_profiles()
         if time.monotonic() >= self._types_at:
             self._types_at = time.monotonic() + TYPES_EVERY
@@ -234,12 +234,12 @@ class Inputs:
             self._warn_of(source, f"refused: {self.closed}", 5.0)
         return bool(self.closed)
 
-    def _unheard(self, source: Source, info: dict[str, Any]) -> bool:
+    def _is_void(self, source: Source, info: dict[str, Any]) -> bool:
         """Whether a command is none, because of when it was sent or comes."""
         return self._is_closed(source) or self._outdated(info)
 
     def _said_at(self, topic: str, info: dict[str, Any]) -> float:
-        """When a message counts as heard, in terms of `now`: earlier by as much as it was held up on its way."""
+        """When a message counts as received, in terms of `now`: earlier by as much as it was held up on its way."""
         sent_ns = info["source_timestamp"]
         if not self._aged or not sent_ns:
             return self.now
@@ -283,7 +283,7 @@ class Inputs:
         self._log.warning(f"{TOPICS[Source.PROFILE]} refused: {reason}")
 
     def _on_request(self, message: JointState, info: dict[str, Any]) -> None:
-        if self._unheard(Source.LIVE, info):
+        if self._is_void(Source.LIVE, info):
             return
         try:
             velocity, effort, remark = parse_request(message, self.rules)
@@ -296,7 +296,7 @@ class Inputs:
         self.state = arbiter.take_live(self.state, velocity, effort, self._said_at(TOPICS[Source.LIVE], info))
 
     def _on_twist(self, message: TwistStamped | Twist, info: dict[str, Any]) -> None:
-        if self._unheard(Source.CMD_VEL, info):
+        if self._is_void(Source.CMD_VEL, info):
             return
         try:
             velocity = parse_twist(message.twist if self._stamped else message, self.rules)

@@ -169,7 +169,7 @@ def _replay(settings: Settings, children: ChildProcesses, steps: Steps) -> None:
         difference = echo.difference()
         if difference:
             raise ChildFailed(replay, f"did not publish what was recorded: {difference}")
-        steps.done(f"{echo.count} messages came again on {len(echo.heard)} topics, each the same to the byte")
+        steps.done(f"{echo.count} messages came again on {len(echo.received)} topics, each the same to the byte")
 
 
 def _draw(settings: Settings, children: ChildProcesses, steps: Steps) -> None:

@@ -30,7 +30,7 @@ READY: Final = "is ready "
 ENABLED: Final = "[driver]: enabled"
 VCAN: Final = "vcan0"
 LISTEN: Final = 0.2
-"""A bus on which nothing is heard for so long is free, s: drives and drivers send heartbeats more often."""
+"""A bus on which nothing is sent for so long is free, s: drives and drivers send heartbeats more often."""
 SIMULATED: Final = ("/ground_truth/odom", "/odom", "/joint_states", "/motor_torques", "/motor_command")
 
 

@@ -104,7 +104,7 @@ class Echo:
         self.recorded: dict[str, list[bytes]] = {topic: [] for topic in topics}
         for message in iter_messages(recording, topics):
             self.recorded[message.channel.topic].append(message.data)
-        self.heard: dict[str, list[bytes]] = {topic: [] for topic in topics}
+        self.received: dict[str, list[bytes]] = {topic: [] for topic in topics}
         self._subscriptions = {}
         for topic, name in topics.items():
             channels = [channel for channel in info.channels if channel.topic == topic]
@@ -117,25 +117,25 @@ class Echo:
         """Take what has come."""
         for topic, subscription in self._subscriptions.items():
             while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
-                self.heard[topic].append(bytes(taken[0]))
+                self.received[topic].append(bytes(taken[0]))
 
     @property
     def count(self) -> int:
-        """How many messages were heard."""
-        return sum(map(len, self.heard.values()))
+        """How many messages were received."""
+        return sum(map(len, self.received.values()))
 
     @property
     def expected(self) -> int:
-        """How many there are to hear."""
+        """How many there are to receive."""
         return sum(map(len, self.recorded.values()))
 
     def difference(self) -> str:
         """Return where the replay differs from the recording, empty if it does not."""
         for topic, recorded in self.recorded.items():
-            heard = self.heard[topic]
-            if len(heard) != len(recorded):
-                return f"{topic}: {len(recorded)} messages were recorded, {len(heard)} came again"
-            for i, (one, other) in enumerate(zip(recorded, heard, strict=True)):
+            received = self.received[topic]
+            if len(received) != len(recorded):
+                return f"{topic}: {len(recorded)} messages were recorded, {len(received)} came again"
+            for i, (one, other) in enumerate(zip(recorded, received, strict=True)):
                 if one != other:
                     return f"{topic}: message {i + 1} of {len(recorded)} came again with other content"
         return ""

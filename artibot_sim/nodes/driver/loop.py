@@ -152,20 +152,20 @@ class Settling:
 
     def __init__(self, patience: float) -> None:
         self._patience = patience
-        self._told = self._text = ""
+        self._said = self._text = ""
         self._since = 0.0
 
     def said(self, text: str) -> None:
-        """This text has been told by other means."""
-        self._told = text
+        """This text has been said by other means."""
+        self._said = text
 
     def settles(self, text: str, now: float) -> bool:
-        """Whether a text, which is so at `now` (steady s), is to be told now; an empty one is nothing to tell."""
+        """Whether a text, which is so at `now` (steady s), is to be said now; an empty one is nothing to say."""
         if text != self._text:
             self._text, self._since = text, now
-        if not text or text == self._told or now - self._since < self._patience:
+        if not text or text == self._said or now - self._since < self._patience:
             return False
-        self._told = text
+        self._said = text
         return True
 
 

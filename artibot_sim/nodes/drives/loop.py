@@ -122,7 +122,7 @@ class DriveLoop:
         try:
             found = open_bus(config.interface, config.channel, config.bitrate)
         except ArtibotError:
-            return f"bus {config.channel} is lost ({health.reason}): the drives hear nobody" if first else ""
+            return f"bus {config.channel} is lost ({health.reason}): the drives receive nothing" if first else ""
         self.bus.close()
         self.bus, self._lost = found, False
         return f"bus {config.channel} is there again"

@@ -241,10 +241,10 @@ class PlannerNode(Node):
             return
         anyone = self.settings["wait_for"] == "anyone"
 
-        def heard() -> bool:
+        def subscribed() -> bool:
             return self._profile.get_subscription_count() > 0 and (anyone or followers(self, topic) > 0)
 
-        if not self._spin(executor, heard, timeout) and not self._asked:
+        if not self._spin(executor, subscribed, timeout) and not self._asked:
             others = sorted({info.node_name for info in self.get_subscriptions_info_by_topic(topic)})
             who = f"nobody but {', '.join(others)}" if others else "nobody"
             raise ArtibotError(

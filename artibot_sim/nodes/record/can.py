@@ -36,7 +36,7 @@ def open_listener(node: Any, channel: str | None, interface: str | None) -> List
 
     Parameters
     ----------
-    node : rclpy node; its log is told how the bus fares.
+    node : rclpy node; how the bus fares is logged by it.
     channel, interface : from the command line, where they are given: they rule over parameters.
 
     Raises
@@ -66,7 +66,7 @@ class CanTap:
     Parameters
     ----------
     recorder : takes the frames.
-    listener : hears them; closed by `close`.
+    listener : receives them; closed by `close`.
 
     Attributes
     ----------

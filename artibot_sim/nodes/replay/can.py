@@ -73,7 +73,7 @@ class FrameOutlet:
     bus : open.
     chooser : which frames to send.
     channels : of the recording, those with frames.
-    warn : told once when frames cannot be sent.
+    warn : called once when frames cannot be sent.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ def frame_outlet(info: BagInfo, given: dict[str, Any], warn: Say) -> Iterator[Fr
     ----------
     info : of the recording.
     given : options of the command line.
-    warn : told what a person must know.
+    warn : called with what a person must know.
 
     Raises
     ------
@@ -159,7 +159,7 @@ def play_frames(info: BagInfo, given: dict[str, Any], say: Say) -> int:
     Parameters
     ----------
     info, given : as for `frame_outlet`.
-    say : told how it goes.
+    say : called with how it goes.
     """
     stretch = Stretch.of(info, given["start"], given["end"])
     rate = given["rate"] or 1.0

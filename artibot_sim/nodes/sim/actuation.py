@@ -25,7 +25,7 @@ class Actuation(Protocol):
     """Why its time cannot be stopped, or empty."""
 
     @property
-    def heard(self) -> bool:
+    def has_command(self) -> bool:
         """Whether a command has been accepted since the start or the last reset."""
 
     def describe(self) -> str:
@@ -72,9 +72,9 @@ class CommandedActuation:
         self._inputs.t_ns = t_ns
 
     @property
-    def heard(self) -> bool:
+    def has_command(self) -> bool:
         """Whether a command has been accepted."""
-        return self._inputs.heard
+        return self._inputs.has_command
 
     def describe(self) -> str:
         """For the log."""
@@ -89,7 +89,7 @@ class CommandedActuation:
         self._inputs.stop_time(stopped)
 
     def wait(self, seconds: float) -> None:
-        """Sleep, then hear what has come."""
+        """Sleep, then take what has come."""
         time.sleep(max(0.0, seconds))
         self._inputs.take()
 

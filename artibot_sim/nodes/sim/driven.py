@@ -21,7 +21,7 @@ class DrivenActuation:
     """Turned by four simulated drives on a CAN bus, which a driver commands."""
 
     runs_on = "its drives live in real time, like a real rover's"
-    heard = True
+    has_command = True
 
     def __init__(self, node: Node, robot: Robot, timing: Timing, settings: Settings, sensors: Sensors) -> None:
         parameters.check_drives(settings)

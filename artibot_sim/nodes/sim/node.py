@@ -237,7 +237,7 @@ class SimNode(Node):
             self.out.clock(self.actuation.t_ns - self.timing.period_ns)
             self._ticks, self._tick_at = self._ticks - 1, time.monotonic() + TICK_EVERY
         executor.spin_once(timeout_sec=IDLE)
-        if self._holding and self.actuation.heard:
+        if self._holding and self.actuation.has_command:
             self._holding = self._waits = False
             self._time_stands(self.standing)
 
@@ -264,7 +264,7 @@ class SimNode(Node):
         if self.standing:
             return
         self._note_the_time()
-        if self._waits and not self.actuation.heard:
+        if self._waits and not self.actuation.has_command:
             self._holding = True
             self._time_stands(True)
 

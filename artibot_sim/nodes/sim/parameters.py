@@ -61,7 +61,7 @@ OTHERS = (
          live=True),
     Spec("cmd_vel_stamped", True, "cmd_vel is a TwistStamped; false: a Twist."),
     Spec("with_driver", False, "Four simulated CiA 402 drives on a CAN bus turn the rover, and a driver commands them: "
-         "it hears all commands and publishes odom, motor_torques, motor_command and the wheel joints, not this node."),
+         "it takes all commands and publishes odom, motor_torques, motor_command and the wheel joints, not this node."),
     Spec("driver_params", "driver", "With with_driver: the driver's parameter file, for bus, node ids, EDS and encoder "
          "counts: a shipped one by name (driver), or a path. The robot is this node's."),
     Spec("bus.interface", "", "With with_driver: python-can's name of the CAN interface; empty: by the channel, "

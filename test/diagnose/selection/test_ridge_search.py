@@ -1,4 +1,4 @@
-"""A walk along an effect's valley: nearer to the truth, and never to a worse place."""
+"""A walk along an effect's ridge: nearer to the truth, and never to a worse place."""
 
 from __future__ import annotations
 
