@@ -37,6 +37,7 @@ from artibot_sim.diagnose.selection.evidence import DECADE
 from artibot_sim.diagnose.selection.ranking import ranking
 from artibot_sim.diagnose.selection.stepwise import decide
 from artibot_sim.diagnose.unlisted.finding import unexplained_of
+from artibot_sim.diagnose.unlisted.fitting import FittedLaws, fitted_laws
 from artibot_sim.diagnose.validation.predictions import (
     Pair,
     Worth,
@@ -95,7 +96,9 @@ class Assessment:
     comparisons : list of Comparison
         What pictures are drawn from.
     worth : HeldOut
-        Of all that is named.
+        Of all that is named, or of the laws.
+    laws : FittedLaws or None
+        Forces on no list as terms of the model: `extended` and `effects` have them.
     """
 
     baseline: Robot
@@ -104,6 +107,7 @@ class Assessment:
     channels: Mapping[str, ChannelBaseline]
     comparisons: list[Comparison]
     worth: HeldOut
+    laws: FittedLaws | None = None
 
 
 def _models(robot: Robot, result: Diagnosis, found: Decision) -> dict[str, Robot]:
@@ -130,11 +134,11 @@ class Assessor:
         self._robot, self._fitted, self._held, self._options, self._tick = robot, fitted, held, options, tick
         self._view = command_view([*fitted, *held], robot, needed=options.least)
         self._in_map = in_common_map([*fitted, *held])
-        self._made: dict[tuple[str, ...], Assessment] = {}
+        self._made: dict[tuple[tuple[str, ...], bool], Assessment] = {}
 
     def __call__(self, decision: Decision) -> Assessment:
         """The assessment of what a decision names."""
-        key = tuple(one.effect for one in decision.named)
+        key = tuple(one.effect for one in decision.named), decision.forces_alone
         if key not in self._made:
             self._made[key] = self._assessed(decision)
         return self._made[key]
@@ -144,9 +148,19 @@ class Assessor:
         return self(decision).worth
 
     def _assessed(self, decision: Decision) -> Assessment:
+        if decision.unexplained is not None and decision.forces_alone:
+            neutral = decision.neutral_problem, decision.neutral_fit
+            laws = fitted_laws(*neutral, decision.unexplained, self._tick)
+            found = self._predicted(decision, laws)
+            if laws is None or _helps(found):
+                return found
+        return self._predicted(decision, None)
+
+    def _predicted(self, decision: Decision, laws: FittedLaws | None) -> Assessment:
+        """All recordings predicted with what is named, or with `laws`."""
         options, view = self._options, self._view
         names = [one.name for one in self._fitted]
-        baseline, extended, effects = _robots(names, decision, options.seed, self._tick)
+        baseline, extended, effects = _robots(names, decision, laws, options.seed, self._tick)
         pairs = _predictions(self._fitted, self._held, baseline, extended, options, self._tick)
         levels, comparisons = baseline_levels(pairs), [comparison(pair, self._robot, self._in_map) for pair in pairs]
         channels, comparisons = with_commands(levels, comparisons, *view.seen_by(extended))
@@ -154,7 +168,18 @@ class Assessor:
         driven = [one.channels[COMMANDED] for one in comparisons if one.held_out and COMMANDED in one.channels]
         gained = improvements(decision, held_out, extended, view, options)
         gain = gains(held_out, driven if view.followed else [], options.seed)
-        return Assessment(baseline, extended, effects, channels, comparisons, HeldOut(gained, gain))
+        worth = HeldOut(gained, gain)
+        return Assessment(baseline, extended, effects, channels, comparisons, worth, laws)
+
+
+def _helps(found: Assessment) -> bool:
+    """Whether held-out recordings are predicted better by the extended model, all channels by their noise."""
+    squares = [
+        (one.before**2 - one.after**2) / found.channels[name].noise ** 2
+        for name, one in found.worth.gain.items()
+        if name in found.channels and found.channels[name].noise > 0.0
+    ]
+    return sum(squares) > 0.0
 
 
 def result_of(
@@ -180,7 +205,7 @@ def result_of(
         where=places(assessed.comparisons, channels),
         causes=_causes(decision, assessed.effects, assessed.worth.gained),
         ranking=ranking(decision, options.thresholds),
-        unexplained=_unexplained(decision),
+        unexplained=_unexplained(decision, assessed),
         gain=assessed.worth.gain,
         next_experiment=_next(decision, channels),
         warnings=(
@@ -213,18 +238,27 @@ def _fallen(without: Without) -> str:
 
 
 def _robots(
-    names: Sequence[str], decision: Decision, seed: int, tick: Callable[[], None]
+    names: Sequence[str], decision: Decision, laws: FittedLaws | None, seed: int, tick: Callable[[], None]
 ) -> tuple[Robot, Robot, Parameters]:
-    """The paper's model and the extended one, and the named effects' parameters; what commands say weighs with fits."""
+    """The paper's model and the extended one, and the parameters of the named effects or of `laws`.
+
+    What commands say weighs with fits.
+    """
     fits = [(decision.neutral_problem, decision.neutral_fit), (decision.problem, decision.fit)]
-    around = surroundings(fits if decision.named else fits[:1], tick)
+    if laws is not None:
+        fits[1] = laws.problem, laws.fit
+    around = surroundings(fits if decision.named or laws else fits[:1], tick)
     neutral = judged(*fits[0], around[0], seed)
     baseline = robot_of(decision.neutral_problem, neutral, {}, names)
+    if laws is not None:
+        after = judged(*fits[1], around[1], seed)
+        effects = laws_found(laws.problem, after)
+        return baseline, robot_of(laws.problem, after, effects, names), effects
     if not decision.named:
         return baseline, baseline, {}
     from_commands = {effect: other.found for effect, other in decision.other.items()}
     after = judged(*fits[1], around[1], seed, from_commands)
-    effects = _parameters(decision, after, seed)
+    effects = dict(_parameters(decision, after, seed))
     return baseline, robot_of(decision.problem, after, effects, names), effects
 
 
@@ -254,11 +288,23 @@ def _parameters(decision: Decision, after: Uncertain, seed: int) -> dict[str, Ma
     return found | {named.effect: named.found for named in decision.named if named.found}
 
 
-def _unexplained(decision: Decision) -> Unexplained | None:
-    """What is on no list, in words."""
+def laws_found(problem: Problem, after: Uncertain) -> dict[str, Mapping[str, Found]]:
+    """Parameters of the laws in a fit, with their intervals."""
+    parts = zip(problem.parameters.extensions, problem.parameters.places, strict=True)
+    return {law.id: found_parameters(law, after.coordinates[part], after.covariance[part, part]) for law, part in parts}
+
+
+def _unexplained(decision: Decision, assessed: Assessment) -> Unexplained | None:
+    """What is on no list, in words, and as terms of the model where it could be fitted."""
     if decision.several_soils is not None:
         return decision.several_soils.unexplained
-    return unexplained_of(decision.unexplained) if decision.unexplained else None
+    if decision.unexplained is None:
+        return None
+    said = unexplained_of(decision.unexplained)
+    if assessed.laws is None:
+        return said
+    nats, spans = assessed.laws.nats, assessed.laws.spans
+    return replace(said, laws=dict(assessed.effects), log10_bayes_factor=nats / DECADE, spans=spans)
 
 
 def _contradiction(decision: Decision) -> list[str]:

@@ -267,6 +267,13 @@ class Unexplained:
         A sentence for a person.
     typical : float
         Root mean square of the force itself, N or N m; NaN where it is none.
+    laws : mapping of str to mapping of str to Found
+        The force, and others beside it, as terms of the model (`effects.force_law`) with their parameters, where they
+        could be fitted to whole windows.
+    log10_bayes_factor : float
+        Of the model with these against the one without; NaN where there are none.
+    spans : mapping of str to (float, float)
+        Between which values each law's variable mostly was.
     """
 
     force: str
@@ -276,6 +283,9 @@ class Unexplained:
     unit: str
     where: str
     typical: float = float("nan")
+    laws: Mapping[str, Mapping[str, Found]] = field(default_factory=dict)
+    log10_bayes_factor: float = float("nan")
+    spans: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from artibot_sim.diagnose.records import (
 from artibot_sim.diagnose.remains import COMMANDED, beyond_noise
 from artibot_sim.identify.result import number, spaced
 from artibot_sim.model import Robot
+from artibot_sim.model.effects.force_law import formula, unit_of
 
 # ----------------------------------------------------------------------
 # What a diagnosis finds: a verdict, causes with evidence, what they gain, and what to measure next.
@@ -132,7 +133,7 @@ class Diagnosis:
             "baseline": {name: _numbers(vars(channel)) for name, channel in self.baseline.items()},
             "where": [vars(place) for place in self.where],
             "causes": [_cause(cause) for cause in self.causes],
-            "unexplained": _numbers(vars(self.unexplained)) if self.unexplained else None,
+            "unexplained": _unexplained_entry(self.unexplained) if self.unexplained else None,
             "gain": {name: _numbers(vars(channel)) for name, channel in self.gain.items()},
             "next_experiment": _numbers(vars(self.next_experiment)) if self.next_experiment else None,
             "ranking": [_numbers(vars(candidate)) for candidate in self.ranking],
@@ -146,6 +147,11 @@ class Diagnosis:
             "predictors": [_predictor(one) for one in self.predictors],
             "best": self.best,
         }
+
+    @property
+    def extends(self) -> bool:
+        """Whether the extended robot has anything that the paper's model lacks: a named effect, or a law."""
+        return bool(self.causes) or bool(self.unexplained is not None and self.unexplained.laws)
 
     @property
     def best_robot(self) -> Robot | None:
@@ -176,6 +182,11 @@ def _cause(cause: Cause) -> dict[str, Any]:
         "evidence": _numbers(evidence),
         "ties": list(cause.ties),
     }
+
+
+def _unexplained_entry(what: Unexplained) -> dict[str, Any]:
+    laws = {law: {name: _found(found) for name, found in one.items()} for law, one in what.laws.items()}
+    return {**_numbers(vars(what) | {"laws": {}}), "laws": laws}
 
 
 def _found(found: Found) -> dict[str, Any]:
@@ -310,6 +321,17 @@ def force_words(what: Unexplained) -> str:
     return f"{force} {law}, {amount(what.typical, own)} on average" if np.isfinite(what.typical) else f"{force} {law}"
 
 
+def law_words(parameters: Mapping[str, Found]) -> str:
+    """A law as a formula with its numbers, and the interval of its size: what the model has as a term."""
+    values = {name: found.value for name, found in parameters.items()}
+    size = parameters["size"]
+    said = formula(values)
+    if size.ci95 is None or not all(np.isfinite(size.ci95)):
+        return said
+    low, high = size.ci95
+    return f"{said} (size {low:.3g} to {high:.3g} {spaced(unit_of(str(values['where'])))})"
+
+
 def _still_left(found: Diagnosis) -> str:
     """Where something shows that no effect and no force explains."""
     where = [channel_words(name) for name in beyond_noise(found.left)]
@@ -353,9 +375,10 @@ def gain_words(found: Diagnosis) -> str:
     where = " of held-out data" if found.holdout else ""
     words = channel_words(channel)
     gain = found.gain.get(channel)
-    if found.causes and gain is not None and gain.after < gain.before:
-        with_it = "either" if found.verdict is Verdict.AMBIGUOUS else "it" if len(found.causes) == 1 else "them"
-        with_it = "what has a name" if found.verdict is Verdict.UNEXPLAINED else with_it
+    if found.extends and gain is not None and gain.after < gain.before:
+        with_it = "either" if found.verdict is Verdict.AMBIGUOUS else "it" if len(found.causes) < 2 else "them"
+        if found.verdict is Verdict.UNEXPLAINED:
+            with_it = "what has a name" if found.causes else "it as a law of the model"
         return (
             f"With {with_it}, {ahead}{where} miss the {words} by {amount(gain.after, gain.unit)} "
             f"instead of {amount(gain.before, gain.unit)}."
@@ -505,7 +528,7 @@ def branch_words(found: Diagnosis) -> list[str]:
     said = []
     for comparison in found.comparisons:
         runs = [("the paper's model", comparison.free_before, comparison.left_before)]
-        if found.causes:  # else both models are one
+        if found.extends:  # else both models are one
             runs.append(("the extended model", comparison.free_after, comparison.left_after))
         ways = [f"{name} {_way(left)}" for name, run, left in runs if run]
         if ways:
@@ -657,14 +680,14 @@ def _parameters(found: Diagnosis) -> Any:
 def _gain(found: Diagnosis) -> Any:
     title = f"RMSE of predictions {number(found.horizon, 2)} s ahead"
     columns = ["channel", "unit", "noise", "paper's model"]
-    if found.causes:
+    if found.extends:
         title += f"; before and after: {'held-out data' if found.holdout else 'the fitted data'}"
         columns += ["before", "after", "before − after, 95 %"]
     table = _table(title, *columns, left=2)
     for channel, base in found.baseline.items():
         gain = found.gain.get(channel)
-        after = ("", "", "") if found.causes else ()
-        if gain is not None and found.causes:
+        after = ("", "", "") if found.extends else ()
+        if gain is not None and found.extends:
             low, high = gain.ci95
             after = number(gain.before, 3), number(gain.after, 3), f"{number(low, 3)} … {number(high, 3)}"
         noise, rmse = number(base.noise, 3), number(base.rmse, 3)
@@ -688,6 +711,8 @@ def _lines(found: Diagnosis) -> Iterator[str]:
         yield f"{channel_words(place.channel)}: {place.what}"
     if found.unexplained is not None:
         yield f"not on the list: {found.unexplained.where}"
+        for name, law in found.unexplained.laws.items():
+            yield f"in extended.yaml, {name}: {law_words(law)}"
     yield f"next: {next_step(found)}"
     for warning in found.warnings:
         yield f"warning: {warning}"

@@ -47,12 +47,15 @@ class Extension:
         What the logarithm of a value without a finite neutral one is taken from (`Search.reference`).
     factors : mapping of str to float
         Plain sizes over those that the effect declares, by parameter: a lighter robot has smaller ones.
+    own : Search, optional
+        How it is looked for, where the effect itself does not say: laws have a size of their own each time.
     """
 
     id: str
     fixed: Mapping[str, float | str] = field(default_factory=dict)
     reference: float = 1.0
     factors: Mapping[str, float] = field(default_factory=dict)
+    own: Search | None = None
 
     def __len__(self) -> int:
         return len(self.search.sizes) + bool(self.search.direction)
@@ -65,7 +68,7 @@ class Extension:
     @cached_property
     def search(self) -> Search:
         """How it is looked for."""
-        found = self.effect.search
+        found = self.own or self.effect.search
         if found is None:
             raise ArtibotError(f"effects.{self.id}: has no coordinates; it declares no `search`")
         sizes = {name: size * self.factors.get(name, 1.0) for name, size in found.sizes.items()}

@@ -15,11 +15,12 @@ from report.diagnosis_case import case
 
 from artibot_sim.cli import main
 from artibot_sim.diagnose import result
-from artibot_sim.diagnose.records import Candidate, ChannelBaseline, Unexplained, Verdict
+from artibot_sim.diagnose.records import Candidate, ChannelBaseline, Found, Unexplained, Verdict
 from artibot_sim.diagnose.result import Diagnosis
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot
-from artibot_sim.report.diagnosis.charts import path, windows
+from artibot_sim.model.effects import EFFECTS
+from artibot_sim.report.diagnosis.charts import law_curve, path, windows
 from artibot_sim.report.diagnosis.files import files_of, load
 from artibot_sim.report.diagnosis.page import page_of
 from artibot_sim.report.files import write_folder
@@ -222,9 +223,37 @@ def test_a_fault_in_a_page_would_be_seen(chromium: Browser, tmp_path: Path) -> N
     assert chromium.value("document.documentElement.scrollWidth") > 390
 
 
+def with_law(found: Diagnosis) -> Diagnosis:
+    """A diagnosis of something on no list that was fitted as a law."""
+    law = EFFECTS["force_law"].read(
+        {"size": 14.0, "where": "wheels_lateral", "variable": "place", "form": "periodic", "scale": 1.1}, "law"
+    )
+    parameters = {name: Found(value) for name, value in law.items()}
+    parameters |= {"size": Found(14.0, "SI", (13.0, 15.0)), "phase": Found(0.4, "rad", (0.3, 0.5))}
+    what = replace(
+        found.unexplained, laws={"force_law": parameters}, log10_bayes_factor=120.0, spans={"force_law": (0.0, 2.2)}
+    )
+    return replace(found, unexplained=what, extended=replace(found.robot, effects={"force_law": law}))
+
+
+def test_a_law_stands_on_the_page_as_a_formula_and_a_curve_with_what_it_gains(every: dict[Verdict, Diagnosis]) -> None:
+    plain, found = every[Verdict.UNEXPLAINED], with_law(every[Verdict.UNEXPLAINED])
+    said = markup(found)
+    formula = "lateral force of each wheel = 14 N · cos(2π place along 0° in map / 1.1 m + 0.40) (size 13 to 15 N)"
+    assert formula in said and formula not in markup(plain)
+    assert "What it gains" in said and "What it gains" not in markup(plain)
+    assert "With it as a law of the model, predictions" in result.headline(found)
+    assert "With it" not in result.headline(plain)
+    curve = law_curve(found.unexplained, "force_law")
+    assert curve is not None
+    (line,) = curve.lines
+    np.testing.assert_allclose(line.y, 14.0 * np.cos(2.0 * np.pi * line.x / 1.1 + 0.4), atol=1e-9)
+    assert line.x[0] == 0.0 and line.x[-1] == 2.2
+
+
 def test_files_give_the_diagnosis_back(every: dict[Verdict, Diagnosis], tmp_path: Path) -> None:
-    for verdict, found in every.items():
-        folder = tmp_path / verdict.value
+    for verdict, found in [*every.items(), (Verdict.UNEXPLAINED, with_law(every[Verdict.UNEXPLAINED]))]:
+        folder = tmp_path / f"{verdict.value}{found.extends}"
         write_folder(folder, files_of(found, b"page"))
         again = load(folder)
         assert again.as_dict() == found.as_dict()

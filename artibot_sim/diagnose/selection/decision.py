@@ -104,6 +104,12 @@ class Decision:
         return (neutral, *self.between[: len(self.fitted) - 1], last) if self.fitted else (last,)
 
     @property
+    def forces_alone(self) -> bool:
+        """Whether nothing is named and forces on no list are the answer."""
+        found = self.verdict is Verdict.UNEXPLAINED and self.unexplained is not None and not self.named
+        return found and self.several_soils is None
+
+    @property
     def several_soils(self) -> Apart | None:
         """The recordings one by one, where nothing is named because a soil of its own explains each."""
         alone = self.apart if self.verdict is Verdict.UNEXPLAINED else None

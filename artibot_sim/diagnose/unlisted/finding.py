@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.policy import FORCE_NATS
 from artibot_sim.diagnose.records import Unexplained
-from artibot_sim.diagnose.result import effect_words
+from artibot_sim.diagnose.result import NOTHING, effect_words
 from artibot_sim.diagnose.unlisted.forms import Form, forms, unit
 from artibot_sim.diagnose.unlisted.response import WINDOWS, answers, short
 from artibot_sim.diagnose.unlisted.ridges import ridges
@@ -64,6 +64,8 @@ class Finding:
         Names, and the same in each.
     soil : array, shape (p,)
         Coordinates that go with what was found.
+    spans : tuple of (float, float)
+        Between which values the variable of each chosen force mostly was; of ridges two periods.
     """
 
     chosen: tuple[Candidate, ...]
@@ -71,6 +73,7 @@ class Finding:
     typical: float
     per_recording: tuple[tuple[str, float], ...]
     soil: Array
+    spans: tuple[tuple[float, float], ...] = ()
 
 
 def unexplained(problem: Problem, coordinates: Array, rounds: int = _ROUNDS) -> Finding | None:
@@ -123,7 +126,20 @@ def search_forces(problem: Problem, coordinates: Array, most: int = _MOST, windo
         chosen.append(ranked[0])
         equations = equations.with_columns(_columns(equations, of, ranked[0].parts, ranked[0].form))
     typical, each = _sizes(of, chosen[0], *few.recordings) if chosen else (0.0, ())
-    return Finding(tuple(chosen), tuple(first), typical, each, _taken_back(problem, coordinates, equations))
+    soil = _taken_back(problem, coordinates, equations)
+    return Finding(tuple(chosen), tuple(first), typical, each, soil, tuple(_span(of, one) for one in chosen))
+
+
+def _span(of: Scene, found: Candidate) -> tuple[float, float]:
+    """Between which values the variable of a force mostly was."""
+    form = found.form
+    if form.wave is not None:
+        return 0.0, 4.0 * np.pi / float(np.hypot(*form.wave))
+    if form.variable == NOTHING:
+        return 0.0, 1.0
+    every = np.concatenate([of[part].follows[form.takes or form.variable] for part in found.parts])
+    low, high = np.quantile(every[..., 0] if form.takes else every, (0.02, 0.98)).tolist()
+    return low, high
 
 
 def regression(few: Problem, coordinates: Array) -> tuple[Equations, Scene]:

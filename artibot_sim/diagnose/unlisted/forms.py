@@ -50,6 +50,10 @@ class Form:
         Of a force that repeats over the ground: 2π/period along x and y of `map`, rad/m; `curve` takes the phase.
     takes : str
         The variable of the scene that `curve` takes, where it is not `variable`.
+    scale : float
+        What the variable is divided by first, in its unit.
+    fades : float
+        s in which it falls to a third; 0 where it does not.
     """
 
     variable: str
@@ -60,6 +64,8 @@ class Form:
     across: bool = False
     wave: tuple[float, float] | None = None
     takes: str = ""
+    scale: float = 1.0
+    fades: float = 0.0
 
 
 def amplitude(coefficients: Array) -> float:
@@ -103,7 +109,7 @@ def forms(variable: str, every: Array, recordings: int) -> Iterator[Form]:
     elif variable == ROLLING:
         for fades in _FADES:
             yield Form(
-                TIME, f"Coulomb-like, fading within {fades:g} s", _fading(fades), _first, takes=ROLLING,
+                TIME, f"Coulomb-like, fading within {fades:g} s", _fading(fades), _first, takes=ROLLING, fades=fades,
             )  # fmt: skip
     elif variable == TIME:
         corners = np.arange(every.min(), every.max() + _KNOTS, _KNOTS)
@@ -114,7 +120,8 @@ def _signed(variable: str, usual: float) -> Iterator[Form]:
     linear, square = _PER[UNITS[variable]]
     yield Form(variable, "linear", lambda u, r: u[..., None], _first, linear)
     yield Form(variable, "quadratic", lambda u, r: (u * np.abs(u))[..., None], _first, square)
-    yield Form(variable, "Coulomb-like", lambda u, r: np.tanh(u / (_SHARP * usual))[..., None], _first)
+    width = _SHARP * usual
+    yield Form(variable, "Coulomb-like", lambda u, r: np.tanh(u / width)[..., None], _first, scale=width)
     yield Form(variable, "linear in its size", lambda u, r: np.abs(u)[..., None], _first, linear)
 
 

@@ -13,6 +13,7 @@ from artibot_sim.estimation.checks.common_map import experiments_of, in_common_m
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.model import MOTORS, WHEELS, Robot
 from artibot_sim.model.effects import gear_no_load, motor_drag
+from artibot_sim.model.effects.force_law import SLOW
 from artibot_sim.model.robot.robot import Drive, Module
 from artibot_sim.model.simulate.windows import KINDS, Plan
 
@@ -47,10 +48,8 @@ PLACE = "place"
 """A variable of forces along an axis of `map`: the coordinate, and which axis it is."""
 FIXED = ("heading",)
 """Variables that mean something in one map only."""
-_STILL = 0.5
+STILL = 0.5
 """rad/s of a motor, over which the sign of its rotation changes."""
-_SLOW = 0.05
-"""m/s below which a path has no curvature."""
 
 Scene = dict[str, Acting]
 """Forces by name."""
@@ -108,7 +107,7 @@ def _forces(robot: Robot, t: Array, motion: dict[str, Array]) -> dict[str, Actin
         own = {
             f"wheel angle {motor}": _drive(robot, m).tau * motion[f"angle_{motor}"],
             "own speed": robot.wheel.r_w * _drive(robot, m).tau * motion[f"rate_{motor}"],
-            ROLLING: np.stack([t, np.tanh(motion[f"rate_{motor}"] / _STILL)], axis=-1),
+            ROLLING: np.stack([t, np.tanh(motion[f"rate_{motor}"] / STILL)], axis=-1),
         }
         found[f"torque of motor {motor}"] = Acting(make, common | own)
     return found
@@ -148,7 +147,7 @@ class _Place:
     def follows(self) -> dict[str, Array]:
         return {
             "speed": self.forward, "lateral speed": self.left, "yaw rate": self.turn, "heading": self.yaw,
-            "curvature": self.turn * self.forward / (self.forward**2 + _SLOW**2), "x": self.x, "y": self.y,
+            "curvature": self.turn * self.forward / (self.forward**2 + SLOW**2), "x": self.x, "y": self.y,
         }  # fmt: skip
 
     def in_map(self, axis: str) -> Acting:

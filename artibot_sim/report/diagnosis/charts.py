@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from artibot_sim.diagnose.records import Comparison
+from artibot_sim.diagnose.records import Comparison, Unexplained
 from artibot_sim.diagnose.result import Diagnosis, channel_words, effect_words, excess, is_wrong
 from artibot_sim.diagnose.validation.residuals import Samples, gather, sizes
 from artibot_sim.experiment.columns import SEGMENT_GAP
 from artibot_sim.identify.result import number, spaced
+from artibot_sim.model.effects.force_law import PARAMETERS, PLACES, VARIABLES, shape, unit_of
+from artibot_sim.model.reference.effects import plain
 from artibot_sim.report import style
 from artibot_sim.report.panels import Floats, Level, Line, Panel
 from artibot_sim.report.style import Stroke
@@ -35,6 +37,8 @@ _BINS = 9
 _FEW = 8
 """Samples that a bin must have to be drawn."""
 _TURN = 2.0 * np.pi
+_POINTS = 201
+"""Of a law's curve."""
 
 COVARIATES = {
     "speed": ("speed", "m/s"),
@@ -295,6 +299,23 @@ def evidence(found: Diagnosis) -> dict[str, Any]:
     y = {"autorange": "reversed", "type": "category", "categoryorder": "array", "categoryarray": order,
          "gridcolor": style.PAPER}  # fmt: skip
     return {"data": data, "layout": _layout(x, y, shapes=shapes, barmode="overlay", bargap=0.25)}
+
+
+def law_curve(what: Unexplained, name: str) -> Panel | None:
+    """A law over its variable, as far as recordings reached; None for a constant force."""
+    values = {key: found.value for key, found in what.laws[name].items()}
+    variable, where = str(values["variable"]), str(values["where"])
+    if variable == "nothing" or name not in what.spans:
+        return None
+    over = np.linspace(*what.spans[name], _POINTS)
+    number = {key: PARAMETERS[key].number(value) for key, value in values.items()}
+    law = plain(shape)
+    force = [
+        number["size"] * law(number["form"], u / number["scale"], number["exponent"], number["phase"]) for u in over
+    ]
+    words, unit = VARIABLES[variable]
+    line = Line("the law", "true", None, over, np.array(force), AFTER)
+    return Panel(f"law_{name}", PLACES[where], (words, spaced(unit)), ("force", spaced(unit_of(where))), (line,))
 
 
 def _role(effect: str, named: set[str], tied: set[str]) -> str:

@@ -204,7 +204,7 @@ def _from_dict(document: Mapping[str, Any], robot: Robot, baseline_robot: Robot,
         where=tuple(Place(**place) for place in document["where"]),
         causes=tuple(map(_cause, document["causes"])),
         ranking=tuple(map(_candidate, document["ranking"])),
-        unexplained=Unexplained(**_floats(what)) if what else None,
+        unexplained=_unexplained(what) if what else None,
         gain={name: ChannelGain(**_floats(c)) for name, c in document["gain"].items()},
         next_experiment=NextExperiment(**_floats(after) | {"separates": tuple(after["separates"])}) if after else None,
         warnings=tuple(document["warnings"]),
@@ -241,14 +241,26 @@ def _pair(values: Any) -> tuple[Any, ...]:
     return tuple(value if isinstance(value, str) else _float(value) for value in values)
 
 
-def _cause(entry: Mapping[str, Any]) -> Cause:
+def _unexplained(entry: Mapping[str, Any]) -> Unexplained:
+    laws = {name: _parameters(law) for name, law in entry.get("laws", {}).items()}
+    spans = {name: _pair(span) for name, span in entry.get("spans", {}).items()}
+    return Unexplained(**_floats(entry) | {"laws": laws, "spans": spans})
+
+
+def _parameters(entries: Mapping[str, Any]) -> dict[str, Found]:
+    """Parameters of an effect with their intervals."""
     parameters = {}
-    for name, p in entry["parameters"].items():
+    for name, p in entries.items():
         if isinstance(p["value"], str):
             parameters[name] = Found(p["value"])
         else:
             low_high = tuple(map(_float, p["ci95"])) if p.get("ci95") else None
             parameters[name] = Found(_float(p["value"]), p["unit"], low_high)  # type: ignore[arg-type]
+    return parameters
+
+
+def _cause(entry: Mapping[str, Any]) -> Cause:
+    parameters = _parameters(entry["parameters"])
     evidence = {name: _float(value) for name, value in entry["evidence"].items()}
     return Cause(entry["effect"], parameters, ties=tuple(entry["ties"]), **evidence)
 

@@ -242,8 +242,12 @@ def unexplained(what: Unexplained) -> str:
         for label, text in (
             ("force", result.effect_words(what.force)), ("follows", result.effect_words(what.variable)),
             ("form", what.form), ("size", result.amount(what.size, what.unit, 3)), ("where", what.where),
+            *((f"in extended.yaml, {name}", result.law_words(law)) for name, law in what.laws.items()),
         )
     ]  # fmt: skip
+    if what.laws:
+        text = f"Fitted beside the soil: log10 Bayes factor {figure(what.log10_bayes_factor)}."
+        rows.append(("", ("evidence", text)))
     return table(("not on the list", ""), rows, 2)
 
 
@@ -281,8 +285,8 @@ def page_of(found: Diagnosis, version: str) -> bytes:
 
 
 def _as_drawn(found: Diagnosis) -> Diagnosis:
-    """The diagnosis without an extended model where nothing is named: that is the paper's, and would cover it."""
-    if found.causes:
+    """The diagnosis without an extended model where it has nothing more: it is the paper's, and would cover it."""
+    if found.extends:
         return found
     comparisons = tuple(
         replace(
@@ -437,6 +441,8 @@ def _why(page: _Page) -> Part:
     parts = [paragraph(text), page.row([page.place(charts.evidence(found), kind="plot bars")])]
     if found.unexplained is not None:
         parts.append(unexplained(found.unexplained))
+        curves = [charts.law_curve(found.unexplained, name) for name in found.unexplained.laws]
+        parts.append(page.row([page.place(curve, legend=False) for curve in curves if curve is not None]))
     parts.append(folded(f"All {len(found.ranking)} effects", ranking(found)))
     return section("Why", *parts)
 
@@ -447,7 +453,7 @@ def _parameters(found: Diagnosis) -> Part:
 
 def _gains(page: _Page) -> Part:
     found = page.found
-    if not found.gain or not found.causes:
+    if not found.gain or not found.extends:
         return _NONE
     where = f"on held-out data ({', '.join(found.holdout)})" if found.holdout else "on data held out"
     text = (

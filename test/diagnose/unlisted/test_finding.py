@@ -13,10 +13,12 @@ from diagnose.hidden.unlisted import ACTS_ON
 from artibot_sim.diagnose.policy import FORCE_NATS
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.unlisted.finding import Finding, search_forces, unexplained_of
+from artibot_sim.diagnose.unlisted.fitting import fitted_laws
 from artibot_sim.diagnose.unlisted.variables import through_gear
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import converge
 from artibot_sim.estimation.solver import Point, evaluate, step
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.requested import parameter_set
@@ -75,6 +77,24 @@ def test_the_period_of_ridges_is_found():
     wave = np.array(found.chosen[0].form.wave)
     period = truth.truth.unlisted["ridges"]["period"]
     assert 2 * np.pi / np.hypot(*wave) == pytest.approx(period, rel=0.02)
+
+
+def test_ridges_that_were_found_are_a_law_that_takes_most_away():
+    """Fitted to every other window beside soil and starts; their height is that of the rover that is not the model."""
+    truth, found = seen("ridges")
+    _, problem, soil = hidden("ridges")
+    problem = replace(problem, windows=problem.windows[::2])
+    loss = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
+    fit = converge(problem, settled(problem, soil), loss, 1)
+    laws = fitted_laws(problem, fit, found)
+    assert laws is not None
+    assert laws.fit.point.cost < 0.4 * fit.point.cost
+    assert laws.nats == pytest.approx(0.5 * (fit.point.cost - laws.fit.point.cost))
+    (law,), (part,) = laws.problem.parameters.extensions, laws.problem.parameters.places
+    values = law.values(laws.fit.point.coordinates[part])
+    assert values["size"] == pytest.approx(truth.truth.unlisted["ridges"]["ridge"], rel=0.1)
+    assert (values["where"], values["variable"], values["form"]) == ("wheels_lateral", "place", "periodic")
+    assert laws.spans == {"force_law": (0.0, pytest.approx(2.0 * values["scale"]))}
 
 
 def test_a_coefficient_is_about_right():

@@ -1,0 +1,148 @@
+"""Forces that were found, as terms of the model: translated into laws, and fitted beside soil and starts.
+
+The search for forces (`finding`) is a linear regression over tenths of a second. What it finds is simulated here over
+whole windows, as every listed effect is, and stays only if it lowers the same loss by as much as an effect has to.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.diagnose.candidates.hypotheses import with_effect
+from artibot_sim.diagnose.policy import FORCE_NATS
+from artibot_sim.diagnose.result import NOTHING
+from artibot_sim.diagnose.unlisted.finding import Finding
+from artibot_sim.diagnose.unlisted.forms import TIME
+from artibot_sim.diagnose.unlisted.search import Candidate
+from artibot_sim.diagnose.unlisted.variables import STILL
+from artibot_sim.estimation.parameters import Extension
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import Fit, converge, restarted_windows
+from artibot_sim.estimation.solver import evaluate
+from artibot_sim.model import Robot
+from artibot_sim.model.effects import LAWS
+from artibot_sim.model.effects.base import Search
+from artibot_sim.model.effects.force_law import PARAMETERS, PLACES, VARIABLES
+
+Array = NDArray[np.float64]
+
+_PLACE_OF = {words: name for name, words in PLACES.items()}
+_VARIABLE_OF = {words.removeprefix("own "): name for name, (words, _) in VARIABLES.items()}
+_FORM_OF = {
+    "constant": "constant",
+    "linear": "linear",
+    "quadratic": "quadratic",
+    "linear in its size": "magnitude",
+    "Coulomb-like": "coulomb",
+}
+_TURNS = {"periodic, once a turn": 1, "periodic, twice a turn": 2}
+_SHARES = (0.25, 0.5, 0.75, 1.0)
+"""Shares of what the regression says, from which a fit is begun: in the soil that is there it may be too much."""
+_FEW, _MANY = 3, 8
+"""Steps of a fit with a law that may not stay, and with all that do."""
+
+
+@dataclass(frozen=True)
+class FittedLaws:
+    """The model with laws, fitted to whole windows.
+
+    Attributes
+    ----------
+    problem, fit : Problem, Fit
+        The laws are the extensions of its parameters.
+    nats : float
+        What they gain together over the model without.
+    spans : mapping of str to (float, float)
+        Between which values each law's variable mostly was.
+    """
+
+    problem: Problem
+    fit: Fit
+    nats: float
+    spans: Mapping[str, tuple[float, float]]
+
+
+def law_of(found: Candidate, robot: Robot) -> tuple[dict[str, Any], Array] | None:
+    """A force that was found as what is fixed of a law, and its size, or its size's cosine and sine of the phase.
+
+    None for what the model has no term for: forces towards a point, and those that wander or begin anew in every
+    recording.
+    """
+    form, where = found.form, _PLACE_OF.get(found.force)
+    if where is None:
+        return None
+    law: dict[str, Any] = {"where": where}
+    if form.wave is not None:
+        along, across = form.wave
+        law |= {"variable": "place", "form": "periodic", "scale": 2.0 * math.pi / math.hypot(along, across)}
+        return law | {"direction": math.atan2(across, along)}, _cosine_and_sine(found.coefficients)
+    if form.name in _TURNS and len(found.coefficients) == 2:
+        law |= {"form": "periodic", "scale": 2.0 * math.pi / _TURNS[form.name]}
+        variable = _VARIABLE_OF[form.variable.removeprefix("own ")]
+        return law | {"variable": variable}, _cosine_and_sine(found.coefficients)
+    if len(found.coefficients) != 1:
+        return None
+    if form.fades:
+        drive = robot.drive.front if "front" in where or robot.drive.back is None else robot.drive.back
+        rolls = STILL * drive.tau * robot.wheel.r_w
+        law |= {"variable": "time", "form": "decaying", "scale": form.fades}
+        return law | {"times": "speed", "times_form": "coulomb", "times_scale": rolls}, found.coefficients
+    if form.variable == TIME or form.name not in _FORM_OF:
+        return None
+    variable = "nothing" if form.variable == NOTHING else _VARIABLE_OF[form.variable.removeprefix("own ")]
+    return law | {"variable": variable, "form": _FORM_OF[form.name], "scale": form.scale}, found.coefficients
+
+
+def _cosine_and_sine(coefficients: Array) -> Array:
+    """Of a cos(u) + b sin(u) = size cos(u + phase): size cos(phase) and size sin(phase)."""
+    return coefficients * np.array([1.0, -1.0])
+
+
+def extension_of(name: str, law: dict[str, Any], size: Array) -> Extension:
+    """The law of this name in a fit: its coordinate is 1 where it is as large as was found."""
+    typical = float(np.hypot(*size)) if len(size) == 2 else abs(float(size[0]))
+    search = Search({"size": typical}, direction="phase" if len(size) == 2 else "")
+    fixed = {key: one.neutral for key, one in PARAMETERS.items() if key not in ("size", search.direction)}
+    return Extension(name, fixed | law, own=search)
+
+
+def fitted_laws(
+    problem: Problem, fit: Fit, found: Finding, tick: Callable[[], None] = lambda: None
+) -> FittedLaws | None:
+    """The forces of a finding as laws, one after the other, as long as each is worth it; None where none is.
+
+    Parameters
+    ----------
+    problem, fit : Problem, Fit
+        The model without, at whose residuals the forces were found.
+    """
+    now, spans = (problem, fit), dict[str, tuple[float, float]]()
+    for candidate, span in zip(found.chosen, found.spans, strict=True):
+        translated, name = law_of(candidate, problem.parameters.robot), LAWS[len(spans)]
+        if translated is not None:
+            more = _with_law(*now, extension_of(name, *translated), translated[1], found.soil)
+            if now[1].point.cost - more[1].point.cost > 2.0 * FORCE_NATS:
+                now, spans[name] = more, span
+        tick()
+    if not spans:
+        return None
+    last = converge(now[0], now[1].point, fit.loss, _MANY)
+    return FittedLaws(now[0], last, 0.5 * (fit.point.cost - last.point.cost), spans)
+
+
+def _with_law(problem: Problem, fit: Fit, law: Extension, size: Array, soil: Array) -> tuple[Problem, Fit]:
+    """A model with one more law, fitted by a few steps from the best of several beginnings."""
+    larger, own = with_effect(problem, law), size / law.search.sizes["size"]
+    beginnings = [fit.point.coordinates]
+    if len(soil) == len(fit.point.coordinates):
+        beginnings.append(soil)
+    places = [np.concatenate([at, share * own]) for at in beginnings for share in _SHARES]
+    point = min(evaluate(larger, fit.loss, places, fit.point.starts), key=lambda one: one.cost)
+    point = restarted_windows(larger, fit.loss, point)
+    return larger, converge(larger, point, fit.loss, _FEW)
