@@ -233,6 +233,7 @@ ALL_EFFECTS: dict[str, dict[str, Any]] = {
     "rolling_resistance_speed": {"coefficient": 0.5},
     "slope": {"grade": 0.01, "heading": 0.5},
     "soil_softening": {"rate": 0.001},
+    "stiction": {"length": 0.01},
     "stribeck": {"velocity": 0.03},
     "torque_limit": {"front_max": 5.0},
     "tyre_relaxation": {"length": 0.1},

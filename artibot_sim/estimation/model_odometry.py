@@ -382,7 +382,7 @@ class ModelOdometry:
         first = self._state
         angle += first.q[[6, 7, 14, 15]]
         modes = [Mode.PRESCRIBED] * 4 if self._back_seen or not self.robot.articulated else None
-        origin = State(0.0, first.q, first.v, first.eta, first.torque, first.lateral)
+        origin = State(0.0, first.q, first.v, first.eta, first.torque, first.lateral, first.bristles)
         result = rollout(
             self.robot, Commands(width, knots, position=angle), dt=width / steps, every=10**9, modes=modes,
             kappa=self._kappa, state=origin,

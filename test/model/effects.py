@@ -15,6 +15,7 @@ SEVERITY_1 = {
     "friction_patch": {"scale": 0.55, "x": 1.0, "y": -2.0, "radius": 0.5},
     "soil_softening": {"rate": 0.008},
     "back_friction": {"scale": 0.6},
+    "stiction": {"length": 0.005},
     "stribeck": {"velocity": 0.08},
     "bulldozing": {"coefficient": 900.0},
     "tyre_relaxation": {"length": 0.3},

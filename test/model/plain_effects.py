@@ -79,6 +79,11 @@ class Transcribed:
         length = self._of("tyre_relaxation", "length")
         return max(abs(p_x), 0.05) / length if length else 0.0
 
+    def bristle(self, rim: float) -> tuple[float, float]:
+        """Stiffness of bristles over k_l and k_t, and the rate at which they are renewed, 1/s."""
+        length = self._of("stiction", "length")
+        return (200.0, abs(rim) / length) if length else (0.0, 0.0)
+
     def centre(self, module: int) -> tuple[float, float]:
         """Centre of mass of a module in its frame, m."""
         return (self._of("com_offset", "x"), self._of("com_offset", "y")) if module == 0 else (0.0, 0.0)

@@ -61,7 +61,7 @@ def cubic(commands: Commands, t: float, knot: int) -> np.ndarray:
 
 def plain_run(robot: Robot, start: State, order: Commands, modes, kappa: float, integrator: str) -> np.ndarray:
     p, factor = unlimited_beside_prescribed(params(robot), modes), back_torque_factor(robot, kappa)
-    state = PlainState(start.q, start.v, start.eta, start.torque, start.lateral)
+    state = PlainState(start.q, start.v, start.eta, start.torque, start.memory)
     effects = PlainEffects(robot.effects)
     cut = parts(p, order.dt / KNOT, factor) if integrator == "semi_implicit" else 1
     dt = order.dt / (KNOT * cut)
@@ -116,7 +116,7 @@ def gap_with(robot: Robot, modes, integrator: str, dt: float) -> float:
     rng = np.random.default_rng(11)
     robot = robot.replace({"front.O_z": 0.03, "back.O_z": 0.02, "contact.c_n": 40.0})
     moving, order = moving_state(robot, rng), commands(robot, rng, modes[0] == Mode.TORQUE, dt)
-    start = dataclasses.replace(moving, lateral=20.0 * rng.normal(size=8))
+    start = dataclasses.replace(moving, lateral=20.0 * rng.normal(size=8), bristles=1e-4 * rng.normal(size=16))
     end = rollout(robot, order, dt=dt, modes=modes, kappa=0.7, state=start, integrator=integrator).final_state
     got = np.concatenate([end.q, end.v, end.eta, end.torque])
     want = plain_run(robot, start, order, modes, 0.7, integrator)

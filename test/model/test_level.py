@@ -17,6 +17,7 @@ from artibot_sim.model.effects import record
 from artibot_sim.model.equations.transmission import back_torque_factor
 from artibot_sim.model.kernels import loop, plane_loop
 from artibot_sim.model.kernels.elementary import turn_by
+from artibot_sim.model.kernels.layout import MEMORY
 from artibot_sim.model.robot.derived import packed, params
 from artibot_sim.model.simulate.rollout import driven_by
 
@@ -68,7 +69,8 @@ def test_steps_on_a_plane_equal_plain_ones(name: str, modes, integrator: str, dt
 def test_effects_on_a_plane_equal_plain_ones(agriq, effect: str, integrator: str, dt: float) -> None:
     rng, modes = np.random.default_rng(7), MODES["driven" if effect == "torque_limit" else "as in the paper"]
     robot = with_effects(agriq, *(SEVERITY_1 if effect == "all" else [effect]))
-    start = dataclasses.replace(moving(robot, rng), lateral=20.0 * rng.normal(size=8))
+    remembered = {"lateral": 20.0 * rng.normal(size=8), "bristles": 1e-4 * rng.normal(size=16)}
+    start = dataclasses.replace(moving(robot, rng), **remembered)
     order = commands(robot, rng, False, dt)
     fast = rollout(robot, order, dt=dt, modes=modes, kappa=0.7, state=start, integrator=integrator).final_state
     got, want = np.concatenate([fast.q, fast.v, fast.eta, fast.torque]), plain_run(
@@ -89,7 +91,7 @@ def test_rows_and_energies_with_all_effects_are_those_of_the_loop_in_space(agriq
     found = []
     for integrate in loops:
         given, _, tables = spread(order, robot, integrator)
-        assert integrate(*given, record(robot.effects, 0.0), np.zeros(8)) == (loop.OK, 401)
+        assert integrate(*given, record(robot.effects, 0.0), np.zeros(MEMORY)) == (loop.OK, 401)
         found.append(tables)
     for on_plane, in_space in zip(*found, strict=True):
         assert np.max(np.abs(on_plane - in_space) / (1.0 + np.abs(in_space).max(axis=0))) < 1e-9

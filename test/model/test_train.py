@@ -98,7 +98,7 @@ def test_right_hand_side_is_that_of_the_plain_equations(robot, effects):
         torque[places_] = given[0]
         limited = trains.unlimited_beside_prescribed(p, sides)
         plain = solve_train(
-            limited, state.q, state.v, sides, drive, state.eta, torque, PlainEffects(robot.effects), state.lateral
+            limited, state.q, state.v, sides, drive, state.eta, torque, PlainEffects(robot.effects), state.memory
         )
         found = np.array(
             [result[f"{name}_ddot"][0] for name in places(len(robot.modules)).columns if is_position(name)]

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from model.effects import SEVERITY_1
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, Robot, load_robot, rollout
@@ -32,12 +33,18 @@ def _items(states: list, first: int, knots: int) -> Items:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("effects", [{}, {"back_friction": {"scale": 0.7}}])
-def test_samples_are_those_of_a_rollout(effects: dict) -> None:
-    """At rows of a rollout every kind has the rollout's own value, also in the middle of a table and with effects."""
+@pytest.mark.parametrize("effect", ["", "back_friction", "bulldozing", "stribeck", "load_sensitivity", "stiction"])
+def test_samples_are_those_of_a_rollout(effect: str) -> None:
+    """At rows of a rollout every kind has the rollout's own value, also in the middle of a table.
+
+    With effects of every cost, which are compiled apart, beside a rover that has none.
+    """
     table = _table()
     plain = load_robot("agriq")
-    robots = [Robot(**{**vars(plain), "effects": effects}), plain.replace({"contact.mu_d": 0.25})]
+    robots = [
+        Robot(**{**vars(plain), "effects": {effect: SEVERITY_1[effect]} if effect else {}}),
+        plain.replace({"contact.mu_d": 0.25}),
+    ]
     commands = Commands(0.01, table.velocity, position=table.position)
     begun = [rollout(r, commands, modes=ALL, dt=2.5e-3, duration=1.0).final_state for r in robots]
     rest = Commands(0.01, table.velocity[100:301], position=table.position[100:301])

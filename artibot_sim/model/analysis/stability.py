@@ -172,12 +172,16 @@ def _sharing_loop(
     return A, B, K
 
 
-RELAXATION = "effects.tyre_relaxation, lateral forces that follow"
+RELAXATION = "effects.tyre_relaxation or stiction, forces that follow the way of the wheels"
 
 
 def relaxation_limit(p: Params, speed: float) -> float:
-    """Longest RK4 step (s) for lateral forces that follow at a wheel's `speed` (m/s), see `Params.relaxation`."""
-    return _RK4_REAL / (p.relaxation * max(speed, 0.05))
+    """Longest RK4 step (s) for what wheels remember at a wheel's `speed` (m/s), see `Params.relaxation`.
+
+    Bristles beside a damper k = stiffness · T: where that is strong, they follow at 1/T; where it is weak, a mass m
+    swings at sqrt(k/(T m)) < 2/T; where wheels slide, they let go at 2/T at most.
+    """
+    return _RK4_REAL / (p.relaxation * max(speed, 0.05) + 2.0 * p.bristle)
 
 
 def _rk4_limits(chain: _Chain, modes: tuple[int, ...]) -> Iterator[tuple[float, str]]:

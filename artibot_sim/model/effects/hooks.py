@@ -64,7 +64,8 @@ class Place(NamedTuple):
         What becomes of the answers of two effects.
     cost : int
         1 where all answers together cost little; 2 where they take exponentials, roots or quotients for every wheel;
-        3 the same, of effects that are tried seldom. Rovers side by side are compiled for the costs that they need.
+        3 the same, of effects that are tried seldom; 4 for bristles, which wheels remember. Rovers side by side are
+        compiled for the costs that they need.
     """
 
     combine: Callable[[Hook, Hook], Hook]
@@ -112,6 +113,12 @@ lead = _place("lead", _product, cost=2)
 
 follow_rate = _place("follow_rate", _sum, cost=2)
 """(fx, p_x) → rate at which a wheel's lateral force follows eq. 15's, 1/s; zero for at once."""
+
+bristle = _place("bristle", _vector_sum, cost=4)
+"""(fx, rim) → stiffness of a wheel's bristles over its k_l and k_t, and the rate at which they are renewed, both 1/s.
+
+Its rim moves at `rim` (m/s). Zero without bristles.
+"""
 
 radius = _place("radius", _product, cost=3)
 """(fx, wheel, angle) → factor of the radius of a wheel (its number in the order of WHEELS) at its `angle` (rad)."""

@@ -38,6 +38,7 @@ class PairForces(NamedTuple):
     F_lf and F_lb are the single wheels' (N), held_f and held_b what eq. 16 has left of eq. 15's, 1 where they hold.
     R_l, R_tf and R_tb are forces on the wheels' centres beside (N), which the motor does not feel: their sum along, and
     those across.
+    bent_f and bent_b are how fast bristles bend along and across the wheels, m/s.
     """
 
     F_l: float
@@ -57,6 +58,8 @@ class PairForces(NamedTuple):
     R_l: float
     R_tf: float
     R_tb: float
+    bent_f: tuple[float, float]
+    bent_b: tuple[float, float]
 
 
 class Soil(NamedTuple):
@@ -218,7 +221,44 @@ def at_pair(pair, soil, rim, angle):
 
 
 @inlined
-def pair_forces(friction, body, fx, pair, soil, motor, rim, angle, lag_f, lag_b, dt):
+def held_by(F, stiff, k, z):
+    """With effects: a force (N) with that of bristles that are bent by `z` (m) and `stiff` k strong (N/m)."""
+    return F + stiff * k * z if stiff > 0.0 else F
+
+
+@inlined
+def bending(stiff, renewal, k_l, k_t, slip_l, slip_t, narrow, friction, z_l, z_t, dt):
+    """With effects: how fast a wheel's bristles bend along and across it, m/s, now or as a step `dt` takes it.
+
+    They let go as rolling renews them, and as far as they are bent towards what `friction` (N) holds of them, so that
+    they never pull more: LuGre's law. Slip is what eq. 16 leaves of it: of all that its force takes out of the motion,
+    bristles store what bends them, and the rest is lost.
+
+    Parameters
+    ----------
+    stiff, renewal : float
+        See `hooks.bristle`, 1/s.
+    k_l, k_t : float
+        N s/m.
+    slip_l, slip_t : float
+        m/s.
+    narrow : float
+        Friction along the wheel over that across it.
+    z_l, z_t : float
+        How far they are bent, m.
+    """
+    if stiff <= 0.0:  # before anything is computed: one rover alone without bristles does not pay for them
+        return 0.0, 0.0
+    pull_l, pull_t = k_l * slip_l, narrow * (k_t * slip_t)
+    release = renewal + stiff * math.sqrt(pull_l * pull_l + pull_t * pull_t) / max(friction, 1e-9)
+    if dt is not None:
+        share = 1.0 / (1.0 + dt * release)
+        return share * (slip_l - release * z_l), share * (slip_t - release * z_t)
+    return slip_l - release * z_l, slip_t - release * z_t
+
+
+@inlined
+def pair_forces(friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept_b, dt):
     """Eqs 15 and 16 for the two wheels of a motor.
 
     Parameters
@@ -230,8 +270,9 @@ def pair_forces(friction, body, fx, pair, soil, motor, rim, angle, lag_f, lag_b,
     motor : int
     rim, angle : float
         Speed of the wheels' rims, m/s, and their angle, rad.
-    lag_f, lag_b : float
-        With effects: lateral forces that lag, N.
+    kept_f, kept_b : tuple of 3 floats
+        With effects: what the wheels remember, a lateral force that lags (N) and how far bristles are bent along and
+        across (m).
     dt : float or None
         A step at whose end lagging forces are taken, s; None for the instant.
 
@@ -248,8 +289,13 @@ def pair_forces(friction, body, fx, pair, soil, motor, rim, angle, lag_f, lag_b,
         F_lf, F_lb = s_f * (soil.k_l * slip_f), s_b * (soil.k_l * slip_b)
         F_tf, F_tb, wide = s_f * F_tf, s_b * F_tb, hooks.lateral_grip(fx)
         narrow = 1.0 / wide
-        F_tf, rate_f = relaxed(fx, F_tf, pair.p_x, lag_f, dt)
-        F_tb, rate_b = relaxed(fx, F_tb, pair.p_x, lag_b, dt)
+        F_tf, rate_f = relaxed(fx, F_tf, pair.p_x, kept_f[0], dt)
+        F_tb, rate_b = relaxed(fx, F_tb, pair.p_x, kept_b[0], dt)
+        stiff_f, renewal_f = hooks.bristle(fx, r_f * rim)
+        stiff_b, renewal_b = hooks.bristle(fx, r_b * rim)
+        k_lf, k_tf, k_lb, k_tb = s_f * soil.k_l, s_f * soil.k_t, s_b * soil.k_l, s_b * soil.k_t
+        F_lf, F_lb = held_by(F_lf, stiff_f, k_lf, kept_f[1]), held_by(F_lb, stiff_b, k_lb, kept_b[1])
+        F_tf, F_tb = held_by(F_tf, stiff_f, k_tf, kept_f[2]), held_by(F_tb, stiff_b, k_tb, kept_b[2])
     else:
         r_f = r_b = s_f = s_b = wide = narrow = 1.0
         rate_f = rate_b = 0.0
@@ -263,7 +309,16 @@ def pair_forces(friction, body, fx, pair, soil, motor, rim, angle, lag_f, lag_b,
     F_l = F_lf + F_lb
     at_rim, slope = F_l, soil.k_l * (held_f + held_b)
     R_lf = R_lb = R_tf = R_tb = 0.0
+    bent_f = bent_b = 0.0, 0.0
     if fx is not None:
+        bent_f = bending(
+            stiff_f, renewal_f, k_lf, k_tf, held_f * slip_f, -held_f * pair.p_yf, narrow, soil.mu_sf * pair.F_nf,
+            kept_f[1], kept_f[2], dt,
+        )  # fmt: skip
+        bent_b = bending(
+            stiff_b, renewal_b, k_lb, k_tb, held_b * slip_b, -held_b * pair.p_yb, narrow, soil.mu_sb * pair.F_nb,
+            kept_b[1], kept_b[2], dt,
+        )  # fmt: skip
         R_lf, R_tf = hooks.wheel_resist(fx, soil.mu_sf * pair.F_nf, pair.p_x, pair.p_yf)
         R_lb, R_tb = hooks.wheel_resist(fx, soil.mu_sb * pair.F_nb, pair.p_x, pair.p_yb)
         at_rim, slope = r_f * F_lf + r_b * F_lb, soil.k_l * (r_f * r_f * s_f * held_f + r_b * r_b * s_b * held_b)
@@ -274,7 +329,7 @@ def pair_forces(friction, body, fx, pair, soil, motor, rim, angle, lag_f, lag_b,
     u_F_n = soil.u_f * pair.F_nf + soil.u_b * pair.F_nb
     return PairForces(
         F_l, at_rim, slope, u_F_n, F_tf, F_tb, soil.u_f, soil.u_b, rate_f, rate_b, F_lf, F_lb, held_f, held_b,
-        R_lf + R_lb, R_tf, R_tb,
+        R_lf + R_lb, R_tf, R_tb, bent_f, bent_b,
     )  # fmt: skip
 
 

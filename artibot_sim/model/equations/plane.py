@@ -93,8 +93,8 @@ def module_wheels(friction, body, ground, fx, module, at, s_g, c_g, rims, angles
         Sine and cosine of its gamma.
     rims, angles : tuple of 2 floats
         Speeds of the rims right and left, m/s, and the wheels' angles, rad.
-    lags : tuple of 4 floats
-        With effects: lateral forces that lag (N), in the order of WHEELS.
+    lags : tuple of 4 tuples of 3 floats
+        With effects: what the wheels remember (see `contact.pair_forces`), in the order of WHEELS.
     """
     pair_r, pair_l, soil_r, soil_l = module_pairs(body, ground, fx, at, s_g, c_g)
     motor = 2 * module

@@ -16,7 +16,7 @@ def advance(integrator: str, given: tuple[Any, ...], effects: tuple[Any, ...] = 
     given
         What `loop.integrate_rk4` takes, but for effects.
     effects : tuple, optional
-        Effects' record and the lateral forces.
+        Effects' record and what the wheels remember, see `layout.MEMORY`.
 
     Returns
     -------

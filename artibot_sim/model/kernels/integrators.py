@@ -58,6 +58,7 @@ from artibot_sim.model.kernels.layout import (  # fmt: skip
     M_D,
     M_M,
     M_R,
+    MEMORY,
     P_X,
     P_Y,
     SAT,
@@ -197,7 +198,7 @@ def motor_acts(p, fx, unit, motor, forces):
 
 
 @inlined
-def step_ahead(body, p, fx, unit, motor, pair, soil, lag_f, lag_b, dt):
+def step_ahead(body, p, fx, unit, motor, pair, soil, kept_f, kept_b, dt):
     """A motor's acceleration over a step, the wheels' slip taken implicitly (linearised at the old speed), its torque.
 
     A prescribed motor's torque follows from the new forces; zero stands in its place here.
@@ -207,7 +208,7 @@ def step_ahead(body, p, fx, unit, motor, pair, soil, lag_f, lag_b, dt):
         return motor.wish, 0.0
     omega = unit.tau * theta_dot
     rim, angle = unit.r_w * omega, unit.tau * motor.theta
-    forces = pair_forces(within_friction, body, fx, pair, soil, motor.number, rim, angle, lag_f, lag_b, None)
+    forces = pair_forces(within_friction, body, fx, pair, soil, motor.number, rim, angle, kept_f, kept_b, None)
     load = motor.gear * load_torque(p, unit, forces, omega)
     inertia = motor.J + dt * motor.gear * unit.r_w * (forces.slope * unit.r_w) * unit.tau
     if fx is not None:
@@ -220,7 +221,7 @@ def step_ahead(body, p, fx, unit, motor, pair, soil, lag_f, lag_b, dt):
 
 
 @inlined
-def motor_with_wheels(body, p, fx, unit, motor, pair, soil, lag_f, lag_b, dt, ahead, torques):
+def motor_with_wheels(body, p, fx, unit, motor, pair, soil, kept_f, kept_b, dt, ahead, torques):
     """A motor and its two wheels (eqs 15, 16, 21, 22): at an instant (`dt` None), or over a semi-implicit step.
 
     Over a step `ahead` is what `step_ahead` gives. A prescribed motor at an instant needs to know no force unless
@@ -237,9 +238,8 @@ def motor_with_wheels(body, p, fx, unit, motor, pair, soil, lag_f, lag_b, dt, ah
         theta_ddot, M_m = ahead
         speed += dt * theta_ddot
     omega = unit.tau * speed
-    forces = pair_forces(
-        within_friction, body, fx, pair, soil, motor.number, unit.r_w * omega, unit.tau * motor.theta, lag_f, lag_b, dt
-    )
+    rim, angle = unit.r_w * omega, unit.tau * motor.theta
+    forces = pair_forces(within_friction, body, fx, pair, soil, motor.number, rim, angle, kept_f, kept_b, dt)
     if dt is None:
         if motor.mode == PRESCRIBED and not torques:
             return forces, Acting(0.0, 0.0, 0.0, motor.wish, speed)
@@ -251,6 +251,23 @@ def motor_with_wheels(body, p, fx, unit, motor, pair, soil, lag_f, lag_b, dt, ah
         if fx is not None:
             M_m += drag
     return forces, Acting(M_m, M_r, drag, theta_ddot, speed)
+
+
+@inlined
+def kept_by(lag, wheels, wheel):
+    """What a wheel remembers, of the memories of so many `wheels` (see `layout.MEMORY`)."""
+    return lag[wheel], lag[wheels + wheel], lag[2 * wheels + wheel]
+
+
+@inlined
+def write_rates(fx, forces, wheels, wheel, out, first):
+    """With effects: how fast what a motor's two wheels remember changes, from `first` on; the front one is `wheel`."""
+    i = first + wheel
+    out[i], out[i + 1] = forces.rate_f, forces.rate_b
+    stiff, _ = hooks.bristle(fx, 0.0)
+    if stiff > 0.0:
+        out[wheels + i], out[2 * wheels + i] = forces.bent_f
+        out[wheels + i + 1], out[2 * wheels + i + 1] = forces.bent_b
 
 
 @inlined
@@ -279,13 +296,14 @@ def move_side(body, p, fx, unit, modes, motor, q, v, pair, soil, drive, hold, la
     """A motor of a module and its wheels, into the row; returns `contact.PairForces`."""
     i, c = 2 * motor, coordinate_of(motor)
     at, ahead = turning(p, modes, motor, q[c], v[c], drive, hold), None
+    kept_f, kept_b = kept_by(lag, 8, i), kept_by(lag, 8, i + 1)
     if dt is not None:
-        ahead = step_ahead(body, p, fx, unit, at, pair, soil, lag[i], lag[i + 1], dt)
-    forces, acting = motor_with_wheels(body, p, fx, unit, at, pair, soil, lag[i], lag[i + 1], dt, ahead, True)
+        ahead = step_ahead(body, p, fx, unit, at, pair, soil, kept_f, kept_b, dt)
+    forces, acting = motor_with_wheels(body, p, fx, unit, at, pair, soil, kept_f, kept_b, dt, ahead, True)
     write_wheels(pair, forces, motor, w)
     write_motor(fx, acting, motor, hold, w)
     if fx is not None:
-        lag[8 + i], lag[8 + i + 1] = forces.rate_f, forces.rate_b
+        write_rates(fx, forces, 8, i, lag, MEMORY)
     return forces
 
 

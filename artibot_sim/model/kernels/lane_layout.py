@@ -18,6 +18,7 @@ from artibot_sim.model.effects.base import Effect, Values
 from artibot_sim.model.effects.hooks import PLACES
 from artibot_sim.model.equations.plane import Body, Ground
 from artibot_sim.model.kernels.compilation import inlined
+from artibot_sim.model.kernels.layout import MEMORY
 
 # ----------------------------------------------------------------------
 # Effects' parameters of one lane (`lanes`), under the names by which hooks ask for them.
@@ -34,7 +35,7 @@ def flat(record: Any) -> NDArray[np.float64]:
     return values
 
 
-EXTENDED: tuple[tuple[float, ...], ...] = ((1.0,), (1.0, 1.0), (1.0, 1.0, 1.0))
+EXTENDED: tuple[tuple[float, ...], ...] = ((1.0,), (1.0, 1.0), (1.0, 1.0, 1.0), (1.0, 1.0, 1.0, 1.0))
 """Stand for the extended model as `fx` of lanes, by the cost of what its effects answer (see `effects.hooks.Place`)."""
 
 
@@ -87,9 +88,9 @@ MOTORS = 6 * LANES
 """Where the motors begin among them."""
 
 _SIZES = {
-    # state; stage, first accelerations and sums of them of RK4; the same of lateral forces that lag (N)
+    # state; stage, first accelerations and sums of them of RK4; the same of what wheels remember (see `layout.MEMORY`)
     "Q": SIZE, "V": SIZE, "ACC": SIZE, "Q_S": SIZE, "V_S": SIZE, "FIRST": SIZE, "SUM": SIZE,
-    "LAG": 8, "LAG_S": 8, "LAG_RATE": 8, "SUM_LAG": 8,
+    "LAG": MEMORY, "LAG_S": MEMORY, "LAG_RATE": MEMORY, "SUM_LAG": MEMORY,
     # yaws of both modules when their sines and cosines were last taken, and these
     "FACING": 2, "SINE": 2, "COSINE": 2,
     # commands: angles and speeds at both ends of a cubic, its last coefficients; the inverse of its length, 0 after
@@ -150,7 +151,7 @@ def _line_up_stack(typing_context: Any) -> Any:
 line_up_stack: Any = intrinsic(_line_up_stack)
 
 
-cheap_effects, dear_effects, all_effects = (reader(LANES, cost) for cost in (1, 2, 3))
+cheap_effects, dear_effects, seldom_effects, all_effects = (reader(LANES, cost) for cost in (1, 2, 3, 4))
 
 
 @inlined
@@ -162,6 +163,8 @@ def effects_at(S, fx, e, t):
             return cheap_effects(S, at, S[at] + t)
         if len(fx) == 2:
             return dear_effects(S, at, S[at] + t)
+        if len(fx) == 3:
+            return seldom_effects(S, at, S[at] + t)
         return all_effects(S, at, S[at] + t)
     return None
 

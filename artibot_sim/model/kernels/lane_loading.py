@@ -8,7 +8,7 @@ from artibot_sim.model.equations.transmission import PRESCRIBED
 from artibot_sim.model.kernels.compilation import inlined, kernel
 from artibot_sim.model.kernels.integrators import motor_of
 from artibot_sim.model.kernels.lane_layout import AT, LANES, SIZE
-from artibot_sim.model.kernels.layout import BACK, BEHIND, FRONT, GAMMA, MOTOR_COORDINATES, X, Y, Z
+from artibot_sim.model.kernels.layout import BACK, BEHIND, FRONT, GAMMA, MEMORY, MOTOR_COORDINATES, X, Y, Z
 from artibot_sim.model.kernels.plane_step import level, standing
 
 PLACES = (X, Y, GAMMA, BACK + X, BACK + Y, BACK + GAMMA, *MOTOR_COORDINATES)
@@ -74,7 +74,7 @@ def load_lane(S, e, p, fx, q, v, i):
         S[AT.Q + j] = S[AT.Q_S + j] = q[i, c]
         S[AT.V + j] = S[AT.V_S + j] = v[i, c]
         S[AT.SOUND + j], S[AT.KEPT + j] = 1.0, 0.0
-    for k in range(8):
+    for k in range(MEMORY):
         S[AT.LAG + k * LANES + e] = S[AT.LAG_S + k * LANES + e] = 0.0
     load_module(S, e, AT.BODY_F, p.front, p, fx, FRONT, q[i, Z])
     load_module(S, e, AT.BODY_B, p.back, p, fx, BEHIND, q[i, BACK + Z])

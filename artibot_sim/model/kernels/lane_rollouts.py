@@ -13,14 +13,14 @@ from artibot_sim.model.kernels.integrators import hold_efficiencies, right_hand_
 from artibot_sim.model.kernels.lane_layout import AT, EFFECT_VALUES, LANES, SIZE, effects_at, line_up_stack
 from artibot_sim.model.kernels.lane_loading import PLACES, load_lane, load_motors
 from artibot_sim.model.kernels.lanes import check, cubics, end_stage, leave_knot, next_knot, sound_rows, stage
-from artibot_sim.model.kernels.layout import BACK, BEHIND, FRONT
+from artibot_sim.model.kernels.layout import BACK, BEHIND, FRONT, MEMORY
 from artibot_sim.model.kernels.loop import command_at, commanded_torques, hermite, keep
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-KEPT_SIZE = 2 * SIZE + 16
-"""Numbers of a row in lanes: coordinates, rates, inverse efficiencies, torques of the step before, lagging forces."""
+KEPT_SIZE = 2 * SIZE + 8 + MEMORY
+"""Numbers of a row in lanes: coordinates, rates, inverse efficiencies, torques of the step before, wheels' memories."""
 
 
 class Lot(NamedTuple):
@@ -35,7 +35,7 @@ class Lot(NamedTuple):
     share : array, shape (n,)
     q, v : array, shape (n, 16)
     eta, torque : array, shape (n, 4)
-    lateral : array, shape (n, 8)
+    memory : array, shape (n, MEMORY)
     position, velocity, torque_d : array, shape (k, 4)
         Knots of all commands, one after the other.
     first, last : array of int, shape (n,)
@@ -50,7 +50,7 @@ class Lot(NamedTuple):
     v: Array
     eta: Array
     torque: Array
-    lateral: Array
+    memory: Array
     position: Array
     velocity: Array
     torque_d: Array
@@ -79,8 +79,8 @@ def load_lot(S, lot, fx):
         load_lane(S, e, lot.records[i], effects_at(S, fx, e, 0.0), lot.q, lot.v, i)
         for motor in range(4):
             S[AT.PREVIOUS + motor * LANES + e] = lot.torque[i, motor]
-        for k in range(8):
-            S[AT.LAG + k * LANES + e] = S[AT.LAG_S + k * LANES + e] = lot.lateral[i, k]
+        for k in range(MEMORY):
+            S[AT.LAG + k * LANES + e] = S[AT.LAG_S + k * LANES + e] = lot.memory[i, k]
         next_knot(S, e, lot.position, lot.velocity, lot.first[i], 1.0)
 
 
@@ -107,7 +107,7 @@ def keep_state(S, row, kept):
     o += 2 * SIZE * LANES
     for j in range(4 * LANES):
         kept[o + j], kept[o + 4 * LANES + j] = S[AT.GEAR + j], S[AT.PREVIOUS + j]
-    for j in range(8 * LANES):
+    for j in range(MEMORY * LANES):
         kept[o + 8 * LANES + j] = S[AT.LAG + j]
     check(S)
 
@@ -145,8 +145,8 @@ def run_lot(lot, grid, settings, S, kept, rows, fx=None):
 
 
 @inlined
-def unpack(kept, row, e, two, q, v, eta, previous, lateral):
-    """A row of lane `e`, into the planar coordinates of q and v (16,), eta and previous (4,), lateral (8,)."""
+def unpack(kept, row, e, two, q, v, eta, previous, memory):
+    """A row of lane `e`, into the planar coordinates of q and v (16,), eta and previous (4,), memory (MEMORY,)."""
     o = row * KEPT_SIZE * LANES + e
     for i in range(SIZE):
         if not two and PLACES[i] >= BACK:
@@ -155,8 +155,8 @@ def unpack(kept, row, e, two, q, v, eta, previous, lateral):
     o += 2 * SIZE * LANES
     for motor in range(4 if two else 2):
         eta[motor], previous[motor] = 1.0 / kept[o + motor * LANES], kept[o + (4 + motor) * LANES]
-    for k in range(8):
-        lateral[k] = kept[o + (8 + k) * LANES]
+    for k in range(MEMORY):
+        memory[k] = kept[o + (8 + k) * LANES]
 
 
 @kernel
@@ -180,7 +180,7 @@ def fill_rows(lot, lane, grid, kept, rows, work, tables, fx=None):
     """
     w, drive, cubic, hold, _, _, _, _, _, _, _, lag, _ = work
     p, modes, share = lot.records[lane], lot.modes[lane], lot.share[lane]
-    q, v, eta, previous, lateral = lot.q[lane], lot.v[lane], lot.eta[lane], lot.torque[lane], lot.lateral[lane]
+    q, v, eta, previous, memory = lot.q[lane], lot.v[lane], lot.eta[lane], lot.torque[lane], lot.memory[lane]
     first, end = lot.first[lane], lot.last[lane] + 1
     position, velocity, torque_d = lot.position[first:end], lot.velocity[first:end], lot.torque_d[first:end]
     start = 0.0
@@ -192,9 +192,9 @@ def fill_rows(lot, lane, grid, kept, rows, work, tables, fx=None):
     for row in range(rows):
         step = min(row * grid.every, grid.steps)
         knot, s = step // grid.knot_steps, (step % grid.knot_steps) * grid.dt
-        unpack(kept, row, lane, p.two, q, v, eta, previous, lateral)
-        for k in range(8):
-            lag[k] = lateral[k]
+        unpack(kept, row, lane, p.two, q, v, eta, previous, memory)
+        for k in range(MEMORY):
+            lag[k] = memory[k]
         hermite(position, velocity, knot, grid.knot_steps * grid.dt, cubic)
         commanded_torques(torque_d, knot, share, previous, modes, hold)
         hold_efficiencies(p, eta, hold)

@@ -24,7 +24,7 @@ from artibot_sim.model.kernels.compilation import inlined
 from artibot_sim.model.kernels.cubic import cubic_at, cubic_between
 from artibot_sim.model.kernels.elementary import sincos, turn_by
 from artibot_sim.model.kernels.lane_layout import AT, LANES, LIMIT_Q, LIMIT_V, MOTORS, SIZE, effects_at, four, put4
-from artibot_sim.model.kernels.layout import BEHIND, FRONT, MOTOR
+from artibot_sim.model.kernels.layout import BEHIND, FRONT, MEMORY, MOTOR
 from artibot_sim.model.kernels.steps import STAGE, next_stage, next_stage_of_lag, stage_time
 
 
@@ -212,6 +212,23 @@ def begin_stage(S, s):
 
 
 @inlined
+def kept_of(S, at):
+    """What the four wheels of a module remember (see `layout.MEMORY`)."""
+    lags, along, across = four(S, at), four(S, at + 8 * LANES), four(S, at + 16 * LANES)
+    return (
+        (lags[0], along[0], across[0]), (lags[1], along[1], across[1]), (lags[2], along[2], across[2]),
+        (lags[3], along[3], across[3]),
+    )  # fmt: skip
+
+
+@inlined
+def put_bending(S, at, right, left):
+    """How fast the bristles of a module's wheels bend."""
+    put4(S, at, right.bent_f[0], right.bent_b[0], left.bent_f[0], left.bent_b[0])
+    put4(S, at + 8 * LANES, right.bent_f[1], right.bent_b[1], left.bent_f[1], left.bent_b[1])
+
+
+@inlined
 def move_modules(S, fx, t):
     """Accelerations of both modules, and what the motors' wheels meet, at the stage."""
     for e in range(LANES):
@@ -228,7 +245,17 @@ def move_modules(S, fx, t):
             th, ta = four(S, q + MOTORS), four(S, AT.TAU + e)
             angles = th[0] * ta[0], th[1] * ta[1], th[2] * ta[2], th[3] * ta[3]
         right_f, left_f = module_wheels(
-            within_friction_lanes, front, ground, effects, FRONT, f, s_f, c_f, rims[:2], angles[:2], four(S, lag)
+            within_friction_lanes,
+            front,
+            ground,
+            effects,
+            FRONT,
+            f,
+            s_f,
+            c_f,
+            rims[:2],
+            angles[:2],
+            kept_of(S, lag),
         )
         right_b, left_b = module_wheels(
             within_friction_lanes,
@@ -241,7 +268,7 @@ def move_modules(S, fx, t):
             c_b,
             rims[2:],
             angles[2:],
-            four(S, lag + 4 * LANES),
+            kept_of(S, lag + 4 * LANES),
         )
         on_f, on_b, _, _, _ = planar_accelerations(
             front, back, ground, effects, f, b, (s_f, c_f, s_b, c_b), (right_f, left_f, right_b, left_b)
@@ -255,6 +282,9 @@ def move_modules(S, fx, t):
             lag = AT.LAG_RATE + e
             put4(S, lag, right_f.rate_f, right_f.rate_b, left_f.rate_f, left_f.rate_b)
             put4(S, lag + 4 * LANES, right_b.rate_f, right_b.rate_b, left_b.rate_f, left_b.rate_b)
+        if fx is not None and len(fx) > 3:
+            put_bending(S, AT.LAG_RATE + 8 * LANES + e, right_f, left_f)
+            put_bending(S, AT.LAG_RATE + 12 * LANES + e, right_b, left_b)
 
 
 @inlined
@@ -284,9 +314,9 @@ def step_lane(S, k, dt, j):
 
 
 @inlined
-def next_lag(S, k, dt):
-    """As `next_state` for the lateral forces that lag."""
-    for j in range(8 * LANES):
+def next_lag(S, count, k, dt):
+    """As `next_state` for what wheels remember, the first `count` numbers of it."""
+    for j in range(count * LANES):
         x, total = next_stage_of_lag(k, dt, S[AT.LAG + j], S[AT.LAG_RATE + j], S[AT.SUM_LAG + j])
         S[AT.LAG_S + j], S[AT.SUM_LAG + j] = x, total
         S[AT.LAG + j] = x if k == 3 else S[AT.LAG + j]
@@ -322,7 +352,7 @@ def end_stage(S, fx, k, dt):
     """To the next stage, and after the last one to the next step."""
     next_state(S, k, dt)
     if fx is not None and len(fx) > 1:
-        next_lag(S, k, dt)
+        next_lag(S, MEMORY if len(fx) > 3 else 8, k, dt)
 
 
 @inlined

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.model.effects import hooks
 from artibot_sim.model.equations.dynamics import module_gravity
 from artibot_sim.model.equations.transmission import TORQUE, driving
 from artibot_sim.model.kernels.compilation import inlined, kernel
@@ -25,7 +26,7 @@ from artibot_sim.model.kernels.integrators import (
     right_hand_side,
     semi_implicit_step,
 )
-from artibot_sim.model.kernels.layout import ACC, BEHIND, ENERGIES, FRONT, M_D, M_M, ROW
+from artibot_sim.model.kernels.layout import ACC, BEHIND, ENERGIES, FRONT, M_D, M_M, MEMORY, ROW
 from artibot_sim.model.kernels.steps import next_stage, next_stage_of_lag, stage_time, stage_weight
 
 OK, DIVERGED = 0, 1
@@ -53,7 +54,7 @@ class Work(NamedTuple):
 
 def workspace() -> Work:
     """A fresh one, for one loop at a time."""
-    return Work(*map(np.zeros, (ROW, 12, 16, 20, 4, 16, 16, 16, 16, ENERGIES, ENERGIES, 16, 8)))
+    return Work(*map(np.zeros, (ROW, 12, 16, 20, 4, 16, 16, 16, 16, ENERGIES, ENERGIES, 2 * MEMORY, MEMORY)))
 
 
 @inlined
@@ -148,12 +149,41 @@ def next_state(k, q, v, dt, w, q_s, v_s, first, total):
 
 
 @inlined
-def next_lag(k, lateral, dt, lag, sum_lag):
-    """As `next_state` for the lateral forces that lag; `lag` holds the stage's and then their rates."""
-    for i in range(8):
-        lag[i], sum_lag[i] = next_stage_of_lag(k, dt, lateral[i], lag[8 + i], sum_lag[i])
+def next_lag(k, count, memory, dt, lag, sum_lag):
+    """As `next_state` for what wheels remember, `count` numbers; `lag` holds the stage's and then their rates."""
+    for i in range(count):
+        lag[i], sum_lag[i] = next_stage_of_lag(k, dt, memory[i], lag[MEMORY + i], sum_lag[i])
         if k == 3:
-            lateral[i] = lag[i]
+            memory[i] = lag[i]
+
+
+@inlined
+def remembered(fx, wheels):
+    """How many numbers so many `wheels` remember by the effects at work: none, lateral forces, or bristles as well."""
+    if fx is not None:
+        _, renewal = hooks.bristle(fx, 1.0)
+        if renewal > 0.0:
+            return 3 * wheels
+        return wheels if hooks.follow_rate(fx, 1.0) > 0.0 else 0
+    return 0
+
+
+@inlined
+def start_lags(fx, memory, lag):
+    """What wheels remember into `lag`; the time of the start (s), and how many numbers change (`remembered`)."""
+    if fx is not None:
+        for i in range(MEMORY):
+            lag[i] = memory[i]
+        return fx.t, remembered(fx, 8)
+    return 0.0, 0
+
+
+@inlined
+def lags_after(count, memory, dt, lag):
+    """What wheels remember after a semi-implicit step."""
+    for i in range(count):
+        memory[i] += dt * lag[MEMORY + i]
+        lag[i] = memory[i]
 
 
 @inlined
@@ -166,7 +196,7 @@ def keep(values, row, out):
 @kernel
 def integrate_rk4(
     q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
-    work, out_q, out_v, out_w, out_e, fx=None, lateral=None,
+    work, out_q, out_v, out_w, out_e, fx=None, memory=None,
 ):  # fmt: skip
     """Advance the state in place by `steps` steps and keep every `every`-th row, the first and the last included.
 
@@ -182,8 +212,8 @@ def integrate_rk4(
     fx : record, optional
         Effects' parameters, with the time of the start in ``fx.t`` (see `effects.record`); without it, at compile time,
         it is the paper's model.
-    lateral : array, shape (8,), where there is `fx`
-        Lateral forces of tyres that need some way to build them up, N; advanced in place, too.
+    memory : array, shape (MEMORY,), where there is `fx`
+        What wheels remember, see `layout`; advanced in place, too.
 
     Returns
     -------
@@ -191,11 +221,7 @@ def integrate_rk4(
         OK or DIVERGED, and the number of rows written.
     """
     w, drive, cubic, hold, eta_next, q_s, v_s, first, total, e, pw, lag, sum_lag = work
-    start = 0.0
-    if fx is not None:
-        start = fx.t
-        for i in range(8):
-            lag[i] = lateral[i]
+    start, count = start_lags(fx, memory, lag)
     for i in range(16):
         q_s[i], v_s[i] = q[i], v[i]
     module_gravity(p.front, p, FRONT, w)
@@ -230,7 +256,7 @@ def integrate_rk4(
                 add_powers(q_s, v_s, p, fx, w, stage_weight(k) * dt, e, pw)
             next_state(k, q, v, dt, w, q_s, v_s, first, total)
             if fx is not None:
-                next_lag(k, lateral, dt, lag, sum_lag)
+                next_lag(k, count, memory, dt, lag, sum_lag)
         for motor in range(motor_count(p)):
             eta[motor] = eta_next[motor]
     return OK, row
@@ -239,15 +265,11 @@ def integrate_rk4(
 @kernel
 def integrate_semi_implicit(
     q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
-    work, out_q, out_v, out_w, out_e, fx=None, lateral=None,
+    work, out_q, out_v, out_w, out_e, fx=None, memory=None,
 ):  # fmt: skip
     """As `integrate_rk4`; a row's contributions are those that act from its state to the next."""
     w, drive, cubic, hold, _, q_old, v_old, _, _, e, pw, lag, _ = work
-    start = 0.0
-    if fx is not None:
-        start = fx.t
-        for i in range(8):
-            lag[i] = lateral[i]
+    start, count = start_lags(fx, memory, lag)
     module_gravity(p.front, p, FRONT, w)
     if p.two:
         module_gravity(p.back, p, BEHIND, w)
@@ -279,9 +301,7 @@ def integrate_semi_implicit(
             break
         feed_back(p, fx, v, w, eta, previous)
         if fx is not None:
-            for i in range(8):
-                lateral[i] += dt * lag[8 + i]
-                lag[i] = lateral[i]
+            lags_after(count, memory, dt, lag)
         if out_e is not None:
             for i in range(16):
                 v_old[i] = 0.5 * (v_old[i] + v[i])

@@ -5,13 +5,23 @@ They take what those take and give the same to rounding. A rover that does not s
 
 from __future__ import annotations
 
-from artibot_sim.model.effects import hooks
 from artibot_sim.model.equations.dynamics import module_gravity
 from artibot_sim.model.equations.transmission import driving
 from artibot_sim.model.kernels.compilation import inlined, kernel
 from artibot_sim.model.kernels.energy import level_powers
 from artibot_sim.model.kernels.layout import BEHIND, FRONT, MOTOR
-from artibot_sim.model.kernels.loop import DIVERGED, OK, command_at, keep, mean_acceleration, next_lag, prepare, sound
+from artibot_sim.model.kernels.loop import (
+    DIVERGED,
+    OK,
+    command_at,
+    keep,
+    lags_after,
+    mean_acceleration,
+    next_lag,
+    prepare,
+    sound,
+    start_lags,
+)
 from artibot_sim.model.kernels.plane_step import (
     heading,
     level,
@@ -132,27 +142,17 @@ def begin(q, v, p, fx, w):
     return stand(p, fx, q), load(q), load(v)
 
 
-@inlined
-def start_lags(fx, lateral, lag):
-    """Lateral forces into `lag`, where effects know some that lag; the time of the start (s), and whether any does."""
-    if fx is not None:
-        for i in range(8):
-            lag[i] = lateral[i]
-        return fx.t, hooks.follow_rate(fx, 1.0) > 0.0
-    return 0.0, False
-
-
 @kernel
 def level_rk4(
     q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
-    work, out_q, out_v, out_w, out_e, fx=None, lateral=None,
+    work, out_q, out_v, out_w, out_e, fx=None, memory=None,
 ):  # fmt: skip
     """As `loop.integrate_rk4` for a rover that stands level; LEAVES for another."""
     if not level(p, fx, q, v):
         return LEAVES, 0
     w, drive, cubic, hold, eta_next, _, _, _, _, e, _, lag, sum_lag = work
     at, here, rate = begin(q, v, p, fx, w)
-    start, lags = start_lags(fx, lateral, lag)
+    start, count = start_lags(fx, memory, lag)
     row = phase = knot = since = 0
     begun, known = here, (0.0, 1.0, 0.0, 1.0)
     for step in range(steps + 1):
@@ -191,8 +191,8 @@ def level_rk4(
             if out_e is not None:
                 level_powers(at, p, fx, motions(q_k, v_k), trig, q_k, v_k, now, hold, stage_weight(k) * dt, e)
             q_k, v_k, first, total = next_ten(k, dt, here, rate, v_k, a, first, total)
-            if fx is not None and lags:
-                next_lag(k, lateral, dt, lag, sum_lag)
+            if fx is not None:
+                next_lag(k, count, memory, dt, lag, sum_lag)
         here, rate = q_k, v_k
         for motor in range(4 if p.two else 2):
             eta[motor] = eta_next[motor]
@@ -207,14 +207,14 @@ def level_rk4(
 @kernel
 def level_semi(
     q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
-    work, out_q, out_v, out_w, out_e, fx=None, lateral=None,
+    work, out_q, out_v, out_w, out_e, fx=None, memory=None,
 ):  # fmt: skip
     """As `loop.integrate_semi_implicit` for a rover that stands level; LEAVES for another."""
     if not level(p, fx, q, v):
         return LEAVES, 0
     w, drive, cubic, hold, _, _, _, _, _, e, _, lag, _ = work
     at, here, rate = begin(q, v, p, fx, w)
-    start, lags = start_lags(fx, lateral, lag)
+    start, count = start_lags(fx, memory, lag)
     row = phase = knot = since = 0
     for step in range(steps + 1):
         s = prepare(
@@ -241,10 +241,8 @@ def level_semi(
         if step == steps:
             break
         feed_torques(p, fx, now, new, eta, previous)
-        if fx is not None and lags:
-            for i in range(8):
-                lateral[i] += dt * lag[8 + i]
-                lag[i] = lateral[i]
+        if fx is not None:
+            lags_after(count, memory, dt, lag)
         if out_e is not None:
             level_powers(at, p, fx, motions(here, rate), trig, here, middle(rate, new), now, hold, dt, e)
         here, rate = there, new

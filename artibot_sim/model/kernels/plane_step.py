@@ -13,10 +13,12 @@ from artibot_sim.model.kernels.compilation import inlined
 from artibot_sim.model.kernels.elementary import sincos, turn_by
 from artibot_sim.model.kernels.integrators import (
     Acting,
+    kept_by,
     motor_with_wheels,
     step_ahead,
     turning,
     write_motor,
+    write_rates,
     write_wheels,
 )
 from artibot_sim.model.kernels.layout import (
@@ -29,6 +31,7 @@ from artibot_sim.model.kernels.layout import (
     GAMMA,
     LAMBDA,
     M_J,
+    MEMORY,
     MOTOR,
     MOTOR_COORDINATES,
     Q_C,
@@ -239,7 +242,7 @@ def side_ahead(body, p, fx, unit, modes, motor, theta, theta_dot, pair, soil, dr
     at, i = turning(p, modes, motor, theta, theta_dot, drive, hold), 2 * motor
     if dt is None:
         return at, None
-    return at, step_ahead(body, p, fx, unit, at, pair, soil, lag[i], lag[i + 1], dt)
+    return at, step_ahead(body, p, fx, unit, at, pair, soil, kept_by(lag, 8, i), kept_by(lag, 8, i + 1), dt)
 
 
 @inlined
@@ -247,9 +250,10 @@ def side_moves(body, p, fx, unit, motor, pair, soil, lag, dt, torques):
     """A motor and its wheels: `integrators.motor_with_wheels`; `motor` is what `side_ahead` gives."""
     at, ahead = motor
     i = 2 * at.number
-    forces, acting = motor_with_wheels(body, p, fx, unit, at, pair, soil, lag[i], lag[i + 1], dt, ahead, torques)
+    kept_f, kept_b = kept_by(lag, 8, i), kept_by(lag, 8, i + 1)
+    forces, acting = motor_with_wheels(body, p, fx, unit, at, pair, soil, kept_f, kept_b, dt, ahead, torques)
     if fx is not None:
-        lag[8 + i], lag[9 + i] = forces.rate_f, forces.rate_b
+        write_rates(fx, forces, 8, i, lag, MEMORY)
     return forces, acting
 
 
@@ -274,7 +278,7 @@ def level_accelerations(at, p, fx, q, v, trig, modes, drive, hold, lag, dt, torq
     """Accelerations of the ten coordinates, and what brings them about: an `Instant`.
 
     At an instant (`dt` None), with the torques of prescribed motors only where `torques` are wanted; or as a
-    semi-implicit step of `dt` (s) takes them. `lag` (16,) holds lateral forces that lag, then their rates.
+    semi-implicit step of `dt` (s) takes them. `lag` (48,) holds what wheels remember, then its rates.
     """
     f, b = motions(q, v)
     if fx is not None:

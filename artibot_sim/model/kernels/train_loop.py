@@ -1,9 +1,9 @@
 """The integration loops of a robot of any number of modules in a row: each module's equations, and the chain of joints.
 
 One and two modules are cases of it, for which `loop` and `plane_loop` have the joint's 4×4 system written out and keep
-all of a step in registers. Arrays hold a row a module: ``q`` and ``v`` (n, 8), efficiencies and torques (n, 2), lateral
-forces that lag (n, 4). A module computes with a row of contributions of its own, in which it stands in the place of the
-front one (see `train_layout`).
+all of a step in registers. Arrays hold a row a module: ``q`` and ``v`` (n, 8), efficiencies and torques (n, 2), what
+its four wheels remember (n, 12). A module computes with a row of contributions of its own, in which it stands in the
+place of the front one (see `train_layout`).
 
 The joints' multipliers solve S lambda = Phi_x M⁻¹ n + …, whose matrix couples only joints of one module: it is
 block-tridiagonal, and a Cholesky factorisation from the front to the rear keeps it so. The cost of a step is linear in
@@ -46,11 +46,13 @@ from artibot_sim.model.kernels.integrators import (
     TORQUE_D,
     D,
     Turning,
+    kept_by,
     motor_of,
     motor_with_wheels,
     step_ahead,
     turning,
     write_motor,
+    write_rates,
     write_wheels,
 )
 from artibot_sim.model.kernels.layout import (
@@ -79,8 +81,14 @@ from artibot_sim.model.kernels.layout import (
     Y,
     Z,
 )
-from artibot_sim.model.kernels.loop import DIVERGED, LIMIT, OK
-from artibot_sim.model.kernels.steps import next_stage, next_stage_of_lag, semi_implicit, stage_time, stage_weight
+from artibot_sim.model.kernels.loop import DIVERGED, LIMIT, OK, remembered
+from artibot_sim.model.kernels.steps import (
+    next_stage,
+    next_stage_of_lag,
+    semi_implicit,
+    stage_time,
+    stage_weight,
+)
 from artibot_sim.model.kernels.train_layout import KEPT, KEPT_ENERGIES
 
 Array = NDArray[np.float64]
@@ -132,7 +140,7 @@ def workspace(modules: int) -> TrainWork:
     shapes = [(n, 4), (n, 6), (n, ROWS, 3), (n, ROWS, 3), (n, ROWS, ROWS), (n, ROWS, ROWS), (n, ROWS)]
     chain = Chain(*map(np.zeros, shapes))
     w, drive, cubic, hold, eta_next, q, v, first, total, e, power, lag, lag_rate, sum_lag = (
-        np.zeros((n, width)) for width in (ROW, 12, 16, 20, 2, 8, 8, 8, 8, ENERGIES, ENERGIES, 4, 4, 4)
+        np.zeros((n, width)) for width in (ROW, 12, 16, 20, 2, 8, 8, 8, 8, ENERGIES, ENERGIES, 12, 12, 12)
     )
     return TrainWork(
         w, drive, cubic, hold, eta_next, q, v, first, total, e, power, lag, lag_rate, sum_lag, chain,
@@ -153,14 +161,14 @@ def side_forces(p, fx, unit, side, i, q, v, modes, pair, soil, drive, hold, lag,
         2 * i + side, local.mode, local.theta, local.theta_dot, local.wish, local.torque, local.gear, local.J,
         local.inverse_J,
     )  # fmt: skip
-    ahead = None
+    kept_f, kept_b, ahead = kept_by(lag, 4, a), kept_by(lag, 4, a + 1), None
     if dt is not None:
-        ahead = step_ahead(p.front, p, fx, unit, motor, pair, soil, lag[a], lag[a + 1], dt)
-    forces, acting = motor_with_wheels(p.front, p, fx, unit, motor, pair, soil, lag[a], lag[a + 1], dt, ahead, True)
+        ahead = step_ahead(p.front, p, fx, unit, motor, pair, soil, kept_f, kept_b, dt)
+    forces, acting = motor_with_wheels(p.front, p, fx, unit, motor, pair, soil, kept_f, kept_b, dt, ahead, True)
     write_wheels(pair, forces, side, w)
     write_motor(fx, acting, side, hold, w)
     if fx is not None:
-        lag_rate[a], lag_rate[a + 1] = forces.rate_f, forces.rate_b
+        write_rates(fx, forces, 4, a, lag_rate, 0)
     return forces
 
 
@@ -552,13 +560,13 @@ def next_state(k, q, v, dt, w, q_s, v_s, first, total):
 
 
 @inlined
-def next_lag(k, lateral, dt, lag, rate, sum_lag):
-    """As `next_state` for the lateral forces that lag."""
-    for i in range(lateral.shape[0]):
-        for c in range(4):
-            lag[i, c], sum_lag[i, c] = next_stage_of_lag(k, dt, lateral[i, c], rate[i, c], sum_lag[i, c])
+def next_lag(k, count, memory, dt, lag, rate, sum_lag):
+    """As `next_state` for what wheels remember, `count` numbers a module."""
+    for i in range(memory.shape[0]):
+        for c in range(count):
+            lag[i, c], sum_lag[i, c] = next_stage_of_lag(k, dt, memory[i, c], rate[i, c], sum_lag[i, c])
             if k == 3:
-                lateral[i, c] = lag[i, c]
+                memory[i, c] = lag[i, c]
 
 
 # ----------------------------------------------------------------------
@@ -569,7 +577,7 @@ def next_lag(k, lateral, dt, lag, rate, sum_lag):
 @kernel
 def train_rk4(
     q, v, eta, previous, modules, joints, modes, dt, steps, every, position, velocity, torque_d, knot_steps, factors,
-    work, out_q, out_v, out_w, out_e, fx=None, lateral=None,
+    work, out_q, out_v, out_w, out_e, fx=None, memory=None,
 ):  # fmt: skip
     """Advance the state in place by `steps` steps and keep every `every`-th row, the first and the last included.
 
@@ -589,8 +597,8 @@ def train_rk4(
         None leaves the energies out, at compile time.
     fx : record, optional
         Effects' parameters, with the time of the start in ``fx.t``.
-    lateral : array, shape (n, 4), where there is `fx`
-        Lateral forces of tyres that need some way to build them up, N; advanced in place, too.
+    memory : array, shape (n, 12), where there is `fx`
+        What each module's wheels remember, as `layout.MEMORY` has it; advanced in place, too.
 
     Returns
     -------
@@ -598,10 +606,11 @@ def train_rk4(
         OK or DIVERGED, and the number of rows written.
     """
     w, drive, cubic, hold, eta_next, q_s, v_s, first, total, e, pw, lag, lag_rate, sum_lag, chain = work
-    start = 0.0
+    start, count = 0.0, 0
     if fx is not None:
         start = fx.t
-        copy_rows(lateral, lag)
+        copy_rows(memory, lag)
+        count = remembered(fx, 4)
     for i in range(len(modules)):
         module_gravity(modules[i].front, modules[i], FRONT, w[i])
         for c in range(8):
@@ -631,7 +640,7 @@ def train_rk4(
                 add_powers(q_s, v_s, modules, fx, w, stage_weight(k) * dt, e, pw)
             next_state(k, q, v, dt, w, q_s, v_s, first, total)
             if fx is not None:
-                next_lag(k, lateral, dt, lag, lag_rate, sum_lag)
+                next_lag(k, count, memory, dt, lag, lag_rate, sum_lag)
         for i in range(len(modules)):
             eta[i, 0], eta[i, 1] = eta_next[i, 0], eta_next[i, 1]
     return OK, row
@@ -640,14 +649,15 @@ def train_rk4(
 @kernel
 def train_semi_implicit(
     q, v, eta, previous, modules, joints, modes, dt, steps, every, position, velocity, torque_d, knot_steps, factors,
-    work, out_q, out_v, out_w, out_e, fx=None, lateral=None,
+    work, out_q, out_v, out_w, out_e, fx=None, memory=None,
 ):  # fmt: skip
     """As `train_rk4`; a row's contributions are those that act from its state to the next."""
     w, drive, cubic, hold, _, q_old, v_old, _, _, e, pw, lag, lag_rate, _, chain = work
-    start = 0.0
+    start, count = 0.0, 0
     if fx is not None:
         start = fx.t
-        copy_rows(lateral, lag)
+        copy_rows(memory, lag)
+        count = remembered(fx, 4)
     for i in range(len(modules)):
         module_gravity(modules[i].front, modules[i], FRONT, w[i])
     row = 0
@@ -679,9 +689,9 @@ def train_semi_implicit(
         feed_back(modules, fx, v, w, eta, previous)
         if fx is not None:
             for i in range(len(modules)):
-                for c in range(4):
-                    lateral[i, c] += dt * lag_rate[i, c]
-                    lag[i, c] = lateral[i, c]
+                for c in range(count):
+                    memory[i, c] += dt * lag_rate[i, c]
+                    lag[i, c] = memory[i, c]
         if out_e is not None:
             for i in range(len(modules)):
                 for c in range(8):

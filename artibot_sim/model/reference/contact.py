@@ -52,8 +52,9 @@ class Wheels:
     """Contact of eight (or four) wheels.
 
     Velocities (m/s), forces (N), their distance ahead of the centres (m), what eq. 16 left of eq. 15's forces, the
-    longitudinal slip coefficients (N s/m), the radii that the wheels roll on (m), rates of lagging lateral forces
-    (N/s), generalised forces (n, 16), and those of the effects' resistance beside eq. 16 (n, 16).
+    longitudinal slip coefficients (N s/m), the radii that the wheels roll on (m), rates of what they remember (n, 3:
+    N/s of lateral forces that lag, m/s along and across of bristles), generalised forces (n, 16), and those of the
+    effects' resistance beside eq. 16 (n, 16).
     """
 
     p_x: Array
@@ -68,6 +69,13 @@ class Wheels:
     rate: Array
     Q: Array
     R: Array
+
+    @property
+    def memory_rate(self) -> Array:
+        """`rate` as `layout.MEMORY` has it, of eight wheels, of which a rigid rover lacks four."""
+        rate = np.zeros((3, 8))
+        rate[:, : len(self.rate)] = self.rate.T
+        return rate.ravel()
 
 
 def modules_of(p: Params) -> list[tuple[ModuleParams, int]]:
@@ -86,20 +94,21 @@ def contact_forces(robot: Robot, q: Array, v: Array) -> Wheels:
 
 
 def contact(
-    p: Params, q: Array, v: Array, fx: PlainEffects = NEUTRAL, lateral: Array | None = None, dt: float = 0.0
+    p: Params, q: Array, v: Array, fx: PlainEffects = NEUTRAL, memory: Array | None = None, dt: float = 0.0
 ) -> Wheels:
     """`contact_forces` from the kernel's parameters.
 
-    Lateral forces that lag, now `lateral` (8,), are those at the end of a step `dt`.
+    `memory` (24,) is what wheels remember now, see `layout.MEMORY`; lateral forces that lag are those at the end of a
+    step `dt`.
     """
-    lagging = np.zeros(8) if lateral is None else lateral
+    kept = np.zeros((8, 3)) if memory is None else memory.reshape(3, 8).T
     places = [(body, b, side, end) for body, b in modules_of(p) for side in (-1, 1) for end in (1, -1)]
-    rows = [_wheel(p, *place, q, v, fx, lagging[i], dt) for i, place in enumerate(places)]
+    rows = [_wheel(p, *place, q, v, fx, kept[i], dt) for i, place in enumerate(places)]
     return Wheels(*(np.array(part) for part in zip(*rows, strict=True)))
 
 
 def _wheel(
-    p: Params, body: ModuleParams, b: int, side: int, end: int, q: Array, v: Array, fx: PlainEffects, F_lag: float,
+    p: Params, body: ModuleParams, b: int, side: int, end: int, q: Array, v: Array, fx: PlainEffects, kept: Array,
     dt: float,
 ) -> tuple:  # fmt: skip
     """One wheel: `side` is −1 on the right, `end` is 1 in front."""
@@ -132,8 +141,12 @@ def _wheel(
     fastest = max(abs(slip + v_x), math.hypot(v_x, v_y))
     stiffness = soil * fx.ask("stiffness", F_n / p.load, fastest)
     F_l, steady = stiffness * body.k_l * slip, -stiffness * body.k_t * v_y
-    F_t, F_rate = _built_up(fx, steady, F_lag, v_x, dt)
-    F_h, held = math.hypot(F_l, F_t / fx.ask("lateral_grip")), 1.0
+    F_t, F_rate = _built_up(fx, steady, kept[0], v_x, dt)
+    stiff, renewal = fx.ask("bristle", slip + v_x)
+    k = stiffness * np.array([body.k_l, body.k_t])
+    F_l, F_t = np.array([F_l, F_t]) + stiff * k * kept[1:]
+    narrow, held = 1.0 / fx.ask("lateral_grip"), 1.0
+    F_h = math.hypot(F_l, narrow * F_t)
     if F_h > grip * body.mu_s * F_n:
         held = fx.ask("friction", grip * body.mu_s, grip * body.mu_d, math.hypot(slip, v_y)) * F_n / F_h
     omega_rim = motor.r_w * motor.tau * v[c]
@@ -142,13 +155,18 @@ def _wheel(
     shared = own._replace(x=middle[0], y=middle[1], lateral_speed=math.nan, load=math.nan)  # no law takes these two
     F_l = held * F_l + fx.ask("along", motor_number, shared) / 2  # half of what acts at both wheels of the motor
     F_t = held * F_t + fx.ask("lateral", v_y) + fx.ask("across", wheel, own)
+    bending = np.zeros(2)
+    if stiff > 0:
+        left = held * np.array([slip, -v_y])
+        release = renewal + stiff * math.hypot(*(k * left * [1.0, narrow])) / max(grip * body.mu_s * F_n, 1e-9)
+        bending = (left - release * kept[1:]) / (1 + dt * release)
     u = p.u_w * fx.ask("lead", v_x, v_y)
     applied = centre + np.array([u, 0.0, 0.0])  # eq. 20
     Q = partials(applied).T @ (R_z @ R_x @ np.array([F_l, F_t, F_n]))  # eq. 18
     flat = R_z @ np.array([*fx.ask("wheel_resist", grip * body.mu_s * F_n, v_x, v_y), 0.0])
     R = np.zeros(16)
     R[[b, b + 1]], R[b + 5] = flat[:2], flat @ partials(centre)[:, b + 5]
-    return v_x, v_y, F_n, F_l, F_t, u, held, stiffness * body.k_l, radius, F_rate, Q, R
+    return v_x, v_y, F_n, F_l, F_t, u, held, stiffness * body.k_l, radius, np.append(F_rate, bending), Q, R
 
 
 def _built_up(fx: PlainEffects, steady: float, now: float, p_x: float, dt: float) -> tuple[float, float]:

@@ -98,7 +98,7 @@ class Solution:
 
 def solve(
     p: Params, q: Array, v: Array, modes: Sequence[Mode], drive: Array, eta: Array, torque: Array,
-    fx: PlainEffects = NEUTRAL, lateral: Array | None = None,
+    fx: PlainEffects = NEUTRAL, memory: Array | None = None,
 ) -> Solution:  # fmt: skip
     """Assemble eq. 28 in full and solve it.
 
@@ -108,11 +108,11 @@ def solve(
         Commanded angles, speeds and accelerations of the motors.
     eta, torque : array, shape (4,)
         Efficiencies and commanded torques held through the step.
-    lateral : array, shape (8,), optional
-        Lateral forces that lag.
+    memory : array, shape (24,), optional
+        What wheels remember, see `layout.MEMORY`.
     """
     fx = fx.seeing(p, q, v)
-    wheels = contact(p, q, v, fx, lateral)
+    wheels = contact(p, q, v, fx, memory)
     mass, n, phi, right = body_system(p, q, v, wheels, fx)
     joint = len(phi)
     M_m, prescribed = np.zeros(4), []

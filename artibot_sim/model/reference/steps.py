@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model.equations.transmission import Mode
-from artibot_sim.model.kernels.layout import MOTOR_COORDINATES
+from artibot_sim.model.kernels.layout import MEMORY, MOTOR_COORDINATES
 from artibot_sim.model.reference.contact import Wheels, contact, modules_of, motors_of
 from artibot_sim.model.reference.dynamics import (
     body_system,
@@ -28,13 +28,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PlainState:
-    """q, v (16,), the efficiencies for the next step, the torques of the last (4,), lateral forces that lag (8,)."""
+    """q, v (16,), the efficiencies for the next step, the torques of the last (4,), what wheels remember (24,)."""
 
     q: Array
     v: Array
     eta: Array
     torque: Array
-    lateral: Array = field(default_factory=lambda: np.zeros(8))
+    memory: Array = field(default_factory=lambda: np.zeros(MEMORY))
 
 
 def _hold(p: Params, state: PlainState, command: Array, back_factor: float) -> Array:
@@ -82,25 +82,25 @@ def rk4_step(
     held = _hold(p, state, command, factor)
     active = np.arange(16) < (16 if p.two else 8)
     k_q, k_v, k_lag, torque = [], [], [], state.torque
-    q, v, lateral = state.q, state.v, state.lateral
+    q, v, memory = state.q, state.v, state.memory
     for stage, (h, drive) in enumerate(
         zip((0.5, 0.5, 1.0, 0.0), (drives[0], drives[1], drives[1], drives[2]), strict=True)
     ):
         now = fx.at(fx.t + (0.0, 0.5, 0.5, 1.0)[stage] * dt)
-        solution = solve(p, q, v, modes, drive, state.eta, held, now, lateral)
+        solution = solve(p, q, v, modes, drive, state.eta, held, now, memory)
         if stage == 0:
             torque = solution.torque
         k_q.append(v)
         k_v.append(np.where(active, solution.acceleration, 0.0))
-        k_lag.append(np.resize(solution.wheels.rate, 8))
+        k_lag.append(solution.wheels.memory_rate)
         q, v = state.q + h * dt * k_q[-1], state.v + h * dt * k_v[-1]
-        lateral = state.lateral + h * dt * k_lag[-1]
+        memory = state.memory + h * dt * k_lag[-1]
     weights = np.array([1, 2, 2, 1]) / 6 * dt
     begun = fx.seeing(p, state.q, state.v)
     eta = _feed_back(p, torque, state.q[MOTOR_COLUMNS], state.v[MOTOR_COLUMNS], state.eta, begun)
-    ends = (now + weights @ np.array(k) for now, k in ((state.q, k_q), (state.v, k_v), (state.lateral, k_lag)))
-    new_q, new_v, new_lateral = ends
-    return PlainState(new_q, new_v, eta, torque, new_lateral)
+    ends = (now + weights @ np.array(k) for now, k in ((state.q, k_q), (state.v, k_v), (state.memory, k_lag)))
+    new_q, new_v, new_memory = ends
+    return PlainState(new_q, new_v, eta, torque, new_memory)
 
 
 def semi_implicit_step(
@@ -121,10 +121,10 @@ def semi_implicit_step(
     v = state.v.copy()
     torque = np.zeros(4)
     fx = fx.seeing(p, state.q, state.v)
-    old = contact(p, state.q, state.v, fx, state.lateral)
+    old = contact(p, state.q, state.v, fx, state.memory)
     for i in range(len(motors_of(p))):
         v[MOTOR_COLUMNS[i]], torque[i] = _next_speed(p, state, old, i, modes[i], drive[:, i], held[i], dt, fx)
-    wheels = contact(p, state.q, v, fx, state.lateral, dt)
+    wheels = contact(p, state.q, v, fx, state.memory, dt)
     for i, motor in enumerate(motors_of(p)):
         if modes[i] == Mode.PRESCRIBED:
             c = MOTOR_COLUMNS[i]
@@ -140,7 +140,7 @@ def semi_implicit_step(
     vertical = np.isin(np.arange(16) % 8, (2, 3, 4))
     new_q = state.q + dt * np.where(vertical, new_v, 0.5 * (state.v + new_v))
     eta = _feed_back(p, torque, state.q[MOTOR_COLUMNS], new_v[MOTOR_COLUMNS], state.eta, fx)
-    return PlainState(new_q, new_v, eta, torque, state.lateral + dt * np.resize(wheels.rate, 8))
+    return PlainState(new_q, new_v, eta, torque, state.memory + dt * wheels.memory_rate)
 
 
 def _next_speed(

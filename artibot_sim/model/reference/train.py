@@ -43,7 +43,7 @@ def train_constraint(p: Train, q: Array, v: Array) -> tuple[Array, Array, Array]
 
 def solve_train(
     p: Train, q: Array, v: Array, modes: Sequence[Mode], drive: Array, eta: Array, torque: Array,
-    fx: PlainEffects = NEUTRAL, lateral: Array | None = None,
+    fx: PlainEffects = NEUTRAL, memory: Array | None = None,
 ) -> Solution:  # fmt: skip
     """Assemble eq. 28 of all n modules in full and solve it.
 
@@ -56,8 +56,8 @@ def solve_train(
         Commanded angles, speeds and accelerations of the motors.
     eta, torque : array, shape (2 n,)
         Efficiencies and commanded torques held through the step.
-    lateral : array, shape (4 n,), optional
-        Lateral forces that lag.
+    memory : array, shape (12 n,), optional
+        What wheels remember, see `State.memory`.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def solve_train(
         Multipliers joint by joint; wheels in the order of the modules.
     """
     count, fx = len(p.modules), fx.seeing_train(p, q, v)
-    lagging = np.zeros(4 * count) if lateral is None else lateral
+    kept = np.zeros((3, 4 * count)) if memory is None else memory.reshape(3, 4 * count)
     mass, n, wheels = np.zeros((8 * count, 8 * count)), np.zeros(8 * count), []
     M_m, prescribed = np.zeros(2 * count), []
     turned = [(8 * i + 6 + side, 2 * i + side) for i in range(count) for side in (0, 1)]
@@ -74,7 +74,7 @@ def solve_train(
         fx = fx.seeing_module(i, q[own], v[own])
         here = fx.of_module(i)
         at, moving = np.append(q[own], np.zeros(8)), np.append(v[own], np.zeros(8))
-        met = contact(module, at, moving, here, np.append(lagging[4 * i : 4 * i + 4], np.zeros(4)))
+        met = contact(module, at, moving, here, np.pad(kept[:, 4 * i : 4 * i + 4], ((0, 0), (0, 4))).ravel())
         wheels.append(met)
         block, forces, _, _ = body_system(module, at, moving, met, here)
         mass[own, own], n[own] = block[:8, :8], forces[:8]

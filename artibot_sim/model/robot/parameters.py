@@ -64,7 +64,8 @@ class Params(NamedTuple):
     forward_damping: float = 0.0  # and beside k_l, whatever the wheel turns
     stiffening: float = 1.0  # largest factor of k_l and k_t that effects bring
     load: float = 1.0  # mean load of the rover's wheels at rest, N
-    relaxation: float = 0.0  # rate at which lateral forces follow, over the wheel's speed, 1/m
+    relaxation: float = 0.0  # rate at which what wheels remember follows, over the wheel's speed, 1/m
+    bristle: float = 0.0  # stiffness of the wheels' bristles over k_l and k_t, 1/s
 
 
 class Train(NamedTuple):

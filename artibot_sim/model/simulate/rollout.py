@@ -39,7 +39,7 @@ from artibot_sim.model.robot.parameters import ModuleParams, Params, Train
 from artibot_sim.model.robot.robot import MOTORS, Robot, module_name
 from artibot_sim.model.simulate import trains
 from artibot_sim.model.simulate.commands import Commands
-from artibot_sim.model.simulate.state import State, initial_state
+from artibot_sim.model.simulate.state import State, from_memory, initial_state
 
 # ----------------------------------------------------------------------
 # What `rollout` is asked for: modes, steps and rows, checked.
@@ -543,7 +543,7 @@ def simulate(setup: Setup, dt: float, integrator: str, every: int, energy: bool)
     if integrator == "semi_implicit":
         cut = parts(p, dt, back_torque_factor(robot, kappa))
     rows = -(-steps // every) + 1
-    q, v, eta, torque, lateral = (array.copy() for array in (start.q, start.v, start.eta, start.torque, start.lateral))
+    q, v, eta, torque, memory = (array.copy() for array in (start.q, start.v, start.eta, start.torque, start.memory))
     out_q, out_v, out_w = np.empty((rows, 16)), np.empty((rows, 16)), np.empty((rows, ROW))
     out_e = np.empty((rows, ENERGIES)) if energy else None
     fx = record(robot.effects, start.t)
@@ -552,8 +552,8 @@ def simulate(setup: Setup, dt: float, integrator: str, every: int, energy: bool)
         *driven_by(commands), round(commands.dt / dt) * cut, back_torque_factor(robot, kappa), loop.workspace(),
         out_q, out_v, out_w, out_e,
     )  # fmt: skip
-    status, kept = advance(integrator, given, () if fx is None else (fx, lateral))
-    final = State(start.t + steps * dt, q, v, eta, torque, lateral) if status == Status.OK else None
+    status, kept = advance(integrator, given, () if fx is None else (fx, memory))
+    final = State(start.t + steps * dt, q, v, eta, torque, *from_memory(memory)) if status == Status.OK else None
     return finished(setup, dt, integrator, every, kept, (out_q, out_v, out_w, out_e), final)
 
 

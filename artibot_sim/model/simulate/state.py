@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.kernels.layout import ALPHA, BACK, BETA, GAMMA, X, Y, Z
+from artibot_sim.model.reference.contact import contact
 from artibot_sim.model.reference.dynamics import constraint_terms
+from artibot_sim.model.reference.effects import PlainEffects
 from artibot_sim.model.reference.train import train_constraint
 from artibot_sim.model.robot.derived import params, train
 from artibot_sim.model.robot.parameters import Params, Train
@@ -39,6 +41,9 @@ class State:
     lateral : array, shape (8,)
         Lateral forces (N) of tyres that need some way to build them up, in the order of WHEELS; only the effect
         `tyre_relaxation` knows them. None are built up by default.
+    bristles : array, shape (16,)
+        How far bristles between wheels and ground are bent along the wheels and then across them (m), both in the
+        order of WHEELS; only the effect `stiction` knows them. None are by default.
     """
 
     t: float
@@ -47,18 +52,32 @@ class State:
     eta: Array
     torque: Array
     lateral: Array = None  # type: ignore[assignment]  # filled in by __post_init__
+    bristles: Array = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         modules = max(2, round(np.size(self.q) / 8))
         if self.lateral is None:
             object.__setattr__(self, "lateral", np.zeros(4 * modules))
-        for name, share in (("q", 8), ("v", 8), ("eta", 2), ("torque", 2), ("lateral", 4)):
+        if self.bristles is None:
+            object.__setattr__(self, "bristles", np.zeros(8 * modules))
+        for name, share in (("q", 8), ("v", 8), ("eta", 2), ("torque", 2), ("lateral", 4), ("bristles", 8)):
             size = share * modules
             array = np.array(getattr(self, name), dtype=float)
             if array.shape != (size,) or not np.isfinite(array).all():
                 raise ArtibotError(f"state.{name}: found {array!r}, expected {size} finite numbers")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+
+    @property
+    def memory(self) -> Array:
+        """A copy of what the wheels remember as the kernels take it (`layout.MEMORY`), of any number of modules."""
+        return np.concatenate((self.lateral, self.bristles))
+
+
+def from_memory(memory: Array) -> tuple[Array, Array]:
+    """`State.lateral` and `State.bristles` of a `State.memory`."""
+    lateral = len(memory) // 3
+    return memory[:lateral], memory[lateral:]
 
 
 def initial_state(
@@ -69,7 +88,7 @@ def initial_state(
     articulation_yaw: float | Sequence[float] = 0.0,
     t: float = 0.0,
 ) -> State:
-    """A rover at rest on its wheels.
+    """A rover at rest on its wheels; on a slope, bristles between these and the ground hold it (effect `stiction`).
 
     Vertical motion is an undamped spring (section 4.3), so each module starts where its wheels carry it, and
     pitched, if need be, so that the joint's two ends meet.
@@ -96,9 +115,14 @@ def initial_state(
         return _train_at_rest(robot, (x, y, yaw), bends, t)
     if len(bends) != 1:
         raise ArtibotError(f"initial_state: {len(bends)} articulation yaws; robot '{robot.name}' has one joint at most")
-    q = posture_at_rest(params(robot), (x, y, yaw), float(bends[0]))
+    p = params(robot)
+    q = posture_at_rest(p, (x, y, yaw), float(bends[0]))
     eta = np.array([robot.drive.front.eta_d] * 2 + [(robot.drive.back or robot.drive.front).eta_d] * 2)
-    return State(t, q, np.zeros(16), eta, np.zeros(4))
+    bristles = np.zeros((2, 8))
+    if p.bristle > 0.0:
+        bent = _bent_at_rest(p, q, PlainEffects(robot.effects, t))
+        bristles[:, : bent.shape[1]] = bent
+    return State(t, q, np.zeros(16), eta, np.zeros(4), bristles=bristles.ravel())
 
 
 def posture_at_rest(
@@ -122,6 +146,22 @@ def posture_at_rest(
         q[BACK + GAMMA] = pose[2] + articulation_yaw
         _close_joint(p, q)
     return q
+
+
+def _bent_at_rest(p: Params, q: Array, fx: PlainEffects) -> Array:
+    """How far bristles are bent along and across each wheel (2, n), m, by its share of what pulls the rover downhill.
+
+    Each wheel takes as much as its load, and what eq. 16 holds at most: below its friction angle a rover stands.
+    """
+    wheels, bent = contact(p, q, np.zeros(16), fx), []
+    for i, (F_n, k_l) in enumerate(zip(wheels.F_n, wheels.k_l, strict=True)):
+        body, yaw = (p.front, q[GAMMA]) if i < 4 else (p.back, q[BACK + GAMMA])
+        steepness = min(1.0, body.mu_s * abs(p.g_z) / max(math.hypot(p.g_x, p.g_y), 1e-9))
+        pull = steepness * F_n / abs(p.g_z)
+        along, across = p.g_x * math.cos(yaw) + p.g_y * math.sin(yaw), p.g_y * math.cos(yaw) - p.g_x * math.sin(yaw)
+        k_t = k_l * body.k_t / body.k_l
+        bent.append([-pull * along / (p.bristle * k_l), -pull * across / (p.bristle * k_t)])
+    return np.array(bent).T
 
 
 def _train_at_rest(robot: Robot, pose: tuple[float, float, float], bends: Array, t: float) -> State:
@@ -148,7 +188,13 @@ def _train_at_rest(robot: Robot, pose: tuple[float, float, float], bends: Array,
     if not level:
         _close_joints(p, q.reshape(-1))
     eta = [eta for module in p.modules for eta in (module.right_front.eta_d, module.left_front.eta_d)]
-    return State(t, q.reshape(-1), np.zeros(8 * modules), np.array(eta), np.zeros(2 * modules))
+    bristles = np.zeros((2, 4 * modules))
+    for i, module in enumerate(p.modules if p.modules[0].bristle > 0.0 else ()):
+        at, fx = np.append(q[i], np.zeros(8)), PlainEffects(robot.effects, t).of_module(i)
+        bristles[:, 4 * i : 4 * i + 4] = _bent_at_rest(module, at, fx)
+    return State(
+        t, q.reshape(-1), np.zeros(8 * modules), np.array(eta), np.zeros(2 * modules), bristles=bristles.ravel()
+    )  # fmt: skip
 
 
 def _close_joints(p: Train, q: Array) -> None:

@@ -18,11 +18,11 @@ from artibot_sim.model.effects import record
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor
 from artibot_sim.model.kernels import loop
 from artibot_sim.model.kernels.advance import advance
-from artibot_sim.model.kernels.layout import M_M, ROW
+from artibot_sim.model.kernels.layout import M_M, MEMORY, ROW
 from artibot_sim.model.robot.derived import PARAMS_DTYPE, params
 from artibot_sim.model.robot.robot import Robot
 from artibot_sim.model.simulate.rollout import INTEGRATORS, Status, first_fault
-from artibot_sim.model.simulate.state import State, initial_state
+from artibot_sim.model.simulate.state import State, from_memory, initial_state
 
 Array = NDArray[np.float64]
 
@@ -101,7 +101,7 @@ class Stepper:
         self._position, self._velocity, self._torque_d = np.zeros((2, 4)), np.zeros((2, 4)), np.zeros((2, 4))
         self._work, self._out = loop.workspace(), (np.empty((2, 16)), np.empty((2, 16)), np.empty((2, ROW)))
         self.q, self.v, self.torque = np.zeros(16), np.zeros(16), np.zeros(4)
-        self._eta, self._previous, self._lateral = np.zeros(4), np.zeros(4), np.zeros(8)
+        self._eta, self._previous, self._memory = np.zeros(4), np.zeros(4), np.zeros(MEMORY)
         self._effects, self._t, self._steps = record(robot.effects, 0.0), 0.0, 0
         self.message = ""
         self.state = initial_state(robot) if state is None else state
@@ -114,13 +114,13 @@ class Stepper:
     @property
     def state(self) -> State:
         """All that a rollout needs to go on from here."""
-        return State(self.t, self.q, self.v, self._eta, self._previous, self._lateral)
+        return State(self.t, self.q, self.v, self._eta, self._previous, *from_memory(self._memory))
 
     @state.setter
     def state(self, state: State) -> None:
         self._t, self._steps = state.t, 0
         self.q[:], self.v[:], self._eta[:], self._previous[:] = state.q, state.v, state.eta, state.torque
-        self.torque[:], self._lateral[:] = state.torque, state.lateral
+        self.torque[:], self._memory[:] = state.torque, state.memory
 
     def advance(self, steps: int, turns: tuple[Turn, Turn, Turn, Turn]) -> Status:
         """Go on by `steps` steps; `turns` are in the order of MOTORS (a rigid robot's back ones are ignored).
@@ -133,8 +133,8 @@ class Stepper:
         for motor, turn in enumerate(turns):
             self._command(motor, turn, steps * self.dt)
         q, v, eta, previous = self.q.copy(), self.v.copy(), self._eta.copy(), self._previous.copy()
-        lateral = self._lateral.copy()
-        extra = () if self._effects is None else (self._effects, lateral)
+        memory = self._memory.copy()
+        extra = () if self._effects is None else (self._effects, memory)
         if self._effects is not None:
             self._effects["t"] = self.t
         cut = steps * self._parts
@@ -150,7 +150,7 @@ class Stepper:
             return faulty
         self.message = f"diverged after {self.t:.3f} s; try the integrator 'semi_implicit'"
         if status == Status.OK:
-            self.q, self.v, self._eta, self._previous, self._lateral = q, v, eta, previous, lateral
+            self.q, self.v, self._eta, self._previous, self._memory = q, v, eta, previous, memory
             self.torque[:] = self._out[2][1, M_M : M_M + 4]
             self._steps += steps
         return Status(status)

@@ -123,9 +123,9 @@ def run(
     )  # fmt: skip
     q, v = start.q.reshape(modules, 8).copy(), start.v.reshape(modules, 8).copy()
     eta, torque = start.eta.reshape(modules, 2).copy(), start.torque.reshape(modules, 2).copy()
-    lateral = start.lateral.reshape(modules, 4).copy()
+    memory = np.hstack(list(start.memory.reshape(3, modules, 4)))
     fx = record(robot.effects, start.t)
-    effects: tuple[Any, ...] = () if fx is None else (fx, lateral)
+    effects: tuple[Any, ...] = () if fx is None else (fx, memory)
     loop = train_loop.train_semi_implicit if integrator == "semi_implicit" else train_loop.train_rk4
     status, kept = loop(
         q, v, eta, torque, packed_all(p.modules), packed_all(p.joints),
@@ -134,5 +134,6 @@ def run(
     )  # fmt: skip
     if status != train_loop.OK:
         return tables, kept, None
-    ends = (array.reshape(-1) for array in (q, v, eta, torque, lateral))
+    by_kind = memory.reshape(modules, 3, 4).transpose(1, 0, 2)
+    ends = (array.reshape(-1) for array in (q, v, eta, torque, by_kind[0], by_kind[1:]))
     return tables, kept, State(start.t + steps * dt, *ends)

@@ -23,7 +23,7 @@ from artibot_sim.model.equations.transmission import Mode, back_torque_factor
 from artibot_sim.model.kernels import loop
 from artibot_sim.model.kernels.advance import advance
 from artibot_sim.model.kernels.lane_layout import EXTENDED, extension, flat
-from artibot_sim.model.kernels.layout import ROW
+from artibot_sim.model.kernels.layout import MEMORY, ROW
 from artibot_sim.model.kernels.sampling import COLUMNS, gather, sample
 from artibot_sim.model.robot.derived import PARAMS_DTYPE, params
 from artibot_sim.model.robot.robot import Robot
@@ -273,7 +273,7 @@ def run_window(
     if fleet.extended[r]:
         fx = (fleet.laws[r] if r in fleet.laws else fleet.effects[r]).copy()
         fx["t"] = items.t[i]
-        extra = (fx, np.zeros(8) if items.lateral is None else items.lateral[i].copy())
+        extra = (fx, np.append(lagging(items)[i], np.zeros(MEMORY - 8)))
     work, q, v, w, rows = room
     turned, pulled = fleet.sensors[r, :2]
     given = (
@@ -449,13 +449,13 @@ class WindowBatch:
     def _groups(self, fleet: Fleet, items: Items, rows: Indices) -> Iterator[_Group]:
         """Items that can share a block: those with most knots first."""
         steps, free = self._knots.steps[items.table[rows]], self._knots.free[items.table[rows]]
-        key = 8 * steps + 4 * free + fleet.extended[items.robot[rows]]
-        for value in np.unique(key):
-            mine = rows[key == value]
+        kinds = np.column_stack([steps, free, fleet.extended[items.robot[rows]]])
+        for kind in np.unique(kinds, axis=0):
+            mine = rows[(kinds == kind).all(axis=1)]
             order = mine[np.argsort(-items.knots[mine], kind="stable")]
             torques = bool(self._looks.torques[items.plan[mine]].any())
             most = int(items.knots[order[0]])
-            yield _Group(order, int(value) // 8, bool(value & 4), torques, int(value) & 3, most)
+            yield _Group(order, int(kind[0]), bool(kind[1]), torques, int(kind[2]), most)
 
     def _run_lanes(self, work: Any, group: _Group, part: int, parts: int, out: Array) -> None:
         """A thread's part of a group."""
