@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import click
 
+from artibot_sim.exchange.own_effects import effects_option
+
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from artibot_sim.exchange.own_effects import effects_option
-from artibot_sim.estimation.checks.report import Check
+    from artibot_sim.estimation.checks.report import Check
 
 _PATH = click.Path(path_type=Path)
 
