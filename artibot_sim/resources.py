@@ -82,14 +82,18 @@ def config_path(kind: str, name: str) -> Path:
 def local_environment() -> dict[str, str]:
     """Variables that keep nodes to this machine and let them meet quickly and surely.
 
-    What killed nodes leave in /dev/shm can keep later ones from finding each other: FASTDDS_BUILTIN_TRANSPORTS asks for
-    loopback instead, which rmw_fastrtps heeds only where the range is another than LOCALHOST. A profile of Fast DDS
-    that was set before stays.
+    With Fast DDS they speak over loopback as ``config/fastdds.xml`` has it, for what killed nodes leave in shared
+    memory can keep later ones from finding each other; rmw_fastrtps heeds that file only where the range is another
+    than LOCALHOST. A profile of Fast DDS that was set before stays, as does another middleware: then LOCALHOST it is.
     """
-    profile = str(config_folder() / "fastdds.xml")
     names = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")  # the latter until Fast DDS 3
-    profiles = {} if any(name in os.environ for name in names) else dict.fromkeys(names, profile)
-    return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", **profiles}
+    profile = str(config_folder() / "fastdds.xml")
+    middleware = os.environ.get("RMW_IMPLEMENTATION") or "rmw_fastrtps_cpp"
+    if "fastrtps" not in middleware or any(os.environ.get(name) not in (None, "", profile) for name in names):
+        return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    # the older variable, where it is set, would bring LOCALHOST back
+    older = {"ROS_LOCALHOST_ONLY": "0"} if "ROS_LOCALHOST_ONLY" in os.environ else {}
+    return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", **older, **dict.fromkeys(names, profile)}
 
 
 def _place(kind: str) -> tuple[Path, str]:

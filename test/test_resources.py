@@ -10,8 +10,11 @@ from pathlib import Path
 import pytest
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.resources import KINDS, config_folder, config_names, config_path
+from artibot_sim.resources import KINDS, config_folder, config_names, config_path, local_environment
 from ros_helpers import ROOT
+
+PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
+"""Variables in which Fast DDS looks for its profile, of this and of older versions."""
 
 
 def test_in_a_checkout_the_files_are_those_of_config() -> None:
@@ -72,3 +75,21 @@ def test_a_package_without_its_files_says_so(tmp_path: Path) -> None:
     assert (
         f"{tmp_path}/artibot_sim: found neither config/ beside package.xml nor share/artibot_sim/config" in done.stderr
     )
+
+
+def test_nodes_that_keep_to_this_machine_speak_over_loopback_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("RMW_IMPLEMENTATION", *PROFILES):
+        monkeypatch.delenv(name, raising=False)
+    found = local_environment()
+    assert {found[name] for name in PROFILES} == {str(ROOT / "config" / "fastdds.xml")}
+    for name, value in found.items():
+        monkeypatch.setenv(name, value)
+    assert local_environment() == found, "what it set itself is no profile of somebody else"
+
+
+@pytest.mark.parametrize("other", [("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp"), *((p, "/mine.xml") for p in PROFILES)])
+def test_another_middleware_or_profile_stays_and_the_range_is_the_machine(
+    monkeypatch: pytest.MonkeyPatch, other: tuple[str, str]
+) -> None:
+    monkeypatch.setenv(*other)
+    assert local_environment() == {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}

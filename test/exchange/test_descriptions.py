@@ -71,6 +71,13 @@ def test_mujoco_reads_the_urdf_and_finds_the_same_bodies(name: str, tmp_path: Pa
 
 
 @pytest.mark.parametrize("name", ROBOTS)
+def test_no_part_is_fixed_to_another(name: str) -> None:
+    """So nothing belongs on /tf_static, and whoever records without robot_state_publisher misses nothing of it."""
+    kinds = {joint.get("type") for joint in ET.fromstring(urdf(load_robot(name))).iter("joint")}
+    assert kinds <= {"continuous", "revolute"}
+
+
+@pytest.mark.parametrize("name", ROBOTS)
 def test_sdf_has_the_bodies_and_joints_of_the_model(name: str) -> None:
     robot = load_robot(name)
     model = ET.fromstring(sdf(robot)).find("model")

@@ -33,6 +33,7 @@ from artibot_driver.loopback import loopback_bus
 from artibot_driver.master import kappa_bounds
 from artibot_driver.pdo import Pdo
 from artibot_driver.rig import load_rig
+from artibot_sim.experiment import bag_info
 from artibot_sim.model import MOTORS, load_robot
 from artibot_sim.model.equations.transmission import back_torque_factor
 from artibot_sim.nodes.common.qos import LATCHED
@@ -507,18 +508,43 @@ def test_two_drives_with_one_id_are_named_in_the_log(start_node: Any, channel: s
         driver.stop()
 
 
-@pytest.mark.parametrize(("given", "shares"), [("", False), ("DEFAULT", True)])
+def shares_memory(pid: int) -> bool:
+    """Whether a process has the middleware's shared memory in its own."""
+    maps = Path(f"/proc/{pid}/maps").read_text()
+    return "/dev/shm/fastrtps" in maps or "/dev/shm/fastdds" in maps
+
+
+@pytest.mark.parametrize(
+    ("given", "reach", "shares"),
+    [("", "OFF", False), ("DEFAULT", "OFF", True), ("", "LOCALHOST", False), ("DEFAULT", "LOCALHOST", True)],
+)
 def test_the_driver_keeps_out_of_shared_memory_unless_told_otherwise(
-    start_node: Any, channel: str, given: str, shares: bool
+    start_node: Any, channel: str, given: str, reach: str, shares: bool
 ) -> None:
     """What a killed node leaves in it is read by those that go on, and has corrupted their memory."""
-    # nobody is to be found, and nothing leaves the machine; with LOCALHOST rmw_fastrtps would choose transports itself
-    env = {"FASTDDS_BUILTIN_TRANSPORTS": given, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}
+    no_profile = {"FASTDDS_DEFAULT_PROFILES_FILE": "", "FASTRTPS_DEFAULT_PROFILES_FILE": ""}  # that of the tests
+    env = {"FASTDDS_BUILTIN_TRANSPORTS": given, "ROS_AUTOMATIC_DISCOVERY_RANGE": reach, **no_profile}
     driver = start_node("driver", "--channel", channel, env=env)
     driver.wait_for("driver on", 60.0)
-    maps = Path(f"/proc/{driver.pid}/maps").read_text()
-    assert ("/dev/shm/fastrtps" in maps or "/dev/shm/fastdds" in maps) == shares
+    assert shares_memory(driver.pid) == shares
     assert driver.stop() == 0
+
+
+def test_a_driver_out_of_shared_memory_is_found_by_a_node_that_shares_it(
+    start_node: Any, channel: str, tmp_path: Path
+) -> None:
+    no_profile = {"FASTDDS_DEFAULT_PROFILES_FILE": "", "FASTRTPS_DEFAULT_PROFILES_FILE": ""}
+    env = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", **no_profile}
+    record = start_node("record", "-o", tmp_path / "run", "-t", "/diagnostics", env=env)
+    driver = start_node("driver", "--channel", channel, env=env)
+    driver.wait_for("driver on", 60.0)
+    record.wait_for("recording /diagnostics", 30.0)
+    time.sleep(2.5)  # there is one a second
+    assert shares_memory(record.pid)
+    assert not shares_memory(driver.pid)
+    for node in (driver, record):
+        assert node.stop(20.0) == 0
+    assert bag_info(tmp_path / "run").message_count > 0
 
 
 def test_what_is_in_the_way_is_said_anew_when_it_has_settled() -> None:

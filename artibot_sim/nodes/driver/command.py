@@ -11,6 +11,7 @@ import click
 
 from artibot_sim.nodes.common.options import Optional, parameter_files
 from artibot_sim.nodes.common.process import LoopNode, built, node_main, run_loop
+from artibot_sim.resources import local_environment
 
 OPTIONS = {
     "robot": "robot",
@@ -76,7 +77,7 @@ def run(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
     SIGINT and SIGTERM end it with status 0, after a ramp to standstill. Unless TRANSPORTS is set, the process speaks
     over UDP alone: a node that is killed leaves its part of shared memory in disorder, and whoever goes on reading it
     may end with corrupted memory. A driver must outlast any other node. With ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
-    rmw_fastrtps chooses transports itself, shared memory among them.
+    rmw_fastrtps would choose transports itself, shared memory among them; a profile that is as local stands in for it.
 
     Raises
     ------
@@ -86,6 +87,8 @@ def run(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
 
     if not os.environ.get(TRANSPORTS):
         os.environ[TRANSPORTS] = "UDPv4"
+        if os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper() == "LOCALHOST":
+            os.environ.update(local_environment())
 
     def make(asked: list[int]) -> LoopNode:
         from artibot_sim.nodes.driver.node import DriverNode
