@@ -79,6 +79,7 @@ setup(
             "pytest-xdist>=3.5",
             "scikit-learn>=1.3",
             "sympy>=1.12",
+            "viser>=1.1",
         ],
         # Another minor version of ruff formats otherwise, one of mypy finds more: neither may break a clone of today.
         "dev": [
