@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# Types and all tests: first those that ask for the whole machine in time, one by one; then what watches the clock and mostly
-# waits, two files at a time. In its pauses begin all others, three files at a time, for some wait for processes of their own:
-# those that compute for minutes are their first (test/conftest.py), and get the processor only while nobody else wants it.
-# Once nothing watches the clock any more they have all of it, and behind them run the types and the tests on a kernel with
-# CAN, if that is emulated, for then its clock waits for them. The summaries come last.
+# Types and all tests. What watches the clock goes first: one by one what asks for the whole machine in time, then, two files
+# at a time, what mostly waits. In its pauses run all others: they get the processor only while nobody else wants it. These
+# are what only computes, three files at a time, those that take longest first (test/conftest.py); the types; and the tests
+# on a kernel with CAN, if that is emulated, for then its clock waits for them. Once nothing watches the clock any more they
+# have all of the processor. The summaries come last.
 # What watches the clock fails where the machine stands still for a moment: a few tests are tried again, one by one, and
 # those that fail then in slow motion (in_uml.sh), where no machine stands still. Who fails there, too, has failed.
 # With arguments they are pytest's, and it is one part.
@@ -40,8 +40,8 @@ export OPENBLAS_NUM_THREADS=1
 
 behind() {
   local failed=0
-  nice -n 5 "$python" -m mypy >"$reports/types" 2>&1 || failed=1
-  [ ${#can[@]} = 0 ] || nice -n 5 "$python" -m pytest "${can[@]}" >"$reports/2-can" 2>&1 || failed=1
+  priority low "$python" -m mypy >"$reports/types" 2>&1 || failed=1
+  [ ${#can[@]} = 0 ] || priority low "$python" -m pytest "${can[@]}" >"$reports/2-can" 2>&1 || failed=1
   return "$failed"
 }
 
@@ -61,29 +61,49 @@ again() {
   return 1
 }
 
-priority() { "$python" "$(dirname "$0")/priority.py" "$@"; }
+# What is begun once nothing watches the clock any more is begun as usual.
+priority() {
+  if [ "$1" = low ] && [ -e "$reports/usual" ]; then
+    "${@:2}"
+  else
+    "$python" "$(dirname "$0")/priority.py" "$@"
+  fi
+}
+
+# watched PART [OPTION …] -- PATH …: tests that watch the clock, and again those that fail, while all others stand still.
+watched() {
+  local part=$1 options=()
+  shift
+  while [ "$1" != -- ]; do options+=("$1") && shift; done
+  shift
+  "$python" -m pytest "${options[@]}" -o "cache_dir=$reports/cache-$part" "$@" 2>&1 | tee "$reports/$part" && return 0
+  signal STOP
+  local passed=0
+  again "$part" "$@" || passed=1
+  signal CONT
+  return "$passed"
+}
+
+signal() { for group in "${groups[@]}"; do kill "-$1" -- "-$group" 2>/dev/null; done; }
 
 failed=0
-"$python" -m pytest -o "cache_dir=$reports/cache-0" "${alone[@]}" 2>&1 | tee "$reports/0" ||
-  again 0 "${alone[@]}" || failed=1
-set -m # a process group of their own
+set -m # process groups of their own
 priority low "$python" -m pytest -n 3 "${files[@]}" -o "cache_dir=$reports/cache-3" "${rest[@]}" >"$reports/3" 2>&1 </dev/null &
 others=$!
-set +m
-trap 'kill -- -"$others"; kill -CONT -- -"$others"; end' EXIT
-trap 'exit 130' INT TERM
-if ! "$python" -m pytest -n 2 "${files[@]}" -o "cache_dir=$reports/cache-1" "${waiting[@]}" 2>&1 | tee "$reports/1"; then
-  kill -STOP -- -"$others"
-  again 1 "${waiting[@]}" || failed=1
-  kill -CONT -- -"$others"
-fi
-priority usual "$others"
-behind &
+behind </dev/null &
 row=$!
+set +m
+groups=("$others" "$row")
+trap 'signal TERM; signal CONT; end' EXIT
+trap 'exit 130' INT TERM
+watched 0 -- "${alone[@]}" || failed=1
+watched 1 -n 2 "${files[@]}" -- "${waiting[@]}" || failed=1
+touch "$reports/usual"
+for group in "${groups[@]}"; do priority usual "$group"; done
 tail -n +1 -f --pid="$others" "$reports/3"
 wait "$others" && passed=yes || passed=no
-trap end EXIT
 wait "$row" || failed=1
+trap end EXIT
 [ "$passed" = yes ] || again 3 "${rest[@]}" || failed=1
 [ ! -e "$reports/2-can" ] || cat "$reports/2-can"
 cat "$reports/types"
