@@ -20,7 +20,7 @@ fi
 # Whole files to each process, those that take longest first (test/conftest.py): none is left alone with one at the end.
 files=(--dist loadfile --no-loadscope-reorder)
 alone=(test/test_demo.py test/driver/test_safety_loopback.py test/driver/test_drives_command.py)
-waiting=(test/nodes test/test_launch.py)
+waiting=(test/nodes test/test_launch.py test/view)
 can=(test/can)
 rest=("${alone[@]/#/--ignore=}" "${waiting[@]/#/--ignore=}" "${can[@]/#/--ignore=}")
 if [ -e /sys/class/net/vcan0 ]; then
@@ -70,21 +70,20 @@ priority() {
   fi
 }
 
-# watched PART [OPTION …] -- PATH …: tests that watch the clock, and again those that fail, while all others stand still.
+# watched PART [OPTION …] -- PATH …: tests that watch the clock, and again those that fail, while what computes stands still.
+# An emulated machine goes on: it dies of a signal that stops its programs.
 watched() {
   local part=$1 options=()
   shift
   while [ "$1" != -- ]; do options+=("$1") && shift; done
   shift
   "$python" -m pytest "${options[@]}" -o "cache_dir=$reports/cache-$part" "$@" 2>&1 | tee "$reports/$part" && return 0
-  signal STOP
+  kill -STOP -- "-$others"
   local passed=0
   again "$part" "$@" || passed=1
-  signal CONT
+  kill -CONT -- "-$others"
   return "$passed"
 }
-
-signal() { for group in "${groups[@]}"; do kill "-$1" -- "-$group" 2>/dev/null; done; }
 
 failed=0
 set -m # process groups of their own
@@ -93,13 +92,13 @@ others=$!
 behind </dev/null &
 row=$!
 set +m
-groups=("$others" "$row")
-trap 'signal TERM; signal CONT; end' EXIT
+trap 'kill -- "-$others" "-$row"; kill -CONT -- "-$others"; end' EXIT
 trap 'exit 130' INT TERM
 watched 0 -- "${alone[@]}" || failed=1
 watched 1 -n 2 "${files[@]}" -- "${waiting[@]}" || failed=1
 touch "$reports/usual"
-for group in "${groups[@]}"; do priority usual "$group"; done
+priority usual "$others"
+priority usual "$row"
 tail -n +1 -f --pid="$others" "$reports/3"
 wait "$others" && passed=yes || passed=no
 wait "$row" || failed=1
