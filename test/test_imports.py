@@ -110,6 +110,13 @@ def test_planning_is_light() -> None:
     assert not among(loaded_by("import artibot_sim.planning"), {*HEAVY} - {"scipy"})
 
 
+def test_a_view_of_a_recording_imports_no_diagnosis() -> None:
+    """It is a second of the three in which the page is to be there."""
+    loaded = loaded_by("import artibot_sim.view.frames, artibot_sim.nodes.view.command")
+    assert "artibot_sim.view.frames" in loaded
+    assert "artibot_sim.diagnose" not in loaded
+
+
 def test_the_command_line_imports_no_command() -> None:
     loaded = loaded_by("from artibot_sim.cli import main\nassert main(['--help']) == 0")
     assert "click" in loaded

@@ -259,10 +259,23 @@ def _sheet(sheet: Sheet, counter: Any) -> str:
     )
 
 
+SENTENCE = 40
+"""A column with a text longer than this is broken into lines, characters."""
+
+
 def _table(table: Table) -> str:
-    head = "".join(f"<th>{html.escape(column)}</th>" for column in table.columns)
+    marks = ["text" if max(map(len, column), default=0) > SENTENCE else "" for column in zip(*table.rows, strict=True)]
+    marks = marks or [""] * len(table.columns)
+    head = "".join(
+        f'<th class="{mark}">{html.escape(column)}</th>' for column, mark in zip(table.columns, marks, strict=True)
+    )
     body = "".join(
-        "<tr>" + "".join(f'<td class="{_mark(text)}">{html.escape(text)}</td>' for text in row) + "</tr>"
+        "<tr>"
+        + "".join(
+            f'<td class="{_mark(text) or mark}">{html.escape(text)}</td>'
+            for text, mark in zip(row, marks, strict=True)
+        )
+        + "</tr>"
         for row in table.rows
     )
     note = f"<p>{html.escape(table.note)}</p>" if table.note else ""
@@ -338,6 +351,9 @@ ul.claims small { color: var(--muted); font-size: .9em; }
 table.plain th { white-space: normal; vertical-align: bottom; max-width: 12em; }
 table.plain td:nth-child(2) { color: inherit; text-align: right; }
 table.plain td:first-child { text-align: left; }
+table.plain td.text { text-align: left; white-space: normal; min-width: 17em; max-width: 46em; }
+table.plain th.text { text-align: left; }
+table.plain td { vertical-align: top; }
 @media (max-width: 600px) { table.plain td:first-child { white-space: normal; min-width: 9em; } }
 @media (min-width: 980px) {
   .row.n2 { grid-template-columns: repeat(2, minmax(0, 1fr)); }

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.result import Diagnosis, effect_words
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import Experiment
 from artibot_sim.experiment.measured import Measured
@@ -20,6 +20,9 @@ from artibot_sim.model.reference.contact import contact_forces
 from artibot_sim.model.simulate.rollout import side_gears
 from artibot_sim.progress import Report
 from artibot_sim.report.paths import find_track
+
+if TYPE_CHECKING:
+    from artibot_sim.diagnose.result import Diagnosis
 
 Floats = NDArray[np.float64]
 
@@ -245,6 +248,8 @@ def _paths(experiment: Experiment) -> dict[str, Floats]:
 
 def _pushes(diagnosis: Diagnosis) -> dict[str, tuple[float, float]]:
     """Forces that a named effect puts on the rover, the same everywhere on the map, N."""
+    from artibot_sim.diagnose.result import effect_words  # with it comes all that a diagnosis is made of
+
     found = {}
     weight = 9.81 * sum(m.m for m in diagnosis.robot.modules)
     for cause in diagnosis.causes:

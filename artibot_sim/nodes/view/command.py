@@ -66,10 +66,13 @@ def film_of_bag(bag: Path, given: dict[str, Any]) -> Film:
     from artibot_sim.experiment import parse_renames, read_bag
     from artibot_sim.experiment.resimulate import robot_of
     from artibot_sim.progress import Bar
-    from artibot_sim.report.diagnosis.files import load
     from artibot_sim.view.frames import film_of
 
-    found = load(given["diagnosis"]) if given["diagnosis"] is not None else None
+    found = None
+    if given["diagnosis"] is not None:
+        from artibot_sim.report.diagnosis.files import load  # 1 s, with all that a diagnosis is made of
+
+        found = load(given["diagnosis"])
     with Bar() as bar:
         stage = bar.stage(f"reading {bag.name}", 0.3)
         experiment = read_bag(bag, parse_renames(given["renames"]), namespace=given["namespace"], progress=stage)
