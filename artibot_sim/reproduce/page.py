@@ -272,8 +272,7 @@ def _table(table: Table) -> str:
     body = "".join(
         "<tr>"
         + "".join(
-            f'<td class="{_mark(text) or mark}">{html.escape(text)}</td>'
-            for text, mark in zip(row, marks, strict=True)
+            f'<td class="{_mark(text) or mark}">{html.escape(text)}</td>' for text, mark in zip(row, marks, strict=True)
         )
         + "</tr>"
         for row in table.rows
