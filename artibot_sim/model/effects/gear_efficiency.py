@@ -33,5 +33,6 @@ EFFECT = Effect(
         ((-1.0,), (-0.4,), (0.6,)),
         logarithmic=True,
         ridge={f"contact.{name}": 1.0 for name in ("k_l", "k_t", "mu_s", "mu_d", "u_w")},
+        channels=("torque_front", "torque_back"),
     ),
 )

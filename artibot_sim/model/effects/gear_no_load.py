@@ -43,5 +43,5 @@ EFFECT = Effect(
     parameters={"torque": number("N m", 0.0, math.inf, "no-load torque of each gear, motor-side")},
     adapt=_adapt,
     hooks={"gear": gear},
-    search=Search({"torque": 0.1}, ((0.5,), (1.5,))),
+    search=Search({"torque": 0.1}, ((0.5,), (1.5,)), channels=("torque_front", "torque_back")),
 )

@@ -41,5 +41,5 @@ EFFECT = Effect(
     },
     adapt=_adapt,
     hooks={"drag": drag},
-    search=Search({"torque": 0.25}, ((0.5,), (1.5,))),
+    search=Search({"torque": 0.25}, ((0.5,), (1.5,)), channels=("torque_front", "torque_back")),
 )
