@@ -117,7 +117,7 @@ def actuate(
         Whether the front motors are held to their torque_max; if not they follow the plan whatever it takes, as in
         section 7.
     progress : callable, optional
-        Hears the share that is done.
+        Called with the share that is done.
 
     Raises
     ------

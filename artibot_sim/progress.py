@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import Any
 
 Report = Callable[[float], None]
-"""Hears the share that is done."""
+"""Called with the share that is done."""
 
 DELAY = 0.5
 """Work that is over sooner (s) shows no bar."""
@@ -27,7 +27,7 @@ _LEAST = 0.02
 
 
 compiling: list[Callable[[bool], None]] = []
-"""Hear True when compilation of a loop of the model begins and False when it is over; empty in a library."""
+"""Called with True when compilation of a loop of the model begins, with False when it is over; empty in a library."""
 
 
 class CompilationNotice:

@@ -88,8 +88,8 @@ def _restart(loop: ClosedLoop, motor: str) -> None:
     loop.with_drives(lambda drive_set: drive_set.drives[motor].power_on(loop.now))
 
 
-def _restart_unheard(loop: ClosedLoop, motor: str) -> None:
-    loop.with_drives(lambda drive_set: drive_set.restart_unheard(motor, loop.now))
+def _restart_unnoticed(loop: ClosedLoop, motor: str) -> None:
+    loop.with_drives(lambda drive_set: drive_set.restart_unnoticed(motor, loop.now))
 
 
 def _let_go(loop: ClosedLoop, motor: str) -> None:
@@ -240,7 +240,7 @@ CATALOGUE: Final = (
     Fault("drive unplugged", _unplug, _plug, True, ON_THE_BUS, (_R.DRIVE_SILENT,), own=BY_THE_DRIVES),
     Fault("drive without supply", _cut_power, _power, True, ON_THE_BUS, (_R.DRIVE_SILENT,)),
     Fault("drive restarts", _restart, _nothing, True, ON_THE_BUS, _DRIVE),
-    Fault("drive restarts unheard", _restart_unheard, _nothing, True, ON_THE_BUS, _DRIVE),
+    Fault("drive restarts unnoticed", _restart_unnoticed, _nothing, True, ON_THE_BUS, _DRIVE),
     Fault("drive lets go", _let_go, _nothing, True, ON_THE_BUS, (_R.DRIVE_STATE,)),
     Fault("drive fault", _fail, _nothing, True, ON_THE_BUS, (_R.DRIVE_FAULT,)),
     Fault("lasting drive fault", _fail_for_long, _mend_drive, True, ON_THE_BUS, (_R.DRIVE_FAULT,)),

@@ -103,7 +103,7 @@ class DriveSet:
             self._unpowered.discard(motor)
             self.drives[motor].power_on(now)
 
-    def restart_unheard(self, motor: str, now: int) -> None:
+    def restart_unnoticed(self, motor: str, now: int) -> None:
         """Have a drive start anew, and its boot-up message get lost."""
         self.unplug(motor)
         self.drives[motor].power_on(now)

@@ -2,7 +2,7 @@
 
 One SDO request is under way at a time, as CiA 301 has it; the next goes out as soon as the answer is read. An object is
 read first and written only where it is not right already: a drive's maker may have fixed it. All settings are read
-again once the drive has been started, so that a drive that restarted on the way, unheard, is found out: it has lost
+again once the drive has been started, so that a drive that restarted on the way, unnoticed, is found out: it has lost
 what was written before.
 """
 

@@ -105,7 +105,7 @@ def _guard(run: Callable[[], Any]) -> int:
 
 
 def _pip() -> str:
-    """How to call pip for this interpreter; one that belongs to the system wants to hear that it may be added to."""
+    """How to call pip for this interpreter; one that belongs to the system needs an option that allows to add to it."""
     ours = sys.prefix != sys.base_prefix
     kept = not ours and (Path(sysconfig.get_path("stdlib")) / "EXTERNALLY-MANAGED").exists()
     return f"{sys.executable} -m pip{' --break-system-packages' if kept else ''}"

@@ -433,7 +433,7 @@ def diagnose(
     workers : int, optional
         Threads; as many as cores by default. The result does not depend on it.
     progress : callable
-        Hears the share that is done.
+        Called with the share that is done.
     prior_odds : float
         Of some effect being there beforehand.
     false_alarm_rate : float

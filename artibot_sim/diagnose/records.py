@@ -299,9 +299,9 @@ class NextExperiment:
     manoeuvre : str
         Its name in the library of manoeuvres; empty where it is one that was recorded.
     separates : tuple of str
-        Ids of effects; empty where there are none to tell apart.
+        Ids of effects; empty where there are none to distinguish.
     nats : float
-        Log-likelihood ratio to be expected between the two that are hardest to tell apart; NaN without any.
+        Log-likelihood ratio to be expected between the two that are hardest to distinguish; NaN without any.
     """
 
     what: str

@@ -68,7 +68,7 @@ def side_by_side(
     workers : int, optional
         Cores; all by default. Tasks within a task are done one after the other.
     tick : callable, optional
-        Hears of each that is done.
+        Called with each that is done.
     scheduler : str, optional
         Address of a Dask scheduler whose workers do them instead; `do` and the items must then be picklable.
     """

@@ -90,7 +90,7 @@ class Fit:
 
 
 Tick = Callable[[], None]
-"""Hears that a part of the work is done."""
+"""Called when a part of the work is done."""
 
 
 def free_parameters(problem: Problem) -> tuple[int, ...]:

@@ -49,7 +49,7 @@ _START = 0.3
 
 @dataclass(frozen=True)
 class Contact:
-    """What MuJoCo is told about the contact of wheels and ground.
+    """Settings of MuJoCo for the contact of wheels and ground.
 
     Attributes
     ----------

@@ -76,7 +76,7 @@ def controllers(grounds: Mapping[str, Robot], speed: float | None = None, progre
     speed : float, optional
         Of the turns to which the controller is fitted, m/s.
     progress : callable, optional
-        Hears the share that is done.
+        Called with the share that is done.
     """
     ((name, robot),) = grounds.items()
     found = spread(robot, speed, progress=progress)

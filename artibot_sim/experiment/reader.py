@@ -31,8 +31,8 @@ from artibot_sim.experiment.wheels import Joints, pose_of_transforms, with_wheel
 from artibot_sim.progress import Report
 
 METADATA_RECORD = "artibot"
-_TELL_EVERY = 500
-"""Messages between two words on the progress."""
+_REPORT_EVERY = 500
+"""Messages between two reports of the progress."""
 
 
 def read_bag(
@@ -193,7 +193,7 @@ def _read_rows(info: BagInfo, wanted: Mapping[str, str], progress: Report) -> di
     latest: dict[str, bytes] = {}
     total = sum(channel.message_count for channel in info.channels if channel.topic in wanted)
     for number, message in enumerate(iter_messages(info.path, set(wanted))):
-        if number % _TELL_EVERY == 0:
+        if number % _REPORT_EVERY == 0:
             progress(number / max(total, 1))
         channel = message.channel
         if channel.encoding != "cdr" or channel.ros_type not in READABLE | {TRANSFORMS}:
@@ -306,7 +306,7 @@ def _counted_info(file: Path, metadata: dict[str, str], progress: Report) -> Bag
     size, done = file.stat().st_size, 0
     for number, message in enumerate(iter_messages(file)):
         done += len(message.data)
-        if number % _TELL_EVERY == 0:
+        if number % _REPORT_EVERY == 0:
             progress(min(1.0, done / size))  # of a compressed file too much, which only a bar minds
         counts[message.channel] = counts.get(message.channel, 0) + 1
         first, last = min(first, message.log_ns), max(last, message.log_ns)

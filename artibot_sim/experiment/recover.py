@@ -384,7 +384,7 @@ def _extent(view: Bytes, at: int, end: int) -> int | None:
 # ----------------------------------------------------------------------
 
 
-_TELL_EVERY = 500
+_REPORT_EVERY = 500
 """Messages between two words on the progress."""
 
 
@@ -482,7 +482,7 @@ class _Salvage:
     def __init__(self, files: tuple[Path, ...], progress: Report | None = None) -> None:
         self.files = files
         self._progress = progress
-        self._until_told = 0
+        self._until_reported = 0
         self._size = sum(file.stat().st_size for file in files)
         self.damages: list[Damage] = []
         self.counts: Counter[str] = Counter()
@@ -505,9 +505,9 @@ class _Salvage:
 
     def _report(self) -> None:
         """Say how far the work is, now and then."""
-        self._until_told -= 1
-        if self._progress and self._until_told < 0:
-            self._until_told = _TELL_EVERY
+        self._until_reported -= 1
+        if self._progress and self._until_reported < 0:
+            self._until_reported = _REPORT_EVERY
             self._progress(min(1.0, sum(damage.at for damage in self.damages) / self._size))
 
     def _metadata(self) -> tuple[dict[str, str], list[tuple[str, dict[str, str]]]]:

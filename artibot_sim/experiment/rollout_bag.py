@@ -28,7 +28,7 @@ MOTORS = ("front_right", "front_left", "back_right", "back_left")
 START_NS = 1_000_000_000
 """Stamp of t = 0 by default: not 0, which in a header means "no stamp"."""
 _PLANNED_PERIOD = 0.04
-_TELL_EVERY = 1000
+_REPORT_EVERY = 1000
 """Messages between two words on the progress."""
 Table = tuple[Stamps, Mapping[str, Floats]]
 
@@ -105,7 +105,7 @@ def write_channels(
         for key in (*(latched or {}), *tables):
             bag.register(BY_KEY[key].name, BY_KEY[key].ros_type, LATCHED if BY_KEY[key].latched else STATE)
         for number, message in enumerate(heapq.merge(*streams, key=_when)):  # hours of messages need not fit in memory
-            if number % _TELL_EVERY == 0:
+            if number % _REPORT_EVERY == 0:
                 advance(number / total)
             bag.write(BY_KEY[message.key].name, message.data, message.log_ns, message.log_ns)
     return folder

@@ -108,7 +108,7 @@ class Topic:
     name : absolute topic name.
     key : name in `Experiment.channels`.
     ros_type : ROS type that artibot publishes; others that carry the same quantities are read as well.
-    latched : offered transient local, so that a latecomer still gets it.
+    latched : offered transient local, so that a late subscriber still gets it.
     measured : says when the rover was observed; these topics set the recording's start and its segments.
     """
 

@@ -123,7 +123,7 @@ def identify(
     workers : int, optional
         Threads; as many as cores by default. The result does not depend on it.
     progress : callable
-        Hears the share that is done.
+        Called with the share that is done.
 
     Raises
     ------
@@ -222,7 +222,7 @@ def best_fit(problem: Problem, effort: Effort, tick: Tick, trust: Trust | None =
     """The best fit, and the problem with noise levels as its residuals show them; first with some of the windows.
 
     Noise estimated from neighbouring samples misses what is slow: a total station's errors, what is left of the
-    encoders'. Only at a good fit may channels be told apart by their residuals. Whoever does not `trust` residuals
+    encoders'. Only at a good fit may channels be distinguished by their residuals. Whoever does not `trust` residuals
     to be noise, for something may be missing in the model, keeps all windows in the end.
     """
     every = list(range(0, len(problem), -(-len(problem) // _FEW)))

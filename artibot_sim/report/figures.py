@@ -30,7 +30,7 @@ _WALL_CLOCK = 10 * 365 * 86400 * 10**9
 def check_count(recordings: int) -> None:
     """Refuse to draw so many on top of each other (ArtibotError)."""
     if not 1 <= recordings <= len(BAGS):
-        raise ArtibotError(f"{recordings} recordings; expected 1 to {len(BAGS)}, else colours cannot be told apart")
+        raise ArtibotError(f"{recordings} recordings; expected 1 to {len(BAGS)}, else colours cannot be distinguished")
 
 
 def experiment_figure(experiments: Sequence[Experiment], robots: Sequence[Robot | None] = ()) -> Figure:

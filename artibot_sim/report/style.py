@@ -1,6 +1,6 @@
 """One look for every picture and page: colours, strokes, type.
 
-The hues are told apart with any of the common colour vision deficiencies; dashes say the same once more, so that
+The hues are distinguished with any of the common colour vision deficiencies; dashes say the same once more, so that
 prints in grey remain readable. Planned and commanded are dashed, believed (odometric) is dotted, what was measured
 is solid.
 """

@@ -187,7 +187,7 @@ FEW = 128
 """Runs that are sooner done in this process than others are started."""
 
 Tell = Callable[[int, int], None]
-"""Hears how many runs are finished, and how many of them were before."""
+"""Called with how many runs are finished, and how many of them were before."""
 
 
 @dataclass(frozen=True)
@@ -232,7 +232,7 @@ def sweep(
     chunk : int, optional
         Runs that are written at once. No result depends on it, nor on `workers` or `scheduler`.
     progress : callable
-        Hears (finished runs, runs finished before).
+        Called with (finished runs, runs finished before).
 
     Returns
     -------

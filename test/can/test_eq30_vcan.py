@@ -81,4 +81,4 @@ def test_the_checker_tells_right_from_wrong_and_says_where_two_answers_are_possi
     log = [*period(0.0, 200, 100, 62), *period(0.01, 200, 100, 62), *period(0.02, 400, 200, torque, answered)]
     found = check([*log, "(0.030000) vcan0 080#"], AGRIQ, "0.8")
     assert (found.checked, found.late, not found.wrong and not found.stale) == (checked, 3 - checked, right)
-    assert found.stale == (torque == 62 and not right)  # eq. 30 of the answers before: not unnoticed, and told apart
+    assert found.stale == (torque == 62 and not right)  # eq. 30 of the answers before: not unnoticed, and distinguished

@@ -258,7 +258,7 @@ def test_answers_that_nobody_asked_for_change_nothing() -> None:
     assert w.last.status.counters["sdo_unexpected"] > 100
 
 
-def restarts_unheard(w: VirtualLoop, motor: str, state: NmtState = NmtState.PRE_OPERATIONAL) -> None:
+def restarts_unnoticed(w: VirtualLoop, motor: str, state: NmtState = NmtState.PRE_OPERATIONAL) -> None:
     """Supply away for a moment, and the boot-up message lost; some drives are operational by themselves after that."""
     drive = w.drive_set.drives[motor]
     send, drive._send = drive._send, lambda frame: None
@@ -276,11 +276,11 @@ def lost_settings(w: VirtualLoop) -> list[tuple[str, int]]:
 
 
 @pytest.mark.parametrize("seed", range(15))
-def test_a_drive_that_restarts_unheard_while_it_is_set_up_is_set_up_again(seed: int) -> None:
+def test_a_drive_that_restarts_unnoticed_while_it_is_set_up_is_set_up_again(seed: int) -> None:
     w, rng = loop(seed), random.Random(seed)
     w.run(rng.uniform(0.2, 1.2))
     motor = rng.choice(MOTORS)
-    restarts_unheard(w, motor)
+    restarts_unnoticed(w, motor)
     assert lost_settings(w)
     w.run(0.12)  # at the latest now it is missed, whatever it was at
     assert w.run_until(Phase.READY, 2.0)
@@ -290,7 +290,7 @@ def test_a_drive_that_restarts_unheard_while_it_is_set_up_is_set_up_again(seed: 
 @pytest.mark.parametrize("motor", MOTORS)
 def test_a_drive_that_comes_back_operational_without_its_settings_is_found_out(motor: str) -> None:
     w = driving()
-    restarts_unheard(w, motor, NmtState.OPERATIONAL)
+    restarts_unnoticed(w, motor, NmtState.OPERATIONAL)
     w.drive_set.drives[motor].objects.values[0x1017, 0] = 40  # stored in it: it is heard as before
     w.run(1.0)
     status = w.last.status

@@ -125,7 +125,7 @@ def test_turning_one_way_only_is_said(agriq: Robot) -> None:
 
 
 def test_too_little_motion_is_said(agriq: Robot) -> None:
-    assert "s of motion; little can be told apart" in said(synthetic(agriq, SHORT, seed=2), agriq)
+    assert "s of motion; few parameters can be determined" in said(synthetic(agriq, SHORT, seed=2), agriq)
 
 
 def test_a_rover_that_stands_most_of_the_time_is_said_so(good: Experiment, agriq: Robot) -> None:

@@ -330,7 +330,7 @@ def test_a_file_without_an_index_tells_of_both_passes(tmp_path: Path) -> None:
 
 
 def in_namespaces(folder: Path, *names: str) -> Path:
-    """A bag with the motors and the truth of a rover below each namespace, told apart by their first speed."""
+    """A bag with the motors and the truth of a rover below each namespace, distinguished by their first speed."""
     messages = []
     for number, name in enumerate(names):
         for k in range(50):

@@ -128,7 +128,7 @@ def test_a_profile_off_the_grid_is_followed_too(phase: int) -> None:
 
 
 @given(late_ns=st.integers(1, arbiter.STALE_NS))
-def test_a_latecomer_catches_up_at_the_acceleration_limit(late_ns: int) -> None:
+def test_a_late_profile_catches_up_at_the_acceleration_limit(late_ns: int) -> None:
     plan = ramped(0, 6.0)
     state = arbiter.take_profile(Commanding(), plan, RULES, late_ns, 0.0)
     _, decisions, _, _ = run(state, RULES, 150, late_ns, 0.0, alive=True)

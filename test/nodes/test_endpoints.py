@@ -177,7 +177,7 @@ def test_filters_find_frames_and_covariances_that_they_can_use(start_node: Any, 
 
 
 @pytest.mark.parametrize("word", ["sim", "driver"])
-def test_who_publishes_odom_publishes_the_robot_s_description_for_latecomers(
+def test_who_publishes_odom_publishes_the_robot_s_description_for_late_subscribers(
     start_node: Any, ros_context: Any, word: str
 ) -> None:
     with loopback_bus() as channel:

@@ -119,13 +119,13 @@ def test_profile_path_and_odometry_are_those_of_the_plan(
     assert np.median(np.diff(t)) <= 1 / 20
 
 
-def test_a_latecomer_gets_path_and_profile_while_it_stays(
+def test_a_late_subscriber_gets_path_and_profile_while_it_stays(
     start_node: NodeStarter, ros_context: Context, short: Path
 ) -> None:
     from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
     node = start_node("planner", short, "--subscriber-timeout", 0, "--keep", "--start-delay", 0.1)
-    node.wait_for("staying for latecomers")
+    node.wait_for("staying for late subscribers")
     listener = Listener(ros_context)
     spin_until(listener.node, lambda: bool(listener.profiles and listener.paths), what="profile and path")
     for topic in ("/planned/path", "/planned/front_velocity"):

@@ -1,4 +1,4 @@
-"""Colours are told apart with any common colour vision deficiency (Machado, Oliveira and Fernandes 2009)."""
+"""Colours are distinguished with any common colour vision deficiency (Machado, Oliveira and Fernandes 2009)."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ def hypotheses(robot: Robot, stretches: Sequence[Stretch], without: Sequence[str
     robot : Robot
         Its own effects are known, and not looked for.
     stretches : sequence of Stretch
-        The recordings, for limits that are told from what was reached.
+        The recordings, for limits that follow from what was reached.
     without : sequence of str
         Ids that are left out.
     """

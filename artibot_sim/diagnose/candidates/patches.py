@@ -43,7 +43,7 @@ _KEPT = 6
 _AT_ONCE = 200
 """Windows that are simulated together."""
 _SMALL = 0.3
-"""Coordinate of the discs that show how well one is told."""
+"""Coordinate of the discs that show how well one is determined."""
 _APART = 2.0 * SPACING
 """m between the centres of those."""
 _PLACES = 120
@@ -184,7 +184,7 @@ def scanned(base: Around, effect: str) -> list[_Seen]:
 
 
 def _seen(base: Around, effect: str, discs: Sequence[_Disc]) -> list[_Seen]:
-    """Each disc at the coordinate that it would be best with, and how well that is told."""
+    """Each disc at the coordinate that it would be best with, and how well that is determined."""
     problem, p = base.problem, len(base.free)
     changes = _changes(base, effect, discs) / np.array([disc.probe for disc in discs])
     sensitivity = Sensitivity(np.concatenate([base.sensitivity.parameters, changes]), base.sensitivity.starts)

@@ -25,7 +25,7 @@ _REACH = 3.0
 _FARTHEST = 0.7
 """Largest change of a coordinate of the baseline beside a probe."""
 _TEST = 0.5
-"""Coordinate at which effects are tried that need no probes: what it costs says how well they are told."""
+"""Coordinate at which effects are tried that need no probes: what it costs says how well they are determined."""
 _FAINT, _PLAIN = 0.3, 0.6
 """Share of a probe at which it is tried as well where all of an effect's probes are at least this plain."""
 _RESTS = 4

@@ -82,7 +82,7 @@ def one_by_one(names: Sequence[str]) -> NextExperiment:
 
 
 ENOUGH = 30.0
-"""Nats that the two hardest to tell apart have to differ by: more than a fit leaves that has not quite ended."""
+"""Nats that the two hardest to distinguish have to differ by: more than a fit leaves that has not quite ended."""
 USUAL = {
     "position": 0.005, "yaw": 0.01, "yaw_rate": 0.004, "articulation_yaw": 0.003, "torque_front": 0.025,
     "torque_back": 0.025, "front_velocity": 0.25,
@@ -101,7 +101,7 @@ def next_experiment(
     *,
     library: Sequence[Entry] = LIBRARY,
 ) -> NextExperiment | None:
-    """The cheapest manoeuvre that would tell effects apart that tie; None where there is nothing to tell apart.
+    """The cheapest manoeuvre that would distinguish effects that tie; None where there is nothing to distinguish.
 
     Parameters
     ----------
@@ -116,8 +116,8 @@ def next_experiment(
     -----
     Every robot drives every manoeuvre from the same commands; every other one then is to explain what it measured, in
     windows with starts of their own, its soil and its effects' sizes as free as the recordings so far leave them. Of
-    all such pairs the one that is hardest to tell apart counts. Where no manoeuvre tells all apart it is the one that
-    does best.
+    all such pairs the one that is hardest to distinguish counts. Where no manoeuvre distinguishes all it is the
+    one that does best.
     """
     if len(robots) < 2:
         return None

@@ -97,8 +97,8 @@ def _reach(sd: float, size: int, needed: float, thresholds: Thresholds) -> float
 def excluded_below(trial: Trial, least: float, thresholds: Thresholds) -> dict[str, float]:
     """Values below which a limit is excluded, by parameter; empty for what is no limit.
 
-    A limit is told by what goes beyond it: the gentlest of the values at which it was tried that two deviations less
-    would still have told, all tighter ones being told as well.
+    A limit is determined by what goes beyond it: the gentlest of the values at which it was tried that two deviations
+    less would still have shown, all tighter ones showing as well.
     """
     extension, found = trial.hypothesis.extension, dict[str, float]()
     if not extension.search.reference:

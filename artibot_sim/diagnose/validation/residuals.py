@@ -282,7 +282,7 @@ _ONE_WAY = 0.6
 _FOLLOWS = 0.5
 """Share of the squared error that following a quantity must explain to be said."""
 _BLOCK = 5.0
-"""s of the moment that is told as the worst."""
+"""s of the moment that is reported as the worst."""
 
 
 def places(comparisons: Sequence[Comparison], baseline: Mapping[str, ChannelBaseline]) -> tuple[Place, ...]:

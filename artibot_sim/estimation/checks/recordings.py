@@ -22,7 +22,7 @@ from artibot_sim.model.effects import EFFECTS
 Array = NDArray[np.float64]
 
 SHORT = 15.0
-"""s of motion below which little can be told apart."""
+"""s of motion below which few parameters can be determined."""
 _GAP = 0.5
 """s of silence of a sensor that are said."""
 _HELD = 0.2
@@ -257,7 +257,7 @@ def _together(recordings: Sequence[Experiment], robot: Robot) -> Iterator[str]:
         yield f"positions are noisy: {float(np.median(noise)):.2g} m; small effects drown in it"
     moving, total = _moving(recordings, robot)
     if moving < SHORT:
-        yield f"only {moving:.0f} s of motion; little can be told apart with less than {SHORT:g} s"
+        yield f"only {moving:.0f} s of motion; few parameters can be determined with less than {SHORT:g} s"
     elif moving < (1 - _STANDS) * total:
         yield f"the rover stands for {100 * (1 - moving / total):.0f} % of the time, which tells nothing"
     yield from _one_sided(recordings)

@@ -79,7 +79,7 @@ TYPES_EVERY = 0.25
 
 
 class Inputs:
-    """Hears commands and decides, with :mod:`artibot_sim.nodes.common.arbiter`, what holds.
+    """Takes commands and decides, with :mod:`artibot_sim.nodes.common.arbiter`, what holds.
 
     Parameters
     ----------
@@ -255,7 +255,7 @@ class Inputs:
     def _on_profile(self, message: bytes, info: dict[str, Any]) -> None:
         if self._is_closed(Source.PROFILE):
             return
-        # one that waits for latecomers may come long after a stop
+        # one that waits for late subscribers may come long after a stop
         if info["source_timestamp"] < self._reset_wall_ns:
             self._refuse_profile(Refused("it was published before the last stop or enable; publish it anew"))
             return

@@ -22,7 +22,7 @@ PUBLISHED = QoSProfile(depth=10)
 """For everything that is published: reliable, which serves reliable subscribers and best-effort ones."""
 
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""For what latecomers need: the last message is sent to them."""
+"""For what late subscribers need: the last message is sent to them."""
 
 
 class Polled(CallbackGroup):

@@ -34,7 +34,7 @@ PATIENCE = 60.0
 
 
 class SyncListener:
-    """Hears SYNC on a bus, in a thread of its own.
+    """Receives SYNC on a bus, in a thread of its own.
 
     Attributes
     ----------

@@ -64,7 +64,7 @@ class ModelShaft:
         return self._measured
 
     def command_of_slice(self) -> Turn:
-        """What the model's motor is told for the next slice."""
+        """The set-point of the model's motor for the next slice."""
         asked = self.asked
         if asked.velocity is None:
             self._before = None

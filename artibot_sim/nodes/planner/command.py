@@ -33,7 +33,9 @@ def _show_list(context: click.Context, _option: click.Parameter, wanted: bool) -
 @click.option("--wait-for", help="follower: a simulator or driver; anyone: a recorder, too.  [default: follower]")
 @click.option("--subscriber-timeout", type=float, help="Wait so long for them, s; 0: do not wait.  [default: 30]")
 @click.option("--tail", type=float, help="How long planned/odom goes on after the end, s.  [default: 0.5]")
-@click.option("--keep/--end", default=None, help="Stay after the end, so that latecomers still get path and profile.")
+@click.option(
+    "--keep/--end", default=None, help="Stay after the end, so that late subscribers still get path and profile."
+)
 @click.option("--use-sim-time/--use-wall-time", default=None, help="Take the time from /clock.  [default: wall time]")
 @click.option("--list", is_flag=True, callback=_show_list, expose_value=False, help="List the shipped manoeuvres.")
 @click.pass_obj

@@ -132,7 +132,7 @@ SPECS = (
     Spec("realtime_priority", 45, "Priority among the machine's real-time threads (SCHED_FIFO) while the profile is "
          "followed in system time: a sign of life that a busy machine delays stops the rover. 0, and where the system "
          "does not allow it: that of any other process.", low=0, high=99),
-    Spec("keep", False, "Stay after the end, so that latecomers still get path and profile."),
+    Spec("keep", False, "Stay after the end, so that late subscribers still get path and profile."),
     Spec("path_interval", 0.1, "Time between poses of planned/path, s.", low=1e-3, high=100.0),
     Spec("frame_id", "map", "Frame of the planned poses."),
     Spec("child_frame_id", "base_link", "Frame of the front module."),
@@ -208,7 +208,7 @@ class PlannerNode(Node):
         status = self._follow(executor)
         timer.cancel()
         if self.settings["keep"] and status == 0:
-            log.info("finished; staying for latecomers (keep)")
+            log.info("finished; staying for late subscribers (keep)")
             self._spin(executor, lambda: False)
         return status
 

@@ -195,7 +195,7 @@ class Player:
         """Wait until all subscribers that are there already have been found.
 
         One that was found at once says nothing of others: the answer to a new participant gets lost now and then, and
-        the next word of the other comes with its next announcement. So the whole period is waited for.
+        the other announces itself again only after its period. So the whole period is waited for.
         """
         publishers = [outlet.publisher for outlet in self.outlets.values()]
         found, begun = -1, time.monotonic()

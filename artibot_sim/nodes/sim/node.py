@@ -229,7 +229,7 @@ class SimNode(Node):
         self.actuation.wait(0.0 if self.standing else self.pacer.remaining())
 
     def _stand(self, executor: SingleThreadedExecutor) -> None:
-        """Hear what comes while time stands, and show late subscribers where it stands."""
+        """Take what comes while time stands, and show late subscribers where it stands."""
         listeners = self.out.clock_listeners()
         if listeners != self._listeners:
             self._listeners, self._ticks = listeners, TICKS

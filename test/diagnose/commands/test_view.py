@@ -1,4 +1,4 @@
-"""The command view: effects on the way of a command are found, told apart, and not seen in clean data."""
+"""The command view: effects on the way of a command are found, distinguished, and not seen in clean data."""
 
 from __future__ import annotations
 

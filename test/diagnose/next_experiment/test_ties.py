@@ -1,4 +1,4 @@
-"""What to measure next: robots that tie are told apart by the manoeuvre that is chosen, and by no shorter one."""
+"""What to measure next: robots that tie are distinguished by the manoeuvre that is chosen, and by no shorter one."""
 
 from __future__ import annotations
 
