@@ -18,6 +18,7 @@ from artibot_sim.diagnose.selection.joint_fits import (
     Rival,
     Rounds,
     adopted,
+    contained,
     contest,
     excess_of,
     finished,
@@ -132,6 +133,8 @@ def _contested(begun: Stage, named: Sequence[str], rounds: Rounds, tick: Tick) -
     fallen = 0.5 * (again(problem, best.loss, base.point).cost - best.point.cost)
     rivals = _with_starts_of(problem, best, rivals, rounds)
     problem, best, rivals, loss = _with_honest_noise(problem, best, rivals, loss, rounds)
+    rivals = side_by_side(lambda rival: contained(rival, best, rounds), rivals, problem.workers)
+    rivals = sorted(rivals, key=lambda rival: rival.fit.point.cost)
     excess = excess_of(problem, best, rivals, number=len(named))
     costs = [best.point.cost - one for one in excess]
     stated = side_by_side(lambda one: evidence(*one), list(zip(rivals, costs, strict=True)), problem.workers)

@@ -285,6 +285,23 @@ def adopted(problem: Problem, fit: Fit, other: Problem, theirs: Fit, rounds: Rou
     return converge(problem, point, fit.loss, rounds.few)
 
 
+def contained(rival: Rival, best: Fit, rounds: Rounds) -> Rival:
+    """A rival that fits no worse than the `best` baseline, which is the rival's model with its effect at neutral.
+
+    Searches begin at probes, from which a fit may end on worse branches than the baseline's; then it is made again from
+    the baseline's end. Limits have no neutral coordinates: they stay as they were fitted.
+    """
+    problem, extension = rival.problem, rival.trial.hypothesis.extension
+    neutral = np.zeros(len(extension))
+    if rival.fit.point.cost <= best.point.cost or extension.effect.active(extension.values(neutral)):
+        return rival
+    begin = np.concatenate([best.point.coordinates, neutral])
+    point = evaluate(problem, best.loss, [begin], best.point.starts)[0]
+    if extension.search.least:  # there are no small sizes of it, so no step leads away from neutral
+        return replace(rival, fit=replace(rival.fit, point=point, loss=best.loss))
+    return replace(rival, fit=converge(problem, point, best.loss, rounds.few))
+
+
 def renoised(problem: Problem, fit: Fit, levels: Array, loss: Loss, steps: int) -> tuple[Problem, Fit]:
     """A problem with other noise `levels` (channels,) and its fit under another firm loss."""
     new = problem.rescaled(levels)

@@ -176,7 +176,7 @@ def _candidate(effect: str, at: Stage) -> Candidate:
         note = f"not looked for: these recordings cannot show it ({why})" if why else "not tried"
         return Candidate(effect, 0.0, {}, note=note)
     best = min(trials, key=lambda trial: trial.point.cost)
-    nats = 0.5 * (at.screened - best.point.cost)
+    nats = max(0.5 * (at.screened - best.point.cost), 0.0)  # at neutral it gains nothing, and is no worse than that
     return Candidate(effect, nats / DECADE, best.hypothesis.extension.values(best.own), note=_note(trials))
 
 

@@ -9,16 +9,20 @@ import pytest
 from diagnose.hidden import case
 from diagnose.turns import EVEN, TURNS
 
-from artibot_sim.diagnose.candidates.hypotheses import hypotheses
-from artibot_sim.diagnose.candidates.screening import at_rest, screen
+from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, hypotheses, with_effect
+from artibot_sim.diagnose.candidates.screening import Trial, at_rest, screen
 from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.records import Options
-from artibot_sim.diagnose.selection.joint_fits import Known, Rounds, contest, finished
+from artibot_sim.diagnose.selection.joint_fits import Known, Rival, Rounds, contained, contest, finished
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import Fit
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import synthetic
 from artibot_sim.model import load_robot
+
+FAR = np.full(4, 2.0)
 
 
 def test_what_sensitivities_promise_is_fitted_though_other_branches_hide_it() -> None:
@@ -56,8 +60,26 @@ def test_where_all_are_fitted_a_screen_that_was_misled_costs_no_effect() -> None
     assert rival.trial.hypothesis.extension.values(rival.own) == pytest.approx(truth, rel=0.05)
     (again,) = contest([misled], control.cost, EVEN, Rounds().for_all(1), known=known)
     assert again.fit is begun[0].fit
+    for one in {one.id: one for one in hypotheses(robot, problem.stretches)}.values():
+        ends_no_worse(one, problem, best)
     same, (once,) = finished(base, [again], Rounds(), known=known)
     assert once.fit is rival.fit and same is best, "what is known is not fitted again"
+
+
+def ends_no_worse(hypothesis: Hypothesis, problem: Problem, best: Fit) -> None:
+    """A search that ended far out is made again from the baseline's end, where its effect is neutral."""
+    more = with_effect(problem, hypothesis.extension)
+    far = evaluate(
+        more, best.loss, [np.append(best.point.coordinates, FAR[: len(hypothesis.extension)])], best.point.starts
+    )[0]
+    lost = Rival(
+        Trial(hypothesis, more, far, np.ones(len(hypothesis.extension))), replace(best, point=replace(far, cost=np.inf))
+    )
+    kept = contained(lost, best, Rounds(few=1))
+    if hypothesis.extension.search.reference:
+        assert kept is lost, "a limit has no neutral coordinates"
+    else:
+        assert kept.fit.point.cost <= best.point.cost, hypothesis.id
 
 
 def test_what_is_known_is_not_made_again() -> None:
