@@ -99,7 +99,8 @@ FAR_BEYOND_NOISE = Number(
 LEFT_OF_COMMANDS = Number(
     50.0, "white noise",
     "the same of the front motors' speeds against their commands, in the worst tenth of the windows: nothing hidden "
-    "leaves 0.1, effects named rightly 20, a ramp on no list 900", COMMANDS, "no: 500 times what nothing hidden leaves",
+    "leaves 0.1, effects named rightly 20, a ceiling of speeds on no list 249 000", COMMANDS,
+    "no: 500 times what nothing hidden leaves",
 )  # fmt: skip
 MINOR_COMMANDS = Number(
     0.25, "–", "share of that which effects on the way of commands leave at most, or are not named", COMMANDS

@@ -101,9 +101,12 @@ def searched(effect: Effect) -> Search:
 
 
 def _most(free: Experiment, reference: str) -> float:
-    """The largest articulation angle (rad), or torque of a front motor (N m), of a recording."""
+    """The largest articulation angle (rad), change of a command (rad/s²) or torque of a front motor (N m) recorded."""
     if reference == "articulation":
         return float(np.nanmax(np.abs(free.channels["joint_states"]["articulation_yaw.position"])))
+    if reference == "acceleration":
+        t, speed = free.channels["motor_command"].series(f"{MOTORS[0]}.velocity")
+        return float(np.nanmax(np.abs(np.diff(speed) / np.diff(t))))
     motors = free.channels["motor_torques"]
     return max(float(np.nanquantile(np.abs(motors[f"{motor}.effort"]), 0.995)) for motor in MOTORS[:2])
 

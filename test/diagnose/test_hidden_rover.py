@@ -9,7 +9,7 @@ import pytest
 from bag_helpers import foreign
 from diagnose.hidden import driving, rover
 from diagnose.hidden.cases import recipe, run
-from diagnose.hidden.effects import LISTED, MOTORS
+from diagnose.hidden.effects import ADDED, LISTED, MOTORS
 from diagnose.hidden.machine import SOIL, Machine, Way, machine
 from diagnose.hidden.parts import Ground, Hidden
 
@@ -91,8 +91,8 @@ def test_agrees_with_the_model(name):
     assert difference["torque"] < 0.02
 
 
-ON_THE_WAY = sorted(set(LISTED) - {"encoder_scale", "torque_scale", "pose_lever_arm", "pose_delay", "gyro_bias"})
-COMMANDED = ("speed_loop_lag", "command_delay", "deadband")
+ON_THE_WAY = sorted({*LISTED, *ADDED} - {"encoder_scale", "torque_scale", "pose_lever_arm", "pose_delay", "gyro_bias"})
+COMMANDED = ("speed_loop_lag", "command_delay", "deadband", "command_rate_limit")
 
 
 @pytest.mark.parametrize("name", [name for name in ON_THE_WAY if name not in COMMANDED])

@@ -32,6 +32,16 @@ def test_what_is_hidden_is_named(effect, seed):
     assert all(error < 0.15 for error in result.errors.values()), result
 
 
+def test_a_limit_of_commands_and_a_wheel_out_of_round_are_both_named():
+    """One shows between commands and speeds, the other between rotations and motion: neither takes from the other."""
+    found = case(("command_rate_limit", "wheel_runout"), seed=28, **SMALL)
+    answer = command_line(found)
+    assert [cause["effect"] for cause in answer["causes"]] == ["command_rate_limit", "wheel_runout"]
+    result = score(answer, asdict(found.truth))
+    assert all(error < 0.05 for error in result.errors.values()), result
+    assert all(result.covered.values()), result
+
+
 def test_errors_of_two_sensors_are_named_beside_each_other():
     """What the first one leaves in the yaw rates is as slow as a bias is: taken for noise, nothing would be named."""
     found = case(("gyro_bias", "encoder_scale"), 3.0, seed=31, **SMALL)

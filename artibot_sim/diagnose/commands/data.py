@@ -50,6 +50,8 @@ class CommandData:
     command : array, shape (g,)
         Commanded speeds (rad/s) on a grid H apart, all parts one after the other, each led by GUARD of what the motor
         did at first.
+    begins : array of int, shape (parts,)
+        Where on that grid each part begins.
     at : array, shape (n, k)
         Places on that grid. A measured speed is the mean of those at k instants; or, with `rise`, over the time
         between two.
@@ -71,6 +73,7 @@ class CommandData:
     """
 
     command: Array
+    begins: Places
     at: Array
     rise: bool
     speed: Array
@@ -84,6 +87,14 @@ class CommandData:
 
     def __len__(self) -> int:
         return len(self.speed)
+
+    @cached_property
+    def steepest(self) -> float:
+        """Fastest change of a command within a part, rad/s²: from one part to the next nothing was commanded."""
+        inside = np.diff(self.command) / H
+        for begin in self.begins:
+            inside[max(begin - 1, 0) : begin + round(GUARD / H)] = 0.0
+        return float(np.abs(inside).max())
 
     @cached_property
     def valid(self) -> Flags:
@@ -114,7 +125,7 @@ def command_data(recordings: Sequence[Experiment], quantity: str = "velocity") -
     """
     parts = [part for k, recording in enumerate(recordings) for part in _parts(k, recording, quantity)]
     rise = bool(parts) and _by_angles(parts)
-    pieces, grid, base = [], [], 0
+    pieces, grid, begins, base = [], [], [], 0
     for part in parts:
         piece = _piece(part, rise, base)
         if piece is None:
@@ -123,6 +134,7 @@ def command_data(recordings: Sequence[Experiment], quantity: str = "velocity") -
         knots = first + H * np.arange(int(np.ceil((last - first) / H)) + 2)
         lead = np.full(round(GUARD / H), _before(part, piece))
         grid.append(np.concatenate([lead, np.interp(knots, part.t, part.command)]))
+        begins.append(base)
         base += len(grid[-1])
         pieces.append(piece)
     if not pieces:
@@ -130,7 +142,9 @@ def command_data(recordings: Sequence[Experiment], quantity: str = "velocity") -
     joined = [np.concatenate(column) for column in zip(*pieces, strict=True)]
     at, speed, torque, whole, counts, recording, motor, middle = joined
     period = float(np.median(np.concatenate([np.diff(part.t) for part in parts])))
-    return CommandData(np.concatenate(grid), at, rise, speed, torque, whole, counts, recording, motor, middle, period)
+    return CommandData(
+        np.concatenate(grid), np.array(begins), at, rise, speed, torque, whole, counts, recording, motor, middle, period
+    )
 
 
 def _parts(number: int, experiment: Experiment, quantity: str) -> Iterator[_Part]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.commands.data import CommandData
 from artibot_sim.diagnose.commands.limit import Limit, excluded_limit, torque_limit
-from artibot_sim.diagnose.commands.model import PARAMETERS, Way, followed, known_way, seen, way_of
+from artibot_sim.diagnose.commands.model import PARAMETERS, Way, followed, known_way, ramped, seen, way_of
 from artibot_sim.diagnose.commands.noise import Noise, noise_in, sensor_noise
 from artibot_sim.diagnose.commands.series import Level, level_of, series_of
 from artibot_sim.diagnose.policy import SMALLEST_DEADBAND, SMALLEST_DELAY, SMALLEST_SCALE, THRESHOLDS
@@ -35,9 +35,19 @@ _STEPS = {"lag": 2e-3, "delay": 1e-3, "clock": 1e-3}
 _HIGHEST = {"lag": 5.0, "delay": 2.0, "scale": 2.0}
 _FIRST = {"lag": (0.03, 0.1, 0.25, 0.6), "delay": (0.02, 0.06, 0.12, 0.25, 0.5)}
 """s from which fits begin."""
-_COARSE, _LOWEST, _WIDTH, _TRIED = 28, 0.01, 0.12, 3
-"""Thresholds tried, the least over the largest command, half the distance between them, and how many are refined."""
-_LEAST_SD = {"delay": 1e-3, "lag": 1e-3, "scale": 2e-4, "threshold": 0.2}
+_SCANNED = ("rate", "threshold")
+"""Fields that are scanned, in the order in which commands meet them: their likelihood has more than one summit."""
+_COARSE, _TRIED = 28, 3
+"""Sizes tried of each, and how many are refined."""
+_LOWEST, _HIGHEST_SHARE = 0.01, 0.98
+"""Thresholds tried, over the largest command; and the largest rate, over the fastest change of a command."""
+_SLOWEST = 20.0
+"""s in which the least rate that is tried reaches the largest command."""
+_WIDTH = 0.65
+"""First width of a refinement, as a share of the distance to the next size."""
+_PART = 0.01
+"""Change of a rate for finite differences, as a share of it."""
+_LEAST_SD = {"delay": 1e-3, "lag": 1e-3, "scale": 2e-4, "threshold": 0.2, "rate": 0.1}
 """Standard deviations that no recording beats: stamps, encoders and drives are not better than that."""
 
 
@@ -101,43 +111,59 @@ class Fitter:
     def best(self, effects: Collection[str], starts: Iterable[Way] = ()) -> Best:
         """These effects at their best together, from several starts."""
         fields = [PARAMETERS[e][1] for e in effects if e in PARAMETERS]
-        free = [f for f in fields if f != "threshold"] + ([] if "delay" in fields else ["clock"])
+        free = [f for f in fields if f not in _SCANNED] + ([] if "delay" in fields else ["clock"])
         begin = [self.known, *starts, *self._alone(fields)]
         tried = [(self.value(way), way) for way in dict.fromkeys(begin)]
         tried.sort(key=lambda pair: -pair[0])
         ends = []
         for base, start in tried[: 2 if len(fields) > 1 else 1]:
-            way = self._scanned(start, base) if "threshold" in fields else start
-            way, value, _ = self._climb(way, free)
+            way = start
+            for field in _SCANNED:
+                way, base = self._scanned(way, base, field) if field in fields else (way, base)
+            way, value, _ = self._climb(way, self._smooth(free, fields, way))
             ends.append((value, way))
         value, way = max(ends, key=lambda pair: pair[0])
-        sd = self._sd(way, free)
+        sd = self._sd(way, self._smooth(free, fields, way))
         if "threshold" in fields:
             sd["threshold"] = self._threshold_sd(way, value)
-        return Best(tuple(effects), way, value, {f: max(sd[f], _LEAST_SD[f]) for f in fields})
+        return Best(tuple(effects), way, value, {f: max(sd.get(f, np.inf), _LEAST_SD[f]) for f in fields})
+
+    def _smooth(self, free: Sequence[str], fields: Sequence[str], way: Way) -> list[str]:
+        """The free fields with the rate, where there is a limit: once it is near the best it is climbed as they are."""
+        return [*free, *(["rate"] if "rate" in fields and np.isfinite(way.rate) else [])]
 
     def _alone(self, fields: Sequence[str]) -> list[Way]:
         """Ways in which one field has one of several sizes."""
         return [self.known._replace(**{f: size}) for f in fields for size in _FIRST.get(f, ())]
 
-    def _scanned(self, way: Way, value: float) -> Way:
-        """The best threshold up to the largest command; as it was where none is better.
-
-        A threshold that is a little wrong may cost as much as the dead band gains, so the best few are refined first.
-        """
+    def sizes(self, field: str) -> Array:
+        """Sizes of a field that are tried, rising: what is larger or smaller acts on no command, or on all of them."""
         top = float(np.abs(self.data.command).max())
-        grid = [way._replace(threshold=float(x)) for x in top * np.geomspace(_LOWEST, 0.98, _COARSE)]
-        values = np.array([self.value(other) for other in grid])
-        ends = [self._refined(grid[int(k)]) for k in np.argsort(-values)[:_TRIED]]
-        best, found = max(ends, key=lambda end: end[1])
-        return best if found > value else way
+        if field == "threshold":
+            return top * np.geomspace(_LOWEST, _HIGHEST_SHARE, _COARSE)
+        least, most = top / _SLOWEST, _HIGHEST_SHARE * self.data.steepest
+        return np.geomspace(least, most, _COARSE) if least < most else np.empty(0)
 
-    def _refined(self, way: Way) -> tuple[Way, float]:
-        """The threshold moved to where the likelihood, which is a staircase of it, is largest."""
-        width = _WIDTH * way.threshold
+    def _scanned(self, way: Way, value: float, field: str) -> tuple[Way, float]:
+        """The best of all sizes of a field with its likelihood; the way as it was where none is better.
+
+        A size that is a little wrong may cost as much as the effect gains, so the best few are refined first.
+        """
+        sizes = self.sizes(field)
+        if not len(sizes):
+            return way, value
+        grid = [way._replace(**{field: float(size)}) for size in sizes]
+        values = np.array([self.value(other) for other in grid])
+        width = _WIDTH * (float(sizes[1] / sizes[0]) - 1.0)
+        ends = [self._refined(grid[int(k)], field, width) for k in np.argsort(-values)[:_TRIED]]
+        return max([(way, value), *ends], key=lambda end: end[1])
+
+    def _refined(self, way: Way, field: str, share: float) -> tuple[Way, float]:
+        """A field moved to where the likelihood is largest, by up to this share of it first."""
+        width = share * getattr(way, field)
         for _ in range(3):
-            around = way.threshold + width * np.linspace(-1.0, 1.0, 9)
-            way = max((way._replace(threshold=max(float(x), 0.0)) for x in around), key=self.value)
+            around = getattr(way, field) + width * np.linspace(-1.0, 1.0, 9)
+            way = max((way._replace(**{field: max(float(x), 0.0)}) for x in around), key=self.value)
             width /= 4.0
         return way, self.value(way)
 
@@ -170,14 +196,20 @@ class Fitter:
     def _inside(self, way: Way, moves: dict[str, float]) -> Way:
         fields = way._asdict()
         for field, move in moves.items():
-            low = {"clock": -self.clock, "scale": 0.5}.get(field, 0.0)
-            high = self.clock if field == "clock" else _HIGHEST[field]
+            low, high = self._bounds(field, fields[field])
             fields[field] = float(np.clip(fields[field] + move, low, high))
         return Way(**fields)
 
+    def _bounds(self, field: str, now: float) -> tuple[float, float]:
+        """Least and largest value of a field that is `now`, after a step."""
+        if field == "rate":  # found by scanning: nothing far from there is meant
+            return 0.8 * now, 1.25 * now
+        low = {"clock": -self.clock, "scale": 0.5}.get(field, 0.0)
+        return low, self.clock if field == "clock" else _HIGHEST[field]
+
     def _slopes(self, way: Way, free: Sequence[str]) -> tuple[Array, Array]:
         """Gradient and information of the log-likelihood by the free fields."""
-        data, speed = self.data, followed(self.data.command, way)
+        data, speed = self.data, followed(self.data.command, way, self.data.begins)
         predicted = seen(data, way, speed)
         scaled, valid = self.noise.whitened(data, data.speed - predicted)
         columns = []
@@ -185,9 +217,9 @@ class Fitter:
             if field == "scale":
                 change = predicted / way.scale
             else:
-                step = _STEPS[field]
+                step = _PART * way.rate if field == "rate" else _STEPS[field]
                 moved = way._replace(**{field: getattr(way, field) + step})
-                change = (seen(data, moved, None if field == "lag" else speed) - predicted) / step
+                change = (seen(data, moved, None if field in ("lag", "rate") else speed) - predicted) / step
             columns.append(self.noise.whitened(data, change)[0])
         valid = valid & self.used
         J = np.array([column[valid] for column in columns]).reshape(len(free), -1)
@@ -210,7 +242,7 @@ class Fitter:
 # ----------------------------------------------------------------------
 
 
-LIMIT, SCALE = "torque_limit", "torque_scale"
+LIMIT, SCALE, RATE = "torque_limit", "torque_scale", "command_rate_limit"
 EFFECTS = (*PARAMETERS, LIMIT, SCALE)
 """What the view knows about, by id."""
 _WORTH = 20.0
@@ -391,8 +423,16 @@ class Work:
         """Whether an effect is as large as to be told from what stamps and encoders leave open."""
         if effect in (LIMIT, SCALE):
             return True
-        field_ = PARAMETERS[effect][1]
-        return abs(getattr(fit.best.way, field_) - getattr(self.fitter.known, field_)) >= self._smallest(field_)
+        field_, known = PARAMETERS[effect][1], self.fitter.known
+        if field_ == "rate":
+            return self._trails(fit.best.way.rate)
+        return abs(getattr(fit.best.way, field_) - getattr(known, field_)) >= self._smallest(field_)
+
+    def _trails(self, rate: float) -> bool:
+        """Whether a limit holds the speeds back by as much as the least delay that counts, unlike the known one."""
+        command, begins = self.data.command, self.data.begins
+        apart = np.abs(ramped(command, rate, begins) - ramped(command, self.fitter.known.rate, begins))
+        return float(apart.max()) >= SMALLEST_DELAY * min(rate, self.data.steepest)
 
     def _smallest(self, field_: str) -> float:
         """Departure of a way's field under which it is none."""
@@ -409,6 +449,8 @@ class Work:
             pulled = fit.pulled
             return ({"scale": pulled.way.scale}, {"scale": pulled.sd["scale"]}) if pulled else ({}, {})
         name, field_ = PARAMETERS[effect]
+        if not np.isfinite(getattr(fit.best.way, field_)):
+            return {}, {}
         return {name: float(getattr(fit.best.way, field_))}, {name: fit.best.sd[field_]}
 
     def _note(self, effect: str, nats: float) -> str:
@@ -427,7 +469,7 @@ class Work:
 
     def _excluded(self, effect: str, fit: Fit) -> dict[str, float]:
         """From which departure from neutral an effect would have been seen, stamps as it wants them."""
-        if effect == LIMIT or (effect == SCALE and self.puller is None):
+        if effect in (LIMIT, RATE) or (effect == SCALE and self.puller is None):
             return {}
         fitter, name, field_ = self.fitter, *PARAMETERS.get(effect, ("scale", "scale"))
         if effect == SCALE and self.puller is not None:
@@ -443,11 +485,22 @@ class Work:
 
     def _excluded_limit(self, effect: str, base: Fit) -> dict[str, float]:
         """Below which torque a limit that is not there would have been seen."""
+        if effect == RATE:
+            return self._excluded_rate(base)
         if effect != LIMIT:
             return {}
         error = self.data.speed - seen(self.data, base.best.way)
         limit = excluded_limit(self.data, self.noise, error, self._lost)
         return {"front_max": limit} if limit > 0.0 else {}
+
+    def _excluded_rate(self, base: Fit) -> dict[str, float]:
+        """Below which rate of commands a limit that is not there would have been seen, stamps as it wants them."""
+        found: dict[str, float] = {}
+        for rate in self.fitter.sizes("rate"):
+            if self.fitter.at(base.best.way._replace(rate=float(rate))) > base.best.value - self._lost:
+                break
+            found = {PARAMETERS[RATE][0]: float(rate)}
+        return found
 
     def gained(self, robot: Robot) -> float:
         """Log-likelihood that a robot's effects gain as they are."""

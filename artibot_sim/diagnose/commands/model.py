@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -49,6 +50,7 @@ class Way(NamedTuple):
 
 
 PARAMETERS = {
+    "command_rate_limit": ("rate", "rate"),
     "deadband": ("threshold", "threshold"),
     "speed_loop_lag": ("time_constant", "lag"),
     "command_delay": ("delay", "delay"),
@@ -72,17 +74,13 @@ def known_way(robot: Robot) -> Way:
     return way_of(robot.effects)
 
 
-def followed(command: Array, way: Way) -> Array:
+def followed(command: Array, way: Way, begins: Iterable[int] = (0,)) -> Array:
     """What motors do that are given a command (g,) on a grid H apart, before any delay, rad/s.
 
-    The laws are those of the effects. Of several parts one after the other each is forgotten within the guard before
-    the next.
+    The laws are those of the effects. Of several parts, which begin at the places `begins`, one after the other each is
+    forgotten within the guard before the next; a ramp, which may take longer than that, begins anew.
     """
-    speed = command
-    if np.isfinite(way.rate):
-        ramped, now = np.empty((len(command), 1)), np.array(command[:1])
-        on_ramp(np.array(command)[:, np.newaxis], way.rate * H, now, ramped)
-        speed = ramped[:, 0]
+    speed = ramped(command, way.rate, begins)
     if way.threshold > 0.0:
         speed = outside(speed, way.threshold)
     if way.lag > 1e-4:
@@ -92,9 +90,19 @@ def followed(command: Array, way: Way) -> Array:
     return np.asarray(speed)
 
 
+def ramped(command: Array, rate: float, begins: Iterable[int] = (0,)) -> Array:
+    """Commands (g,) on a grid H apart that change by at most `rate` (rad/s²), each part from its own first one."""
+    if not np.isfinite(rate):
+        return command
+    wanted, out = np.array(command)[:, np.newaxis], np.empty((len(command), 1))
+    for begin, end in itertools.pairwise([*begins, len(command)]):
+        on_ramp(wanted[begin:end], rate * H, wanted[begin].copy(), out[begin:end])
+    return out[:, 0]
+
+
 def seen(data: CommandData, way: Way, speed: Array | None = None) -> Array:
     """Speeds that are measured if the motors follow `way`, rad/s, shape (n,); `speed` is what `followed` gave."""
-    speed = followed(data.command, way) if speed is None else speed
+    speed = followed(data.command, way, data.begins) if speed is None else speed
     at = np.clip(data.at - (way.delay + way.clock) / H, 0.0, len(speed) - 1.000001)
     i = at.astype(np.int64)
     share = at - i

@@ -206,10 +206,12 @@ class _Naming:
 
     def drop(self) -> bool:
         """Take an effect back that those named after it make up for; whether there was one."""
-        options, fitted = self._options, self._fitted()
+        if self._drop_from_commands():
+            return True
+        fitted = self._fitted()
         if self._stopped or (len(fitted) > 1 and self._no_time("leaving out each effect that was found")):
             return False
-        spare = superfluous(self._problem, self._fit, self._found.loss, options.least, self._rounds)
+        spare = self._unneeded()
         if spare is None:
             return False
         gone, self._problem, self._fit = fitted[spare.which], spare.problem, spare.fit
@@ -221,6 +223,34 @@ class _Naming:
             if one.stage > gone.stage:
                 self._named[self._named.index(one)] = self._found_again(place, one)
         return True
+
+    def _drop_from_commands(self) -> bool:
+        """Take back the effect that only commands asked for and need least beside the others; whether there was one."""
+        stated = _beside_each_other(self._view, self._names)
+        spare = [one for one in self._named if one.found and stated[one.effect].nats < self._options.least]
+        if not spare:
+            return False
+        gone = min(spare, key=lambda one: stated[one.effect].nats)
+        self._named.remove(gone)
+        self._dropped.append(gone.effect)
+        self._from_commands = others(self._view, tuple(self._names))
+        self._stages[-1] = self._weighed(self._found)
+        return True
+
+    def _unneeded(self) -> Spare | None:
+        """The model without an effect that the data do not ask for any more; None where they ask for all."""
+        loss, options = self._found.loss, self._options
+        for which, one in enumerate(self._fitted()):
+            if self._stated(one) < options.least + options.thresholds.more(one.effect):
+                return spared(self._problem, self._fit, loss, which, self._rounds)
+        return superfluous(self._problem, self._fit, loss, options.least, self._rounds)
+
+    def _stated(self, one: Named) -> float:
+        """Nats of a fitted effect from both views, beside what only commands show: that may have been named later."""
+        if "command" not in _views(one.effect) or len(self._fitted()) == len(self._named):
+            return one.nats
+        fitted = _nats(self._stages[one.stage], self._view, self._named, (one.effect,))
+        return fitted.get(one.effect, _beside_each_other(self._view, self._names)[one.effect].nats)
 
     def _found_again(self, place: int, one: Named) -> Named:
         """An effect with what speaks for it beside the others: it was found in a model that was wrong."""
@@ -279,10 +309,13 @@ def _with_effect(problem: Problem, fit: Fit, found: Stage, best: Named, seed: in
     return at_size(problem, fit, extension, own, Rounds().few)
 
 
-def _nats(found: Stage, view: CommandView, named: Sequence[Named]) -> dict[str, float]:
-    """Log Bayes factors of what was fitted, from both views."""
+def _nats(
+    found: Stage, view: CommandView, named: Sequence[Named], of: Collection[str] | None = None
+) -> dict[str, float]:
+    """Log Bayes factors of what was fitted, all of it or some effects only, from both views."""
     beside = {n.effect: {name: float(f.value) for name, f in n.found.items()} for n in named if n.found}
-    return {rival.id: together(view, rival, found.evidence[rival.id], beside) for rival in found.rivals}
+    rivals = [rival for rival in found.rivals if of is None or rival.id in of]
+    return {rival.id: together(view, rival, found.evidence[rival.id], beside) for rival in rivals}
 
 
 def best_of(

@@ -27,10 +27,10 @@ NEEDS = {"map": "a common map", "heading": "a common heading"}
 
 def needed(effect: str) -> str:
     """What an effect needs of the recordings' poses, in words: it is fixed in the map; empty where it is not."""
-    search = EFFECTS[effect].search
-    if search is None:
+    declared = EFFECTS[effect]
+    if declared.search is None or declared.uniform:
         return ""
-    return NEEDS["map"] if search.disc else NEEDS["heading"] if search.direction else ""
+    return NEEDS["map"] if declared.search.disc else NEEDS["heading"] if declared.search.direction else ""
 
 
 def in_common_map(recordings: Iterable[Experiment]) -> bool:

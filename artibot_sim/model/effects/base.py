@@ -68,9 +68,11 @@ class Search:
     logarithmic : bool
         The coordinate is a logarithm's: value = (neutral or `reference`) · exp(coordinate · size).
     direction : str
-        A parameter that says where to the only one of `sizes` points; both are fitted as two components.
+        A parameter that says where to the only one of `sizes` points (a heading, a phase); both are fitted as two
+        components.
     reference : str
-        What a limit is measured by: ``"articulation"``, the largest angle seen.
+        What a limit is measured by: ``"articulation"``, the largest angle seen; ``"acceleration"``, the fastest change
+        of a front motor's command.
     disc : tuple of str
         Parameters that say where on the ground the effect is: centre (x, y) and radius.
     ridge : mapping of str to float

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from artibot_sim.model.effects.base import Array, Effect, Step, Values, number
+from artibot_sim.model.effects.base import Array, Effect, Search, Step, Values, number
 from artibot_sim.model.kernels.compilation import kernel
 
 
@@ -35,4 +35,5 @@ EFFECT = Effect(
     doc="Front velocity commands change by at most so many rad/s², whatever is commanded.",
     parameters={"rate": number("rad/s²", 0.0, math.inf, "largest acceleration of a motor", math.inf, low_open=True)},
     command=_way,
+    search=Search({"rate": 0.3}, logarithmic=True, reference="acceleration", views=("command",)),
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from artibot_sim.model.effects.base import Effect, choice, number
+from artibot_sim.model.effects.base import Effect, Search, choice, number
 from artibot_sim.model.kernels.compilation import inlined
 from artibot_sim.model.kernels.elementary import sincos
 
@@ -31,4 +31,5 @@ EFFECT = Effect(
         "wheel": choice(tuple(f"{motor}_{end}" for motor in MOTORS for end in ("front", "back")), "which wheel"),
     },
     hooks={"radius": radius},
+    search=Search({"relative": 0.03}, direction="phase"),
 )

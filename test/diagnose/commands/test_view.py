@@ -19,6 +19,7 @@ from artibot_sim.model.simulate.commands import as_executed
 
 AGRIQ = load_robot("agriq")
 HIDDEN = {
+    "command_rate_limit": {"rate": 60.0},
     "torque_limit": {"front_max": 0.4},
     "speed_loop_lag": {"time_constant": 0.1},
     "command_delay": {"delay": 0.06},

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from diagnose.hidden import driving, rover, sensors
 from diagnose.hidden.acting import nats_of
-from diagnose.hidden.effects import LISTED, Recipe
+from diagnose.hidden.effects import ADDED, LISTED, Recipe
 from diagnose.hidden.ground import OTHER_GROUND, RECIPE, RECORDING
 from diagnose.hidden.machine import Machine, machine, random_soil
 from diagnose.hidden.sensors import Noise, Table
@@ -28,7 +28,9 @@ EVERY = 4
 """Steps between two rows of a drive that are kept: 1 ms."""
 LEAST_NATS = 10.0
 """An effect that changes what the sensors say by less never acts: the truth is then that it is not there."""
-RECIPES = {**LISTED, **UNLISTED, **ON_COMMANDS, OTHER_GROUND: RECIPE}
+KNOWN = {**LISTED, **ADDED}
+"""Of all that a diagnosis can name."""
+RECIPES = {**KNOWN, **UNLISTED, **ON_COMMANDS, OTHER_GROUND: RECIPE}
 """Of all that can be hidden."""
 WIDEST = 1.3
 """rad of articulation beyond which a drive is thrown away: a real rover would be damaged."""
@@ -139,8 +141,8 @@ def case(
         nats[name] = sum(nats_of(d, _with(d.plain, others, i), noise) for i, d in enumerate(drives[:runs]))
     acts = {name: values for name, values in put_in.items() if nats[name] >= LEAST_NATS}
     truth = Truth(
-        effects={name: values for name, values in acts.items() if name in LISTED},
-        unlisted={name: values for name, values in acts.items() if name not in LISTED},
+        effects={name: values for name, values in acts.items() if name in KNOWN},
+        unlisted={name: values for name, values in acts.items() if name not in KNOWN},
         idle={name: values for name, values in put_in.items() if name not in acts},
         nats=nats, soil=soil, severity=severity, seed=seed, manoeuvres=tuple(d.manoeuvre for d in drives),
     )  # fmt: skip
@@ -177,8 +179,13 @@ def driven(
 def scaled(name: str, values: Mapping[str, Any], numbers: Robot) -> dict[str, Any]:
     """An effect's parameters, drawn for Agri.q, as plain for another robot."""
     scale = scale_of(numbers)
-    if name in LISTED:
-        by = {**factors(name, numbers), "front_max": scale.motor, "radius": scale.length}
+    if name in KNOWN:
+        by = {
+            **factors(name, numbers),
+            "front_max": scale.motor,
+            "rate": scale.speed if name in ADDED else 1.0,
+            "radius": scale.length,
+        }
     else:
         by = {key: getattr(scale, size) for key, size in UNLISTED_BY.items()}
     found = {key: value * by[key] if key in by else value for key, value in values.items()}
@@ -189,7 +196,7 @@ def scaled(name: str, values: Mapping[str, Any], numbers: Robot) -> dict[str, An
 
 UNLISTED_BY: dict[str, Any] = {
     "yaw_drag": "torque", "preload": "torque", "ridge": "mass", "lame": "mass", "tether": "mass", "air": "mass",
-    "drag": "motor", "ramp": "speed",
+    "drag": "motor", "fastest": "speed",
 }  # fmt: skip
 """Field of what is on no list → the robot's size that it grows with."""
 

@@ -16,7 +16,7 @@ from artibot_sim.model import load_robot
 
 KINDS = (
     "none", "torque_limit", "speed_loop_lag", "command_delay", "deadband", "encoder_scale",
-    "command_delay+torque_limit", "command_ramp",
+    "command_rate_limit", "command_delay+torque_limit", "command_ceiling",
 )  # fmt: skip
 
 

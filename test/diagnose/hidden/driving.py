@@ -130,10 +130,16 @@ def commands(machine: Machine, name: str, rng: Rng, duration: float) -> tuple[Ar
 
 
 def executed(t: Array, command: Array, way: Way, fine: Array) -> Array:
-    """Speeds (m, 2) that the drives want at the times `fine` (m,), s: late, with a dead band, behind a lag, on a ramp.
+    """Speeds (m, 2) that the drives want at the times `fine` (m,), s: up to the fastest, on a ramp, late, with a dead
+    band, behind a lag.
 
     Between two commands a drive goes straight from one to the next.
     """
+    command = np.clip(command, -way.fastest, way.fastest)
+    if way.ramp < inf:
+        wish = np.column_stack([np.interp(fine, t, column) for column in command.T])
+        ramped = _ramped(wish, way.ramp * (fine[1] - fine[0]))
+        command = np.column_stack([np.interp(t, fine, column) for column in ramped.T])
     alive = np.where(np.abs(command) < way.deadband, 0.0, command)
     wish = np.column_stack([np.interp(fine - way.delay, t, column) for column in alive.T])
     if way.time_constant > 0.0:
@@ -145,7 +151,7 @@ def executed(t: Array, command: Array, way: Way, fine: Array) -> Array:
         late = way.time_constant / h * (1.0 - decay)
         start = np.zeros((1, 2))
         wish = lfilter([1.0 - late, late - decay], [1.0, -decay], wish, axis=0, zi=start)[0]
-    return wish if way.ramp == inf else _ramped(wish, way.ramp * (fine[1] - fine[0]))
+    return wish
 
 
 @njit(cache=True)

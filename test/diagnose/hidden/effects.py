@@ -165,3 +165,21 @@ LISTED: dict[str, Recipe] = {
     "gyro_bias": Recipe(_signed("bias", 0.01), _sensor(gyro_bias="bias")),
 }
 """By the contract's id."""
+
+WHEELS = tuple(f"{motor}_{end}" for motor in MOTORS for end in ("front", "back"))
+
+
+def _draw_runout(rng: Rng, s: float, track: np.ndarray) -> Values:
+    return {"relative": 0.03 * s, "phase": _heading(rng), "wheel": str(rng.choice(WHEELS))}
+
+
+def _runout(machine: Machine, values: Values) -> Machine:
+    wheel = float(WHEELS.index(values["wheel"]))
+    return machine.hiding(runout=values["relative"], runout_wheel=wheel, runout_phase=values["phase"])
+
+
+ADDED: dict[str, Recipe] = {
+    "command_rate_limit": Recipe(lambda rng, s, track: {"rate": 150.0 * s**-0.4}, _way("ramp", "rate")),
+    "wheel_runout": Recipe(_draw_runout, _runout),
+}
+"""Effects that came to the contract's 27 later; they take nothing from the cases that are drawn of those."""

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from diagnose.hidden.effects import LISTED
+from diagnose.hidden.effects import ADDED, LISTED
 from diagnose.hidden.ground import OTHER_GROUND
 from diagnose.hidden.unlisted import ON_COMMANDS, UNLISTED
 
-KINDS = ("none", "single", "pair", "unlisted", "ground", "commands")
+KINDS = ("none", "single", "pair", "unlisted", "ground", "commands", "added")
 """The order is part of the cases' seeds."""
 
 
@@ -95,7 +95,9 @@ def _effects(kind: str, seed: int) -> Iterator[tuple[str, ...]]:
         if kind in ("none", "ground"):
             yield (OTHER_GROUND,) if kind == "ground" else ()
             continue
-        first = rng.permutation(sorted({"unlisted": UNLISTED, "commands": ON_COMMANDS}.get(kind, LISTED)))
+        first = rng.permutation(
+            sorted({"unlisted": UNLISTED, "commands": ON_COMMANDS, "added": ADDED}.get(kind, LISTED))
+        )
         for name in first:
             if kind == "pair":
                 other = rng.choice([other for other in sorted(LISTED) if other != name])

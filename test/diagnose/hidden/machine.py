@@ -17,12 +17,13 @@ SOIL = ("k_l", "k_t", "mu_s", "mu_d", "u_w")
 
 @dataclass(frozen=True)
 class Way:
-    """What happens to commands on their way to the front motors: s, rad/s, s, rad/s²."""
+    """What happens to commands on their way to the front motors: s, rad/s, s, rad/s², rad/s."""
 
     delay: float = 0.0
     deadband: float = 0.0
     time_constant: float = 0.0
     ramp: float = inf
+    fastest: float = inf
 
 
 @dataclass(frozen=True)

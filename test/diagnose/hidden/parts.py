@@ -75,6 +75,9 @@ class Hidden(NamedTuple):
     lame_wheel: float = 0.0
     lame: float = 0.0
     lame_phase: float = 0.0
+    runout: float = 0.0
+    runout_wheel: float = 0.0
+    runout_phase: float = 0.0
     tether: float = 0.0
     tether_x: float = 0.0
     tether_y: float = 0.0

@@ -88,10 +88,13 @@ def _module(t, state, rover, module, body, gear, motion, rates, out):
             x_w = end * body.half_x
             x, y = x_o + c * x_w - n * y_w, y_o + n * x_w + c * y_w
             p_y = v + w * x_w
+            r = r_w
+            if h.runout != 0.0 and k == int(h.runout_wheel):
+                r *= 1.0 + h.runout * sin(gear.tau * state[ANGLE + motor] + h.runout_phase)
             load = weight * (1.0 + end * body.c_x / body.half_x) * (1.0 + side * body.c_y / body.half_y)
             stiff, rough = _grip(t, x, y, module == 1, h)
             F_l, F_t = _wheel(
-                k, stiff * soil.k_l, stiff * soil.k_t, rough * soil.mu_s, rough * soil.mu_d, load, r_w * omega - p_x,
+                k, stiff * soil.k_l, stiff * soil.k_t, rough * soil.mu_s, rough * soil.mu_d, load, r * omega - p_x,
                 p_x, p_y, state, rates, h,
             )  # fmt: skip
             if h.ridge != 0.0:
@@ -102,7 +105,7 @@ def _module(t, state, rover, module, body, gear, motion, rates, out):
             out[o] += F_l
             out[o + 1] += F_t
             out[o + 2] += (x_w + ahead) * F_t - y_w * F_l
-            out[6 + motor] += r_w * F_l + ahead * load * sense
+            out[6 + motor] += r * F_l + ahead * load * sense
 
 
 @njit(cache=True)

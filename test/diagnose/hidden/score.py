@@ -13,6 +13,7 @@ LONGEST_TIE = 3
 NEUTRAL_ONE = ("scale",)
 """Parameters that are neutral at 1; others are so at 0, limits at infinity."""
 LIMITS = ("front_max", "angle")
+ANGLES = ("heading", "phase")
 LEAST_GAIN = 0.1
 """Of the true model, in the noise's mean square: less is not worth comparing."""
 
@@ -165,7 +166,7 @@ def _the_same_way_round(found: Mapping[str, Any], true: Mapping[str, Any]) -> di
 
 def _error(name: str, value: float, true: float, others: Mapping[str, Any]) -> float:
     """Relative to the departure from neutral; of a heading in rad; of a place in a disc's radii or a lever's length."""
-    if name == "heading":
+    if name in ANGLES:
         return abs(_wrapped(value - true))
     if name in ("x", "y"):
         return abs(value - true) / (others["radius"] if "radius" in others else hypot(others["x"], others["y"]))
@@ -180,7 +181,7 @@ def _wrapped(angle: float) -> float:
 
 def _within(name: str, true: float, interval: list[float]) -> bool:
     low, high = interval
-    if name == "heading":
+    if name in ANGLES:
         middle = 0.5 * (low + high)
         true = middle + _wrapped(true - middle)
     return bool(low <= true <= high)

@@ -8,7 +8,7 @@ from statistics import median
 from typing import Any
 
 import numpy as np
-from diagnose.hidden.effects import LISTED
+from diagnose.hidden.effects import ADDED, LISTED
 from diagnose.hidden.ground import OTHER_GROUND
 from diagnose.hidden.score import Score, score
 from diagnose.hidden.unlisted import UNLISTED
@@ -108,8 +108,8 @@ def failures(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 def confusion(results: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[str], np.ndarray]:
     """Truths, answers, and how often which is taken for which (n, m), of cases in which at most one thing is hidden."""
     elsewhere = {name: f"({name})" for name in (*UNLISTED, OTHER_GROUND)}
-    truths = ["none", *LISTED, *elsewhere.values()]
-    answers = ["none", *LISTED, "unexplained"]
+    truths = ["none", *LISTED, *ADDED, *elsewhere.values()]
+    answers = ["none", *LISTED, *ADDED, "unexplained"]
     counts = np.zeros((len(truths), len(answers)))
     for each in map(Scored, results):
         if each.score is None or len(each.score.truth) > 1:

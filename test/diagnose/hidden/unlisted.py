@@ -69,13 +69,13 @@ def _air_drag(rng: Rng, s: float, track: np.ndarray) -> Values:
     return {"air": 90.0 * s}
 
 
-def _command_ramp(rng: Rng, s: float, track: np.ndarray) -> Values:
-    """Drives that change their speed by so much a second at most, whatever they are commanded."""
-    return {"ramp": 60.0 / s}
+def _command_ceiling(rng: Rng, s: float, track: np.ndarray) -> Values:
+    """Drives that turn no faster than so much, whatever they are commanded."""
+    return {"fastest": 110.0 / s**0.3}
 
 
-def _ramp(machine: Machine, values: Values) -> Machine:
-    return replace(machine, way=replace(machine.way, ramp=values["ramp"]))
+def _ceiling(machine: Machine, values: Values) -> Machine:
+    return replace(machine, way=replace(machine.way, fastest=values["fastest"]))
 
 
 UNLISTED: dict[str, Recipe] = {
@@ -90,7 +90,7 @@ UNLISTED: dict[str, Recipe] = {
 }
 """By names of the tests' own."""
 
-ON_COMMANDS: dict[str, Recipe] = {"command_ramp": Recipe(_command_ramp, _ramp)}
+ON_COMMANDS: dict[str, Recipe] = {"command_ceiling": Recipe(_command_ceiling, _ceiling)}
 """What happens to commands, and is on no list."""
 
 ACTS_ON: dict[str, dict[str, Any]] = {
@@ -102,7 +102,7 @@ ACTS_ON: dict[str, dict[str, Any]] = {
     "joint_preload": {"force": "yaw moment", "variable": ""},
     "cold_gear": {"force": "torque", "variable": "time"},
     "air_drag": {"force": "surge", "variable": "speed"},
-    "command_ramp": {"force": "front motors' speed", "variable": "command"},
+    "command_ceiling": {"force": "front motors' speed", "variable": "command"},
     OTHER_GROUND: {"variable": "recording"},
 }
 """Words that a good answer holds."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import pytest
 from diagnose.hidden import case
 
@@ -21,6 +22,10 @@ from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit
+from artibot_sim.estimation.solver import evaluate
+from artibot_sim.estimation.windows import CHANNEL_NAMES
+from artibot_sim.identify.requested import parameter_set
+from artibot_sim.identify.run import problem_of
 from artibot_sim.model import load_robot
 
 DRIVE = {"runs": 2, "held_out": 0, "duration": 14.0, "manoeuvres": ("eight", "stop_and_go")}
@@ -66,3 +71,27 @@ def test_an_effect_that_the_next_one_makes_up_for_is_dropped(monkeypatch: pytest
     assert len(found.fits) == 2, "the paper's model, and the one with what was found"
     notes = {one.effect: one.note for one in ranking(found, THRESHOLDS)}
     assert "not needed any more" in notes[found.dropped[0]] and not notes[truth]
+
+
+def test_what_commands_asked_for_is_taken_back_beside_what_explains_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A torque limit gains a little where drives go on a ramp, and nothing beside the limit of rates.
+
+    No search by rotations: commands alone decide, and the first choice is made to be the best of the others.
+    """
+    truth, robot = "command_rate_limit", load_robot("agriq")
+    asked = stepwise.best_of
+    monkeypatch.setattr(stepwise, "best_of", lambda *found: asked(*found[:-1], found[-1] or (truth,)))
+    monkeypatch.setattr(
+        stepwise, "stage",
+        lambda problem, fit, loss, *_: stepwise.Stage((), (), {}, problem, fit, loss, fit.point.cost),
+    )  # fmt: skip
+    hidden = case((truth,), seed=3, runs=2, held_out=0, duration=15.0)
+    problem = problem_of(hidden.recordings[:1], parameter_set(robot), 5.0, 1)
+    loss = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
+    point = evaluate(problem, loss, [np.zeros(len(SOIL))], problem.starts)[0]
+    fit = Fit(point, loss, None, (), True)  # type: ignore[arg-type]
+    view = command_view(hidden.recordings, robot)
+    assert view.evidence["torque_limit"].nats > Options().least
+    found = stepwise.decide(problem, fit, Options(), lambda: None, view)
+    assert [one.effect for one in found.named] == [truth] and found.dropped == ("torque_limit",)
+    assert found.named[0].found["rate"].value == pytest.approx(hidden.truth.effects[truth]["rate"], rel=0.01)
