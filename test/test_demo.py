@@ -67,6 +67,7 @@ def test_the_short_demo_leaves_results_and_no_process(start_demo: StartDemo, mar
     assert len(processes_with(mark)) >= 3  # so that an empty one at the end means something
     assert demo.wait(timeout=300) == 0, demo.output
     assert not processes_with(mark)
+    assert "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST" in demo.output, "who joins by hand leaves the machine neither"
     assert (out / "drive.png").read_bytes().startswith(b"\x89PNG")
     assert b"<html" in (out / "drive.html").read_bytes()[:1000].lower()
     recorded = read_bag(out / "short")
