@@ -148,7 +148,7 @@ def _introduce(settings: Settings, console: Console) -> None:
         f"κ = {settings.kappa:g}. Each step shows what you would type yourself, after",
         markup=False,
     )
-    # by a profile of their own the demo's nodes keep to this machine; whoever joins them without it does so by the range
+    # a profile keeps the demo's nodes to this machine; whoever joins them without it does so by the range
     variables = f"ROS_DOMAIN_ID={settings.domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
     console.print(f"        export {variables}\n", style="cyan", markup=False, soft_wrap=True)
 
