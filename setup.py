@@ -67,6 +67,8 @@ setup(
         "view": ["viser>=1.1"],
         # The regressor that predictions of real recordings are held against
         "real": ["scikit-learn>=1.3"],
+        # Diagnoses: how much of the errors is explainable at all, and `--residual`
+        "residual": ["scikit-learn>=1.3"],
         # Sweeps, identifications and campaigns on a Dask cluster
         "cluster": ["distributed>=2024.1"],
         "test": [

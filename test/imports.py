@@ -58,7 +58,7 @@ OWNERS = {
     "pybullet": ("bench",),
     "pyarrow": ("exchange", "sweep"),
     "viser": ("view", "nodes"),
-    "sklearn": ("bench",),
+    "sklearn": ("estimation",),
     "distributed": ("cluster",),
     "dask": ("cluster",),
 }

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.boosting import boosted
 from artibot_sim.experiment import Experiment, read_bag
 from artibot_sim.model import MOTORS, Robot, load_robot
 
@@ -314,10 +315,6 @@ def fit_kinematic(windows: Windows, robot: Robot, free: Sequence[str]) -> Kinema
 
 def fit_regressor(windows: Windows, robot: Robot) -> Predictor:
     """Gradient-boosted trees on the wheels' speeds: what the three-parameter model leaves."""
-    try:
-        from sklearn.ensemble import GradientBoostingRegressor
-    except ModuleNotFoundError:
-        raise ArtibotError("scikit-learn: not installed; pip install 'artibot_sim[real]', or leave it out") from None
     base = fit_kinematic(windows, robot, FREE["ICR with timing"])
 
     def features(of: Windows) -> Array:
@@ -325,15 +322,8 @@ def fit_regressor(windows: Windows, robot: Robot) -> Predictor:
         means = [of.speed[:, rows].mean(axis=1) for rows in bins]
         return np.column_stack([*means, base(of), of.length])
 
-    rest = windows.moved - base(windows)
-    trees = [
-        GradientBoostingRegressor(
-            n_estimators=200, max_depth=3, learning_rate=0.05, subsample=0.7, min_samples_leaf=5, random_state=0,
-            loss="huber",
-        ).fit(features(windows), rest[:, k])
-        for k in range(3)
-    ]  # fmt: skip
-    return lambda of: base(of) + np.column_stack([tree.predict(features(of)) for tree in trees])
+    trees = boosted(features(windows), windows.moved - base(windows))
+    return lambda of: base(of) + trees(features(of))
 
 
 _RESISTED = (("effects.wheel_resistance.share", "0.2±0.2"), ("effects.pose_lever_arm.x", "0±0.15"))

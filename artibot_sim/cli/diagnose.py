@@ -51,6 +51,7 @@ _READING = 0.05
     "--false-alarms", type=click.FloatRange(0.0, 1.0, min_open=True, max_open=True),
     help="Share of recordings with nothing hidden in which an effect may be named [0.01].",
 )  # fmt: skip
+@click.option("--residual", is_flag=True, help="Write residual.npz, learned without physics, if it predicts better.")
 @click.option(
     "--budget",
     type=click.FloatRange(0.0, min_open=True),
@@ -60,7 +61,7 @@ _READING = 0.05
 def command(
     recordings: tuple[Path, ...], robot: str, out: Path, holdout: tuple[Path, ...], horizon: float,
     topics: tuple[str, ...], joints: tuple[str, ...], namespace: str | None, seed: int, workers: int | None,
-    scheduler: str | None, prior_odds: float | None, false_alarms: float | None, budget: float | None,
+    scheduler: str | None, prior_odds: float | None, false_alarms: float | None, residual: bool, budget: float | None,
 ) -> int:  # fmt: skip
     """Find what the simulation gets wrong on recordings, where and when, which physical effect it is, how sure that
     is, and what it gains.
@@ -69,8 +70,8 @@ def command(
     tried. Writes into the folder: report.html (open it in a browser), diagnosis.json, extended.yaml (a robot file:
     artibot sim --robot OUT/extended.yaml), baseline.yaml (the same without effects), best.yaml (what predicts held-out
     recordings best, whatever is claimed) and details.npz. Several
-    recordings of different manoeuvres tell more than one long one. Exit status 0 when a diagnosis was made, whatever
-    it says; 2 for unusable input.
+    recordings of different manoeuvres tell more than one long one. With scikit-learn it says as well how much any
+    model could explain. Exit status 0 when a diagnosis was made, whatever it says; 2 for unusable input.
 
     \b
     Examples:
@@ -83,6 +84,7 @@ def command(
     from artibot_sim.cluster import check_address
     from artibot_sim.diagnose import diagnose
     from artibot_sim.diagnose.records import FALSE_ALARM_RATE, PRIOR_ODDS
+    from artibot_sim.estimation.boosting import MISSING, can_grow
     from artibot_sim.model import load_robot
     from artibot_sim.progress import Bar
     from artibot_sim.report.diagnosis.files import files_of
@@ -100,11 +102,15 @@ def command(
             used, rover, holdout=held, horizon=horizon, seed=seed, workers=workers,
             progress=bar.stage("diagnosing", 1.0), prior_odds=prior_odds or PRIOR_ODDS,
             false_alarm_rate=false_alarms or FALSE_ALARM_RATE, scheduler=scheduler and check_address(scheduler),
-            budget=budget or float("inf"),
+            budget=budget or float("inf"), residual=residual,
         )  # fmt: skip
     write_folder(out, files_of(found, page_of(found, __version__)))
     console = Console(highlight=False)
     console.print(found)
+    if not can_grow():
+        click.echo(f"note: how much is explainable at all is not said: {MISSING}", err=True)
+    if residual and found.residual is None:
+        click.echo("note: no residual.npz: nothing that was learned surely predicts better", err=True)
     console.print(
         f"wrote {out / 'report.html'} and, beside it, diagnosis.json, extended.yaml and best.yaml", soft_wrap=True
     )

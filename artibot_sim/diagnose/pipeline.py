@@ -21,6 +21,7 @@ from artibot_sim.diagnose.records import (
     FALSE_ALARM_RATE,
     HALF_WIDTH,
     HORIZON,
+    LAST_THIRD,
     PRIOR_ODDS,
     Cause,
     ChannelBaseline,
@@ -38,6 +39,7 @@ from artibot_sim.diagnose.selection.ranking import ranking
 from artibot_sim.diagnose.selection.stepwise import decide
 from artibot_sim.diagnose.unlisted.finding import unexplained_of
 from artibot_sim.diagnose.unlisted.fitting import FittedLaws, fitted_laws
+from artibot_sim.diagnose.validation.explainable import explainable, model_of
 from artibot_sim.diagnose.validation.predictions import (
     Pair,
     Worth,
@@ -60,6 +62,7 @@ from artibot_sim.diagnose.validation.series import comparison, with_commands
 from artibot_sim.diagnose.verdict import Reason, Verdict
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.alignment import on_one_clock, what_is_left, what_was_mended
+from artibot_sim.estimation.boosting import MISSING, can_grow
 from artibot_sim.estimation.checks.common_map import in_common_map
 from artibot_sim.estimation.checks.recordings import data_warnings, require_usable
 from artibot_sim.estimation.measurements import Stretch, missing, stretches
@@ -71,6 +74,7 @@ from artibot_sim.experiment import Experiment
 from artibot_sim.identify.judgement import excitation
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import best_fit, problem_of
+from artibot_sim.identify.validation import Held
 from artibot_sim.model import Robot
 from artibot_sim.progress import Report
 
@@ -95,6 +99,8 @@ class Assessment:
     channels : mapping of str to ChannelBaseline
     comparisons : list of Comparison
         What pictures are drawn from.
+    predicted : tuple of Held
+        By the extended model.
     worth : HeldOut
         Of all that is named, or of the laws.
     laws : FittedLaws or None
@@ -106,6 +112,7 @@ class Assessment:
     effects: Parameters
     channels: Mapping[str, ChannelBaseline]
     comparisons: list[Comparison]
+    predicted: tuple[Held, ...]
     worth: HeldOut
     laws: FittedLaws | None = None
 
@@ -169,7 +176,8 @@ class Assessor:
         gained = improvements(decision, held_out, extended, view, options)
         gain = gains(held_out, driven if view.followed else [], options.seed)
         worth = HeldOut(gained, gain)
-        return Assessment(baseline, extended, effects, channels, comparisons, worth, laws)
+        after = tuple(pair.after for pair in pairs)
+        return Assessment(baseline, extended, effects, channels, comparisons, after, worth, laws)
 
 
 def _helps(found: Assessment) -> bool:
@@ -223,6 +231,16 @@ def result_of(
         seed=options.seed,
         left=decision.left,
     )
+
+
+def with_explainable(result: Diagnosis, assessed: Assessment, residual: bool) -> Diagnosis:
+    """The same with how much is explainable at all, and with what was learned where `residual` asks for it."""
+    noise = {name: one.noise for name, one in assessed.channels.items()}
+    found, some = explainable(assessed.predicted, assessed.extended, noise, result.seed)
+    model = None
+    if residual and any(one.better for one in found.values()):
+        model = model_of(some, assessed.predicted, assessed.extended, result.horizon, result.seed)
+    return replace(result, explainable=found, residual=model)
 
 
 def _untried(decision: Decision) -> list[str]:
@@ -410,6 +428,7 @@ def diagnose(
     thresholds: Thresholds = THRESHOLDS,
     scheduler: str | None = None,
     budget: float = np.inf,
+    residual: bool = False,
 ) -> Diagnosis:
     """What the simulation of these recordings gets wrong, and why.
 
@@ -444,6 +463,8 @@ def diagnose(
     budget : float
         s that the search for effects may take, about: what would not be over in time is not begun, and the warnings say
         what was not tried. Then the result depends on how fast the machine is.
+    residual : bool
+        Whether what a model without physics learns is kept, where it surely makes predictions better.
 
     Raises
     ------
@@ -453,6 +474,8 @@ def diagnose(
     begun, ticks = time.perf_counter(), _Ticks(progress)
     if not budget > 0.0:
         raise ArtibotError(f"budget: {budget} s; expected more than 0 s")
+    if residual and not can_grow():
+        raise ArtibotError(f"residual: {MISSING}, or do without")
     options = Options(
         horizon, seed, workers, prior_odds, false_alarm_rate, thresholds, scheduler, begun + _FOR_SEARCH * budget
     )
@@ -465,7 +488,9 @@ def diagnose(
     decision = decide(problem, fit, options, ticks, view)
     assessor = Assessor(robot, fitted, held, options, ticks)
     found = concluded(decision, view, assessor.worth)
-    result = result_of(robot, fitted, held, found, assessor(found.decision), options, what_is_left(timed))
+    assessed = assessor(found.decision)
+    result = result_of(robot, fitted, held, found, assessed, options, what_is_left(timed))
+    result = with_explainable(result, assessed, residual)
     models = _models(robot, result, decision)
     seen = predictors(held, models, decision.neutral_problem, options.horizon, options.workers)
     best = best_of(seen)
@@ -529,7 +554,7 @@ def first_part(experiment: Experiment, robot: Robot) -> tuple[list[Experiment], 
         )
     border = float(times[2 * len(times) // 3])
     parts = []
-    for name, a, b in (("", begin, border), (" (last third)", border, end)):
+    for name, a, b in (("", begin, border), (LAST_THIRD, border, end)):
         segments = tuple((max(s, a), min(e, b)) for s, e in experiment.segments if max(s, a) < min(e, b))
         channels = {key: channel.between(a, b) for key, channel in experiment.channels.items()}
         channels = {key: channel for key, channel in channels.items() if len(channel)}

@@ -125,6 +125,11 @@ CLEARLY_WORSE = Number(
     "model is refused in favour of the robot as given or a kinematic one", "make real",
 )  # fmt: skip
 
+WORTH_LEARNING = Number(
+    0.95, "–", "share of the final model's error that is left with what is learned without physics, below which (and "
+    "surely below 1) something better is said to be possible", "python -m pytest test/diagnose/validation",
+)  # fmt: skip
+
 FORCE_NATS = Number(
     30.0, "nats", "what a force on no list gains at least on windows it was not fitted to", FORCES,
     "no: it is asked for only where more than noise is left, which nothing hidden never did; of 24 such cases one has "

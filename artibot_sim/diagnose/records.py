@@ -8,7 +8,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.policy import CLEARLY_WORSE, FALSE_ALARM_RATE, HORIZON, PRIOR_ODDS, THRESHOLDS, Thresholds
+from artibot_sim.diagnose.policy import (
+    CLEARLY_WORSE,
+    FALSE_ALARM_RATE,
+    HORIZON,
+    PRIOR_ODDS,
+    THRESHOLDS,
+    WORTH_LEARNING,
+    Thresholds,
+)
 from artibot_sim.diagnose.verdict import Verdict
 from artibot_sim.model import Robot
 
@@ -22,6 +30,7 @@ __all__ = [
     "ChannelBaseline",
     "ChannelGain",
     "Comparison",
+    "Explainable",
     "Found",
     "Left",
     "NextExperiment",
@@ -38,6 +47,9 @@ __all__ = [
 # How a diagnosis is made.
 # ----------------------------------------------------------------------
 
+
+LAST_THIRD = " (last third)"
+"""How the name of a recording's part ends that is held out of it."""
 
 HALF_WIDTH = 0.045
 """s around an instant whose encoder positions give a motor's rotation. Narrower, the encoders' steps make noise of
@@ -187,6 +199,39 @@ class ChannelGain:
     before: float
     after: float
     ci95: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Explainable:
+    """How much of one channel's error any model could explain: beside the final model's, that of one without physics.
+
+    The latter is learned from the motors' speeds and what the final model predicts, and predicts recordings that it was
+    not learned from. What neither explains does not repeat, or follows something that was not measured.
+
+    Attributes
+    ----------
+    unit : str
+    noise : float
+        The sensor's.
+    model, learned : float
+        Root mean square errors of window predictions: of the final model, and with what was learned added to it.
+    ci95 : (float, float)
+        Of model − learned.
+    seconds : float
+        Of recordings from which it was learned, all of them.
+    """
+
+    unit: str
+    noise: float
+    model: float
+    learned: float
+    ci95: tuple[float, float]
+    seconds: float
+
+    @property
+    def better(self) -> bool:
+        """Whether what was learned makes predictions better, surely and by so much that it is worth a word."""
+        return self.ci95[0] > 0.0 and self.learned < WORTH_LEARNING * self.model
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from artibot_sim.diagnose.records import (
     ChannelBaseline,
     ChannelGain,
     Comparison,
+    Explainable,
     Found,
     Left,
     NextExperiment,
@@ -25,6 +26,7 @@ from artibot_sim.diagnose.records import (
     Verdict,
 )
 from artibot_sim.diagnose.remains import COMMANDED, beyond_noise
+from artibot_sim.estimation.residual_model import ResidualModel
 from artibot_sim.identify.result import number, spaced
 from artibot_sim.model import Robot
 from artibot_sim.model.effects.force_law import formula, unit_of
@@ -42,6 +44,7 @@ __all__ = [
     "ChannelGain",
     "Comparison",
     "Diagnosis",
+    "Explainable",
     "Found",
     "Left",
     "NextExperiment",
@@ -94,6 +97,11 @@ class Diagnosis:
         Models that predict the held-out recordings, kinematic ones of a robot without articulation among them.
     best : str
         The name of the dynamic one that predicts best, whatever is claimed of causes.
+    explainable : mapping of str to Explainable
+        How much of a channel's error any model could explain; empty where there is too little to learn from, or
+        nothing to learn with.
+    residual : ResidualModel or None
+        What was learned, where it was asked for and surely makes predictions better.
     """
 
     verdict: Verdict
@@ -120,6 +128,8 @@ class Diagnosis:
     left: Mapping[str, Left] = field(default_factory=dict)
     predictors: tuple[Predictor, ...] = ()
     best: str = ""
+    explainable: Mapping[str, Explainable] = field(default_factory=dict)
+    residual: ResidualModel | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """All but robots and pictures' data, as plain data for JSON; what is not a number is null there."""
@@ -146,6 +156,7 @@ class Diagnosis:
             "left": {name: _numbers(vars(left)) for name, left in self.left.items()},
             "predictors": [_predictor(one) for one in self.predictors],
             "best": self.best,
+            "explainable": {name: _numbers(vars(one)) for name, one in self.explainable.items()},
         }
 
     @property
@@ -391,6 +402,32 @@ def gain_words(found: Diagnosis) -> str:
     )
 
 
+def explainable_words(found: Diagnosis) -> str:
+    """How well predictions could be at best, beside how well they are; empty where that is not known.
+
+    A channel that only its noise is missing from is not said to have anything else to explain.
+    """
+    if not found.explainable:
+        return ""
+    said = []
+    for name, one in found.explainable.items():
+        angle = one.unit == "rad"
+        errors = [_degrees(value) if angle else amount(value, one.unit) for value in (one.noise, one.model)]
+        best = _degrees(one.learned) if angle else amount(one.learned, one.unit)
+        last = (
+            f"the best that any model could do from what was measured, about {best}"
+            if one.better
+            else "nothing better could be learned"
+        )
+        said.append(f"{channel_words(name)}: noise {errors[0]} · this model {errors[1]} · {last}")
+    minutes = number(next(iter(found.explainable.values())).seconds / 60.0, 2)
+    return f"{'; '.join(said)} (predictions {found.horizon:g} s ahead, learned from {minutes} min)."
+
+
+def _degrees(value: float) -> str:
+    return f"{number(float(np.degrees(value)), 2)}°"
+
+
 def headline_channel(found: Diagnosis) -> str | None:
     """The channel that says most about a diagnosis: the position where it gains much, else the one that gains most.
 
@@ -626,6 +663,7 @@ def printed(found: Diagnosis) -> Any:
 
     parts: list[Any] = [Text(headline(found), style="bold"), Text(sureness(found))]
     parts += [Text(unnamed)] if (unnamed := not_named(found)) else []
+    parts += [Text(f"{limit[:1].upper()}{limit[1:]}")] if (limit := explainable_words(found)) else []
     parts.append(Text(""))
     for table in (_ranking(found), _parameters(found), _gain(found), _predictors(found)):
         if table.row_count:

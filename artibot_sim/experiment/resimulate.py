@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,6 +31,7 @@ from artibot_sim.experiment.smoothing import hermite
 from artibot_sim.model import MOTORS, Mode, Robot, Rollout, State, Status, load_robot, rollout
 from artibot_sim.model.analysis.stability import largest_step
 from artibot_sim.model.equations.transmission import back_torque_factor
+from artibot_sim.model.kernels.layout import GAMMA
 from artibot_sim.model.robot.derived import params
 from artibot_sim.model.robot.parameters import SensorErrors
 from artibot_sim.model.simulate.rollout import torque_columns, unlimited_beside_prescribed
@@ -126,6 +127,44 @@ class Pieces:
             v[rows] = all_v[i] + share * (all_v[i + 1] - all_v[i])
             row[rows[:, None], np.array(torques)] = all_m[i] + share * (all_m[i + 1] - all_m[i])
         return Rollout(self._robot, Status.OK, "interpolated", np.array(t), q, v, row, None, None, self._modes)
+
+    def moved(self, by: Callable[[Rollout, Rollout], Floats]) -> Pieces:
+        """The same with every window's rover moved rigidly in the plane.
+
+        `by` gives, from a window's rollout and the one of the window before it, by how much the front module's pose is
+        moved: x, y (m) and yaw (rad), (n, 3), a row each of the window's. Rates change with it.
+        """
+        found = Pieces(self.t_start, self.t_end)
+        found._robot, found._modes = self._robot, self._modes
+        joined = [_joined_parts(window) for window in self._windows]
+        runs = [self._rollout(part) for part in joined]
+        for number, (part, run) in enumerate(zip(joined, runs, strict=True)):
+            before = runs[number - 1] if number else self._rollout(_Part(*(array[:0] for array in part)))
+            found._windows.append([_moved(part, by(run, before))])
+        return found
+
+    def _rollout(self, part: _Part) -> Rollout:
+        """A part as a rollout, of which coordinates and rates are known."""
+        assert self._robot is not None, "nothing was simulated"
+        row = np.full((len(part.t), torque_columns(self._robot)[1]), np.nan)
+        return Rollout(self._robot, Status.OK, "stored", part.t, part.q, part.v, row, None, None, self._modes)
+
+
+def _moved(part: _Part, offset: Floats) -> _Part:
+    """A part whose front module's pose is moved by `offset` (n, 3), all other modules rigidly with it."""
+    q, v = part.q.copy(), part.v.copy()
+    rate = np.gradient(offset, part.t, axis=0)
+    c, s = np.cos(offset[:, 2]), np.sin(offset[:, 2])
+    for b in range(0, q.shape[1], 8):
+        away, speed = part.q[:, b : b + 2] - part.q[:, :2], part.v[:, b : b + 2] - part.v[:, :2]
+        turned = np.column_stack([c * away[:, 0] - s * away[:, 1], s * away[:, 0] + c * away[:, 1]])
+        swept = np.column_stack([-turned[:, 1], turned[:, 0]]) * rate[:, 2:]
+        going = np.column_stack([c * speed[:, 0] - s * speed[:, 1], s * speed[:, 0] + c * speed[:, 1]])
+        q[:, b : b + 2] = part.q[:, :2] + offset[:, :2] + turned
+        v[:, b : b + 2] = part.v[:, :2] + rate[:, :2] + going + swept
+        q[:, b + GAMMA] += offset[:, 2]
+        v[:, b + GAMMA] += rate[:, 2]
+    return _Part(part.t, q, v, part.torque)
 
 
 def _joined_parts(window: list[_Part]) -> _Part:
@@ -366,6 +405,15 @@ def resimulate(
     return run.result()
 
 
+def anew(result: Resimulation, pieces: Sequence[Pieces], remark: str = "") -> Resimulation:
+    """A resimulation with other `pieces`, compared with the measurements again, and a remark on them."""
+    compared = compare(result.experiment, result.robot, list(pieces))
+    return replace(
+        result, tables=tables_of(result.experiment, result.robot, list(pieces)), compared=compared,
+        metrics=metrics_of(compared), pieces=tuple(pieces), remarks=(*result.remarks, *filter(None, (remark,))),
+    )  # fmt: skip
+
+
 class _Run:
     """One resimulation under way."""
 
@@ -462,12 +510,9 @@ class _Run:
         if not any(len(pieces) for pieces in self.pieces):
             found = "; ".join(self.remarks) or "it has no segment"
             raise ArtibotError(f"{self.experiment.path}: nothing could be simulated from {self.drive}: {found}")
-        compared = compare(self.experiment, self.robot, self.pieces)
         remarks = tuple(f"{text} ({count} times)" if count > 1 else text for text, count in self.remarks.items())
-        return Resimulation(
-            self.experiment, self.robot, self.drive, self.horizon, tables_of(self.experiment, self.robot, self.pieces),
-            compared, metrics_of(compared), self.windows, remarks, tuple(self.pieces),
-        )  # fmt: skip
+        empty = Resimulation(self.experiment, self.robot, self.drive, self.horizon, {}, {}, {}, self.windows, remarks)
+        return anew(empty, self.pieces)
 
 
 def _kappa(experiment: Experiment) -> float | None:

@@ -15,7 +15,7 @@ from artibot_sim.estimation.parameters import ParameterSet
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import restarted_windows
 from artibot_sim.estimation.solver import Point, evaluate, step
-from artibot_sim.estimation.windows import CHANNEL_NAMES, HEADINGS, Window, cut, predecessors, window_at
+from artibot_sim.estimation.windows import CHANNEL_NAMES, HEADINGS, START, Window, cut, predecessors, window_at
 from artibot_sim.experiment import Experiment
 from artibot_sim.experiment.smoothing import fresh
 from artibot_sim.identify.result import ChannelFit, Prediction, spaced
@@ -237,6 +237,8 @@ class Held:
         What the windows are of.
     rivals : mapping of str to list of array
         Residuals of position and yaw by kinematic models.
+    starts : array, shape (windows, 8 or 6)
+        What predictions began with, in the order of `windows.START`.
     """
 
     experiment: Experiment
@@ -246,6 +248,7 @@ class Held:
     summary: Prediction
     stretches: Sequence[Stretch] = ()
     rivals: Mapping[str, list[Array]] = field(default_factory=dict)
+    starts: Array = field(default_factory=lambda: np.empty((0, len(START))))
 
 
 def hold_out(
@@ -294,7 +297,7 @@ def hold_out(
         {name: _ends(predicted, own, noise) for name, own in others.items()},
         outliers(predicted, errors) if short else (),
     )  # fmt: skip
-    return Held(experiment, predicted, errors, free, summary, found, others)
+    return Held(experiment, predicted, errors, free, summary, found, others, carried[chosen])
 
 
 def _ends(windows: Sequence[Window], residuals: Sequence[Array], noise: Mapping[str, float]) -> dict[str, ChannelFit]:

@@ -53,6 +53,25 @@ def agriq(tmp_path_factory: pytest.TempPathFactory) -> tuple[Experiment, Rollout
     return (*simulated(tmp_path_factory.mktemp("bags") / "run", robot, bump()), robot)
 
 
+def test_a_rover_that_is_moved_as_a_whole_keeps_its_joint_and_its_rates(agriq: tuple) -> None:
+    experiment, _, robot = agriq
+    (piece,) = resimulate(experiment, robot, "rotations", horizon=2.0).pieces
+
+    def offset(run: Rollout, before: Rollout) -> np.ndarray:
+        assert not len(before.t) or before.t[-1] == pytest.approx(run.t[0])
+        since = (run.t - run.t[0])[:, None]
+        return since * [0.1, -0.2, 0.3]
+
+    moved, t = piece.moved(offset), np.arange(0.1, 1.9, 0.05)
+    old, new = piece.at(t), moved.at(t)
+    assert new.pose - old.pose == pytest.approx(t[:, None] * [0.1, -0.2, 0.3], abs=1e-6)
+    assert new.articulation_yaw == pytest.approx(old.articulation_yaw, abs=1e-9)
+    slope = (moved.at(t + 1e-3).q - moved.at(t - 1e-3).q) / 2e-3
+    assert new.v[:, [0, 1, 5, 8, 9, 13]] == pytest.approx(slope[:, [0, 1, 5, 8, 9, 13]], abs=2e-3)
+    joint = np.hypot(*(new.q[:, 8:10] - new.q[:, :2]).T)
+    assert joint == pytest.approx(np.hypot(*(old.q[:, 8:10] - old.q[:, :2]).T), abs=1e-6)
+
+
 def test_commands_give_the_simulation_back_to_rounding(agriq: tuple) -> None:
     experiment, _, robot = agriq
     result = resimulate(experiment, robot, "commands")

@@ -24,7 +24,7 @@ _WAIT_HELP = (
 _DRIVE_HELP = "Move a rover: publish the recorded inputs with new stamps, and the planner's sign of life."
 
 _ONLY = {
-    "resimulate": ("robot", "horizon", "out", "back", "renames", "joints", "namespace"),
+    "resimulate": ("robot", "horizon", "out", "back", "renames", "joints", "namespace", "residual"),
     "drive": ("delay", "use_sim_time", "request_from"),
     "play": ("rate", "start", "end", "loop", "clock", "restamp", "pause", "can"),
 }
@@ -87,6 +87,10 @@ _FRAMES_HELP = "With --can: what the drives sent, or commands, which MOVE MOTORS
 @click.option(
     "--joint", "joints", multiple=True, metavar="WANTED=FOUND[,FOUND]", help="With --resimulate: joints of a motor."
 )
+@click.option(
+    "--residual", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE",
+    help="With --resimulate: correct paths by residual.npz of a diagnosis.",
+)  # fmt: skip
 @click.option("--namespace", metavar="NAME", help="With --resimulate: of the rover, where there are several.")
 @click.pass_obj
 def command(ros_args: list[str] | None, bag: Path, resimulate: str | None, drive: bool, **given: Any) -> int:
@@ -112,7 +116,7 @@ def command(ros_args: list[str] | None, bag: Path, resimulate: str | None, drive
         return run_resimulation(
             bag, resimulate, given["out"], robot=given["robot"], horizon=given["horizon"],
             back=given["back"] or "auto", renames=given["renames"], joints=given["joints"],
-            namespace=given["namespace"],
+            namespace=given["namespace"], residual=given["residual"],
         )  # fmt: skip
     if given["can_only"]:
         from artibot_sim.experiment.reader import bag_info

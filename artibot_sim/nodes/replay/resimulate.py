@@ -7,11 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.residual_model import Predicted, ResidualModel, Turning, grid, load_residual
 from artibot_sim.experiment import open_recording, read_bag
-from artibot_sim.experiment.resimulate import Resimulation, resimulate, robot_of
+from artibot_sim.experiment.columns import Floats
+from artibot_sim.experiment.resimulate import Resimulation, anew, resimulate, robot_of
 from artibot_sim.experiment.wheels import with_odometry_wheels
+from artibot_sim.model import Rollout
 from artibot_sim.progress import Bar, Report
 
 _SIZES = {"reading": 18.0, "simulating": 9.0, "writing": 6.0, "reading back": 8.0, "drawing": 3.0}
@@ -21,6 +25,7 @@ _SIZES = {"reading": 18.0, "simulating": 9.0, "writing": 6.0, "reading back": 8.
 def run_resimulation(
     bag: Path, drive: str, out: Path, *, robot: str | None = None, horizon: float | None = None, back: str = "auto",
     renames: Sequence[str] = (), joints: Sequence[str] = (), namespace: str | None = None,
+    residual: Path | None = None,
 ) -> int:  # fmt: skip
     """Simulate a recording again, write and print the results; return the exit status 0.
 
@@ -34,6 +39,7 @@ def run_resimulation(
     back : `auto`, `kappa` or `effort`.
     renames, joints : `WANTED=FOUND` texts.
     namespace : of the rover, where the recording has several.
+    residual : file of a residual model, whose corrections are added to the simulated paths; None for none.
 
     Raises
     ------
@@ -43,6 +49,7 @@ def run_resimulation(
     for made in (out / "metrics.json", out / "simulated"):
         if made.exists():
             raise ArtibotError(f"{made}: exists already; results are never overwritten, give another folder with --out")
+    corrections = None if residual is None else load_residual(residual)
     with Bar(sum(_SIZES.values())) as bar:
         reading = _stage(bar, "reading")
         experiment = open_recording(bag, topics=renames, joints=joints, namespace=namespace, progress=reading)
@@ -50,6 +57,8 @@ def run_resimulation(
         experiment = with_odometry_wheels(experiment, found)
         stage = _stage(bar, "simulating")
         result = resimulate(experiment, found, drive, horizon=horizon, back=back, progress=stage)
+        if corrections is not None:
+            result = with_residual(result, corrections)
         result.write(out, progress=_stage(bar, "writing"))
         picture = _draw(result, out, bar)
     _print(result)
@@ -57,6 +66,34 @@ def run_resimulation(
         click.echo(f"note: {remark}", err=True)
     click.echo(f"wrote {out}/simulated, {out}/metrics.json, {picture}")
     return 0
+
+
+def with_residual(result: Resimulation, model: ResidualModel) -> Resimulation:
+    """A simulation whose paths a residual model corrects: a prediction, of which no cause is known.
+
+    Raises
+    ------
+    ArtibotError
+        If the model corrects another robot.
+    """
+    if model.robot != result.robot.name:
+        raise ArtibotError(f"--residual: learned for robot '{model.robot}', but '{result.robot.name}' is simulated")
+
+    def offsets(run: Rollout, before: Rollout) -> Floats:
+        joined = [np.concatenate([getattr(one, name) for one in (before, run)]) for name in ("t", "motor_velocity")]
+        t = grid(float(run.t[0]), float(run.t[-1]))
+        pose, bend = (
+            np.column_stack([np.interp(t, run.t, column) for column in table.T])
+            for table in (run.pose, run.articulation_yaw[:, None])
+        )
+        found = model.offsets(Turning(joined[0], joined[1][:, list(model.motors)]), Predicted(t, pose, bend[:, 0]))
+        return np.column_stack([np.interp(run.t, t, column) for column in found.T])
+
+    pieces = tuple(piece.moved(offsets) for piece in result.pieces)
+    remark = "paths are corrected by a residual model: for prediction only, no cause is claimed"
+    if result.horizon is None or abs(result.horizon - model.horizon) > 0.5 * model.horizon:
+        remark += f"; it was learned from predictions {model.horizon:g} s ahead"
+    return anew(result, pieces, remark)
 
 
 def _stage(bar: Bar, name: str) -> Report:

@@ -20,6 +20,7 @@ from artibot_sim.diagnose.records import (
     ChannelBaseline,
     ChannelGain,
     Comparison,
+    Explainable,
     Found,
     Left,
     NextExperiment,
@@ -106,6 +107,7 @@ BASELINE = "baseline.yaml"
 BEST = "best.yaml"
 PAGE = "report.html"
 DETAILS = "details.npz"
+RESIDUAL = "residual.npz"
 
 
 def files_of(found: Diagnosis, page: bytes) -> dict[str, bytes]:
@@ -114,12 +116,14 @@ def files_of(found: Diagnosis, page: bytes) -> dict[str, bytes]:
     stream = io.BytesIO()
     np.savez_compressed(stream, allow_pickle=False, **arrays)
     best = {BEST: _best_text(found).encode()} if found.best_robot is not None else {}
+    residual = {RESIDUAL: found.residual.as_bytes()} if found.residual is not None else {}
     text = json.dumps(found.as_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     return {
         RESULT: text.encode(),
         EXTENDED: _robot_text(found.extended).encode(),
         BASELINE: _robot_text(found.baseline_robot).encode(),
         **best,
+        **residual,
         DETAILS: stream.getvalue(),
         PAGE: page,
     }
@@ -215,6 +219,7 @@ def _from_dict(document: Mapping[str, Any], robot: Robot, baseline_robot: Robot,
         seconds=_float(document["seconds"]),
         left={name: Left(**_floats(left)) for name, left in document.get("left", {}).items()},
         best=document.get("best", ""),
+        explainable={name: Explainable(**_floats(one)) for name, one in document.get("explainable", {}).items()},
     )
 
 

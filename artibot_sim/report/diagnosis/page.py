@@ -278,10 +278,17 @@ def page_of(found: Diagnosis, version: str) -> bytes:
         f"<h1>{html.escape(result.headline(found))}</h1>"
         f'<p class="sure">{html.escape(result.sureness(found))}</p>'
         f"{paragraph(result.not_named(found), 'sure')}"
+        f"{_explainable(found)}"
         f'<p class="sure"><b>Next:</b> {html.escape(result.next_step(found))}</p>'
     )
     title = f"{found.robot.name}: {_VERDICTS[found.verdict]}"
     return render_frame(title, head, parts, _foot(found, version), page.charts, css=CSS, script=SCRIPT)
+
+
+def _explainable(found: Diagnosis) -> str:
+    """How well predictions could be at best, as a paragraph of the head."""
+    said = result.explainable_words(found)
+    return f'<p class="sure"><b>How much is explainable:</b> {html.escape(said)}</p>' if said else ""
 
 
 def _as_drawn(found: Diagnosis) -> Diagnosis:
