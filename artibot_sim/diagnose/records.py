@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -174,12 +175,23 @@ class ChannelBaseline:
         The sensor's.
     free_run_rmse : float
         Of runs of whole recordings; NaN where there are none.
+    weighted_rmse : float
+        As `rmse`, with each error over its own sample's noise, which is larger where what was measured jumps between
+        samples; NaN where it is not known.
     """
 
     unit: str
     rmse: float
     noise: float
     free_run_rmse: float
+    weighted_rmse: float = math.nan
+
+    @property
+    def over_noise(self) -> float:
+        """The error in units of what is known of each sample; inf where there is no noise."""
+        if math.isfinite(self.weighted_rmse):
+            return self.weighted_rmse
+        return self.rmse / self.noise if self.noise > 0 else math.inf
 
 
 @dataclass(frozen=True)

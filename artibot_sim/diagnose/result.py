@@ -447,13 +447,12 @@ def headline_channel(found: Diagnosis) -> str | None:
 
 def is_wrong(channel: str, base: ChannelBaseline) -> bool:
     """Whether a channel is off by so much more than its noise that it is worth a word."""
-    return base.rmse > _WRONG.get(channel, _WRONG_ELSEWHERE) * base.noise > 0.0
+    return base.noise > 0.0 and base.over_noise > _WRONG.get(channel, _WRONG_ELSEWHERE)
 
 
 def excess(found: Diagnosis, channel: str) -> float:
     """Error of the paper's model in a channel over the sensor's noise."""
-    base = found.baseline[channel]
-    return base.rmse / base.noise if base.noise > 0 else float("inf")
+    return found.baseline[channel].over_noise
 
 
 def lost(gain: ChannelGain) -> float:

@@ -123,7 +123,7 @@ def seen(effect: Effect, robot: Robot, free: Experiment) -> Seen:
         return Seen(effect, values, (_overview(recording, free), _speeds(recording)), ())
     pair = predict(recording, False, robot, rover, HORIZON, None)
     shown, levels = comparison(pair, robot), baseline_levels([pair])
-    worst = max(levels, key=lambda c: (result.is_wrong(c, levels[c]), levels[c].rmse / levels[c].noise))
+    worst = max(levels, key=lambda c: (result.is_wrong(c, levels[c]), levels[c].over_noise))
     said = tuple(place.what for place in places([shown], {worst: levels[worst]}))
     channel = panels.over_time_of(shown, worst, levels[worst].unit)
     assert channel is not None

@@ -132,8 +132,17 @@ def baseline_levels(pairs: Sequence[Pair]) -> dict[str, ChannelBaseline]:
             continue
         free = [pair.before.summary.free_run[name] for pair in pairs if name in pair.before.summary.free_run]
         noise = float(np.median([fit.noise for fit in fits]))
-        found[name] = ChannelBaseline(fits[0].unit, _pooled(fits), noise, _pooled(free))
+        weighted = _weighted([pair.before for pair in pairs], CHANNEL_NAMES.index(name))
+        found[name] = ChannelBaseline(fits[0].unit, _pooled(fits), noise, _pooled(free), weighted)
     return found
+
+
+def _weighted(held: Sequence[Held], channel: int) -> float:
+    """Root mean square of a channel's errors, each over the noise of its own sample; NaN where there are none."""
+    parts = [r[w.channel == channel] for one in held for w, r in zip(one.windows, one.residuals, strict=True)]
+    errors = np.concatenate(parts) if parts else np.empty(0)
+    errors = errors[np.isfinite(errors)]
+    return float(np.sqrt(np.mean(errors**2))) if len(errors) else float("nan")
 
 
 def _pooled(fits: Sequence[ChannelFit]) -> float:

@@ -283,6 +283,16 @@ _FOLLOWS = 0.5
 """Share of the squared error that following a quantity must explain to be said."""
 _BLOCK = 5.0
 """s of the moment that is reported as the worst."""
+_FAR = 6.0
+"""Errors over the noise that are far out,"""
+_MOMENT = 0.1
+"""s to either side of one that belong to its moment."""
+_MOMENTS_TIME = 0.1
+"""Share of the time that moments last at most for an error to be theirs,"""
+_MOMENTS_SHARE = 0.9
+"""share of the squared error that they hold at least,"""
+_MOMENTS_REST = 2.0
+"""and errors over the noise elsewhere, at most."""
 
 
 def places(comparisons: Sequence[Comparison], baseline: Mapping[str, ChannelBaseline]) -> tuple[Place, ...]:
@@ -294,7 +304,7 @@ def places(comparisons: Sequence[Comparison], baseline: Mapping[str, ChannelBase
     baseline : mapping of str to ChannelBaseline
         The channels to look at, with their errors and noise.
     """
-    ratios = {name: base.rmse / base.noise for name, base in baseline.items() if is_wrong(name, base)}
+    ratios = {name: base.over_noise for name, base in baseline.items() if is_wrong(name, base)}
     found: list[Place] = []
     for channel in sorted(ratios, key=lambda name: -ratios[name]):
         samples = gather(comparisons, channel)
@@ -304,14 +314,44 @@ def places(comparisons: Sequence[Comparison], baseline: Mapping[str, ChannelBase
 
 
 def _sentences(samples: Samples, comparisons: Sequence[Comparison], base: ChannelBaseline) -> Iterator[str]:
-    head = f"off by {amount(base.rmse, base.unit)} (RMSE), {number(base.rmse / base.noise, 2)} times the noise"
-    where = concentration(samples)
-    stated = where.said if where else "spread over all that was driven"
-    yield f"{head}; {stated}"
+    head = f"off by {amount(base.rmse, base.unit)} (RMSE), {number(base.over_noise, 2)} times the noise"
+    where = moments(samples)
+    if not where:
+        found = concentration(samples)
+        where = found.said if found else "spread over all that was driven"
+    yield f"{head}; {where}"
     yield worst_moment(samples, comparisons, base.unit)
     way = direction(samples) if samples.before.shape[1] == 2 else followed(samples, base.unit)
     if way:
         yield way
+
+
+def moments(samples: Samples) -> str:
+    """Where the error is that of a few moments and small elsewhere: how many, how long; else empty.
+
+    A motor that jumps to another speed does so between two samples. Which torque it took is in none of them.
+    """
+    far = samples.size > _FAR * samples.level
+    near, count = np.zeros(len(samples), bool), 0
+    for number_ in np.unique(samples.comparison[far]):
+        mine = samples.comparison == number_
+        t = np.unique(samples.t[mine & far])
+        after = np.searchsorted(t, samples.t[mine])
+        around = np.append(np.insert(t, 0, -np.inf), np.inf)
+        away = np.minimum(samples.t[mine] - around[after], around[after + 1] - samples.t[mine])
+        near[mine] = away <= _MOMENT
+        count += 1 + int((np.diff(t) > 2 * _MOMENT).sum())
+    squares = np.maximum(samples.size**2 - samples.level**2, 0.0)
+    if not near.any() or near.mean() > _MOMENTS_TIME or squares[near].sum() < _MOMENTS_SHARE * squares.sum():
+        return ""
+    rest = float(np.sqrt(np.mean(samples.size[~near] ** 2))) / samples.level
+    if rest > _MOMENTS_REST:
+        return ""
+    return (
+        f"{100 * squares[near].sum() / squares.sum():.0f} % of it (squared) in {count} moment{'s' * (count > 1)}, "
+        f"{100 * near.mean():.1f} % of the time, as where a motor's speed jumps between two samples; elsewhere "
+        f"{number(rest, 2)} times the noise"
+    )
 
 
 @dataclass(frozen=True)

@@ -241,7 +241,7 @@ def before_and_after(found: Diagnosis) -> dict[str, Any]:
     before, after = [], []
     for name in rows:
         base, gain = found.baseline[name], found.gain.get(name)
-        before.append((gain.before if gain else base.rmse) / base.noise)
+        before.append(gain.before / base.noise if gain else base.over_noise)
         after.append(gain.after / base.noise if gain else float("nan"))
     values = np.array([*before, *after, 1.0])
     values = values[np.isfinite(values) & (values > 0)]

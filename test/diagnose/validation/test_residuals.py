@@ -6,7 +6,20 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose.records import ChannelBaseline, Comparison, Series
-from artibot_sim.diagnose.validation.residuals import concentration, direction, followed, gather, places, worst_moment
+from artibot_sim.diagnose.validation.predictions import baseline_levels, predict
+from artibot_sim.diagnose.validation.residuals import (
+    concentration,
+    direction,
+    followed,
+    gather,
+    moments,
+    places,
+    worst_moment,
+)
+from artibot_sim.diagnose.validation.series import comparison
+from artibot_sim.experiment import read_bag
+from artibot_sim.model import load_robot
+from ros_helpers import ROOT
 
 NOISE = 0.004
 
@@ -65,6 +78,32 @@ def test_a_moment_in_one_run_does_not_speak_for_a_manoeuvre() -> None:
 
     found = concentration(gather(drive(error), "yaw_rate"))
     assert found is None or found.condition.local
+
+
+def test_an_error_of_a_few_moments_is_said_to_be_theirs() -> None:
+    """A step between two samples is in neither of them: it must not read as if the model were wrong all the time."""
+
+    def error(at: dict[str, np.ndarray]) -> np.ndarray:
+        return 2.0 * (np.abs(at["t"] - 20.0) < 0.06) - 2.0 * (np.abs(at["t"] - 40.0) < 0.06)
+
+    samples = gather(drive(error, runs=1), "yaw_rate")
+    said = moments(samples)
+    assert "in 2 moments" in said
+    assert "elsewhere 1.0 times the noise" in said
+    wrong_elsewhere = gather(drive(lambda at: error(at) + 0.05 * np.sin(at["t"]), runs=1), "yaw_rate")
+    assert not moments(wrong_elsewhere)
+    assert not moments(gather(drive(lambda at: 0.0 * at["t"], runs=1), "yaw_rate"))
+
+
+def test_errors_at_jumps_count_by_what_is_known_there() -> None:
+    """In a recording of curves that begin at once the front motors' torque is as good as its noise elsewhere."""
+    robot = load_robot("agriq")
+    pair = predict(read_bag(ROOT / "bags" / "table6_agriq"), False, robot, robot, 5.0, 1)
+    levels = baseline_levels([pair])
+    assert levels["torque_front"].over_noise < 0.5 * levels["torque_front"].rmse / levels["torque_front"].noise
+    said = [p.what for p in places([comparison(pair, robot)], levels) if p.channel == "torque_front"]
+    assert "moments" in said[0]
+    assert "times the noise" in said[0].partition("elsewhere")[2]
 
 
 def test_the_worst_moment_is_told_with_what_was_done() -> None:
