@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -90,6 +91,35 @@ def test_the_error_on_an_unstable_step_tells_one_that_is_stable() -> None:
         longest, _ = largest_step(params(robot), integrator, modes)
         knots = Commands(longest * 0.99, commands().velocity)
         assert rollout(robot, knots, dt=knots.dt, integrator=integrator).status == Status.OK
+
+
+@pytest.mark.parametrize(
+    ("changes", "effects", "part"),
+    [
+        ({}, {"slip_ratio": {"exponent": 0.5}}, "without effects.slip_ratio"),
+        ({}, {"gear_no_load": {"torque": 6.0}, "stribeck": {"velocity": 0.08}}, "without effects.gear_no_load"),
+        ({}, {}, "with half of contact.k_l"),
+        ({}, {}, "with twice drive.back.J_m"),
+        ({"control.A_motor": 5e4}, {}, "with half of control.A_motor"),
+    ],
+)
+def test_the_error_on_an_unstable_step_says_which_part_limits_it(changes: dict, effects: dict, part: str) -> None:
+    """And a rover that is so allows the step that the message says."""
+    robot = dataclasses.replace(load_robot("agriq").replace(changes), effects=effects)
+    with pytest.raises(ArtibotError, match=f"; [0-9.e-]+ s {part}") as refused:
+        rollout(robot, commands(), dt=2e-3)
+    (step,) = re.findall(f"([0-9.e-]+) s {part}", str(refused.value))
+    factor = {"with half of": 0.5, "with twice": 2.0}.get(part.rpartition(" ")[0])
+    key = part.rpartition(" ")[2]
+    values = {name: value for name, _, value in robot.quantities()}
+    other = (
+        dataclasses.replace(robot, effects={name: one for name, one in effects.items() if f"effects.{name}" != key})
+        if factor is None
+        else robot.replace({key: factor * values[key]})
+    )
+    longest, _ = largest_step(params(other), "rk4", (Mode.PRESCRIBED, Mode.PRESCRIBED, Mode.TORQUE, Mode.TORQUE))
+    assert float(step) == pytest.approx(longest, rel=0.01)
+    assert longest > largest_step(params(robot), "rk4", (Mode.PRESCRIBED,) * 2 + (Mode.TORQUE,) * 2)[0]
 
 
 def test_a_rollout_that_diverges_ends_with_a_status_and_finite_rows() -> None:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.errors import ArtibotError
 from artibot_sim.model.equations.transmission import DRIVEN, PRESCRIBED, TORQUE
 from artibot_sim.model.robot.parameters import ModuleParams, MotorParams, Params, Train
+from artibot_sim.model.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
@@ -301,3 +304,47 @@ def _slip_matrix(chain: _Chain, etas: list[float], free: tuple[bool, ...], bends
     weighted = joint * inverse
     project = np.eye(size) - weighted.T @ np.linalg.solve(weighted @ joint.T, joint)
     return -project @ (inverse[:, None] * damping)
+
+
+# ----------------------------------------------------------------------
+# Which part of a robot keeps its steps short: asked once a step is refused.
+# ----------------------------------------------------------------------
+
+
+_PARTS = {
+    "k_n": 0.5, "k_l": 0.5, "k_t": 0.5, "m": 2.0, "J_x": 2.0, "J_z": 2.0, "J_m": 2.0, "A_joint": 0.5, "A_motor": 0.5,
+    "velocity_gain": 0.5,
+}  # fmt: skip
+"""Last part of a parameter's key → by which factor it would allow a longer step: softer, heavier, slower."""
+_LONGER = 1.1
+"""By which factor a step has to become longer for its part to be one that limits it."""
+_NAMED = 2
+"""Parts at most that are named."""
+
+
+def limited_by(robot: Robot, motion: str, longest: Callable[[Robot], float]) -> str:
+    """The motion that limits a step, and which effects and parameters of the robot do: what it could be otherwise.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : str
+        As `largest_step` has it.
+    longest : callable
+        The longest step (s) of a robot, as `largest_step` gives it for what is to be run.
+    """
+    without = {
+        f"without effects.{name}": replace(robot, effects={k: v for k, v in robot.effects.items() if k != name})
+        for name in robot.effects
+    }
+    for key, _, value in robot.quantities():
+        factor = _PARTS.get(key.rpartition(".")[2])
+        if factor is not None and value > 0.0:
+            words = f"with {'half of' if factor < 1.0 else 'twice'} {key}"
+            try:
+                without[words] = robot.replace({key: factor * value})
+            except ArtibotError:  # beyond its bounds: nothing that a user could choose
+                continue
+    least = _LONGER * longest(robot)
+    steps = sorted(((longest(other), words) for words, other in without.items()), reverse=True)
+    return "; ".join([motion, *(f"{step:.3g} s {words}" for step, words in steps[:_NAMED] if step > least)])

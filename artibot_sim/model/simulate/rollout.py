@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.analysis.stability import RELAXATION, largest_step, parts, relaxation_limit
+from artibot_sim.model.analysis.stability import RELAXATION, largest_step, limited_by, parts, relaxation_limit
 from artibot_sim.model.effects import at_work, record
 from artibot_sim.model.equations.kinematics import articulation, articulations
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor, torque_factors
@@ -165,33 +165,23 @@ def prepare(
     """Check what `rollout` is given, see there."""
     chosen = chosen_modes(robot, commands, modes)
     check_step(commands, dt, integrator, every)
-    p: Params | Train
     if robot.trailing:
         trains.way_of(robot, commands)
-        p = trains.unlimited_beside_prescribed(train(robot), trains.by_side(robot, chosen))
-    else:
-        if commands.velocity.shape[1] != len(MOTORS):
-            raise ArtibotError(
-                f"commands: {commands.velocity.shape[1]} columns; robot '{robot.name}' takes {len(MOTORS)}: "
-                f"{', '.join(MOTORS)}"
-            )
-        p = unlimited_beside_prescribed(params(robot), chosen)
+    elif commands.velocity.shape[1] != len(MOTORS):
+        raise ArtibotError(
+            f"commands: {commands.velocity.shape[1]} columns; robot '{robot.name}' takes {len(MOTORS)}: "
+            f"{', '.join(MOTORS)}"
+        )
     share = robot.control.kappa if kappa is None else float(kappa)
     if not 0.0 < share <= 1.0:
         raise ArtibotError(f"kappa: {share:g}; expected a share of the front module in (0, 1] (eq. 29)")
-    if isinstance(p, Train):
-        common = p.modules[0]
-        longest, mode = largest_step(p, integrator, trains.by_side(robot, chosen), torque_factors(robot, share))
-    else:
-        common = p
-        longest, mode = largest_step(p, integrator, chosen, back_torque_factor(robot, share))
-    if integrator == "rk4" and common.relaxation > 0.0:
-        fastest = fastest_wheel(robot, p, commands, chosen)
-        longest, mode = min((longest, mode), (relaxation_limit(common, fastest), RELAXATION))
+    p = _numbers(robot, chosen)
+    longest, mode = _longest(robot, commands, integrator, chosen, share)
     if dt > longest and not (integrator == "rk4" and mode != RELAXATION and robot.trailing):
         mend = "" if integrator == "semi_implicit" else ", or use the integrator 'semi_implicit'"
+        what = limited_by(robot, mode, lambda other: _longest(other, commands, integrator, chosen, share)[0])
         raise ArtibotError(
-            f"dt: {dt:g} s is unstable with '{integrator}'; expected at most {longest:.3g} s ({mode}); "
+            f"dt: {dt:g} s is unstable with '{integrator}'; expected at most {longest:.3g} s ({what}); "
             f"take a shorter step{mend}"
         )
     start = initial_state(robot, t=commands.t0) if state is None else state
@@ -201,6 +191,30 @@ def prepare(
         )
     steps = number_of_steps(commands.duration if duration is None else duration, dt, every, max(2, len(robot.modules)))
     return Setup(robot, commands, p, chosen, share, start, steps)
+
+
+def _numbers(robot: Robot, modes: tuple[Mode, ...]) -> Params | Train:
+    """A robot's numbers as the kernel takes them, without limits of torque where a motor is prescribed."""
+    if robot.trailing:
+        return trains.unlimited_beside_prescribed(train(robot), trains.by_side(robot, modes))
+    return unlimited_beside_prescribed(params(robot), modes)
+
+
+def _longest(
+    robot: Robot, commands: Commands, integrator: str, modes: tuple[Mode, ...], kappa: float
+) -> tuple[float, str]:
+    """Longest stable step (s) of what is to be simulated, and which motion sets it."""
+    p = _numbers(robot, modes)
+    if isinstance(p, Train):
+        common = p.modules[0]
+        longest, motion = largest_step(p, integrator, trains.by_side(robot, modes), torque_factors(robot, kappa))
+    else:
+        common = p
+        longest, motion = largest_step(p, integrator, modes, back_torque_factor(robot, kappa))
+    if integrator == "rk4" and common.relaxation > 0.0:
+        limit = relaxation_limit(common, fastest_wheel(robot, p, commands, modes))
+        return min((longest, motion), (limit, RELAXATION))
+    return longest, motion
 
 
 def driven_by(commands: Commands) -> tuple[Array, Array, Array]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.analysis.stability import largest_step, parts
+from artibot_sim.model.analysis.stability import largest_step, limited_by, parts
 from artibot_sim.model.effects import record
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor
 from artibot_sim.model.kernels import loop
@@ -85,10 +85,11 @@ class Stepper:
         p = params(robot)
         longest, motion = largest_step(p, integrator, (Mode.TORQUE,) * 4)
         if not 0.0 < dt <= longest:
+            what = limited_by(robot, motion, lambda one: largest_step(params(one), integrator, (Mode.TORQUE,) * 4)[0])
             mend = "" if integrator == "semi_implicit" else ", or use the integrator 'semi_implicit'"
             raise ArtibotError(
                 f"dt: {dt:g} s is unstable with '{integrator}' once all motors spin freely; expected at most "
-                f"{longest:.3g} s ({motion}); take a shorter step{mend}"
+                f"{longest:.3g} s ({what}); take a shorter step{mend}"
             )
         self.robot, self.dt, self._p = robot, dt, p
         self._integrator = integrator
