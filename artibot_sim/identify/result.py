@@ -40,11 +40,15 @@ def as_text(found: Identification) -> str:
 def _parameters(found: Identification) -> Any:
     from rich.table import Table
 
-    table = Table(title=f"{found.robot.name}: identified from {', '.join(found.recordings)}", title_justify="left")
+    title = f"{found.robot.name}: identified from {', '.join(found.recordings)}"
+    table = Table(
+        title=title, title_justify="left", box=None, header_style="bold", pad_edge=False, padding=(0, 1, 0, 0)
+    )
     for column in ("parameter", "value", "95 %", "unit", "prior", "status"):
         left = column in ("parameter", "unit", "status")
-        # a name that is cut is none: the other columns give way where the terminal is narrow
-        table.add_column(column, justify="left" if left else "right", no_wrap=column == "parameter")
+        # a name or a number that is cut is none: the others break into lines where the terminal is narrow
+        kept = column in ("parameter", "value", "status")
+        table.add_column(column, justify="left" if left else "right", no_wrap=kept, overflow="fold")
     for e in found.estimates:
         low, high = e.ci95
         table.add_row(
@@ -57,10 +61,10 @@ def _parameters(found: Identification) -> Any:
 def _channels(found: Identification) -> Any:
     from rich.table import Table
 
-    table = Table()
+    table = Table(box=None, header_style="bold", pad_edge=False)
     for column in ("channel", "unit", "noise", "fitted"):
         numbers = column in ("noise", "fitted")
-        table.add_column(column, justify="right" if numbers else "left", no_wrap=column == "channel")
+        table.add_column(column, justify="right" if numbers else "left", no_wrap=True)
     for prediction in found.predictions:
         table.add_column(f"{prediction.name}: {prediction.horizon:g} s ahead", justify="right")
         table.add_column("free run", justify="right")

@@ -20,7 +20,7 @@ from artibot_sim.experiment import Channel, Experiment, write_channels
 from artibot_sim.identify import Effort, Prior, Status, identify, parse_priors
 from artibot_sim.identify.judgement import Motion, estimates
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.result import Estimate
+from artibot_sim.identify.result import Estimate, number
 from artibot_sim.identify.run import Work, problem_of
 from artibot_sim.identify.synthetic import Noise, synthetic
 from artibot_sim.identify.validation import hold_out, ideal
@@ -64,6 +64,8 @@ def test_names_are_whole_on_a_narrow_terminal_and_what_is_not_known_is_no_number
     Console(file=out, width=80, highlight=False).print(shown)
     assert name in out.getvalue()
     assert "nan" not in out.getvalue()
+    assert "…" not in out.getvalue().replace(" …", "").replace("… ", ""), "nothing is cut; only intervals have it"
+    assert all(number(e.value) in out.getvalue() for e in shown.estimates)
     assert all(len(line) <= 80 for line in out.getvalue().splitlines())
 
 
