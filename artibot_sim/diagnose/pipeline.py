@@ -34,6 +34,7 @@ from artibot_sim.diagnose.records import (
 from artibot_sim.diagnose.remains import COMMANDED, beyond_noise, far_beyond_noise
 from artibot_sim.diagnose.result import Diagnosis, besides, differing, doubt, partly, refutation, shortfall
 from artibot_sim.diagnose.selection.decision import Decision
+from artibot_sim.diagnose.selection.every_window import EveryWindow
 from artibot_sim.diagnose.selection.evidence import DECADE
 from artibot_sim.diagnose.selection.ranking import ranking
 from artibot_sim.diagnose.selection.stepwise import decide
@@ -394,7 +395,8 @@ _FEWEST = 12
 _FOR_SEARCH = 0.75
 """Share of a time that is given, after which no further search begins: intervals and predictions follow."""
 ENOUGH, ENOUGH_APART = 240.0, 90.0
-"""s of windows that are fitted, about: of recordings in one map, and of others. All count for what is held out."""
+"""s of windows that are searched, about: of recordings in one map, and of others. All count for what is held out, for
+evidence that is too little in the searched ones, and for the sizes of what is named."""
 _TICKS = 60
 """Parts of the work after which half of the bar is drawn: how many there will be is not known beforehand."""
 
@@ -483,9 +485,10 @@ def diagnose(
     named = distinctly_named(recordings, holdout)
     timed, later = (on_one_clock(some, robot, seed, poses="pose_delay" in robot.effects) for some in named)
     fitted, held = split([one.experiment for one in timed], [one.experiment for one in later], robot)
-    problem, fit = baseline(fitted, robot, options, ticks)
+    every = every_window(fitted, robot, options)
+    problem, fit = best_fit(every.problem.part(every.rows), Effort(), ticks, TRUST)
     view = command_view(fitted, robot, needed=options.least)
-    decision = decide(problem, fit, options, ticks, view)
+    decision = decide(problem, fit, options, ticks, view, every if every.times > 1.0 else None)
     assessor = Assessor(robot, fitted, held, options, ticks)
     found = concluded(decision, view, assessor.worth)
     assessed = assessor(found.decision)
@@ -579,14 +582,16 @@ def baseline(
     fitted: Sequence[Experiment], robot: Robot, options: Options, tick: Tick = lambda: None
 ) -> tuple[Problem, Fit]:
     """The paper's model with its soil identified; all windows keep their say, for local effects hide in bad ones."""
-    problem = problem_of(fitted, parameter_set(robot, SOIL), options.horizon, options.workers, HALF_WIDTH, options.seed)
-    return best_fit(evenly(problem, in_common_map(fitted)), Effort(), tick, TRUST)
+    every = every_window(fitted, robot, options)
+    return best_fit(every.problem.part(every.rows), Effort(), tick, TRUST)
 
 
-def evenly(problem: Problem, in_map: bool) -> Problem:
-    """A problem of some windows in turn, where all of them are more than it takes to tell effects apart.
+def every_window(fitted: Sequence[Experiment], robot: Robot, options: Options) -> EveryWindow:
+    """All windows of recordings, and those in turn that are searched where all are more than that takes.
 
     What is bound to a place may be met in few windows of a recording; without a common map there is no such thing.
     """
-    every = max(1, round(float(problem.durations.sum()) / (ENOUGH if in_map else ENOUGH_APART)))
-    return problem if every == 1 else problem.part(range(0, len(problem), every))
+    problem = problem_of(fitted, parameter_set(robot, SOIL), options.horizon, options.workers, HALF_WIDTH, options.seed)
+    enough = ENOUGH if in_common_map(fitted) else ENOUGH_APART
+    step = max(1, round(float(problem.durations.sum()) / enough))
+    return EveryWindow(problem, range(0, len(problem), step))

@@ -13,6 +13,7 @@ from artibot_sim.diagnose.commands.view import CommandView
 from artibot_sim.diagnose.policy import Thresholds
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.decision import Decision, Named
+from artibot_sim.diagnose.selection.every_window import EveryWindow
 from artibot_sim.diagnose.selection.evidence import Evidence, Other, others, together
 from artibot_sim.diagnose.selection.forward import Stage, refusal, stage, thorough
 from artibot_sim.diagnose.selection.joint_fits import Rounds, settled
@@ -88,7 +89,9 @@ _BETTER = 100.0
 """Nats by which a search must better its own baseline, and by more than what it finds is worth, to be made again."""
 
 
-def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: CommandView) -> Decision:
+def decide(
+    problem: Problem, fit: Fit, options: Options, tick: Tick, view: CommandView, every: EveryWindow | None = None
+) -> Decision:
     """Add the best effect to the model as long as the data ask for one, and drop what is not needed any more.
 
     Parameters
@@ -99,8 +102,11 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
     tick : callable
     view : CommandView
         What the view driven by commands says.
+    every : EveryWindow, optional
+        All windows, where `problem` has some of them: what the search does not name is judged by them, and they have
+        the last word on the sizes of what is named.
     """
-    naming = _Naming(problem, fit, options, tick, view)
+    naming = _Naming(problem, fit, options, tick, view, every)
     naming.add()
     while naming.drop():
         naming.add()
@@ -111,8 +117,11 @@ def decide(problem: Problem, fit: Fit, options: Options, tick: Tick, view: Comma
 class _Naming:
     """The model as it grows, and what was named on the way."""
 
-    def __init__(self, problem: Problem, fit: Fit, options: Options, tick: Tick, view: CommandView) -> None:
-        self._options, self._tick, self._view = options, tick, view
+    def __init__(
+        self, problem: Problem, fit: Fit, options: Options, tick: Tick, view: CommandView,
+        every: EveryWindow | None = None,
+    ) -> None:  # fmt: skip
+        self._options, self._tick, self._view, self._every = options, tick, view, every
         self._rounds = Rounds(scheduler=options.scheduler)
         self._named: list[Named] = []
         self._dropped: list[str] = []
@@ -165,10 +174,32 @@ class _Naming:
                 self._stages[-1] = anew
                 self._problem, self._fit = anew.problem, anew.fit
                 self._neutral = self._neutral if self._named else (anew.problem, anew.fit)
-            elif best is None:
-                break
             else:
+                best = best or self._by_every_window()
+                if best is None:
+                    break
                 self._name(best)
+
+    def _by_every_window(self) -> Named | None:
+        """The best effect by the evidence of all windows, of those that are good enough in the searched ones.
+
+        They are if they would gain enough in all of them at the same rate.
+        """
+        every, found, options = self._every, self._found, self._options
+        out, least, thresholds = (*self._names, *self._dropped), options.least, options.thresholds
+        good = [
+            rival
+            for rival in found.rivals
+            if every is not None
+            and rival.id not in out
+            and every.times * found.nats[rival.id] >= least + thresholds.more(rival.id)
+        ][: self._rounds.least[0]]
+        if every is None or not good or self._no_time("evidence of all windows"):
+            return None
+        stated = every.evidence(found.problem, found.fit, good, len(self._named), self._rounds)
+        both = {**found.evidence, **{rival.id: one for rival, one in zip(good, stated, strict=True)}}
+        self._stages[-1] = found = self._weighed(replace(found, evidence=both))
+        return best_of(found.evidence, found.nats, self._from_commands, least, thresholds, out)
 
     def _anew(self, best: Named | None) -> Stage | None:
         """The last search made better, where that may find what it missed."""
@@ -243,7 +274,8 @@ class _Naming:
         for which, one in enumerate(self._fitted()):
             if self._stated(one) < options.least + options.thresholds.more(one.effect):
                 return spared(self._problem, self._fit, loss, which, self._rounds)
-        return superfluous(self._problem, self._fit, loss, options.least, self._rounds)
+        every = self._every.times if self._every is not None else 1.0
+        return superfluous(self._problem, self._fit, loss, options.least / every, self._rounds)
 
     def _stated(self, one: Named) -> float:
         """Nats of a fitted effect from both views, beside what only commands show: that may have been named later."""
@@ -279,9 +311,12 @@ class _Naming:
         """What it came to; commands say of each effect what they say beside the others."""
         other = {**self._other, **_beside_each_other(self._view, self._names)}
         named = tuple(replace(one, found=other[one.effect].found) if one.found else one for one in self._named)
+        fits = [self._neutral, *self._between, (self._problem, self._fit)]
+        if self._every is not None and self._fitted():
+            fits = [self._every.carried(*one, self._rounds.many) for one in fits]
         return Decision(
-            named, self._options.least, *self._neutral, self._problem, self._fit, tuple(self._stages),
-            other, between=tuple(self._between), dropped=tuple(self._dropped), untried=tuple(self._untried),
+            named, self._options.least, *fits[0], *fits[-1], tuple(self._stages),
+            other, between=tuple(fits[1:-1]), dropped=tuple(self._dropped), untried=tuple(self._untried),
         )  # fmt: skip
 
 
