@@ -175,29 +175,30 @@ class _Naming:
                 self._problem, self._fit = anew.problem, anew.fit
                 self._neutral = self._neutral if self._named else (anew.problem, anew.fit)
             else:
-                best = best or self._by_every_window()
+                best = self._by_every_window(best)
                 if best is None:
                     break
                 self._name(best)
 
-    def _by_every_window(self) -> Named | None:
-        """The best effect by the evidence of all windows, of those that are good enough in the searched ones.
+    def _by_every_window(self, best: Named | None) -> Named | None:
+        """The best effect by the evidence of all windows, where the search has only some of them.
 
-        They are if they would gain enough in all of them at the same rate.
+        That is asked of the `best` one by the searched windows and of those that tie with it; without one, of all that
+        would gain enough if they gained as much in every window.
         """
         every, found, options = self._every, self._found, self._options
+        if every is None:
+            return best
         out, least, thresholds = (*self._names, *self._dropped), options.least, options.thresholds
-        good = [
-            rival
-            for rival in found.rivals
-            if every is not None
-            and rival.id not in out
-            and every.times * found.nats[rival.id] >= least + thresholds.more(rival.id)
-        ][: self._rounds.least[0]]
-        if every is None or not good or self._no_time("evidence of all windows"):
-            return None
-        stated = every.evidence(found.problem, found.fit, good, len(self._named), self._rounds)
-        both = {**found.evidence, **{rival.id: one for rival, one in zip(good, stated, strict=True)}}
+        wanted = (best.effect, *best.ties) if best else [
+            effect for effect, nats in found.nats.items() if every.times * nats >= least + thresholds.more(effect)
+        ]  # fmt: skip
+        rivals = [rival for rival in found.rivals if rival.id in wanted and rival.id not in out]
+        if not rivals or self._no_time("evidence of all windows"):
+            return best
+        rivals = rivals[: self._rounds.least[0]]
+        stated = every.evidence(found.problem, found.fit, rivals, len(self._named), self._rounds)
+        both = {**found.evidence, **{rival.id: one for rival, one in zip(rivals, stated, strict=True)}}
         self._stages[-1] = found = self._weighed(replace(found, evidence=both))
         return best_of(found.evidence, found.nats, self._from_commands, least, thresholds, out)
 
