@@ -161,19 +161,30 @@ _FREE = Stroke(RIGHT, 1.5, "dash")
 _FITTED = Stroke(LEFT, 1.2)
 _NOISE = Stroke(MUTED, 1.2, "dot")
 COLUMNS = ("",) * 5
-"""Sections differ in what their columns are, so their headings say it."""
-_ERRORS = "RMSE, median, 90 %, noise, samples"
+"""Sections differ in what their columns are, so their first lines say it."""
+_AT_THE_ENDS = ", at the ends, "
+"""In sentences on one model's errors."""
+_ERRORS = ("RMSE", "median", "90 %", "noise", "samples")
 
 
 def page_of(work: Work) -> bytes:
     """The page (UTF-8) of an identification."""
     found = work.result
     notes = [f"{e.name}: {e.note}" for e in found.estimates if e.note]
-    answer = [line for prediction in found.predictions for line in prediction_lines(prediction)]
     return render_page(
-        figure_of(work), tables(work), COLUMNS, [*notes, *found.remarks], answer=answer, first=1,
-        closed=(_ERRORS_PART, "table"),
+        figure_of(work), tables(work), COLUMNS, [*notes, *found.remarks], answer=_answer(found.predictions),
+        first=_first(found.predictions), closed=(_ERRORS_PART, "table"),
     )  # fmt: skip
+
+
+def _answer(predictions: Sequence[Prediction]) -> list[str]:
+    """What is said of predictions, but for what the table of models has."""
+    return [line for one in predictions for line in prediction_lines(one) if not (one.rivals and _AT_THE_ENDS in line)]
+
+
+def _first(predictions: Sequence[Prediction]) -> int:
+    """How many sections stand with the answer: models side by side, and the parameters."""
+    return sum(bool(prediction.rivals) for prediction in predictions) + 1
 
 
 def figure_of(work: Work) -> Figure:
@@ -202,11 +213,10 @@ def page_of_document(document: Mapping[str, Any], path: pathlib.Path) -> bytes:
             "`artibot identify --json`"
         ) from error
     notes = [f"{e.name}: {e.note}" for e in estimates if e.note]
-    answer = [line for prediction in predictions for line in prediction_lines(prediction)]
     figure = Figure(title, subtitle, (_intervals(estimates),))
     return render_page(
-        figure, _tables(estimates, channels, predictions), COLUMNS, [*notes, *document["remarks"]], answer=answer,
-        first=1,
+        figure, _tables(estimates, channels, predictions), COLUMNS, [*notes, *document["remarks"]],
+        answer=_answer(predictions), first=_first(predictions),
     )  # fmt: skip
 
 
@@ -238,11 +248,12 @@ def tables(work: Work) -> list[Section]:
 def _tables(
     estimates: Sequence[Estimate], channels: Mapping[str, ChannelFit], predictions: Sequence[Prediction]
 ) -> list[Section]:
-    heading = "Parameters: value, ends of the 95 % interval, prior, its standard deviation"
+    heads = ("value", "95 % from", "to", "prior", "±")
     values = [(e.name, spaced(e.unit), tuple(number(v) for v in (e.value, *e.ci95, *e.prior))) for e in estimates]
-    sections: list[Section] = [(heading, values), (f"Residuals of the fit: {_ERRORS}", _errors(channels))]
+    sections: list[Section] = [_models(prediction) for prediction in predictions if prediction.rivals]
+    sections += [("Parameters", [("", "", heads), *values]), ("Residuals of the fit", _errors(channels))]
     for prediction in predictions:
-        said = f"{prediction.name}, held out: {prediction.windows} predictions of {prediction.horizon:g} s: {_ERRORS}"
+        said = f"{prediction.name}, held out: {prediction.windows} predictions of {prediction.horizon:g} s"
         sections.append((said, _errors(prediction.channels)))
         sections.append((f"{prediction.name}: at the ends of the predictions", _errors(prediction.final)))
         sections += [
@@ -255,8 +266,21 @@ def _tables(
     return sections
 
 
+def _models(prediction: Prediction) -> Section:
+    """This model beside kinematic ones, in position and heading at the ends of predictions."""
+    heading = f"{prediction.name}, held out: errors at the ends of {prediction.windows} predictions"
+    lines: list[tuple[str, str, Sequence[str]]] = [("", "", _ERRORS[:3])]
+    for channel, words in (("position", "position"), ("yaw", "heading")):
+        for name, fits in {"this model": prediction.final, **prediction.rivals}.items():
+            if channel in fits:
+                fit = fits[channel]
+                texts = tuple(f"{value:.3f}" for value in (fit.rmse, fit.median, fit.p90))
+                lines.append((f"{words}, {name}", spaced(fit.unit), texts))
+    return f"{heading} {prediction.horizon:g} s ahead", lines
+
+
 def _errors(channels: Mapping[str, ChannelFit]) -> list[tuple[str, str, tuple[str, ...]]]:
-    return [
+    return [("", "", _ERRORS)] * bool(channels) + [
         (
             name.replace("_", " "),
             spaced(fit.unit),

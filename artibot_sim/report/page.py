@@ -191,7 +191,7 @@ thead th { font-weight: 600; border-bottom: 1px solid var(--grid); }
 tr.name th { font-weight: 600; padding-top: 10px; }
 @media (max-width: 600px) {  /* names stay in sight while numbers scroll */
   .scroll tr:not(.name) > :first-child { position: sticky; left: 0; background: var(--paper); min-width: 9em;
-    max-width: 46vw; white-space: normal; }
+    max-width: 46vw; white-space: normal; overflow-wrap: anywhere; }
 }
 @media (min-width: 860px) {
   .grid:not(.alike) { grid-template-columns: minmax(0, 1fr) minmax(0, 1fr); }

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from artibot_sim.cli import main
 from artibot_sim.identify.result import ChannelFit, Estimate, Identification, Prediction, Status, prediction_lines
 from artibot_sim.model import load_robot
+from artibot_sim.report.identification import page_of_document
 
 
 def found() -> Identification:
@@ -26,8 +29,6 @@ def found() -> Identification:
 
 
 def test_an_identification_is_drawn_from_its_json(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import numpy as np
-
     monkeypatch.chdir(tmp_path)
     result = found()
     object.__setattr__(result, "correlation", np.eye(1))
@@ -37,6 +38,21 @@ def test_an_identification_is_drawn_from_its_json(tmp_path: Path, monkeypatch: p
     assert all(line in page for prediction in result.predictions for line in prediction_lines(prediction))
     for said in ("k_l: a note", "a remark", "identified from run0", "2650", "Parameters over the middles"):
         assert said in page
+
+
+def test_kinematic_models_stand_beside_the_identified_one_in_one_table() -> None:
+    result = found()
+    (prediction,) = result.predictions
+    fits = prediction.final
+    rivals = {name: {"position": replace(fits["position"], rmse=0.2)} for name in ("ideal", "ICR")}
+    object.__setattr__(result, "predictions", (replace(prediction, rivals=rivals),))
+    object.__setattr__(result, "correlation", np.eye(1))
+    page = page_of_document(json.loads(json.dumps(result.as_dict())), Path("soil.json")).decode()
+    table = page.partition("Answer</")[2].partition("</table>")[0]
+    assert table.index("position, this model") < table.index("position, ideal") < table.index("position, ICR")
+    assert table.count("<td>0.200</td>") == 2
+    assert table.index("position, ICR") < table.index("95 % from") < table.index("2650")
+    assert "at the ends, ICR: position" not in page, "what the table has is not said again"
 
 
 def test_recordings_are_drawn(bags: list[Path], tmp_path: Path) -> None:
