@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from diagnose.hidden import LISTED, OTHER_GROUND, UNLISTED, Noise, case, write
 from diagnose.hidden.effects import MOTORS
+from diagnose.hidden.unlisted import LAWS
 
 from artibot_sim.experiment import Experiment, read_bag
 from artibot_sim.model.effects import EFFECTS
@@ -143,7 +144,7 @@ def test_a_bag_holds_what_memory_holds(tmp_path):
 
 
 def test_unlisted_things_act():
-    for name in UNLISTED:
+    for name in (*UNLISTED, *LAWS):
         truth = case((name,), seed=13, runs=1, held_out=0, duration=20.0).truth
         assert set(truth.unlisted) == {name}, truth.nats
 

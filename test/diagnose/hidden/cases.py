@@ -14,7 +14,7 @@ from diagnose.hidden.effects import ADDED, LISTED, Recipe
 from diagnose.hidden.ground import OTHER_GROUND, RECIPE, RECORDING
 from diagnose.hidden.machine import Machine, machine, random_soil
 from diagnose.hidden.sensors import Noise, Table
-from diagnose.hidden.unlisted import ON_COMMANDS, UNLISTED
+from diagnose.hidden.unlisted import LAWS, ON_COMMANDS, UNLISTED
 
 from artibot_sim.diagnose.sizes import factors, scale_of
 from artibot_sim.experiment import Channel, Experiment
@@ -30,7 +30,7 @@ LEAST_NATS = 10.0
 """An effect that changes what the sensors say by less never acts: the truth is then that it is not there."""
 KNOWN = {**LISTED, **ADDED}
 """Of all that a diagnosis can name."""
-RECIPES = {**KNOWN, **UNLISTED, **ON_COMMANDS, OTHER_GROUND: RECIPE}
+RECIPES = {**KNOWN, **UNLISTED, **LAWS, **ON_COMMANDS, OTHER_GROUND: RECIPE}
 """Of all that can be hidden."""
 WIDEST = 1.3
 """rad of articulation beyond which a drive is thrown away: a real rover would be damaged."""
@@ -196,7 +196,8 @@ def scaled(name: str, values: Mapping[str, Any], numbers: Robot) -> dict[str, An
 
 UNLISTED_BY: dict[str, Any] = {
     "yaw_drag": "torque", "preload": "torque", "ridge": "mass", "lame": "mass", "tether": "mass", "air": "mass",
-    "drag": "motor", "fastest": "speed",
+    "drag": "motor", "fastest": "speed", "gyre": "torque", "creep": "mass", "hysteresis": "torque", "grease": "motor",
+    "skid": "mass", "growing": "mass", "bog": "mass",
 }  # fmt: skip
 """Field of what is on no list → the robot's size that it grows with."""
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from diagnose.hidden.cases import case
 from diagnose.hidden.score import is_described
-from diagnose.hidden.unlisted import UNLISTED
+from diagnose.hidden.unlisted import LAWS, UNLISTED
 
 from artibot_sim.cluster import map_tasks
 from artibot_sim.diagnose.pipeline import baseline
@@ -63,9 +63,9 @@ def seen(task: Task, runs: int, duration: float) -> Seen:
     return Seen(task, more, force_words(what), found.chosen[0].worth, right)
 
 
-def tasks(seeds: Sequence[int], severities: Sequence[float], clean: int) -> list[Task]:
+def tasks(seeds: Sequence[int], severities: Sequence[float], clean: int, names: Sequence[str]) -> list[Task]:
     """Everything on no list, and so many with nothing hidden."""
-    found = [Task(name, severity, seed) for seed in seeds for severity in severities for name in UNLISTED]
+    found = [Task(name, severity, seed) for seed in seeds for severity in severities for name in names]
     return found + [Task(NOTHING, 0.0, seed) for seed in range(1, clean + 1)]
 
 
@@ -99,13 +99,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seeds", default="1,2", help="by comma [1,2]")
     parser.add_argument("--severity", default="1,0.3", help="one or several, by comma [1,0.3]")
     parser.add_argument("--clean", type=int, default=24, help="cases with nothing hidden, of seeds 1 to so many [24]")
+    parser.add_argument("--laws", action="store_true", help="hide what nothing was tuned on: products, thresholds, …")
     parser.add_argument("--runs", type=int, default=2, help="recordings [2]")
     parser.add_argument("--duration", type=float, default=30.0, help="of each, s [30]")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes [all cores]")
     options = parser.parse_args(argv)
     try:
         seeds = [int(part) for part in options.seeds.split(",")]
-        todo = tasks(seeds, [float(part) for part in options.severity.split(",")], options.clean)
+        severities = [float(part) for part in options.severity.split(",")]
+        todo = tasks(seeds, severities, options.clean, tuple(LAWS if options.laws else UNLISTED))
         results = []
         with Bar(total=float(len(todo))) as bar:
             work = partial(seen, runs=options.runs, duration=options.duration)

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from diagnose.hidden.effects import ADDED, LISTED
 from diagnose.hidden.ground import OTHER_GROUND
-from diagnose.hidden.unlisted import ON_COMMANDS, UNLISTED
+from diagnose.hidden.unlisted import LAWS, ON_COMMANDS, UNLISTED
 
-KINDS = ("none", "single", "pair", "unlisted", "ground", "commands", "added")
+KINDS = ("none", "single", "pair", "unlisted", "ground", "commands", "added", "laws")
 """The order is part of the cases' seeds."""
 
 
@@ -96,7 +96,7 @@ def _effects(kind: str, seed: int) -> Iterator[tuple[str, ...]]:
             yield (OTHER_GROUND,) if kind == "ground" else ()
             continue
         first = rng.permutation(
-            sorted({"unlisted": UNLISTED, "commands": ON_COMMANDS, "added": ADDED}.get(kind, LISTED))
+            sorted({"unlisted": UNLISTED, "commands": ON_COMMANDS, "added": ADDED, "laws": LAWS}.get(kind, LISTED))
         )
         for name in first:
             if kind == "pair":

@@ -83,6 +83,18 @@ class Hidden(NamedTuple):
     tether_y: float = 0.0
     preload: float = 0.0
     air: float = 0.0
+    gyre: float = 0.0  # N m s²/(m rad)
+    creep: float = 0.0  # N s/m, above
+    creep_from: float = 0.0  # m/s
+    hysteresis: float = 0.0  # N m/rad
+    grease: float = 0.0  # N m, of motor
+    grease_motor: float = 0.0
+    grease_turns: float = 1.0  # rad
+    skid: float = 0.0  # N s/m
+    skid_wheel: float = 0.0
+    growing: float = 0.0  # N/s
+    bog: float = 0.0  # N, beyond
+    bog_x: float = 0.0  # m
 
 
 class Rover(NamedTuple):

@@ -101,6 +101,8 @@ def _module(t, state, rover, module, body, gear, motion, rates, out):
                 F_t += h.ridge * sin(h.ridge_x * x + h.ridge_y * y + h.ridge_phase)
             if h.lame != 0.0 and k == int(h.lame_wheel):
                 F_l += h.lame * sin(gear.tau * state[ANGLE + motor] + h.lame_phase)
+            if h.skid != 0.0 and k == int(h.skid_wheel):
+                F_t -= h.skid * p_y
             ahead = soil.u_w * (1.0 + h.rolling_speed * sqrt(p_x * p_x + p_y * p_y))
             out[o] += F_l
             out[o + 1] += F_t
@@ -112,6 +114,8 @@ def _module(t, state, rover, module, body, gear, motion, rates, out):
 def _joint(angle, rate, h):
     """Torque of the joint against its yaw, N m."""
     torque = h.joint_friction * tanh(rate / 0.01) + h.joint_damping * rate + h.joint_stiffness * angle + h.preload
+    if h.hysteresis != 0.0:
+        torque += h.hysteresis * abs(angle) * tanh(rate / 0.05)
     if angle > h.joint_stop:
         torque += max(0.0, 4000.0 * (angle - h.joint_stop) + 40.0 * rate)
     elif angle < -h.joint_stop:
@@ -134,6 +138,14 @@ def _elsewhere(t, state, front, back, h, out):
     out[0] += cos(state[YAW_F]) * push_x + sin(state[YAW_F]) * push_y - air * state[U]
     out[1] += -sin(state[YAW_F]) * push_x + cos(state[YAW_F]) * push_y - air * state[V]
     out[2] -= h.yaw_drag * state[R]
+    if h.gyre != 0.0:
+        out[2] -= h.gyre * state[U] * state[R]
+    if h.creep != 0.0:
+        out[0] -= h.creep * max(abs(state[U]) - h.creep_from, 0.0) * np.sign(state[U])
+    if h.growing != 0.0:
+        out[0] -= h.growing * t * tanh(state[U] / 0.05)
+    if h.bog != 0.0:
+        out[0] -= h.bog / (1.0 + exp(-(state[X] - h.bog_x) / 0.1)) * tanh(state[U] / 0.05)
     w = h.wander
     out[5] += w[0] * sin(w[1] * t + w[2]) + w[3] * sin(w[4] * t + w[5])
 
@@ -170,9 +182,12 @@ def _bodies(state, rover, out, rates):
 @njit(cache=True)
 def _drag(i, t, state, h):
     """Torque against the rotation of motor i before its gear."""
-    if i != int(h.drag_motor):
-        return 0.0
-    return h.drag * exp(-t / h.drag_fades) * tanh(state[SPEED + i] / 0.5)
+    torque = 0.0
+    if i == int(h.drag_motor):
+        torque = h.drag * exp(-t / h.drag_fades)
+    if h.grease != 0.0 and i == int(h.grease_motor):
+        torque += h.grease * exp(-abs(state[ANGLE + i]) / h.grease_turns)
+    return torque * tanh(state[SPEED + i] / 0.5)
 
 
 @njit(cache=True)

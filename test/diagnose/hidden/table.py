@@ -11,7 +11,7 @@ import numpy as np
 from diagnose.hidden.effects import ADDED, LISTED
 from diagnose.hidden.ground import OTHER_GROUND
 from diagnose.hidden.score import Score, score
-from diagnose.hidden.unlisted import UNLISTED
+from diagnose.hidden.unlisted import LAWS, UNLISTED
 
 ROWS = ("none", "single", "pair", "unlisted", "ground")
 CLOSE = 0.15
@@ -107,7 +107,7 @@ def failures(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 
 def confusion(results: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[str], np.ndarray]:
     """Truths, answers, and how often which is taken for which (n, m), of cases in which at most one thing is hidden."""
-    elsewhere = {name: f"({name})" for name in (*UNLISTED, OTHER_GROUND)}
+    elsewhere = {name: f"({name})" for name in (*UNLISTED, *LAWS, OTHER_GROUND)}
     truths = ["none", *LISTED, *ADDED, *elsewhere.values()]
     answers = ["none", *LISTED, *ADDED, "unexplained"]
     counts = np.zeros((len(truths), len(answers)))

@@ -90,6 +90,55 @@ UNLISTED: dict[str, Recipe] = {
 }
 """By names of the tests' own."""
 
+
+def _speed_yaw_drag(rng: Rng, s: float, track: np.ndarray) -> Values:
+    """A moment against turning that grows with the speed: a product of two variables."""
+    return {"gyre": 120.0 * s}
+
+
+def _creep_drag(rng: Rng, s: float, track: np.ndarray) -> Values:
+    """A drag that begins at a speed."""
+    return {"creep": 160.0 * s, "creep_from": float(rng.uniform(0.25, 0.35))}
+
+
+def _joint_hysteresis(rng: Rng, s: float, track: np.ndarray) -> Values:
+    """Friction in the joint that grows with its angle: bending back and forth takes another way each."""
+    return {"hysteresis": 45.0 * s}
+
+
+def _fresh_grease(rng: Rng, s: float, track: np.ndarray) -> Values:
+    """A motor that drags until it has turned so far: what it remembers is its angle, not the time."""
+    motor = int(rng.integers(4))
+    turns = float(rng.uniform(300.0, 600.0))
+    return {"grease": 0.3 * s, "grease_motor": float(motor), "grease_turns": turns, "motor": MOTORS[motor]}
+
+
+def _skidding_wheel(rng: Rng, s: float, track: np.ndarray) -> Values:
+    """One wheel that resists sliding sideways more than the others do."""
+    return {"skid": 900.0 * s, "skid_wheel": float(rng.integers(8))}
+
+
+def _growing_drag(rng: Rng, s: float, track: np.ndarray) -> Values:
+    """A drag that grows with the time of day."""
+    return {"growing": 1.2 * s}
+
+
+def _soft_half(rng: Rng, s: float, track: np.ndarray) -> Values:
+    """A drag on one side of a line in the map."""
+    return {"bog": 30.0 * s, "bog_x": float(np.median(track[:, 0]))}
+
+
+LAWS: dict[str, Recipe] = {
+    "speed_yaw_drag": Recipe(_speed_yaw_drag, _hide),
+    "creep_drag": Recipe(_creep_drag, _hide),
+    "joint_hysteresis": Recipe(_joint_hysteresis, _hide),
+    "fresh_grease": Recipe(_fresh_grease, _hide),
+    "skidding_wheel": Recipe(_skidding_wheel, _hide),
+    "growing_drag": Recipe(_growing_drag, _hide),
+    "soft_half": Recipe(_soft_half, _hide),
+}
+"""More of them: products, thresholds, hysteresis, memory, a single wheel, time and place. Nothing was tuned on them."""
+
 ON_COMMANDS: dict[str, Recipe] = {"command_ceiling": Recipe(_command_ceiling, _ceiling)}
 """What happens to commands, and is on no list."""
 
@@ -102,6 +151,13 @@ ACTS_ON: dict[str, dict[str, Any]] = {
     "joint_preload": {"force": "yaw moment", "variable": ""},
     "cold_gear": {"force": "torque", "variable": "time"},
     "air_drag": {"force": "surge", "variable": "speed"},
+    "speed_yaw_drag": {"force": "yaw moment", "variable": "yaw rate"},
+    "creep_drag": {"force": "surge", "variable": "speed"},
+    "joint_hysteresis": {"force": "yaw moment", "variable": "articulation"},
+    "fresh_grease": {"force": "torque"},
+    "skidding_wheel": {"force": "lateral", "variable": "lateral speed"},
+    "growing_drag": {"force": "surge", "variable": "time"},
+    "soft_half": {"variable": "place"},
     "command_ceiling": {"force": "front motors' speed", "variable": "command"},
     OTHER_GROUND: {"variable": "recording"},
 }
