@@ -22,8 +22,8 @@ from artibot_driver.config import config_from_parameters
 from artibot_driver.faults.catalogue import BY_NAME, CAN_PASS, ON_A_BUS, Fault, briefly, two
 from artibot_driver.faults.closed_loop import VirtualLoop
 from artibot_driver.faults.live_loop import LiveLoop, SwitchableBus, SwitchableLoopback, SwitchableSocketCan
-from artibot_driver.faults.outcomes import Key, NotReady, Outcome, TrialLog, table
-from artibot_driver.faults.trial import Trial
+from artibot_driver.faults.outcomes import Key, NotReady, TrialLog, TrialOutcome, table
+from artibot_driver.faults.trial import FaultTrial
 from artibot_driver.faults.watchdog import HELD_UP, Watchdog, attended
 from artibot_driver.master import Reason
 from artibot_driver.rig import Rig, load_rig
@@ -64,10 +64,10 @@ def draw(number: int, seed: int, faults: Sequence[Fault]) -> tuple[random.Random
     return rng, fault, rng.choice(MOTORS)
 
 
-def virtual_trial(number: int, seed: int, names: Sequence[str]) -> Outcome:
+def virtual_trial(number: int, seed: int, names: Sequence[str]) -> TrialOutcome:
     """One trial in time of its own."""
     rng, fault, motor = draw(number, seed, [BY_NAME[name] for name in names])
-    return Trial(VirtualLoop(_rig(), rng), fault, motor).run()
+    return FaultTrial(VirtualLoop(_rig(), rng), fault, motor).run()
 
 
 @cache
@@ -78,7 +78,7 @@ def _rig() -> Rig:
 
 def live_trial(
     number: int, seed: int, names: Sequence[str], rig: Rig, bus: SwitchableBus, watchdog: Watchdog
-) -> Outcome:
+) -> TrialOutcome:
     """One trial on a real bus; void, and made again, where the machine held something up meanwhile.
 
     That is said by the watchdog, or by a driver whose loop nothing else had held up. Also void is what did not come so
@@ -90,7 +90,7 @@ def live_trial(
         watchdog.longest()
         with LiveLoop(rig, rng, bus) as loop:
             try:
-                outcome = Trial(loop, fault, motor).run()
+                outcome = FaultTrial(loop, fault, motor).run()
             except NotReady as error:
                 complaints = [f"could not be tried: {error}"]
                 continue
@@ -98,7 +98,9 @@ def live_trial(
         late = outcome.reason is Reason.OVERRUN and Reason.OVERRUN not in fault.reasons
         if not late and watchdog.longest().seconds <= HELD_UP:
             return outcome
-    return Outcome(fault.name, fault.group or fault.name, motor, complaints=complaints, void=LIVE_TRIES, judged=False)
+    return TrialOutcome(
+        fault.name, fault.group or fault.name, motor, complaints=complaints, void=LIVE_TRIES, judged=False
+    )
 
 
 def live_rig(names: Sequence[str]) -> Rig:
@@ -110,7 +112,7 @@ def live_rig(names: Sequence[str]) -> Rig:
     return load_rig(config_from_parameters({"bus.bitrate": 150_000, "sync_rate": 50.0} if slow else {}))
 
 
-def live(tasks: Sequence[Task], seed: int, channel: str) -> Iterator[Outcome]:
+def live(tasks: Sequence[Task], seed: int, channel: str) -> Iterator[TrialOutcome]:
     """Outcomes of trials on a real bus, in order."""
     bus: SwitchableBus = SwitchableLoopback() if channel == "loopback" else SwitchableSocketCan(channel)
     try:
@@ -121,7 +123,7 @@ def live(tasks: Sequence[Task], seed: int, channel: str) -> Iterator[Outcome]:
         bus.close()
 
 
-def virtual(tasks: Sequence[Task], seed: int, jobs: int) -> Iterator[Outcome]:
+def virtual(tasks: Sequence[Task], seed: int, jobs: int) -> Iterator[TrialOutcome]:
     """Outcomes of trials in time of their own, in order."""
     if jobs == 1 or len(tasks) < 4:
         yield from (virtual_trial(task.number, seed, task.names) for task in tasks)
@@ -156,7 +158,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     return _sum_up(outcomes, options)
 
 
-def _run(tasks: Sequence[Task], options: argparse.Namespace) -> list[Outcome]:
+def _run(tasks: Sequence[Task], options: argparse.Namespace) -> list[TrialOutcome]:
     """Make the trials that are not made yet; say what is wrong as soon as it is known."""
     trial_log = TrialLog(options.log, options.seed, options.channel or IN_MEMORY)
     left = [task for task in tasks if task.key not in trial_log.done]
@@ -178,7 +180,7 @@ def _run(tasks: Sequence[Task], options: argparse.Namespace) -> list[Outcome]:
     return done
 
 
-def _sum_up(outcomes: Sequence[Outcome], options: argparse.Namespace) -> int:
+def _sum_up(outcomes: Sequence[TrialOutcome], options: argparse.Namespace) -> int:
     print("\n".join(table(outcomes)))
     judged = [each for each in outcomes if each.judged]
     wrong, void = sum(bool(each.complaints) for each in judged), sum(each.void for each in outcomes)

@@ -27,7 +27,7 @@ class NotReady(RuntimeError):
 
 
 @dataclass
-class Outcome:
+class TrialOutcome:
     """What a trial gave.
 
     Attributes
@@ -63,16 +63,16 @@ class Outcome:
         return found | {name: None if math.isnan(found[name]) else found[name] for name in _TIMES}
 
     @classmethod
-    def from_json(cls, found: Mapping[str, Any]) -> Outcome:
+    def from_json(cls, found: Mapping[str, Any]) -> TrialOutcome:
         """The inverse of :meth:`as_json`; raises KeyError or TypeError for something else."""
         given = {each.name: found[each.name] for each in fields(cls)}
         given |= {name: math.nan if given[name] is None else float(given[name]) for name in _TIMES}
         return cls(**given | {"reason": Reason[given["reason"]] if given["reason"] else None})
 
 
-def table(outcomes: Sequence[Outcome]) -> Iterator[str]:
+def table(outcomes: Sequence[TrialOutcome]) -> Iterator[str]:
     """The summary, line by line: times in s, median and most of those that stopped."""
-    groups: dict[str, list[Outcome]] = defaultdict(list)
+    groups: dict[str, list[TrialOutcome]] = defaultdict(list)
     for outcome in outcomes:
         groups[outcome.group].append(outcome)
     heads = ("trials", "stopped", "went on", "reaction", "most", "at rest", "back", "most", "void", "wrong")
@@ -130,7 +130,7 @@ class TrialLog:
 
     def __init__(self, path: Path | None, seed: int, bus: str) -> None:
         self._path, self._about = path, {"seed": seed, "bus": bus}
-        self.done: dict[Key, Outcome] = {}
+        self.done: dict[Key, TrialOutcome] = {}
         text = self._text()
         self._before = "\n" if text and not text.endswith("\n") else ""  # the last line was cut off
         for number, line in enumerate(text.splitlines(), 1):
@@ -148,7 +148,7 @@ class TrialLog:
         try:
             found = json.loads(line)
             ours = {name: found[name] for name in self._about} == self._about
-            key, outcome = (found["number"], found["drawn_from"]), Outcome.from_json(found)
+            key, outcome = (found["number"], found["drawn_from"]), TrialOutcome.from_json(found)
         except (ValueError, KeyError, TypeError) as error:
             if line.startswith(_BEGIN) and isinstance(error, json.JSONDecodeError):
                 return  # cut off: that trial is made again
@@ -159,7 +159,7 @@ class TrialLog:
         if ours and outcome.judged:
             self.done[key] = outcome
 
-    def write(self, key: Key, outcome: Outcome) -> None:
+    def write(self, key: Key, outcome: TrialOutcome) -> None:
         """Add a trial; it is in the file when this returns."""
         if self._path is None:
             return

@@ -12,7 +12,7 @@ from typing import Final
 from artibot_driver.cia402 import State
 from artibot_driver.faults.catalogue import Fault
 from artibot_driver.faults.closed_loop import ClosedLoop, Sample
-from artibot_driver.faults.outcomes import NotReady, Outcome
+from artibot_driver.faults.outcomes import NotReady, TrialOutcome
 from artibot_driver.master import Phase, Reason, Setpoints, Stop
 from artibot_sim.model import MOTORS
 
@@ -29,7 +29,7 @@ LEAP: Final = 0.06
 """A drive that begins a ramp of its own begins it at what its motor does, which lags behind, m/s."""
 
 
-class Trial:
+class FaultTrial:
     """One fault in a loop.
 
     Parameters
@@ -42,7 +42,7 @@ class Trial:
 
     def __init__(self, loop: ClosedLoop, fault: Fault, motor: str) -> None:
         self.loop, self.fault = loop, fault
-        self.outcome = Outcome(fault.name, fault.group or fault.name, motor)
+        self.outcome = TrialOutcome(fault.name, fault.group or fault.name, motor)
         rng = loop.rng
         self.speed = rng.uniform(0.2, 1.2)  # of the faster front wheel over ground, m/s
         sides = [self.speed * rng.choice((-1, 1)), 0.0]
@@ -51,7 +51,7 @@ class Trial:
         self.velocity = (sides[0] * loop.turn, sides[1] * loop.turn)
         self.duration = rng.uniform(0.4, 1.2)
 
-    def run(self) -> Outcome:
+    def run(self) -> TrialOutcome:
         """Do it all.
 
         Raises

@@ -15,7 +15,14 @@ from artibot_driver.dictionary import load_dictionary
 from artibot_driver.frames import Frame, NmtState
 from artibot_driver.rig import Rig
 from artibot_driver.scaling import INT16, INT32, wrap
-from artibot_driver.simulated.motion import FREE, QUICK_STOP_AND_STAY, SLOW_DOWN_AND_STAY, STANDSTILL_RPM, Motion, Shaft
+from artibot_driver.simulated.motion import (
+    FREE,
+    QUICK_STOP_AND_STAY,
+    SLOW_DOWN_AND_STAY,
+    STANDSTILL_RPM,
+    Demands,
+    Shaft,
+)
 from artibot_driver.simulated.node import COMMUNICATION, COMMUNICATION_BIT, GENERIC, CanopenNode, require
 from artibot_driver.simulated.objects import INVALID_VALUE, Abort
 from artibot_sim.errors import ArtibotError
@@ -71,7 +78,7 @@ class SimulatedDrive(CanopenNode):
         self.objects.on_write(0x6040, self._take_controlword)
         self.objects.on_write(0x6060, self._check_mode)
         self.objects.on_write(0x605A, self._check_quick_stop)
-        self._motion, self._shaft = Motion(self.objects, scaling), shaft
+        self._motion, self._shaft = Demands(self.objects, scaling), shaft
         self._reset()
 
     def _reset(self) -> None:

@@ -111,7 +111,7 @@ PATIENCE: Final = 0.5
 """A motor that has not come to rest so long after its demand has is left without current, s."""
 
 
-class Motion:
+class Demands:
     """Demands of velocity (606Bh units) and torque (permille), as floating numbers between two roundings.
 
     Attributes

@@ -38,7 +38,7 @@ FEW = ("hidden", "effects", "cores")
 WHAT = {"cpu": "processor time", "bytes": "memory"}
 
 
-def chart(points: Sequence[Point]) -> bytes:
+def chart(points: Sequence[GrowthPoint]) -> bytes:
     """PNG: a row a kind, time at the left, the process's peak of memory at the right; grey is linear growth.
 
     Time is the processor's, which others on the machine disturb least; where several share the work the clock's beside.
@@ -61,7 +61,7 @@ def chart(points: Sequence[Point]) -> bytes:
         return to_png(canvas, 110)
 
 
-def _draw(axes: Any, kind: str, mine: Sequence[tuple[str, Sequence[Point]]], name: str) -> None:
+def _draw(axes: Any, kind: str, mine: Sequence[tuple[str, Sequence[GrowthPoint]]], name: str) -> None:
     """The lines of a kind's operations."""
     scale, label = (1.0, "s") if name == "cpu" else (1e-6, "MB")
     for colour, (operation, found) in zip(COLOURS, mine, strict=False):
@@ -138,7 +138,7 @@ LINEAR = 1.15
 
 
 @dataclass(frozen=True)
-class Point:
+class GrowthPoint:
     """One measurement: of what kind, which operation, for which size; wall time and processor time in s."""
 
     kind: str
@@ -149,7 +149,7 @@ class Point:
     bytes: float
 
 
-def measured(kind: str, size: float) -> list[Point]:
+def measured(kind: str, size: float) -> list[GrowthPoint]:
     """Measure in a fresh process (ArtibotError where it fails)."""
     with tempfile.TemporaryDirectory(prefix="artibot-growth-") as folder:
         command = [sys.executable, "-m", "artibot_sim.bench.growth_tasks", kind, str(size), folder]
@@ -158,19 +158,19 @@ def measured(kind: str, size: float) -> list[Point]:
         raise ArtibotError(f"growth: {kind} of {size:g} failed: {done.stderr.strip().splitlines()[-1:]}")
     found = json.loads(done.stdout.splitlines()[-1])
     return [
-        Point(kind, name, size, *(figures[key] for key in ("seconds", "cpu", "bytes")))
+        GrowthPoint(kind, name, size, *(figures[key] for key in ("seconds", "cpu", "bytes")))
         for name, figures in found.items()
     ]
 
 
-def lines(points: Sequence[Point]) -> Iterator[tuple[str, str, list[Point]]]:
+def lines(points: Sequence[GrowthPoint]) -> Iterator[tuple[str, str, list[GrowthPoint]]]:
     """Kind, operation and its measurements, in the order of their sizes."""
     for kind, operation in dict.fromkeys((point.kind, point.operation) for point in points):
         mine = [point for point in points if (point.kind, point.operation) == (kind, operation)]
         yield kind, operation, sorted(mine, key=lambda point: point.size)
 
 
-def power(mine: Sequence[Point], name: str = "cpu") -> float:
+def power(mine: Sequence[GrowthPoint], name: str = "cpu") -> float:
     """Power of the size with which a figure grows over the upper half of the sizes; NaN where there are too few."""
     kept = [point for point in mine if point.size > 0][-3:]
     if len(kept) < 2:
@@ -218,17 +218,17 @@ def command(out: Path, only: tuple[str, ...], most: float, quick: bool) -> None:
     print(f"wrote {out / FILE}, {out / PICTURE}")
 
 
-def read(path: Path) -> list[Point]:
+def read(path: Path) -> list[GrowthPoint]:
     """What a file of `command` holds; nothing where there is none."""
     if not path.exists():
         return []
     try:
-        return [Point(**entry) for entry in json.loads(path.read_text(encoding="utf-8"))["points"]]
+        return [GrowthPoint(**entry) for entry in json.loads(path.read_text(encoding="utf-8"))["points"]]
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise ArtibotError(f"{path}: not what `make growth` writes; remove it, or give another OUT") from error
 
 
-def joined(known: Sequence[Point], new: Sequence[Point]) -> list[Point]:
+def joined(known: Sequence[GrowthPoint], new: Sequence[GrowthPoint]) -> list[GrowthPoint]:
     """Measurements with others over them, kinds in the order of SIZES."""
     again = {(point.kind, point.operation, point.size) for point in new}
     both = [point for point in known if (point.kind, point.operation, point.size) not in again] + list(new)

@@ -62,7 +62,7 @@ class Variant:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class VariantOutcome:
     """What a diagnosis of one variant says.
 
     Attributes
@@ -85,7 +85,7 @@ class Outcome:
     seconds: float
 
     @classmethod
-    def of(cls, variant: str, found: Diagnosis) -> Outcome:
+    def of(cls, variant: str, found: Diagnosis) -> VariantOutcome:
         """Of a diagnosis."""
         causes = sorted(found.causes, key=lambda cause: cause.effect)
         values = {
@@ -120,7 +120,7 @@ class Spread:
     lengths: float
 
     @classmethod
-    def of(cls, outcomes: Sequence[Outcome]) -> Spread:
+    def of(cls, outcomes: Sequence[VariantOutcome]) -> Spread:
         """Of outcomes, the first of which is that of the recordings as they are."""
         first = outcomes[0]
         same = [one for one in outcomes if (one.verdict, one.names) == (first.verdict, first.names)]
@@ -217,11 +217,11 @@ def recorded(folder: Path) -> Iterator[Case]:
             yield Case(place.name, [read_bag(path) for path in runs])
 
 
-def outcomes(case: Case, robot: Robot, quick: bool) -> Iterator[Outcome]:
+def outcomes(case: Case, robot: Robot, quick: bool) -> Iterator[VariantOutcome]:
     """What each variant comes to."""
     for variant in variants(quick):
         changed = variant.change(case.recordings)
-        yield Outcome.of(variant.name, diagnose(changed, robot, seed=variant.seed, workers=variant.workers))
+        yield VariantOutcome.of(variant.name, diagnose(changed, robot, seed=variant.seed, workers=variant.workers))
 
 
 @click.command()
@@ -243,7 +243,7 @@ def main(examples: Path | None, count: int, duration: float, quick: bool, robot:
     kept: dict[str, list[dict[str, object]]] = {}
     steady = total = 0
     for case in (case for some in cases for case in some):
-        found: list[Outcome] = []
+        found: list[VariantOutcome] = []
         click.echo(f"\n{case.name}")
         for one in outcomes(case, rover, quick):
             found.append(one)

@@ -13,7 +13,7 @@ from artibot_sim.exchange.own_effects import effects_option
 
 if TYPE_CHECKING:
     from artibot_sim.progress import Bar
-    from artibot_sim.sweep import Outcome, SweepPlan
+    from artibot_sim.sweep import SweepOutcome, SweepPlan
 
 PAGE = "sweep.html"
 INTERRUPTED = 130
@@ -153,7 +153,7 @@ class _Clock:
         return (self.done - self.before) / self.seconds if self.seconds > 0 else 0.0
 
 
-def _print(summary: Any, done: Outcome, clock: _Clock) -> None:
+def _print(summary: Any, done: SweepOutcome, clock: _Clock) -> None:
     """The summary in the terminal."""
     from rich.console import Console
     from rich.table import Table

@@ -12,7 +12,7 @@ from artibot_sim.diagnose.records import ChannelGain, Left
 from artibot_sim.diagnose.remains import COMMANDED, beyond_noise, far_beyond_noise, leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.per_recording import Apart, apart
-from artibot_sim.diagnose.unlisted.finding import Finding, unexplained
+from artibot_sim.diagnose.unlisted.finding import ForceFinding, unexplained
 from artibot_sim.diagnose.validation.predictions import Worth, is_minor, is_refuted
 from artibot_sim.diagnose.validation.stability import disagreement, drifts
 from artibot_sim.diagnose.verdict import COMMANDS, MOTION, VERDICT, Outcome, Reason, Row
@@ -191,7 +191,7 @@ class MotionFacts:
         return soils_of(found)
 
     @cached_property
-    def _force(self) -> Finding | None:
+    def _force(self) -> ForceFinding | None:
         """The force that is at work instead of what was fitted, or beside it."""
         found = self._decision
         if not found.fitted:
@@ -202,7 +202,7 @@ class MotionFacts:
         return None
 
     @cached_property
-    def _force_instead(self) -> Finding | None:
+    def _force_instead(self) -> ForceFinding | None:
         alone = self._contradiction
         if alone is not None and alone.sufficient:
             return None

@@ -144,7 +144,7 @@ class Stretch:
 
     @cached_property
     def motion(self) -> tuple[Array, Array]:
-        """Times (m,), PAST s apart, and the motion then, (m, 8) in the order of `experiment.measured.Motion`."""
+        """Times (m,), PAST s apart, and the motion then, (m, 8) in the order of `MeasuredMotion`."""
         times = np.arange(self.inputs.t[0], self.inputs.t[-1], PAST)
         return times, self.measured.along(times)
 

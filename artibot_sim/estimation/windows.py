@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.estimation.measurements import CHANNELS, PAST, Stretch
 from artibot_sim.experiment.inputs import plausible_motion, start_state
-from artibot_sim.experiment.measured import Motion, forward_speed
+from artibot_sim.experiment.measured import MeasuredMotion, forward_speed
 from artibot_sim.model import Robot
 from artibot_sim.model.effects.tyre_relaxation import EFFECT, SLOWEST
 from artibot_sim.model.kernels.layout import BACK, GAMMA, MOTOR_COORDINATES, X, Y
@@ -68,7 +68,7 @@ class Start:
 
 def start_of(
     robot: Robot,
-    motion: Motion,
+    motion: MeasuredMotion,
     angles: Array,
     speeds: Array,
     poor: frozenset[str] = frozenset(),
@@ -80,7 +80,7 @@ def start_of(
     Parameters
     ----------
     robot : Robot
-    motion : Motion
+    motion : MeasuredMotion
         NaN is unknown.
     angles, speeds : array, shape (4,)
         Of the motors, rad and rad/s.
@@ -355,7 +355,7 @@ def measured_start(stretch: Stretch, robot: Robot, knot: int) -> Start:
     return start_of(robot, motion, inputs.position[knot], speeds, poor, _known(stretch, motion), measured.late_heading)
 
 
-def _known(stretch: Stretch, motion: Motion) -> dict[str, float]:
+def _known(stretch: Stretch, motion: MeasuredMotion) -> dict[str, float]:
     """How well a measured pose is known: where headings are measured, too, a start need not guess its own."""
     series = {one.channel: one for one in stretch.series}
     if "yaw" not in series:

@@ -8,7 +8,7 @@ import numpy as np
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.columns import Channel, Experiment, Floats
-from artibot_sim.experiment.measured import Motion
+from artibot_sim.experiment.measured import MeasuredMotion
 from artibot_sim.experiment.smoothing import bridge, fit_beside, fresh, hermite, local_fit
 from artibot_sim.model import MOTORS, Commands, Mode, Robot, Rollout, State, initial_state
 from artibot_sim.model.robot.parameters import SensorErrors
@@ -242,7 +242,7 @@ def sees_itself(errors: SensorErrors) -> bool:
     return errors.arm_x == errors.arm_y == errors.delay == 0.0
 
 
-def true_motion(errors: SensorErrors, motion: Motion, late: bool) -> Motion:
+def true_motion(errors: SensorErrors, motion: MeasuredMotion, late: bool) -> MeasuredMotion:
     """The rover's own motion where sensors with errors measured `motion`, its heading as late as positions or not."""
     if errors._replace(encoder_scale=1.0, torque_scale=1.0) == SensorErrors():
         return motion
@@ -251,8 +251,8 @@ def true_motion(errors: SensorErrors, motion: Motion, late: bool) -> Motion:
     start = np.array([[x, y, yaw, c * vx + s * vy, c * vy - s * vx, rate]])
     x, y, yaw, forward, left, rate = true_starts(np.array([errors]), start, np.array([late]))[0].tolist()
     c, s = np.cos(yaw), np.sin(yaw)
-    true = Motion(x, y, yaw, c * forward - s * left, s * forward + c * left, rate, *motion[6:])
-    return Motion(*(float("nan") if np.isnan(old) else new for old, new in zip(motion, true, strict=True)))
+    true = MeasuredMotion(x, y, yaw, c * forward - s * left, s * forward + c * left, rate, *motion[6:])
+    return MeasuredMotion(*(float("nan") if np.isnan(old) else new for old, new in zip(motion, true, strict=True)))
 
 
 def true_inputs(inputs: MotorInputs, errors: SensorErrors, recorded: bool) -> MotorInputs:
@@ -301,7 +301,7 @@ _OVER = 0.1
 """How much faster than its wheels say a rigid rover may be measured to move, as a share of their speed."""
 
 
-def plausible_motion(robot: Robot, motion: Motion, speeds: Floats) -> Motion:
+def plausible_motion(robot: Robot, motion: MeasuredMotion, speeds: Floats) -> MeasuredMotion:
     """A measured motion (NaN is unknown) as a simulation can start from it.
 
     A rover whose motors stand, stands. Velocities that could not be measured are those of rolling; the articulation
@@ -311,7 +311,7 @@ def plausible_motion(robot: Robot, motion: Motion, speeds: Floats) -> Motion:
     Parameters
     ----------
     robot : Robot
-    motion : Motion
+    motion : MeasuredMotion
     speeds : array, shape (4,)
         Of the motors as their encoders show them, rad/s; NaN where there is none.
     """
@@ -325,7 +325,7 @@ def plausible_motion(robot: Robot, motion: Motion, speeds: Floats) -> Motion:
     return motion if robot.articulated else _driven(robot, motion, rims)
 
 
-def _driven(robot: Robot, motion: Motion, rims: Floats) -> Motion:
+def _driven(robot: Robot, motion: MeasuredMotion, rims: Floats) -> MeasuredMotion:
     """A rigid rover's motion within what the speeds (m/s) of its right and left rims allow."""
     c, s = np.cos(motion.yaw), np.sin(motion.yaw)
     over = _OVER * float(np.abs(rims).max())
@@ -338,8 +338,8 @@ def _driven(robot: Robot, motion: Motion, rims: Floats) -> Motion:
 
 
 def start_state(
-    robot: Robot, motion: Motion, position: Floats, velocity: Floats, torque: Floats | None = None, t: float = 0.0,
-    behind: Floats | None = None,
+    robot: Robot, motion: MeasuredMotion, position: Floats, velocity: Floats, torque: Floats | None = None,
+    t: float = 0.0, behind: Floats | None = None,
 ) -> State:  # fmt: skip
     """Return a rover that moves as measured, on its wheels at static equilibrium.
 

@@ -245,7 +245,7 @@ RATE_HALF_WIDTH = 0.05
 _EXACT = 1e-5  # m or rad: measurements with less noise are taken as they are, not smoothed
 
 
-class Motion(NamedTuple):
+class MeasuredMotion(NamedTuple):
     """Pose (m, rad, `map`), velocity (m/s, `map`), yaw rate (rad/s), articulation (rad, rad/s); NaN if unknown."""
 
     x: float
@@ -259,7 +259,7 @@ class Motion(NamedTuple):
 
 
 def forward_speed(motion: Floats) -> Floats:
-    """Speed along the heading, shape (n,), m/s, of rows of `Motion` (n, 8)."""
+    """Speed along the heading, shape (n,), m/s, of rows of `MeasuredMotion` (n, 8)."""
     yaw, vx, vy = motion[:, 2:5].T
     return np.cos(yaw) * vx + np.sin(yaw) * vy
 
@@ -330,9 +330,9 @@ class Measured:
             for name, (motors, quantity) in wanted.items()
         }
 
-    def at(self, t: float) -> Motion:
+    def at(self, t: float) -> MeasuredMotion:
         """Return the motion at time `t`, by local fits to the measurements before and after it."""
-        return Motion(*self.along(np.array([t]))[0].tolist())
+        return MeasuredMotion(*self.along(np.array([t]))[0].tolist())
 
     def behind(self, t: float, joints: int) -> Floats:
         """Return angles and rates (2, joints) of so many joints behind the first at `t`; NaN where not recorded."""
@@ -346,9 +346,9 @@ class Measured:
         return found
 
     def along(self, times: Floats) -> Floats:
-        """Return the motion at times (n,) that increase, (n, 8) in the order of `Motion`."""
+        """Return the motion at times (n,) that increase, (n, 8) in the order of `MeasuredMotion`."""
         if not len(times):
-            return np.empty((0, len(Motion._fields)))
+            return np.empty((0, len(MeasuredMotion._fields)))
         of = self._local
         bend, bend_rate = of["articulation"].at(times, RATE_HALF_WIDTH)
         yaw, yaw_slope = of["yaw"].at(times, POSE_HALF_WIDTH)

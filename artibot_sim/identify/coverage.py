@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Trial:
+class CoverageTrial:
     """One identification of a known soil.
 
     Attributes
@@ -58,7 +58,7 @@ class Trial:
         return json.dumps(plain | {"status": self.status.value})
 
     @classmethod
-    def from_json(cls, line: str) -> Trial:
+    def from_json(cls, line: str) -> CoverageTrial:
         """A trial from its line."""
         found = json.loads(line)
         arrays = {name: np.array(found[name]) for name in ("truth", "value", "low", "high")}
@@ -67,7 +67,7 @@ class Trial:
 
 def trials(
     count: int, seed: int, robot: str = "agriq", duration: float = 45.0, recordings: int = 1, first: int = 0
-) -> Iterator[Trial]:
+) -> Iterator[CoverageTrial]:
     """Identifications of random soils, each from so many recordings; trial k of a seed is always the same."""
     nominal = load_robot(robot)
     for k in range(first, count):
@@ -84,7 +84,7 @@ def trials(
         began = time.process_time()
         result = identify(drives, nominal).result
         low, high = np.array([e.ci95 for e in result.estimates]).T
-        yield Trial(
+        yield CoverageTrial(
             real.as_vector([f"contact.{name}" for name in SOIL]), np.array([e.value for e in result.estimates]), low,
             high, result.status, time.process_time() - began,
         )  # fmt: skip
@@ -95,7 +95,7 @@ def main(argv: list[str]) -> int:
     count, seed = (int(text) for text in (argv + ["100", "0"][len(argv) :])[:2])
     kept = Path(argv[2]) if len(argv) > 2 else None
     lines = kept.read_text().splitlines() if kept and kept.exists() else []
-    done = [Trial.from_json(line) for line in lines[:count]]
+    done = [CoverageTrial.from_json(line) for line in lines[:count]]
     for number, trial in enumerate(done, 1):
         print(_line(number, trial))
     for trial in trials(count, seed, first=len(done)):
@@ -112,7 +112,7 @@ def main(argv: list[str]) -> int:
     return 0
 
 
-def _line(number: int, trial: Trial) -> str:
+def _line(number: int, trial: CoverageTrial) -> str:
     error = 100.0 * (trial.value / trial.truth - 1.0)
     marks = "".join("+" if inside else "-" for inside in trial.covered)
     width = 50.0 * (trial.high - trial.low) / trial.truth

@@ -32,7 +32,7 @@ _TURNING = 0.02
 
 
 @dataclass(frozen=True)
-class Motion:
+class FittedMotion:
     """What a rover did in the recordings, as the fit has it.
 
     Attributes
@@ -53,7 +53,7 @@ class Motion:
     torques: bool
 
 
-def motion_of(problem: Problem, coordinates: Array, starts: Array, torques: bool) -> Motion:
+def motion_of(problem: Problem, coordinates: Array, starts: Array, torques: bool) -> FittedMotion:
     """What the windows' simulations show."""
     t = [np.arange(0.05, duration, 0.05) for duration in problem.durations]
     seen = {}
@@ -61,7 +61,7 @@ def motion_of(problem: Problem, coordinates: Array, starts: Array, torques: bool
         plans = [Plan(times, np.full(len(times), KINDS.index(name))) for times in t]
         seen[name] = np.concatenate(problem.look(coordinates, starts, plans))
     known = np.isfinite(seen["sliding"])
-    return Motion(
+    return FittedMotion(
         float((seen["sliding"][known] > 0).mean()), float(seen["grip"][known].max()),
         float(np.sqrt(np.mean(seen["yaw_rate"][known] ** 2))), torques,
     )  # fmt: skip
@@ -93,7 +93,7 @@ def _power(exponent: float) -> str:
 
 
 def estimates(
-    parameters: ParameterSet, coordinates: Array, curvature: Spread, bootstrap: Spread, motion: Motion
+    parameters: ParameterSet, coordinates: Array, curvature: Spread, bootstrap: Spread, motion: FittedMotion
 ) -> tuple[Estimate, ...]:
     """Values, intervals and statuses of all parameters.
 
@@ -161,7 +161,7 @@ def _with_prior(interval: tuple[float, float], p: Parameter) -> tuple[float, flo
     return min(interval[0], p.at(-1.96 * p.spread)), max(interval[1], p.at(1.96 * p.spread))
 
 
-def unseen(key: str, motion: Motion) -> str:
+def unseen(key: str, motion: FittedMotion) -> str:
     """Why a parameter cannot have acted in the recordings; empty where it can."""
     if key in (MU_S, MU_D) and motion.sliding == 0.0:
         least = f"; all that is known is mu_s > {motion.grip:.2f}" if key == MU_S else ""
@@ -171,7 +171,7 @@ def unseen(key: str, motion: Motion) -> str:
     return ""
 
 
-def open_reason(key: str, motion: Motion) -> str:
+def open_reason(key: str, motion: FittedMotion) -> str:
     """The likeliest reason why something stays open though it acts."""
     if not motion.torques and key.startswith("contact."):
         return "without torques only ratios of forces act on the path, their common scale hardly does"

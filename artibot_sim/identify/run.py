@@ -30,7 +30,7 @@ from artibot_sim.estimation.solver import evaluate
 from artibot_sim.estimation.uncertainty import Node, from_bootstrap, from_curvature, profile
 from artibot_sim.estimation.windows import CHANNEL_NAMES, cut
 from artibot_sim.experiment import Experiment
-from artibot_sim.identify.judgement import Motion, estimates, motion_of, overall, weakest
+from artibot_sim.identify.judgement import FittedMotion, estimates, motion_of, overall, weakest
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.result import Estimate, Identification, Status
 from artibot_sim.identify.validation import Held, channel_fits, fitted, hold_out
@@ -277,7 +277,7 @@ def _result(
     problem: Problem,
     found: Fit,
     nodes: Sequence[Node],
-    motion: Motion,
+    motion: FittedMotion,
 ) -> Identification:
     parameters = problem.parameters
     noise = noise_share(problem, found)

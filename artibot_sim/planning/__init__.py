@@ -28,7 +28,7 @@ from artibot_sim.planning.manoeuvre import (
     YawRateChirp,
 )
 from artibot_sim.planning.plan import FrontKinematics, Plan, Sample, plan
-from artibot_sim.planning.route import Mark, Motion
+from artibot_sim.planning.route import Mark, PlannedMotion
 
 __all__ = [
     "MANOEUVRES",
@@ -38,8 +38,8 @@ __all__ = [
     "FrontKinematics",
     "Manoeuvre",
     "Mark",
-    "Motion",
     "Plan",
+    "PlannedMotion",
     "Ramp",
     "Repeat",
     "Sample",

@@ -13,7 +13,7 @@ from artibot_sim.model import Commands
 from artibot_sim.model.robot.robot import Robot
 from artibot_sim.planning.manoeuvre import Manoeuvre
 from artibot_sim.planning.paths import Array
-from artibot_sim.planning.route import Mark, Motion, Route
+from artibot_sim.planning.route import Mark, PlannedMotion, Route
 
 # ----------------------------------------------------------------------
 # Inverse and forward kinematics of the front module without slip.
@@ -72,8 +72,8 @@ MAX_SAMPLES = 2_000_000
 
 
 @dataclass(frozen=True)
-class Sample(Motion):
-    """A plan at times `t`: :class:`Motion` and what the front motors do for it.
+class Sample(PlannedMotion):
+    """A plan at times `t`: :class:`PlannedMotion` and what the front motors do for it.
 
     Attributes
     ----------

@@ -264,7 +264,7 @@ class Mark:
 
 
 @dataclass(frozen=True)
-class Motion:
+class PlannedMotion:
     """The front module's motion at times `t`.
 
     Attributes
@@ -328,7 +328,7 @@ class Route:
         self.path_length = float(self._starts[-1, 4])
         self.marks = _marks(stretch)
 
-    def at(self, t: Array) -> Motion:
+    def at(self, t: Array) -> PlannedMotion:
         """The motion at times `t` (n,); before 0 it rests at the start, after the end its last twist goes on."""
         inside = np.clip(t, 0.0, self.duration)
         i = np.clip(np.searchsorted(self._times, inside + SNAP, side="right") - 1, 0, len(self._paces) - 1)
@@ -340,7 +340,7 @@ class Route:
         for shape in np.unique(j):
             rows[j == shape] = self._within(int(shape), sigma[j == shape], rate[j == shape])
         _coast(rows, t - inside)
-        return Motion(t, rows[:, :3], rows[:, 5:], rows[:, 3], rows[:, 4])
+        return PlannedMotion(t, rows[:, :3], rows[:, 5:], rows[:, 3], rows[:, 4])
 
     def _within(self, j: int, sigma: Array, rate: Array) -> Array:
         """x, y, yaw, arc, travelled, speed, yaw rate on shape `j`."""

@@ -56,7 +56,7 @@ class Unknown:
 
 
 @dataclass(frozen=True)
-class Problem:
+class CalibrationProblem:
     """What is fitted to what.
 
     Attributes
@@ -113,7 +113,7 @@ _LENGTHS = {
 }
 
 PROBLEMS = {
-    "agriq": Problem(
+    "agriq": CalibrationProblem(
         "agriq",
         (
             Unknown("i_x", _LENGTHS["i_x"], 0.30, 0.70),
@@ -124,7 +124,7 @@ PROBLEMS = {
         True,
         "Table 7 (e_gamma negative, e_x, three kappa), the model's radii of Tests 1 and 2, and 2 m overall",
     ),
-    "epiq": Problem(
+    "epiq": CalibrationProblem(
         "epiq",
         (
             Unknown("i_x", _LENGTHS["i_x"], 0.03, 0.20),
@@ -166,7 +166,7 @@ class Calibration:
         return problem.with_values(np.array([self.values[unknown.name] for unknown in problem.unknowns]))
 
 
-def misfit(problem: Problem, values: Array) -> float:
+def misfit(problem: CalibrationProblem, values: Array) -> float:
     """Root mean square of the differences, points; large where a simulation fails."""
     try:
         return float(np.sqrt((problem.misfits(values) ** 2).mean()))
@@ -174,7 +174,7 @@ def misfit(problem: Problem, values: Array) -> float:
         return 1e3
 
 
-def robust_misfit(problem: Problem, values: Array) -> float:
+def robust_misfit(problem: CalibrationProblem, values: Array) -> float:
     """The mean misfit of a geometry and of those half a percent smaller and larger.
 
     Eq. 16 makes the model jump from branch to branch; a fit that a millimetre destroys is none.
@@ -183,7 +183,7 @@ def robust_misfit(problem: Problem, values: Array) -> float:
 
 
 def calibrate(
-    problem: Problem, generations: int = 25, progress: Callable[[float], None] | None = None
+    problem: CalibrationProblem, generations: int = 25, progress: Callable[[float], None] | None = None
 ) -> Calibration:  # fmt: skip
     """Search the lengths, to the millimetre, by differential evolution: the misfit jumps, so no gradient helps."""
     from scipy.optimize import differential_evolution

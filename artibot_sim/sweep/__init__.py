@@ -11,12 +11,12 @@ PosixPath('soils/runs.parquet')
 from artibot_sim.sweep.axes import Axis, axis_from_text, known_keys, setting_from_text, unit_of
 from artibot_sim.sweep.measures import MEASURES
 from artibot_sim.sweep.plan import SweepPlan, load_plan, plan_from_dict
-from artibot_sim.sweep.run import Outcome, sweep
+from artibot_sim.sweep.run import SweepOutcome, sweep
 
 __all__ = [
     "MEASURES",
     "Axis",
-    "Outcome",
+    "SweepOutcome",
     "SweepPlan",
     "axis_from_text",
     "known_keys",

@@ -191,7 +191,7 @@ Tell = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SweepOutcome:
     """Where a sweep's results are.
 
     Attributes
@@ -216,7 +216,7 @@ def sweep(
     scheduler: str | None = None,
     chunk: int | None = None,
     progress: Tell | None = None,
-) -> Outcome:
+) -> SweepOutcome:
     """Simulate all runs of a plan that are not in the folder yet.
 
     Parameters
@@ -257,7 +257,7 @@ def sweep(
             finished += count
             advance(finished, before)
         folder.finish()
-        return Outcome(folder.path, folder.table, plan.count, before)
+        return SweepOutcome(folder.path, folder.table, plan.count, before)
 
 
 def _done(

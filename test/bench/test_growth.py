@@ -9,21 +9,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from artibot_sim.bench.growth import LINEAR, TITLES, Point, chart, joined, lines, measured, power, read
+from artibot_sim.bench.growth import LINEAR, TITLES, GrowthPoint, chart, joined, lines, measured, power, read
 from artibot_sim.bench.growth_tasks import KINDS
 from artibot_sim.errors import ArtibotError
 
 
 @given(st.floats(0.0, 3.0), st.floats(0.1, 10.0))
 def test_the_power_is_that_of_a_power_law(exponent, factor):
-    points = [Point("runs", "sweep", size, 0.0, factor * size**exponent, 1e8) for size in (10.0, 100.0, 1000.0)]
+    points = [GrowthPoint("runs", "sweep", size, 0.0, factor * size**exponent, 1e8) for size in (10.0, 100.0, 1000.0)]
     assert power(points) == pytest.approx(exponent, abs=1e-6)
     assert power(points, "bytes") == pytest.approx(0.0, abs=1e-6)
     assert (power(points) > LINEAR) == (exponent > LINEAR)
 
 
 def test_one_point_has_no_power():
-    assert power([Point("cores", "sweep", 1.0, 1.0, 1.0, 1.0)]) != power([Point("cores", "sweep", 1.0, 1.0, 1.0, 1.0)])
+    alone = GrowthPoint("cores", "sweep", 1.0, 1.0, 1.0, 1.0)
+    assert power([alone]) != power([alone])
 
 
 def test_a_measurement_is_made_in_a_process_of_its_own():
@@ -35,7 +36,7 @@ def test_a_measurement_is_made_in_a_process_of_its_own():
 
 def test_a_new_measurement_takes_the_old_ones_place_and_no_other(tmp_path):
     def point(kind, size, seconds):
-        return Point(kind, "o", size, seconds, seconds, 1e8)
+        return GrowthPoint(kind, "o", size, seconds, seconds, 1e8)
 
     known = [point("runs", 1.0, 1.0), point("cores", 1.0, 1.0)]
     both = joined(known, [point("runs", 2.0, 2.0), point("cores", 1.0, 3.0)])

@@ -20,7 +20,7 @@ from artibot_driver.faults import campaign
 from artibot_driver.faults.catalogue import BRIEFLY, BY_NAME, CAN_PASS, CATALOGUE, TWO, Fault, briefly, two
 from artibot_driver.faults.closed_loop import ClosedLoop, VirtualLoop
 from artibot_driver.faults.simulated_bus import Interference, UnreliableBus, memory_buses
-from artibot_driver.faults.trial import BEFORE_END, Trial
+from artibot_driver.faults.trial import BEFORE_END, FaultTrial
 from artibot_driver.faults.watchdog import HELD_UP, Watchdog
 from artibot_driver.frames import Frame
 from artibot_driver.master import Master, Phase, Reason
@@ -42,7 +42,7 @@ def test_two_faults_at_once_and_those_that_pass_by_end_well_too(number: int) -> 
     rng = random.Random(f"{SEED}/{number}")
     pair = two(*rng.sample(CATALOGUE, 2), rng.uniform(0.0, 0.3))
     for fault in (pair, briefly(rng.choice(CAN_PASS), rng.uniform(0.01, 0.15))):
-        outcome = Trial(VirtualLoop(load_rig(config_from_parameters({})), rng), fault, rng.choice(MOTORS)).run()
+        outcome = FaultTrial(VirtualLoop(load_rig(config_from_parameters({})), rng), fault, rng.choice(MOTORS)).run()
         assert not outcome.complaints, (f"seed {SEED}, trial {number}", outcome)
 
 
@@ -137,7 +137,7 @@ class Hasty(Master):
 def test_a_trial_notices_a_driver_that_is_at_fault(master: type[Master], fault: Fault, complaint: str) -> None:
     w = VirtualLoop(load_rig(config_from_parameters({})), random.Random(5))
     w.master = master(w.unreliable, w.rig, clock=lambda: w.now)
-    outcome = Trial(w, fault, "back_left").run()
+    outcome = FaultTrial(w, fault, "back_left").run()
     assert any(part in each for each in outcome.complaints for part in complaint.split("|")), outcome
 
 
@@ -150,7 +150,7 @@ def test_a_stop_that_comes_late_is_watched_to_its_end() -> None:
 
     fault = Fault("silence, later", inject, lambda loop, motor: None, False, 0.15, (Reason.COMMAND_SILENCE,))
     w = VirtualLoop(load_rig(config_from_parameters({})), random.Random(5))
-    trial = Trial(w, fault, "back_left")
+    trial = FaultTrial(w, fault, "back_left")
     ramp = trial.speed / w.rig.config.stop_deceleration
     outcome = trial.run()
     assert outcome.stopped and not outcome.complaints, outcome

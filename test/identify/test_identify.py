@@ -18,7 +18,7 @@ from artibot_sim.estimation.parameters import ParameterSet
 from artibot_sim.estimation.uncertainty import Spread
 from artibot_sim.experiment import Channel, Experiment, write_channels
 from artibot_sim.identify import Effort, Prior, Status, identify, parse_priors
-from artibot_sim.identify.judgement import Motion, estimates
+from artibot_sim.identify.judgement import FittedMotion, estimates
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.result import Estimate, number
 from artibot_sim.identify.run import Work, problem_of
@@ -190,7 +190,7 @@ def _judged(mu_s: float, mu_d: float, fit: tuple[str, ...] = ("mu_s", "mu_d")) -
     at = np.log([value[p.name] / p.prior.value for p in parameters.parameters])
     wide = np.array([np.log(2.0) if p.name == "mu_d" else 0.01 for p in parameters.parameters])
     spread = Spread(at, np.diag(np.full(len(at), 1e-4)), at - 0.01, at + wide)
-    motion = Motion(sliding=0.2, grip=0.6, turning=0.3, torques=True)
+    motion = FittedMotion(sliding=0.2, grip=0.6, turning=0.3, torques=True)
     found = estimates(parameters, parameters.coordinates(np.exp(at) * _middles(parameters)), spread, spread, motion)
     return {estimate.name: estimate for estimate in found}
 

@@ -12,7 +12,7 @@ from artibot_sim.reproduce import section7
 from artibot_sim.reproduce.calibration import (
     CALIBRATIONS,
     PROBLEMS,
-    Problem,
+    CalibrationProblem,
     calibrate,
     misfit,
     overall_length,
@@ -150,7 +150,7 @@ def test_the_best_fit_has_the_stated_length(name: str) -> None:
 
 def test_a_search_is_repeatable_and_reports_the_best_it_tried() -> None:
     whole = PROBLEMS["epiq"]
-    problem = Problem("epiq", whole.unknowns[2:], (), False, "a part")
+    problem = CalibrationProblem("epiq", whole.unknowns[2:], (), False, "a part")
     shares: list[float] = []
     first, again = calibrate(problem, 0, shares.append), calibrate(problem, 0)
     assert first == again

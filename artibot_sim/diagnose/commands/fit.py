@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.commands.data import CommandData
 from artibot_sim.diagnose.commands.limit import Limit, excluded_limit, torque_limit
-from artibot_sim.diagnose.commands.model import PARAMETERS, Way, followed, known_way, ramped, seen, way_of
-from artibot_sim.diagnose.commands.noise import Noise, noise_in, sensor_noise
-from artibot_sim.diagnose.commands.series import Level, level_of, series_of
+from artibot_sim.diagnose.commands.model import PARAMETERS, WayOfCommands, followed, known_way, ramped, seen, way_of
+from artibot_sim.diagnose.commands.noise import SpeedNoise, noise_in, sensor_noise
+from artibot_sim.diagnose.commands.series import CommandedLevel, level_of, series_of
 from artibot_sim.diagnose.policy import SMALLEST_DEADBAND, SMALLEST_DELAY, SMALLEST_SCALE, THRESHOLDS
 from artibot_sim.diagnose.records import FALSE_ALARM_RATE, PRIOR_ODDS, Left, Series
 from artibot_sim.experiment import Experiment
@@ -58,7 +58,7 @@ class Best:
     Attributes
     ----------
     effects : tuple of str
-    way : Way
+    way : WayOfCommands
     value : float
         Log-likelihood, nats.
     sd : mapping of str to float
@@ -66,7 +66,7 @@ class Best:
     """
 
     effects: tuple[str, ...]
-    way: Way
+    way: WayOfCommands
     value: float
     sd: dict[str, float]
 
@@ -78,16 +78,16 @@ class Fitter:
     Attributes
     ----------
     data : CommandData
-    noise : Noise
-    known : Way
+    noise : SpeedNoise
+    known : WayOfCommands
         What the robot does to its commands as far as is known.
     used : array of bool, shape (n,)
         Samples that count.
     """
 
     data: CommandData
-    noise: Noise
-    known: Way
+    noise: SpeedNoise
+    known: WayOfCommands
     used: Flags
 
     @property
@@ -95,20 +95,20 @@ class Fitter:
         """s by which stamps may disagree at most: commands that are sampled are not known better between samples."""
         return STAMPS + 0.25 * self.data.period
 
-    def value(self, way: Way, speed: Array | None = None) -> float:
+    def value(self, way: WayOfCommands, speed: Array | None = None) -> float:
         """Log-likelihood of a way, nats; `speed` is what `followed` gives for it."""
         error = self.data.speed - seen(self.data, way, speed)
         return self.noise.log_likelihood(self.data, error, self.used) - 0.5 * (way.clock / (0.5 * self.clock)) ** 2
 
-    def with_clock(self, way: Way) -> Way:
+    def with_clock(self, way: WayOfCommands) -> WayOfCommands:
         """A way of commands with the clock offset that suits it best."""
         return self._climb(way._replace(clock=0.0), ["clock"])[0]
 
-    def at(self, way: Way) -> float:
+    def at(self, way: WayOfCommands) -> float:
         """Log-likelihood of a way, nats, stamps as it wants them."""
         return self._climb(way._replace(clock=0.0), ["clock"])[1]
 
-    def best(self, effects: Collection[str], starts: Iterable[Way] = ()) -> Best:
+    def best(self, effects: Collection[str], starts: Iterable[WayOfCommands] = ()) -> Best:
         """These effects at their best together, from several starts."""
         fields = [PARAMETERS[e][1] for e in effects if e in PARAMETERS]
         free = [f for f in fields if f not in _SCANNED] + ([] if "delay" in fields else ["clock"])
@@ -128,11 +128,11 @@ class Fitter:
             sd["threshold"] = self._threshold_sd(way, value)
         return Best(tuple(effects), way, value, {f: max(sd.get(f, np.inf), _LEAST_SD[f]) for f in fields})
 
-    def _smooth(self, free: Sequence[str], fields: Sequence[str], way: Way) -> list[str]:
+    def _smooth(self, free: Sequence[str], fields: Sequence[str], way: WayOfCommands) -> list[str]:
         """The free fields with the rate, where there is a limit: once it is near the best it is climbed as they are."""
         return [*free, *(["rate"] if "rate" in fields and np.isfinite(way.rate) else [])]
 
-    def _alone(self, fields: Sequence[str]) -> list[Way]:
+    def _alone(self, fields: Sequence[str]) -> list[WayOfCommands]:
         """Ways in which one field has one of several sizes."""
         return [self.known._replace(**{f: size}) for f in fields for size in _FIRST.get(f, ())]
 
@@ -144,7 +144,7 @@ class Fitter:
         least, most = top / _SLOWEST, _HIGHEST_SHARE * self.data.steepest
         return np.geomspace(least, most, _COARSE) if least < most else np.empty(0)
 
-    def _scanned(self, way: Way, value: float, field: str) -> tuple[Way, float]:
+    def _scanned(self, way: WayOfCommands, value: float, field: str) -> tuple[WayOfCommands, float]:
         """The best of all sizes of a field with its likelihood; the way as it was where none is better.
 
         A size that is a little wrong may cost as much as the effect gains, so the best few are refined first.
@@ -158,7 +158,7 @@ class Fitter:
         ends = [self._refined(grid[int(k)], field, width) for k in np.argsort(-values)[:_TRIED]]
         return max([(way, value), *ends], key=lambda end: end[1])
 
-    def _refined(self, way: Way, field: str, share: float) -> tuple[Way, float]:
+    def _refined(self, way: WayOfCommands, field: str, share: float) -> tuple[WayOfCommands, float]:
         """A field moved to where the likelihood is largest, by up to this share of it first."""
         width = share * getattr(way, field)
         for _ in range(3):
@@ -167,14 +167,14 @@ class Fitter:
             width /= 4.0
         return way, self.value(way)
 
-    def _threshold_sd(self, way: Way, value: float) -> float:
+    def _threshold_sd(self, way: WayOfCommands, value: float) -> float:
         """Half the width over which the likelihood falls by a half."""
         width = 0.05 * way.threshold + 1e-9
         grid = way.threshold + width * np.linspace(-1.0, 1.0, 15)
         near = [x for x in grid if self.value(way._replace(threshold=max(float(x), 0.0))) > value - 0.5]
         return float(0.5 * (max(near) - min(near) + width / 7.0)) if near else float(width)
 
-    def _climb(self, way: Way, free: Sequence[str]) -> tuple[Way, float, Array]:
+    def _climb(self, way: WayOfCommands, free: Sequence[str]) -> tuple[WayOfCommands, float, Array]:
         """Gauss–Newton with Levenberg's damping for the smooth fields."""
         value, damping = self.value(way), 1e-3
         information = np.eye(len(free))
@@ -193,12 +193,12 @@ class Fitter:
                 break
         return way, value, information
 
-    def _inside(self, way: Way, moves: dict[str, float]) -> Way:
+    def _inside(self, way: WayOfCommands, moves: dict[str, float]) -> WayOfCommands:
         fields = way._asdict()
         for field, move in moves.items():
             low, high = self._bounds(field, fields[field])
             fields[field] = float(np.clip(fields[field] + move, low, high))
-        return Way(**fields)
+        return WayOfCommands(**fields)
 
     def _bounds(self, field: str, now: float) -> tuple[float, float]:
         """Least and largest value of a field that is `now`, after a step."""
@@ -207,7 +207,7 @@ class Fitter:
         low = {"clock": -self.clock, "scale": 0.5}.get(field, 0.0)
         return low, self.clock if field == "clock" else _HIGHEST[field]
 
-    def _slopes(self, way: Way, free: Sequence[str]) -> tuple[Array, Array]:
+    def _slopes(self, way: WayOfCommands, free: Sequence[str]) -> tuple[Array, Array]:
         """Gradient and information of the log-likelihood by the free fields."""
         data, speed = self.data, followed(self.data.command, way, self.data.begins)
         predicted = seen(data, way, speed)
@@ -231,7 +231,7 @@ class Fitter:
             information[i, i] += known
         return gradient, information
 
-    def _sd(self, way: Way, free: Sequence[str]) -> dict[str, float]:
+    def _sd(self, way: WayOfCommands, free: Sequence[str]) -> dict[str, float]:
         _, information = self._slopes(way, free)
         covariance = np.linalg.pinv(information)
         return {field: float(np.sqrt(max(covariance[i, i], 0.0))) for i, field in enumerate(free)}
@@ -291,7 +291,7 @@ class ViewEvidence:
 
 
 @dataclass(frozen=True)
-class Fit:
+class CommandFit:
     """Some effects at their best together: log-likelihood of all of it, nats, and where that is."""
 
     value: float
@@ -301,16 +301,16 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class Work:
+class CommandFits:
     """What the view is made from; fits are kept."""
 
     recordings: Sequence[Experiment]
     robot: Robot
     data: CommandData
     pulls: CommandData | None
-    noise: Noise
+    noise: SpeedNoise
     needed: float = NEEDED
-    _fits: dict[tuple[str, ...], Fit] = dataclass_field(default_factory=dict)
+    _fits: dict[tuple[str, ...], CommandFit] = dataclass_field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_fits", {})
@@ -326,20 +326,20 @@ class Work:
         if self.pulls is None:
             return None
         used = np.ones(len(self.pulls), bool)
-        rough = Fitter(self.pulls, sensor_noise(self.pulls), Way(), used)
+        rough = Fitter(self.pulls, sensor_noise(self.pulls), WayOfCommands(), used)
         best = rough.best(("encoder_scale",))
         left = self.pulls.speed - seen(self.pulls, best.way)
-        known = Way(scale=float(self.robot.effects.get(SCALE, {}).get("scale", 1.0)))
+        known = WayOfCommands(scale=float(self.robot.effects.get(SCALE, {}).get("scale", 1.0)))
         return Fitter(self.pulls, noise_in(self.pulls, left, used), known, used)
 
-    def fit(self, effects: Collection[str]) -> Fit:
+    def fit(self, effects: Collection[str]) -> CommandFit:
         """These effects at their best together."""
         key = tuple(sorted(effects))
         if key not in self._fits:
             self._fits[key] = self._fitted(key)
         return self._fits[key]
 
-    def _fitted(self, effects: tuple[str, ...]) -> Fit:
+    def _fitted(self, effects: tuple[str, ...]) -> CommandFit:
         ways = [e for e in effects if e in PARAMETERS]
         starts = [self.fit([e for e in ways if e != left]).best.way for left in ways] if len(ways) > 1 else []
         if len(ways) > 1:
@@ -353,7 +353,7 @@ class Work:
         if self.puller is not None:
             pulled = self.puller.best(("encoder_scale",) if SCALE in effects else ())
             value += pulled.value
-        return Fit(value, best, limit, pulled)
+        return CommandFit(value, best, limit, pulled)
 
     def _limited(self, ways: Sequence[str], best: Best) -> tuple[Best, Limit | None]:
         """The way fitted without the samples that a limit explains, and the limit that is left with it."""
@@ -378,7 +378,7 @@ class Work:
             found = (*found, best)
         return found
 
-    def noise_beside(self, found: Collection[str]) -> Noise:
+    def noise_beside(self, found: Collection[str]) -> SpeedNoise:
         """Noise of speeds that these effects leave."""
         fit = self.fit(found)
         used = np.ones(len(self.data), bool) if fit.limit is None else ~fit.limit.held
@@ -419,7 +419,7 @@ class Work:
             return ViewEvidence(nats, values, sd, note)
         return ViewEvidence(nats, values, sd, note, self._excluded(effect, fit), self._excluded_limit(effect, base))
 
-    def _matters(self, effect: str, fit: Fit) -> bool:
+    def _matters(self, effect: str, fit: CommandFit) -> bool:
         """Whether an effect is as large as to be told from what stamps and encoders leave open."""
         if effect in (LIMIT, SCALE):
             return True
@@ -438,7 +438,7 @@ class Work:
         """Departure of a way's field under which it is none."""
         return _SMALLEST.get(field_, SMALLEST_DEADBAND * float(np.abs(self.data.command).max()))
 
-    def parameters(self, effect: str, fit: Fit) -> tuple[dict[str, float], dict[str, float]]:
+    def parameters(self, effect: str, fit: CommandFit) -> tuple[dict[str, float], dict[str, float]]:
         """Values of an effect's parameters at a fit, and their standard deviations; none where nothing tells them."""
         if effect == LIMIT:
             if fit.limit is None:
@@ -467,7 +467,7 @@ class Work:
         """Nats that a size of an effect has to lose to be excluded: had it been there, it would have been named."""
         return 0.5 * (float(np.sqrt(2.0 * (self.needed + _OCCAM))) + _MARGIN) ** 2
 
-    def _excluded(self, effect: str, fit: Fit) -> dict[str, float]:
+    def _excluded(self, effect: str, fit: CommandFit) -> dict[str, float]:
         """From which departure from neutral an effect would have been seen, stamps as it wants them."""
         if effect in (LIMIT, RATE) or (effect == SCALE and self.puller is None):
             return {}
@@ -483,7 +483,7 @@ class Work:
                 return {name: float(size)}
         return {}
 
-    def _excluded_limit(self, effect: str, base: Fit) -> dict[str, float]:
+    def _excluded_limit(self, effect: str, base: CommandFit) -> dict[str, float]:
         """Below which torque a limit that is not there would have been seen."""
         if effect == RATE:
             return self._excluded_rate(base)
@@ -493,7 +493,7 @@ class Work:
         limit = excluded_limit(self.data, self.noise, error, self._lost)
         return {"front_max": limit} if limit > 0.0 else {}
 
-    def _excluded_rate(self, base: Fit) -> dict[str, float]:
+    def _excluded_rate(self, base: CommandFit) -> dict[str, float]:
         """Below which rate of commands a limit that is not there would have been seen, stamps as it wants them."""
         found: dict[str, float] = {}
         for rate in self.fitter.sizes("rate"):
@@ -510,17 +510,17 @@ class Work:
             limit = torque_limit(self.data, self.noise, self.data.speed - seen(self.data, way))
             value += max(limit.nats, 0.0) if limit else 0.0
         if self.puller is not None:
-            value += self.puller.at(Way(scale=float(robot.effects.get(SCALE, {}).get("scale", 1.0))))
+            value += self.puller.at(WayOfCommands(scale=float(robot.effects.get(SCALE, {}).get("scale", 1.0))))
         return value - self.fit(()).value
 
-    def shown_by(self, robot: Robot) -> tuple[dict[str, Level], dict[str, Series]]:
+    def shown_by(self, robot: Robot) -> tuple[dict[str, CommandedLevel], dict[str, Series]]:
         """Levels and series: as commanded, and with a robot's effects."""
         way = way_of(robot.effects)
         limited = LIMIT in robot.effects
         limit = torque_limit(self.data, self.noise, self.data.speed - seen(self.data, way)) if limited else None
         return self.shown(way, limit if limit is not None and limit.nats > 0.0 else None)
 
-    def shown(self, way: Way, limit: Limit | None) -> tuple[dict[str, Level], dict[str, Series]]:
+    def shown(self, way: WayOfCommands, limit: Limit | None) -> tuple[dict[str, CommandedLevel], dict[str, Series]]:
         """Levels and series: as commanded, and with a way."""
         series = series_of(self.recordings, known_way(self.robot), way, self.data, limit)
         return {"front_velocity": level_of(series)}, series

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
 from artibot_sim.diagnose.commands.data import CommandData
-from artibot_sim.diagnose.commands.noise import Noise, log_density
+from artibot_sim.diagnose.commands.noise import SpeedNoise, log_density
 from artibot_sim.experiment.smoothing import noise_of
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ class Limit:
     held: Flags
 
 
-def torque_limit(data: CommandData, noise: Noise, error: Array) -> Limit | None:
+def torque_limit(data: CommandData, noise: SpeedNoise, error: Array) -> Limit | None:
     """The limit that explains errors (n,) of predicted speeds (measured − predicted) best; None without torques.
 
     A motor at the limit falls short of its command, exponentially distributed; elsewhere errors are the sensors'. A
@@ -66,7 +66,7 @@ def torque_limit(data: CommandData, noise: Noise, error: Array) -> Limit | None:
     return found
 
 
-def excluded_limit(data: CommandData, noise: Noise, error: Array, enough: float) -> float:
+def excluded_limit(data: CommandData, noise: SpeedNoise, error: Array, enough: float) -> float:
     """The torque (N m) such that every limit below it loses `enough` nats; 0 where there is none, or no torques.
 
     Limits are tried down to half of what was reached: below that they lose more.
@@ -96,7 +96,7 @@ def _top(data: CommandData, size: Array) -> tuple[float, float]:
 
 
 def _at(
-    data: CommandData, noise: Noise, error: Array, size: Array, limit: float, spread: float
+    data: CommandData, noise: SpeedNoise, error: Array, size: Array, limit: float, spread: float
 ) -> tuple[float, Flags, Flags]:
     """Nats that a limit gains; samples that it explains, and those that are near it."""
     known = np.isfinite(data.torque)
@@ -151,6 +151,6 @@ def _noise_of_torques(data: CommandData) -> float:
     return max(float(np.median(known)) if known else 0.02, 2e-3)
 
 
-def _level(noise: Noise, error: Array) -> float:
+def _level(noise: SpeedNoise, error: Array) -> float:
     """Noise of a single error, its colour included, rad/s."""
     return max(noise.sigma, 1.4826 * float(np.median(np.abs(error)))) if np.any(noise.colour) else noise.sigma

@@ -21,7 +21,7 @@ from artibot_sim.model.effects.speed_loop_lag import weights
 Array = NDArray[np.float64]
 
 
-class Way(NamedTuple):
+class WayOfCommands(NamedTuple):
     """What happens to commands, in this order, and to what encoders record.
 
     Attributes
@@ -56,25 +56,25 @@ PARAMETERS = {
     "command_delay": ("delay", "delay"),
     "encoder_scale": ("scale", "scale"),
 }
-"""Effect → its parameter, and what it is called in a `Way`."""
+"""Effect → its parameter, and what it is called in a `WayOfCommands`."""
 
 
-def way_of(effects: Mapping[str, Values]) -> Way:
+def way_of(effects: Mapping[str, Values]) -> WayOfCommands:
     """The way that a robot's effects make."""
     values = {
         field: float(effects[effect][parameter])
         for effect, (parameter, field) in PARAMETERS.items()
         if effect in effects and EFFECTS[effect].active(effects[effect])
     }
-    return Way(**values)
+    return WayOfCommands(**values)
 
 
-def known_way(robot: Robot) -> Way:
+def known_way(robot: Robot) -> WayOfCommands:
     """The way that a robot is already known to have."""
     return way_of(robot.effects)
 
 
-def followed(command: Array, way: Way, begins: Iterable[int] = (0,)) -> Array:
+def followed(command: Array, way: WayOfCommands, begins: Iterable[int] = (0,)) -> Array:
     """What motors do that are given a command (g,) on a grid H apart, before any delay, rad/s.
 
     The laws are those of the effects. Of several parts, which begin at the places `begins`, one after the other each is
@@ -100,7 +100,7 @@ def ramped(command: Array, rate: float, begins: Iterable[int] = (0,)) -> Array:
     return out[:, 0]
 
 
-def seen(data: CommandData, way: Way, speed: Array | None = None) -> Array:
+def seen(data: CommandData, way: WayOfCommands, speed: Array | None = None) -> Array:
     """Speeds that are measured if the motors follow `way`, rad/s, shape (n,); `speed` is what `followed` gave."""
     speed = followed(data.command, way, data.begins) if speed is None else speed
     at = np.clip(data.at - (way.delay + way.clock) / H, 0.0, len(speed) - 1.000001)

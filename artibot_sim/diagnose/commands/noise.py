@@ -26,7 +26,7 @@ _FAR = 60
 
 
 @dataclass(frozen=True)
-class Noise:
+class SpeedNoise:
     """Noise of measured speeds: an autoregression driven by heavy-tailed errors.
 
     Attributes
@@ -43,7 +43,7 @@ class Noise:
     colour: Array
     thinning: float = 1.0
 
-    def like(self, other: Noise) -> bool:
+    def like(self, other: SpeedNoise) -> bool:
         """Whether it is the same to a few per cent."""
         return (
             abs(np.log(self.sigma / other.sigma)) < 0.03
@@ -85,7 +85,7 @@ def least_noise(data: CommandData) -> float:
     return _LEAST * float(np.sqrt(np.mean(data.command**2))) + 1e-9
 
 
-def sensor_noise(data: CommandData) -> Noise:
+def sensor_noise(data: CommandData) -> SpeedNoise:
     """White noise as neighbouring samples show it: good enough to begin with."""
     levels = [
         noise_of(data.at[mine].mean(axis=1)[:_SOME], data.speed[mine][:_SOME])
@@ -93,7 +93,7 @@ def sensor_noise(data: CommandData) -> Noise:
     ]
     known = [level for level in levels if np.isfinite(level)]
     level = float(np.median(known)) if known else 0.1 * float(np.std(data.speed))
-    return Noise(max(level, least_noise(data)), np.zeros(LAGS))
+    return SpeedNoise(max(level, least_noise(data)), np.zeros(LAGS))
 
 
 def _series(data: CommandData) -> Sequence[tuple[int, int]]:
@@ -101,11 +101,11 @@ def _series(data: CommandData) -> Sequence[tuple[int, int]]:
     return [(int(r), int(m)) for r, m in pairs]
 
 
-def noise_in(data: CommandData, error: Array, used: Flags) -> Noise:
+def noise_in(data: CommandData, error: Array, used: Flags) -> SpeedNoise:
     """Noise as the errors (n,) of a good prediction show it, from the samples that are `used`."""
     valid = data.valid & used
     if valid.sum() < 20 * LAGS:
-        return Noise(max(_scale(error[data.counts & used]), least_noise(data)), np.zeros(LAGS))
+        return SpeedNoise(max(_scale(error[data.counts & used]), least_noise(data)), np.zeros(LAGS))
     level = _scale(error[valid])
     calm = np.clip(error, -4.0 * level, 4.0 * level)
     before = np.column_stack([np.concatenate((np.zeros(lag), calm[:-lag])) for lag in range(1, LAGS + 1)])[valid]
@@ -114,8 +114,8 @@ def noise_in(data: CommandData, error: Array, used: Flags) -> Noise:
     driven = whitened(data, error, colour)
     sigma = _scale(driven[valid])
     if sigma < least_noise(data):
-        return Noise(least_noise(data), np.zeros(LAGS))
-    return Noise(sigma, colour, _thinning(data, np.where(valid, driven / sigma, 0.0)))
+        return SpeedNoise(least_noise(data), np.zeros(LAGS))
+    return SpeedNoise(sigma, colour, _thinning(data, np.where(valid, driven / sigma, 0.0)))
 
 
 def _scale(error: Array) -> float:

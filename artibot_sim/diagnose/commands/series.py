@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.commands.data import GUARD, CommandData, H
 from artibot_sim.diagnose.commands.limit import Limit
-from artibot_sim.diagnose.commands.model import Way, followed
+from artibot_sim.diagnose.commands.model import WayOfCommands, followed
 from artibot_sim.diagnose.records import Series
 from artibot_sim.experiment import Experiment
 from artibot_sim.experiment.inputs import GAP
@@ -24,7 +24,7 @@ RESOLUTION = 1e-3
 
 
 @dataclass(frozen=True)
-class Level:
+class CommandedLevel:
     """How far a channel is from what was commanded.
 
     Attributes
@@ -45,7 +45,7 @@ class Level:
 
 
 def series_of(
-    recordings: Sequence[Experiment], known: Way, way: Way, data: CommandData, limit: Limit | None
+    recordings: Sequence[Experiment], known: WayOfCommands, way: WayOfCommands, data: CommandData, limit: Limit | None
 ) -> dict[str, Series]:
     """Errors (predicted − measured, rad/s) of both front motors, by recording; NaN where nothing was commanded."""
     found = {}
@@ -83,7 +83,7 @@ def _speed(recording: Experiment, motor: str) -> Array | None:
     return local_fit(t, angle, motors.t, 0.04)[1]
 
 
-def predicted(t: Array, command: Array, way: Way, at: Array) -> Array:
+def predicted(t: Array, command: Array, way: WayOfCommands, at: Array) -> Array:
     """Speeds recorded at `at` (m,) of a motor that was commanded at `t` (n,), rad/s; NaN in silences."""
     first = t[0] - GUARD
     grid = first + H * np.arange(int(np.ceil((t[-1] - first) / H)) + 2)
@@ -104,9 +104,9 @@ def _held(data: CommandData, limit: Limit, recording: int, motor: int, at: Array
     return np.asarray(held[nearest])
 
 
-def level_of(series: Mapping[str, Series]) -> Level:
+def level_of(series: Mapping[str, Series]) -> CommandedLevel:
     """Of all recordings together."""
     before = np.concatenate([s.before.ravel() for s in series.values()])
     after = np.concatenate([s.after.ravel() for s in series.values()])
     noise = float(np.median([s.noise for s in series.values()]))
-    return Level("rad/s", float(np.sqrt(np.nanmean(before**2))), float(np.sqrt(np.nanmean(after**2))), noise)
+    return CommandedLevel("rad/s", float(np.sqrt(np.nanmean(before**2))), float(np.sqrt(np.nanmean(after**2))), noise)

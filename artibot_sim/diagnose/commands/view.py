@@ -11,10 +11,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from artibot_sim.diagnose.commands.data import command_data
-from artibot_sim.diagnose.commands.fit import EFFECTS, NEEDED, ViewEvidence, Work
+from artibot_sim.diagnose.commands.fit import EFFECTS, NEEDED, CommandFits, ViewEvidence
 from artibot_sim.diagnose.commands.model import known_way
 from artibot_sim.diagnose.commands.noise import sensor_noise
-from artibot_sim.diagnose.commands.series import Level
+from artibot_sim.diagnose.commands.series import CommandedLevel
 from artibot_sim.diagnose.policy import UNFOLLOWED
 from artibot_sim.diagnose.records import Left, Series
 from artibot_sim.experiment import Experiment
@@ -33,7 +33,7 @@ class CommandView:
         By effect, each alone.
     found : tuple of str
         Effects that together explain what is plainly there, the largest first.
-    levels : mapping of str to Level
+    levels : mapping of str to CommandedLevel
         ``front_velocity``: how far measured speeds are from commanded ones, and their noise.
     series : mapping of str to Series
         By recording: errors of the front motors' speeds, (n, 2), as commanded and with `found`.
@@ -43,10 +43,10 @@ class CommandView:
 
     evidence: Mapping[str, ViewEvidence] = field(default_factory=dict)
     found: tuple[str, ...] = ()
-    levels: Mapping[str, Level] = field(default_factory=dict)
+    levels: Mapping[str, CommandedLevel] = field(default_factory=dict)
     series: Mapping[str, Series] = field(default_factory=dict)
     followed: bool = False
-    _work: Work | None = field(default=None, repr=False, compare=False)
+    _work: CommandFits | None = field(default=None, repr=False, compare=False)
 
     def given(self, *effects: str) -> dict[str, ViewEvidence]:
         """Evidence of every other effect on top of `effects`, all at their best together."""
@@ -67,7 +67,7 @@ class CommandView:
         """What a robot's effects leave of the front motors' speeds; None where nothing is commanded and measured."""
         return None if self._work is None else self._work.remainder(robot)
 
-    def seen_by(self, robot: Robot) -> tuple[Mapping[str, Level], Mapping[str, Series]]:
+    def seen_by(self, robot: Robot) -> tuple[Mapping[str, CommandedLevel], Mapping[str, Series]]:
         """`levels` and `series` with a robot's effects in place of `found`."""
         return ({}, {}) if self._work is None else self._work.shown_by(robot)
 
@@ -88,7 +88,7 @@ def command_view(recordings: Sequence[Experiment], robot: Robot, *, needed: floa
     data = command_data(ordered)
     if data is None:
         return CommandView()
-    work = Work(ordered, robot, data, command_data(ordered, "effort"), sensor_noise(data), needed)
+    work = CommandFits(ordered, robot, data, command_data(ordered, "effort"), sensor_noise(data), needed)
     for _ in range(2):  # the noise that is left beside what was found changes what is found
         found = work.plain()
         noise = work.noise_beside(found)

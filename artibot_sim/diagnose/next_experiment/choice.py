@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from artibot_sim.diagnose.commands.data import command_data
 from artibot_sim.diagnose.commands.fit import Fitter
 from artibot_sim.diagnose.commands.limit import torque_limit
-from artibot_sim.diagnose.commands.model import PARAMETERS, Way, seen, way_of
-from artibot_sim.diagnose.commands.noise import Noise as CommandNoise
-from artibot_sim.diagnose.commands.noise import least_noise
+from artibot_sim.diagnose.commands.model import PARAMETERS, WayOfCommands, seen, way_of
+from artibot_sim.diagnose.commands.noise import SpeedNoise, least_noise
 from artibot_sim.diagnose.next_experiment.simulation import (
     KAPPA,
     LIBRARY,
@@ -23,15 +22,15 @@ from artibot_sim.diagnose.next_experiment.simulation import (
     WINDOW,
     Entry,
     Explanation,
-    Trial,
+    TriedManoeuvre,
     trial,
 )
 from artibot_sim.diagnose.records import NextExperiment
 from artibot_sim.diagnose.result import NOTHING, channel_words, effect_words, joined
-from artibot_sim.diagnose.unlisted.finding import Finding, acting, regression
+from artibot_sim.diagnose.unlisted.finding import ForceFinding, acting, regression
 from artibot_sim.diagnose.unlisted.forms import WANDERING
 from artibot_sim.diagnose.unlisted.response import short
-from artibot_sim.diagnose.unlisted.search import Candidate, Equations, InForce, judge
+from artibot_sim.diagnose.unlisted.search import Equations, ForceCandidate, InForce, judge
 from artibot_sim.diagnose.unlisted.variables import PLACE, Scene
 from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.estimation.problem import Problem
@@ -196,13 +195,13 @@ def hardest(
     return float(worst)
 
 
-def by_commands(driven: Trial, robot: Robot, noise: Mapping[str, float]) -> float:
+def by_commands(driven: TriedManoeuvre, robot: Robot, noise: Mapping[str, float]) -> float:
     """Nats that a robot loses in the command view against the one that drove."""
     data = command_data([driven.recording])
     if data is None:
         return 0.0
     level = max(noise.get("front_velocity", USUAL["front_velocity"]) / _AVERAGED, least_noise(data))
-    sensors = CommandNoise(level, np.zeros(3))
+    sensors = SpeedNoise(level, np.zeros(3))
     own = [name for name in robot.effects if name in PARAMETERS]
     fitter = Fitter(data, sensors, way_of(robot.effects), np.ones(len(data), bool))
     best = fitter.best(own)
@@ -217,14 +216,14 @@ def by_commands(driven: Trial, robot: Robot, noise: Mapping[str, float]) -> floa
     return max(lost, 0.0) + _by_back_torques(driven, robot, noise)
 
 
-def _by_back_torques(driven: Trial, robot: Robot, noise: Mapping[str, float]) -> float:
+def _by_back_torques(driven: TriedManoeuvre, robot: Robot, noise: Mapping[str, float]) -> float:
     """Nats by which commanded torques of the back motors tell a robot from the one that was driven."""
     data = command_data([driven.recording], "effort") if "torque_back" in noise else None
     if data is None:
         return 0.0
-    sensors = CommandNoise(max(noise["torque_back"] / _AVERAGED, least_noise(data)), np.zeros(3))
+    sensors = SpeedNoise(max(noise["torque_back"] / _AVERAGED, least_noise(data)), np.zeros(3))
     values = robot.effects.get("torque_scale")
-    known = Way(scale=float(values["scale"])) if values else Way()
+    known = WayOfCommands(scale=float(values["scale"])) if values else WayOfCommands()
     fitter = Fitter(data, sensors, known, np.ones(len(data), bool))
     best = fitter.best(("encoder_scale",) if values else ())
     return max(sensors.log_likelihood(data, np.zeros(len(data))) - best.value, 0.0)
@@ -256,7 +255,7 @@ _TOPIC_OF = {"yaw_rate": "imu", "articulation_yaw": "joint_states"}
 
 
 def next_for_force(
-    problem: Problem, found: Finding, noise: Mapping[str, float], *, library: Sequence[Entry] = WITH_TURNS
+    problem: Problem, found: ForceFinding, noise: Mapping[str, float], *, library: Sequence[Entry] = WITH_TURNS
 ) -> NextExperiment | None:
     """The cheapest manoeuvre that would tell a force from the next best ones.
 
@@ -266,7 +265,7 @@ def next_for_force(
     ----------
     problem : Problem
         The recordings in which it was found, with the paper's model.
-    found : Finding
+    found : ForceFinding
         The force, and what else might be it.
     noise : mapping of str to float
         Standard deviations of what is measured, by channel (SI); what is not in it is not measured.
@@ -292,14 +291,14 @@ def next_for_force(
     return advice(entry, robot, place, f"a {names[0]} from {joined([f'a {name}' for name in names[1:]])}", names, worth)
 
 
-def law(candidate: Candidate) -> str:
+def law(candidate: ForceCandidate) -> str:
     """What a force is and follows, in a few words."""
     if candidate.form.variable == NOTHING:
         return effect_words(f"constant {candidate.force}")
     return effect_words(f"{candidate.force} that follows {candidate.form.variable}")
 
 
-def rivals(found: Finding) -> list[Candidate]:
+def rivals(found: ForceFinding) -> list[ForceCandidate]:
     """The next best forces, each in its best form; what wanders in time is no rival of others, which it may be."""
     first = found.chosen[0]
     laws = {law(first): first}
@@ -331,7 +330,11 @@ def recording(robot: Robot, entry: Entry, place: tuple[float, float], noise: Map
 
 
 def expected(
-    robot: Robot, driven: Experiment, force: Candidate, others: Sequence[Candidate], workers: int | None = None
+    robot: Robot,
+    driven: Experiment,
+    force: ForceCandidate,
+    others: Sequence[ForceCandidate],
+    workers: int | None = None,
 ) -> float:
     """Nats by which a force is expected to explain its own doing on a drive better than any other force does."""
     seen = known(robot, driven, workers)
@@ -352,17 +355,17 @@ def known(robot: Robot, driven: Experiment, workers: int | None = None) -> tuple
     return replace(equations, information=np.eye(len(SOIL)) / SOIL_SD**2, slope=np.zeros(len(SOIL))), of
 
 
-def separation(equations: Equations, of: Scene, force: Candidate, others: Sequence[Candidate]) -> float:
+def separation(equations: Equations, of: Scene, force: ForceCandidate, others: Sequence[ForceCandidate]) -> float:
     """Nats by which one force explains more than the best of others, each at its best size."""
 
-    def gain(one: Candidate) -> float:
+    def gain(one: ForceCandidate) -> float:
         inside = InForce(equations, of, one.parts)
         return judge(equations, inside.sums(inside.basis(one.form)), one.form, one.force, one.parts).gain
 
     return gain(force) - max(map(gain, others))
 
 
-def _place(problem: Problem, force: Candidate) -> tuple[float, float]:
+def _place(problem: Problem, force: ForceCandidate) -> tuple[float, float]:
     """Where a manoeuvre begins: amid the recordings if the force is one of the ground there, else at the origin."""
     if force.form.wave is None and force.form.variable != PLACE:
         return 0.0, 0.0

@@ -141,7 +141,7 @@ _KNOT = 0.01
 
 
 @dataclass(frozen=True)
-class Trial:
+class TriedManoeuvre:
     """A manoeuvre as a robot drives it, without noise.
 
     Attributes
@@ -250,7 +250,7 @@ class Trial:
         return Experiment("trial", Path("trial"), {}, 0, channels, ((0.0, float(t[-1])),))
 
 
-def trial(robot: Robot, entry: Entry, place: tuple[float, float], channels: Sequence[str]) -> Trial | None:
+def trial(robot: Robot, entry: Entry, place: tuple[float, float], channels: Sequence[str]) -> TriedManoeuvre | None:
     """A manoeuvre driven by a robot from a place in `map` (m); None where it cannot be simulated."""
     planned = plan(entry.manoeuvre, robot, start=(*place, entry.yaw))
     modes = default_modes(robot)
@@ -262,7 +262,7 @@ def trial(robot: Robot, entry: Entry, place: tuple[float, float], channels: Sequ
     if result.status is not Status.OK:
         return None
     known = [c for c in channels if c in RATES and (robot.articulated or c not in ("articulation_yaw", "torque_back"))]
-    return Trial(robot, planned, result, tuple(known))
+    return TriedManoeuvre(robot, planned, result, tuple(known))
 
 
 def with_effect(robot: Robot, effect: str, values: Mapping[str, float | str]) -> Robot:
@@ -343,13 +343,13 @@ class Explanation:
 
     Attributes
     ----------
-    trial : Trial
+    trial : TriedManoeuvre
     robot : Robot
     noise : mapping of str to float
         Standard deviation of a sample, by channel (SI).
     """
 
-    trial: Trial
+    trial: TriedManoeuvre
     robot: Robot
     noise: Mapping[str, float]
 

@@ -9,7 +9,7 @@ from artibot_sim.diagnose.records import Found, Left, Verdict
 from artibot_sim.diagnose.selection.evidence import Other
 from artibot_sim.diagnose.selection.forward import Stage
 from artibot_sim.diagnose.selection.per_recording import Apart
-from artibot_sim.diagnose.unlisted.finding import Finding
+from artibot_sim.diagnose.unlisted.finding import ForceFinding
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit
 
@@ -57,7 +57,7 @@ class Decision:
         What the view driven by commands says of each effect, of the named ones beside each other.
     left : mapping of str to Left
         What the model with all that was named leaves.
-    unexplained : Finding or None
+    unexplained : ForceFinding or None
         The force that no effect explains, if one was found.
     apart : Apart or None
         The recordings one by one, where they contradict each other.
@@ -80,7 +80,7 @@ class Decision:
     stages: tuple[Stage, ...]
     other: Mapping[str, Other]
     left: Mapping[str, Left] = field(default_factory=dict)
-    unexplained: Finding | None = None
+    unexplained: ForceFinding | None = None
     apart: Apart | None = None
     between: tuple[tuple[Problem, Fit], ...] = ()
     dropped: tuple[str, ...] = ()

@@ -15,8 +15,8 @@ from artibot_sim.diagnose.unlisted.forms import Form, forms, unit
 from artibot_sim.diagnose.unlisted.response import WINDOWS, answers, short
 from artibot_sim.diagnose.unlisted.ridges import ridges
 from artibot_sim.diagnose.unlisted.search import (
-    Candidate,
     Equations,
+    ForceCandidate,
     InForce,
     basis,
     candidates,
@@ -49,14 +49,14 @@ _ON_GROUND = (
 
 
 @dataclass(frozen=True)
-class Finding:
+class ForceFinding:
     """What a look at the residuals found.
 
     Attributes
     ----------
-    chosen : tuple of Candidate
+    chosen : tuple of ForceCandidate
         Forces found one after the other.
-    rivals : tuple of Candidate
+    rivals : tuple of ForceCandidate
         The best ones when the first was chosen, best first, the chosen one included.
     typical : float
         Root mean square of the first force, N or N m.
@@ -68,15 +68,15 @@ class Finding:
         Between which values the variable of each chosen force mostly was; of ridges two periods.
     """
 
-    chosen: tuple[Candidate, ...]
-    rivals: tuple[Candidate, ...]
+    chosen: tuple[ForceCandidate, ...]
+    rivals: tuple[ForceCandidate, ...]
     typical: float
     per_recording: tuple[tuple[str, float], ...]
     soil: Array
     spans: tuple[tuple[float, float], ...] = ()
 
 
-def unexplained(problem: Problem, coordinates: Array, rounds: int = _ROUNDS) -> Finding | None:
+def unexplained(problem: Problem, coordinates: Array, rounds: int = _ROUNDS) -> ForceFinding | None:
     """The force that a fit does not explain; None if nothing is left that a force would.
 
     A force that the fit does not know of has bent the soil to its own ends. So the soil is taken back as far as the
@@ -100,7 +100,7 @@ def unexplained(problem: Problem, coordinates: Array, rounds: int = _ROUNDS) -> 
     return best if best.chosen else None
 
 
-def unexplained_of(found: Finding) -> Unexplained:
+def unexplained_of(found: ForceFinding) -> Unexplained:
     """A finding in words."""
     first = found.chosen[0]
     size = first.form.size(first.coefficients)
@@ -110,14 +110,14 @@ def unexplained_of(found: Finding) -> Unexplained:
     )  # fmt: skip
 
 
-def search_forces(problem: Problem, coordinates: Array, most: int = _MOST, windows: int = WINDOWS) -> Finding:
+def search_forces(problem: Problem, coordinates: Array, most: int = _MOST, windows: int = WINDOWS) -> ForceFinding:
     """What forces explain at `coordinates` (p,), with all that was weighed; so many forces and windows at most."""
     few = short(problem, windows)
     if not len(few):  # too little is measured to tell within tenths of a second which force acts
-        return Finding((), (), 0.0, (), coordinates)
+        return ForceFinding((), (), 0.0, (), coordinates)
     equations, of = regression(few, coordinates)
-    chosen: list[Candidate] = []
-    first: list[Candidate] = []
+    chosen: list[ForceCandidate] = []
+    first: list[ForceCandidate] = []
     for _ in range(most):
         ranked = weighed(equations, of)
         first = first or ranked[:12]
@@ -127,10 +127,10 @@ def search_forces(problem: Problem, coordinates: Array, most: int = _MOST, windo
         equations = equations.with_columns(_columns(equations, of, ranked[0].parts, ranked[0].form))
     typical, each = _sizes(of, chosen[0], *few.recordings) if chosen else (0.0, ())
     soil = _taken_back(problem, coordinates, equations)
-    return Finding(tuple(chosen), tuple(first), typical, each, soil, tuple(_span(of, one) for one in chosen))
+    return ForceFinding(tuple(chosen), tuple(first), typical, each, soil, tuple(_span(of, one) for one in chosen))
 
 
-def _span(of: Scene, found: Candidate) -> tuple[float, float]:
+def _span(of: Scene, found: ForceCandidate) -> tuple[float, float]:
     """Between which values the variable of a force mostly was."""
     form = found.form
     if form.wave is not None:
@@ -155,7 +155,7 @@ def regression(few: Problem, coordinates: Array) -> tuple[Equations, Scene]:
     return equations, of
 
 
-def acting(equations: Equations, of: Scene, candidate: Candidate) -> Array:
+def acting(equations: Equations, of: Scene, candidate: ForceCandidate) -> Array:
     """A force as it was found, in the components' terms, shape (windows, 16)."""
     return np.asarray(_columns(equations, of, candidate.parts, candidate.form) @ candidate.coefficients)
 
@@ -185,9 +185,9 @@ def _columns(equations: Equations, of: Scene, parts: Sequence[str], form: Form) 
     return np.asarray(inside.T @ inside.basis(form))
 
 
-def weighed(equations: Equations, of: Scene) -> list[Candidate]:
+def weighed(equations: Equations, of: Scene) -> list[ForceCandidate]:
     """All candidates, best first."""
-    found: list[Candidate] = []
+    found: list[ForceCandidate] = []
     in_map = any(PLACE in one.follows for one in of.values())
     for force, parts in families(of).items():
         found += candidates(equations, of, force, parts)
@@ -198,7 +198,7 @@ def weighed(equations: Equations, of: Scene) -> list[Candidate]:
 
 
 def _sizes(
-    of: Scene, candidate: Candidate, names: Sequence[str], recording: NDArray[np.int64]
+    of: Scene, candidate: ForceCandidate, names: Sequence[str], recording: NDArray[np.int64]
 ) -> tuple[float, tuple[tuple[str, float], ...]]:  # fmt: skip
     """Root mean square of a force over everything, and in each recording."""
     values = basis([of[part] for part in candidate.parts], candidate.form, recording) @ candidate.coefficients
@@ -210,7 +210,7 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _where(found: Finding) -> str:
+def _where(found: ForceFinding) -> str:
     first = found.chosen[0]
     each = ", ".join(f"{name} {size:.2g}" for name, size in found.per_recording)
     text = f"{found.typical:.2g} {spaced(unit(first.force))} on average ({each})"

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from artibot_sim.diagnose.candidates.hypotheses import with_effect
 from artibot_sim.diagnose.policy import FORCE_NATS
 from artibot_sim.diagnose.result import NOTHING
-from artibot_sim.diagnose.unlisted.finding import Finding
+from artibot_sim.diagnose.unlisted.finding import ForceFinding
 from artibot_sim.diagnose.unlisted.forms import TIME
-from artibot_sim.diagnose.unlisted.search import Candidate
+from artibot_sim.diagnose.unlisted.search import ForceCandidate
 from artibot_sim.diagnose.unlisted.variables import STILL
 from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem
@@ -68,7 +68,7 @@ class FittedLaws:
     spans: Mapping[str, tuple[float, float]]
 
 
-def law_of(found: Candidate, robot: Robot) -> tuple[dict[str, Any], Array] | None:
+def law_of(found: ForceCandidate, robot: Robot) -> tuple[dict[str, Any], Array] | None:
     """A force that was found as what is fixed of a law, and its size, or its size's cosine and sine of the phase.
 
     None for what the model has no term for: forces towards a point, and those that wander or begin anew in every
@@ -113,7 +113,7 @@ def extension_of(name: str, law: dict[str, Any], size: Array) -> Extension:
 
 
 def fitted_laws(
-    problem: Problem, fit: Fit, found: Finding, tick: Callable[[], None] = lambda: None
+    problem: Problem, fit: Fit, found: ForceFinding, tick: Callable[[], None] = lambda: None
 ) -> FittedLaws | None:
     """The forces of a finding as laws, one after the other, as long as each is worth it; None where none is.
 

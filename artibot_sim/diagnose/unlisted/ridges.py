@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.unlisted.forms import Form, amplitude, waves
-from artibot_sim.diagnose.unlisted.search import Candidate, Equations, InForce, judge, place, proven
+from artibot_sim.diagnose.unlisted.search import Equations, ForceCandidate, InForce, judge, place, proven
 from artibot_sim.diagnose.unlisted.variables import Scene
 
 Array = NDArray[np.float64]
@@ -22,7 +22,7 @@ _PEAKS = 10
 _STEPS = 8
 
 
-def ridges(equations: Equations, of: Scene, force: str, parts: Sequence[str]) -> Candidate | None:
+def ridges(equations: Equations, of: Scene, force: str, parts: Sequence[str]) -> ForceCandidate | None:
     """The best force that is a sine of the place along some direction, with some period; None if there is no room."""
     inside = InForce(equations, of, parts)
     x, y = (np.concatenate([place(a)[c] for a in inside.acting], axis=1).ravel() for c in (0, 1))
@@ -30,7 +30,7 @@ def ridges(equations: Equations, of: Scene, force: str, parts: Sequence[str]) ->
     if extent < 3.0 * SHORTEST:
         return None
     own = "own x" in of[parts[0]].follows
-    found: list[Candidate] = []
+    found: list[ForceCandidate] = []
     for wave in _peaks(x, y, inside.left().ravel(), extent):
         found.append(_refined(equations, inside, force, wave, extent, own))
     if not found:
@@ -70,10 +70,10 @@ def _resolved(k: Array, extent: float) -> int:
 
 def _refined(
     equations: Equations, inside: InForce, force: str, wave: Array, extent: float, own: bool
-) -> Candidate:  # fmt: skip
+) -> ForceCandidate:  # fmt: skip
     """The wave near this one that explains most."""
 
-    def tried(at: Array) -> Candidate:
+    def tried(at: Array) -> ForceCandidate:
         form = _form(at, own)
         return judge(equations, inside.sums(inside.basis(form)), form, force, inside.parts)
 

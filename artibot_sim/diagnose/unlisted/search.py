@@ -72,7 +72,7 @@ class Equations:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class ForceCandidate:
     """A force that follows a variable in a form, and what it explains.
 
     Attributes
@@ -212,13 +212,13 @@ def solve(matrix: Array, pull: Array) -> Array:
     return np.asarray(np.linalg.solve(even, pull / scale) / scale)
 
 
-def judge(equations: Equations, sums: Sums, form: Form, force: str, parts: Sequence[str]) -> Candidate:
+def judge(equations: Equations, sums: Sums, form: Form, force: str, parts: Sequence[str]) -> ForceCandidate:
     """A candidate from its normal equations: what it gains over what is fitted beside alone."""
     b = sums.pull.shape[1] - equations.beside.shape[2]
     matrix, pull = _with_prior(equations, sums, np.ones(len(sums.pull), bool), b)
     x = solve(matrix, pull)
     gain = float(pull @ x) - float(pull[b:] @ solve(matrix[b:, b:], pull[b:]))
-    return Candidate(force, tuple(parts), form, 0.5 * gain, np.nan, x[:b])
+    return ForceCandidate(force, tuple(parts), form, 0.5 * gain, np.nan, x[:b])
 
 
 def proven(equations: Equations, sums: Sums, across: bool) -> float:
@@ -255,7 +255,7 @@ def _explained(matrix: Array, pull: Array, x: Array) -> Array:
     return np.asarray(pull @ x - 0.5 * (matrix @ x) @ x)
 
 
-def candidates(equations: Equations, of: Scene, force: str, parts: Sequence[str]) -> list[Candidate]:
+def candidates(equations: Equations, of: Scene, force: str, parts: Sequence[str]) -> list[ForceCandidate]:
     """Every variable and form for one family of forces."""
     inside = InForce(equations, of, parts)
     names = [name for name in of[parts[0]].follows if all(name in of[part].follows for part in parts)]

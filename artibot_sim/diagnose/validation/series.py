@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.commands.series import Level
+from artibot_sim.diagnose.commands.series import CommandedLevel
 from artibot_sim.diagnose.records import ChannelBaseline, Comparison, Series
 from artibot_sim.diagnose.remains import COMMANDED
 from artibot_sim.diagnose.validation.predictions import Pair
@@ -84,7 +84,7 @@ def _errors(held: Held, channel: int) -> Array:
 def with_commands(
     baseline: Mapping[str, ChannelBaseline],
     comparisons: Sequence[Comparison],
-    levels: Mapping[str, Level],
+    levels: Mapping[str, CommandedLevel],
     series: Mapping[str, Series],
 ) -> tuple[dict[str, ChannelBaseline], list[Comparison]]:
     """Channels and recordings with how the front motors followed their commands, where there are any."""

@@ -49,7 +49,7 @@ class BusKeeper:
     def __init__(self, config: DriverConfig) -> None:
         self._config = config
         self._bus: Bus | None = None
-        self._search: Search | None = None
+        self._search: BusSearch | None = None
 
     def open(self) -> Bus:
         """Open the bus.
@@ -65,7 +65,7 @@ class BusKeeper:
     def again(self) -> Bus | None:
         """A new bus in place of one that was lost, once there is one; never waits."""
         if self._search is None:
-            self._search = Search(self._config)
+            self._search = BusSearch(self._config)
         found = self._search.take()
         if found is None:
             return None
@@ -83,7 +83,7 @@ class BusKeeper:
         self._bus = self._search = None
 
 
-class Search:
+class BusSearch:
     """Tries to open a bus, in a thread of its own, until it has or is ended; what it finds then, nobody gets."""
 
     def __init__(self, config: DriverConfig) -> None:

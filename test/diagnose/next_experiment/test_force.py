@@ -25,7 +25,7 @@ from artibot_sim.diagnose.next_experiment.choice import (
     separation,
 )
 from artibot_sim.diagnose.next_experiment.simulation import KAPPA, LIBRARY, Entry
-from artibot_sim.diagnose.unlisted.finding import Finding, search_forces
+from artibot_sim.diagnose.unlisted.finding import ForceFinding, search_forces
 from artibot_sim.diagnose.unlisted.forms import TIME, WANDERING
 from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.estimation.problem import Problem
@@ -44,7 +44,7 @@ SHORT = [BY_NAME[name] for name in ("bends", "stop_and_go", "creep")]
 
 
 @cache
-def found_in(name: str) -> tuple[Problem, Finding, dict, dict]:
+def found_in(name: str) -> tuple[Problem, ForceFinding, dict, dict]:
     """Recordings of a rover on which such a force acts, what was found in them, the truth about it and the soil."""
     hidden = case((name,), 1.0, 2, runs=3, held_out=0, duration=30.0)
     problem = problem_of(hidden.recordings, parameter_set(AGRIQ, SOIL), 5.0, 2)
@@ -52,7 +52,7 @@ def found_in(name: str) -> tuple[Problem, Finding, dict, dict]:
     return problem, search_forces(problem, soil, most=1), hidden.truth.unlisted[name], hidden.truth.soil
 
 
-def robot_of(problem: Problem, found: Finding) -> Robot:
+def robot_of(problem: Problem, found: ForceFinding) -> Robot:
     return problem.parameters.robot_at(found.soil)
 
 

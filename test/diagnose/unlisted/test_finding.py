@@ -12,7 +12,7 @@ from diagnose.hidden.unlisted import ACTS_ON
 
 from artibot_sim.diagnose.policy import FORCE_NATS
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
-from artibot_sim.diagnose.unlisted.finding import Finding, search_forces, unexplained_of
+from artibot_sim.diagnose.unlisted.finding import ForceFinding, search_forces, unexplained_of
 from artibot_sim.diagnose.unlisted.fitting import fitted_laws
 from artibot_sim.diagnose.unlisted.variables import through_gear
 from artibot_sim.estimation.loss import Loss
@@ -42,7 +42,7 @@ def hidden(*effects: str) -> tuple[Case, Problem, np.ndarray]:
 
 
 @cache
-def seen(*effects: str) -> tuple[Case, Finding]:
+def seen(*effects: str) -> tuple[Case, ForceFinding]:
     found, problem, soil = hidden(*effects)
     return found, search_forces(problem, soil, most=1, windows=150)
 

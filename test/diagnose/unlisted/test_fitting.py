@@ -8,7 +8,7 @@ import pytest
 from artibot_sim.diagnose.result import NOTHING
 from artibot_sim.diagnose.unlisted.fitting import extension_of, law_of
 from artibot_sim.diagnose.unlisted.forms import UNITS, Form, amplitude, forms, waves
-from artibot_sim.diagnose.unlisted.search import Candidate
+from artibot_sim.diagnose.unlisted.search import ForceCandidate
 from artibot_sim.diagnose.unlisted.variables import ROLLING, STILL
 from artibot_sim.model import load_robot
 from artibot_sim.model.effects import EFFECTS
@@ -19,8 +19,8 @@ ROBOT = load_robot("agriq")
 RNG = np.random.default_rng(6)
 
 
-def candidate(force: str, form: Form, coefficients: np.ndarray) -> Candidate:
-    return Candidate(force, (force,), form, 0.0, 0.0, coefficients)
+def candidate(force: str, form: Form, coefficients: np.ndarray) -> ForceCandidate:
+    return ForceCandidate(force, (force,), form, 0.0, 0.0, coefficients)
 
 
 def stated(law: dict, size: np.ndarray, u: float, second: float = 0.0) -> float:
