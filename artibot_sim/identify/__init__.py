@@ -21,10 +21,10 @@ __all__ = [
     "Effort",
     "Estimate",
     "Identification",
-    "Work",
     "Prediction",
     "Prior",
     "Status",
+    "Work",
     "identify",
     "parse_priors",
 ]

@@ -10,18 +10,14 @@ from typing import Any
 
 from artibot_sim.nodes.common.process import LoopNode, built, destroyed, ros_process, run_loop
 
+Overrides = dict[str, Any]
+"""Parameters of a node by name; they win over those in the arguments for ROS, which come with their markers."""
 
-def run_sim(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
+
+def run_sim(overrides: Overrides, ros_args: Sequence[str] = ()) -> int:
     """Run the simulator until it ends; return the exit status: 0, or 1 when the model diverged.
 
     SIGINT and SIGTERM end it with status 0.
-
-    Parameters
-    ----------
-    overrides : dict
-        Parameters of the node; they win over those in `ros_args`.
-    ros_args : sequence of str
-        Arguments for ROS, markers included.
 
     Raises
     ------
@@ -37,18 +33,11 @@ def run_sim(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
     return run_loop("sim", ros_args, make)
 
 
-def run_planner(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
+def run_planner(overrides: Overrides, ros_args: Sequence[str] = ()) -> int:
     """Run the planner until it ends; return the exit status.
 
     0 after the profile's end, 1 when /clock was lost, 128 and the signal's number when SIGINT or SIGTERM came before
     the end.
-
-    Parameters
-    ----------
-    overrides : dict
-        Parameters of the node; they win over those in `ros_args`.
-    ros_args : sequence of str
-        Arguments for ROS, markers included.
 
     Raises
     ------
