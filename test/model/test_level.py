@@ -91,7 +91,7 @@ def test_rows_and_energies_with_all_effects_are_those_of_the_loop_in_space(agriq
     found = []
     for integrate in loops:
         given, _, tables = spread(order, robot, integrator)
-        assert integrate(*given, record(robot.effects, 0.0), np.zeros(MEMORY)) == (loop.OK, 401)
+        assert integrate(*given, record(robot.effects, 0.0), (np.zeros(MEMORY),)) == (loop.OK, 401)
         found.append(tables)
     for on_plane, in_space in zip(*found, strict=True):
         assert np.max(np.abs(on_plane - in_space) / (1.0 + np.abs(in_space).max(axis=0))) < 1e-9

@@ -97,6 +97,11 @@ def has_laws(effects: Mapping[str, Values]) -> bool:
     return any(name in LAWS for name in at_work(effects))
 
 
+def has_memory(effects: Mapping[str, Values]) -> bool:
+    """Whether the wheels of a robot remember anything: lateral forces that lag, bristles (see `layout.MEMORY`)."""
+    return any({"follow_rate", "bristle"} & effect.hooks.keys() for effect, _ in at_work(effects).values())
+
+
 def record(effects: Mapping[str, Values], t: float) -> np.void | None:
     """A robot's effects for the extended kernel at the time `t` (s); None where the paper's model does."""
     working = {name: (effect, values) for name, (effect, values) in at_work(effects).items() if effect.hooks}

@@ -270,9 +270,9 @@ def pair_forces(friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept_
     motor : int
     rim, angle : float
         Speed of the wheels' rims, m/s, and their angle, rad.
-    kept_f, kept_b : tuple of 3 floats
+    kept_f, kept_b : tuple of 3 floats, or of none
         With effects: what the wheels remember, a lateral force that lags (N) and how far bristles are bent along and
-        across (m).
+        across (m). Empty, at compile time, where no effect has them remember anything.
     dt : float or None
         A step at whose end lagging forces are taken, s; None for the instant.
 
@@ -288,14 +288,15 @@ def pair_forces(friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept_
         s_b = stiffer(fx, pair.F_nb, soil.load, r_b * rim, pair.p_x, pair.p_yb)
         F_lf, F_lb = s_f * (soil.k_l * slip_f), s_b * (soil.k_l * slip_b)
         F_tf, F_tb, wide = s_f * F_tf, s_b * F_tb, hooks.lateral_grip(fx)
-        narrow = 1.0 / wide
-        F_tf, rate_f = relaxed(fx, F_tf, pair.p_x, kept_f[0], dt)
-        F_tb, rate_b = relaxed(fx, F_tb, pair.p_x, kept_b[0], dt)
-        stiff_f, renewal_f = hooks.bristle(fx, r_f * rim)
-        stiff_b, renewal_b = hooks.bristle(fx, r_b * rim)
-        k_lf, k_tf, k_lb, k_tb = s_f * soil.k_l, s_f * soil.k_t, s_b * soil.k_l, s_b * soil.k_t
-        F_lf, F_lb = held_by(F_lf, stiff_f, k_lf, kept_f[1]), held_by(F_lb, stiff_b, k_lb, kept_b[1])
-        F_tf, F_tb = held_by(F_tf, stiff_f, k_tf, kept_f[2]), held_by(F_tb, stiff_b, k_tb, kept_b[2])
+        narrow, rate_f, rate_b = 1.0 / wide, 0.0, 0.0
+        if len(kept_f) == 3:
+            F_tf, rate_f = relaxed(fx, F_tf, pair.p_x, kept_f[0], dt)
+            F_tb, rate_b = relaxed(fx, F_tb, pair.p_x, kept_b[0], dt)
+            stiff_f, renewal_f = hooks.bristle(fx, r_f * rim)
+            stiff_b, renewal_b = hooks.bristle(fx, r_b * rim)
+            k_lf, k_tf, k_lb, k_tb = s_f * soil.k_l, s_f * soil.k_t, s_b * soil.k_l, s_b * soil.k_t
+            F_lf, F_lb = held_by(F_lf, stiff_f, k_lf, kept_f[1]), held_by(F_lb, stiff_b, k_lb, kept_b[1])
+            F_tf, F_tb = held_by(F_tf, stiff_f, k_tf, kept_f[2]), held_by(F_tb, stiff_b, k_tb, kept_b[2])
     else:
         r_f = r_b = s_f = s_b = wide = narrow = 1.0
         rate_f = rate_b = 0.0
@@ -311,14 +312,15 @@ def pair_forces(friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept_
     R_lf = R_lb = R_tf = R_tb = 0.0
     bent_f = bent_b = 0.0, 0.0
     if fx is not None:
-        bent_f = bending(
-            stiff_f, renewal_f, k_lf, k_tf, held_f * slip_f, -held_f * pair.p_yf, narrow, soil.mu_sf * pair.F_nf,
-            kept_f[1], kept_f[2], dt,
-        )  # fmt: skip
-        bent_b = bending(
-            stiff_b, renewal_b, k_lb, k_tb, held_b * slip_b, -held_b * pair.p_yb, narrow, soil.mu_sb * pair.F_nb,
-            kept_b[1], kept_b[2], dt,
-        )  # fmt: skip
+        if len(kept_f) == 3:
+            bent_f = bending(
+                stiff_f, renewal_f, k_lf, k_tf, held_f * slip_f, -held_f * pair.p_yf, narrow, soil.mu_sf * pair.F_nf,
+                kept_f[1], kept_f[2], dt,
+            )  # fmt: skip
+            bent_b = bending(
+                stiff_b, renewal_b, k_lb, k_tb, held_b * slip_b, -held_b * pair.p_yb, narrow, soil.mu_sb * pair.F_nb,
+                kept_b[1], kept_b[2], dt,
+            )  # fmt: skip
         R_lf, R_tf = hooks.wheel_resist(fx, soil.mu_sf * pair.F_nf, pair.p_x, pair.p_yf)
         R_lb, R_tb = hooks.wheel_resist(fx, soil.mu_sb * pair.F_nb, pair.p_x, pair.p_yb)
         at_rim, slope = r_f * F_lf + r_b * F_lb, soil.k_l * (r_f * r_f * s_f * held_f + r_b * r_b * s_b * held_b)

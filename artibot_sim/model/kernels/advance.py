@@ -16,7 +16,7 @@ def advance(integrator: str, given: tuple[Any, ...], effects: tuple[Any, ...] = 
     given
         What `loop.integrate_rk4` takes, but for effects.
     effects : tuple, optional
-        Effects' record and what the wheels remember, see `layout.MEMORY`.
+        Effects' record, and in a tuple what the wheels remember where an effect has them do so, see `layout.MEMORY`.
 
     Returns
     -------

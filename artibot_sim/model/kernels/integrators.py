@@ -254,14 +254,26 @@ def motor_with_wheels(body, p, fx, unit, motor, pair, soil, kept_f, kept_b, dt, 
 
 
 @inlined
-def kept_by(lag, wheels, wheel):
-    """What a wheel remembers, of the memories of so many `wheels` (see `layout.MEMORY`)."""
+def kept_by(lags, wheels, wheel):
+    """What a wheel remembers, of the memories of so many `wheels` (see `layout.MEMORY`).
+
+    `lags` is the array of these in a tuple. An empty one, of wheels that remember nothing, is known at compile time.
+    """
+    if len(lags) == 0:
+        return ()
+    lag = lags[0]
     return lag[wheel], lag[wheels + wheel], lag[2 * wheels + wheel]
 
 
 @inlined
-def write_rates(fx, forces, wheels, wheel, out, first):
-    """With effects: how fast what a motor's two wheels remember changes, from `first` on; the front one is `wheel`."""
+def write_rates(fx, forces, wheels, wheel, lags, first):
+    """With effects: how fast what a motor's two wheels remember changes, from `first` on; the front one is `wheel`.
+
+    They go into the array in `lags`, nowhere where that is empty.
+    """
+    if len(lags) == 0:
+        return
+    out = lags[0]
     i = first + wheel
     out[i], out[i + 1] = forces.rate_f, forces.rate_b
     stiff, _ = hooks.bristle(fx, 0.0)
@@ -292,23 +304,23 @@ def write_motor(fx, acting, motor, hold, w):
 
 
 @inlined
-def move_side(body, p, fx, unit, modes, motor, q, v, pair, soil, drive, hold, lag, dt, w):
+def move_side(body, p, fx, unit, modes, motor, q, v, pair, soil, drive, hold, lags, dt, w):
     """A motor of a module and its wheels, into the row; returns `contact.PairForces`."""
     i, c = 2 * motor, coordinate_of(motor)
     at, ahead = turning(p, modes, motor, q[c], v[c], drive, hold), None
-    kept_f, kept_b = kept_by(lag, 8, i), kept_by(lag, 8, i + 1)
+    kept_f, kept_b = kept_by(lags, 8, i), kept_by(lags, 8, i + 1)
     if dt is not None:
         ahead = step_ahead(body, p, fx, unit, at, pair, soil, kept_f, kept_b, dt)
     forces, acting = motor_with_wheels(body, p, fx, unit, at, pair, soil, kept_f, kept_b, dt, ahead, True)
     write_wheels(pair, forces, motor, w)
     write_motor(fx, acting, motor, hold, w)
     if fx is not None:
-        write_rates(fx, forces, 8, i, lag, MEMORY)
+        write_rates(fx, forces, 8, i, lags, MEMORY)
     return forces
 
 
 @inlined
-def module_forces(body, right, left, q, v, p, fx, s_a, c_a, s_g, c_g, module, modes, drive, hold, lag, dt, w):
+def module_forces(body, right, left, q, v, p, fx, s_a, c_a, s_g, c_g, module, modes, drive, hold, lags, dt, w):
     """Motors, wheels and ground of one module, into the row; the joint left out.
 
     Returns
@@ -323,8 +335,8 @@ def module_forces(body, right, left, q, v, p, fx, s_a, c_a, s_g, c_g, module, mo
     )
     soil_r = soil_under(body, p, fx, pair_r, q[b + X], q[b + Y], s_g, c_g, c_a, -1.0)
     soil_l = soil_under(body, p, fx, pair_l, q[b + X], q[b + Y], s_g, c_g, c_a, 1.0)
-    on_right = move_side(body, p, fx, right, modes, motor, q, v, pair_r, soil_r, drive, hold, lag, dt, w)
-    on_left = move_side(body, p, fx, left, modes, motor + 1, q, v, pair_l, soil_l, drive, hold, lag, dt, w)
+    on_right = move_side(body, p, fx, right, modes, motor, q, v, pair_r, soil_r, drive, hold, lags, dt, w)
+    on_left = move_side(body, p, fx, left, modes, motor + 1, q, v, pair_l, soil_l, drive, hold, lags, dt, w)
     forces = generalised_forces(body, p, fx, s_a, c_a, s_g, c_g, on_right, on_left, pair_r, pair_l, module, w)
     loads = 0.0, 0.0, 0.0, 0.0, 0.0
     if fx is not None:
@@ -350,7 +362,7 @@ def note_instant(p, fx, q, v, s_f, c_f, s_b, c_b):
 
 
 @inlined
-def accelerations(q, v, p, fx, modes, drive, hold, lag, dt, w):
+def accelerations(q, v, p, fx, modes, drive, hold, lags, dt, w):
     """All of eq. 28 at (q, v): every contribution and the accelerations of all coordinates, into the row.
 
     At an instant (`dt` None), or as a semi-implicit step of `dt` (s) takes them.
@@ -362,7 +374,7 @@ def accelerations(q, v, p, fx, modes, drive, hold, lag, dt, w):
         note_instant(p, fx, q, v, sg_f, cg_f, sg_b, cg_b)
     front = module_forces(
         p.front, p.right_front, p.left_front, q, v, p, fx, sa_f, ca_f, sg_f, cg_f, FRONT, modes, drive, hold,
-        lag, dt, w,
+        lags, dt, w,
     )  # fmt: skip
     if not p.two:
         for i in range(3):
@@ -373,7 +385,7 @@ def accelerations(q, v, p, fx, modes, drive, hold, lag, dt, w):
         return
     back = module_forces(
         p.back, p.right_back, p.left_back, q, v, p, fx, sa_b, ca_b, sg_b, cg_b, BEHIND, modes, drive, hold,
-        lag, dt, w,
+        lags, dt, w,
     )  # fmt: skip
     if fx is not None:
         front, back = turned_by_joint(p, fx, v, geometry, front, back, q[BACK + GAMMA] - q[GAMMA], dt, w)
@@ -387,17 +399,17 @@ def accelerations(q, v, p, fx, modes, drive, hold, lag, dt, w):
 
 
 @inlined
-def right_hand_side(q, v, p, fx, modes, drive, hold, lag, w):
+def right_hand_side(q, v, p, fx, modes, drive, hold, lags, w):
     """Accelerations of all coordinates at (q, v), with every contribution, into the row."""
-    accelerations(q, v, p, fx, modes, drive, hold, lag, None, w)
+    accelerations(q, v, p, fx, modes, drive, hold, lags, None, w)
 
 
 @inlined
-def semi_implicit_step(q, v, p, fx, modes, drive, hold, lag, dt, w):
+def semi_implicit_step(q, v, p, fx, modes, drive, hold, lags, dt, w):
     """Advance (q, v) in place by `dt`; the row then holds the contributions that acted.
 
     ``drive[D_DDOT:]`` holds the mean acceleration of the commands over the step.
     """
-    accelerations(q, v, p, fx, modes, drive, hold, lag, dt, w)
+    accelerations(q, v, p, fx, modes, drive, hold, lags, dt, w)
     for i in range(16):
         q[i], v[i] = semi_implicit(dt, q[i], v[i], w[ACC + i], Z <= i % 8 <= BETA)

@@ -151,10 +151,13 @@ def next_state(k, q, v, dt, w, q_s, v_s, first, total):
 @inlined
 def next_lag(k, count, memory, dt, lag, sum_lag):
     """As `next_state` for what wheels remember, `count` numbers; `lag` holds the stage's and then their rates."""
+    if len(memory) == 0:
+        return
+    kept = memory[0]
     for i in range(count):
-        lag[i], sum_lag[i] = next_stage_of_lag(k, dt, memory[i], lag[MEMORY + i], sum_lag[i])
+        lag[i], sum_lag[i] = next_stage_of_lag(k, dt, kept[i], lag[MEMORY + i], sum_lag[i])
         if k == 3:
-            memory[i] = lag[i]
+            kept[i] = lag[i]
 
 
 @inlined
@@ -171,19 +174,33 @@ def remembered(fx, wheels):
 @inlined
 def start_lags(fx, memory, lag):
     """What wheels remember into `lag`; the time of the start (s), and how many numbers change (`remembered`)."""
-    if fx is not None:
-        for i in range(MEMORY):
-            lag[i] = memory[i]
-        return fx.t, remembered(fx, 8)
-    return 0.0, 0
+    if fx is None:
+        return 0.0, 0
+    if len(memory) == 0:
+        return fx.t, 0
+    kept = memory[0]
+    for i in range(MEMORY):
+        lag[i] = kept[i]
+    return fx.t, remembered(fx, 8)
+
+
+@inlined
+def lags_of(memory, lag):
+    """What a right-hand side takes of `lag`: nothing, at compile time, for wheels that remember nothing."""
+    if len(memory) == 0:
+        return ()
+    return (lag,)
 
 
 @inlined
 def lags_after(count, memory, dt, lag):
     """What wheels remember after a semi-implicit step."""
+    if len(memory) == 0:
+        return
+    kept = memory[0]
     for i in range(count):
-        memory[i] += dt * lag[MEMORY + i]
-        lag[i] = memory[i]
+        kept[i] += dt * lag[MEMORY + i]
+        lag[i] = kept[i]
 
 
 @inlined
@@ -196,7 +213,7 @@ def keep(values, row, out):
 @kernel
 def integrate_rk4(
     q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
-    work, out_q, out_v, out_w, out_e, fx=None, memory=None,
+    work, out_q, out_v, out_w, out_e, fx=None, memory=(),
 ):  # fmt: skip
     """Advance the state in place by `steps` steps and keep every `every`-th row, the first and the last included.
 
@@ -212,8 +229,9 @@ def integrate_rk4(
     fx : record, optional
         Effects' parameters, with the time of the start in ``fx.t`` (see `effects.record`); without it, at compile time,
         it is the paper's model.
-    memory : array, shape (MEMORY,), where there is `fx`
-        What wheels remember, see `layout`; advanced in place, too.
+    memory : tuple of no or one array, shape (MEMORY,)
+        What wheels remember, see `layout`; advanced in place, too. Where it is empty, at compile time, they remember
+        nothing.
 
     Returns
     -------
@@ -221,7 +239,7 @@ def integrate_rk4(
         OK or DIVERGED, and the number of rows written.
     """
     w, drive, cubic, hold, eta_next, q_s, v_s, first, total, e, pw, lag, sum_lag = work
-    start, count = start_lags(fx, memory, lag)
+    (start, count), lags = start_lags(fx, memory, lag), lags_of(memory, lag)
     for i in range(16):
         q_s[i], v_s[i] = q[i], v[i]
     module_gravity(p.front, p, FRONT, w)
@@ -238,7 +256,7 @@ def integrate_rk4(
                 command_at(cubic, s + stage_time(k, dt), modes, drive)
             if fx is not None:
                 fx.t = start + (dt * step + stage_time(k, dt))
-            right_hand_side(q_s, v_s, p, fx, modes, drive, hold, lag, w)
+            right_hand_side(q_s, v_s, p, fx, modes, drive, hold, lags, w)
             if k == 0:
                 if step == steps or step % every == 0:
                     if not sound(q, v):
@@ -265,11 +283,11 @@ def integrate_rk4(
 @kernel
 def integrate_semi_implicit(
     q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
-    work, out_q, out_v, out_w, out_e, fx=None, memory=None,
+    work, out_q, out_v, out_w, out_e, fx=None, memory=(),
 ):  # fmt: skip
     """As `integrate_rk4`; a row's contributions are those that act from its state to the next."""
     w, drive, cubic, hold, _, q_old, v_old, _, _, e, pw, lag, _ = work
-    start, count = start_lags(fx, memory, lag)
+    (start, count), lags = start_lags(fx, memory, lag), lags_of(memory, lag)
     module_gravity(p.front, p, FRONT, w)
     if p.two:
         module_gravity(p.back, p, BEHIND, w)
@@ -285,7 +303,7 @@ def integrate_semi_implicit(
             q_old[i], v_old[i] = q[i], v[i]
         if fx is not None:
             fx.t = start + dt * step
-        semi_implicit_step(q, v, p, fx, modes, drive, hold, lag, dt, w)
+        semi_implicit_step(q, v, p, fx, modes, drive, hold, lags, dt, w)
         if step == steps or step % every == 0:
             if not sound(q_old, v_old):
                 return DIVERGED, row

@@ -16,6 +16,7 @@ from artibot_sim.model.kernels.loop import (
     command_at,
     keep,
     lags_after,
+    lags_of,
     mean_acceleration,
     next_lag,
     prepare,
@@ -145,14 +146,14 @@ def begin(q, v, p, fx, w):
 @kernel
 def level_rk4(
     q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
-    work, out_q, out_v, out_w, out_e, fx=None, memory=None,
+    work, out_q, out_v, out_w, out_e, fx=None, memory=(),
 ):  # fmt: skip
     """As `loop.integrate_rk4` for a rover that stands level; LEAVES for another."""
     if not level(p, fx, q, v):
         return LEAVES, 0
     w, drive, cubic, hold, eta_next, _, _, _, _, e, _, lag, sum_lag = work
     at, here, rate = begin(q, v, p, fx, w)
-    start, count = start_lags(fx, memory, lag)
+    (start, count), lags = start_lags(fx, memory, lag), lags_of(memory, lag)
     row = phase = knot = since = 0
     begun, known = here, (0.0, 1.0, 0.0, 1.0)
     for step in range(steps + 1):
@@ -172,7 +173,7 @@ def level_rk4(
             if fx is not None:
                 fx.t = start + (dt * step + stage_time(k, dt))
             a, now = level_accelerations(
-                at, p, fx, q_k, v_k, trig, modes, drive, hold, lag, None, k == 0 or out_e is not None
+                at, p, fx, q_k, v_k, trig, modes, drive, hold, lags, None, k == 0 or out_e is not None
             )
             kept = k == 0 and (since == 0 or step == steps)
             if kept:
@@ -207,14 +208,14 @@ def level_rk4(
 @kernel
 def level_semi(
     q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
-    work, out_q, out_v, out_w, out_e, fx=None, memory=None,
+    work, out_q, out_v, out_w, out_e, fx=None, memory=(),
 ):  # fmt: skip
     """As `loop.integrate_semi_implicit` for a rover that stands level; LEAVES for another."""
     if not level(p, fx, q, v):
         return LEAVES, 0
     w, drive, cubic, hold, _, _, _, _, _, e, _, lag, _ = work
     at, here, rate = begin(q, v, p, fx, w)
-    start, count = start_lags(fx, memory, lag)
+    (start, count), lags = start_lags(fx, memory, lag), lags_of(memory, lag)
     row = phase = knot = since = 0
     for step in range(steps + 1):
         s = prepare(
@@ -226,7 +227,7 @@ def level_semi(
         trig = heading(here)
         if fx is not None:
             fx.t = start + dt * step
-        a, now = level_accelerations(at, p, fx, here, rate, trig, modes, drive, hold, lag, dt, True)
+        a, now = level_accelerations(at, p, fx, here, rate, trig, modes, drive, hold, lags, dt, True)
         there, new = after_step(dt, here, rate, a)
         kept = since == 0 or step == steps
         if kept:

@@ -237,23 +237,23 @@ def near(begun, q):
 
 
 @inlined
-def side_ahead(body, p, fx, unit, modes, motor, theta, theta_dot, pair, soil, drive, hold, lag, dt):
+def side_ahead(body, p, fx, unit, modes, motor, theta, theta_dot, pair, soil, drive, hold, lags, dt):
     """A motor (`integrators.Turning`), and over a semi-implicit step what `integrators.step_ahead` gives."""
     at, i = turning(p, modes, motor, theta, theta_dot, drive, hold), 2 * motor
     if dt is None:
         return at, None
-    return at, step_ahead(body, p, fx, unit, at, pair, soil, kept_by(lag, 8, i), kept_by(lag, 8, i + 1), dt)
+    return at, step_ahead(body, p, fx, unit, at, pair, soil, kept_by(lags, 8, i), kept_by(lags, 8, i + 1), dt)
 
 
 @inlined
-def side_moves(body, p, fx, unit, motor, pair, soil, lag, dt, torques):
+def side_moves(body, p, fx, unit, motor, pair, soil, lags, dt, torques):
     """A motor and its wheels: `integrators.motor_with_wheels`; `motor` is what `side_ahead` gives."""
     at, ahead = motor
     i = 2 * at.number
-    kept_f, kept_b = kept_by(lag, 8, i), kept_by(lag, 8, i + 1)
+    kept_f, kept_b = kept_by(lags, 8, i), kept_by(lags, 8, i + 1)
     forces, acting = motor_with_wheels(body, p, fx, unit, at, pair, soil, kept_f, kept_b, dt, ahead, torques)
     if fx is not None:
-        write_rates(fx, forces, 8, i, lag, MEMORY)
+        write_rates(fx, forces, 8, i, lags, MEMORY)
     return forces, acting
 
 
@@ -274,11 +274,12 @@ def note_level(p, fx, q, f, b, trig):
 
 
 @inlined
-def level_accelerations(at, p, fx, q, v, trig, modes, drive, hold, lag, dt, torques):
+def level_accelerations(at, p, fx, q, v, trig, modes, drive, hold, lags, dt, torques):
     """Accelerations of the ten coordinates, and what brings them about: an `Instant`.
 
     At an instant (`dt` None), with the torques of prescribed motors only where `torques` are wanted; or as a
-    semi-implicit step of `dt` (s) takes them. `lag` (48,) holds what wheels remember, then its rates.
+    semi-implicit step of `dt` (s) takes them. `lags` holds an array (48,) of what wheels remember, then its rates; or
+    nothing.
     """
     f, b = motions(q, v)
     if fx is not None:
@@ -287,14 +288,14 @@ def level_accelerations(at, p, fx, q, v, trig, modes, drive, hold, lag, dt, torq
     r_b, l_b, soil_rb, soil_lb = module_pairs(at.back, at.ground, fx, b, trig[2], trig[3])
     one, two, three, four = p.right_front, p.left_front, p.right_back, p.left_back
     # all motors one step ahead first: they know nothing of each other, and the processor takes them side by side
-    T_0 = side_ahead(at.front, p, fx, one, modes, MOTOR[0], q[6], v[6], r_f, soil_rf, drive, hold, lag, dt)
-    T_1 = side_ahead(at.front, p, fx, two, modes, MOTOR[1], q[7], v[7], l_f, soil_lf, drive, hold, lag, dt)
-    T_2 = side_ahead(at.back, p, fx, three, modes, MOTOR[2], q[8], v[8], r_b, soil_rb, drive, hold, lag, dt)
-    T_3 = side_ahead(at.back, p, fx, four, modes, MOTOR[3], q[9], v[9], l_b, soil_lb, drive, hold, lag, dt)
-    F_0, M_0 = side_moves(at.front, p, fx, one, T_0, r_f, soil_rf, lag, dt, torques)
-    F_1, M_1 = side_moves(at.front, p, fx, two, T_1, l_f, soil_lf, lag, dt, torques)
-    F_2, M_2 = side_moves(at.back, p, fx, three, T_2, r_b, soil_rb, lag, dt, torques)
-    F_3, M_3 = side_moves(at.back, p, fx, four, T_3, l_b, soil_lb, lag, dt, torques)
+    T_0 = side_ahead(at.front, p, fx, one, modes, MOTOR[0], q[6], v[6], r_f, soil_rf, drive, hold, lags, dt)
+    T_1 = side_ahead(at.front, p, fx, two, modes, MOTOR[1], q[7], v[7], l_f, soil_lf, drive, hold, lags, dt)
+    T_2 = side_ahead(at.back, p, fx, three, modes, MOTOR[2], q[8], v[8], r_b, soil_rb, drive, hold, lags, dt)
+    T_3 = side_ahead(at.back, p, fx, four, modes, MOTOR[3], q[9], v[9], l_b, soil_lb, drive, hold, lags, dt)
+    F_0, M_0 = side_moves(at.front, p, fx, one, T_0, r_f, soil_rf, lags, dt, torques)
+    F_1, M_1 = side_moves(at.front, p, fx, two, T_1, l_f, soil_lf, lags, dt, torques)
+    F_2, M_2 = side_moves(at.back, p, fx, three, T_2, r_b, soil_rb, lags, dt, torques)
+    F_3, M_3 = side_moves(at.back, p, fx, four, T_3, l_b, soil_lb, lags, dt, torques)
     forces = F_0, F_1, F_2, F_3
     on_f, on_b, contacts, joint, loads = planar_accelerations(at.front, at.back, at.ground, fx, f, b, trig, forces, dt)
     a_2, a_3 = (M_2.theta_ddot, M_3.theta_ddot) if p.two else (0.0, 0.0)

@@ -161,14 +161,14 @@ def side_forces(p, fx, unit, side, i, q, v, modes, pair, soil, drive, hold, lag,
         2 * i + side, local.mode, local.theta, local.theta_dot, local.wish, local.torque, local.gear, local.J,
         local.inverse_J,
     )  # fmt: skip
-    kept_f, kept_b, ahead = kept_by(lag, 4, a), kept_by(lag, 4, a + 1), None
+    kept_f, kept_b, ahead = kept_by((lag,), 4, a), kept_by((lag,), 4, a + 1), None
     if dt is not None:
         ahead = step_ahead(p.front, p, fx, unit, motor, pair, soil, kept_f, kept_b, dt)
     forces, acting = motor_with_wheels(p.front, p, fx, unit, motor, pair, soil, kept_f, kept_b, dt, ahead, True)
     write_wheels(pair, forces, side, w)
     write_motor(fx, acting, side, hold, w)
     if fx is not None:
-        write_rates(fx, forces, 4, a, lag_rate, 0)
+        write_rates(fx, forces, 4, a, (lag_rate,), 0)
     return forces
 
 

@@ -8,14 +8,14 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.analysis.stability import RELAXATION, largest_step, limited_by, parts, relaxation_limit
-from artibot_sim.model.effects import at_work, record
+from artibot_sim.model.effects import at_work, has_memory, record
 from artibot_sim.model.equations.kinematics import articulation, articulations
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor, torque_factors
 from artibot_sim.model.kernels.layout import (
@@ -566,7 +566,10 @@ def simulate(setup: Setup, dt: float, integrator: str, every: int, energy: bool)
         *driven_by(commands), round(commands.dt / dt) * cut, back_torque_factor(robot, kappa), loop.workspace(),
         out_q, out_v, out_w, out_e,
     )  # fmt: skip
-    status, kept = advance(integrator, given, () if fx is None else (fx, memory))
+    effects: tuple[Any, ...] = ()
+    if fx is not None:
+        effects = fx, (memory,) if has_memory(robot.effects) else ()
+    status, kept = advance(integrator, given, effects)
     final = State(start.t + steps * dt, q, v, eta, torque, *from_memory(memory)) if status == Status.OK else None
     return finished(setup, dt, integrator, every, kept, (out_q, out_v, out_w, out_e), final)
 

@@ -7,14 +7,14 @@ tenth of its overhead.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.analysis.stability import largest_step, limited_by, parts
-from artibot_sim.model.effects import record
+from artibot_sim.model.effects import has_memory, record
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor
 from artibot_sim.model.kernels import loop
 from artibot_sim.model.kernels.advance import advance
@@ -104,6 +104,7 @@ class Stepper:
         self.q, self.v, self.torque = np.zeros(16), np.zeros(16), np.zeros(4)
         self._eta, self._previous, self._memory = np.zeros(4), np.zeros(4), np.zeros(MEMORY)
         self._effects, self._t, self._steps = record(robot.effects, 0.0), 0.0, 0
+        self._remembers = has_memory(robot.effects)
         self.message = ""
         self.state = initial_state(robot) if state is None else state
 
@@ -135,7 +136,9 @@ class Stepper:
             self._command(motor, turn, steps * self.dt)
         q, v, eta, previous = self.q.copy(), self.v.copy(), self._eta.copy(), self._previous.copy()
         memory = self._memory.copy()
-        extra = () if self._effects is None else (self._effects, memory)
+        extra: tuple[Any, ...] = ()
+        if self._effects is not None:
+            extra = self._effects, (memory,) if self._remembers else ()
         if self._effects is not None:
             self._effects["t"] = self.t
         cut = steps * self._parts

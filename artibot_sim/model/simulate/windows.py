@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.analysis.stability import largest_step
-from artibot_sim.model.effects import EFFECTS, RECORD_DTYPE, has_laws, record
+from artibot_sim.model.effects import EFFECTS, RECORD_DTYPE, has_laws, has_memory, record
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor
 from artibot_sim.model.kernels import loop
 from artibot_sim.model.kernels.advance import advance
@@ -273,7 +273,8 @@ def run_window(
     if fleet.extended[r]:
         fx = (fleet.laws[r] if r in fleet.laws else fleet.effects[r]).copy()
         fx["t"] = items.t[i]
-        extra = (fx, np.append(lagging(items)[i], np.zeros(MEMORY - 8)))
+        lags = np.append(lagging(items)[i], np.zeros(MEMORY - 8))
+        extra = fx, (lags,) if has_memory(fleet.robots[r].effects) else ()
     work, q, v, w, rows = room
     turned, pulled = fleet.sensors[r, :2]
     given = (
