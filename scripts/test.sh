@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
 # Types and all tests. What watches the clock goes first: one by one what asks for the whole machine in time, then, two files
-# at a time, what mostly waits. In its pauses run all others: they get the processor only while nobody else wants it. These
-# are what only computes, three files at a time, those that take longest first (test/conftest.py); the types; and the tests
-# on a kernel with CAN, if that is emulated, for then its clock waits for them. Once nothing watches the clock any more they
-# have all of the processor. The summaries come last.
+# at a time, what mostly waits. In its pauses runs what only computes, three files at a time, those that take longest first
+# (test/conftest.py): it gets the processor only while nobody else wants it. Once nothing watches the clock any more it has
+# all of it, and behind it run the types and the tests on a kernel with CAN, if that is emulated, for then its clock waits
+# for them: not before, for an emulated kernel is in a session of its own, where its priority cannot be raised again. The
+# summaries come last.
 # What watches the clock fails where the machine stands still for a moment: a few tests are tried again, one by one, and
 # those that fail then in slow motion (in_uml.sh), where no machine stands still. Who fails there, too, has failed.
 # With arguments they are pytest's, and it is one part.
@@ -40,8 +41,8 @@ export OPENBLAS_NUM_THREADS=1
 
 behind() {
   local failed=0
-  priority low "$python" -m mypy >"$reports/types" 2>&1 || failed=1
-  [ ${#can[@]} = 0 ] || priority low "$python" -m pytest "${can[@]}" >"$reports/2-can" 2>&1 || failed=1
+  nice -n 5 "$python" -m mypy >"$reports/types" 2>&1 || failed=1
+  [ ${#can[@]} = 0 ] || nice -n 5 "$python" -m pytest "${can[@]}" >"$reports/2-can" 2>&1 || failed=1
   return "$failed"
 }
 
@@ -61,17 +62,9 @@ again() {
   return 1
 }
 
-# What is begun once nothing watches the clock any more is begun as usual.
-priority() {
-  if [ "$1" = low ] && [ -e "$reports/usual" ]; then
-    "${@:2}"
-  else
-    "$python" "$(dirname "$0")/priority.py" "$@"
-  fi
-}
+priority() { "$python" "$(dirname "$0")/priority.py" "$@"; }
 
 # watched PART [OPTION …] -- PATH …: tests that watch the clock, and again those that fail, while what computes stands still.
-# An emulated machine goes on: it dies of a signal that stops its programs.
 watched() {
   local part=$1 options=()
   shift
@@ -86,19 +79,17 @@ watched() {
 }
 
 failed=0
-set -m # process groups of their own
+set -m # a process group of its own
 priority low "$python" -m pytest -n 3 "${files[@]}" -o "cache_dir=$reports/cache-3" "${rest[@]}" >"$reports/3" 2>&1 </dev/null &
 others=$!
-behind </dev/null &
-row=$!
 set +m
-trap 'kill -- "-$others" "-$row"; kill -CONT -- "-$others"; end' EXIT
+trap 'kill -- "-$others"; kill -CONT -- "-$others"; end' EXIT
 trap 'exit 130' INT TERM
 watched 0 -- "${alone[@]}" || failed=1
 watched 1 -n 2 "${files[@]}" -- "${waiting[@]}" || failed=1
-touch "$reports/usual"
 priority usual "$others"
-priority usual "$row"
+behind </dev/null &
+row=$!
 tail -n +1 -f --pid="$others" "$reports/3"
 wait "$others" && passed=yes || passed=no
 wait "$row" || failed=1
