@@ -235,7 +235,7 @@ def result_of(
 
 
 def with_explainable(result: Diagnosis, assessed: Assessment, residual: bool) -> Diagnosis:
-    """The same with how much is explainable at all, and with what was learned where `residual` asks for it."""
+    """Add to a result how much is explainable at all, and what was learned where `residual` asks for it."""
     noise = {name: one.noise for name, one in assessed.channels.items()}
     found, some = explainable(assessed.predicted, assessed.extended, noise, result.seed)
     model = None

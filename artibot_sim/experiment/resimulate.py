@@ -129,7 +129,7 @@ class Pieces:
         return Rollout(self._robot, Status.OK, "interpolated", np.array(t), q, v, row, None, None, self._modes)
 
     def moved(self, by: Callable[[Rollout, Rollout], Floats]) -> Pieces:
-        """The same with every window's rover moved rigidly in the plane.
+        """Pieces whose every window's rover is moved rigidly in the plane.
 
         `by` gives, from a window's rollout and the one of the window before it, by how much the front module's pose is
         moved: x, y (m) and yaw (rad), (n, 3), a row each of the window's. Rates change with it.
