@@ -35,7 +35,7 @@ def flat(record: Any) -> NDArray[np.float64]:
     return values
 
 
-EXTENDED: tuple[tuple[float, ...], ...] = ((1.0,), (1.0, 1.0), (1.0, 1.0, 1.0), (1.0, 1.0, 1.0, 1.0))
+EXTENDED: tuple[tuple[float, ...], ...] = tuple((1.0,) * n for n in range(1, 6))
 """Stand for the extended model as `fx` of lanes, by the cost of what its effects answer (see `effects.hooks.Place`)."""
 
 
@@ -151,7 +151,7 @@ def _line_up_stack(typing_context: Any) -> Any:
 line_up_stack: Any = intrinsic(_line_up_stack)
 
 
-cheap_effects, dear_effects, seldom_effects, all_effects = (reader(LANES, cost) for cost in (1, 2, 3, 4))
+cheap_effects, resisted_effects, dear_effects, seldom_effects, all_effects = (reader(LANES, n) for n in range(1, 6))
 
 
 @inlined
@@ -162,8 +162,10 @@ def effects_at(S, fx, e, t):
         if len(fx) == 1:
             return cheap_effects(S, at, S[at] + t)
         if len(fx) == 2:
-            return dear_effects(S, at, S[at] + t)
+            return resisted_effects(S, at, S[at] + t)
         if len(fx) == 3:
+            return dear_effects(S, at, S[at] + t)
+        if len(fx) == 4:
             return seldom_effects(S, at, S[at] + t)
         return all_effects(S, at, S[at] + t)
     return None
