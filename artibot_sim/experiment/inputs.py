@@ -9,7 +9,7 @@ import numpy as np
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.columns import Channel, Experiment, Floats
 from artibot_sim.experiment.measured import MeasuredMotion
-from artibot_sim.experiment.smoothing import bridge, fit_beside, fresh, hermite, local_fit
+from artibot_sim.experiment.smoothing import STAMP, bridge, fit_beside, fresh, hermite, local_fit
 from artibot_sim.model import MOTORS, Commands, Mode, Robot, Rollout, State, initial_state
 from artibot_sim.model.robot.parameters import SensorErrors
 from artibot_sim.model.simulate.commands import as_executed
@@ -159,7 +159,7 @@ def _rotation(
     motors: Channel, motor: str, t: Floats, t_start: float, t_end: float, half_width: float = HALF_WIDTH
 ) -> tuple[Floats, Floats] | None:
     """Return angle and speed (n,) of one motor at knots, or None if it is not recorded there."""
-    margin = 0.5  # s of neighbours beyond the ends of a stretch; never those of another segment, which is further off
+    margin = 0.5 + STAMP  # s of neighbours beyond a stretch, never those of another segment, which is further off
     for quantity in ("position", "velocity"):
         name = f"{motor}.{quantity}"
         if name not in motors:

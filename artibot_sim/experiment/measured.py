@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.experiment.columns import Channel, Experiment, Floats
-from artibot_sim.experiment.smoothing import fresh, local_fit, noise_in, rest_of
+from artibot_sim.experiment.smoothing import STAMP, fresh, local_fit, noise_in, rest_of
 from artibot_sim.model import MOTORS
 
 # ----------------------------------------------------------------------
@@ -98,7 +98,7 @@ class Compass:
         if not len(times):
             return 0.0
         gyro_t, _ = self.yaw_rate
-        near = np.abs(times - t) <= COURSE_SPAN
+        near = np.abs(times - t) <= COURSE_SPAN + STAMP
         if len(gyro_t) < 2 or near.sum() < 8:
             return float(np.interp(t, times, course))
         turned, turned_then, rate = self._turned
@@ -111,7 +111,7 @@ class Compass:
 
     def headings(self, times: Floats) -> Floats:
         """Return headings at times (n,) that increase: fitted every `_NODES` s, the gyroscope's between."""
-        nodes = times[np.unique(np.searchsorted(times, np.arange(times[0], times[-1], _NODES)))]
+        nodes = times[np.unique(np.searchsorted(times, np.arange(times[0], times[-1], _NODES) - STAMP))]
         nodes = np.unique(np.append(nodes, times[-1]))
         fitted = np.array([self.heading(t) for t in nodes.tolist()])
         if len(nodes) == len(times):
@@ -209,11 +209,11 @@ def carried_fit(
         wrong heading) is solved by least squares.
     """
     times, points = position
-    near = np.abs(times - t) <= CARRIED_SPAN
+    near = np.abs(times - t) <= CARRIED_SPAN + STAMP
     if near.sum() < 6 and len(times) >= 6:  # at the ends, or where points are rare
-        near = np.abs(times - t) <= np.sort(np.abs(times - t))[5] + 1e-9
+        near = np.abs(times - t) <= np.sort(np.abs(times - t))[5] + STAMP
     times, points = times[near], points[near]
-    around = np.abs(imu_t - t) <= CARRIED_SPAN + 0.1
+    around = np.abs(imu_t - t) <= CARRIED_SPAN + 0.1 + STAMP
     if len(times) < 6 or around.sum() < 20 or max(np.diff(imu_t[around])) > 0.1:
         return None
     grid = imu_t[around]
@@ -411,7 +411,7 @@ def _samples(channel: Channel, names: tuple[str, ...], t_start: float, t_end: fl
     if not set(names) <= set(channel.columns):
         return _nothing(len(names))
     values = np.column_stack([channel[name] for name in names])
-    used = np.isfinite(values).all(axis=1) & (channel.t >= t_start - 1e-6) & (channel.t <= t_end + 1e-6)
+    used = np.isfinite(values).all(axis=1) & (channel.t >= t_start - STAMP) & (channel.t <= t_end + STAMP)
     times, values = channel.t[used], values[used]
     new = fresh(values)
     return times[new], values[new]
@@ -435,7 +435,7 @@ class Local:
 
     def _exact(self, t: float, reach: float) -> bool:
         """Whether samples as far as `reach` from `t` have next to no noise."""
-        near = slice(*np.searchsorted(self.t, (t - reach, t + reach)))
+        near = slice(*np.searchsorted(self.t, (t - reach - STAMP, t + reach + STAMP)))
         return all(noise_in(rest[near]) < _EXACT for rest in self._rests)
 
     @cached_property

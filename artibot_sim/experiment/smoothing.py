@@ -14,6 +14,8 @@ from artibot_sim.experiment.columns import Floats
 
 HELD = 4
 """Equal samples in a row, at most, that count as one sample and its repetitions; more are a standstill."""
+STAMP = 1e-6
+"""s that a stamp and a border may differ by and still be the same instant: sums of seconds round by their last bit."""
 _BLOCK = 8192
 _NOISE_SAMPLES = 7
 _FEWEST = 15
@@ -57,8 +59,8 @@ def local_fit(
 
 def _neighbourhoods(t: Floats, at: Floats, half_width: float, fewest: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the first and the one past the last sample to use at each time."""
-    low = np.searchsorted(t, at - half_width, side="left")
-    high = np.searchsorted(t, at + half_width, side="right")
+    low = np.searchsorted(t, at - half_width - STAMP, side="left")
+    high = np.searchsorted(t, at + half_width + STAMP, side="right")
     size = np.maximum(high - low, fewest)
     low = np.maximum(low - (size - (high - low) + 1) // 2, 0)
     high = np.minimum(low + size, len(t))
@@ -151,14 +153,14 @@ def bridge(t: Floats, at: Floats, value: Floats, rate: Floats, gap: float) -> tu
     value, rate = value.copy(), rate.copy()
     breaks = np.flatnonzero(np.diff(t) > gap)
     for a, b in zip(t[breaks], t[breaks + 1], strict=True):
-        inside = np.flatnonzero((at > a) & (at < b))
+        inside = np.flatnonzero((at > a + STAMP) & (at < b - STAMP))
         if not len(inside) or inside[0] == 0 or inside[-1] == len(at) - 1:
             continue
         i, j = inside[0] - 1, inside[-1] + 1
         value[inside], rate[inside] = hermite(at[i], at[j], value[i], value[j], rate[i], rate[j], at[inside])
     for outside, edge in (
-        (at < t[0], np.searchsorted(at, t[0])),
-        (at > t[-1], np.searchsorted(at, t[-1], "right") - 1),
+        (at < t[0] - STAMP, np.searchsorted(at, t[0] - STAMP)),
+        (at > t[-1] + STAMP, np.searchsorted(at, t[-1] + STAMP, "right") - 1),
     ):
         edge = int(np.clip(edge, 0, len(at) - 1))
         rate[outside] = rate[edge]
@@ -250,10 +252,10 @@ def fit_beside(t: Floats, y: Floats, at: Floats, half_width: float) -> tuple[Flo
     places = kinks(t, y)
     if not len(places):
         return value, rate
-    edges = np.concatenate(([-np.inf], places, [np.inf]))
+    edges = np.concatenate(([-np.inf], places + STAMP, [np.inf]))
     away = np.abs(at[:, None] - places).min(axis=1)
     for a, b in zip(edges, edges[1:], strict=False):
-        own, mine = (t > a) & (t <= b), (at > a) & (at <= b) & (away <= half_width)
+        own, mine = (t > a) & (t <= b), (at > a) & (at <= b) & (away <= half_width + STAMP)
         if own.any() and mine.any():
             value[mine], rate[mine] = local_fit(t[own], y[own], at[mine], half_width, _DEGREE, _SAMPLES)
     return value, rate

@@ -1,4 +1,4 @@
-"""What a fit is of does not depend on how it is written down: the map, left and right, the unit of force.
+"""What a fit is of does not depend on how it is written down: the map, left and right, the unit of force, time's zero.
 
 A recording and the same one written in another way have the same losses at the same soil; so they have the same best
 fit.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -83,6 +84,13 @@ def mirrored(of: Experiment) -> Experiment:
     return with_columns(of, "joint_states", negative("articulation_yaw.position"))
 
 
+def begun_earlier(of: Experiment, by: float = 40.0) -> Experiment:
+    """The same run in a recording that begins `by` s before it: seconds since the beginning round otherwise."""
+    channels = {key: replace(channel, t=channel.t + by) for key, channel in of.channels.items()}
+    segments = tuple((a + by, b + by) for a, b in of.segments)
+    return replace(of, start_ns=of.start_ns - round(by * 1e9), channels=channels, segments=segments)
+
+
 def in_half_newtons(of: Experiment) -> Experiment:
     """Torques twice as large a number."""
     return with_columns(
@@ -109,6 +117,7 @@ def losses_of(of: Experiment, robot: Robot) -> np.ndarray:
         (on_another_map, ROBOT, 1e-6),
         (with_other_axes, ROBOT, 0.03),
         (mirrored, ROBOT, 1e-6),
+        *((partial(begun_earlier, by=seconds), ROBOT, 1e-6) for seconds in (0.37, 40.0, 1234.567)),
         (in_half_newtons, robot_in_half_newtons(), 1e-6),
     ],
 )
@@ -123,7 +132,7 @@ def test_a_fit_does_not_depend_on_how_a_recording_is_written(
 
 def test_the_numbers_do_change(recording: Experiment) -> None:
     """Each way of writing changes what is read, and torques twice as large without their robot change the loss."""
-    for change in (on_another_map, mirrored, in_half_newtons):
+    for change in (on_another_map, mirrored, begun_earlier, in_half_newtons):
         changed = change(recording)
         assert any(
             not np.array_equal(channel.t, recording.channels[key].t)
