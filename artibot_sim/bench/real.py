@@ -18,11 +18,12 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.boosting import boosted
+from artibot_sim.estimation.kinematic import AFTER, BEFORE, FREE, STEP, DrivenWindows, Kinematic, fit_kinematic, ideal
 from artibot_sim.experiment import Experiment, read_bag
+from artibot_sim.experiment.blocks import BLOCK, in_turn
 from artibot_sim.model import MOTORS, Robot, load_robot
 
 if TYPE_CHECKING:
@@ -34,12 +35,6 @@ DATA = "ARTIBOT_REAL_DATA"
 """Environment variable with the folder of the recordings."""
 HORIZON = 2.0
 """s of a window."""
-BLOCK = 12.0
-"""s of one recording that are fitted or judged together, alternately: two commands of 6 s."""
-STEP = 0.05
-"""s between the speeds that models are given."""
-BEFORE, AFTER = 0.5, 0.5
-"""s of speeds before a window and after it, for what is late."""
 _STALE = 1.6
 """s for which equal values are one that is held; longer ones are a speed that stays."""
 _DRIVEN = 0.05
@@ -48,8 +43,6 @@ _LEAP = 0.2
 """m by which a measured pose may move farther than the wheels' rims before it counts as a leap,"""
 _JITTER = 0.2
 """s by which its stamps may be wrong then."""
-_BEND = 0.05
-"""m and rad from which an error counts linearly in a fit."""
 _DRAWS = 1000
 
 
@@ -87,49 +80,15 @@ GROUNDS = (
 
 
 @dataclass(frozen=True)
-class Windows:
-    """Windows of one part of a ground.
-
-    Attributes
-    ----------
-    t, length : array, shape (n,)
-        Starts, s of the recording, and lengths, s.
-    start, end : array, shape (n, 3)
-        Measured poses, m and rad; headings continuous from start to end.
-    speed : array, shape (n, m, 2)
-        Of the right and the left wheels, rad/s, `STEP` apart from `BEFORE` the start on.
-    """
-
-    t: Array
-    length: Array
-    start: Array
-    end: Array
-    speed: Array
-
-    def __len__(self) -> int:
-        return len(self.t)
-
-    def __getitem__(self, rows: NDArray[Any]) -> Windows:
-        return Windows(self.t[rows], self.length[rows], self.start[rows], self.end[rows], self.speed[rows])
-
-    @property
-    def moved(self) -> Array:
-        """Ends as seen from the starts, (n, 3): forward, to the left, turned."""
-        c, s = np.cos(self.start[:, 2]), np.sin(self.start[:, 2])
-        dx, dy, turn = (self.end - self.start).T
-        return np.column_stack([c * dx + s * dy, c * dy - s * dx, turn])
-
-
-@dataclass(frozen=True)
 class Part:
     """What is fitted or judged together: a recording, or some blocks of it."""
 
     experiments: tuple[Experiment, ...]
-    windows: Windows
+    windows: DrivenWindows
     leaps: int = 0
 
 
-def windows_of(experiment: Experiment, radius: float) -> tuple[Windows, int]:
+def windows_of(experiment: Experiment, radius: float) -> tuple[DrivenWindows, int]:
     """Windows of `HORIZON` s one after the other wherever the robot is driven, and how many leap.
 
     A window that leaps holds a measured pose that moves farther than wheels of this `radius` (m) could make it; no
@@ -161,7 +120,7 @@ def windows_of(experiment: Experiment, radius: float) -> tuple[Windows, int]:
             rows.append((float(t), float(length), ends[0], ends[1], turned))
     if not rows:
         raise ArtibotError(f"{experiment.path}: no window of {HORIZON:g} s in which the robot is driven")
-    return Windows(*(np.array(column) for column in zip(*rows, strict=True))), leaps
+    return DrivenWindows(*(np.array(column) for column in zip(*rows, strict=True))), leaps
 
 
 _SPEEDS = tuple(f"{motor}.velocity" for motor in MOTORS[:2])
@@ -195,7 +154,7 @@ def parts_of(ground: Ground, folder: Path, robot: Robot) -> list[Part]:
     """What is fitted or judged together: recordings, or the two halves of a single one."""
     recordings = [read_bag(folder / name) for name in ground.recordings]
     if len(recordings) == 1:
-        recordings = halves(recordings[0])
+        recordings = list(in_turn(recordings[0]))
     found = []
     for experiment in recordings:
         windows, leaps = windows_of(experiment, robot.wheel.r_w)
@@ -203,121 +162,20 @@ def parts_of(ground: Ground, folder: Path, robot: Robot) -> list[Part]:
     return found
 
 
-def halves(experiment: Experiment) -> list[Experiment]:
-    """Two recordings of one: its blocks of `BLOCK` s in turn. Short segments stay whole, several of them to a block."""
-    spans: list[list[tuple[float, float]]] = [[], []]
-    driven = 0.0
-    for first, last in experiment.segments:
-        count = max(1, round((last - first) / BLOCK)) if last - first > HORIZON + STEP else 1
-        edges = np.linspace(first, last, count + 1)
-        for a, b in zip(edges, edges[1:], strict=False):
-            # half a sample apart, or a sample on an edge would be in both halves
-            spans[int((driven + 1e-9) // BLOCK) % 2].append((float(a) + 1e-4, float(b) - 1e-4) if count > 1 else (a, b))
-            driven += b - a + STEP
-    return [_only(experiment, spans[i], f"{experiment.name} {'AB'[i]}") for i in range(2)]
-
-
-def _only(experiment: Experiment, spans: Sequence[tuple[float, float]], name: str) -> Experiment:
-    """The rows of all channels within some spans, s."""
-    channels = {}
-    for key, channel in experiment.channels.items():
-        inside = np.zeros(len(channel), bool)
-        for a, b in spans:
-            inside |= (channel.t >= a - 1e-6) & (channel.t <= b + 1e-6)
-        if inside.any():
-            columns = {column: values[inside] for column, values in channel.columns.items()}
-            channels[key] = replace(
-                channel, t_ns=channel.t_ns[inside], t=channel.t[inside], received_ns=channel.received_ns[inside],
-                columns=columns,
-            )  # fmt: skip
-    return replace(experiment, name=name, channels=channels, segments=tuple(spans))
-
-
 # ----------------------------------------------------------------------
 # Models: each is fitted to a part and predicts ends of windows, seen from their starts.
 # ----------------------------------------------------------------------
 
 
-Predictor = Callable[[Windows], Array]
+Predictor = Callable[[DrivenWindows], Array]
 """Windows → where they end as seen from their starts, shape (n, 3)."""
 
 
-@dataclass(frozen=True)
-class Kinematic:
-    """Skid steering by three numbers, from speeds that may be late or early.
-
-    Attributes
-    ----------
-    radius : float
-        Of a wheel, m.
-    track : float
-        That the speeds of both sides turn, m.
-    scale : float
-        Speed over that of rolling.
-    lateral : float
-        Leftward speed per yaw rate, m.
-    delay : float
-        By which poses are later than speeds, s.
-    """
-
-    radius: float
-    track: float
-    scale: float = 1.0
-    lateral: float = 0.0
-    delay: float = 0.0
-
-    def rates(self, speed: Array) -> Array:
-        """Forward and leftward speed and yaw rate, (…, 3), of wheel speeds (…, 2)."""
-        rim = self.radius * self.scale * speed
-        turn = (rim[..., 0] - rim[..., 1]) / self.track
-        return np.stack([rim.mean(axis=-1), self.lateral * turn, turn], axis=-1)
-
-    def __call__(self, windows: Windows) -> Array:
-        grid = STEP * np.arange(windows.speed.shape[1]) - BEFORE
-        rates = self.rates(windows.speed)
-        found = np.empty((len(windows), 3))
-        for i, length in enumerate(windows.length):
-            at = np.linspace(0.0, length, round(length / STEP) + 1)
-            forward, left, turn = (np.interp(at - self.delay, grid, column) for column in rates[i].T)
-            yaw = _integral(turn, at)
-            c, s = np.cos(yaw), np.sin(yaw)
-            x, y = _integral(c * forward - s * left, at), _integral(s * forward + c * left, at)
-            found[i] = x[-1], y[-1], yaw[-1]
-        return found
-
-
-def _integral(rate: Array, t: Array) -> Array:
-    return np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t) * (rate[1:] + rate[:-1]))))
-
-
-FREE = {
-    "effective track": ("track",),
-    "ICR": ("track", "scale", "lateral"),
-    "ICR with timing": ("track", "scale", "lateral", "delay"),
-}
-"""Kinematic model → what is fitted."""
-
-
-def fit_kinematic(windows: Windows, robot: Robot, free: Sequence[str]) -> Kinematic:
-    """The kinematic model whose predictions of windows are nearest, large errors counting linearly."""
-    first = Kinematic(robot.wheel.r_w * robot.drive.front.tau, robot.front.i_y)
-    bounds = {"track": (0.1, 30.0), "scale": (-2.0, 3.0), "lateral": (-3.0, 3.0), "delay": (-BEFORE, BEFORE)}
-
-    def residual(values: Array) -> Array:
-        model = replace(first, **dict(zip(free, values.tolist(), strict=True)))
-        return (model(windows) - windows.moved).ravel()
-
-    low, high = zip(*(bounds[name] for name in free), strict=True)
-    guess = [np.clip(1.6 * first.track if name == "track" else getattr(first, name), *bounds[name]) for name in free]
-    found = least_squares(residual, guess, bounds=(low, high), loss="huber", f_scale=_BEND, x_scale=0.1, diff_step=1e-3)
-    return replace(first, **dict(zip(free, found.x.tolist(), strict=True)))
-
-
-def fit_regressor(windows: Windows, robot: Robot) -> Predictor:
+def fit_regressor(windows: DrivenWindows, robot: Robot) -> Predictor:
     """Gradient-boosted trees on the wheels' speeds: what the three-parameter model leaves."""
     base = fit_kinematic(windows, robot, FREE["ICR with timing"])
 
-    def features(of: Windows) -> Array:
+    def features(of: DrivenWindows) -> Array:
         bins = np.array_split(np.arange(of.speed.shape[1]), 12)
         means = [of.speed[:, rows].mean(axis=1) for rows in bins]
         return np.column_stack([*means, base(of), of.length])
@@ -465,7 +323,7 @@ def _ratios(
     return found
 
 
-def errors_of(predicted: Array, windows: Windows) -> dict[str, Array]:
+def errors_of(predicted: Array, windows: DrivenWindows) -> dict[str, Array]:
     """Distance (m) and difference of heading (rad) at the ends of windows, (n,) each."""
     off = predicted - windows.moved
     turned = np.abs(np.arctan2(np.sin(off[:, 2]), np.cos(off[:, 2])))
@@ -480,8 +338,8 @@ def fit_model(model: str, part: Part, robot: Robot) -> Fitted:
     """One of MODELS fitted to a part."""
     windows = part.windows
     if model == "ideal":
-        ideal = Kinematic(robot.wheel.r_w * robot.drive.front.tau, robot.front.i_y)
-        return lambda other: ideal(other.windows), ""
+        rolling = ideal(robot)
+        return lambda other: rolling(other.windows), ""
     if model in FREE:
         found = fit_kinematic(windows, robot, FREE[model])
         said = ", ".join(f"{name} {getattr(found, name):.3g}" for name in FREE[model])
@@ -538,7 +396,7 @@ def _together(parts: Sequence[Part]) -> Part:
     """Several parts as one to fit."""
     columns = zip(*((w.t, w.length, w.start, w.end, w.speed) for w in (part.windows for part in parts)), strict=True)
     experiments = tuple(experiment for part in parts for experiment in part.experiments)
-    return Part(experiments, Windows(*(np.concatenate(column) for column in columns)))
+    return Part(experiments, DrivenWindows(*(np.concatenate(column) for column in columns)))
 
 
 # ----------------------------------------------------------------------

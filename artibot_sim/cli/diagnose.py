@@ -31,6 +31,10 @@ _READING = 0.05
     "--holdout", multiple=True, metavar="BAG", type=_BAG,
     help="Recording to predict, not to fit; repeatable [the last of several, or the last third of a single one].",
 )  # fmt: skip
+@click.option(
+    "--holdout-share", type=click.FloatRange(0.0, 1.0, min_open=True, max_open=True), metavar="SHARE",
+    help="Share of every recording to predict, not to fit, such as 0.5: blocks of 12 s of it in turn.",
+)  # fmt: skip
 @click.option("--horizon", default=5.0, show_default=True, help="How far predictions look ahead in fits and gains, s.")
 @click.option(
     "--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable."
@@ -59,9 +63,10 @@ _READING = 0.05
     help="Time to search in, about; what was not tried for it is said [none].",
 )
 def command(
-    recordings: tuple[Path, ...], robot: str, out: Path, holdout: tuple[Path, ...], horizon: float,
-    topics: tuple[str, ...], joints: tuple[str, ...], namespace: str | None, seed: int, workers: int | None,
-    scheduler: str | None, prior_odds: float | None, false_alarms: float | None, residual: bool, budget: float | None,
+    recordings: tuple[Path, ...], robot: str, out: Path, holdout: tuple[Path, ...], holdout_share: float | None,
+    horizon: float, topics: tuple[str, ...], joints: tuple[str, ...], namespace: str | None, seed: int,
+    workers: int | None, scheduler: str | None, prior_odds: float | None, false_alarms: float | None, residual: bool,
+    budget: float | None,
 ) -> int:  # fmt: skip
     """Find what the simulation gets wrong on recordings, where and when, which physical effect it is, how sure that
     is, and what it gains.
@@ -77,6 +82,7 @@ def command(
     Examples:
       artibot diagnose run0 run1 run2 --robot agriq --out found
       artibot diagnose run0 run1 --holdout run2 --robot field.yaml --out found --horizon 3
+      artibot diagnose run0 --holdout-share 0.5 --robot field.yaml --out found
       artibot diagnose husky_a --holdout husky_b --robot husky --horizon 2 --out husky
     """
     from rich.console import Console
@@ -85,6 +91,7 @@ def command(
     from artibot_sim.diagnose import diagnose
     from artibot_sim.diagnose.records import FALSE_ALARM_RATE, PRIOR_ODDS
     from artibot_sim.estimation.boosting import MISSING, can_grow
+    from artibot_sim.experiment.blocks import without_share
     from artibot_sim.model import load_robot
     from artibot_sim.progress import Bar
     from artibot_sim.report.diagnosis.files import files_of
@@ -94,10 +101,14 @@ def command(
     if why := fault_of_folder(out):
         raise ArtibotError(f"--out {out}: cannot be written: {why}")
     rover = load_robot(robot)
+    if holdout and holdout_share is not None:
+        raise ArtibotError("--holdout and --holdout-share: give one of them")
     with Bar(total=1.0 + _READING * (len(recordings) + len(holdout))) as bar:
         naming = {"topics": topics, "joints": joints, "namespace": namespace}
         used = [_read(path, rover, naming, bar) for path in recordings]
         held = [_read(path, rover, naming, bar) for path in holdout]
+        if holdout_share is not None:
+            used, held = without_share(used, holdout_share)
         found = diagnose(
             used, rover, holdout=held, horizon=horizon, seed=seed, workers=workers,
             progress=bar.stage("diagnosing", 1.0), prior_odds=prior_odds or PRIOR_ODDS,

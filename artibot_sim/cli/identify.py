@@ -39,6 +39,10 @@ _READING = 0.1
 @click.option(
     "--holdout", multiple=True, metavar="BAG", type=_BAG, help="Recording to predict, not to fit; repeatable."
 )
+@click.option(
+    "--holdout-share", type=click.FloatRange(0.0, 1.0, min_open=True, max_open=True), metavar="SHARE",
+    help="Share of every recording to predict, not to fit, such as 0.5: blocks of 12 s of it in turn.",
+)  # fmt: skip
 @click.option("--window", default=5.0, show_default=True, help="Length of a window, and of a prediction, s.")
 @click.option(
     "--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable."
@@ -60,8 +64,9 @@ _READING = 0.1
 @click.option("--workers", type=click.IntRange(1), help="Threads [as many as cores]; the result is the same.")
 def command(
     recordings: tuple[Path, ...], robot: str, out: Path, names: str, priors: tuple[str, ...], holdout: tuple[Path, ...],
-    window: float, topics: tuple[str, ...], joints: tuple[str, ...], namespace: str | None, report: Path | None,
-    as_json: Path | None, seed: int, starts: int | None, scheduler: str | None, workers: int | None,
+    holdout_share: float | None, window: float, topics: tuple[str, ...], joints: tuple[str, ...], namespace: str | None,
+    report: Path | None, as_json: Path | None, seed: int, starts: int | None, scheduler: str | None,
+    workers: int | None,
 ) -> int:  # fmt: skip
     """Identify soil (and geometry) from recordings: values with 95 % intervals, written as a robot file.
 
@@ -79,6 +84,7 @@ def command(
     from rich.console import Console
 
     from artibot_sim.cluster import check_address
+    from artibot_sim.experiment.blocks import without_share
     from artibot_sim.identify import Effort, identify, parse_priors
     from artibot_sim.model import load_robot, save_robot
     from artibot_sim.progress import Bar
@@ -89,10 +95,14 @@ def command(
     _check_outputs(outputs)
     rover, known = load_robot(robot), parse_priors(priors)
     fitted = [name for name in names.split(",") if name.strip()]
+    if holdout and holdout_share is not None:
+        raise ArtibotError("--holdout and --holdout-share: give one of them")
     with Bar(total=1.0 + _READING * (len(recordings) + len(holdout))) as bar:
         naming = {"topics": topics, "joints": joints, "namespace": namespace}
         used = [_read(path, rover, naming, bar) for path in recordings]
         held = [_read(path, rover, naming, bar) for path in holdout]
+        if holdout_share is not None:
+            used, held = without_share(used, holdout_share)
         work = identify(
             used, rover, fit=fitted, priors=known, holdout=held, window=window, effort=effort,
             seed=seed, workers=workers, progress=bar.stage("identifying", 1.0),

@@ -13,6 +13,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.alignment import mean_shifts, on_one_clock, what_is_left, what_was_mended
 from artibot_sim.estimation.checks.recordings import require_usable
 from artibot_sim.estimation.encoder_noise import noise_share
+from artibot_sim.estimation.kinematic import kinematic_models
 from artibot_sim.estimation.loss import Loss, channel_levels, merged
 from artibot_sim.estimation.measurements import (
     HALF_WIDTH,
@@ -33,7 +34,7 @@ from artibot_sim.experiment import Experiment
 from artibot_sim.identify.judgement import FittedMotion, estimates, motion_of, overall, weakest
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.result import Estimate, Identification, Status
-from artibot_sim.identify.validation import Held, channel_fits, fitted, hold_out
+from artibot_sim.identify.validation import Held, channel_fits, hold_out
 from artibot_sim.model import Robot
 from artibot_sim.progress import Report
 
@@ -145,7 +146,7 @@ def identify(
     motion = motion_of(problem, found.point.coordinates, found.point.starts, _has_torques(problem))
     result = _result(recordings, holdout, problem, found, nodes, motion)
     held = []
-    rivals = fitted(problem) if holdout and not robot.articulated else ()
+    rivals = kinematic_models(problem) if holdout and not robot.articulated else {}
     for experiment in holdout:
         held.append(hold_out(experiment, result.robot, window, workers, rivals))
         ticks()

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
-from artibot_sim.estimation.loss import SAMPLE_BEND, Loss
+from artibot_sim.estimation.kinematic import Kinematic
+from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.measurements import CHANNEL_UNITS, HALF_WIDTH, Stretch, noise_levels, stretches
 from artibot_sim.estimation.parameters import ParameterSet
 from artibot_sim.estimation.problem import Problem
@@ -108,84 +109,21 @@ def _leaps(window: Window) -> bool:
     return bool((away > _LEAP * np.maximum(np.diff(t[new]), 1e-3)).any())
 
 
-# ----------------------------------------------------------------------
-# Kinematic models of skid steering, which a model with forces has to beat: fitted to the same windows.
-# ----------------------------------------------------------------------
-
-
-MODELS = {
-    "ideal": (),
-    "effective track": ("track",),
-    "ICR": ("track", "speed_scale", "lateral"),
-}
-"""Model → what is fitted: the track that turns (m), speed over that of rolling, leftward speed per yaw rate (m)."""
-
-
-@dataclass(frozen=True)
-class Kinematic:
-    """One model: m rolled per rad of a motor, effective track (m), speed scale, leftward velocity per yaw rate (m)."""
-
-    name: str
-    rolled: float
-    track: float
-    speed_scale: float = 1.0
-    lateral: float = 0.0
-
-    def predict(self, problem: Problem, starts: Array) -> list[Array]:
-        """Residuals of position and yaw of every window, in units of noise, (n,) each; others are left out (0)."""
-        every = []
-        for number, window in enumerate(problem.windows):
-            stretch = problem.stretches[window.stretch]
-            part = slice(window.first, window.first + window.knots + 1)
-            speed, dt = stretch.inputs.velocity[part, :2] * self.rolled, stretch.inputs.dt
-            pose = self._integrate(speed, dt, starts[number])
-            t = np.arange(len(pose)) * dt
-            predicted = window.value.copy()
-            for column, kinds in enumerate(((0,), (1,), HEADINGS)):
-                mine = np.isin(window.plan.kind, kinds)
-                predicted[mine] = np.interp(window.plan.t[mine], t, pose[:, column])
-            every.append(predicted)
-        return list(problem.parts(problem.compare(np.concatenate(every)[None])[0]))
-
-    def _integrate(self, speed: Array, dt: float, start: Array) -> Array:
-        """Poses (n, 3) from speeds of the right and the left wheels (n, 2), m/s."""
-        rate = self.speed_scale * (speed[:, 0] - speed[:, 1]) / self.track
-        forward, left = self.speed_scale * speed.mean(axis=1), self.lateral * rate
-        yaw = start[2] + _cumulated(rate, dt)
-        c, s = np.cos(yaw), np.sin(yaw)
-        x, y = _cumulated(c * forward - s * left, dt), _cumulated(s * forward + c * left, dt)
-        return np.column_stack([start[0] + x, start[1] + y, yaw])
-
-
-def _cumulated(rate: Array, dt: float) -> Array:
-    """Integral by the trapezoidal rule, from 0."""
-    return np.concatenate(([0.0], np.cumsum(0.5 * dt * (rate[1:] + rate[:-1]))))
-
-
-def ideal(robot: Robot) -> Kinematic:
-    """Wheels that roll without slip."""
-    return Kinematic("ideal", robot.wheel.r_w * robot.drive.front.tau, robot.front.i_y)
-
-
-def fitted(problem: Problem, names: Sequence[str] = tuple(MODELS)) -> list[Kinematic]:
-    """The models fitted to a problem's windows from their measured starts, with the same loss of a sample."""
-    robot = problem.parameters.robot
-    rolled = robot.wheel.r_w * robot.drive.front.tau
-    models = []
-    for name in names:
-        free = MODELS[name]
-        first = {"track": 2.0 * robot.front.i_y, "speed_scale": 1.0, "lateral": 0.0}
-        if not free:
-            models.append(ideal(robot))
-            continue
-
-        def residual(values: Array, name: str = name, free: Sequence[str] = free) -> Array:
-            model = Kinematic(name, rolled, **dict(zip(free, values.tolist(), strict=True)))
-            return np.concatenate(model.predict(problem, problem.starts))
-
-        found = least_squares(residual, [first[key] for key in free], loss="huber", f_scale=SAMPLE_BEND, x_scale=0.1)
-        models.append(Kinematic(name, rolled, **dict(zip(free, found.x.tolist(), strict=True))))
-    return models
+def followed(model: Kinematic, problem: Problem, starts: Array) -> list[Array]:
+    """Residuals of position and yaw of every window by a kinematic model, in units of noise; 0 of other channels."""
+    every = []
+    for window, start in zip(problem.windows, starts, strict=True):
+        inputs = problem.stretches[window.stretch].inputs
+        at = inputs.t[window.first : window.first + window.knots + 1]
+        forward, left, turned = model.path(at, inputs.t, inputs.velocity[:, :2]).T
+        c, s = np.cos(start[2]), np.sin(start[2])
+        pose = start[0] + c * forward - s * left, start[1] + s * forward + c * left, start[2] + turned
+        predicted = window.value.copy()
+        for column, kinds in zip(pose, ((0,), (1,), HEADINGS), strict=True):
+            mine = np.isin(window.plan.kind, kinds)
+            predicted[mine] = np.interp(window.plan.t[mine], at - at[0], column)
+        every.append(predicted)
+    return list(problem.parts(problem.compare(np.concatenate(every)[None])[0]))
 
 
 # ----------------------------------------------------------------------
@@ -256,12 +194,12 @@ def hold_out(
     robot: Robot,
     horizon: float,
     workers: int | None = None,
-    rivals: Sequence[Kinematic] = (),
+    rivals: Mapping[str, Kinematic] = MappingProxyType({}),
     steps: int = _STEPS,
     half_width: float = HALF_WIDTH,
     seen: Sequence[Stretch] = (),
 ) -> Held:
-    """Predict a recording with a robot as it is; `rivals` predict it as well.
+    """Predict a recording with a robot as it is; kinematic `rivals` predict it as well.
 
     Every window of `horizon` s starts from what the window before it measured: the start of that one is estimated
     from its own samples, and the model carries it to its end. Where there is none before (the first of a stretch,
@@ -286,7 +224,7 @@ def hold_out(
     free = _free_runs(problem, point, found, robot, workers)
     predicted = [windows[i] for i in chosen]
     errors = [residuals[i] for i in chosen]
-    rolled = {m.name: m.predict(problem, carried) for m in rivals}
+    rolled = {name: followed(model, problem, carried) for name, model in rivals.items()}
     others = {name: [own[i] for i in chosen] for name, own in rolled.items()}
     left = next((run.left for run in free if run.left is not None), None)
     summary = Prediction(

@@ -12,9 +12,13 @@ from bag_helpers import FOREIGN
 from click.testing import CliRunner
 
 from artibot_sim.bench import real
-from artibot_sim.bench.real import FREE, Ground, Kinematic, Part
+from artibot_sim.bench.real import Ground, Part
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.kinematic import FREE, Kinematic, driven_windows, fit_kinematic, kinematic_models
 from artibot_sim.experiment import read_bag, write_channels, write_experiment
+from artibot_sim.identify.requested import parameter_set
+from artibot_sim.identify.run import problem_of
+from artibot_sim.identify.validation import deviations, followed
 from artibot_sim.model import Commands, load_robot, rollout
 
 ROBOT = load_robot("husky_driven")
@@ -67,12 +71,30 @@ def test_each_kinematic_model_finds_on_one_recording_what_predicts_another(folde
     one, two = parts(folder, "one", "two")
     errors = {}
     for name, free in FREE.items():
-        found = real.fit_kinematic(one.windows, ROBOT, free)
+        found = fit_kinematic(one.windows, ROBOT, free)
         errors[name] = np.median(real.errors_of(found(two.windows), two.windows)["position"])
     assert errors["ICR with timing"] < 0.5 * errors["ICR"] < 0.5 * errors["effective track"]
     assert found.track == pytest.approx(TRUTH.track, rel=0.03)
     assert found.scale == pytest.approx(TRUTH.scale, rel=0.03)
     assert found.delay == pytest.approx(TRUTH.delay, abs=0.03)
+
+
+def test_identify_fits_its_kinematic_models_to_the_ends_as_well(folder: Path) -> None:
+    one, two = (real.read_bag(folder / name) for name in ("one", "two"))
+    fitted, other = (problem_of([part], parameter_set(ROBOT, ("k_l",)), 2.0, 1) for part in (one, two))
+    found = kinematic_models(fitted)
+    late = found["ICR with timing"]
+    assert late.track == pytest.approx(TRUTH.track, rel=0.03) and late.scale == pytest.approx(TRUTH.scale, rel=0.03)
+    assert late.delay == pytest.approx(TRUTH.delay, abs=0.03)
+    windows = driven_windows(other)
+    errors = {name: np.median(real.errors_of(model(windows), windows)["position"]) for name, model in found.items()}
+    assert list(errors) == ["ideal", "effective track", "ICR", "ICR with timing"]
+    assert errors["ICR with timing"] < 0.5 * errors["ICR"] < 0.5 * errors["effective track"]
+    followed_by = [
+        np.median([deviations(w, r, 0)[1][-1] for w, r in zip(other.windows, residuals, strict=True)])
+        for residuals in (followed(model, other, other.starts) for model in found.values())
+    ]
+    assert followed_by == pytest.approx(list(errors.values()), rel=0.1, abs=0.003)
 
 
 def test_a_window_whose_pose_leaps_is_not_judged_and_is_counted(folder: Path) -> None:
@@ -108,7 +130,7 @@ def test_a_regressor_predicts_at_least_what_its_base_does(folder: Path) -> None:
     pytest.importorskip("sklearn")
     one, two = parts(folder, "one", "two")
     trees = real.fit_regressor(one.windows, ROBOT)
-    base = real.fit_kinematic(one.windows, ROBOT, FREE["ICR"])
+    base = fit_kinematic(one.windows, ROBOT, FREE["ICR"])
     mine, simple = (real.errors_of(model(two.windows), two.windows)["position"] for model in (trees, base))
     assert np.sqrt(np.mean(mine**2)) < np.sqrt(np.mean(simple**2))
 
@@ -123,7 +145,7 @@ def test_the_models_own_simulation_is_predicted_from_nothing_but_wheel_speeds(tm
     write_experiment(tmp_path / "run", run, None, ROBOT, commands=commands)
     experiment = read_bag(tmp_path / "run")
     windows, leaps = real.windows_of(experiment, ROBOT.wheel.r_w)
-    rolling = real.fit_kinematic(windows, ROBOT, FREE["ICR"])
+    rolling = fit_kinematic(windows, ROBOT, FREE["ICR"])
     own = real.errors_of(real.predict_artibot(ROBOT, Part((experiment,), windows), rolling), windows)
     simple = real.errors_of(rolling(windows), windows)
     assert leaps == 0

@@ -83,6 +83,12 @@ def test_a_robot_off_the_ground_is_refused_as_such() -> None:
         require_usable([experiment], robot)
 
 
+def test_a_robot_off_the_ground_whose_factor_looks_like_a_unit_is_refused_as_such() -> None:
+    """The wheels roll about 12 times as far as the pose goes, which could be rpm for rad/s."""
+    with pytest.raises(ArtibotError, match="lifted off the ground"):
+        require_usable([read_bag(foreign("real/husky_in_air"))], load_robot("husky_driven"))
+
+
 def test_identify_refuses_millimetres_and_says_first_what_is_wrong() -> None:
     rng = np.random.default_rng(4)
     robot = load_robot("husky_driven")

@@ -14,6 +14,7 @@ from rich.console import Console
 
 from artibot_sim.cli.identify import command
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.kinematic import ideal
 from artibot_sim.estimation.parameters import ParameterSet
 from artibot_sim.estimation.uncertainty import Spread
 from artibot_sim.experiment import Channel, Experiment, write_channels
@@ -23,7 +24,7 @@ from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.result import Estimate, number
 from artibot_sim.identify.run import Work, problem_of
 from artibot_sim.identify.synthetic import Noise, synthetic
-from artibot_sim.identify.validation import hold_out, ideal
+from artibot_sim.identify.validation import hold_out
 from artibot_sim.model import Robot, load_robot, save_robot
 from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop, Straight
 from artibot_sim.report.identification import window_panels
@@ -289,7 +290,7 @@ def test_separate_windows_that_are_predicted_worst_are_named() -> None:
     channels = {"motor_torques": Channel("/motor_torques", *_stamps(t), angle), "ground_truth_odom": pose}
     segments = tuple((float(start), float(start + 2.0)) for start in starts)
     husky, leap = load_robot("husky"), Experiment("leap", Path("leap"), {}, 0, channels, segments)
-    held = hold_out(leap, husky, 2.0, rivals=[ideal(husky)])
+    held = hold_out(leap, husky, 2.0, rivals={"ideal": ideal(husky)})
     position = held.summary.outliers[0]
     assert position.startswith("the worst 1 of 24 windows hold 100 % of the squared error of position")
     assert "0.50 at 15 s*" in position

@@ -24,6 +24,7 @@ from artibot_sim.estimation.residual_model import (
     learned,
 )
 from artibot_sim.estimation.windows import CHANNEL_NAMES, HEADINGS, Window
+from artibot_sim.experiment.blocks import HELD_OUT
 from artibot_sim.identify.validation import Held
 from artibot_sim.model import Robot
 from artibot_sim.model.simulate.windows import KINDS, Plan
@@ -126,7 +127,7 @@ def folds(names: Sequence[str], windows: Sequence[int]) -> NDArray[np.int64]:
     that follow each other.
     """
     which = np.repeat(np.arange(len(names)), windows)
-    if len({name.removesuffix(LAST_THIRD) for name in names}) > 1:
+    if len({name.removesuffix(LAST_THIRD).removesuffix(HELD_OUT) for name in names}) > 1:
         return which % _FOLDS
     return np.arange(len(which)) * min(_FOLDS, len(which)) // len(which)
 

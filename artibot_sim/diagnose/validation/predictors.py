@@ -8,11 +8,12 @@ import numpy as np
 
 from artibot_sim.diagnose.policy import CLEARLY_WORSE
 from artibot_sim.diagnose.records import HALF_WIDTH, PredictionError, Predictor
+from artibot_sim.estimation.kinematic import kinematic_models
 from artibot_sim.estimation.measurements import stretches
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.result import ChannelFit
-from artibot_sim.identify.validation import Kinematic, fitted, hold_out
+from artibot_sim.identify.validation import hold_out
 from artibot_sim.model import Robot
 
 GIVEN, BASELINE, EXTENDED, UNNAMED = "as given", "soil identified", "with what is named", "best fit, no cause claimed"
@@ -39,22 +40,22 @@ def predictors(
         s.
     """
     robot = problem.parameters.robot
-    rivals: Sequence[Kinematic] = () if robot.articulated else fitted(problem)
+    rivals = {} if robot.articulated else kinematic_models(problem)
     seen = [stretches(one, robot, HALF_WIDTH) for one in held]
     found: list[Predictor] = []
     rolling: list[Predictor] = []
     for name, model in models.items():
         if any(model == one.robot for one in found):
             continue
-        mine = () if found else rivals  # they predict the same whatever the dynamic model
+        mine = {} if found else rivals  # they predict the same whatever the dynamic model
         runs = [
             hold_out(one, model, horizon, workers, mine, _STEPS, HALF_WIDTH, known)
             for one, known in zip(held, seen, strict=True)
         ]
         found.append(Predictor(name, pooled([run.summary.final for run in runs]), model))
         for rival in mine:
-            ends = pooled([run.summary.rivals[rival.name] for run in runs])
-            rolling.append(Predictor(f"{rival.name} kinematics", ends, kinematic=True))
+            ends = pooled([run.summary.rivals[rival] for run in runs])
+            rolling.append(Predictor(f"{rival} kinematics", ends, kinematic=True))
     return (*found, *rolling)
 
 

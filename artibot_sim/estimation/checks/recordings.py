@@ -66,7 +66,11 @@ def require_usable(recordings: Sequence[Experiment], robot: Robot) -> None:
             )
     found = [way for experiment in recordings if (way := rolled(experiment, robot)) is not None]
     for way in found:
-        if _foreign(way.factor) and way.guess(robot):
+        if not _foreign(way.factor):
+            continue
+        if lifted := [one for one in findings(way.experiment, robot) if one.name == "in_air"]:
+            raise ArtibotError(f"{way.experiment.path}: {lifted[0]}")
+        if way.guess(robot):
             raise ArtibotError(wrong_robot(way, robot))
     if not found:
         raise ArtibotError(
@@ -76,9 +80,6 @@ def require_usable(recordings: Sequence[Experiment], robot: Robot) -> None:
     factor = float(np.median([way.factor for way in found]))
     if _foreign(factor):
         way = min(found, key=lambda w: abs(np.log(w.factor / factor)))
-        lifted = [one for one in findings(way.experiment, robot) if one.name == "in_air"]
-        if lifted:
-            raise ArtibotError(f"{way.experiment.path}: {lifted[0]}")
         raise ArtibotError(wrong_robot(way, robot))
 
 
