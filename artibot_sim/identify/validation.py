@@ -224,7 +224,7 @@ def hold_out(
     free = _free_runs(problem, point, found, robot, workers)
     predicted = [windows[i] for i in chosen]
     errors = [residuals[i] for i in chosen]
-    rolled = {name: followed(model, problem, carried) for name, model in rivals.items()}
+    rolled = {name: followed(rival, problem, carried) for name, rival in rivals.items()}
     others = {name: [own[i] for i in chosen] for name, own in rolled.items()}
     left = next((run.left for run in free if run.left is not None), None)
     summary = Prediction(
