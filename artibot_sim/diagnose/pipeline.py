@@ -18,11 +18,15 @@ from artibot_sim.diagnose.intervals import Uncertain, judged, surroundings
 from artibot_sim.diagnose.next_experiment.choice import next_experiment, next_for_force, one_by_one, repeated
 from artibot_sim.diagnose.policy import THRESHOLDS, TRUST, Thresholds
 from artibot_sim.diagnose.records import (
+    BASELINE,
+    EXTENDED,
     FALSE_ALARM_RATE,
+    GIVEN,
     HALF_WIDTH,
     HORIZON,
     LAST_THIRD,
     PRIOR_ODDS,
+    UNNAMED,
     Cause,
     ChannelBaseline,
     Comparison,
@@ -49,15 +53,7 @@ from artibot_sim.diagnose.validation.predictions import (
     improvements,
     predict,
 )
-from artibot_sim.diagnose.validation.predictors import (
-    BASELINE,
-    EXTENDED,
-    GIVEN,
-    UNNAMED,
-    best_of,
-    predictors,
-    refusals,
-)
+from artibot_sim.diagnose.validation.predictors import best_of, predictors, refusals
 from artibot_sim.diagnose.validation.residuals import places
 from artibot_sim.diagnose.validation.series import comparison, with_commands
 from artibot_sim.diagnose.verdict import Reason, Verdict

@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 
 from artibot_sim.diagnose.records import (
+    BASELINE,
+    EXTENDED,
+    FILES,
     HORIZON,
     Candidate,
     Cause,
@@ -356,20 +359,26 @@ def next_step(found: Diagnosis) -> str:
     """What to do with the answer, in one line."""
     if found.verdict is Verdict.NAMED:
         names = joined([effect_words(cause.effect) for cause in found.causes])
-        return f"Check the rover, its sensors and its file for {names}; until then simulate with extended.yaml."
+        return f"Check the rover, its sensors and its file for {names}; until then {_predict_with(found, EXTENDED)}."
     if found.verdict is Verdict.NONE:
-        return "There is nothing to mend: simulate with baseline.yaml, and record what was not driven yet."
+        return f"There is nothing to mend: {_predict_with(found, BASELINE)}, and record what was not driven yet."
     advice = found.next_experiment.what if found.next_experiment is not None else ""
     if found.verdict is Verdict.UNEXPLAINED and tuple(beyond_noise(found.left)) == (COMMANDED,):
         advice = "Compare ramps, filters and limits set in the front drives with what is commanded."
     advice = advice or "Record once more, with motor torques, a gyroscope and the articulation angle where they lack."
+    return f"{advice} Until then {_predict_with(found, '')}." if found.predictors else advice
+
+
+def _predict_with(found: Diagnosis, usual: str) -> str:
+    """What to predict with: the `usual` model where no other is clearly better on held-out data."""
     best = next((one for one in found.predictors if one.name == found.best), None)
-    if best is None:
-        return advice
     rolling = min((one for one in found.predictors if one.kinematic), key=lambda one: one.score, default=None)
-    if rolling is not None and best.is_clearly_worse_than(rolling):
-        return f"{advice} Until then predict with {rolling.name}: no dynamic model is as good here."
-    return f"{advice} Until then simulate with best.yaml."
+    if best is not None and rolling is not None and best.is_clearly_worse_than(rolling):
+        return f"predict with {rolling.name}: no dynamic model is as good here"
+    mine = next((one for one in found.predictors if one.name == usual), None)
+    if not usual or (best is not None and mine is not None and mine.is_clearly_worse_than(best)):
+        return "simulate with best.yaml"
+    return f"simulate with {FILES[usual]}"
 
 
 def differing(how: str) -> str:

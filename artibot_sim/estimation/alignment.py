@@ -92,9 +92,12 @@ def _mended(channel: Channel, was: Finding, middle: float) -> Channel:
 
 
 def restamped(channel: Channel, t: NDArray[np.float64]) -> Channel:
-    """A channel with other stamps (n,), s; when its messages were received stays as it is."""
+    """A channel with other stamps (n,), s.
+
+    Times of arrival move along: how these and the stamps run apart says something of the recording as it came.
+    """
     ns = np.round(1e9 * (t - channel.t)).astype(np.int64)
-    return replace(channel, t_ns=channel.t_ns + ns, t=channel.t + 1e-9 * ns)
+    return replace(channel, t_ns=channel.t_ns + ns, t=channel.t + 1e-9 * ns, received_ns=channel.received_ns + ns)
 
 
 def _late_pose(one: Finding) -> bool:

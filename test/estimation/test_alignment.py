@@ -11,6 +11,7 @@ from estimation.logger import FLAWS, Logger, age, drive, recorded, robot_of
 
 from artibot_sim.estimation.alignment import aligned, restamped, what_is_left, what_was_mended
 from artibot_sim.estimation.checks.findings import compare_streams
+from artibot_sim.estimation.checks.wheels import clock_faults
 from artibot_sim.experiment import read_bag
 from artibot_sim.identify import identify
 from artibot_sim.model import load_robot
@@ -95,12 +96,15 @@ def test_wheels_that_are_late_cost_an_identification_nothing() -> None:
     assert other.value == pytest.approx(one.value, rel=0.15)
 
 
-def test_other_stamps_leave_arrivals() -> None:
+def test_other_stamps_make_no_clock_run_apart_from_arrivals() -> None:
     _, raw = logged(Logger(), 1, load_robot("husky_driven"))
     imu = raw.channels["imu"]
     moved = restamped(imu, imu.t + 0.125)
     assert np.array_equal(moved.t_ns - imu.t_ns, np.full(len(imu), 125_000_000))
-    assert np.array_equal(moved.received_ns, imu.received_ns) and np.allclose(moved.t - imu.t, 0.125)
+    assert np.allclose(moved.t - imu.t, 0.125)
+    drifting = restamped(imu, imu.t * (1.0 + 2e-3))
+    for each in (moved, drifting):
+        assert not list(clock_faults(replace(raw, channels={**raw.channels, "imu": each})))
 
 
 @pytest.mark.parametrize("name", ["husky_drive_a", "husky_drive_b"])

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from artibot_sim.diagnose.policy import CLEARLY_WORSE
-from artibot_sim.diagnose.records import HALF_WIDTH, PredictionError, Predictor
+from artibot_sim.diagnose.records import BASELINE, EXTENDED, FILES, GIVEN, HALF_WIDTH, PredictionError, Predictor
 from artibot_sim.estimation.kinematic import kinematic_models
 from artibot_sim.estimation.measurements import stretches
 from artibot_sim.estimation.problem import Problem
@@ -16,8 +16,6 @@ from artibot_sim.identify.result import ChannelFit
 from artibot_sim.identify.validation import hold_out
 from artibot_sim.model import Robot
 
-GIVEN, BASELINE, EXTENDED, UNNAMED = "as given", "soil identified", "with what is named", "best fit, no cause claimed"
-"""Predictors that are dynamic models, the simplest first."""
 CHANNELS = ("position", "yaw")
 """What all of them predict."""
 _STEPS = 2
@@ -87,7 +85,7 @@ def refusals(found: Sequence[Predictor]) -> list[str]:
         one, given = by_name.get(name), by_name.get(GIVEN)
         if one is not None and given is not None and one.is_clearly_worse_than(given):
             said.append(
-                f"{_file(name)} ({name}) predicts held-out recordings worse than the robot file as given: "
+                f"{FILES[name]} ({name}) predicts held-out recordings worse than the robot file as given: "
                 f"{errors(one)}; as given {errors(given)}: do not simulate with it"
             )
     rolling = min((one for one in found if one.kinematic), key=lambda one: one.score, default=None)
@@ -97,10 +95,6 @@ def refusals(found: Sequence[Predictor]) -> list[str]:
             f"{errors(rolling)}; the best dynamic one ({best.name}) {errors(best)}: use the kinematic model"
         )
     return said
-
-
-def _file(name: str) -> str:
-    return {BASELINE: "baseline.yaml", EXTENDED: "extended.yaml"}[name]
 
 
 def errors(one: Predictor) -> str:

@@ -33,7 +33,7 @@ AGREES = 0.6
 LATE_SAID = 0.04
 """s that a delay's interval must stay away from 0, of the wheels: a rover answers them late by itself;"""
 LATE_SAID_POSE = 0.02
-"""of pose and gyroscope, which see the same body."""
+"""of pose and gyroscope, which see the same body, and of rotations behind poses."""
 TOGETHER = 0.07
 """s within which two streams count as equally late."""
 DRIFT_SAID = 0.02
@@ -505,7 +505,8 @@ def _delays(of: Streams) -> Iterator[Finding]:
         if pose_wheels.value >= 0:
             yield from _late("pose_delay", of.pose_topic, pose_wheels, wheels_topic, TOGETHER)
         else:
-            yield from _late("rotation_delay", wheels_topic, _negative(pose_wheels), of.pose_topic, LATE_SAID)
+            # no rover moves before its wheels turn
+            yield from _late("rotation_delay", wheels_topic, _negative(pose_wheels), of.pose_topic, LATE_SAID_POSE)
 
 
 def _by_wheels(of: Streams, pose: Delay, gyro: Delay, wheels_topic: str, gyro_topic: str) -> Iterator[Finding]:

@@ -9,17 +9,9 @@ import numpy as np
 import pytest
 from report.diagnosis_case import case
 
-from artibot_sim.diagnose.records import PredictionError, Predictor
+from artibot_sim.diagnose.records import BASELINE, EXTENDED, GIVEN, UNNAMED, PredictionError, Predictor
 from artibot_sim.diagnose.result import next_step
-from artibot_sim.diagnose.validation.predictors import (
-    BASELINE,
-    EXTENDED,
-    GIVEN,
-    UNNAMED,
-    best_of,
-    predictors,
-    refusals,
-)
+from artibot_sim.diagnose.validation.predictors import best_of, predictors, refusals
 from artibot_sim.diagnose.verdict import Verdict
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
@@ -68,6 +60,21 @@ def test_the_next_step_never_names_a_model_that_another_beats_clearly() -> None:
     assert "Until then" not in next_step(replace(open_case, predictors=(), best=""))
 
 
+def test_what_is_named_is_simulated_with_only_where_it_predicts_as_well() -> None:
+    named = replace(case("slope", {"grade": 0.05, "heading": 1.9}), best=GIVEN)
+    given, worse = predictor(GIVEN, 0.4, 0.2), predictor(EXTENDED, 0.6, 0.3)
+    assert next_step(replace(named, predictors=(given, worse))).endswith("until then simulate with best.yaml.")
+    good = predictor(EXTENDED, 0.3, 0.2)
+    said = next_step(replace(named, predictors=(given, good), best=EXTENDED))
+    assert said.endswith("until then simulate with extended.yaml.")
+    rolling = predictor("ideal kinematics", 0.1, 0.1, None)
+    assert "predict with ideal kinematics" in next_step(
+        replace(named, predictors=(given, good, rolling), best=EXTENDED)
+    )
+    nothing = replace(named, verdict=Verdict.NONE, causes=())
+    assert "simulate with best.yaml" in next_step(replace(nothing, predictors=(given, predictor(BASELINE, 0.6, 0.3))))
+
+
 def test_the_simplest_of_those_as_good_is_the_best() -> None:
     found = [predictor(GIVEN, 0.30, 0.1), predictor(BASELINE, 0.2, 0.1), predictor(UNNAMED, 0.199, 0.1)]
     best = best_of(found)
@@ -93,7 +100,9 @@ def test_the_right_soil_predicts_best() -> None:
 def test_kinematic_models_stand_beside_those_of_a_rigid_robot() -> None:
     problem = problem_of([drive(HUSKY, 1)], parameter_set(HUSKY), 2.0, 1)
     found = predictors([drive(HUSKY, 2)], {GIVEN: HUSKY}, problem, 2.0, 1)
-    assert [one.name for one in found] == [GIVEN, "ideal kinematics", "effective track kinematics", "ICR kinematics"]
+    assert [one.name for one in found] == [
+        GIVEN, "ideal kinematics", "effective track kinematics", "ICR kinematics", "ICR with timing kinematics",
+    ]  # fmt: skip
     assert all(one.kinematic and one.robot is None and one.errors["position"].rmse > 0.0 for one in found[1:])
     ideal, track = (one.errors["position"].rmse for one in found[1:3])
     assert track < ideal
