@@ -109,7 +109,7 @@ def _leaps(window: Window) -> bool:
     return bool((away > _LEAP * np.maximum(np.diff(t[new]), 1e-3)).any())
 
 
-def followed(model: Kinematic, problem: Problem, starts: Array) -> list[Array]:
+def kinematic_residuals(model: Kinematic, problem: Problem, starts: Array) -> list[Array]:
     """Residuals of position and yaw of every window by a kinematic model, in units of noise; 0 of other channels."""
     every = []
     for window, start in zip(problem.windows, starts, strict=True):
@@ -224,7 +224,7 @@ def hold_out(
     free = _free_runs(problem, point, found, robot, workers)
     predicted = [windows[i] for i in chosen]
     errors = [residuals[i] for i in chosen]
-    rolled = {name: followed(rival, problem, carried) for name, rival in rivals.items()}
+    rolled = {name: kinematic_residuals(rival, problem, carried) for name, rival in rivals.items()}
     others = {name: [own[i] for i in chosen] for name, own in rolled.items()}
     left = next((run.left for run in free if run.left is not None), None)
     summary = Prediction(

@@ -18,7 +18,7 @@ from artibot_sim.estimation.kinematic import FREE, Kinematic, driven_windows, fi
 from artibot_sim.experiment import read_bag, write_channels, write_experiment
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
-from artibot_sim.identify.validation import deviations, followed
+from artibot_sim.identify.validation import deviations, kinematic_residuals
 from artibot_sim.model import Commands, load_robot, rollout
 
 ROBOT = load_robot("husky_driven")
@@ -90,11 +90,11 @@ def test_identify_fits_its_kinematic_models_to_the_ends_as_well(folder: Path) ->
     errors = {name: np.median(real.errors_of(model(windows), windows)["position"]) for name, model in found.items()}
     assert list(errors) == ["ideal", "effective track", "ICR", "ICR with timing"]
     assert errors["ICR with timing"] < 0.5 * errors["ICR"] < 0.5 * errors["effective track"]
-    followed_by = [
+    along_the_path = [
         np.median([deviations(w, r, 0)[1][-1] for w, r in zip(other.windows, residuals, strict=True)])
-        for residuals in (followed(model, other, other.starts) for model in found.values())
+        for residuals in (kinematic_residuals(model, other, other.starts) for model in found.values())
     ]
-    assert followed_by == pytest.approx(list(errors.values()), rel=0.1, abs=0.003)
+    assert along_the_path == pytest.approx(list(errors.values()), rel=0.1, abs=0.003)
 
 
 def test_a_window_whose_pose_leaps_is_not_judged_and_is_counted(folder: Path) -> None:
