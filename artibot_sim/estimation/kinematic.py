@@ -107,7 +107,7 @@ class Kinematic:
 
     def __call__(self, windows: DrivenWindows) -> Array:
         """Where windows end as seen from their starts, (n, 3)."""
-        grid = STEP * np.arange(windows.speed.shape[1]) - BEFORE
+        grid: Array = np.arange(windows.speed.shape[1], dtype=np.float64) * STEP - BEFORE
         found = np.empty((len(windows), 3))
         for i, length in enumerate(windows.length):
             found[i] = self.path(np.linspace(0.0, length, round(length / STEP) + 1), grid, windows.speed[i])[-1]
