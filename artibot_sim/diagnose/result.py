@@ -430,7 +430,33 @@ def explainable_words(found: Diagnosis) -> str:
         )
         said.append(f"{channel_words(name)}: noise {errors[0]} · this model {errors[1]} · {last}")
     minutes = number(next(iter(found.explainable.values())).seconds / 60.0, 2)
-    return f"{'; '.join(said)} (predictions {found.horizon:g} s ahead, learned from {minutes} min)."
+    about = f"(predictions {found.horizon:g} s ahead, learned from {minutes} min)"
+    return f"{'; '.join(said)} {about}.{_parts_of_error(found)}"
+
+
+def _parts_of_error(found: Diagnosis) -> str:
+    """Which part of the squared error is noise, which a better model could explain, and which could not be learned.
+
+    Only of channels that err by clearly more than their noise.
+    """
+    said = []
+    for name, one in found.explainable.items():
+        if not one.noise * _WRONG.get(name, _WRONG_ELSEWHERE) < one.model:
+            continue
+        noise = (one.noise / one.model) ** 2
+        learned = min(1.0 - (one.learned / one.model) ** 2, 1.0 - noise) if one.better else 0.0
+        rest = 1.0 - noise - learned
+        said.append(f"{channel_words(name)} {_percent(noise)}, {_percent(learned)}, {_percent(rest)}")
+    if not said:
+        return ""
+    return (
+        " Shares of the squared error that are noise of the sensor, that a better model could explain, and that could "
+        f"not be learned (ground that varies, slow errors of sensors, late stamps): {'; '.join(said)}."
+    )
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %"
 
 
 def _degrees(value: float) -> str:
@@ -520,7 +546,9 @@ def _why_not(found: Diagnosis, candidate: Candidate) -> str:
     if any(effect_words(candidate.effect) in line and _NOT_NAMED in line for line in found.warnings):
         return "the doubts about the data say why"
     if found.causes:
-        return f"it explains what {joined([effect_words(cause.effect) for cause in found.causes])} explains better"
+        return (
+            f"what it explains is explained better by {joined([effect_words(cause.effect) for cause in found.causes])}"
+        )
     if not candidate.fitted:
         return "only screened, where it was weaker than those that were fitted"
     return "held-out data, or what it leaves, speak against it"

@@ -15,7 +15,7 @@ from report.diagnosis_case import case
 
 from artibot_sim.cli import main
 from artibot_sim.diagnose import result
-from artibot_sim.diagnose.records import Candidate, ChannelBaseline, Found, Unexplained, Verdict
+from artibot_sim.diagnose.records import Candidate, ChannelBaseline, Explainable, Found, Unexplained, Verdict
 from artibot_sim.diagnose.result import Diagnosis
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot
@@ -94,8 +94,18 @@ def test_effects_beyond_the_dotted_line_have_their_reason_on_the_first_screen(ev
     assert result.not_named(none) in " ".join(str(none).split())
     assert not result.not_named(replace(none, ranking=tuple(strong[2:])))
     beside = replace(every[Verdict.NAMED], ranking=(*every[Verdict.NAMED].ranking, strong[1]), threshold=25.0)
-    assert "payload (it explains what slope explains better)" in result.not_named(beside)
+    assert "payload (what it explains is explained better by slope)" in result.not_named(beside)
     assert "slope (" not in result.not_named(beside)
+
+
+def test_the_error_is_said_in_parts_that_make_a_hundred_per_cent(every: dict[Verdict, Diagnosis]) -> None:
+    known = Explainable("m", 0.02, 0.2, 0.1, (0.05, 0.15), 600.0)
+    unknown = Explainable("rad", 0.01, 0.1, 0.1, (-0.01, 0.01), 600.0)
+    found = replace(every[Verdict.NAMED], explainable={"position": known, "yaw": unknown})
+    said = result.explainable_words(found)
+    assert said.endswith("position 1 %, 75 %, 24 %; heading 1 %, 0 %, 99 %.")
+    only_noise = replace(unknown, model=0.0101, learned=0.0101)
+    assert "%" not in result.explainable_words(replace(found, explainable={"yaw": only_noise}))
 
 
 @pytest.mark.parametrize(
