@@ -37,6 +37,7 @@ _MODELS = {
     "ideal": Stroke(MUTED, 1.3, "dot"),
     "effective track": Stroke(ODOMETRIC, 1.5, "dash"),
     "ICR": Stroke(POINTS, 1.7),
+    "ICR with timing": Stroke(POINTS, 1.7, "dash"),
 }
 _PATHS = Stroke(MUTED, 0.7, "solid", 0.45)
 _WINDOW_MEASURED = Stroke(LEFT, 1.8)

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from artibot_sim.cli.identify import command
 from artibot_sim.errors import ArtibotError
-from artibot_sim.estimation.kinematic import ideal
+from artibot_sim.estimation.kinematic import FREE, ideal
 from artibot_sim.estimation.parameters import ParameterSet
 from artibot_sim.estimation.uncertainty import Spread
 from artibot_sim.experiment import Channel, Experiment, write_channels
@@ -290,7 +290,7 @@ def test_separate_windows_that_are_predicted_worst_are_named() -> None:
     channels = {"motor_torques": Channel("/motor_torques", *_stamps(t), angle), "ground_truth_odom": pose}
     segments = tuple((float(start), float(start + 2.0)) for start in starts)
     husky, leap = load_robot("husky"), Experiment("leap", Path("leap"), {}, 0, channels, segments)
-    held = hold_out(leap, husky, 2.0, rivals={"ideal": ideal(husky)})
+    held = hold_out(leap, husky, 2.0, rivals={name: ideal(husky) for name in ("ideal", *FREE)})
     position = held.summary.outliers[0]
     assert position.startswith("the worst 1 of 24 windows hold 100 % of the squared error of position")
     assert "0.50 at 15 s*" in position
@@ -299,7 +299,7 @@ def test_separate_windows_that_are_predicted_worst_are_named() -> None:
     windows = ["leap_typical", "leap_bad", "leap_worst"]
     assert list(drawn) == ["leap_position_ends", "leap_yaw_ends", *windows, "leap_wheels"]
     assert "0.50 m off" in drawn["leap_worst"].title or "50." in drawn["leap_worst"].title
-    assert {line.name for line in drawn["leap_position_ends"].lines} == {"ideal", "this model"}
+    assert {line.name for line in drawn["leap_position_ends"].lines} == {"ideal", *FREE, "this model"}
     worst = drawn["leap_worst"].lines[0]  # all begin at one place, so there is no map of them
     assert np.nanmax(worst.x) - np.nanmin(worst.x) == pytest.approx(
         0.165 * 3.0 * 1.95 + 0.5
