@@ -28,6 +28,7 @@ LAYERS = (
 """Parts of artibot_sim, lowest first: each may import itself and what stands before it."""
 
 BELOW_ALL = (
+    "checkpoints",
     "cluster",
     "documents",
     "errors",

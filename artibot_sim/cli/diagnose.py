@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ from artibot_sim.exchange.own_effects import effects_option
 from artibot_sim.report.files import fault_of_folder, write_folder
 
 if TYPE_CHECKING:
+    from artibot_sim.checkpoints import Checkpoints
     from artibot_sim.experiment import Experiment
     from artibot_sim.model import Robot
     from artibot_sim.progress import Bar
@@ -60,7 +62,7 @@ _READING = 0.05
     "--budget",
     type=click.FloatRange(0.0, min_open=True),
     metavar="SECONDS",
-    help="Time to search in, about; what was not tried for it is said [none].",
+    help="Time for all of it, about; what was not tried for it is said [none].",
 )
 def command(
     recordings: tuple[Path, ...], robot: str, out: Path, holdout: tuple[Path, ...], holdout_share: float | None,
@@ -87,6 +89,7 @@ def command(
     """
     from rich.console import Console
 
+    from artibot_sim.checkpoints import Checkpoints
     from artibot_sim.cluster import check_address
     from artibot_sim.diagnose import diagnose
     from artibot_sim.diagnose.records import FALSE_ALARM_RATE, PRIOR_ODDS
@@ -100,10 +103,10 @@ def command(
 
     if why := fault_of_folder(out):
         raise ArtibotError(f"--out {out}: cannot be written: {why}")
-    rover = load_robot(robot)
     if holdout and holdout_share is not None:
         raise ArtibotError("--holdout and --holdout-share: give one of them")
-    with Bar(total=1.0 + _READING * (len(recordings) + len(holdout))) as bar:
+    rover, parts = load_robot(robot), Checkpoints(out.with_name(f"{out.name}.unfinished"))
+    with _kept(parts), Bar(total=1.0 + _READING * (len(recordings) + len(holdout))) as bar:
         naming = {"topics": topics, "joints": joints, "namespace": namespace}
         used = [_read(path, rover, naming, bar) for path in recordings]
         held = [_read(path, rover, naming, bar) for path in holdout]
@@ -113,9 +116,12 @@ def command(
             used, rover, holdout=held, horizon=horizon, seed=seed, workers=workers,
             progress=bar.stage("diagnosing", 1.0), prior_odds=prior_odds or PRIOR_ODDS,
             false_alarm_rate=false_alarms or FALSE_ALARM_RATE, scheduler=scheduler and check_address(scheduler),
-            budget=budget or float("inf"), residual=residual,
+            budget=budget or float("inf"), residual=residual, parts=parts,
         )  # fmt: skip
     write_folder(out, files_of(found, page_of(found, __version__)))
+    parts.done()
+    if parts.taken:
+        click.echo(f"note: went on from {parts.taken} parts that an earlier call had finished", err=True)
     console = Console(highlight=False)
     console.print(found)
     if not can_grow():
@@ -126,6 +132,17 @@ def command(
         f"wrote {out / 'report.html'} and, beside it, diagnosis.json, extended.yaml and best.yaml", soft_wrap=True
     )
     return 0
+
+
+@contextmanager
+def _kept(parts: Checkpoints) -> Iterator[None]:
+    """Say after Ctrl-C what is kept."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if parts.kept:
+            click.echo(f"interrupted: what was finished is kept in {parts.folder}; the same command goes on", err=True)
+        raise
 
 
 def _read(path: Path, rover: Robot, naming: Mapping[str, Any], bar: Bar) -> Experiment:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -10,6 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.checkpoints import Checkpoints
+from artibot_sim.cluster import identity
 from artibot_sim.diagnose.candidates.patches import disc_place
 from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.conclusion import Conclusion, HeldOut, Without, concluded, shows_forces
@@ -63,7 +66,7 @@ from artibot_sim.estimation.boosting import MISSING, can_grow
 from artibot_sim.estimation.checks.common_map import in_common_map
 from artibot_sim.estimation.checks.recordings import data_warnings, require_usable
 from artibot_sim.estimation.measurements import Stretch, missing, stretches
-from artibot_sim.estimation.parallel import side_by_side
+from artibot_sim.estimation.parallel import TimeIsUp, side_by_side, until
 from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Effort, Fit, Tick
@@ -73,6 +76,7 @@ from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import best_fit, problem_of
 from artibot_sim.identify.validation import Held
 from artibot_sim.model import Robot
+from artibot_sim.model.effects import EFFECTS
 from artibot_sim.progress import Report
 
 # ----------------------------------------------------------------------
@@ -230,10 +234,14 @@ def result_of(
     )
 
 
-def with_explainable(result: Diagnosis, assessed: Assessment, residual: bool) -> Diagnosis:
+def with_explainable(result: Diagnosis, assessed: Assessment, residual: bool, options: Options) -> Diagnosis:
     """Add to a result how much is explainable at all, and what was learned where `residual` asks for it."""
     noise = {name: one.noise for name, one in assessed.channels.items()}
-    found, some = explainable(assessed.predicted, assessed.extended, noise, result.seed)
+    try:
+        with until(time.perf_counter() + options.left):
+            found, some = explainable(assessed.predicted, assessed.extended, noise, result.seed)
+    except TimeIsUp:
+        return _without(result, "how much any model could explain")
     model = None
     if residual and any(one.better for one in found.values()):
         model = model_of(some, assessed.predicted, assessed.extended, result.horizon, result.seed)
@@ -242,7 +250,11 @@ def with_explainable(result: Diagnosis, assessed: Assessment, residual: bool) ->
 
 def _untried(decision: Decision) -> list[str]:
     """What there was no time for."""
-    return [f"not tried in the time given: {'; '.join(decision.untried)}"] if decision.untried else []
+    return [_not_tried(decision.untried)] if decision.untried else []
+
+
+def _not_tried(what: Sequence[str]) -> str:
+    return f"not tried in the time given: {'; '.join(what)}"
 
 
 def _fallen(without: Without) -> str:
@@ -388,11 +400,16 @@ Array = NDArray[np.float64]
 
 _FEWEST = 12
 """Positions of a recording, without which its last third is too little to be held out."""
-_FOR_SEARCH = 0.75
-"""Share of a time that is given, after which no further search begins: intervals and predictions follow."""
 ENOUGH, ENOUGH_APART = 240.0, 90.0
 """s of windows that are searched, about: of recordings in one map, and of others. All count for what is held out, for
 evidence that is too little in the searched ones, and for the sizes of what is named."""
+FEWEST_WINDOWS = 8
+"""Windows that are searched whatever the time."""
+SEARCH, END = 10_000, 600
+"""Predictions of every searched window that the baseline and one search for an effect take, and of every window that
+intervals and predictions take after that, about: 6000 to 10 000 (Husky, 2 s; Agri.q, 5 s), and 400 to 600."""
+_PILOT = 3
+"""Predictions by which their time is measured."""
 _TICKS = 60
 """Parts of the work after which half of the bar is drawn: how many there will be is not known beforehand."""
 
@@ -427,6 +444,7 @@ def diagnose(
     scheduler: str | None = None,
     budget: float = np.inf,
     residual: bool = False,
+    parts: Checkpoints | None = None,
 ) -> Diagnosis:
     """What the simulation of these recordings gets wrong, and why.
 
@@ -459,46 +477,110 @@ def diagnose(
         Address of a Dask scheduler (:mod:`artibot_sim.cluster`) whose workers fit one effect each; the rest of the
         work stays here, and the result is the same.
     budget : float
-        s that the search for effects may take, about: what would not be over in time is not begun, and the warnings say
-        what was not tried. Then the result depends on how fast the machine is.
+        s that all of it is to take, about: as many windows are searched as there is time for, what is not over in
+        time is given up, and the warnings say what was not tried. Then the result depends on how fast the machine is.
     residual : bool
         Whether what a model without physics learns is kept, where it surely makes predictions better.
+    parts : Checkpoints, optional
+        What an earlier call with the same arguments had finished, and where finished parts are kept.
 
     Raises
     ------
     ArtibotError
         For recordings that lack what is needed.
     """
-    begun, ticks = time.perf_counter(), _Ticks(progress)
+    ticks, parts = _Ticks(progress), parts or Checkpoints()
     if not budget > 0.0:
         raise ArtibotError(f"budget: {budget} s; expected more than 0 s")
     if residual and not can_grow():
         raise ArtibotError(f"residual: {MISSING}, or do without")
-    options = Options(
-        horizon, seed, workers, prior_odds, false_alarm_rate, thresholds, scheduler, begun + _FOR_SEARCH * budget
-    )
+    options = Options(horizon, seed, workers, prior_odds, false_alarm_rate, thresholds, scheduler, budget, parts)
     _check([*recordings, *holdout], robot, options)
     named = distinctly_named(recordings, holdout)
     timed, later = (on_one_clock(some, robot, seed, poses="pose_delay" in robot.effects) for some in named)
     fitted, held = split([one.experiment for one in timed], [one.experiment for one in later], robot)
-    every = every_window(fitted, robot, options)
-    problem, fit = best_fit(every.problem.part(every.rows), Effort(), ticks, TRUST)
+    begun = parts.elapsed
     view = command_view(fitted, robot, needed=options.least)
+    view_took = parts.elapsed - begun
+    every = every_window(fitted, robot, options)
+    parts.begin(_key(fitted, held, robot, options), every.problem.stretches)
+    every, options = affordable(every, options, view_took)
+    problem, fit = parts.once(
+        "soil identified", lambda: best_fit(every.problem.part(every.rows), Effort(), ticks, TRUST)
+    )
     decision = decide(problem, fit, options, ticks, view, every if every.times > 1.0 else None)
     assessor = Assessor(robot, fitted, held, options, ticks)
     found = concluded(decision, view, assessor.worth)
     assessed = assessor(found.decision)
     result = result_of(robot, fitted, held, found, assessed, options, what_is_left(timed))
-    result = with_explainable(result, assessed, residual)
-    models = _models(robot, result, decision)
-    seen = predictors(held, models, decision.neutral_problem, options.horizon, options.workers)
-    best = best_of(seen)
-    result = replace(
-        result, predictors=seen, best=best.name if best is not None else "",
-        warnings=(*what_was_mended([*timed, *later]), *refusals(seen), *result.warnings),
-    )  # fmt: skip
+    result = _with_predictors(result, held, _models(robot, result, decision), decision.neutral_problem, options)
+    result = with_explainable(result, assessed, residual, options)
+    result = replace(result, warnings=(*what_was_mended([*timed, *later]), *result.warnings))
     ticks.done()
-    return replace(result, seconds=time.perf_counter() - begun)
+    return replace(result, seconds=parts.elapsed)
+
+
+def _key(fitted: Sequence[Experiment], held: Sequence[Experiment], robot: Robot, options: Options) -> str:
+    """A text that is the same where version, recordings, robot and options are: then parts made earlier hold."""
+    digest = hashlib.blake2b(digest_size=16)
+    stated = (options.horizon, options.seed, options.prior_odds, options.false_alarm_rate, options.thresholds)
+    for word in (identity(), robot, sorted(EFFECTS), stated, options.budget):
+        digest.update(repr(word).encode())
+    for experiment in (*fitted, None, *held):
+        if experiment is None:
+            digest.update(b"held out")
+            continue
+        digest.update(repr((experiment.name, str(experiment.path), experiment.segments)).encode())
+        for name, channel in sorted(experiment.channels.items()):
+            digest.update(name.encode())
+            for values in (channel.t_ns, *(channel[column] for column in sorted(channel.columns))):
+                digest.update(np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()
+
+
+def affordable(every: EveryWindow, options: Options, view_took: float) -> tuple[EveryWindow, Options]:
+    """As many searched windows as there is time for, and what has to be left of it in the end.
+
+    Parameters
+    ----------
+    view_took : float
+        s of the command view, which is made again of the held-out recordings and of all.
+    """
+    if not np.isfinite(options.budget):
+        return every, options
+
+    def searched() -> tuple[int, float]:
+        problem, total = every.problem, float(every.problem.durations.sum())
+        robots, which = [problem.parameters.robot], np.zeros((1, len(problem)), np.int64)
+        for _ in range(1 + _PILOT):  # the first one compiles
+            begun = options.parts.elapsed
+            problem.predictions(robots, which, problem.starts[None])
+            took = options.parts.elapsed - begun
+        reserve = 2.0 * view_took + END * took
+        seconds = max(0.0, options.left - reserve) / (SEARCH * took) * total
+        step = max(round(every.times), round(total / max(seconds, 1e-3)))
+        return max(1, min(step, len(problem) // FEWEST_WINDOWS)), reserve
+
+    step, reserve = options.parts.once("windows that there is time for", searched)
+    return replace(every, rows=range(0, len(every.problem), step)), replace(options, reserve=reserve)
+
+
+def _with_predictors(
+    result: Diagnosis, held: Sequence[Experiment], models: Mapping[str, Robot], problem: Problem, options: Options
+) -> Diagnosis:
+    """Add how well the models predict held-out recordings, if there is time."""
+    try:
+        with until(time.perf_counter() + options.left):
+            seen = predictors(held, models, problem, options.horizon, options.workers)
+    except TimeIsUp:
+        return _without(result, "held-out errors of the models side by side")
+    best = best_of(seen)
+    name = best.name if best is not None else ""
+    return replace(result, predictors=seen, best=name, warnings=(*refusals(seen), *result.warnings))
+
+
+def _without(result: Diagnosis, what: str) -> Diagnosis:
+    return replace(result, warnings=(_not_tried([what]), *result.warnings))
 
 
 def _check(recordings: Sequence[Experiment], robot: Robot, options: Options) -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.checkpoints import Checkpoints
 from artibot_sim.diagnose.policy import (
     CLEARLY_WORSE,
     FALSE_ALARM_RATE,
@@ -72,8 +73,23 @@ class Options:
     false_alarm_rate: float = FALSE_ALARM_RATE
     thresholds: Thresholds = THRESHOLDS
     scheduler: str | None = None
-    until: float = np.inf
-    """`time.perf_counter` after which no further search begins that would take longer than is left."""
+    budget: float = np.inf
+    """s that all of it is to take at most, about."""
+    parts: Checkpoints = field(default_factory=Checkpoints, compare=False)
+    """What is finished."""
+
+    reserve: float = 0.0
+    """s of the budget that intervals and predictions take, which follow the search."""
+
+    @property
+    def left(self) -> float:
+        """s that are left of the budget."""
+        return self.budget - self.parts.elapsed
+
+    @property
+    def for_search(self) -> float:
+        """s that are left for the search."""
+        return self.left - self.reserve
 
     @property
     def least(self) -> float:

@@ -7,9 +7,12 @@ their simulations share the cores again. Results do not depend on it.
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
 from typing import TypeVar
 
 from artibot_sim.cluster import cores, map_tasks
@@ -18,7 +21,31 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 _here = threading.local()
-"""Of a thread that does one of several tasks: `tasks`, which it belongs to."""
+"""Of a thread: `until` when it may simulate, and where it does one of several tasks `tasks`, which it belongs to."""
+
+
+class TimeIsUp(Exception):
+    """Ends work that was to be over by now, at its next simulation."""
+
+
+@contextmanager
+def until(instant: float) -> Iterator[None]:
+    """Within, simulations that begin after an instant of `time.perf_counter` raise `TimeIsUp`.
+
+    Work on a cluster ends with the task that is done next.
+    """
+    before = getattr(_here, "until", math.inf)
+    _here.until = min(before, instant)
+    try:
+        yield
+    finally:
+        _here.until = before
+
+
+def check_time() -> None:
+    """Raise `TimeIsUp` where this work was to be over by now."""
+    if time.perf_counter() > getattr(_here, "until", math.inf):
+        raise TimeIsUp
 
 
 class _GivenUp(Exception):
@@ -30,6 +57,7 @@ class _Tasks:
 
     def __init__(self, count: int, workers: int) -> None:
         self._left, self._workers, self._lock = count, workers, threading.Lock()
+        self.until = getattr(_here, "until", math.inf)
         self.over = False
 
     @property
@@ -47,6 +75,7 @@ class _Tasks:
 
 def threads(workers: int | None) -> int | None:
     """Threads that a simulation begun here may take, where it is to take `workers` (all cores by default)."""
+    check_time()
     tasks = getattr(_here, "tasks", None)
     return workers if tasks is None else tasks.share
 
@@ -77,6 +106,7 @@ def side_by_side(
     for number, result in done:
         found[number] = result
         tick()
+        check_time()
     return [found[number] for number in range(len(items))]
 
 
@@ -89,7 +119,7 @@ def _done(do: Callable[[Item], Result], items: Sequence[Item], workers: int | No
     tasks = _Tasks(len(items), workers or cores())
 
     def within(item: Item) -> Result:
-        _here.tasks = tasks
+        _here.tasks, _here.until = tasks, tasks.until
         try:
             return do(item)
         finally:

@@ -9,14 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from artibot_sim.checkpoints import Checkpoints
 from artibot_sim.diagnose import Diagnosis, Verdict, diagnose
 from artibot_sim.diagnose.candidates.hypotheses import hypotheses
-from artibot_sim.diagnose.pipeline import distinctly_named, split
+from artibot_sim.diagnose.pipeline import END, FEWEST_WINDOWS, SEARCH, affordable, distinctly_named, every_window, split
+from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.unlisted.finding import unexplained
 from artibot_sim.diagnose.unlisted.response import short
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.checks.recordings import data_warnings
 from artibot_sim.estimation.measurements import stretches
+from artibot_sim.estimation.problem import Problem
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.measured import Measured
 from artibot_sim.identify.requested import parameter_set
@@ -78,8 +81,18 @@ def test_the_extended_robot_is_a_file(found: Diagnosis, tmp_path: Path) -> None:
     assert again.intervals["effects.joint_friction.torque"] == found.causes[0].parameters["torque"].ci95
 
 
-def test_order_and_workers_do_not_matter(drives: list[Experiment], found: Diagnosis) -> None:
-    again = diagnose(drives[::-1], ROBOT, workers=1)
+def test_order_workers_and_a_break_do_not_matter(drives: list[Experiment], found: Diagnosis, tmp_path: Path) -> None:
+    """Broken off in the second search and called again, it takes what was finished and comes to the same end."""
+
+    def stop(_done: float) -> None:
+        if (tmp_path / "kept" / "005").exists():
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        diagnose(drives[::-1], ROBOT, workers=1, parts=Checkpoints(tmp_path / "kept"), progress=stop)
+    parts = Checkpoints(tmp_path / "kept")
+    again = diagnose(drives[::-1], ROBOT, workers=1, parts=parts)
+    assert parts.taken >= 4
     assert {**again.as_dict(), "seconds": 0} == {**found.as_dict(), "seconds": 0}
 
 
@@ -100,7 +113,27 @@ def test_what_there_was_no_time_for_is_said(drives: list[Experiment]) -> None:
     """The first search is made whatever the time, and what it finds is named."""
     result = diagnose(drives, ROBOT, workers=2, budget=1e-3)
     assert {cause.effect for cause in result.causes} == {"joint_friction"}
-    assert "not tried in the time given: further effects beside joint friction" in result.warnings
+    for what in ("further effects beside joint friction", "how much any model could explain", "held-out errors"):
+        assert any(said.startswith("not tried in the time given: ") and what in said for said in result.warnings)
+    assert not result.predictors and not result.best
+
+
+def test_as_many_windows_are_searched_as_there_is_time_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half of the time for the search, half of the windows; never fewer than tell anything."""
+    every = every_window([drive(1, 0.8, 1.0)], ROBOT, Options(horizon=0.5))
+    clock = [0.0]
+    monkeypatch.setattr("artibot_sim.checkpoints.time.perf_counter", lambda: clock[0])
+    monkeypatch.setattr(Problem, "predictions", lambda *_: clock.__setitem__(0, clock[0] + 1.0))
+
+    def searched(budget: float) -> int:
+        parts = Checkpoints()
+        parts.begin("")
+        return len(affordable(every, Options(budget=budget, parts=parts), 1.0)[0].rows)
+
+    whole = 2.0 + SEARCH + END  # s, where a prediction takes one and the command view as well
+    assert searched(np.inf) == searched(2.0 * whole) == len(every.problem)
+    assert searched(0.5 * whole) == pytest.approx(0.45 * len(every.problem), rel=0.2)
+    assert searched(1e-3) >= FEWEST_WINDOWS
 
 
 def odometry_alone(one: Experiment) -> Experiment:

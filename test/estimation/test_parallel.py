@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.estimation.parallel import side_by_side, threads
+from artibot_sim.estimation.parallel import TimeIsUp, side_by_side, threads, until
 from artibot_sim.estimation.parameters import MU_D, MU_S, Extension, ParameterSet
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.model import load_robot
@@ -58,6 +58,21 @@ def test_an_error_ends_the_others_at_their_next_simulation() -> None:
     with pytest.raises(ArtibotError, match="no"):
         side_by_side(fails, [0, 1, 2, 3], 2)
     assert ended and set(ended) <= {0, 2}, "and no other is begun"
+
+
+def test_work_whose_time_is_up_ends_at_its_next_simulation() -> None:
+    """In every thread that works for it, and nowhere else."""
+    with pytest.raises(TimeIsUp), until(time.perf_counter() - 1.0):
+        threads(2)
+    assert threads(2) == 2
+
+    def simulated(_: int) -> int:
+        return threads(4) or 0
+
+    with pytest.raises(TimeIsUp), until(time.perf_counter() - 1.0), until(time.perf_counter() + 60.0):
+        side_by_side(simulated, [0, 1, 2], 2)
+    with until(time.perf_counter() + 60.0):
+        assert len(side_by_side(simulated, [0, 1, 2], 2)) == 3
 
 
 @pytest.mark.parametrize("keys", [("k_l", "k_t", "mu_s", "mu_d", "u_w"), ("k_l", "front.i_y"), ("mu_s",)])

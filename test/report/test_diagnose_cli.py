@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from artibot_sim.checkpoints import Checkpoints
 from artibot_sim.cli import main
 from artibot_sim.diagnose import result
 from artibot_sim.experiment import write_channels
@@ -92,3 +93,20 @@ def test_what_cannot_be_used_is_one_line(
 def test_an_option_out_of_range_is_refused(option: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["diagnose", "run0", "--robot", "agriq", "--out", "found", *option]) == 2
     assert option[0] in capsys.readouterr().err
+
+
+def test_ctrl_c_says_that_the_same_command_goes_on(
+    drives: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Once something is finished; what was broken off leaves no folder of results."""
+
+    def interrupted(*_args: object, parts: Checkpoints, **_options: object) -> None:
+        parts.begin("key")
+        parts.once("soil identified", lambda: 1)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("artibot_sim.diagnose.diagnose", interrupted)
+    out = tmp_path / "found"
+    assert main(["diagnose", str(drives[0]), "--robot", "agriq", "--out", str(out)]) == 130
+    assert "the same command goes on" in capsys.readouterr().err
+    assert not out.exists() and (tmp_path / "found.unfinished" / "000").exists()

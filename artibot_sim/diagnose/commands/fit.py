@@ -371,7 +371,7 @@ class CommandFits:
         """Effects added one after the other while each gains plainly."""
         found: tuple[str, ...] = ()
         while len(found) < _MOST:
-            gains = {e: self.evidence(e, found).nats for e in EFFECTS if e not in found}
+            gains = {e: self.nats(e, found) for e in EFFECTS if e not in found}
             best = max(gains, key=lambda e: gains[e])
             if gains[best] < _WORTH:
                 break
@@ -413,11 +413,16 @@ class CommandFits:
         """Evidence of one effect on top of others."""
         base, fit = self.fit(given), self.fit((*given, effect))
         values, sd = self.parameters(effect, fit)
-        nats = max(fit.value - base.value, 0.0) if self._matters(effect, fit) else 0.0
+        nats = self.nats(effect, given)
         note = self._note(effect, nats)
         if nats >= _UNSEEN or given:
             return ViewEvidence(nats, values, sd, note)
         return ViewEvidence(nats, values, sd, note, self._excluded(effect, fit), self._excluded_limit(effect, base))
+
+    def nats(self, effect: str, given: Collection[str] = ()) -> float:
+        """Log-likelihood that one effect gains on top of others."""
+        base, fit = self.fit(given), self.fit((*given, effect))
+        return max(fit.value - base.value, 0.0) if self._matters(effect, fit) else 0.0
 
     def _matters(self, effect: str, fit: CommandFit) -> bool:
         """Whether an effect is as large as to be told from what stamps and encoders leave open."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from artibot_sim.diagnose.commands.data import command_data
 from artibot_sim.diagnose.commands.fit import EFFECTS, NEEDED, CommandFits, ViewEvidence
@@ -29,8 +30,6 @@ class CommandView:
 
     Attributes
     ----------
-    evidence : mapping of str to ViewEvidence
-        By effect, each alone.
     found : tuple of str
         Effects that together explain what is plainly there, the largest first.
     levels : mapping of str to CommandedLevel
@@ -41,12 +40,23 @@ class CommandView:
         Whether motors do what they are commanded, but for what these effects explain. Otherwise commands say nothing.
     """
 
-    evidence: Mapping[str, ViewEvidence] = field(default_factory=dict)
     found: tuple[str, ...] = ()
     levels: Mapping[str, CommandedLevel] = field(default_factory=dict)
     series: Mapping[str, Series] = field(default_factory=dict)
     followed: bool = False
     _work: CommandFits | None = field(default=None, repr=False, compare=False)
+    _left: float = 0.0
+
+    @cached_property
+    def evidence(self) -> Mapping[str, ViewEvidence]:
+        """By effect, each alone; made when it is first asked for, for who predicts with what is named needs none."""
+        if self._work is None:
+            return {}
+        if self.followed:
+            return {effect: self._work.evidence(effect) for effect in EFFECTS}
+        share = f"{100 * self._left:.0f} %"
+        note = f"motors do not follow their commands: {share} of their speed is left whatever explains it"
+        return {effect: ViewEvidence(0.0, {}, {}, note) for effect in EFFECTS}
 
     def given(self, *effects: str) -> dict[str, ViewEvidence]:
         """Evidence of every other effect on top of `effects`, all at their best together."""
@@ -97,11 +107,6 @@ def command_view(recordings: Sequence[Experiment], robot: Robot, *, needed: floa
         work = replace(work, noise=noise)
     left = work.left(found)
     if left > UNFOLLOWED:
-        note = f"motors do not follow their commands: {100 * left:.0f} % of their speed is left whatever explains it"
-        silent = {effect: ViewEvidence(0.0, {}, {}, note) for effect in EFFECTS}
-        known = known_way(robot)
-        return CommandView(silent, (), *work.shown(known, None), False, work)
-    evidence = {effect: work.evidence(effect) for effect in EFFECTS}
+        return CommandView((), *work.shown(known_way(robot), None), False, work, left)
     best = work.fit(found)
-    levels, series = work.shown(best.best.way, best.limit)
-    return CommandView(evidence, found, levels, series, True, work)
+    return CommandView(found, *work.shown(best.best.way, best.limit), True, work, left)

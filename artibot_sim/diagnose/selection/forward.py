@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.checkpoints import Checkpoints
 from artibot_sim.diagnose.candidates.hypotheses import hypotheses
 from artibot_sim.diagnose.candidates.patches import discs
 from artibot_sim.diagnose.candidates.screening import Around, Trial, at_rest, screen
@@ -87,22 +89,35 @@ class Stage:
 
 
 def stage(
-    problem: Problem, fit: Fit, loss: Loss, named: Sequence[str], rounds: Rounds, tick: Tick = lambda: None
-) -> Stage:
+    problem: Problem, fit: Fit, loss: Loss, named: Sequence[str], rounds: Rounds, tick: Tick = lambda: None,
+    parts: Checkpoints | None = None,
+) -> Stage:  # fmt: skip
     """Look for one more effect beside those in `problem`.
 
     The baseline is fitted again from the best rivals' soil and starts: what they found there without their effect
-    is none of its evidence.
+    is none of its evidence. What is finished on the way is kept in `parts`.
     """
-    base, control = at_rest(problem, loss, fit.point, rounds.few)
-    in_map = in_common_map(experiments_of(problem.stretches))
-    every = hypotheses(problem.parameters.robot, problem.stretches, named)
-    tried = [one for one in every if in_map or not needed(one.id)]
-    trials = screen(base, tried, tick) + (discs(base) if in_map else [])
-    return _contested(Stage(tuple(trials), (), {}, problem, fit, loss, control.cost, base=base), named, rounds, tick)
+    parts = parts or Checkpoints()
+
+    def screened() -> Stage:
+        base, control = at_rest(problem, loss, fit.point, rounds.few)
+        in_map = in_common_map(experiments_of(problem.stretches))
+        every = hypotheses(problem.parameters.robot, problem.stretches, named)
+        tried = [one for one in every if in_map or not needed(one.id)]
+        trials = screen(base, tried, tick) + (discs(base) if in_map else [])
+        return Stage(tuple(trials), (), {}, problem, fit, loss, control.cost, base=base)
+
+    begun = parts.once(_name("screened", named), screened)
+    return _contested(begun, named, rounds, tick, parts)
 
 
-def thorough(found: Stage, named: Sequence[str], rounds: Rounds, tick: Tick = lambda: None) -> Stage:
+def _name(what: str, named: Sequence[str]) -> str:
+    return f"{what} beside {', '.join(named) or 'nothing'}"
+
+
+def thorough(
+    found: Stage, named: Sequence[str], rounds: Rounds, tick: Tick = lambda: None, parts: Checkpoints | None = None
+) -> Stage:
     """A search in which every effect is fitted, whatever its screening gave, and most of them to the end.
 
     A probe may throw so many windows off their branch that an effect of just its size looks worse than none.
@@ -113,16 +128,25 @@ def thorough(found: Stage, named: Sequence[str], rounds: Rounds, tick: Tick = la
     begun = Stage(
         found.trials, (), {}, base.problem, found.fit, base.loss, found.screened, base=base, known=found.known
     )
-    return _contested(begun, named, every, tick)
+    return _contested(begun, named, every, tick, parts or Checkpoints())
 
 
-def _contested(begun: Stage, named: Sequence[str], rounds: Rounds, tick: Tick) -> Stage:
+def _contested(begun: Stage, named: Sequence[str], rounds: Rounds, tick: Tick, parts: Checkpoints) -> Stage:
     """A search whose trials are screened, with the promising ones fitted and judged."""
-    base, problem, loss, known = begun.base, begun.problem, begun.loss, begun.known
-    assert base is not None
-    rivals = contest(begun.trials, begun.screened, loss, rounds, tick, known)
+
+    def fitted(some: Stage) -> tuple[Stage, list[Rival]]:
+        return some, contest(some.trials, some.screened, some.loss, rounds, tick, some.known)
+
+    begun, rivals = parts.once(_name("fitted", named), partial(fitted, begun))
     if not rivals:
         return begun
+    return parts.once(_name("judged", named), lambda: _judged(begun, rivals, named, rounds, tick))
+
+
+def _judged(begun: Stage, rivals: list[Rival], named: Sequence[str], rounds: Rounds, tick: Tick) -> Stage:
+    """Rivals and baseline fitted to the end, with the evidence of each."""
+    base, problem, loss, known = begun.base, begun.problem, begun.loss, begun.known
+    assert base is not None
     best, rivals = finished(base, rivals, rounds, tick, known)
     near = [r for r in rivals[: rounds.returns] if best.point.cost - r.fit.point.cost >= 2.0 * rounds.worth]
     others = known.all(

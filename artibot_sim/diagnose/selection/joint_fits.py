@@ -130,6 +130,12 @@ class Known:
     def __init__(self) -> None:
         self._made: dict[tuple[object, ...], tuple[tuple[object, ...], Any]] = {}
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {"made": list(self._made.values())}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self._made = {tuple(map(id, parts)): (parts, result) for parts, result in state["made"]}
+
     def all(
         self,
         do: Callable[[Item], Result],

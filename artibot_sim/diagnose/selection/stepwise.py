@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, TypeVar
 
 from artibot_sim.diagnose.candidates.hypotheses import without_effect
 from artibot_sim.diagnose.candidates.patches import on_best_disc
@@ -20,7 +21,7 @@ from artibot_sim.diagnose.selection.joint_fits import Rounds, settled
 from artibot_sim.diagnose.selection.ridge_search import along_earlier_ridges, at_size
 from artibot_sim.diagnose.sizes import sized
 from artibot_sim.estimation.loss import Loss
-from artibot_sim.estimation.parallel import side_by_side
+from artibot_sim.estimation.parallel import TimeIsUp, side_by_side, until
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Effort, Fit, converge, search
 from artibot_sim.estimation.solver import again, evaluate
@@ -84,7 +85,12 @@ def spared(problem: Problem, fit: Fit, loss: Loss, which: int, rounds: Rounds) -
 
 
 Tick = Callable[[], None]
+Result = TypeVar("Result")
 
+_EVERY = "evidence of all windows"
+_THOROUGH = "fitting every effect to the end"
+_LEAVING_OUT = "leaving out each effect that was found"
+"""Searches, as warnings say that there was no time for them."""
 _BETTER = 100.0
 """Nats by which a search must better its own baseline, and by more than what it finds is worth, to be made again."""
 
@@ -129,7 +135,7 @@ class _Naming:
         self._again = self._exhausted = self._stopped = False
         self._took, self._untried = 0.0, list[str]()
         self._from_commands = self._other = others(view)
-        self._stages = [self._sought(problem, fit, fit.loss)]
+        self._stages = [self._sought(problem, fit, fit.loss)]  # whatever the time: else nothing was tried
         self._problem, self._fit = self._neutral = self._found.problem, self._found.fit
 
     @property
@@ -151,13 +157,23 @@ class _Naming:
 
     def _sought(self, problem: Problem, fit: Fit, loss: Loss) -> Stage:
         begun = time.perf_counter()
-        found = self._weighed(stage(problem, fit, loss, self._names, self._rounds, self._tick))
+        found = self._weighed(stage(problem, fit, loss, self._names, self._rounds, self._tick, self._options.parts))
         self._took = time.perf_counter() - begun
         return found
 
+    def _in_time(self, what: str, search: Callable[[], Result]) -> Result | None:
+        """What a search finds; None if its time is up before, and then it is noted as not tried and none follows."""
+        try:
+            with until(time.perf_counter() + self._options.for_search):
+                return search()
+        except TimeIsUp:
+            self._untried.append(what)
+            self._stopped = True
+            return None
+
     def _no_time(self, what: str) -> bool:
         """Whether another search would take longer than is left; then it is noted as not tried, and none follows."""
-        if time.perf_counter() + self._took <= self._options.until:
+        if self._took <= self._options.for_search:
             return False
         self._untried.append(what)
         self._stopped = True
@@ -194,10 +210,14 @@ class _Naming:
             effect for effect, nats in found.nats.items() if every.times * nats >= least + thresholds.more(effect)
         ]  # fmt: skip
         rivals = [rival for rival in found.rivals if rival.id in wanted and rival.id not in out]
-        if not rivals or self._no_time("evidence of all windows"):
+        if not rivals or self._no_time(_EVERY):
             return best
         rivals = rivals[: self._rounds.least[0]]
-        stated = every.evidence(found.problem, found.fit, rivals, len(self._named), self._rounds)
+        stated = self._in_time(_EVERY, lambda: options.parts.once(
+            _EVERY, lambda: every.evidence(found.problem, found.fit, rivals, len(self._named), self._rounds)
+        ))  # fmt: skip
+        if stated is None:
+            return best
         both = {**found.evidence, **{rival.id: one for rival, one in zip(rivals, stated, strict=True)}}
         self._stages[-1] = found = self._weighed(replace(found, evidence=both))
         return best_of(found.evidence, found.nats, self._from_commands, least, thresholds, out)
@@ -207,12 +227,18 @@ class _Naming:
         found = self._found
         if not (self._named or self._again) and found.fallen > max(_BETTER, best.nats if best else 0.0):
             self._again = True  # effects were screened around a soil that was none
-            return self._sought(found.problem, found.fit, found.loss)
+            again = self._in_time(
+                "effects beside a better soil", lambda: self._sought(found.problem, found.fit, found.loss)
+            )
+            if again is not None:
+                return again
         if best is None and not self._exhausted and leaves_more_than_noise(remains(self._problem, self._fit.point)):
             self._exhausted = True
-            if self._no_time("fitting every effect to the end"):
+            if self._no_time(_THOROUGH):
                 return None
-            return self._weighed(thorough(found, self._names, self._rounds, self._tick))
+            return self._in_time(_THOROUGH, lambda: self._weighed(
+                thorough(found, self._names, self._rounds, self._tick, self._options.parts)
+            ))  # fmt: skip
         return None
 
     def _name(self, best: Named) -> None:
@@ -229,31 +255,36 @@ class _Naming:
             return
         self._problem, fit = _with_effect(self._problem, self._fit, self._found, best, self._options.seed)
         self._fit = along_earlier_ridges(self._problem, fit, self._rounds.few, self._rounds.worth)
-        if not self._full() and not self._no_time(f"further effects beside {best.effect.replace('_', ' ')}"):
-            self._look()
+        further = f"further effects beside {best.effect.replace('_', ' ')}"
+        if not self._full() and not self._no_time(further):
+            self._look(further)
 
-    def _look(self) -> None:
-        self._stages.append(self._sought(self._problem, self._fit, self._found.loss))
-        self._problem, self._fit = self._found.problem, self._found.fit
+    def _look(self, what: str) -> None:
+        """Look for one more effect, if there is time."""
+        found = self._in_time(what, lambda: self._sought(self._problem, self._fit, self._found.loss))
+        if found is not None:
+            self._stages.append(found)
+            self._problem, self._fit = found.problem, found.fit
 
     def drop(self) -> bool:
         """Take an effect back that those named after it make up for; whether there was one."""
         if self._drop_from_commands():
             return True
         fitted = self._fitted()
-        if self._stopped or (len(fitted) > 1 and self._no_time("leaving out each effect that was found")):
+        if self._stopped or (len(fitted) > 1 and self._no_time(_LEAVING_OUT)):
             return False
-        spare = self._unneeded()
+        spare = self._in_time(_LEAVING_OUT, lambda: self._options.parts.once(_LEAVING_OUT, self._unneeded))
         if spare is None:
             return False
         gone, self._problem, self._fit = fitted[spare.which], spare.problem, spare.fit
         self._named.remove(gone)
         self._dropped.append(gone.effect)
         self._between = [*self._between[: spare.which], *self._below(len(fitted) - 1, spare.which)]
-        self._look()
+        self._look(f"further effects without {gone.effect.replace('_', ' ')}")
         for place, one in enumerate(self._fitted()):
-            if one.stage > gone.stage:
-                self._named[self._named.index(one)] = self._found_again(place, one)
+            if one.stage > gone.stage and not self._stopped:
+                again = self._in_time(_LEAVING_OUT, partial(self._found_again, place, one))
+                self._named[self._named.index(one)] = again or one
         return True
 
     def _drop_from_commands(self) -> bool:
@@ -290,7 +321,7 @@ class _Naming:
         options, loss = self._options, self._found.loss
         names = [other for other in self._names if other != one.effect]
         rest = spared(self._problem, self._fit, loss, place, self._rounds)
-        found = self._weighed(stage(rest.problem, rest.fit, loss, names, self._rounds, self._tick))
+        found = self._weighed(stage(rest.problem, rest.fit, loss, names, self._rounds, self._tick, options.parts))
         out = (*names, *self._dropped)
         best = best_of(found.evidence, found.nats, {}, options.least, options.thresholds, out)
         if best is None or best.effect != one.effect:
@@ -308,13 +339,21 @@ class _Naming:
             found.insert(0, (problem, fit))
         return found
 
+    def _carried(self, every: EveryWindow, fits: list[tuple[Problem, Fit]]) -> list[tuple[Problem, Fit]]:
+        """Fits of the searched windows as fits of all, if there is time."""
+        what = "sizes by all windows"
+        found = self._in_time(what, lambda: self._options.parts.once(
+            what, lambda: [every.carried(*one, self._rounds.many) for one in fits]
+        ))  # fmt: skip
+        return found or fits
+
     def decision(self) -> Decision:
         """What it came to; commands say of each effect what they say beside the others."""
         other = {**self._other, **_beside_each_other(self._view, self._names)}
         named = tuple(replace(one, found=other[one.effect].found) if one.found else one for one in self._named)
         fits = [self._neutral, *self._between, (self._problem, self._fit)]
         if self._every is not None and self._fitted():
-            fits = [self._every.carried(*one, self._rounds.many) for one in fits]
+            fits = self._carried(self._every, fits)
         return Decision(
             named, self._options.least, *fits[0], *fits[-1], tuple(self._stages),
             other, between=tuple(fits[1:-1]), dropped=tuple(self._dropped), untried=tuple(self._untried),

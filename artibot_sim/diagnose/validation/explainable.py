@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from artibot_sim.diagnose.records import LAST_THIRD, Explainable
 from artibot_sim.estimation.boosting import can_grow
 from artibot_sim.estimation.measurements import CHANNEL_UNITS, Stretch
+from artibot_sim.estimation.parallel import check_time
 from artibot_sim.estimation.parameters import ParameterSet
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.residual_model import (
@@ -97,6 +98,7 @@ def explainable(
     squares = np.array([piece.squares(np.zeros_like(piece.missing)) for piece in flat])
     mended = np.empty_like(squares)
     for number in np.unique(fold):
+        check_time()
         inside, others = np.flatnonzero(fold == number), np.flatnonzero(fold != number)
         trees = learned(*tables([flat[i] for i in others]), seed)
         for i in inside:
