@@ -110,6 +110,8 @@ def recorded(of: Drive, logger: Logger, rng: np.random.Generator, heading: bool 
         speed = speed * 60.0 / (2.0 * np.pi)
     if "pose_flip" in logger.flaws:
         pose[:, 2] *= -1.0
+    if "another_time" in logger.flaws:
+        pose = np.roll(pose, len(pose) // 3, axis=0)
     if "pose_leap" in logger.flaws:
         pose[of.t > 0.6 * of.t[-1], 0] += 3.0
     if "gyro_flip" in logger.flaws:
@@ -174,12 +176,14 @@ FLAWS = {
     **{name: Logger(flaws=frozenset({name}))
        for name in ("gyro_flip", "gyro_axis", "pose_flip", "side_swap", "reversed_wheel", "pose_leap", "set_points",
                     "in_air")},
+    "unrelated_pose": Logger(flaws=frozenset({"another_time"})),
     "wheel_units": Logger(flaws=frozenset({"rpm"})),
     "gyro_bias": Logger(gyro_bias=0.05),
 }  # fmt: skip
 """Name → logger that makes it, of a plain size."""
 WANTED = {"pose_early": "pose_delay"}
-BESIDE = {"none": {"held_samples"}, "clock_skew": {"pose_delay"}, "set_points": {"rotation_delay", "pose_delay"}}
+BESIDE = {"none": {"held_samples"}, "clock_skew": {"pose_delay"}, "set_points": {"rotation_delay", "pose_delay"},
+          "unrelated_pose": {"pose_leap"}}  # fmt: skip
 """What may be found as well: set-points are earlier than what the motors make of them."""
 
 

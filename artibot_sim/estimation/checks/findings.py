@@ -51,6 +51,8 @@ _ALIKE = 0.3
 _LEAP, _JITTER = 0.25, 0.25
 """m that a pose may move farther than the wheels' rims could, with stamps wrong by so many s."""
 _SURE = 3.0
+_UNRELATED = 0.2
+"""Share of the variance below which two streams do not show the same motion at all."""
 _AIR_WAY, _AIR_SHARE = 3.0, 0.15
 """m that wheels rolled while the rover went less than this share of it."""
 
@@ -182,7 +184,7 @@ def findings(experiment: Experiment, robot: Robot, streams: Streams | None = Non
     of = streams or compare_streams(experiment, seed)
     found = [*_held(of), *_air(of, robot)]
     if not any(one.name == "in_air" for one in found):
-        found += [*_signs(of), *_units(of, robot)]
+        found += [*_signs(of), *_units(of, robot), *_unrelated(of)]
     found += [*_gyro(of), *_delays(of), *_skews(of), *_leaps(of, robot), *_set_points(of)]
     return sorted(found, key=lambda one: not one.serious)
 
@@ -296,6 +298,20 @@ def _air(of: Streams, robot: Robot) -> Iterator[Finding]:
             f"they rolled {rolled:.3g} m, {of.pose_topic} moved {gone:.3g} m, and not as they did",
             "record on the ground", serious=True,
         )  # fmt: skip
+
+
+def _unrelated(of: Streams) -> Iterator[Finding]:
+    """Neither places nor headings have anything to do with the wheels."""
+    if of.turn is None or of.forward is None or max(of.turn.agreement, of.forward.agreement) >= _UNRELATED:
+        return
+    gyro = f"; gyroscope and wheels agree in {100 * of.gyro_wheels.agreement:.0f} %" if _agree(of.gyro_wheels) else ""
+    yield Finding(
+        "unrelated_pose", of.pose_topic, max(of.turn.agreement, of.forward.agreement), None, "-",
+        f"{of.pose_topic} does not move as the wheels do: headings in degrees, another robot's pose, or another time's",
+        f"wheels explain {100 * of.forward.agreement:.0f} % of its positions and {100 * of.turn.agreement:.0f} % of its "
+        f"turning{gyro}",
+        "mend the units, or name the right topic with --topic", serious=True,
+    )  # fmt: skip
 
 
 # ----------------------------------------------------------------------
