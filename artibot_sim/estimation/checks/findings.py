@@ -308,7 +308,7 @@ def _unrelated(of: Streams) -> Iterator[Finding]:
     yield Finding(
         "unrelated_pose", of.pose_topic, max(of.turn.agreement, of.forward.agreement), None, "-",
         f"{of.pose_topic} does not move as the wheels do: headings in degrees, another robot's pose, or another time's",
-        f"wheels explain {100 * of.forward.agreement:.0f} % of its positions and {100 * of.turn.agreement:.0f} % of its "
+        f"wheels explain {100 * of.forward.agreement:.0f} % of its positions, {100 * of.turn.agreement:.0f} % of its "
         f"turning{gyro}",
         "mend the units, or name the right topic with --topic", serious=True,
     )  # fmt: skip
