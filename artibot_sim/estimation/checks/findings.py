@@ -304,7 +304,8 @@ def _unrelated(of: Streams) -> Iterator[Finding]:
     """Neither places nor headings have anything to do with the wheels."""
     if of.turn is None or of.forward is None or max(of.turn.agreement, of.forward.agreement) >= _UNRELATED:
         return
-    gyro = f"; gyroscope and wheels agree in {100 * of.gyro_wheels.agreement:.0f} %" if _agree(of.gyro_wheels) else ""
+    both = _agree(of.gyro_wheels)
+    gyro = f"; gyroscope and wheels agree in {100 * both.agreement:.0f} %" if both else ""
     yield Finding(
         "unrelated_pose", of.pose_topic, max(of.turn.agreement, of.forward.agreement), None, "-",
         f"{of.pose_topic} does not move as the wheels do: headings in degrees, another robot's pose, or another time's",
