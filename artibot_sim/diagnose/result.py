@@ -700,7 +700,8 @@ def printed(found: Diagnosis) -> Any:
     parts: list[Any] = [Text(headline(found), style="bold"), Text(sureness(found))]
     parts += [Text(unnamed)] if (unnamed := not_named(found)) else []
     parts += [Text(f"{limit[:1].upper()}{limit[1:]}")] if (limit := explainable_words(found)) else []
-    parts.append(Text(""))
+    parts += [Text(""), *(Text(f"warning: {warning}") for warning in found.warnings)]
+    parts += [Text("")] if found.warnings else []
     for table in (_ranking(found), _parameters(found), _gain(found), _predictors(found)):
         if table.row_count:
             parts += [table, Text("")]
@@ -788,8 +789,6 @@ def _lines(found: Diagnosis) -> Iterator[str]:
         for name, law in found.unexplained.laws.items():
             yield f"in extended.yaml, {name}: {law_words(law)}"
     yield f"next: {next_step(found)}"
-    for warning in found.warnings:
-        yield f"warning: {warning}"
     if question := asked(found):
         yield question
     fitted = f"fitted: {', '.join(found.bags)}"

@@ -173,6 +173,8 @@ def unseen(key: str, motion: FittedMotion) -> str:
 
 def open_reason(key: str, motion: FittedMotion) -> str:
     """The likeliest reason why something stays open though it acts."""
+    if not motion.torques and key == "contact.u_w":
+        return "without torques rolling resistance is not seen: it changes what motors give, and hardly the path"
     if not motion.torques and key.startswith("contact."):
         return "without torques only ratios of forces act on the path, their common scale hardly does"
     return "the manoeuvres change it together with others only"
@@ -182,8 +184,11 @@ def overall(found: Sequence[Estimate], converged: bool, text: str, share: float)
     """Status of the whole, and one line for a person."""
     loose = [e for e in found if e.status is Status.NOT_IDENTIFIABLE]
     if loose:
-        names = ", ".join(e.name for e in loose)
-        return Status.NOT_IDENTIFIABLE, f"{names} cannot be determined from these recordings: {loose[0].note}"
+        reasons = []
+        for note in dict.fromkeys(e.note for e in loose):
+            names = ", ".join(e.name for e in loose if e.note == note)
+            reasons.append(f"{names} cannot be determined from these recordings: {note}")
+        return Status.NOT_IDENTIFIABLE, "; ".join(reasons)
     at = [e for e in found if e.status is Status.AT_BOUND]
     if at:
         return Status.AT_BOUND, f"{', '.join(e.name for e in at)}: {at[0].note}"

@@ -22,8 +22,10 @@ def printed(found: Identification) -> Any:
     from rich.console import Group
     from rich.text import Text
 
-    lines = [Text(line) for line in _lines(found)]
-    return Group(_parameters(found), *lines[:2], _channels(found), *lines[2:])
+    answer = [f"{found.status.value}: {found.message}", f"least known: {found.weakest}"]
+    lines = [Text(line) for line in (*answer, *found.remarks)]
+    models = [_models(prediction) for prediction in found.predictions if prediction.rivals]
+    return Group(_parameters(found), *lines, _channels(found), *models, *(Text(line) for line in _lines(found)))
 
 
 def as_text(found: Identification) -> str:
@@ -76,20 +78,38 @@ def _channels(found: Identification) -> Any:
     return table
 
 
+def _models(prediction: Prediction) -> Any:
+    """This model beside kinematic ones, by errors at the ends of predictions."""
+    from rich.table import Table
+
+    title = f"{prediction.name}, held out: errors at the ends of predictions {prediction.horizon:g} s ahead"
+    table = Table(title=title, title_justify="left", box=None, header_style="bold", pad_edge=False)
+    table.add_column("model", overflow="fold")
+    for words, unit in (("position", "m"), ("heading", "rad")):
+        for column in (f"{words} RMSE", "median", f"90 %, {unit}"):
+            table.add_column(column, justify="right")
+    for name, fits in {"this model": prediction.final, **prediction.rivals}.items():
+        some = [fits.get(channel) for channel in ("position", "yaw")]
+        cells = [
+            "–" if fit is None else f"{value:.3f}"
+            for fit in some
+            for value in ((fit.rmse, fit.median, fit.p90) if fit is not None else (0.0,) * 3)
+        ]
+        table.add_row(name, *cells)
+    return table
+
+
 def _rmse(fit: ChannelFit | None) -> str:
     return number(fit.rmse, 3) if fit else "–"
 
 
 def _lines(found: Identification) -> Iterator[str]:
     """What there is to say besides tables."""
-    yield f"{found.status.value}: {found.message}"
-    yield f"least known: {found.weakest}"
     for e in found.estimates:
         if e.note:
             yield f"{e.name}: {e.note}"
     for prediction in found.predictions:
         yield from prediction_lines(prediction)
-    yield from found.remarks
     yield f"{found.windows} windows, {found.samples} samples, {found.seconds:.1f} s"
 
 
@@ -103,13 +123,6 @@ def prediction_lines(prediction: Prediction) -> Iterator[str]:
             f"{prediction.name}, held out: {prediction.windows} predictions of {prediction.horizon:g} s, "
             f"position RMSE {1e3 * position.rmse:.1f} mm{noise}"
         )
-    for name, fits in {"this model": prediction.final, **prediction.rivals}.items() if prediction.rivals else ():
-        errors = "; ".join(
-            f"{channel} RMSE {fit.rmse:.3f}, median {fit.median:.3f}, 90 % {fit.p90:.3f} {spaced(fit.unit)}"
-            for channel, fit in fits.items()
-            if channel in ("position", "yaw")
-        )
-        yield f"{prediction.name}, at the ends, {name}: {errors}"
     if prediction.left is not None:
         yield f"{prediction.name}: its free run leaves the measured branch at {prediction.left:.1f} s"
     for sentence in prediction.outliers:

@@ -163,8 +163,6 @@ _FITTED = Stroke(LEFT, 1.2)
 _NOISE = Stroke(MUTED, 1.2, "dot")
 COLUMNS = ("",) * 5
 """Sections differ in what their columns are, so their first lines say it."""
-_AT_THE_ENDS = ", at the ends, "
-"""In sentences on one model's errors."""
 _ERRORS = ("RMSE", "median", "90 %", "noise", "samples")
 
 
@@ -180,7 +178,7 @@ def page_of(work: Work) -> bytes:
 
 def _answer(predictions: Sequence[Prediction]) -> list[str]:
     """What is said of predictions, but for what the table of models has."""
-    return [line for one in predictions for line in prediction_lines(one) if not (one.rivals and _AT_THE_ENDS in line)]
+    return [line for one in predictions for line in prediction_lines(one)]
 
 
 def _first(predictions: Sequence[Prediction]) -> int:

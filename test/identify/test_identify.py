@@ -19,7 +19,7 @@ from artibot_sim.estimation.parameters import ParameterSet
 from artibot_sim.estimation.uncertainty import Spread
 from artibot_sim.experiment import Channel, Experiment, write_channels
 from artibot_sim.identify import Effort, Prior, Status, identify, parse_priors
-from artibot_sim.identify.judgement import FittedMotion, estimates
+from artibot_sim.identify.judgement import FittedMotion, estimates, open_reason, overall
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.result import Estimate, number
 from artibot_sim.identify.run import Work, problem_of
@@ -317,6 +317,20 @@ def test_a_recording_without_positions_is_refused(real: Robot) -> None:
     blind = replace(drive, channels={k: c for k, c in drive.channels.items() if k != "total_station"})
     with pytest.raises(ArtibotError, match="/total_station/point"):
         identify([blind], real)
+
+
+def test_each_parameter_that_stays_open_has_a_reason_of_its_own() -> None:
+    """Rolling resistance and a lever arm are no scale of forces, and torques would not tell a lever arm."""
+    blind = FittedMotion(sliding=0.5, grip=0.6, turning=0.3, torques=False)
+    reasons = {key: open_reason(key, blind) for key in ("contact.k_l", "contact.u_w", "effects.pose_lever_arm.x")}
+    assert len(set(reasons.values())) == 3
+    assert "common scale" in reasons["contact.k_l"] and "torques" not in reasons["effects.pose_lever_arm.x"]
+    found = [
+        Estimate(key, key, "-", 1.0, (0.5, 2.0), (0.5, 2.0), (0.5, 2.0), (1.0, 0.4), Status.NOT_IDENTIFIABLE, reason)
+        for key, reason in reasons.items()
+    ]
+    _, message = overall(found, True, "", 0.0)
+    assert all(reason in message for reason in reasons.values())
 
 
 def test_what_has_either_sign_is_found_with_either_sign(real: Robot) -> None:

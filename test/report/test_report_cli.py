@@ -10,7 +10,15 @@ import numpy as np
 import pytest
 
 from artibot_sim.cli import main
-from artibot_sim.identify.result import ChannelFit, Estimate, Identification, Prediction, Status, prediction_lines
+from artibot_sim.identify.result import (
+    ChannelFit,
+    Estimate,
+    Identification,
+    Prediction,
+    Status,
+    as_text,
+    prediction_lines,
+)
 from artibot_sim.model import load_robot
 from artibot_sim.report.identification import page_of_document
 
@@ -52,7 +60,11 @@ def test_kinematic_models_stand_beside_the_identified_one_in_one_table() -> None
     assert table.index("position, this model") < table.index("position, ideal") < table.index("position, ICR")
     assert table.count("<td>0.200</td>") == 2
     assert table.index("position, ICR") < table.index("95 % from") < table.index("2650")
-    assert "at the ends, ICR: position" not in page, "what the table has is not said again"
+    printed = as_text(result)
+    table = printed.partition("errors at the ends")[2]
+    assert table.index("this model") < table.index("ideal") < table.index("ICR")
+    assert table.count("0.200") == 2
+    assert printed.index("a remark") < printed.index("channel"), "what is wrong with the recordings follows the answer"
 
 
 def test_recordings_are_drawn(bags: list[Path], tmp_path: Path) -> None:

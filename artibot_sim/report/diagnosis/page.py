@@ -269,8 +269,8 @@ def page_of(found: Diagnosis, version: str) -> bytes:
     """The page (UTF-8) of a diagnosis."""
     page = _Page(_as_drawn(found))
     parts = (
-        *_opening(page), _wrong(page), _where(page), _why(page), _parameters(found), _gains(page), _next(found),
-        _data(found), _free_runs(page), _excluded(found),
+        *_opening(page), _data(found), _wrong(page), _where(page), _why(page), _parameters(found), _gains(page),
+        _next(found), _free_runs(page), _excluded(found),
     )  # fmt: skip
     head = (
         f'<p class="verdict {found.verdict.value}">{html.escape(_VERDICTS[found.verdict])}</p>'
