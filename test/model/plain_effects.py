@@ -51,10 +51,13 @@ class Transcribed:
         velocity = self._of("stribeck", "velocity")
         return mu_d + (mu_s - mu_d) * math.exp(-slip / velocity) if velocity > 0 else mu_d
 
-    def stiffness(self, load: float, speed: float) -> float:
-        """Factor of k_l and k_t of a wheel by its load over the mean and its speed."""
-        by_speed = (0.5 / max(speed, 0.02)) ** (1 - self._of("slip_ratio", "exponent", 1.0))
-        return by_speed * max(load, 1e-3) ** self._of("load_sensitivity", "exponent")
+    def stiffness_by_load(self, load: float) -> float:
+        """Factor of k_l and k_t of a wheel by its load over the mean."""
+        return max(load, 1e-3) ** self._of("load_sensitivity", "exponent")
+
+    def stiffness_by_speed(self, square: float) -> float:
+        """Factor of k_l and k_t of a wheel by the square of its speed (m²/s²)."""
+        return (0.5 / max(math.sqrt(square), 0.02)) ** (1 - self._of("slip_ratio", "exponent", 1.0))
 
     def lateral_grip(self) -> float:
         """Friction across a wheel over that along it."""

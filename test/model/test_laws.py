@@ -20,7 +20,8 @@ N = RNG.normal
 ABOUT = {
     "soil": lambda: (),
     "grip": lambda: (1.0 + 0.4 * N(), -2.0 + 0.4 * N()),
-    "stiffness": lambda: (abs(1.0 + 0.4 * N()), abs(0.5 * N())),
+    "stiffness_by_load": lambda: (abs(1.0 + 0.4 * N()),),
+    "stiffness_by_speed": lambda: ((0.5 * N()) ** 2,),
     "lateral_grip": lambda: (),
     "friction": lambda: (0.8, 0.5, abs(0.1 * N())),
     "lateral": lambda: (0.3 * N(),),

@@ -62,24 +62,24 @@ class Place(NamedTuple):
     ----------
     combine : callable
         What becomes of the answers of two effects.
-    cost : int
-        1 where all answers together cost little; 2 for what resists a wheel's motion, a root and a quotient for every
-        wheel, which most robots that are skid-steered have in all their fits; 3 where answers take exponentials, roots
-        or quotients for every wheel; 4 the same, of effects that are tried seldom; 5 for bristles, which wheels
-        remember. Rovers side by side are compiled for the costs that they need.
+    kind : str
+        What its answers take, by which versions of the loops over rovers side by side ask here
+        (`lane_layout.VERSIONS`): "" little, so that every version asks; "resistance" a root and a quotient for every
+        wheel, which most robots that are skid-steered have in all their fits; "speed" and "slip" exponentials and roots
+        for every wheel; "seldom" the same, of effects that are tried seldom; "bristles" what wheels remember.
     """
 
     combine: Callable[[Hook, Hook], Hook]
-    cost: int = 1
+    kind: str = ""
 
 
 PLACES: dict[str, Place] = {}
 """Every place by its name, in the order of the lines below."""
 
 
-def _place(name: str, combine: Callable[[Hook, Hook], Hook], cost: int = 1) -> Hook:
+def _place(name: str, combine: Callable[[Hook, Hook], Hook], kind: str = "") -> Hook:
     """What compiled code calls there: the answers of all effects that have this name among their hooks."""
-    PLACES[name] = Place(combine, cost)
+    PLACES[name] = Place(combine, kind)
     answers = dict.fromkeys(effect.hooks[name] for effect in EFFECTS.values() if name in effect.hooks)  # laws share one
     return reduce(lambda first, second: inlined(combine(first, second)), answers)
 
@@ -90,14 +90,19 @@ soil = _place("soil", _product)
 grip = _place("grip", _product)
 """(fx, x, y) → factor of mu_s and mu_d for a wheel there in `map` (m)."""
 
-stiffness = _place("stiffness", _product, cost=4)
-"""(fx, load, speed) → factor of k_l and k_t of a wheel that carries `load` times the rover's mean, and whose centre or
-rim moves at `speed` (m/s), whichever is faster."""
+stiffness_by_load = _place("stiffness_by_load", _product, "seldom")
+"""(fx, load) → factor of k_l and k_t of a wheel that carries `load` times the rover's mean."""
+
+stiffness_by_speed = _place("stiffness_by_speed", _product, "speed")
+"""(fx, square) → the same of a wheel whose centre or rim, whichever is faster, moves at the root of `square` (m²/s²).
+
+The square is asked about, for it takes no root.
+"""
 
 lateral_grip = _place("lateral_grip", _product)
 """(fx) → friction across a wheel over that along it."""
 
-friction = _place("friction", _chain, cost=3)
+friction = _place("friction", _chain, "slip")
 """(fx, mu_s, mu, slip) → coefficient of a wheel that slides at `slip` (m/s) and would have `mu` without."""
 
 lateral = _place("lateral", _sum)
@@ -109,19 +114,19 @@ across = _place("across", _sum)
 along = _place("along", _sum)
 """(fx, motor, own) → longitudinal force of a law at both wheels of a motor (its number), N."""
 
-lead = _place("lead", _product, cost=3)
+lead = _place("lead", _product, "slip")
 """(fx, p_x, p_y) → factor of u_w for a wheel whose centre moves at p_x along it and p_y across (m/s)."""
 
-follow_rate = _place("follow_rate", _sum, cost=3)
+follow_rate = _place("follow_rate", _sum, "slip")
 """(fx, p_x) → rate at which a wheel's lateral force follows eq. 15's, 1/s; zero for at once."""
 
-bristle = _place("bristle", _vector_sum, cost=5)
+bristle = _place("bristle", _vector_sum, "bristles")
 """(fx, rim) → stiffness of a wheel's bristles over its k_l and k_t, and the rate at which they are renewed, both 1/s.
 
 Its rim moves at `rim` (m/s). Zero without bristles.
 """
 
-radius = _place("radius", _product, cost=4)
+radius = _place("radius", _product, "seldom")
 """(fx, wheel, angle) → factor of the radius of a wheel (its number in the order of WHEELS) at its `angle` (rad)."""
 
 drag = _place("drag", _sum)
@@ -144,10 +149,10 @@ push = _place("push", _vector_sum)
 load = _place("load", _load_sum)
 """(fx, module) → force at a module's origin along and across its own frame, N, and yaw moment, N m."""
 
-resist = _place("resist", _sum, cost=3)
+resist = _place("resist", _sum, "slip")
 """(fx, module, forward) → force against a module's forward motion, N, its origin moving forward at `forward` (m/s)."""
 
-wheel_resist = _place("wheel_resist", _vector_sum, cost=2)
+wheel_resist = _place("wheel_resist", _vector_sum, "resistance")
 """(fx, friction, p_x, p_y) → force along and across a wheel on its centre, N, which moves at p_x and p_y (m/s).
 
 `friction` is what friction holds of it (mu_s F_n, N). The wheel's motor does not feel this force.

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 @inlined
-def stiffness(fx, load, speed):
+def stiffness_by_load(fx, load):
     """Factor of k_l and k_t of a wheel that carries `load` times the rover's mean."""
     exponent = fx.load_sensitivity.exponent
     carried = load if load > 1e-3 else 1e-3
@@ -35,6 +35,6 @@ EFFECT = Effect(
     doc="k_l and k_t of each wheel are multiplied by (F_n over the mean load of the rover's wheels)^exponent.",
     parameters={"exponent": number("-", -2.0, 2.0, "0: eq. 15, 1: as for friction")},
     adapt=_adapt,
-    hooks={"stiffness": stiffness},
+    hooks={"stiffness_by_load": stiffness_by_load},
     search=Search({"exponent": 0.5}, ((-1.0,), (1.0,), (2.0,))),
 )

@@ -19,11 +19,13 @@ SLOWEST = 0.02
 
 
 @inlined
-def stiffness(fx, load, speed):
-    """Factor of k_l and k_t of a wheel that moves or turns at `speed` (m/s)."""
-    exponent = fx.slip_ratio.exponent
-    counted = speed if speed > SLOWEST else SLOWEST
-    return exp((1.0 - exponent) * log(REFERENCE / counted)) if exponent != 1.0 else 1.0
+def stiffness_by_speed(fx, square):
+    """Factor of k_l and k_t of a wheel that moves or turns at the root of `square` (m²/s²)."""
+    power = 0.5 * (fx.slip_ratio.exponent - 1.0)
+    least = (SLOWEST / REFERENCE) ** 2
+    counted = square * (1.0 / REFERENCE**2)
+    counted = counted if counted > least else least
+    return exp(power * log(counted)) if power != 0.0 else 1.0
 
 
 def _adapt(p: Params, values: Values) -> Params:
@@ -40,6 +42,6 @@ EFFECT = Effect(
     "15 has it, with 0 slip over speed, so that a path does not depend on how fast it is driven.",
     parameters={"exponent": number("-", 0.0, 2.0, "0: slip over speed, 1: slip speed", 1.0)},
     adapt=_adapt,
-    hooks={"stiffness": stiffness},
+    hooks={"stiffness_by_speed": stiffness_by_speed},
     search=Search({"exponent": 0.5}, ((-0.5,), (-1.0,), (-2.0,), (1.0,))),
 )

@@ -203,7 +203,7 @@ def relaxed(fx, F_t, p_x, lag, dt):
 def stiffer(fx, F_n, load, rim, p_x, p_y):
     """With effects: factor of k_l and k_t of a wheel, whose rim moves at `rim` (m/s)."""
     fastest = max(rim * rim, p_x * p_x + p_y * p_y)
-    return hooks.stiffness(fx, F_n / load, math.sqrt(fastest))
+    return hooks.stiffness_by_load(fx, F_n / load) * hooks.stiffness_by_speed(fx, fastest)
 
 
 @inlined

@@ -35,27 +35,43 @@ def flat(record: Any) -> NDArray[np.float64]:
     return values
 
 
-EXTENDED: tuple[tuple[float, ...], ...] = tuple((1.0,) * n for n in range(1, 6))
-"""Stand for the extended model as `fx` of lanes, by the cost of what its effects answer (see `effects.hooks.Place`)."""
+VERSIONS: tuple[frozenset[str], ...] = tuple(
+    frozenset({"", *kinds.split()})
+    for kinds in (
+        "", "resistance", "speed", "resistance speed", "resistance seldom", "resistance slip",
+        "resistance speed seldom slip", "resistance speed seldom slip bristles",
+    )
+)  # fmt: skip
+"""Which kinds of places (`effects.hooks.Place`) are asked by each version of the extended model.
+
+A version is compiled when a rover first needs it. A diagnosis tries one effect after the other, so each kind that takes
+much has a version to itself and costs the others nothing.
+"""
+
+EXTENDED: tuple[tuple[float, ...], ...] = tuple((1.0,) * (k + 1) for k in range(len(VERSIONS)))
+"""Stand for the versions as `fx` of lanes: the compiler knows their lengths."""
+
+LAGGING, BRISTLED = 6, 8
+"""Lengths of `fx` from which on lateral forces may lag, and wheels may have bristles."""
 
 
-def _cost(effect: Effect) -> int:
-    """Of the dearest place where an effect acts; 0 for one that acts in none."""
-    return max((PLACES[hook].cost for hook in effect.hooks), default=0)
+def _kinds(effect: Effect) -> set[str]:
+    """Of the places where an effect acts."""
+    return {PLACES[hook].kind for hook in effect.hooks}
 
 
 def extension(effects: Mapping[str, Values]) -> tuple[float, ...] | None:
-    """What of the model a robot's effects need: None, or one of EXTENDED."""
-    cost = max((_cost(effect) for effect, _ in at_work(effects).values()), default=0)
-    return EXTENDED[cost - 1] if cost else None
+    """What of the model a robot's effects need: None, or the first of EXTENDED that asks all of them."""
+    kinds: set[str] = set().union(*(_kinds(effect) for effect, _ in at_work(effects).values()))
+    return next(EXTENDED[k] for k, asked in enumerate(VERSIONS) if kinds <= asked) if kinds else None
 
 
-def reader(lanes: int, cost: int) -> Callable[..., Any]:
+def reader(lanes: int, asked: frozenset[str]) -> Callable[..., Any]:
     """A function that puts together from a block what `effects.record` would be for one lane.
 
     Named tuples of what hooks read: the compiler leaves out all that they do not, and all that comes of effects which
-    are neutral here because they act in places of more than `cost`. It is written out because compiled code cannot go
-    through names.
+    are neutral here because they act in places of other kinds than `asked`. It is written out because compiled code
+    cannot go through names.
     """
     known: dict[str, Any] = {"inf": math.inf}
     place, entries = 1, ["t"]
@@ -64,7 +80,7 @@ def reader(lanes: int, cost: int) -> Callable[..., Any]:
         parameters = EFFECTS[name].parameters
         known[f"_{name}"] = namedtuple(name, parameters)
         numbers = [f"S[at + {(place + k) * lanes}]" for k in range(len(parameters))]
-        if _cost(EFFECTS[name]) > cost:
+        if not _kinds(EFFECTS[name]) <= asked:
             numbers = [repr(parameter.number(parameter.neutral)) for parameter in parameters.values()]
         entries.append(f"_{name}({', '.join(numbers)})")
         place += len(parameters)
@@ -151,7 +167,7 @@ def _line_up_stack(typing_context: Any) -> Any:
 line_up_stack: Any = intrinsic(_line_up_stack)
 
 
-cheap_effects, resisted_effects, dear_effects, seldom_effects, all_effects = (reader(LANES, n) for n in range(1, 6))
+_read_1, _read_2, _read_3, _read_4, _read_5, _read_6, _read_7, _read_8 = (reader(LANES, asked) for asked in VERSIONS)
 
 
 @inlined
@@ -160,14 +176,20 @@ def effects_at(S, fx, e, t):
     if fx is not None:
         at = AT.EFFECTS + e
         if len(fx) == 1:
-            return cheap_effects(S, at, S[at] + t)
+            return _read_1(S, at, S[at] + t)
         if len(fx) == 2:
-            return resisted_effects(S, at, S[at] + t)
+            return _read_2(S, at, S[at] + t)
         if len(fx) == 3:
-            return dear_effects(S, at, S[at] + t)
+            return _read_3(S, at, S[at] + t)
         if len(fx) == 4:
-            return seldom_effects(S, at, S[at] + t)
-        return all_effects(S, at, S[at] + t)
+            return _read_4(S, at, S[at] + t)
+        if len(fx) == 5:
+            return _read_5(S, at, S[at] + t)
+        if len(fx) == 6:
+            return _read_6(S, at, S[at] + t)
+        if len(fx) == 7:
+            return _read_7(S, at, S[at] + t)
+        return _read_8(S, at, S[at] + t)
     return None
 
 

@@ -23,7 +23,19 @@ from artibot_sim.model.equations.transmission import (
 from artibot_sim.model.kernels.compilation import inlined
 from artibot_sim.model.kernels.cubic import cubic_at, cubic_between
 from artibot_sim.model.kernels.elementary import sincos, turn_by
-from artibot_sim.model.kernels.lane_layout import AT, LANES, LIMIT_Q, LIMIT_V, MOTORS, SIZE, effects_at, four, put4
+from artibot_sim.model.kernels.lane_layout import (
+    AT,
+    BRISTLED,
+    LAGGING,
+    LANES,
+    LIMIT_Q,
+    LIMIT_V,
+    MOTORS,
+    SIZE,
+    effects_at,
+    four,
+    put4,
+)
 from artibot_sim.model.kernels.layout import BEHIND, FRONT, MEMORY, MOTOR
 from artibot_sim.model.kernels.steps import STAGE, next_stage, next_stage_of_lag, stage_time
 
@@ -241,7 +253,7 @@ def move_modules(S, fx, t):
         s_b, c_b = turn_by(turn_b, S[AT.SINE + LANES + e], S[AT.COSINE + LANES + e])
         front, back, effects = body_of(S, AT.BODY_F + e), body_of(S, AT.BODY_B + e), effects_at(S, fx, e, t)
         rims, angles = four(S, AT.RIM + e), (0.0, 0.0, 0.0, 0.0)
-        if fx is not None and len(fx) > 3:
+        if fx is not None:
             th, ta = four(S, q + MOTORS), four(S, AT.TAU + e)
             angles = th[0] * ta[0], th[1] * ta[1], th[2] * ta[2], th[3] * ta[3]
         right_f, left_f = module_wheels(
@@ -277,12 +289,12 @@ def move_modules(S, fx, t):
         S[a], S[a + LANES], S[a + 2 * LANES] = on_f
         S[a + 3 * LANES], S[a + 4 * LANES], S[a + 5 * LANES] = on_b
         put4(S, AT.AT_RIM + e, right_f.at_rim, left_f.at_rim, right_b.at_rim, left_b.at_rim)
-        if fx is not None and len(fx) > 2:
+        if fx is not None and len(fx) >= LAGGING:
             put4(S, AT.U_F_N + e, right_f.u_F_n, left_f.u_F_n, right_b.u_F_n, left_b.u_F_n)
             lag = AT.LAG_RATE + e
             put4(S, lag, right_f.rate_f, right_f.rate_b, left_f.rate_f, left_f.rate_b)
             put4(S, lag + 4 * LANES, right_b.rate_f, right_b.rate_b, left_b.rate_f, left_b.rate_b)
-        if fx is not None and len(fx) > 4:
+        if fx is not None and len(fx) >= BRISTLED:
             put_bending(S, AT.LAG_RATE + 8 * LANES + e, right_f, left_f)
             put_bending(S, AT.LAG_RATE + 12 * LANES + e, right_b, left_b)
 
@@ -351,8 +363,8 @@ def stage(S, fx, k, s, elapsed, dt, turning):
 def end_stage(S, fx, k, dt):
     """To the next stage, and after the last one to the next step."""
     next_state(S, k, dt)
-    if fx is not None and len(fx) > 2:
-        next_lag(S, MEMORY if len(fx) > 4 else 8, k, dt)
+    if fx is not None and len(fx) >= LAGGING:
+        next_lag(S, MEMORY if len(fx) >= BRISTLED else 8, k, dt)
 
 
 @inlined

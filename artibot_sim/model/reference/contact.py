@@ -139,7 +139,7 @@ def _wheel(
     soil = fx.ask("soil")
     grip = soil * fx.ask("grip", place[0], place[1])
     fastest = max(abs(slip + v_x), math.hypot(v_x, v_y))
-    stiffness = soil * fx.ask("stiffness", F_n / p.load, fastest)
+    stiffness = soil * fx.ask("stiffness_by_load", F_n / p.load) * fx.ask("stiffness_by_speed", fastest**2)
     F_l, steady = stiffness * body.k_l * slip, -stiffness * body.k_t * v_y
     F_t, F_rate = _built_up(fx, steady, kept[0], v_x, dt)
     stiff, renewal = fx.ask("bristle", slip + v_x)
