@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+
+from ros_helpers import ROOT
 
 LATER = {
     "scipy.linalg works": "import scipy.linalg as l; assert l.det([[2.0, 0.0], [0.0, 3.0]]) == 6",
@@ -47,10 +50,11 @@ USER = (
 STUCK = "lambda begins: (print('compiling', flush=True), time.sleep(600))"
 
 
-def started(folder: Path, hear: str = "heard.append") -> subprocess.Popen[str]:
-    environment = os.environ | {"ARTIBOT_CACHE_DIR": str(folder)}
+def started(folder: Path, hear: str = "heard.append", package: Path = ROOT) -> subprocess.Popen[str]:
+    path = os.pathsep.join(filter(None, (str(package), os.environ.get("PYTHONPATH"))))
+    environment = os.environ | {"ARTIBOT_CACHE_DIR": str(folder), "PYTHONPATH": path}
     return subprocess.Popen(
-        [sys.executable, "-c", USER.format(hear=hear)], stdout=subprocess.PIPE, text=True, env=environment
+        [sys.executable, "-c", USER.format(hear=hear)], stdout=subprocess.PIPE, text=True, env=environment, cwd=package
     )
 
 
@@ -66,3 +70,17 @@ def test_one_process_compiles_for_all_and_one_that_is_killed_holds_up_nobody(tmp
     assert heard == "[True, False]"  # who compiles says so
     later = started(tmp_path).communicate(timeout=120)[0]
     assert later == "[] 0\n"  # and who finds it says nothing
+
+
+def test_an_installed_copy_takes_what_the_checkout_compiled(tmp_path: Path) -> None:
+    cache, copy = tmp_path / "cache", tmp_path / "copy"
+    assert int(started(cache).communicate(timeout=120)[0].rsplit(maxsplit=1)[1]) > 0
+    for part in ("artibot_sim", "config"):
+        shutil.copytree(
+            ROOT / part, copy / part, ignore=shutil.ignore_patterns("__pycache__"), copy_function=shutil.copyfile
+        )
+    shutil.copy(ROOT / "package.xml", copy)
+    assert started(cache, package=copy).communicate(timeout=120)[0] == "[] 0\n"
+    source = copy / "artibot_sim" / "model" / "equations" / "kinematics.py"
+    source.write_text(source.read_text(encoding="utf-8") + "\n# changed\n", encoding="utf-8")
+    assert started(cache, package=copy).communicate(timeout=120)[0] != "[] 0\n"

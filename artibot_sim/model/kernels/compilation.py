@@ -71,7 +71,7 @@ def _spare_scipy() -> None:
 with _undisturbed():
     import numba
     from numba.core import config, event
-    from numba.core.caching import FunctionCache
+    from numba.core.caching import FunctionCache, IndexDataCacheFile
 
     _spare_scipy()
 
@@ -140,11 +140,16 @@ class _Shared(FunctionCache):
     """Numba's cache of one loop: of several processes that miss it one compiles, the others wait and load.
 
     The kernel lets go of the lock of a process that is killed. Within a process numba lets one thread compile at once.
+    Numba keeps apart what was compiled from another folder or at another time. Here the sources' contents decide, so
+    that a checkout and what is installed of it share what they compile.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
         self._lock = -1
+        self._cache_path = os.path.join(_CACHE, function.__module__)
+        source = hashlib.sha256(Path(function.__code__.co_filename).read_bytes()).hexdigest()
+        self._cache_file = IndexDataCacheFile(self._cache_path, self._impl.filename_base, source)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """What is on disk, or None where this process is to compile: then it holds the lock."""
