@@ -12,6 +12,7 @@ from model.test_rollout_random_robots import FACTORS, VALUES, build
 from artibot_sim.estimation.windows import postures, states
 from artibot_sim.model import Commands, Mode, Robot, State, rollout
 from artibot_sim.model.effects import EFFECTS, LAWS, has_laws
+from artibot_sim.model.kernels.lane_layout import EXTENDED, extension
 from artibot_sim.model.kernels.layout import BACK, GAMMA, MOTOR_COORDINATES
 from artibot_sim.model.simulate import windows as windows_module
 from artibot_sim.model.simulate.windows import KINDS, Fleet, Items, MotorTable, Plan, WindowBatch, level
@@ -137,7 +138,10 @@ def test_every_effect(agriq, effect) -> None:
 
 def test_all_effects_at_once(agriq) -> None:
     side_by_side = [name for name in MODEL_EFFECTS if name not in LAWS]
-    robots = [with_effects(agriq, *side_by_side), with_effects(agriq, "slope", "com_offset"), agriq]
+    some = (["slope", "com_offset"], ["wheel_resistance", "slip_ratio"], ["stribeck", "slip_ratio", "wheel_runout"])
+    robots = [with_effects(agriq, *side_by_side), *(with_effects(agriq, *names) for names in some), agriq]
+    used = {extension(with_effects(agriq, *names).effects) for names in (side_by_side, *some, *zip(side_by_side))}
+    assert used >= set(EXTENDED), "here and in `test_every_effect`"
     motors = table(agriq)
     assert_like_rollouts(robots, motors, items_of(robots, motors, 5, each=4), 1e-3)
 
