@@ -92,9 +92,8 @@ def test_effects_modes_and_states_are_those_of_single_rollouts(agriq, husky, epi
     names = [name for name in SEVERITY_1 if EFFECTS[name].hooks or EFFECTS[name].adapt]
     side_by_side = [name for name in names if name not in LAWS]
     robots = [agriq, with_effects(agriq, *side_by_side), with_effects(agriq, *names)]
-    robots += [
-        with_effects(agriq, name) for name in names if extension({name: SEVERITY_1[name]}) in (None, EXTENDED[0])
-    ]
+    alone = [with_effects(agriq, name) for name in names]
+    robots += [robot for robot in alone if extension(robot.effects) in (None, EXTENDED[0])]
     robots = [robot.replace({"drive.front.torque_max": 2.0}) for robot in robots]
     begun = [rollout(robot, commands, modes=modes, duration=0.7).final_state for robot in robots]
     rest = from_knot(commands, 70)
