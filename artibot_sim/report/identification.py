@@ -169,16 +169,16 @@ _ERRORS = ("RMSE", "median", "90 %", "noise", "samples")
 def page_of(work: Work) -> bytes:
     """The page (UTF-8) of an identification."""
     found = work.result
-    notes = [f"{e.name}: {e.note}" for e in found.estimates if e.note]
     return render_page(
-        figure_of(work), tables(work), COLUMNS, [*notes, *found.remarks], answer=_answer(found.predictions),
+        figure_of(work), tables(work), COLUMNS, answer=_answer(found.estimates, found.remarks, found.predictions),
         first=_first(found.predictions), closed=(_ERRORS_PART, "table"),
     )  # fmt: skip
 
 
-def _answer(predictions: Sequence[Prediction]) -> list[str]:
-    """What is said of predictions, but for what the table of models has."""
-    return [line for one in predictions for line in prediction_lines(one)]
+def _answer(estimates: Sequence[Estimate], remarks: Sequence[str], predictions: Sequence[Prediction]) -> list[str]:
+    """What stands below the answer's tables: what is wrong with the recordings first."""
+    notes = [f"{e.name}: {e.note}" for e in estimates if e.note]
+    return [*remarks, *notes, *(line for one in predictions for line in prediction_lines(one))]
 
 
 def _first(predictions: Sequence[Prediction]) -> int:
@@ -211,11 +211,10 @@ def page_of_document(document: Mapping[str, Any], path: pathlib.Path) -> bytes:
             f"{path}: not an identification ({type(error).__name__}: {error}); expected a file of "
             "`artibot identify --json`"
         ) from error
-    notes = [f"{e.name}: {e.note}" for e in estimates if e.note]
     figure = Figure(title, subtitle, (_intervals(estimates),))
     return render_page(
-        figure, _tables(estimates, channels, predictions), COLUMNS, [*notes, *document["remarks"]],
-        answer=_answer(predictions), first=_first(predictions),
+        figure, _tables(estimates, channels, predictions), COLUMNS,
+        answer=_answer(estimates, document["remarks"], predictions), first=_first(predictions),
     )  # fmt: skip
 
 

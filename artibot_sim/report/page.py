@@ -84,7 +84,7 @@ def render_frame(
         "MAIN": "".join(map(_folded, shown)),
         "FOOT": foot,
         "NAME": name,
-        "DATA": script_json(data),
+        "DATA": packed(json.dumps(data, separators=(",", ":"), allow_nan=False, ensure_ascii=False)),
         "COMMON": filled(_COMMON, {"DARK": script_json(colours)}),
         "SCRIPT": script,
         "PLOTLY": _packed_plotly(),
@@ -113,13 +113,21 @@ def _folded(part: Part) -> str:
 
 @cache
 def _packed_plotly() -> str:
-    """Plotly's script, deflated and in base 85, with a comma for <, which might end the element that it stands in.
-
-    A page is 2 MB so, and 5 MB without.
-    """
+    """Plotly's script: a page is 2 MB so, and 5 MB without."""
     from plotly.offline import get_plotlyjs
 
-    return base64.b85encode(zlib.compress(get_plotlyjs().encode(), 9)).decode().replace("<", ",")
+    return packed(get_plotlyjs())
+
+
+def packed(text: str) -> str:
+    """A text deflated and in base 85, with a comma for <, which might end the element that it stands in."""
+    return base64.b85encode(zlib.compress(text.encode(), 9)).decode().replace("<", ",")
+
+
+def data_of(page: str) -> Any:
+    """What a page's script draws from, read back out of its text."""
+    inside = page.partition('<script type="text/plain" id="data">')[2].partition("</script>")[0]
+    return json.loads(zlib.decompress(base64.b85decode(inside.replace(",", "<"))))
 
 
 def filled(text: str, parts: Mapping[str, str]) -> str:
@@ -225,10 +233,11 @@ _PAGE = """<!DOCTYPE html>
 @OUTLINE@
 <main>@MAIN@</main>
 <footer>@FOOT@</footer>
-<script>const @NAME@ = @DATA@;</script>
+<script type="text/plain" id="data">@DATA@</script>
 <script type="text/plain" id="plotly">@PLOTLY@</script>
 <script>@COMMON@
-start(() => {@SCRIPT@});</script>
+let @NAME@;
+start(unpackedData => { @NAME@ = unpackedData; @SCRIPT@});</script>
 </body>
 </html>
 """
@@ -241,9 +250,9 @@ const night = window.matchMedia("(prefers-color-scheme: dark)"), dark = @DARK@;
 const shown = new Map();  // place of a chart -> [data, layout] as on paper
 let printing = false;
 
-async function start(then) {  // unpacks plotly and runs it, then the page's own script
+async function unpacked(id) {  // a text that was deflated and written in base 85
   const digits = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz!#$%&()*+-;,=>?@^_`{|}~";
-  const value = new Uint8Array(128), text = document.getElementById("plotly").textContent;
+  const value = new Uint8Array(128), text = document.getElementById(id).textContent;
   for (let i = 0; i < 85; i++) value[digits.charCodeAt(i)] = i;
   const bytes = new Uint8Array(Math.ceil(text.length / 5) * 4);
   for (let i = 0, at = 0; i < text.length; i += 5) {
@@ -254,10 +263,14 @@ async function start(then) {  // unpacks plotly and runs it, then the page's own
   }
   const size = Math.floor(text.length * 4 / 5);
   const stream = new Blob([bytes.subarray(0, size)]).stream().pipeThrough(new DecompressionStream("deflate"));
+  return new Response(stream).text();
+}
+
+async function start(then) {  // unpacks plotly and runs it, then the page's own script on what it draws from
   const script = document.createElement("script");
-  script.textContent = await new Response(stream).text();
+  script.textContent = await unpacked("plotly");
   document.head.append(script);
-  then();
+  then(JSON.parse(await unpacked("data")));
 }
 
 function inScheme(content) {  // with the colours of a dark screen, where the browser asks for one
