@@ -356,7 +356,7 @@ def _besides(found: Conclusion) -> list[str]:
 
 
 def _next(decision: Decision, channels: Mapping[str, ChannelBaseline]) -> NextExperiment | None:
-    """What would tell the first cause from those that tie with it, or what a force on no list is."""
+    """What would tell the first cause that ties from those that tie with it, or what a force on no list is."""
     noise = {name: one.noise / (2.0**0.5 if name == "position" else 1.0) for name, one in channels.items()}
     if decision.verdict is Verdict.UNEXPLAINED:
         problem, force = decision.neutral_problem, decision.unexplained
@@ -364,9 +364,9 @@ def _next(decision: Decision, channels: Mapping[str, ChannelBaseline]) -> NextEx
             return one_by_one(decision.several_soils.names)
         advice = None if force is None else next_for_force(problem, force, noise)
         return advice or repeated(missing(problem.stretches, problem.parameters.robot))
-    if not decision.named or not decision.ordered[0].ties:
+    first = next((one for one in decision.ordered if one.ties), None)
+    if first is None:
         return None
-    first = decision.ordered[0]
     at = decision.stage_of(first.effect)  # neither has what was found later, which would tell them apart
     fitted = {rival.id: rival for rival in at.rivals}
     robots = {}

@@ -171,6 +171,9 @@ class Candidate:
         Whether it was fitted together with the soil, or only screened.
     excluded_below : mapping of str to float
         What `excluded_above` is, of limits: values below which the data exclude them.
+    windows : float
+        Share of the recordings' windows that its evidence is of: long recordings are searched in some of them, and
+        evidence grows with their number.
     """
 
     effect: str
@@ -180,6 +183,7 @@ class Candidate:
     note: str = ""
     fitted: bool = False
     excluded_below: Mapping[str, float] = field(default_factory=dict)
+    windows: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -293,10 +293,8 @@ def cause_words(cause: Cause) -> str:
 
 def headline(found: Diagnosis) -> str:
     """The diagnosis in one sentence, or two."""
-    if found.verdict is Verdict.NAMED:
-        first = f"{'; and '.join(cause_words(cause) for cause in found.causes)}."
-    elif found.verdict is Verdict.AMBIGUOUS:
-        first = f"{_either(found)}: these recordings cannot tell which."
+    if found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS):
+        first = f"{_causes(found)}."
     elif found.verdict is Verdict.UNEXPLAINED:
         first = _unexplained(found)
     else:
@@ -304,13 +302,23 @@ def headline(found: Diagnosis) -> str:
     return f"{first[:1].upper()}{first[1:]} {gain_words(found)}".strip()
 
 
-def _either(found: Diagnosis) -> str:
-    if not found.causes:
-        return "several effects tie"
-    names = [effect_words(name) for name in (found.causes[0].effect, *found.causes[0].ties)]
+def _causes(found: Diagnosis) -> str:
+    """What is sure first, then what ties, and which of those the extended model has."""
+    tied = [cause for cause in found.causes if cause.ties]
+    said = [*(cause_words(cause) for cause in found.causes if not cause.ties), *map(_either, tied)]
+    if not said:
+        return "several effects tie: these recordings cannot tell which"
+    if not tied:
+        return "; and ".join(said)
+    has = joined([effect_words(cause.effect) for cause in tied])
+    return f"{'; and '.join(said)}: these recordings cannot tell which, extended.yaml has {has}"
+
+
+def _either(cause: Cause) -> str:
+    names = [effect_words(name) for name in (cause.effect, *cause.ties)]
     if len(names) > _FEW:
         names = [*names[:_FEW], f"{len(names) - _FEW} more"]
-    return f"either {joined(names, 'or')}" if len(names) > 1 else names[0]
+    return f"either {joined(names, 'or')}"
 
 
 def _unexplained(found: Diagnosis) -> str:
@@ -359,7 +367,8 @@ def next_step(found: Diagnosis) -> str:
     """What to do with the answer, in one line."""
     if found.verdict is Verdict.NAMED:
         names = joined([effect_words(cause.effect) for cause in found.causes])
-        return f"Check the rover, its sensors and its file for {names}; until then {_predict_with(found, EXTENDED)}."
+        check = f"Check the rover, its sensors and its file for {names}; until then {_predict_with(found, EXTENDED)}."
+        return f"{check} {found.next_experiment.what}" if found.next_experiment is not None else check
     if found.verdict is Verdict.NONE:
         return f"There is nothing to mend: {_predict_with(found, BASELINE)}, and record what was not driven yet."
     advice = found.next_experiment.what if found.next_experiment is not None else ""
@@ -396,7 +405,7 @@ def gain_words(found: Diagnosis) -> str:
     words = channel_words(channel)
     gain = found.gain.get(channel)
     if found.extends and gain is not None and gain.after < gain.before:
-        with_it = "either" if found.verdict is Verdict.AMBIGUOUS else "it" if len(found.causes) < 2 else "them"
+        with_it = "them" if len(found.causes) > 1 else "either" if found.verdict is Verdict.AMBIGUOUS else "it"
         if found.verdict is Verdict.UNEXPLAINED:
             with_it = "what has a name" if found.causes else "it as a law of the model"
         return (
@@ -554,6 +563,11 @@ def _why_not(found: Diagnosis, candidate: Candidate) -> str:
     return "held-out data, or what it leaves, speak against it"
 
 
+def windows_words(candidate: Candidate) -> str:
+    """Of how many of the windows a candidate's evidence is; empty where it is of all."""
+    return "" if candidate.windows >= 1.0 else f"{100 * candidate.windows:.0f} % of the windows"
+
+
 def best_rival(found: Diagnosis) -> Candidate | None:
     """The best effect that is neither a cause nor tied with one."""
     named = {name for cause in found.causes for name in (cause.effect, *cause.ties)}
@@ -562,7 +576,8 @@ def best_rival(found: Diagnosis) -> Candidate | None:
 
 
 def _rival(candidate: Candidate) -> str:
-    return f"{effect_words(candidate.effect)}, {odds(candidate.log10_bayes_factor)}"
+    some = windows_words(candidate)
+    return f"{effect_words(candidate.effect)}, {odds(candidate.log10_bayes_factor)}{some and f' in {some}'}"
 
 
 def asked(found: Diagnosis) -> str:
@@ -730,7 +745,9 @@ def _table(title: str, *columns: str, left: int = 1) -> Any:
 
 
 def _ranking(found: Diagnosis) -> Any:
-    table = _table("Causes", "effect", "", "log10 Bayes factor", left=2)
+    columns = ["effect", "", "log10 Bayes factor"]
+    partial = any(candidate.windows < 1.0 for candidate in found.ranking)
+    table = _table("Causes", *columns, *(["of the windows"] if partial else []), left=2)
     named = {cause.effect for cause in found.causes}
     tied = {name for cause in found.causes for name in cause.ties}
     order = sorted(found.ranking, key=lambda c: (c.effect not in named, -c.log10_bayes_factor))
@@ -738,7 +755,8 @@ def _ranking(found: Diagnosis) -> Any:
         role = "found" if candidate.effect in named else "ties" if candidate.effect in tied else ""
         style = "bold" if role else None
         evidence = f"{candidate.log10_bayes_factor:.1f}".replace("-", "−")
-        table.add_row(effect_words(candidate.effect), role, evidence, style=style)
+        share = [f"{100 * candidate.windows:.0f} %"] if partial else []
+        table.add_row(effect_words(candidate.effect), role, evidence, *share, style=style)
     return table
 
 

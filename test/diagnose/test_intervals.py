@@ -53,7 +53,7 @@ def test_noise_goes_with_the_square_of_what_grips(fitted: tuple[Problem, Fit]) -
 
 def test_what_only_a_sensor_says_answers_no_noise(fitted: tuple[Problem, Fit]) -> None:
     problem, fit = fitted
-    beside = with_effect(without_effect(problem, fit.point)[0], Extension("encoder_scale"))
+    beside = with_effect(without_effect(problem, fit.loss, fit.point)[0], Extension("encoder_scale"))
     point = evaluate(beside, fit.loss, [np.append(fit.point.coordinates[:5], -0.3)], fit.point.starts)[0]
     slopes = noise_share(beside, replace(fit, point=point)).slopes
     assert slopes[:5].any() and not slopes[-1].any()

@@ -92,7 +92,8 @@ def test_friction_in_a_light_joint_takes_a_shorter_step(name: str, shorter: bool
     extension = sized("joint_friction", robot)
     more = with_effect(problem, extension)
     assert (more._batch.dt < problem._batch.dt) is shorter
-    assert without_effect(more, evaluate(more, EVEN, [np.zeros(6)], more.starts)[0])[0]._batch.dt == problem._batch.dt
+    point = evaluate(more, EVEN, [np.zeros(6)], more.starts)[0]
+    assert without_effect(more, EVEN, point)[0]._batch.dt == problem._batch.dt
     soil = np.array([found.truth.soil[key.split(".")[-1]] for key in problem.parameters.keys])
     own = extension.coordinates(dict(found.truth.effects["joint_friction"]))
     there = [more.parameters.coordinates(soil, own)]

@@ -69,6 +69,31 @@ def test_the_first_sentence_names_cause_size_and_gain(every: dict[Verdict, Diagn
     assert said[Verdict.NONE].startswith("No effect explains")
 
 
+def test_what_is_sure_is_said_beside_what_ties(every: dict[Verdict, Diagnosis]) -> None:
+    """The strongest cause may tie with another effect: the others are no less sure for that."""
+    tied = every[Verdict.AMBIGUOUS]
+    sure = replace(tied.causes[0], effect="payload", parameters={"mass": Found(4.0, "kg", (3.0, 5.0))}, ties=())
+    both = replace(tied, causes=(*tied.causes, sure))
+    said = result.headline(both)
+    assert said.startswith("Payload: mass 4.00 kg; and either slope or external force: these recordings cannot tell")
+    assert "which, extended.yaml has slope. With them, predictions" in said
+    assert "cause found, another one ties" in markup(both) and "several causes tie" in markup(tied)
+    named = replace(both, verdict=Verdict.NAMED, causes=(sure, *tied.causes))
+    assert result.headline(named) == said
+    assert result.next_step(named).endswith("Drive an eight of 2 m radius.")
+
+
+def test_evidence_of_some_windows_is_not_shown_as_that_of_all(named: Diagnosis) -> None:
+    """Long recordings are searched in some windows; evidence grows with their number."""
+    first, second, *rest = named.ranking
+    some = replace(named, ranking=(first, replace(second, windows=0.25), *rest))
+    assert "of the windows" not in str(named) + markup(named)
+    assert result.sureness(some).count("25 % of the windows") == 1
+    shares = re.findall(r"(\d+) % *$", str(some).partition("Parameters")[0], re.M)
+    assert set(shares) == {"100", "25"} and shares.count("25") == 1
+    assert markup(some).count("25 % of the windows") == 2  # the head, and the table
+
+
 def test_what_is_on_no_list_is_told_where_it_shows(every: dict[Verdict, Diagnosis]) -> None:
     found = every[Verdict.UNEXPLAINED]
     torque = ChannelBaseline("N m", 0.07, 0.02, 0.07)

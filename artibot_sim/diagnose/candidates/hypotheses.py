@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.sizes import sized
+from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.measurements import Stretch
 from artibot_sim.estimation.parameters import Extension, ParameterSet
 from artibot_sim.estimation.problem import Problem
-from artibot_sim.estimation.solver import Point
+from artibot_sim.estimation.solver import Point, evaluate
 from artibot_sim.model import Robot
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.effects.base import Choice, Effect, Search
@@ -128,11 +129,16 @@ def with_effect(problem: Problem, extension: Extension) -> Problem:
     return problem.with_parameters(more)
 
 
-def without_effect(problem: Problem, point: Point, which: int = -1) -> tuple[Problem, Point]:
-    """A problem and a point of it, one of its effects left out; the last one unless said otherwise."""
+def without_effect(problem: Problem, loss: Loss, point: Point, which: int = -1) -> tuple[Problem, Point]:
+    """A problem and a point of it, one of its effects left out; the last one unless said otherwise.
+
+    The rover goes on moving as it did: starts are what sensors without that effect see of it.
+    """
     old = problem.parameters
     kept = list(old.extensions)
     del kept[which]
     part = problem.with_parameters(ParameterSet(old.robot, old.parameters, tuple(kept)))
     others = np.delete(np.arange(len(old)), old.places[which])
-    return part, replace(point, coordinates=part.parameters.inside(point.coordinates[others]))
+    coordinates = part.parameters.inside(point.coordinates[others])
+    starts = part.held(old.robot_at(point.coordinates), part.parameters.robot_at(coordinates), point.starts)
+    return part, evaluate(part, loss, [coordinates], starts)[0]

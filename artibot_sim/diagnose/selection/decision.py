@@ -69,6 +69,8 @@ class Decision:
         What there was no time for.
     verdict : Verdict
         What the tables of `verdict` make of it; of a search by itself it is none.
+    searched : float
+        Share of the windows that the stages searched.
     """
 
     named: tuple[Named, ...]
@@ -86,6 +88,7 @@ class Decision:
     dropped: tuple[str, ...] = ()
     untried: tuple[str, ...] = ()
     verdict: Verdict = Verdict.NONE
+    searched: float = 1.0
 
     @property
     def ordered(self) -> tuple[Named, ...]:

@@ -76,9 +76,7 @@ class EveryWindow:
         (every, best), *fits = side_by_side(lambda one: self.carried(*one, rounds.many), begun, workers)
 
         def neutral(one: tuple[Problem, Fit]) -> Fit:
-            problem, here = without_effect(one[0], one[1].point)
-            point = evaluate(problem, best.loss, [here.coordinates], here.starts)[0]
-            return converge(problem, point, best.loss, rounds.few)
+            return converge(*without_effect(one[0], best.loss, one[1].point), best.loss, rounds.few)
 
         best = min([best, *side_by_side(neutral, fits, workers)], key=lambda one: one.point.cost)
         found = [

@@ -71,6 +71,8 @@ class Stage:
         That one.
     nats : mapping of str to float
         Log Bayes factors of the rivals from both views, by effect.
+    whole : frozenset of str
+        Effects whose evidence is of all windows; of the others it is of those that were searched.
     known : Known
         The fits that were made on the way.
     """
@@ -85,6 +87,7 @@ class Stage:
     fallen: float = 0.0
     base: Around | None = None
     nats: Mapping[str, float] = field(default_factory=dict)
+    whole: frozenset[str] = frozenset()
     known: Known = field(default_factory=Known, repr=False, compare=False)
 
 

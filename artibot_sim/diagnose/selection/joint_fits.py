@@ -269,8 +269,7 @@ def neutralised(rival: Rival, best: Fit, loss: Loss, rounds: Rounds) -> Fit:
     To the end only if that may be better than the `best` baseline after some steps, or if the rival's evidence is not
     so much that it does not matter.
     """
-    problem, here = without_effect(rival.problem, rival.fit.point)
-    begin = evaluate(problem, loss, [here.coordinates], here.starts)[0]
+    problem, begin = without_effect(rival.problem, loss, rival.fit.point)
     if best.point.cost - rival.fit.point.cost > 2.0 * rounds.plain:
         some = converge(problem, restarted_windows(problem, loss, begin), loss, rounds.few)
         begin = some.point

@@ -128,6 +128,8 @@ def ranking(decision: Decision, thresholds: Thresholds) -> tuple[Candidate, ...]
             first = effect in stages[0].evidence and effect not in decision.dropped
             at = stages[0] if first or not tried else tried[-1]
         own = _candidate(effect, at)
+        if effect not in at.whole and any(trial.id == effect for trial in at.trials):
+            own = replace(own, windows=decision.searched)
         if effect not in named:
             trials = [trial for trial in at.trials if trial.id == effect]
             above = _above(decision, effect, trials, thresholds)

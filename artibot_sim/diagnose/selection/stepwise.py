@@ -24,7 +24,7 @@ from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parallel import TimeIsUp, side_by_side, until
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Effort, Fit, converge, search
-from artibot_sim.estimation.solver import again, evaluate
+from artibot_sim.estimation.solver import again
 from artibot_sim.model.effects import EFFECTS
 
 if TYPE_CHECKING:
@@ -70,10 +70,9 @@ def superfluous(problem: Problem, fit: Fit, loss: Loss, least: float, rounds: Ro
 
 def spared(problem: Problem, fit: Fit, loss: Loss, which: int, rounds: Rounds) -> Spare:
     """The model without an effect: from where the fit is, or with the soil searched anew, whichever fits better."""
-    part, here = without_effect(problem, fit.point, which)
+    part, here = without_effect(problem, loss, fit.point, which)
     effects = here.coordinates[len(part.parameters.parameters) :]
-    points = [here, search(part, Effort(), effects=effects).point]
-    begun = [evaluate(part, loss, [point.coordinates], point.starts)[0] for point in points]
+    begun = [here, again(part, loss, search(part, Effort(), effects=effects).point)]
     best = min((settled(part, point, loss, rounds) for point in begun), key=lambda one: one.point.cost)
     firm = again(problem, replace(loss, firm=True), fit.point).cost
     return Spare(which, part, best, 0.5 * (best.point.cost - firm))
@@ -219,7 +218,8 @@ class _Naming:
         if stated is None:
             return best
         both = {**found.evidence, **{rival.id: one for rival, one in zip(rivals, stated, strict=True)}}
-        self._stages[-1] = found = self._weighed(replace(found, evidence=both))
+        whole = found.whole.union(rival.id for rival in rivals)
+        self._stages[-1] = found = self._weighed(replace(found, evidence=both, whole=whole))
         return best_of(found.evidence, found.nats, self._from_commands, least, thresholds, out)
 
     def _anew(self, best: Named | None) -> Stage | None:
@@ -334,7 +334,7 @@ class _Naming:
         found: list[tuple[Problem, Fit]] = []
         problem, fit = self._problem, self._fit
         for last in range(count - 1, least, -1):
-            problem, point = without_effect(problem, fit.point, last)
+            problem, point = without_effect(problem, self._found.loss, fit.point, last)
             fit = converge(problem, point, self._found.loss, self._rounds.few)
             found.insert(0, (problem, fit))
         return found
@@ -357,6 +357,7 @@ class _Naming:
         return Decision(
             named, self._options.least, *fits[0], *fits[-1], tuple(self._stages),
             other, between=tuple(fits[1:-1]), dropped=tuple(self._dropped), untried=tuple(self._untried),
+            searched=1.0 / self._every.times if self._every is not None else 1.0,
         )  # fmt: skip
 
 

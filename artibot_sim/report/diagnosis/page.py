@@ -193,7 +193,7 @@ def ranking(found: Diagnosis) -> str:
     rows = []
     for c in sorted(found.ranking, key=lambda c: (c.effect not in named, -c.log10_bayes_factor)):
         role = "found" if c.effect in named else "ties" if c.effect in tied else ""
-        how = "fitted" if c.fitted else "screened"
+        how = ", ".join(filter(None, ("fitted" if c.fitted else "screened", result.windows_words(c))))
         cells = (
             html.escape(result.effect_words(c.effect)), role, f"{c.log10_bayes_factor:.1f}".replace("-", "−"), how,
             html.escape(_values(c)), f'<span class="wrap">{html.escape(c.note)}</span>',
@@ -273,15 +273,22 @@ def page_of(found: Diagnosis, version: str) -> bytes:
         _next(found), _free_runs(page), _excluded(found),
     )  # fmt: skip
     head = (
-        f'<p class="verdict {found.verdict.value}">{html.escape(_VERDICTS[found.verdict])}</p>'
+        f'<p class="verdict {found.verdict.value}">{html.escape(_answer(found))}</p>'
         f"<h1>{html.escape(result.headline(found))}</h1>"
         f'<p class="sure">{html.escape(result.sureness(found))}</p>'
         f"{paragraph(result.not_named(found), 'sure')}"
         f"{_explainable(found)}"
         f'<p class="sure"><b>Next:</b> {html.escape(result.next_step(found))}</p>'
     )
-    title = f"{found.robot.name}: {_VERDICTS[found.verdict]}"
+    title = f"{found.robot.name}: {_answer(found)}"
     return render_frame(title, head, parts, _foot(found, version), page.charts, css=CSS, script=SCRIPT)
+
+
+def _answer(found: Diagnosis) -> str:
+    """The verdict in a few words."""
+    if found.verdict is Verdict.AMBIGUOUS and any(not cause.ties for cause in found.causes):
+        return "cause found, another one ties"
+    return _VERDICTS[found.verdict]
 
 
 def _explainable(found: Diagnosis) -> str:

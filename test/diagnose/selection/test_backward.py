@@ -15,6 +15,7 @@ from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge
 from artibot_sim.estimation.solver import evaluate
+from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import synthetic
@@ -80,6 +81,20 @@ def test_leaving_one_out_leaves_the_others_where_they_are(problem: Problem) -> N
     three, fit = fitted(problem, FRICTION, PAYLOAD, DAMPING)
     there = np.arange(8.0) / 10.0
     for which in range(3):
-        part, point = without_effect(three, replace(fit.point, coordinates=there), which)
+        part, point = without_effect(three, EVEN, replace(fit.point, coordinates=there), which)
         assert np.array_equal(point.coordinates, np.delete(there, 5 + which))
         assert len(part.parameters.extensions) == 2
+
+
+def test_leaving_out_where_a_point_is_tracked_leaves_the_rover_s_motion(problem: Problem) -> None:
+    """Starts that stayed would be another motion, with other forces: the model without would seem worse than it is."""
+    more = with_effect(problem, Extension("pose_lever_arm"))
+    there = np.append(np.zeros(5), [1.0, 0.5])
+    point = evaluate(more, EVEN, [there], more.starts)[0]
+    part, left = without_effect(more, EVEN, point)
+    channels = [CHANNEL_NAMES.index(name) for name in ("yaw_rate", "torque_front")]
+    elsewhere = np.flatnonzero(np.isin(part.samples.channel, channels))
+    assert left.residuals.flat[elsewhere] == pytest.approx(point.residuals.flat[elsewhere], abs=1e-6)
+    stayed = evaluate(part, EVEN, [np.zeros(5)], point.starts)[0]
+    assert np.abs(stayed.residuals.flat - point.residuals.flat)[elsewhere].max() > 1.0
+    assert left.cost == evaluate(part, EVEN, [np.zeros(5)], left.starts)[0].cost

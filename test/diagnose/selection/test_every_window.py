@@ -19,6 +19,7 @@ from artibot_sim.diagnose.selection.every_window import EveryWindow
 from artibot_sim.diagnose.selection.joint_fits import Rounds
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Effort, Fit
+from artibot_sim.estimation.solver import evaluate
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.run import best_fit
 from artibot_sim.model import load_robot
@@ -80,5 +81,5 @@ def test_a_fit_is_carried_with_its_noise_and_its_starts() -> None:
         assert (after.sigma > before.sigma).all()
     starts = problem.starts.copy()
     starts[list(every.rows)] = fit.point.starts
-    begun = stepwise.evaluate(problem, fit.loss, [fit.point.coordinates], starts)[0]
+    begun = evaluate(problem, fit.loss, [fit.point.coordinates], starts)[0]
     assert carried.point.cost <= begun.cost
