@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from artibot_sim.checkpoints import Checkpoints
 from artibot_sim.cluster import identity
 from artibot_sim.diagnose.candidates.patches import disc_place
-from artibot_sim.diagnose.commands.view import command_view
+from artibot_sim.diagnose.commands.view import CommandView, command_view, view_with
 from artibot_sim.diagnose.conclusion import Conclusion, HeldOut, Without, concluded, shows_forces
 from artibot_sim.diagnose.extended import found_parameters, robot_of
 from artibot_sim.diagnose.intervals import Uncertain, judged, surroundings
@@ -129,7 +129,7 @@ def _models(robot: Robot, result: Diagnosis, found: Decision) -> dict[str, Robot
 
 
 class Assessor:
-    """Predicts recordings with what decisions name; each is made once."""
+    """Predicts recordings with what decisions name; each is made once. What commands show was found in the fitted."""
 
     def __init__(
         self,
@@ -138,9 +138,10 @@ class Assessor:
         held: Sequence[Experiment],
         options: Options,
         tick: Callable[[], None],
+        view: CommandView,
     ) -> None:
         self._robot, self._fitted, self._held, self._options, self._tick = robot, fitted, held, options, tick
-        self._view = command_view([*fitted, *held], robot, needed=options.least)
+        self._view = view_with(view, [*fitted, *held], robot)
         self._in_map = in_common_map([*fitted, *held])
         self._made: dict[tuple[tuple[str, ...], bool], Assessment] = {}
 
@@ -509,7 +510,7 @@ def diagnose(
         "soil identified", lambda: best_fit(every.problem.part(every.rows), Effort(), ticks, TRUST)
     )
     decision = decide(problem, fit, options, ticks, view, every if every.times > 1.0 else None)
-    assessor = Assessor(robot, fitted, held, options, ticks)
+    assessor = Assessor(robot, fitted, held, options, ticks, view)
     found = concluded(decision, view, assessor.worth)
     assessed = assessor(found.decision)
     result = result_of(robot, fitted, held, found, assessed, options, what_is_left(timed))

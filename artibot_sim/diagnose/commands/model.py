@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
@@ -17,6 +16,7 @@ from artibot_sim.model.effects import EFFECTS, Values
 from artibot_sim.model.effects.command_rate_limit import on_ramp
 from artibot_sim.model.effects.deadband import outside
 from artibot_sim.model.effects.speed_loop_lag import weights
+from artibot_sim.model.kernels.compilation import kernel
 
 Array = NDArray[np.float64]
 
@@ -94,10 +94,18 @@ def ramped(command: Array, rate: float, begins: Iterable[int] = (0,)) -> Array:
     """Commands (g,) on a grid H apart that change by at most `rate` (rad/s²), each part from its own first one."""
     if not np.isfinite(rate):
         return command
-    wanted, out = np.array(command)[:, np.newaxis], np.empty((len(command), 1))
-    for begin, end in itertools.pairwise([*begins, len(command)]):
-        on_ramp(wanted[begin:end], rate * H, wanted[begin].copy(), out[begin:end])
+    wanted, out, now = np.array(command)[:, np.newaxis], np.empty((len(command), 1)), np.empty(1)
+    _on_ramps(wanted, rate * H, np.array([*begins, len(command)], np.int64), now, out)
     return out[:, 0]
+
+
+@kernel
+def _on_ramps(wanted: Array, most: float, edges: NDArray[np.int64], now: Array, out: Array) -> None:
+    """Part by part as `on_ramp`; `edges` are where parts begin, and where the last one ends."""
+    for part in range(len(edges) - 1):
+        begin, end = edges[part], edges[part + 1]
+        now[0] = wanted[begin, 0]
+        on_ramp(wanted[begin:end], most, now, out[begin:end])
 
 
 def seen(data: CommandData, way: WayOfCommands, speed: Array | None = None) -> Array:

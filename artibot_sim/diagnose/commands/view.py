@@ -21,7 +21,7 @@ from artibot_sim.diagnose.records import Left, Series
 from artibot_sim.experiment import Experiment
 from artibot_sim.model import Robot
 
-__all__ = ["EFFECTS", "CommandView", "ViewEvidence", "command_view"]
+__all__ = ["EFFECTS", "CommandView", "ViewEvidence", "command_view", "view_with"]
 
 
 @dataclass(frozen=True)
@@ -94,11 +94,9 @@ def command_view(recordings: Sequence[Experiment], robot: Robot, *, needed: floa
     needed : float
         Nats that an effect has to gain to be named, for the sizes that are excluded.
     """
-    ordered = sorted(recordings, key=lambda r: (r.name, len(r.channels.get("motor_torques") or ())))
-    data = command_data(ordered)
-    if data is None:
+    work = _work(recordings, robot, needed)
+    if work is None:
         return CommandView()
-    work = CommandFits(ordered, robot, data, command_data(ordered, "effort"), sensor_noise(data), needed)
     for _ in range(2):  # the noise that is left beside what was found changes what is found
         found = work.plain()
         noise = work.noise_beside(found)
@@ -110,3 +108,29 @@ def command_view(recordings: Sequence[Experiment], robot: Robot, *, needed: floa
         return CommandView((), *work.shown(known_way(robot), None), False, work, left)
     best = work.fit(found)
     return CommandView(found, *work.shown(best.best.way, best.limit), True, work, left)
+
+
+def view_with(found: CommandView, recordings: Sequence[Experiment], robot: Robot) -> CommandView:
+    """Other recordings held against what a view found: they are to judge it, and nothing is searched in them.
+
+    Where that view knows no commands they are searched like any.
+    """
+    if found._work is None:
+        return command_view(recordings, robot)
+    work = _work(recordings, robot, found._work.needed)
+    if work is None:
+        return CommandView()
+    work = replace(work, noise=work.noise_beside(found.found))
+    left = work.left(found.found)
+    followed = found.followed and left <= UNFOLLOWED
+    best = work.fit(found.found)
+    return CommandView(found.found, *work.shown(best.best.way, best.limit), followed, work, left)
+
+
+def _work(recordings: Sequence[Experiment], robot: Robot, needed: float) -> CommandFits | None:
+    """Fits of these recordings, whatever their order; None where nothing is commanded and measured."""
+    ordered = sorted(recordings, key=lambda r: (r.name, len(r.channels.get("motor_torques") or ())))
+    data = command_data(ordered)
+    if data is None:
+        return None
+    return CommandFits(ordered, robot, data, command_data(ordered, "effort"), sensor_noise(data), needed)

@@ -56,8 +56,10 @@ class EveryWindow:
         point = evaluate(every, fit.loss, [fit.point.coordinates], starts)[0]
         return every, converge(every, restarted_windows(every, fit.loss, point), fit.loss, steps)
 
-    def evidence(self, part: Problem, fit: Fit, rivals: Sequence[Rival], named: int, rounds: Rounds) -> list[Evidence]:
-        """The evidence of effects that were fitted to the searched windows, over all of them.
+    def evidence(
+        self, part: Problem, fit: Fit, rivals: Sequence[Rival], named: int, rounds: Rounds
+    ) -> tuple[list[Evidence], tuple[Problem, Fit]]:
+        """The evidence of effects that were fitted to the searched windows, over all of them; and the baseline there.
 
         The baseline is fitted from each effect's soil and starts as well, and each takes over starts from the other,
         as in the search: only what an effect itself adds is its evidence.
@@ -87,4 +89,4 @@ class EveryWindow:
         best = adopted(every, best, least.problem, least.fit, rounds)
         excess = excess_of(every, best, found, number=named)
         costs = [best.point.cost - one for one in excess]
-        return side_by_side(lambda one: evidence(*one), list(zip(found, costs, strict=True)), workers)
+        return side_by_side(lambda one: evidence(*one), list(zip(found, costs, strict=True)), workers), (every, best)

@@ -131,6 +131,7 @@ class _Naming:
         self._named: list[Named] = []
         self._dropped: list[str] = []
         self._between: list[tuple[Problem, Fit]] = []
+        self._whole: list[tuple[Fit, tuple[Problem, Fit]]] = []
         self._again = self._exhausted = self._stopped = False
         self._took, self._untried = 0.0, list[str]()
         self._from_commands = self._other = others(view)
@@ -217,9 +218,11 @@ class _Naming:
         ))  # fmt: skip
         if stated is None:
             return best
-        both = {**found.evidence, **{rival.id: one for rival, one in zip(rivals, stated, strict=True)}}
-        whole = found.whole.union(rival.id for rival in rivals)
-        self._stages[-1] = found = self._weighed(replace(found, evidence=both, whole=whole))
+        evidence, whole = stated
+        self._whole.append((found.fit, whole))
+        both = {**found.evidence, **{rival.id: one for rival, one in zip(rivals, evidence, strict=True)}}
+        seen = found.whole.union(rival.id for rival in rivals)
+        self._stages[-1] = found = self._weighed(replace(found, evidence=both, whole=seen))
         return best_of(found.evidence, found.nats, self._from_commands, least, thresholds, out)
 
     def _anew(self, best: Named | None) -> Stage | None:
@@ -343,9 +346,14 @@ class _Naming:
         """Fits of the searched windows as fits of all, if there is time."""
         what = "sizes by all windows"
         found = self._in_time(what, lambda: self._options.parts.once(
-            what, lambda: [every.carried(*one, self._rounds.many) for one in fits]
+            what, lambda: [self._of_all_windows(every, *one) for one in fits]
         ))  # fmt: skip
         return found or fits
+
+    def _of_all_windows(self, every: EveryWindow, problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
+        """A model fitted to all windows, unless that was done for the evidence of effects beside it."""
+        known = (whole for part, whole in self._whole if part is fit)
+        return next(known, None) or every.carried(problem, fit, self._rounds.many)
 
     def decision(self) -> Decision:
         """What it came to; commands say of each effect what they say beside the others."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.commands.view import CommandView, command_view
+from artibot_sim.diagnose.commands.view import CommandView, view_with
 from artibot_sim.diagnose.policy import MINOR, REFUTED
 from artibot_sim.diagnose.records import HALF_WIDTH, ChannelBaseline, ChannelGain, Left, Options, Series
 from artibot_sim.diagnose.remains import leaves_more_than_noise
@@ -204,7 +204,7 @@ def improvements(
     neutral = [pair.before for pair in pairs]
     before = excess(neutral, _followed(view, extended, names, "before"), levels)
     likely = _likelihoods([neutral, *held])
-    stated = command_view(seen, decision.neutral_problem.parameters.robot)
+    stated = view_with(view, seen, decision.neutral_problem.parameters.robot)
     from_commands = [0.0, *map(stated.nats, robots)]
     found = {}
     for k, (named, robot, one) in enumerate(zip(decision.named, robots, held, strict=True)):

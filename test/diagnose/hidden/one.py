@@ -32,7 +32,7 @@ def main(effect: str, severity: str, seed: str, runs: str = "2", duration: str =
     problem, fit = baseline(found.recordings, rover, options)
     view = command_view(found.recordings, rover)
     decision = decide(problem, fit, options, lambda: None, view)
-    assessor = Assessor(rover, found.recordings, found.holdout, options, lambda: None)
+    assessor = Assessor(rover, found.recordings, found.holdout, options, lambda: None, view)
     decision = concluded(decision, view, assessor.worth).decision
     acting = {**found.truth.effects, **found.truth.unlisted}
     print("hidden:", {name: dict(values) for name, values in acting.items()})
