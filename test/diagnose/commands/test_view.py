@@ -11,7 +11,7 @@ from bag_helpers import foreign
 from artibot_sim.diagnose.commands.data import H, command_data
 from artibot_sim.diagnose.commands.fit import EFFECTS, NEEDED
 from artibot_sim.diagnose.commands.model import WayOfCommands, followed, seen
-from artibot_sim.diagnose.commands.view import command_view
+from artibot_sim.diagnose.commands.view import command_view, view_with
 from artibot_sim.experiment import Experiment, read_bag
 from artibot_sim.identify.synthetic import Noise, random_manoeuvre, random_soil, synthetic
 from artibot_sim.model import Commands, Robot, load_robot
@@ -249,6 +249,21 @@ def test_series_show_what_is_explained() -> None:
         assert after < 1.2 * series.noise < 0.3 * before
     levels, _ = view.seen_by(AGRIQ)
     assert levels["front_velocity"].after == levels["front_velocity"].rmse
+
+
+def test_other_recordings_are_held_against_what_was_found() -> None:
+    """Judged by them is what the fitted ones show; they are not searched, and those that contradict say so."""
+    late = robot_with(speed_loop_lag={"time_constant": 0.1})
+    view = command_view(driven(late, seed=8), AGRIQ)
+    judge = view_with(view, driven(late, seed=12), AGRIQ)
+    own = command_view(driven(late, seed=12), AGRIQ)
+    assert judge.found == own.found == ("speed_loop_lag",) and judge.followed and not judge.evidence
+    assert judge.nats(late) == pytest.approx(own.nats(late), rel=0.02) and judge.nats(late) > 100.0
+    assert view_with(view, driven(AGRIQ, seed=12), AGRIQ).nats(late) < -100.0
+    one, other = driven(AGRIQ, seed=10)
+    swapped = replace(one, channels=dict(one.channels) | {"motor_command": other.channels["motor_command"]})
+    assert not view_with(view, [swapped], AGRIQ).followed
+    assert view_with(command_view([], AGRIQ), driven(late, seed=12), AGRIQ).found == own.found
 
 
 @pytest.mark.parametrize(
