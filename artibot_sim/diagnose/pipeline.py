@@ -545,7 +545,7 @@ def affordable(every: EveryWindow, options: Options, view_took: float) -> tuple[
     Parameters
     ----------
     view_took : float
-        s of the command view, which is made again of the held-out recordings and of all.
+        s of the command view, which judges the held-out recordings, and all of them, again.
     """
     if not np.isfinite(options.budget):
         return every, options
