@@ -498,7 +498,7 @@ def diagnose(
     options = Options(horizon, seed, workers, prior_odds, false_alarm_rate, thresholds, scheduler, budget, parts)
     _check([*recordings, *holdout], robot, options)
     named = distinctly_named(recordings, holdout)
-    timed, later = (on_one_clock(some, robot, seed, poses="pose_delay" in robot.effects) for some in named)
+    timed, later = (on_one_clock(some, robot, seed, poses="pose_delay" in robot.effects or None) for some in named)
     fitted, held = split([one.experiment for one in timed], [one.experiment for one in later], robot)
     begun = parts.elapsed
     view = command_view(fitted, robot, needed=options.least)

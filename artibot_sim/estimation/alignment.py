@@ -48,7 +48,7 @@ class Aligned:
         return next((one for one in self.found if _late_pose(one) and shiftable(one)), None)
 
 
-def aligned(experiment: Experiment, robot: Robot, seed: int = 0, poses: bool = True) -> Aligned:
+def aligned(experiment: Experiment, robot: Robot, seed: int = 0, poses: bool | None = True) -> Aligned:
     """Shift the stamps of streams that are late or early, as the streams themselves show.
 
     Parameters
@@ -57,11 +57,17 @@ def aligned(experiment: Experiment, robot: Robot, seed: int = 0, poses: bool = T
     robot : Robot
     seed : int
         Of the draws that intervals come from.
-    poses : bool
-        Whether late poses are shifted, too; not where their delay is a parameter of the model that is fitted.
+    poses : bool or None
+        Whether late poses are shifted, too; not where their delay is a parameter of the model that is fitted. None is
+        for a model in which it may become one: then late poses are shifted where other stamps are, too. Left by
+        themselves they would be later than before against rotations that were shifted.
     """
     found = findings(experiment, robot, compare_streams(experiment, seed))
-    mended = tuple(one for one in found if shiftable(one) and (poses or not _late_pose(one)))
+    mended = tuple(one for one in found if shiftable(one))
+    if poses is None:
+        poses = any(one.name == "rotation_delay" for one in mended)
+    if not poses:
+        mended = tuple(one for one in mended if not _late_pose(one))
     channels = dict(experiment.channels)
     for one in mended:
         for key, channel in channels.items():
@@ -104,7 +110,9 @@ def _late_pose(one: Finding) -> bool:
     return one.name == "pose_delay" and (one.value or 0.0) > 0.0
 
 
-def on_one_clock(recordings: Sequence[Experiment], robot: Robot, seed: int = 0, poses: bool = True) -> list[Aligned]:
+def on_one_clock(
+    recordings: Sequence[Experiment], robot: Robot, seed: int = 0, poses: bool | None = True
+) -> list[Aligned]:
     """Several recordings, each `aligned` by itself."""
     return [aligned(one, robot, seed, poses) for one in recordings]
 

@@ -72,6 +72,17 @@ def test_a_late_pose_may_be_left_to_the_model_and_an_early_one_may_not() -> None
     assert [one.name for one in aligned(early, robot, poses=False).mended] == ["pose_delay"]
 
 
+def test_a_late_pose_is_not_left_behind_by_rotations_that_are_shifted() -> None:
+    """Both are late against the gyroscope: shifted are both, or the pose would be later against the rotations."""
+    robot, alone = logged(Logger(delays={"ground_truth_odom": 0.25}), 5)
+    assert not aligned(alone, robot, poses=None).mended
+    robot, both = logged(Logger(delays={"ground_truth_odom": 0.3, "motor_torques": 0.15}, polled=0.0), 5)
+    found = aligned(both, robot, poses=None)
+    assert {one.name for one in found.mended} == {"rotation_delay", "pose_delay"}
+    turn = compare_streams(found.experiment).turn
+    assert abs(turn.value) < abs(compare_streams(aligned(both, robot, poses=False).experiment).turn.value)
+
+
 def test_intervals_are_drawn_from_the_callers_seed() -> None:
     robot, raw = logged(Logger(delays={"imu": 0.15}), 8)
     one, same, other = (compare_streams(raw, seed).gyro for seed in (1, 1, 2))
