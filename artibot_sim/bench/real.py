@@ -189,8 +189,9 @@ ARTIBOT: dict[str, tuple[tuple[str, str], ...]] = {
     "artibot, soil only": (),
     "artibot, wheels resisted": _RESISTED,
     "artibot, wheels resisted, timing": (*_RESISTED, ("effects.pose_delay.delay", "0.1±0.1")),
+    "artibot, wheels resisted, radius": (*_RESISTED, ("wheel.r_w", "")),
 }
-"""Artibot's own model → what is fitted beside the soil, with its prior."""
+"""Artibot's own model → what is fitted beside the soil, with its prior; that of the robot file where it says nothing."""
 
 
 def fit_artibot(part: Part, robot: Robot, beside: Sequence[tuple[str, str]]) -> Work:
@@ -198,7 +199,7 @@ def fit_artibot(part: Part, robot: Robot, beside: Sequence[tuple[str, str]]) -> 
     from artibot_sim.identify import identify, parse_priors
     from artibot_sim.identify.run import SOIL
 
-    priors = parse_priors([f"{name}={prior}" for name, prior in beside])
+    priors = parse_priors([f"{name}={prior}" for name, prior in beside if prior])
     return identify(
         list(part.experiments), robot, fit=[*SOIL, *(name for name, _ in beside)], priors=priors, window=HORIZON
     )
