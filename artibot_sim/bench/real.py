@@ -185,11 +185,19 @@ def fit_regressor(windows: DrivenWindows, robot: Robot) -> Predictor:
 
 
 _RESISTED = (("effects.wheel_resistance.share", "0.2±0.2"), ("effects.pose_lever_arm.x", "0±0.15"))
+_LATE = ("effects.pose_delay.delay", "0.1±0.1")
+_SIDES = (
+    ("wheel.r_w", ""),
+    ("effects.wheel_radius_mismatch.relative", "0±0.02"),
+    ("effects.pose_lever_arm.y", "0±0.15"),
+)
+"""What loaded tyres and a tracked point beside the middle make of a robot's geometry."""
 ARTIBOT: dict[str, tuple[tuple[str, str], ...]] = {
     "artibot, soil only": (),
     "artibot, wheels resisted": _RESISTED,
-    "artibot, wheels resisted, timing": (*_RESISTED, ("effects.pose_delay.delay", "0.1±0.1")),
-    "artibot, wheels resisted, radius": (*_RESISTED, ("wheel.r_w", "")),
+    "artibot, wheels resisted, timing": (*_RESISTED, _LATE),
+    "artibot, wheels resisted, sides": (*_RESISTED, *_SIDES),
+    "artibot, wheels resisted, sides, timing": (*_RESISTED, *_SIDES, _LATE),
 }
 """Artibot's own model → what is fitted beside the soil, with its prior; that of the robot file where it says nothing."""
 
