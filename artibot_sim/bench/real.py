@@ -185,7 +185,7 @@ def fit_regressor(windows: DrivenWindows, robot: Robot) -> Predictor:
 
 
 _RESISTED = (("effects.wheel_resistance.share", "0.2±0.2"), ("effects.pose_lever_arm.x", "0±0.15"))
-_LATE = ("effects.pose_delay.delay", "0.1±0.1")
+_LATE = ("effects.pose_delay.delay", "")
 _SIDES = (
     ("wheel.r_w", ""),
     ("effects.wheel_radius_mismatch.relative", "0±0.02"),
@@ -199,18 +199,21 @@ ARTIBOT: dict[str, tuple[tuple[str, str], ...]] = {
     "artibot, wheels resisted, sides": (*_RESISTED, *_SIDES),
     "artibot, wheels resisted, sides, timing": (*_RESISTED, *_SIDES, _LATE),
 }
-"""Artibot's own model → what is fitted beside the soil, with its prior; that of the robot file where it says nothing."""
+"""Artibot's own model → what is fitted beside the soil, with its prior; where there is none, that of the robot file, and
+of a delay what ICR with timing has fitted to the same part."""
+_DELAY = 0.1
+"""s to which that is known."""
 
 
-def fit_artibot(part: Part, robot: Robot, beside: Sequence[tuple[str, str]]) -> Work:
-    """The soil, and what else is asked for, identified from a part."""
+def fit_artibot(part: Part, robot: Robot, beside: Sequence[tuple[str, str]], rolling: Kinematic) -> Work:
+    """The soil, and what else is asked for, identified from a part to which `rolling` was fitted."""
     from artibot_sim.identify import identify, parse_priors
     from artibot_sim.identify.run import SOIL
 
-    priors = parse_priors([f"{name}={prior}" for name, prior in beside if prior])
-    return identify(
-        list(part.experiments), robot, fit=[*SOIL, *(name for name, _ in beside)], priors=priors, window=HORIZON
-    )
+    late = {_LATE[0]: f"{max(rolling.delay, STEP):.3g}±{_DELAY}"}
+    given = [f"{name}={prior or late.get(name)}" for name, prior in beside if prior or name in late]
+    fit = [*SOIL, *(name for name, _ in beside)]
+    return identify(list(part.experiments), robot, fit=fit, priors=parse_priors(given), window=HORIZON)
 
 
 def predict_artibot(robot: Robot, part: Part, rolling: Kinematic) -> Array:
@@ -357,7 +360,7 @@ def fit_model(model: str, part: Part, robot: Robot) -> Fitted:
         trees = fit_regressor(windows, robot)
         return lambda other: trees(other.windows), ""
     rolling = fit_kinematic(windows, robot, FREE["ICR with timing"])
-    work = fit_artibot(part, robot, ARTIBOT[model])
+    work = fit_artibot(part, robot, ARTIBOT[model], rolling)
     values = ", ".join(f"{e.name} {e.value:.3g} ({e.ci95[0]:.3g} … {e.ci95[1]:.3g})" for e in work.result.estimates)
     late = as_recorded(work.result.robot, work.shifts)
     return lambda other: predict_artibot(late, other, rolling), values
