@@ -199,8 +199,9 @@ ARTIBOT: dict[str, tuple[tuple[str, str], ...]] = {
     "artibot, wheels resisted, sides": (*_RESISTED, *_SIDES),
     "artibot, wheels resisted, sides, timing": (*_RESISTED, *_SIDES, _LATE),
 }
-"""Artibot's own model → what is fitted beside the soil, with its prior; where there is none, that of the robot file, and
-of a delay what ICR with timing has fitted to the same part."""
+"""Artibot's own model → what is fitted beside the soil, with its prior.
+
+Where there is none it is that of the robot file, and of a delay what ICR with timing has fitted to the same part."""
 _DELAY = 0.1
 """s to which that is known."""
 

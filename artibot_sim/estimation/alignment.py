@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.estimation.checks.findings import Finding, compare_streams, findings
+from artibot_sim.estimation.checks.findings import Finding, compare_streams, findings, leaps_of
+from artibot_sim.estimation.streams import segments_of
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.model import Robot
 
@@ -16,6 +17,10 @@ SHIFTED = ("rotation_delay", "gyro_delay", "pose_delay")
 """Findings that say by how much stamps are off,"""
 SCALED = "clock_skew"
 """and the one that says how that drifts."""
+LEAPS = "pose_leap"
+"""The finding that says where poses have no relation to those before."""
+SHORTEST = 2.0
+"""s between two leaps that are worth keeping."""
 EARLY = 0.1
 """s by which rotations must be early, at the least that the interval allows, before their stamps are shifted: tyres and
 wheels that answer late look alike. Rotations that are late cannot be the rover's own doing."""
@@ -68,13 +73,31 @@ def aligned(experiment: Experiment, robot: Robot, seed: int = 0, poses: bool | N
         poses = any(one.name == "rotation_delay" for one in mended)
     if not poses:
         mended = tuple(one for one in mended if not _late_pose(one))
+    mended += tuple(one for one in found if one.name == LEAPS)
     channels = dict(experiment.channels)
     for one in mended:
+        if one.name == LEAPS:
+            continue
         for key, channel in channels.items():
             if channel.topic == one.topic:
                 channels[key] = _mended(channel, one, 0.5 * experiment.duration)
     rest = tuple(one for one in found if one not in mended)
-    return Aligned(replace(experiment, channels=channels) if mended else experiment, mended, rest)
+    if not mended:
+        return Aligned(experiment, mended, rest)
+    experiment = replace(experiment, channels=channels)
+    return Aligned(replace(experiment, segments=_cut_at_leaps(experiment, robot)), mended, rest)
+
+
+def _cut_at_leaps(experiment: Experiment, robot: Robot) -> tuple[tuple[float, float], ...]:
+    """Segments that end where a pose leaps: it has no relation to the one before. Short pieces are left out."""
+    leaps = leaps_of(segments_of(experiment), robot)
+    found: list[tuple[float, float]] = []
+    for first, last in experiment.segments:
+        inside = [(before, after) for before, after, _ in leaps if first <= before < last]
+        begins, ends = [first, *(after for _, after in inside)], [*(before for before, _ in inside), last]
+        pieces = list(zip(begins, ends, strict=True))
+        found += [(a, b) for a, b in pieces if b - a >= SHORTEST] if inside else pieces
+    return tuple(found) or experiment.segments
 
 
 def shiftable(one: Finding) -> bool:
@@ -133,6 +156,8 @@ def what_was_mended(timed: Sequence[Aligned]) -> list[str]:
 
 def _mend(was: Finding) -> str:
     size = float(was.value or 0.0)
+    if was.name == LEAPS:
+        return f"the recording was cut there, pieces shorter than {SHORTEST:g} s were left out,"
     return f"that drift was taken off {was.topic}" if was.name == SCALED else f"stamps were shifted by {-size:+.2f} s"
 
 

@@ -10,8 +10,9 @@ from bag_helpers import foreign
 from estimation.logger import FLAWS, Logger, age, drive, recorded, robot_of
 
 from artibot_sim.estimation.alignment import aligned, restamped, what_is_left, what_was_mended
-from artibot_sim.estimation.checks.findings import compare_streams
+from artibot_sim.estimation.checks.findings import compare_streams, leaps_of
 from artibot_sim.estimation.checks.wheels import clock_faults
+from artibot_sim.estimation.streams import segments_of
 from artibot_sim.experiment import read_bag
 from artibot_sim.identify import identify
 from artibot_sim.model import load_robot
@@ -81,6 +82,20 @@ def test_a_late_pose_is_not_left_behind_by_rotations_that_are_shifted() -> None:
     assert {one.name for one in found.mended} == {"rotation_delay", "pose_delay"}
     turn = compare_streams(found.experiment).turn
     assert abs(turn.value) < abs(compare_streams(aligned(both, robot, poses=False).experiment).turn.value)
+
+
+@pytest.mark.parametrize("late", [0.0, 0.25])
+def test_a_recording_is_cut_where_its_pose_leaps(late: float) -> None:
+    """No piece holds a leap, also where poses were shifted, and hardly anything is lost."""
+    robot, raw = logged(replace(FLAWS["pose_leap"], delays={"ground_truth_odom": late}), 7)
+    assert leaps_of(segments_of(raw), robot)
+    found = aligned(raw, robot)
+    assert ("pose_delay" in {one.name for one in found.mended}) == bool(late)
+    assert not leaps_of(segments_of(found.experiment), robot)
+    assert "pose_leap" not in {one.name for one in aligned(found.experiment, robot).mended}
+    lasted = [sum(b - a for a, b in one.segments) for one in (raw, found.experiment)]
+    assert lasted[1] > 0.9 * lasted[0]
+    assert any("the recording was cut there" in said for said in what_was_mended([found]))
 
 
 def test_intervals_are_drawn_from_the_callers_seed() -> None:

@@ -246,10 +246,26 @@ def _set_points(of: Streams) -> Iterator[Finding]:
 
 
 def _leaps(of: Streams, robot: Robot) -> Iterator[Finding]:
+    leaps = leaps_of(of.segments, robot)
+    if leaps:
+        when = ", ".join(f"{after:.1f}" for _, after, _ in leaps[:4]) + (" …" if len(leaps) > 4 else "")
+        yield Finding(
+            "pose_leap", of.pose_topic, float(len(leaps)), None, "-",
+            f"{of.pose_topic} leaps {len(leaps)} time{'s' if len(leaps) > 1 else ''}, "
+            f"by up to {max(step for *_, step in leaps):.2g} m",
+            f"at {when} s it moves farther than the wheels' rims",
+            "leave those windows out; the localisation lost its place there",
+        )  # fmt: skip
+
+
+def leaps_of(segments: Sequence[Segment], robot: Robot) -> list[tuple[float, float, float]]:
+    """Where a pose moves farther than the wheels' rims: the times before and after (s), and by how much (m).
+
+    None where it does so all the time: then units or robot are wrong.
+    """
     rim = robot.wheel.r_w * robot.drive.front.tau
-    at: list[float] = []
-    farthest = 0.0
-    for segment in of.segments:
+    found: list[tuple[float, float, float]] = []
+    for segment in segments:
         points, wheels = segment.points, segment.wheels
         if points is None or len(points.t) < 3:
             continue
@@ -258,18 +274,10 @@ def _leaps(of: Streams, robot: Robot) -> Iterator[Finding]:
         noise = 8.0 * float(np.median(step)) if wheels is None else 0.0
         over = step - np.maximum(rolled * UNIT_SAID, noise) - _LEAP
         moved = step > 4.0 * np.median(step) if len(step) > 20 else np.ones(len(step), bool)
-        rows = np.flatnonzero((over > 0.0) & moved & (dt < 1.0))
-        at += points.t[rows].tolist()
-        farthest = max(farthest, float(step[rows].max(initial=0.0)))
-    total = sum(len(s.points.t) for s in of.segments if s.points is not None)
-    if at and len(at) < max(0.02 * total, 3):
-        when = ", ".join(f"{t:.1f}" for t in at[:4]) + (" …" if len(at) > 4 else "")
-        yield Finding(
-            "pose_leap", of.pose_topic, float(len(at)), None, "-",
-            f"{of.pose_topic} leaps {len(at)} time{'s' if len(at) > 1 else ''}, by up to {farthest:.2g} m",
-            f"at {when} s it moves farther than the wheels' rims",
-            "leave those windows out; the localisation lost its place there",
-        )  # fmt: skip
+        for i in np.flatnonzero((over > 0.0) & moved & (dt < 1.0)).tolist():
+            found.append((float(points.t[i]), float(points.t[i + 1]), float(step[i])))
+    total = sum(len(s.points.t) for s in segments if s.points is not None)
+    return found if len(found) < max(0.02 * total, 3) else []
 
 
 def _rolled(wheels: Sums, begin: Array, end: Array) -> Array:
