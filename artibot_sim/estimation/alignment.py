@@ -1,4 +1,7 @@
-"""The streams of a recording on one clock: stamps that are late or early are shifted before anything is fitted."""
+"""The streams of a recording on one clock: stamps that are late or early are shifted before anything is fitted.
+
+So is a gyroscope that is upside down turned, and a recording cut where its pose leaps.
+"""
 
 from __future__ import annotations
 
@@ -19,6 +22,8 @@ SCALED = "clock_skew"
 """and the one that says how that drifts."""
 LEAPS = "pose_leap"
 """The finding that says where poses have no relation to those before."""
+FLIPPED = "gyro_flip"
+"""and the one that the gyroscope is upside down, which its own rate shows."""
 SHORTEST = 2.0
 """s between two leaps that are worth keeping."""
 EARLY = 0.1
@@ -38,7 +43,7 @@ class Aligned:
     experiment : Experiment
         With the stamps shifted.
     mended : tuple of Finding
-        What was wrong with its stamps, and is not any more.
+        What was wrong with it, and is not any more.
     found : tuple of Finding
         What else is wrong with it, the serious first.
     """
@@ -73,7 +78,7 @@ def aligned(experiment: Experiment, robot: Robot, seed: int = 0, poses: bool | N
         poses = any(one.name == "rotation_delay" for one in mended)
     if not poses:
         mended = tuple(one for one in mended if not _late_pose(one))
-    mended += tuple(one for one in found if one.name == LEAPS)
+    mended += tuple(one for one in found if one.name in (LEAPS, FLIPPED))
     channels = dict(experiment.channels)
     for one in mended:
         if one.name == LEAPS:
@@ -113,8 +118,10 @@ def shiftable(one: Finding) -> bool:
 
 
 def _mended(channel: Channel, was: Finding, middle: float) -> Channel:
-    """A channel with the stamps that it should have; a drift leaves them as they are at `middle`, s."""
+    """A channel with the stamps or the sign that it should have; a drift leaves stamps as they are at `middle`, s."""
     size = float(was.value or 0.0)
+    if was.name == FLIPPED:
+        return replace(channel, columns={**channel.columns, "yaw_rate": -channel["yaw_rate"]})
     if was.name == SCALED:
         return restamped(channel, channel.t - 1e-6 * size * (channel.t - middle))
     return restamped(channel, channel.t - size)
@@ -147,7 +154,7 @@ def mean_shifts(timed: Sequence[Aligned]) -> dict[str, float]:
 
 
 def what_was_mended(timed: Sequence[Aligned]) -> list[str]:
-    """Sentences on the stamps that were shifted or scaled."""
+    """Sentences on what was mended: stamps shifted or scaled, signs turned, leaps cut out."""
     return [
         f"{one.experiment.name}: {was.text} ({was.evidence}); {_mend(was)} before anything was fitted"
         for one in timed for was in one.mended
@@ -156,6 +163,8 @@ def what_was_mended(timed: Sequence[Aligned]) -> list[str]:
 
 def _mend(was: Finding) -> str:
     size = float(was.value or 0.0)
+    if was.name == FLIPPED:
+        return "its sign was turned"
     if was.name == LEAPS:
         return f"the recording was cut there, pieces shorter than {SHORTEST:g} s were left out,"
     return f"that drift was taken off {was.topic}" if was.name == SCALED else f"stamps were shifted by {-size:+.2f} s"

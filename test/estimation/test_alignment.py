@@ -84,6 +84,14 @@ def test_a_late_pose_is_not_left_behind_by_rotations_that_are_shifted() -> None:
     assert abs(turn.value) < abs(compare_streams(aligned(both, robot, poses=False).experiment).turn.value)
 
 
+def test_a_gyroscope_that_is_upside_down_is_turned() -> None:
+    robot, raw = logged(FLAWS["gyro_flip"], 4)
+    found = aligned(raw, robot)
+    assert "gyro_flip" in {one.name for one in found.mended} and compare_streams(raw).gyro.coefficients[0] < 0.0
+    assert compare_streams(found.experiment).gyro.coefficients[0] > 0.9
+    assert any("upside down" in said and "its sign was turned" in said for said in what_was_mended([found]))
+
+
 @pytest.mark.parametrize("late", [0.0, 0.25])
 def test_a_recording_is_cut_where_its_pose_leaps(late: float) -> None:
     """No piece holds a leap, also where poses were shifted, and hardly anything is lost."""
