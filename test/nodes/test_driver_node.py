@@ -505,7 +505,7 @@ def test_two_drives_with_one_id_are_named_in_the_log(start_node: Any, channel: s
     with drives_on("remote", channel):
         driver = start_node("driver", "--channel", channel, *PATIENT)
         driver.wait_for("every answer comes twice: a second node has the id 1", 60.0)
-        driver.stop()
+        assert driver.stop() == 0, "it ends in good order, though it never came to drive"
 
 
 def shares_memory(pid: int) -> bool:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 from diagnose.hidden import case
+from diagnose.searches import remember_stages
 
 from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.pipeline import every_window
@@ -17,8 +16,7 @@ from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.selection import stepwise
 from artibot_sim.diagnose.selection.every_window import EveryWindow
 from artibot_sim.diagnose.selection.joint_fits import Rounds
-from artibot_sim.estimation.problem import Problem
-from artibot_sim.estimation.search import Effort, Fit
+from artibot_sim.estimation.search import Effort
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.run import best_fit
@@ -29,16 +27,7 @@ DRIVE = {"runs": 2, "held_out": 0, "duration": 20.0, "manoeuvres": ("eight", "st
 
 def test_what_half_of_the_windows_are_too_few_for_is_named_by_all(monkeypatch: pytest.MonkeyPatch) -> None:
     """An effect is asked for more nats than half of the windows give, and less than all of them do."""
-    searched: dict[tuple[object, ...], tuple[stepwise.Stage, Problem, Fit]] = {}
-
-    def remembered(problem: Problem, fit: Fit, loss: Any, named: Sequence[str], *rest: Any) -> stepwise.Stage:
-        key = id(problem), id(fit), tuple(named)
-        if key not in searched:
-            searched[key] = found_by(problem, fit, loss, named, *rest), problem, fit
-        return searched[key][0]
-
-    found_by = stepwise.stage
-    monkeypatch.setattr(stepwise, "stage", remembered)
+    remember_stages(monkeypatch)
     hidden = case(("joint_damping",), seed=31, **DRIVE)
     robot, options = load_robot("agriq"), Options()
     whole = every_window(hidden.recordings, robot, options)

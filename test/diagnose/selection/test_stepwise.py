@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+from collections.abc import Collection, Mapping
 
 import numpy as np
 import pytest
 from diagnose.hidden import case
+from diagnose.searches import remember_stages
 
 from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.conclusion import HeldOut, concluded
@@ -20,7 +20,6 @@ from artibot_sim.diagnose.selection.evidence import Evidence, Other
 from artibot_sim.diagnose.selection.ranking import ranking
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import SOIL
-from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.estimation.windows import CHANNEL_NAMES
@@ -42,17 +41,7 @@ def test_an_effect_that_the_next_one_makes_up_for_is_dropped(monkeypatch: pytest
     ) -> Named | None:  # fmt: skip
         return asked(evidence, fitted, from_commands, least, thresholds, without or (truth,))
 
-    searched: dict[tuple[object, ...], tuple[stepwise.Stage, Problem, Fit]] = {}
-
-    def remembered(problem: Problem, fit: Fit, loss: Loss, named: Sequence[str], *rest: Any) -> stepwise.Stage:
-        """Both begin with the same search, which is made once."""
-        key = id(problem), id(fit), tuple(named)
-        if key not in searched:
-            searched[key] = found_by(problem, fit, loss, named, *rest), problem, fit
-        return searched[key][0]
-
-    found_by = stepwise.stage
-    monkeypatch.setattr(stepwise, "stage", remembered)
+    remember_stages(monkeypatch)
     hidden = case((truth,), seed=31, **DRIVE)
     robot, options = load_robot("agriq"), Options()
     problem, fit = baseline(hidden.recordings, robot, options)
