@@ -160,8 +160,9 @@ def advice(
     """What to drive, from where, and what that is expected to tell `apart`, by so many nats."""
     where = f", starting at x = {place[0]:.1f} m, y = {place[1]:.1f} m" if place != (0.0, 0.0) else ""
     sure = "" if nats >= ENOUGH else "; the best of the library, yet hardly enough to be sure"
+    sharing = f", kappa {KAPPA:g}" if robot.articulated else ""  # a rigid robot has no back motors to share with
     said = (
-        f"Drive {entry.what} ({duration(entry, robot):.0f} s, kappa {KAPPA:g}){where}: "
+        f"Drive {entry.what} ({duration(entry, robot):.0f} s{sharing}){where}: "
         f"expected to tell {apart} by {nats:.0f} nats{sure}."
     )
     return NextExperiment(said, entry.name, tuple(names), float(nats))
