@@ -14,7 +14,7 @@ BLOCK = 12.0
 """s of a block: long beside what follows from one command, short beside a change of the ground or of the load."""
 _APART = 1e-4
 """s."""
-HELD_OUT = " (other blocks)"
+HELD_OUT = " (rest)"
 """What is added to the name of the part that is held out."""
 
 
