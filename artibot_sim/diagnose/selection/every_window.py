@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.candidates.hypotheses import without_effect
 from artibot_sim.diagnose.selection.evidence import Evidence, evidence
-from artibot_sim.diagnose.selection.joint_fits import Rival, Rounds, adopted, excess_of
+from artibot_sim.diagnose.selection.joint_fits import Rival, Rounds, adopted, contained, excess_of
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge, restarted_windows
@@ -62,7 +62,8 @@ class EveryWindow:
         """The evidence of effects that were fitted to the searched windows, over all of them; and the baseline there.
 
         The baseline is fitted from each effect's soil and starts as well, and each takes over starts from the other,
-        as in the search: only what an effect itself adds is its evidence.
+        as in the search: only what an effect itself adds is its evidence. What fits the searched windows by chance
+        begins again at neutral where all windows are explained worse with it.
 
         Parameters
         ----------
@@ -87,6 +88,7 @@ class EveryWindow:
         ]
         least = min(found, key=lambda rival: rival.fit.point.cost)
         best = adopted(every, best, least.problem, least.fit, rounds)
+        found = side_by_side(lambda rival: contained(rival, best, rounds), found, workers)
         excess = excess_of(every, best, found, number=named)
         costs = [best.point.cost - one for one in excess]
         return side_by_side(lambda one: evidence(*one), list(zip(found, costs, strict=True)), workers), (every, best)

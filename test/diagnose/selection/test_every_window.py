@@ -9,14 +9,17 @@ import pytest
 from diagnose.hidden import case
 from diagnose.searches import remember_stages
 
+from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, with_effect
+from artibot_sim.diagnose.candidates.screening import Trial
 from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.pipeline import every_window
 from artibot_sim.diagnose.policy import TRUST, Thresholds
 from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.selection import stepwise
 from artibot_sim.diagnose.selection.every_window import EveryWindow
-from artibot_sim.diagnose.selection.joint_fits import Rounds
-from artibot_sim.estimation.search import Effort
+from artibot_sim.diagnose.selection.joint_fits import Rival, Rounds
+from artibot_sim.diagnose.sizes import sized
+from artibot_sim.estimation.search import Effort, converge
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.run import best_fit
@@ -72,3 +75,21 @@ def test_a_fit_is_carried_with_its_noise_and_its_starts() -> None:
     starts[list(every.rows)] = fit.point.starts
     begun = evaluate(problem, fit.loss, [fit.point.coordinates], starts)[0]
     assert carried.point.cost <= begun.cost
+
+
+def test_no_effect_is_worse_than_none_over_all_windows() -> None:
+    """What fits the searched windows by chance may not fit the others; with the effect at neutral it does."""
+    hidden = case((), seed=31, **(DRIVE | {"duration": 10.0}))
+    robot = load_robot("agriq")
+    whole = every_window(hidden.recordings, robot, Options()).problem
+    every = EveryWindow(whole, range(0, len(whole), 2))
+    part, fit = best_fit(every.problem.part(every.rows), Effort(), lambda: None, TRUST)
+    loss = replace(fit.loss, firm=True)
+    extension = sized("joint_friction", robot)
+    more = with_effect(part, extension)
+    far = evaluate(more, loss, [np.append(fit.point.coordinates, 3.0)], part.starts)[0]
+    begun = replace(converge(more, far, loss, 1), point=far)
+    rival = Rival(Trial(Hypothesis(extension), more, far, np.ones(1)), begun)
+    (found,), (_, best) = every.evidence(part, replace(fit, loss=loss), [rival], 0, replace(Rounds(), many=1, few=1))
+    assert found.gained >= 0.0
+    assert best.point.cost <= every.carried(part, replace(fit, loss=loss), 1)[1].point.cost
