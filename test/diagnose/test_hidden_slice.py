@@ -1,6 +1,7 @@
-"""Hidden effects found in real bags by the command: a slice of the campaign that a test run has time for.
+"""Hidden effects found: a slice of the campaign that a test run has time for. One is found in real bags by the command.
 
-Beside it stand tyre_relaxation (test_tyre_relaxation.py) and what others recorded (test_elsewhere.py).
+Beside it stand tyre_relaxation (test_tyre_relaxation.py), what others recorded (test_elsewhere.py: speed_loop_lag,
+slope, joint_friction, nothing) and all of the campaign (``make diagnose-campaign``).
 """
 
 from __future__ import annotations
@@ -10,24 +11,23 @@ from dataclasses import asdict
 import pytest
 from diagnose.hidden import case
 from diagnose.hidden.score import score
-from diagnose.hidden.work import command_line
+from diagnose.hidden.work import Diagnose, command_line, in_memory
 
 SMALL = {"runs": 2, "held_out": 1, "duration": 14.0, "manoeuvres": ("eight", "stop_and_go", "slalom")}
 
 
 def test_nothing_is_named_where_nothing_is_hidden():
-    result = score(command_line(case((), seed=23, **SMALL)), {"effects": {}, "unlisted": {}, "idle": {}})
+    result = score(in_memory(case((), seed=23, **SMALL)), {"effects": {}, "unlisted": {}, "idle": {}})
     assert result.answer == "none", result
 
 
 @pytest.mark.parametrize(
-    ("effect", "seed"),
-    [("speed_loop_lag", 21), ("back_friction", 26), ("motor_drag", 27)],
+    ("effect", "seed", "way"), [("back_friction", 26, in_memory), ("motor_drag", 27, command_line)]
 )
-def test_what_is_hidden_is_named(effect, seed):
-    """What only commands show, a force, and one of a single motor; of sensors see below."""
+def test_what_is_hidden_is_named(effect: str, seed: int, way: Diagnose):
+    """A force, and one of a single motor; of what only commands show and of sensors see below."""
     found = case((effect,), seed=seed, **SMALL)
-    result = score(command_line(found), asdict(found.truth))
+    result = score(way(found), asdict(found.truth))
     assert result.answer == effect, result
     assert all(error < 0.15 for error in result.errors.values()), result
 
@@ -35,7 +35,7 @@ def test_what_is_hidden_is_named(effect, seed):
 def test_a_limit_of_commands_and_a_wheel_out_of_round_are_both_named():
     """One shows between commands and speeds, the other between rotations and motion: neither takes from the other."""
     found = case(("command_rate_limit", "wheel_runout"), seed=28, **SMALL)
-    answer = command_line(found)
+    answer = in_memory(found)
     assert [cause["effect"] for cause in answer["causes"]] == ["command_rate_limit", "wheel_runout"]
     result = score(answer, asdict(found.truth))
     assert all(error < 0.05 for error in result.errors.values()), result
@@ -45,7 +45,7 @@ def test_a_limit_of_commands_and_a_wheel_out_of_round_are_both_named():
 def test_errors_of_two_sensors_are_named_beside_each_other():
     """What the first one leaves in the yaw rates is as slow as a bias is: taken for noise, nothing would be named."""
     found = case(("gyro_bias", "encoder_scale"), 3.0, seed=31, **SMALL)
-    answer = command_line(found)
+    answer = in_memory(found)
     assert {cause["effect"] for cause in answer["causes"]} == set(found.truth.effects)
     result = score(answer, asdict(found.truth))
     assert all(error < 0.05 for error in result.errors.values()), result
