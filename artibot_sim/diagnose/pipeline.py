@@ -47,6 +47,7 @@ from artibot_sim.diagnose.selection.ranking import ranking
 from artibot_sim.diagnose.selection.stepwise import decide
 from artibot_sim.diagnose.unlisted.finding import unexplained_of
 from artibot_sim.diagnose.unlisted.fitting import FittedLaws, fitted_laws
+from artibot_sim.diagnose.validation.error_budget import error_budget
 from artibot_sim.diagnose.validation.explainable import explainable, model_of
 from artibot_sim.diagnose.validation.predictions import (
     Pair,
@@ -247,6 +248,23 @@ def with_explainable(result: Diagnosis, assessed: Assessment, residual: bool, op
     if residual and any(one.better for one in found.values()):
         model = model_of(some, assessed.predicted, assessed.extended, result.horizon, result.seed)
     return replace(result, explainable=found, residual=model)
+
+
+def with_budget(result: Diagnosis, decision: Decision, assessed: Assessment, options: Options) -> Diagnosis:
+    """Add to a result which part of the error on held-out recordings is what, and what varies."""
+    held = [one for one in assessed.predicted if one.experiment.name in result.holdout]
+    if assessed.laws is not None:
+        problem, fit = assessed.laws.problem, assessed.laws.fit
+    elif decision.named:
+        problem, fit = decision.problem, decision.fit
+    else:
+        problem, fit = decision.neutral_problem, decision.neutral_fit
+    try:
+        with until(time.perf_counter() + options.left):
+            budget, varies = error_budget(problem, fit, held, result.gain, result.explainable, result.seed)
+    except TimeIsUp:
+        return _without(result, "which part of the error is what")
+    return replace(result, error_budget=budget, varies=varies)
 
 
 def _untried(decision: Decision) -> list[str]:
@@ -516,6 +534,7 @@ def diagnose(
     result = result_of(robot, fitted, held, found, assessed, options, what_is_left(timed))
     result = _with_predictors(result, held, _models(robot, result, decision), decision.neutral_problem, options)
     result = with_explainable(result, assessed, residual, options)
+    result = with_budget(result, found.decision, assessed, options)
     result = replace(result, warnings=(*what_was_mended([*timed, *later]), *result.warnings))
     ticks.done()
     return replace(result, seconds=parts.elapsed)

@@ -130,6 +130,16 @@ WORTH_LEARNING = Number(
     "surely below 1) something better is said to be possible", "python -m pytest test/diagnose/validation",
 )  # fmt: skip
 
+VARIES_NATS = Number(
+    6.0, "nats", "what a spread of a parameter from window to window gains at least on fitted windows; held-out ones "
+    "must surely gain as well", "python -m pytest test/estimation/test_variation.py",
+)  # fmt: skip
+
+VARIES_SHARE = Number(
+    0.1, "–", "share of the held-out error left in a channel that a parameter's spread accounts for at least, or it is "
+    "not said to vary", "python -m pytest test/diagnose/validation/test_error_budget.py",
+)  # fmt: skip
+
 FORCE_NATS = Number(
     30.0, "nats", "what a force on no list gains at least on windows it was not fitted to", FORCES,
     "no: it is asked for only where more than noise is left, which nothing hidden never did; of 24 such cases one has "

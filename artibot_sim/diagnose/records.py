@@ -238,6 +238,65 @@ class ChannelGain:
 
 
 @dataclass(frozen=True)
+class Varies:
+    """A parameter that has another value in each window: ground that is not the same everywhere.
+
+    Attributes
+    ----------
+    effect : str
+        Id of the effect whose parameter it is; empty for soil.
+    parameter : str
+        Its name, as in tables.
+    spread : float
+        Standard deviation over its value.
+    between : (float, float)
+        Values one standard deviation below and above, SI.
+    holdout_nats : float
+        By how much held-out windows are likelier with this spread than with none and noise of any size.
+    ci95 : (float, float)
+        Of that.
+    ties : tuple of str
+        Parameters whose spread would explain the windows as well.
+    """
+
+    effect: str
+    parameter: str
+    spread: float
+    between: tuple[float, float]
+    holdout_nats: float
+    ci95: tuple[float, float]
+    ties: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ErrorBudget:
+    """Shares of the squared error of held-out predictions by the paper's model, one channel; 1 in sum.
+
+    Attributes
+    ----------
+    explained : float
+        What the extended model takes away.
+    sensors : float
+        Noise of the measurements, were their stamps right.
+    timing : float
+        What stamps that jitter add while the robot moves.
+    ground_varies : float
+        What a parameter that differs from window to window gives: no model predicts it.
+    learnable : float
+        What a model without physics takes away: physics is missing.
+    unknown : float
+        The rest.
+    """
+
+    explained: float
+    sensors: float
+    timing: float
+    ground_varies: float
+    learnable: float
+    unknown: float
+
+
+@dataclass(frozen=True)
 class Explainable:
     """How much of one channel's error any model could explain: beside the final model's, that of one without physics.
 

@@ -18,6 +18,7 @@ from artibot_sim.diagnose.records import (
     ChannelBaseline,
     ChannelGain,
     Comparison,
+    ErrorBudget,
     Explainable,
     Found,
     Left,
@@ -26,6 +27,7 @@ from artibot_sim.diagnose.records import (
     Predictor,
     Series,
     Unexplained,
+    Varies,
     Verdict,
 )
 from artibot_sim.diagnose.remains import COMMANDED, beyond_noise
@@ -47,6 +49,7 @@ __all__ = [
     "ChannelGain",
     "Comparison",
     "Diagnosis",
+    "ErrorBudget",
     "Explainable",
     "Found",
     "Left",
@@ -103,6 +106,10 @@ class Diagnosis:
     explainable : mapping of str to Explainable
         How much of a channel's error any model could explain; empty where there is too little to learn from, or
         nothing to learn with.
+    varies : Varies or None
+        A parameter of the ground that differs from window to window, where held-out data surely say so.
+    error_budget : mapping of str to ErrorBudget
+        Where the squared error of held-out predictions comes from, by channel.
     residual : ResidualModel or None
         What was learned, where it was asked for and surely makes predictions better.
     """
@@ -132,6 +139,8 @@ class Diagnosis:
     predictors: tuple[Predictor, ...] = ()
     best: str = ""
     explainable: Mapping[str, Explainable] = field(default_factory=dict)
+    varies: Varies | None = None
+    error_budget: Mapping[str, ErrorBudget] = field(default_factory=dict)
     residual: ResidualModel | None = None
 
     def as_dict(self) -> dict[str, Any]:
@@ -145,7 +154,7 @@ class Diagnosis:
             "horizon": self.horizon,
             "baseline": {name: _numbers(vars(channel)) for name, channel in self.baseline.items()},
             "where": [vars(place) for place in self.where],
-            "causes": [_cause(cause) for cause in self.causes],
+            "causes": [_cause(cause, self.varies) for cause in self.causes],
             "unexplained": _unexplained_entry(self.unexplained) if self.unexplained else None,
             "gain": {name: _numbers(vars(channel)) for name, channel in self.gain.items()},
             "next_experiment": _numbers(vars(self.next_experiment)) if self.next_experiment else None,
@@ -160,6 +169,8 @@ class Diagnosis:
             "predictors": [_predictor(one) for one in self.predictors],
             "best": self.best,
             "explainable": {name: _numbers(vars(one)) for name, one in self.explainable.items()},
+            "varies": _numbers(vars(self.varies)) if self.varies else None,
+            "error_budget": {name: _numbers(vars(one)) for name, one in self.error_budget.items()},
         }
 
     @property
@@ -185,7 +196,7 @@ def _predictor(one: Predictor) -> dict[str, Any]:
     return {"name": one.name, "kinematic": one.kinematic, **{n: _numbers(vars(e)) for n, e in one.errors.items()}}
 
 
-def _cause(cause: Cause) -> dict[str, Any]:
+def _cause(cause: Cause, varies: Varies | None) -> dict[str, Any]:
     evidence = {
         "log10_bayes_factor": cause.log10_bayes_factor, "holdout_improvement": cause.holdout_improvement,
         "holdout_log10_likelihood": cause.holdout_log10_likelihood,
@@ -195,6 +206,7 @@ def _cause(cause: Cause) -> dict[str, Any]:
         "parameters": {name: _found(found) for name, found in cause.parameters.items()},
         "evidence": _numbers(evidence),
         "ties": list(cause.ties),
+        **({"varies": {"spread": varies.spread, "over": "window"}} if varies and varies.effect == cause.effect else {}),
     }
 
 
@@ -439,33 +451,39 @@ def explainable_words(found: Diagnosis) -> str:
         )
         said.append(f"{channel_words(name)}: noise {errors[0]} · this model {errors[1]} · {last}")
     minutes = number(next(iter(found.explainable.values())).seconds / 60.0, 2)
-    about = f"(predictions {found.horizon:g} s ahead, learned from {minutes} min)"
-    return f"{'; '.join(said)} {about}.{_parts_of_error(found)}"
+    return f"{'; '.join(said)} (predictions {found.horizon:g} s ahead, learned from {minutes} min)."
 
 
-def _parts_of_error(found: Diagnosis) -> str:
-    """Which part of the squared error is noise, which a better model could explain, and which could not be learned.
+_PARTS = {
+    "explained": "what is named takes away", "sensors": "noise of the sensor", "timing": "jitter of stamps",
+    "ground_varies": "ground that varies", "learnable": "learnable, so physics is missing", "unknown": "unknown",
+}  # fmt: skip
+"""Parts of an `ErrorBudget`, in words."""
 
-    Only of channels that err by clearly more than their noise.
-    """
+
+def budget_words(found: Diagnosis) -> str:
+    """Where the squared error of held-out predictions comes from, of channels that err by clearly more than noise."""
     said = []
-    for name, one in found.explainable.items():
-        if not one.noise * _WRONG.get(name, _WRONG_ELSEWHERE) < one.model:
+    for name, one in found.error_budget.items():
+        if not is_wrong(name, found.baseline[name]):
             continue
-        noise = (one.noise / one.model) ** 2
-        learned = min(1.0 - (one.learned / one.model) ** 2, 1.0 - noise) if one.better else 0.0
-        rest = 1.0 - noise - learned
-        said.append(f"{channel_words(name)} {_percent(noise)}, {_percent(learned)}, {_percent(rest)}")
-    if not said:
+        parts = [f"{100 * vars(one)[key]:.0f} % {words}" for key, words in _PARTS.items() if vars(one)[key] >= 0.005]
+        said.append(f"{channel_words(name)}: {', '.join(parts)}")
+    return f"of the squared error of held-out predictions, {'; '.join(said)}." if said else ""
+
+
+def varies_words(found: Diagnosis) -> str:
+    """That a parameter of the ground differs from window to window; empty where none does."""
+    one = found.varies
+    if one is None:
         return ""
+    what = " or ".join([f"{one.effect}.{one.parameter}" if one.effect else one.parameter, *one.ties])
+    low, high = (number(value) for value in one.between)
     return (
-        " Shares of the squared error that are noise of the sensor, that a better model could explain, and that could "
-        f"not be learned (ground that varies, slow errors of sensors, late stamps): {'; '.join(said)}."
+        f"{what}: another value in each window, by ±{100 * one.spread:.0f} % (two of three windows between {low} and "
+        f"{high}); held-out windows are likelier so by {number(one.holdout_nats, 2)} nats. No model predicts which "
+        "value comes next."
     )
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.0f} %"
 
 
 def _degrees(value: float) -> str:
@@ -714,7 +732,8 @@ def printed(found: Diagnosis) -> Any:
 
     parts: list[Any] = [Text(headline(found), style="bold"), Text(sureness(found))]
     parts += [Text(unnamed)] if (unnamed := not_named(found)) else []
-    parts += [Text(f"{limit[:1].upper()}{limit[1:]}")] if (limit := explainable_words(found)) else []
+    for more in (explainable_words(found), varies_words(found), budget_words(found)):
+        parts += [Text(f"{more[:1].upper()}{more[1:]}")] if more else []
     parts += [Text(""), *(Text(f"warning: {warning}") for warning in found.warnings)]
     parts += [Text("")] if found.warnings else []
     for table in (_ranking(found), _parameters(found), _gain(found), _predictors(found)):

@@ -119,7 +119,14 @@ def prior(problem: Problem, coordinates: Array) -> float:
 
 def reduce(problem: Problem, loss: Loss, residuals: Parts, sensitivity: Sensitivity, starts: Array) -> Reduced:
     """Eliminate every window's start by its Schur complement."""
-    weight, p = loss.weights(problem.samples, residuals.flat), len(sensitivity.parameters)
+    return eliminated(problem, loss.weights(problem.samples, residuals.flat), residuals, sensitivity, starts)[0]
+
+
+def eliminated(
+    problem: Problem, weight: Array, residuals: Parts, sensitivity: Sensitivity, starts: Array
+) -> tuple[Reduced, Array]:
+    """As `reduce` with the samples' weights (n,), and each window's weighted squares (windows,) at its best start."""
+    p = len(sensitivity.parameters)
     rows = np.concatenate([sensitivity.parameters, sensitivity.starts, residuals.flat[None]])
     weighted = rows * weight
     edges = problem.samples.begin.tolist()
@@ -132,7 +139,11 @@ def reduce(problem: Problem, loss: Loss, residuals: Parts, sensitivity: Sensitiv
     solved = np.linalg.solve(A / (scale[:, :, None] * scale[:, None, :]), right) / scale[:, :, None]
     matrices = sums[:, :p, :p] - B.transpose(0, 2, 1) @ solved[:, :, :-1]
     gradients = sums[:, :p, -1] - np.einsum("wsp,ws->wp", B, solved[:, :, -1])
-    return Reduced(matrices.sum(axis=0), gradients, matrices, solved)
+    away = starts - problem.starts
+    squares = (
+        sums[:, -1, -1] + np.einsum("wi,wij,wj->w", away, known, away) - np.einsum("wi,wi->w", g_s, solved[:, :, -1])
+    )
+    return Reduced(matrices.sum(axis=0), gradients, matrices, solved), squares
 
 
 def step(

@@ -20,6 +20,7 @@ from artibot_sim.diagnose.records import (
     ChannelBaseline,
     ChannelGain,
     Comparison,
+    ErrorBudget,
     Explainable,
     Found,
     Left,
@@ -29,6 +30,7 @@ from artibot_sim.diagnose.records import (
     Predictor,
     Series,
     Unexplained,
+    Varies,
     Verdict,
 )
 from artibot_sim.diagnose.result import SCHEMA, Diagnosis
@@ -220,6 +222,8 @@ def _from_dict(document: Mapping[str, Any], robot: Robot, baseline_robot: Robot,
         left={name: Left(**_floats(left)) for name, left in document.get("left", {}).items()},
         best=document.get("best", ""),
         explainable={name: Explainable(**_floats(one)) for name, one in document.get("explainable", {}).items()},
+        varies=Varies(**_floats(varies)) if (varies := document.get("varies")) else None,
+        error_budget={name: ErrorBudget(**_floats(one)) for name, one in document.get("error_budget", {}).items()},
     )
 
 
