@@ -15,7 +15,7 @@ from report.diagnosis_case import case
 
 from artibot_sim.cli import main
 from artibot_sim.diagnose import result
-from artibot_sim.diagnose.records import Candidate, ChannelBaseline, Explainable, Found, Unexplained, Verdict
+from artibot_sim.diagnose.records import Candidate, ChannelBaseline, ErrorBudget, Found, Unexplained, Varies, Verdict
 from artibot_sim.diagnose.result import Diagnosis
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot
@@ -123,14 +123,36 @@ def test_effects_beyond_the_dotted_line_have_their_reason_on_the_first_screen(ev
     assert "slope (" not in result.not_named(beside)
 
 
-def test_the_error_is_said_in_parts_that_make_a_hundred_per_cent(every: dict[Verdict, Diagnosis]) -> None:
-    known = Explainable("m", 0.02, 0.2, 0.1, (0.05, 0.15), 600.0)
-    unknown = Explainable("rad", 0.01, 0.1, 0.1, (-0.01, 0.01), 600.0)
-    found = replace(every[Verdict.NAMED], explainable={"position": known, "yaw": unknown})
-    said = result.explainable_words(found)
-    assert said.endswith("position 1 %, 75 %, 24 %; heading 1 %, 0 %, 99 %.")
-    only_noise = replace(unknown, model=0.0101, learned=0.0101)
-    assert "%" not in result.explainable_words(replace(found, explainable={"yaw": only_noise}))
+def test_the_error_is_said_in_parts(every: dict[Verdict, Diagnosis]) -> None:
+    """What is below half a per cent is left out, and so is a channel that its noise explains."""
+    base = {
+        "position": ChannelBaseline("m", 0.2, 0.02, 0.3, 10.0),
+        "yaw": ChannelBaseline("rad", 0.01, 0.01, 0.02, 1.0),
+    }
+    budget = ErrorBudget(0.25, 0.05, 0.001, 0.4, 0.0, 0.299)
+    varies = Varies("", "mu_d", 0.22, (0.49, 0.77), 835.0, (650.0, 1027.0), ("k_t",))
+    found = replace(
+        every[Verdict.NAMED], baseline=base, error_budget={"position": budget, "yaw": budget}, varies=varies
+    )
+    assert result.budget_words(found) == (
+        "of the squared error of held-out predictions, position: 25 % what is named takes away, "
+        "5 % noise of the sensor, 40 % ground that varies, 30 % unknown."
+    )
+    assert result.varies_words(found).startswith("mu_d or k_t: another value in each window, by ±22 % ")
+    assert result.budget_words(replace(found, error_budget={})) == ""
+
+
+def test_what_varies_comes_back_from_the_file(every: dict[Verdict, Diagnosis], tmp_path: Path) -> None:
+    found = every[Verdict.NAMED]
+    cause = found.causes[0]
+    varies = Varies(cause.effect, "grade", 0.22, (0.49, 0.77), 835.0, (650.0, 1027.0), ("k_t",))
+    found = replace(found, error_budget={"position": ErrorBudget(0.25, 0.05, 0.001, 0.4, 0.0, 0.299)}, varies=varies)
+    write_folder(tmp_path / "found", files_of(found, b""))
+    again = load(tmp_path / "found")
+    assert (again.varies, again.error_budget) == (found.varies, found.error_budget)
+    entry = found.as_dict()
+    assert entry["causes"][0]["varies"] == {"spread": 0.22, "over": "window"}
+    assert sum(entry["error_budget"]["position"].values()) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(
