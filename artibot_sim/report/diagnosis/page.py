@@ -284,7 +284,6 @@ def page_of(found: Diagnosis, version: str) -> bytes:
     return render_frame(title, head, parts, _foot(found, version), page.charts, css=CSS, script=SCRIPT)
 
 
-<<<<<<< HEAD
 def _answer(found: Diagnosis) -> str:
     """The verdict in a few words."""
     if found.verdict is Verdict.AMBIGUOUS and any(not cause.ties for cause in found.causes):
@@ -292,11 +291,6 @@ def _answer(found: Diagnosis) -> str:
     return _VERDICTS[found.verdict]
 
 
-def _explainable(found: Diagnosis) -> str:
-    """How well predictions could be at best, as a paragraph of the head."""
-    said = result.explainable_words(found)
-    return f'<p class="sure"><b>How much is explainable:</b> {html.escape(said)}</p>' if said else ""
-=======
 def _more(found: Diagnosis) -> str:
     """How well predictions could be at best, what varies, and where errors come from, as paragraphs of the head."""
     said = {
@@ -305,7 +299,6 @@ def _more(found: Diagnosis) -> str:
         "Where errors come from": result.budget_words(found),
     }
     return "".join(f'<p class="sure"><b>{head}:</b> {html.escape(words)}</p>' for head, words in said.items() if words)
->>>>>>> f64b099 (diagnose says what varies from window to window and where held-out errors come from)
 
 
 def _as_drawn(found: Diagnosis) -> Diagnosis:
