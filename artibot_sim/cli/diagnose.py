@@ -121,7 +121,7 @@ def command(
     write_folder(out, files_of(found, page_of(found, __version__)))
     parts.done()
     if parts.taken:
-        click.echo(f"note: went on from {parts.taken} parts that an earlier call had finished", err=True)
+        click.echo(f"note: went on from what an earlier call had finished ({parts.taken} of its parts)", err=True)
     console = Console(highlight=False)
     console.print(found)
     if not can_grow():

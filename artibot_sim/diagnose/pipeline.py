@@ -422,11 +422,14 @@ _FEWEST = 12
 ENOUGH, ENOUGH_APART = 240.0, 90.0
 """s of windows that are searched, about: of recordings in one map, and of others. All count for what is held out, for
 evidence that is too little in the searched ones, and for the sizes of what is named."""
-FEWEST_WINDOWS = 8
-"""Windows that are searched whatever the time."""
+LEAST = 45.0
+"""s of windows that are searched whatever the time, about: fewer (8 windows of 2 s of a Husky) showed forces on no list
+where all of them name a lever arm."""
 SEARCH, END = 10_000, 600
 """Predictions of every searched window that the baseline and one search for an effect take, and of every window that
 intervals and predictions take after that, about: 6000 to 10 000 (Husky, 2 s; Agri.q, 5 s), and 400 to 600."""
+COMMANDS = 5.0
+"""Times that the first command view takes, in which it is asked for evidence and others are made, about (Husky)."""
 _PILOT = 3
 """Predictions by which their time is measured."""
 _TICKS = 60
@@ -498,6 +501,7 @@ def diagnose(
     budget : float
         s that all of it is to take, about: as many windows are searched as there is time for, what is not over in
         time is given up, and the warnings say what was not tried. Then the result depends on how fast the machine is.
+        A search of a few windows, what commands say, and predictions of all recordings are made in any case.
     residual : bool
         Whether what a model without physics learns is kept, where it surely makes predictions better.
     parts : Checkpoints, optional
@@ -523,6 +527,7 @@ def diagnose(
     view_took = parts.elapsed - begun
     every = every_window(fitted, robot, options)
     parts.begin(_key(fitted, held, robot, options), every.problem.stretches)
+    usual = len(every.rows)
     every, options = affordable(every, options, view_took)
     problem, fit = parts.once(
         "soil identified", lambda: best_fit(every.problem.part(every.rows), Effort(), ticks, TRUST)
@@ -535,7 +540,8 @@ def diagnose(
     result = _with_predictors(result, held, _models(robot, result, decision), decision.neutral_problem, options)
     result = with_explainable(result, assessed, residual, options)
     result = with_budget(result, found.decision, assessed, options)
-    result = replace(result, warnings=(*what_was_mended([*timed, *later]), *result.warnings))
+    fewer = _fewer(len(every.rows), usual)
+    result = replace(result, warnings=(*what_was_mended([*timed, *later]), *fewer, *result.warnings))
     ticks.done()
     return replace(result, seconds=parts.elapsed)
 
@@ -576,10 +582,10 @@ def affordable(every: EveryWindow, options: Options, view_took: float) -> tuple[
             begun = options.parts.elapsed
             problem.predictions(robots, which, problem.starts[None])
             took = options.parts.elapsed - begun
-        reserve = 2.0 * view_took + END * took
+        reserve = COMMANDS * view_took + END * took
         seconds = max(0.0, options.left - reserve) / (SEARCH * took) * total
         step = max(round(every.times), round(total / max(seconds, 1e-3)))
-        return max(1, min(step, len(problem) // FEWEST_WINDOWS)), reserve
+        return max(1, min(step, int(total / LEAST))), reserve
 
     step, reserve = options.parts.once("windows that there is time for", searched)
     return replace(every, rows=range(0, len(every.problem), step)), replace(options, reserve=reserve)
@@ -597,6 +603,11 @@ def _with_predictors(
     best = best_of(seen)
     name = best.name if best is not None else ""
     return replace(result, predictors=seen, best=name, warnings=(*refusals(seen), *result.warnings))
+
+
+def _fewer(searched: int, usual: int) -> list[str]:
+    """That fewer windows were searched than would have been, if so."""
+    return [f"only {searched} windows of {usual} were searched in the time given"] if searched < usual else []
 
 
 def _without(result: Diagnosis, what: str) -> Diagnosis:

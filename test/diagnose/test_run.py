@@ -12,7 +12,7 @@ import pytest
 from artibot_sim.checkpoints import Checkpoints
 from artibot_sim.diagnose import Diagnosis, Verdict, diagnose
 from artibot_sim.diagnose.candidates.hypotheses import hypotheses
-from artibot_sim.diagnose.pipeline import END, FEWEST_WINDOWS, SEARCH, affordable, distinctly_named, every_window, split
+from artibot_sim.diagnose.pipeline import COMMANDS, END, SEARCH, affordable, distinctly_named, every_window, split
 from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.unlisted.finding import unexplained
 from artibot_sim.diagnose.unlisted.response import short
@@ -122,18 +122,20 @@ def test_as_many_windows_are_searched_as_there_is_time_for(monkeypatch: pytest.M
     """Half of the time for the search, half of the windows; never fewer than tell anything."""
     every = every_window([drive(1, 0.8, 1.0)], ROBOT, Options(horizon=0.5))
     clock = [0.0]
+    monkeypatch.setattr("artibot_sim.diagnose.pipeline.LEAST", 3.0)  # s
     monkeypatch.setattr("artibot_sim.checkpoints.time.perf_counter", lambda: clock[0])
     monkeypatch.setattr(Problem, "predictions", lambda *_: clock.__setitem__(0, clock[0] + 1.0))
 
-    def searched(budget: float) -> int:
+    def searched(budget: float) -> float:
         parts = Checkpoints()
         parts.begin("")
-        return len(affordable(every, Options(budget=budget, parts=parts), 1.0)[0].rows)
+        rows = affordable(every, Options(budget=budget, parts=parts), 1.0)[0].rows
+        return float(every.problem.durations[list(rows)].sum())
 
-    whole = 2.0 + SEARCH + END  # s, where a prediction takes one and the command view as well
-    assert searched(np.inf) == searched(2.0 * whole) == len(every.problem)
-    assert searched(0.5 * whole) == pytest.approx(0.45 * len(every.problem), rel=0.2)
-    assert searched(1e-3) >= FEWEST_WINDOWS
+    whole = COMMANDS + SEARCH + END  # s, where a prediction takes one and the command view as well
+    assert searched(np.inf) == searched(2.0 * whole) == searched(whole + 1.0)
+    assert searched(0.5 * whole) == pytest.approx(0.45 * searched(np.inf), rel=0.2)
+    assert searched(1e-3) == pytest.approx(3.0, rel=0.2)
 
 
 def odometry_alone(one: Experiment) -> Experiment:
