@@ -98,6 +98,7 @@ def operations(steps: int) -> int:
     from artibot_sim.model import Mode, load_robot
     from artibot_sim.model.equations.transmission import back_torque_factor
     from artibot_sim.model.kernels import loop, plane_loop
+    from artibot_sim.model.kernels.layout import Grid, MotorInputs, Rows, RunState
     from artibot_sim.model.robot.derived import params
     from artibot_sim.model.simulate.state import initial_state
     from artibot_sim.planning import load_manoeuvre, plan
@@ -108,7 +109,7 @@ def operations(steps: int) -> int:
     commands = [_numbers(np.nan_to_num(part[knot : knot + 3])) for part in (planned.position, planned.velocity)]
     v = start.v.copy()
     v[[6, 7]] = planned.velocity[knot, :2]
-    rows = np.empty((2, 16)), np.empty((2, 16)), np.empty((2, loop.ROW))
+    rows = Rows(np.empty((2, 16)), np.empty((2, 16)), np.empty((2, loop.ROW)))
     work = loop.Work(*map(_numbers, loop.workspace()))
     torque = np.full((3, 4), np.nan)
     modes = np.array([Mode.PRESCRIBED] * 2 + [Mode.TORQUE] * 2, dtype=np.int64)
@@ -117,10 +118,10 @@ def operations(steps: int) -> int:
     _patch()
     COUNTED.clear()
     integrate: Any = plane_loop.level_rk4
-    status, _ = integrate(
-        q, v, eta, fed, params(robot), modes, 1e-3, steps, steps, *commands, _numbers(torque), 10,
-        back_torque_factor(robot, 0.8), work, *rows, None,
-    )  # fmt: skip
+    position, velocity = commands
+    inputs = MotorInputs(modes, position, velocity, _numbers(torque), back_torque_factor(robot, 0.8))
+    grid = Grid(1e-3, steps, steps, 10)
+    status, _ = integrate(RunState(q, v, eta, fed), params(robot), inputs, grid, work, rows, None)
     assert status == loop.OK, "Agri.q stands level"
     return COUNTED.total()
 

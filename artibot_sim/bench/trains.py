@@ -16,6 +16,7 @@ from artibot_sim.bench.model import Scenario, distance
 from artibot_sim.bench.results import Result, repeat
 from artibot_sim.model import Commands, initial_state, load_robot, rollout
 from artibot_sim.model.equations.transmission import torque_factors
+from artibot_sim.model.kernels.layout import Grid
 from artibot_sim.model.robot.derived import train
 from artibot_sim.model.robot.parameters import Train
 from artibot_sim.model.robot.robot import Robot, module_name
@@ -44,10 +45,8 @@ def chain(robot: Robot, commands: Commands, dt: float = STEP) -> trains.Tables:
     steps, every = round(commands.duration / dt), round(commands.dt / dt)
     modes = trains.by_side(robot, default_modes(robot))
     p = trains.unlimited_beside_prescribed(train(robot), modes)
-    tables, _, _ = trains.run(
-        robot, p, trains.way_of(robot, commands), modes, torque_factors(robot), initial_state(robot), dt, steps, every,
-        every, "rk4", False,
-    )  # fmt: skip
+    inputs = trains.inputs_of(robot, commands, modes, torque_factors(robot))
+    tables, _, _ = trains.run(robot, p, inputs, initial_state(robot), Grid(dt, steps, every, every), "rk4", False)
     return tables
 
 

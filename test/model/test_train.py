@@ -13,6 +13,7 @@ from model.planar_chain import chain_rollout
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, State, initial_state, load_robot, rollout
 from artibot_sim.model.equations.transmission import torque_factors
+from artibot_sim.model.kernels.layout import Grid
 from artibot_sim.model.kernels.train_layout import places
 from artibot_sim.model.reference.effects import PlainEffects
 from artibot_sim.model.reference.train import solve_train, train_constraint
@@ -127,10 +128,8 @@ def test_two_modules_are_a_case_of_it(agriq, effects, integrator):
     commands = bend(robot, 6.0)
     one = rollout(robot, commands, integrator=integrator, energy=True)
     p, modes = trains.unlimited_beside_prescribed(train(robot), one.modes), one.modes
-    found, kept, final = trains.run(
-        robot, p, trains.way_of(robot, commands), modes, torque_factors(robot), initial_state(robot), 1e-3, 6000, 10,
-        10, integrator, True,
-    )  # fmt: skip
+    inputs, grid = trains.inputs_of(robot, commands, modes, torque_factors(robot)), Grid(1e-3, 6000, 10, 10)
+    found, kept, final = trains.run(robot, p, inputs, initial_state(robot), grid, integrator, True)
     assert final is not None
     assert kept == len(one.t)
     np.testing.assert_allclose(found.q, one.q, atol=1e-9)
@@ -199,10 +198,9 @@ def test_a_third_module_that_weighs_and_holds_nothing_does_not_matter(agriq):
     module = p.modules[2]._replace(front=body, k_n=light * p.modules[2].k_n, u_w=0.0)
     joint = p.joints[1]._replace(back=body)
     p = p._replace(modules=(*p.modules[:2], module), joints=(p.joints[0], joint))
-    found, _, final = trains.run(
-        robot, p, trains.way_of(robot, commands), trains.by_side(robot, DEFAULT_MODES), torque_factors(robot),
-        initial_state(robot), 1e-3, 10000, 10, 10, "rk4", False,
-    )  # fmt: skip
+    modes = trains.by_side(robot, DEFAULT_MODES)
+    inputs = trains.inputs_of(robot, commands, modes, torque_factors(robot))
+    found, _, final = trains.run(robot, p, inputs, initial_state(robot), Grid(1e-3, 10000, 10, 10), "rk4", False)
     two = rollout(agriq, commands)
     assert final is not None
     assert np.abs(found.q[:, :16] - two.q).max() < 1e-6

@@ -24,7 +24,7 @@ KEPT_SIZE = 2 * SIZE + 8 + MEMORY
 
 
 class Lot(NamedTuple):
-    """Up to LANES rollouts of equal length; arrays as `loop.integrate_rk4` takes them, one row each.
+    """Up to LANES rollouts of equal length; arrays as `layout.RunState` and `layout.MotorInputs` have them, a row each.
 
     Attributes
     ----------
@@ -56,15 +56,6 @@ class Lot(NamedTuple):
     torque_d: Array
     first: Indices
     last: Indices
-
-
-class Grid(NamedTuple):
-    """Steps of `dt` (s): how many, after how many a row is kept, and after how many a knot of the commands stands."""
-
-    dt: float
-    steps: int
-    every: int
-    knot_steps: int
 
 
 @inlined
@@ -119,7 +110,7 @@ def run_lot(lot, grid, settings, S, kept, rows, fx=None):
     Parameters
     ----------
     lot : Lot
-    grid : Grid
+    grid : layout.Grid
     settings : array of int, shape (2,)
         As in `window_lanes.run_windows`.
     S : array, shape (BLOCK,)
@@ -167,7 +158,7 @@ def fill_rows(lot, lane, grid, kept, rows, work, tables, fx=None):
     ----------
     lot : Lot
         Its states are those of the starts; then that of the lane is the last row's.
-    grid : Grid
+    grid : layout.Grid
     kept : array
         What `run_lot` has kept.
     rows : int

@@ -6,7 +6,10 @@ physical contribution under its own name; :data:`COLUMNS` lists them in order.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from artibot_sim.model.robot.robot import MOTORS, WHEELS
 
@@ -116,3 +119,60 @@ ENERGY_COLUMNS: tuple[str, ...] = (
 """
 
 assert len(COLUMNS) == ROW and len(ENERGY_COLUMNS) == ENERGIES
+
+
+# ----------------------------------------------------------------------
+# What loops take. Of a rover of one or two modules; of more modules `train_layout` says how the arrays are shaped.
+# ----------------------------------------------------------------------
+
+
+class RunState(NamedTuple):
+    """What a loop advances in place.
+
+    Attributes
+    ----------
+    q, v : array, shape (16,)
+    eta, previous : array, shape (4,)
+        Efficiencies for the next step, and motor torques of the step before (N m).
+    """
+
+    q: NDArray[np.float64]
+    v: NDArray[np.float64]
+    eta: NDArray[np.float64]
+    previous: NDArray[np.float64]
+
+
+class MotorInputs(NamedTuple):
+    """How each motor is moved, and what is commanded.
+
+    Attributes
+    ----------
+    modes : array of int, shape (4,)
+    position, velocity, torque_d : array, shape (n, 4)
+        At knots (`Grid.knot_steps`); the first is at the start. A torque of NaN is eq. 30's.
+    share : float, or of more than two modules array, shape (modules,)
+        Factor of eq. 30, see `transmission.back_torque_factor` and `transmission.torque_factors`.
+    """
+
+    modes: NDArray[np.int64]
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    torque_d: NDArray[np.float64]
+    share: float | NDArray[np.float64]
+
+
+class Grid(NamedTuple):
+    """Steps of `dt` (s): how many, after how many a row is kept, and after how many a knot of the commands stands."""
+
+    dt: float
+    steps: int
+    every: int
+    knot_steps: int
+
+
+class Rows(NamedTuple):
+    """Tables that a loop fills: coordinates and rates (rows, 16), and the named contributions (rows, ROW)."""
+
+    q: NDArray[np.float64]
+    v: NDArray[np.float64]
+    w: NDArray[np.float64]

@@ -120,15 +120,13 @@ def sound(q, v):
 
 
 @inlined
-def prepare(
-    p, modes, phase, knot, knot_steps, dt, position, velocity, torque_d, back_factor, previous, eta, cubic, hold,
-):  # fmt: skip
+def prepare(p, inputs, grid, phase, knot, state, cubic, hold):
     """What is held through a step that begins `phase` steps after a knot; returns the time since the knot, s."""
     if phase == 0:
-        hermite(position, velocity, knot, knot_steps * dt, cubic)
-    commanded_torques(torque_d, knot, back_factor, previous, modes, hold)
-    hold_efficiencies(p, eta, hold)
-    return phase * dt
+        hermite(inputs.position, inputs.velocity, knot, grid.knot_steps * grid.dt, cubic)
+    commanded_torques(inputs.torque_d, knot, inputs.share, state.previous, inputs.modes, hold)
+    hold_efficiencies(p, state.eta, hold)
+    return phase * grid.dt
 
 
 @inlined
@@ -210,21 +208,29 @@ def keep(values, row, out):
         out[row, i] = values[i]
 
 
+@inlined
+def keep_row(q, v, w, e, row, out, out_e):
+    """Copy all that is kept of an instant."""
+    keep(q, row, out.q)
+    keep(v, row, out.v)
+    keep(w, row, out.w)
+    if out_e is not None:
+        keep(e, row, out_e)
+
+
 @kernel
-def integrate_rk4(
-    q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
-    work, out_q, out_v, out_w, out_e, fx=None, memory=(),
-):  # fmt: skip
+def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
     """Advance the state in place by `steps` steps and keep every `every`-th row, the first and the last included.
 
     Parameters
     ----------
-    q, v : array, shape (16,)
-    eta, previous : array, shape (4,)
-        Efficiencies for the next step, and motor torques of the step before.
-    position, velocity, torque_d : array, shape (n, 4)
-        Commands at knots `knot_steps` steps apart; the first is at the start.
-    out_e : array or None
+    state : layout.RunState
+    p : record of PARAMS_DTYPE
+    inputs : layout.MotorInputs
+    grid : layout.Grid
+    work : Work
+    out : layout.Rows
+    out_e : array, shape (rows, ENERGIES), or None
         None leaves the energies out, at compile time.
     fx : record, optional
         Effects' parameters, with the time of the start in ``fx.t`` (see `effects.record`); without it, at compile time,
@@ -238,6 +244,7 @@ def integrate_rk4(
     tuple of int
         OK or DIVERGED, and the number of rows written.
     """
+    (q, v, eta, previous), (dt, steps, every, _) = state, grid
     w, drive, cubic, hold, eta_next, q_s, v_s, first, total, e, pw, lag, sum_lag = work
     (start, count), lags = start_lags(fx, memory, lag), lags_of(memory, lag)
     for i in range(16):
@@ -247,25 +254,18 @@ def integrate_rk4(
         module_gravity(p.back, p, BEHIND, w)
     row = 0
     for step in range(steps + 1):
-        s = prepare(
-            p, modes, step % knot_steps, step // knot_steps, knot_steps, dt, position, velocity, torque_d, back_factor,
-            previous, eta, cubic, hold,
-        )  # fmt: skip
+        s = prepare(p, inputs, grid, step % grid.knot_steps, step // grid.knot_steps, state, cubic, hold)
         for k in range(4):
             if k != 2:
-                command_at(cubic, s + stage_time(k, dt), modes, drive)
+                command_at(cubic, s + stage_time(k, dt), inputs.modes, drive)
             if fx is not None:
                 fx.t = start + (dt * step + stage_time(k, dt))
-            right_hand_side(q_s, v_s, p, fx, modes, drive, hold, lags, w)
+            right_hand_side(q_s, v_s, p, fx, inputs.modes, drive, hold, lags, w)
             if k == 0:
                 if step == steps or step % every == 0:
                     if not sound(q, v):
                         return DIVERGED, row
-                    keep(q, row, out_q)
-                    keep(v, row, out_v)
-                    keep(w, row, out_w)
-                    if out_e is not None:
-                        keep(e, row, out_e)
+                    keep_row(q, v, w, e, row, out, out_e)
                     row += 1
                 if step == steps:
                     return OK, row
@@ -281,11 +281,9 @@ def integrate_rk4(
 
 
 @kernel
-def integrate_semi_implicit(
-    q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
-    work, out_q, out_v, out_w, out_e, fx=None, memory=(),
-):  # fmt: skip
+def integrate_semi_implicit(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
     """As `integrate_rk4`; a row's contributions are those that act from its state to the next."""
+    (q, v, eta, previous), (dt, steps, every, _) = state, grid
     w, drive, cubic, hold, _, q_old, v_old, _, _, e, pw, lag, _ = work
     (start, count), lags = start_lags(fx, memory, lag), lags_of(memory, lag)
     module_gravity(p.front, p, FRONT, w)
@@ -293,25 +291,18 @@ def integrate_semi_implicit(
         module_gravity(p.back, p, BEHIND, w)
     row = 0
     for step in range(steps + 1):
-        s = prepare(
-            p, modes, step % knot_steps, step // knot_steps, knot_steps, dt, position, velocity, torque_d, back_factor,
-            previous, eta, cubic, hold,
-        )  # fmt: skip
-        command_at(cubic, s, modes, drive)
+        s = prepare(p, inputs, grid, step % grid.knot_steps, step // grid.knot_steps, state, cubic, hold)
+        command_at(cubic, s, inputs.modes, drive)
         mean_acceleration(cubic, s, dt, drive)
         for i in range(16):
             q_old[i], v_old[i] = q[i], v[i]
         if fx is not None:
             fx.t = start + dt * step
-        semi_implicit_step(q, v, p, fx, modes, drive, hold, lags, dt, w)
+        semi_implicit_step(q, v, p, fx, inputs.modes, drive, hold, lags, dt, w)
         if step == steps or step % every == 0:
             if not sound(q_old, v_old):
                 return DIVERGED, row
-            keep(q_old, row, out_q)
-            keep(v_old, row, out_v)
-            keep(w, row, out_w)
-            if out_e is not None:
-                keep(e, row, out_e)
+            keep_row(q_old, v_old, w, e, row, out, out_e)
             row += 1
         if step == steps:
             for i in range(16):

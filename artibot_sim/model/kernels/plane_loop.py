@@ -14,7 +14,7 @@ from artibot_sim.model.kernels.loop import (
     DIVERGED,
     OK,
     command_at,
-    keep,
+    keep_row,
     lags_after,
     lags_of,
     mean_acceleration,
@@ -125,16 +125,6 @@ def feed_torque(fx, unit, acting, theta_dot, motor, eta, previous):
 
 
 @inlined
-def keep_row(q, v, w, e, row, out_q, out_v, out_w, out_e):
-    """A row into the tables."""
-    keep(q, row, out_q)
-    keep(v, row, out_v)
-    keep(w, row, out_w)
-    if out_e is not None:
-        keep(e, row, out_e)
-
-
-@inlined
 def begin(q, v, p, fx, w):
     """Gravity into the row; a rover at q and v; its coordinates and rates as tuples."""
     module_gravity(p.front, p, FRONT, w)
@@ -144,11 +134,9 @@ def begin(q, v, p, fx, w):
 
 
 @kernel
-def level_rk4(
-    q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
-    work, out_q, out_v, out_w, out_e, fx=None, memory=(),
-):  # fmt: skip
+def level_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
     """As `loop.integrate_rk4` for a rover that stands level; LEAVES for another."""
+    (q, v, eta, previous), (dt, steps, every, knot_steps) = state, grid
     if not level(p, fx, q, v):
         return LEAVES, 0
     w, drive, cubic, hold, eta_next, _, _, _, _, e, _, lag, sum_lag = work
@@ -157,14 +145,11 @@ def level_rk4(
     row = phase = knot = since = 0
     begun, known = here, (0.0, 1.0, 0.0, 1.0)
     for step in range(steps + 1):
-        s = prepare(
-            p, modes, phase, knot, knot_steps, dt, position, velocity, torque_d, back_factor, previous, eta, cubic,
-            hold,
-        )  # fmt: skip
+        s = prepare(p, inputs, grid, phase, knot, state, cubic, hold)
         q_k, v_k, first, total = here, rate, NOTHING, NOTHING
         for k in range(4):
             if k != 2:
-                command_at(cubic, s + stage_time(k, dt), modes, drive)
+                command_at(cubic, s + stage_time(k, dt), inputs.modes, drive)
             if k > 0 and near(begun, q_k):
                 trig = turned(known, begun, q_k)
             else:
@@ -173,7 +158,7 @@ def level_rk4(
             if fx is not None:
                 fx.t = start + (dt * step + stage_time(k, dt))
             a, now = level_accelerations(
-                at, p, fx, q_k, v_k, trig, modes, drive, hold, lags, None, k == 0 or out_e is not None
+                at, p, fx, q_k, v_k, trig, inputs.modes, drive, hold, lags, None, k == 0 or out_e is not None
             )
             kept = k == 0 and (since == 0 or step == steps)
             if kept:
@@ -184,7 +169,7 @@ def level_rk4(
                     unload(rate, p.two, v)
                     if not sound(q, v):
                         return DIVERGED, row
-                    keep_row(q, v, w, e, row, out_q, out_v, out_w, out_e)
+                    keep_row(q, v, w, e, row, out, out_e)
                     row += 1
                 if step == steps:
                     return OK, row
@@ -206,11 +191,9 @@ def level_rk4(
 
 
 @kernel
-def level_semi(
-    q, v, eta, previous, p, modes, dt, steps, every, position, velocity, torque_d, knot_steps, back_factor,
-    work, out_q, out_v, out_w, out_e, fx=None, memory=(),
-):  # fmt: skip
+def level_semi(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
     """As `loop.integrate_semi_implicit` for a rover that stands level; LEAVES for another."""
+    (q, v, eta, previous), (dt, steps, every, knot_steps) = state, grid
     if not level(p, fx, q, v):
         return LEAVES, 0
     w, drive, cubic, hold, _, _, _, _, _, e, _, lag, _ = work
@@ -218,16 +201,13 @@ def level_semi(
     (start, count), lags = start_lags(fx, memory, lag), lags_of(memory, lag)
     row = phase = knot = since = 0
     for step in range(steps + 1):
-        s = prepare(
-            p, modes, phase, knot, knot_steps, dt, position, velocity, torque_d, back_factor, previous, eta, cubic,
-            hold,
-        )  # fmt: skip
-        command_at(cubic, s, modes, drive)
+        s = prepare(p, inputs, grid, phase, knot, state, cubic, hold)
+        command_at(cubic, s, inputs.modes, drive)
         mean_acceleration(cubic, s, dt, drive)
         trig = heading(here)
         if fx is not None:
             fx.t = start + dt * step
-        a, now = level_accelerations(at, p, fx, here, rate, trig, modes, drive, hold, lags, dt, True)
+        a, now = level_accelerations(at, p, fx, here, rate, trig, inputs.modes, drive, hold, lags, dt, True)
         there, new = after_step(dt, here, rate, a)
         kept = since == 0 or step == steps
         if kept:
@@ -237,7 +217,7 @@ def level_semi(
             unload(rate, p.two, v)
             if not sound(q, v):
                 return DIVERGED, row
-            keep_row(q, v, w, e, row, out_q, out_v, out_w, out_e)
+            keep_row(q, v, w, e, row, out, out_e)
             row += 1
         if step == steps:
             break

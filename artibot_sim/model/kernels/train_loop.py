@@ -439,20 +439,20 @@ def accelerations(q, v, modules, joints_p, fx, modes, drive, hold, lag, lag_rate
 
 
 @inlined
-def hold_step(modules, modes, factors, torque_d, knot, eta, previous, hold):
+def hold_step(modules, inputs, knot, eta, previous, hold):
     """Fix for a step what eq. 21 makes of the efficiencies, and the torques: commanded ones, or (NaN) eq. 30's."""
     shared = previous[0, 0] + previous[0, 1]
     for i in range(len(modules)):
         p = modules[i]
-        given = torque_d[i, min(knot, torque_d.shape[1] - 1)]
+        given = inputs.torque_d[i, min(knot, inputs.torque_d.shape[1] - 1)]
         for side in range(2):
             unit = motor_of(p, side)
             if hold[i, EFFICIENCY + side] != eta[i, side]:
                 gear, J = reflect(unit.tau, unit.J_m, unit.J_w, 1.0 / eta[i, side])
                 hold[i, EFFICIENCY + side], hold[i, GEAR + side] = eta[i, side], gear
                 hold[i, INERTIA + side], hold[i, INVERSE + side] = J, 1.0 / J
-            torque = given[side] if not math.isnan(given[side]) else factors[i] * shared
-            hold[i, TORQUE_D + side] = torque if modes[i, side] == TORQUE else math.nan
+            torque = given[side] if not math.isnan(given[side]) else inputs.share[i] * shared
+            hold[i, TORQUE_D + side] = torque if inputs.modes[i, side] == TORQUE else math.nan
 
 
 @inlined
@@ -535,13 +535,13 @@ def add_powers(q, v, modules, fx, w, weight, e, pw):
 
 
 @inlined
-def keep_row(q, v, w, e, row, out_q, out_v, out_w, out_e):
+def keep_row(q, v, w, e, row, out, out_e):
     """Copy what is kept of an instant."""
     for i in range(q.shape[0]):
         for c in range(8):
-            out_q[row, 8 * i + c], out_v[row, 8 * i + c] = q[i, c], v[i, c]
+            out.q[row, 8 * i + c], out.v[row, 8 * i + c] = q[i, c], v[i, c]
         for k in range(len(KEPT)):
-            out_w[row, len(KEPT) * i + k] = w[i, KEPT[k]]
+            out.w[row, len(KEPT) * i + k] = w[i, KEPT[k]]
         if out_e is not None:
             for k in range(len(KEPT_ENERGIES)):
                 out_e[row, len(KEPT_ENERGIES) * i + k] = e[i, KEPT_ENERGIES[k]]
@@ -575,24 +575,21 @@ def next_lag(k, count, memory, dt, lag, rate, sum_lag):
 
 
 @kernel
-def train_rk4(
-    q, v, eta, previous, modules, joints, modes, dt, steps, every, position, velocity, torque_d, knot_steps, factors,
-    work, out_q, out_v, out_w, out_e, fx=None, memory=None,
-):  # fmt: skip
+def train_rk4(state, modules, joints, inputs, grid, work, out, out_e, fx=None, memory=None):
     """Advance the state in place by `steps` steps and keep every `every`-th row, the first and the last included.
 
     Parameters
     ----------
-    q, v : array, shape (n, 8)
-    eta, previous : array, shape (n, 2)
-        Efficiencies for the next step, and motor torques of the step before.
+    state : layout.RunState
+        Of n modules: q, v (n, 8) and eta, previous (n, 2).
     modules, joints : arrays of records
         See `parameters.Train`.
-    modes : array of int, shape (n, 2)
-    position, velocity, torque_d : array, shape (n, knots, 2)
-        Commands at knots `knot_steps` steps apart; the first is at the start.
-    factors : array, shape (n,)
-        Of eq. 30, see `transmission.torque_factors`.
+    inputs : layout.MotorInputs
+        Of n modules: modes (n, 2), what is commanded (n, knots, 2), and shares (n,).
+    grid : layout.Grid
+    work : TrainWork
+    out : layout.Rows
+        Of n modules: q and v (rows, 8 n), and the contributions of `train_layout.KEPT` for each module.
     out_e : array or None
         None leaves the energies out, at compile time.
     fx : record, optional
@@ -605,6 +602,7 @@ def train_rk4(
     tuple of int
         OK or DIVERGED, and the number of rows written.
     """
+    (q, v, eta, previous), (dt, steps, every, knot_steps) = state, grid
     w, drive, cubic, hold, eta_next, q_s, v_s, first, total, e, pw, lag, lag_rate, sum_lag, chain = work
     start, count = 0.0, 0
     if fx is not None:
@@ -619,19 +617,19 @@ def train_rk4(
     for step in range(steps + 1):
         phase, knot = step % knot_steps, step // knot_steps
         if phase == 0:
-            meet_knots(position, velocity, knot, knot_steps * dt, cubic)
-        hold_step(modules, modes, factors, torque_d, knot, eta, previous, hold)
+            meet_knots(inputs.position, inputs.velocity, knot, knot_steps * dt, cubic)
+        hold_step(modules, inputs, knot, eta, previous, hold)
         for k in range(4):
             if k != 2:
-                commands_at(cubic, phase * dt + stage_time(k, dt), modes, drive)
+                commands_at(cubic, phase * dt + stage_time(k, dt), inputs.modes, drive)
             if fx is not None:
                 fx.t = start + (dt * step + stage_time(k, dt))
-            accelerations(q_s, v_s, modules, joints, fx, modes, drive, hold, lag, lag_rate, None, w, chain)
+            accelerations(q_s, v_s, modules, joints, fx, inputs.modes, drive, hold, lag, lag_rate, None, w, chain)
             if k == 0:
                 if step == steps or step % every == 0:
                     if not sound(q, v):
                         return DIVERGED, row
-                    keep_row(q, v, w, e, row, out_q, out_v, out_w, out_e)
+                    keep_row(q, v, w, e, row, out, out_e)
                     row += 1
                 if step == steps:
                     return OK, row
@@ -647,11 +645,9 @@ def train_rk4(
 
 
 @kernel
-def train_semi_implicit(
-    q, v, eta, previous, modules, joints, modes, dt, steps, every, position, velocity, torque_d, knot_steps, factors,
-    work, out_q, out_v, out_w, out_e, fx=None, memory=None,
-):  # fmt: skip
+def train_semi_implicit(state, modules, joints, inputs, grid, work, out, out_e, fx=None, memory=None):
     """As `train_rk4`; a row's contributions are those that act from its state to the next."""
+    (q, v, eta, previous), (dt, steps, every, knot_steps) = state, grid
     w, drive, cubic, hold, _, q_old, v_old, _, _, e, pw, lag, lag_rate, _, chain = work
     start, count = 0.0, 0
     if fx is not None:
@@ -664,10 +660,10 @@ def train_semi_implicit(
     for step in range(steps + 1):
         phase, knot = step % knot_steps, step // knot_steps
         if phase == 0:
-            meet_knots(position, velocity, knot, knot_steps * dt, cubic)
-        hold_step(modules, modes, factors, torque_d, knot, eta, previous, hold)
+            meet_knots(inputs.position, inputs.velocity, knot, knot_steps * dt, cubic)
+        hold_step(modules, inputs, knot, eta, previous, hold)
         s = phase * dt
-        commands_at(cubic, s, modes, drive)
+        commands_at(cubic, s, inputs.modes, drive)
         for i in range(len(modules)):
             for side in range(2):  # the mean acceleration over the step
                 drive[i, D_DDOT + side] = 2.0 * cubic[i, 8 + side] + 3.0 * cubic[i, 12 + side] * (2.0 * s + dt)
@@ -675,11 +671,11 @@ def train_semi_implicit(
                 q_old[i, c], v_old[i, c] = q[i, c], v[i, c]
         if fx is not None:
             fx.t = start + dt * step
-        accelerations(q, v, modules, joints, fx, modes, drive, hold, lag, lag_rate, dt, w, chain)
+        accelerations(q, v, modules, joints, fx, inputs.modes, drive, hold, lag, lag_rate, dt, w, chain)
         if step == steps or step % every == 0:
             if not sound(q, v):
                 return DIVERGED, row
-            keep_row(q, v, w, e, row, out_q, out_v, out_w, out_e)
+            keep_row(q, v, w, e, row, out, out_e)
             row += 1
         if step == steps:
             break

@@ -17,7 +17,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.model.effects import RECORD_DTYPE, has_laws, record
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor
 from artibot_sim.model.kernels.lane_layout import extension, flat
-from artibot_sim.model.kernels.layout import ROW
+from artibot_sim.model.kernels.layout import ROW, Grid
 from artibot_sim.model.robot.derived import PARAMS_DTYPE
 from artibot_sim.model.robot.robot import Robot
 from artibot_sim.model.simulate.commands import Commands
@@ -58,7 +58,7 @@ class Lanes:
         tables = {id(setup.commands): driven_by(setup.commands) for setup in self.setups}
         lot = self._lot(records, effects, tables)
         steps = self.setups[0].steps
-        grid = lane_rollouts.Grid(self.dt, steps, self.every, round(self.setups[0].commands.dt / self.dt))
+        grid = Grid(self.dt, steps, self.every, round(self.setups[0].commands.dt / self.dt))
         count = -(-steps // self.every) + 1
         kept, rows = aligned(count * lane_rollouts.KEPT_SIZE * LANES), np.zeros(LANES, np.int64)
         lane_rollouts.run_lot(

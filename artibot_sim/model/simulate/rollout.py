@@ -31,6 +31,10 @@ from artibot_sim.model.kernels.layout import (
     MOTOR_COORDINATES,
     ROW,
     THETA_R,
+    Grid,
+    MotorInputs,
+    Rows,
+    RunState,
     Z,
 )
 from artibot_sim.model.kernels.train_layout import Places, places, symbol
@@ -166,7 +170,7 @@ def prepare(
     chosen = chosen_modes(robot, commands, modes)
     check_step(commands, dt, integrator, every)
     if robot.trailing:
-        trains.way_of(robot, commands)
+        trains.inputs_of(robot, commands)
     elif commands.velocity.shape[1] != len(MOTORS):
         raise ArtibotError(
             f"commands: {commands.velocity.shape[1]} columns; robot '{robot.name}' takes {len(MOTORS)}: "
@@ -548,30 +552,27 @@ def simulate(setup: Setup, dt: float, integrator: str, every: int, energy: bool)
 
     robot, commands, p, modes, kappa, start, steps = setup
     if isinstance(p, Train):
-        found, kept, final = trains.run(
-            robot, p, trains.way_of(robot, commands), trains.by_side(robot, modes), torque_factors(robot, kappa), start,
-            dt, steps, every, round(commands.dt / dt), integrator, energy,
-        )  # fmt: skip
+        sides = trains.inputs_of(robot, commands, trains.by_side(robot, modes), torque_factors(robot, kappa))
+        grid = Grid(dt, steps, every, round(commands.dt / dt))
+        found, kept, final = trains.run(robot, p, sides, start, grid, integrator, energy)
         return finished(setup, dt, integrator, every, kept, found, final)
     cut = 1
     if integrator == "semi_implicit":
         cut = parts(p, dt, back_torque_factor(robot, kappa))
     rows = -(-steps // every) + 1
     q, v, eta, torque, memory = (array.copy() for array in (start.q, start.v, start.eta, start.torque, start.memory))
-    out_q, out_v, out_w = np.empty((rows, 16)), np.empty((rows, 16)), np.empty((rows, ROW))
-    out_e = np.empty((rows, ENERGIES)) if energy else None
     fx = record(robot.effects, start.t)
-    given = (
-        q, v, eta, torque, packed(p), np.array(modes, dtype=np.int64), dt / cut, steps * cut, every * cut,
-        *driven_by(commands), round(commands.dt / dt) * cut, back_torque_factor(robot, kappa), loop.workspace(),
-        out_q, out_v, out_w, out_e,
-    )  # fmt: skip
+    inputs = MotorInputs(np.array(modes, dtype=np.int64), *driven_by(commands), back_torque_factor(robot, kappa))
+    grid = Grid(dt / cut, steps * cut, every * cut, round(commands.dt / dt) * cut)
+    out = Rows(*(np.empty((rows, width)) for width in (16, 16, ROW)))
+    out_e = np.empty((rows, ENERGIES)) if energy else None
+    given = RunState(q, v, eta, torque), packed(p), inputs, grid, loop.workspace(), out, out_e
     effects: tuple[Any, ...] = ()
     if fx is not None:
         effects = fx, (memory,) if has_memory(robot.effects) else ()
     status, kept = advance(integrator, given, effects)
     final = State(start.t + steps * dt, q, v, eta, torque, *from_memory(memory)) if status == Status.OK else None
-    return finished(setup, dt, integrator, every, kept, (out_q, out_v, out_w, out_e), final)
+    return finished(setup, dt, integrator, every, kept, (*out, out_e), final)
 
 
 def finished(

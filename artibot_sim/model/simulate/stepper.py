@@ -18,7 +18,7 @@ from artibot_sim.model.effects import has_memory, record
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor
 from artibot_sim.model.kernels import loop
 from artibot_sim.model.kernels.advance import advance
-from artibot_sim.model.kernels.layout import M_M, MEMORY, ROW
+from artibot_sim.model.kernels.layout import M_M, MEMORY, ROW, Grid, MotorInputs, Rows, RunState
 from artibot_sim.model.robot.derived import PARAMS_DTYPE, params
 from artibot_sim.model.robot.robot import Robot
 from artibot_sim.model.simulate.rollout import INTEGRATORS, Status, first_fault
@@ -100,7 +100,7 @@ class Stepper:
         self._shared = back_torque_factor(robot)
         self._modes = np.full(4, Mode.TORQUE, dtype=np.int64)
         self._position, self._velocity, self._torque_d = np.zeros((2, 4)), np.zeros((2, 4)), np.zeros((2, 4))
-        self._work, self._out = loop.workspace(), (np.empty((2, 16)), np.empty((2, 16)), np.empty((2, ROW)))
+        self._work, self._out = loop.workspace(), Rows(*(np.empty((2, width)) for width in (16, 16, ROW)))
         self.q, self.v, self.torque = np.zeros(16), np.zeros(16), np.zeros(4)
         self._eta, self._previous, self._memory = np.zeros(4), np.zeros(4), np.zeros(MEMORY)
         self._effects, self._t, self._steps = record(robot.effects, 0.0), 0.0, 0
@@ -142,12 +142,11 @@ class Stepper:
         if self._effects is not None:
             self._effects["t"] = self.t
         cut = steps * self._parts
-        given = (
-            q, v, eta, previous, self._table[0], self._modes, self.dt / self._parts, cut, cut, self._position,
-            self._velocity, self._torque_d, 2 * cut, self._shared, self._work, *self._out, None,
-        )  # fmt: skip
+        inputs = MotorInputs(self._modes, self._position, self._velocity, self._torque_d, self._shared)
+        grid = Grid(self.dt / self._parts, cut, cut, 2 * cut)
+        given = RunState(q, v, eta, previous), self._table[0], inputs, grid, self._work, self._out, None
         status, _ = advance(self._integrator, given, extra)
-        rows, t = (q[np.newaxis], v[np.newaxis], self._out[2][1:2]), np.array([self.t])
+        rows, t = (q[np.newaxis], v[np.newaxis], self._out.w[1:2]), np.array([self.t])
         fault = first_fault(self._p, self.robot, *rows, t) if status == Status.OK else None
         if fault is not None:
             _, faulty, self.message = fault
@@ -155,7 +154,7 @@ class Stepper:
         self.message = f"diverged after {self.t:.3f} s; try the integrator 'semi_implicit'"
         if status == Status.OK:
             self.q, self.v, self._eta, self._previous, self._memory = q, v, eta, previous, memory
-            self.torque[:] = self._out[2][1, M_M : M_M + 4]
+            self.torque[:] = self._out.w[1, M_M : M_M + 4]
             self._steps += steps
         return Status(status)
 

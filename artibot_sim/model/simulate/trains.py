@@ -17,6 +17,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.model.analysis.stability import largest_step, parts
 from artibot_sim.model.effects import record
 from artibot_sim.model.equations.transmission import Mode
+from artibot_sim.model.kernels.layout import Grid, MotorInputs, Rows, RunState
 from artibot_sim.model.kernels.train_layout import KEPT, KEPT_ENERGIES
 from artibot_sim.model.robot.derived import packed_all
 from artibot_sim.model.robot.parameters import Train
@@ -55,16 +56,12 @@ def unlimited_beside_prescribed(p: Train, modes: Sequence[Mode]) -> Train:
     return p._replace(modules=tuple(modules))
 
 
-class Way(NamedTuple):
-    """What the motors of a robot are commanded, side by side: angles, speeds and torques, (n, knots, 2) each."""
+def inputs_of(
+    robot: Robot, commands: Commands, modes: Sequence[Mode] = (), factors: Sequence[float] = ()
+) -> MotorInputs:
+    """What the loops take: `commands` for each side, zero where nothing is commanded, NaN for the torque of eq. 30.
 
-    position: Array
-    velocity: Array
-    torque: Array
-
-
-def way_of(robot: Robot, commands: Commands) -> Way:
-    """`commands` for each side; zero where nothing is commanded, NaN for the torque of eq. 30.
+    Modes are those of all sides (`by_side`), `factors` of `transmission.torque_factors`.
 
     Raises
     ------
@@ -84,7 +81,11 @@ def way_of(robot: Robot, commands: Commands) -> Way:
         if commands.commanded[column]:
             position[side], velocity[side] = commands.position[:, column], commands.velocity[:, column]
     shape = (modules, 2, knots)
-    return Way(*(np.ascontiguousarray(table.reshape(shape).swapaxes(1, 2)) for table in (position, velocity, torque)))
+    position, velocity, torque = (
+        np.ascontiguousarray(table.reshape(shape).swapaxes(1, 2)) for table in (position, velocity, torque)
+    )
+    by_module = np.array(modes, dtype=np.int64).reshape(-1, 2)
+    return MotorInputs(by_module, position, velocity, torque, np.array(factors, dtype=float))
 
 
 class Tables(NamedTuple):
@@ -97,10 +98,9 @@ class Tables(NamedTuple):
 
 
 def run(
-    robot: Robot, p: Train, way: Way, modes: Sequence[Mode], factors: Sequence[float], start: State, dt: float,
-    steps: int, every: int, knot_steps: int, integrator: str, energy: bool,
-) -> tuple[Tables, int, State | None]:  # fmt: skip
-    """Simulate; modes are those of all sides, `factors` of `transmission.torque_factors`.
+    robot: Robot, p: Train, inputs: MotorInputs, start: State, grid: Grid, integrator: str, energy: bool
+) -> tuple[Tables, int, State | None]:
+    """Simulate; a step is cut into as many parts as the quickest motion needs.
 
     Returns
     -------
@@ -112,10 +112,11 @@ def run(
     """
     from artibot_sim.model.kernels import train_loop
 
-    modules = len(p.modules)
-    cut = max(1, math.ceil(dt / largest_step(p, integrator, tuple(modes), tuple(factors))[0] - 1e-9))
+    modules, (dt, steps, every, knot_steps) = len(p.modules), grid
+    modes, factors = tuple(Mode(int(mode)) for mode in inputs.modes.ravel()), tuple(np.atleast_1d(inputs.share))
+    cut = max(1, math.ceil(dt / largest_step(p, integrator, modes, factors)[0] - 1e-9))
     if integrator == "semi_implicit":
-        cut = parts(p, dt, tuple(factors))
+        cut = parts(p, dt, factors)
     rows = -(-steps // every) + 1
     tables = Tables(
         np.empty((rows, 8 * modules)), np.empty((rows, 8 * modules)), np.empty((rows, len(KEPT) * modules)),
@@ -127,10 +128,10 @@ def run(
     fx = record(robot.effects, start.t)
     effects: tuple[Any, ...] = () if fx is None else (fx, memory)
     loop = train_loop.train_semi_implicit if integrator == "semi_implicit" else train_loop.train_rk4
+    cut_grid = Grid(dt / cut, steps * cut, every * cut, knot_steps * cut)
     status, kept = loop(
-        q, v, eta, torque, packed_all(p.modules), packed_all(p.joints),
-        np.array(modes, dtype=np.int64).reshape(modules, 2), dt / cut, steps * cut, every * cut, *way,
-        knot_steps * cut, np.array(factors, dtype=float), train_loop.workspace(modules), *tables, *effects,
+        RunState(q, v, eta, torque), packed_all(p.modules), packed_all(p.joints), inputs, cut_grid,
+        train_loop.workspace(modules), Rows(*tables[:3]), tables.e, *effects,
     )  # fmt: skip
     if status != train_loop.OK:
         return tables, kept, None

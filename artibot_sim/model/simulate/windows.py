@@ -23,7 +23,7 @@ from artibot_sim.model.equations.transmission import Mode, back_torque_factor
 from artibot_sim.model.kernels import loop
 from artibot_sim.model.kernels.advance import advance
 from artibot_sim.model.kernels.lane_layout import EXTENDED, extension, flat
-from artibot_sim.model.kernels.layout import MEMORY, ROW
+from artibot_sim.model.kernels.layout import MEMORY, ROW, Grid, MotorInputs, Rows, RunState
 from artibot_sim.model.kernels.sampling import COLUMNS, gather, sample
 from artibot_sim.model.robot.derived import PARAMS_DTYPE, params
 from artibot_sim.model.robot.robot import Robot
@@ -277,12 +277,13 @@ def run_window(
         extra = fx, (lags,) if has_memory(fleet.robots[r].effects) else ()
     work, q, v, w, rows = room
     turned, pulled = fleet.sensors[r, :2]
-    given = (
-        items.q[i].copy(), items.v[i].copy(), fleet.eta[r].copy(), np.zeros(4), fleet.records[r],
-        np.array(table.modes, dtype=np.int64), dt, knots * knot_steps, knot_steps, position / turned,
-        velocity / turned, torque / pulled, knot_steps, fleet.share[r, items.table[i]], work, q, v, w, None,
+    state = RunState(items.q[i].copy(), items.v[i].copy(), fleet.eta[r].copy(), np.zeros(4))
+    inputs = MotorInputs(
+        np.array(table.modes, dtype=np.int64), position / turned, velocity / turned, torque / pulled,
+        fleet.share[r, items.table[i]],
     )  # fmt: skip
-    _, kept = advance("rk4", given, extra)
+    grid = Grid(dt, knots * knot_steps, knot_steps, knot_steps)
+    _, kept = advance("rk4", (state, fleet.records[r], inputs, grid, work, Rows(q, v, w), None), extra)
     if kept > 1:
         gather(q, v, w, kept, rows)
         sample(rows, table.dt, kept, fleet.robots[r].articulated, plan.t, plan.kind, fleet.sensors, r, out)
