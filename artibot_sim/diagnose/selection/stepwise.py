@@ -17,7 +17,7 @@ from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.every_window import EveryWindow
 from artibot_sim.diagnose.selection.evidence import Evidence, Other, others, together
 from artibot_sim.diagnose.selection.forward import Stage, refusal, stage, thorough
-from artibot_sim.diagnose.selection.joint_fits import Rounds, settled
+from artibot_sim.diagnose.selection.joint_fits import Rival, Rounds, settled
 from artibot_sim.diagnose.selection.ridge_search import along_earlier_ridges, at_size
 from artibot_sim.diagnose.sizes import sized
 from artibot_sim.estimation.loss import Loss
@@ -200,7 +200,8 @@ class _Naming:
         """The best effect by the evidence of all windows, where the search has only some of them.
 
         That is asked of the `best` one by the searched windows and of those that tie with it; without one, of all that
-        would gain enough if they gained as much in every window.
+        would gain enough if they gained as much in every window. What is as good in the searched windows as the one
+        that all windows speak for is asked after it.
         """
         every, found, options = self._every, self._found, self._options
         if every is None:
@@ -212,7 +213,20 @@ class _Naming:
         rivals = [rival for rival in found.rivals if rival.id in wanted and rival.id not in out]
         if not rivals or self._no_time(_EVERY):
             return best
-        rivals = rivals[: self._rounds.least[0]]
+        searched = found.nats
+        best = self._of_all(every, rivals[: self._rounds.least[0]], best, out)
+        if best is None or best.effect not in searched:
+            return best
+        level, seen = searched[best.effect] - thresholds.tie, self._found.whole
+        near = [one for one in found.rivals if one.id not in (*seen, *out) and searched[one.id] >= level]
+        if not near or self._no_time(_EVERY):
+            return best
+        # as good in the searched windows, and not asked for as much more was needed of it: it may tie
+        return self._of_all(every, [one for one in found.rivals if one.id == best.effect] + near, best, out)
+
+    def _of_all(self, every: EveryWindow, rivals: list[Rival], best: Named | None, out: Sequence[str]) -> Named | None:
+        """The best effect once these have the evidence of all windows; the `best` one so far if there is no time."""
+        found, options = self._found, self._options
         stated = self._in_time(_EVERY, lambda: options.parts.once(
             _EVERY, lambda: every.evidence(found.problem, found.fit, rivals, len(self._named), self._rounds)
         ))  # fmt: skip
@@ -223,7 +237,7 @@ class _Naming:
         both = {**found.evidence, **{rival.id: one for rival, one in zip(rivals, evidence, strict=True)}}
         seen = found.whole.union(rival.id for rival in rivals)
         self._stages[-1] = found = self._weighed(replace(found, evidence=both, whole=seen))
-        return best_of(found.evidence, found.nats, self._from_commands, least, thresholds, out)
+        return best_of(found.evidence, found.nats, self._from_commands, options.least, options.thresholds, out)
 
     def _anew(self, best: Named | None) -> Stage | None:
         """The last search made better, where that may find what it missed."""
