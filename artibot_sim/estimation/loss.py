@@ -22,6 +22,8 @@ FIRM_BEND = 4.0
 """Excess of a window's channel over what noise gives, in standard deviations of that, from which it counts by its
 logarithm in the end. A wheel that all but breaks away, and in the model does, is no evidence for another soil."""
 _LAGS = 60
+_UNEXPLAINED = 3.0
+"""Power of a window's residuals, in that of the window in the middle, from which they say nothing of the noise."""
 
 
 @dataclass(frozen=True)
@@ -101,9 +103,11 @@ def channel_levels(windows: Sequence[Window], residuals: Sequence[Array]) -> dic
 
 
 def thinning(windows: Sequence[Window], residuals: Sequence[Array]) -> Array:
-    """How many samples of each channel are worth one: 1 + 2 Σ autocorrelation, up to where it first vanishes.
+    """How many samples of each channel are worth one: the autocorrelation time of its residuals, in samples.
 
-    Windows that are not explained yet are left out: their errors are no noise.
+    A continuous function of the residuals: fits that end close to each other weigh their samples alike. Windows with
+    more than the usual power are not explained yet, and their errors are no noise: they count the less the more they
+    have of it, and from `_UNEXPLAINED` on not at all.
     """
     factor = np.ones(len(CHANNEL_NAMES))
     for c in range(len(CHANNEL_NAMES)):
@@ -114,22 +118,33 @@ def thinning(windows: Sequence[Window], residuals: Sequence[Array]) -> Array:
                 if len(part) >= 12:
                     parts.append(part)
         if parts:
-            power = np.array([float(part @ part) / len(part) for part in parts])
-            sound = [part for part, p in zip(parts, power, strict=True) if p <= 2.0 * np.median(power)]
-            factor[c] = _correlation_time(sound)
+            factor[c] = _correlation_time(parts)
     return factor
 
 
 def _correlation_time(parts: Sequence[Array]) -> float:
-    total = 1.0
+    """1 + 2 Σ autocorrelation of series with weights of their own, see `correlation_time`."""
+    power = np.array([float(part @ part) / len(part) for part in parts])
+    usual = max(float(np.median(power)), 1e-300)
+    weight = np.maximum(0.0, 1.0 - (power / (_UNEXPLAINED * usual)) ** 2) ** 2  # Tukey's biweight
+    found = [1.0]
     for lag in range(1, min(_LAGS, int(np.median([len(part) for part in parts])) // 2)):
-        long = [part for part in parts if len(part) > 2 * lag]
-        power = sum(float(part @ part) for part in long)
-        shared = sum(float(part[lag:] @ part[:-lag]) for part in long) / max(power, 1e-300)
-        if shared <= 0.02:
-            break
-        total += 2.0 * shared
-    return total
+        long = [(w, part) for w, part in zip(weight, parts, strict=True) if len(part) > 2 * lag]
+        whole = sum(w * float(part @ part) for w, part in long)
+        found.append(sum(w * float(part[lag:] @ part[:-lag]) for w, part in long) / max(whole, 1e-300))
+    return correlation_time(np.array(found))
+
+
+def correlation_time(autocorrelation: Array) -> float:
+    """How many samples are worth one, of their autocorrelation at lags 0, 1, 2, …: at least 1.
+
+    Geyer's initial monotone sequence (1992), as in Stan: sums of two neighbouring lags, each at most as large as those
+    before it and none negative. What is added past the place where they vanish vanishes with them, so that there is no
+    lag at which the estimate jumps.
+    """
+    even = autocorrelation[: len(autocorrelation) // 2 * 2]
+    pairs = np.minimum.accumulate(np.maximum(even.reshape(-1, 2).sum(axis=1), 0.0))
+    return max(1.0, 2.0 * float(pairs.sum()) - 1.0)
 
 
 def merged(levels: Mapping[str, float]) -> Array:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from artibot_sim.diagnose.commands.data import LAGS, CommandData
+from artibot_sim.estimation.loss import correlation_time
 from artibot_sim.experiment.smoothing import noise_of
 
 Array = NDArray[np.float64]
@@ -128,13 +129,10 @@ def _scale(error: Array) -> float:
 
 
 def _thinning(data: CommandData, scaled: Array) -> float:
-    """1 + 2 Σ autocorrelation of whitened errors (n,), up to where it first vanishes."""
+    """How many whitened errors (n,) are worth one."""
     calm = np.clip(scaled, -4.0, 4.0)
-    power, total = float(calm @ calm), 1.0
+    power, found = max(float(calm @ calm), 1e-300), [1.0]
     for lag in range(1, min(_FAR, len(calm) // 4)):
         same = (data.recording[lag:] == data.recording[:-lag]) & (data.motor[lag:] == data.motor[:-lag])
-        alike = float((calm[lag:] * calm[:-lag])[same].sum()) / max(power, 1e-300)
-        if alike <= 0.02:
-            break
-        total += 2.0 * alike
-    return max(1.0, total)
+        found.append(float((calm[lag:] * calm[:-lag])[same].sum()) / power)
+    return correlation_time(np.array(found))
