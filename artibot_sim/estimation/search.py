@@ -21,6 +21,8 @@ SCAN = np.log1p(np.array([-0.35, -0.27, -0.2, -0.14, -0.09, -0.05, -0.025, 0.025
 """Changes of mu_s tried at every step, as logarithms: its gradient is zero almost everywhere (eq. 16 switches)."""
 FINE = np.array([-0.015, -0.008, -0.004, -0.002, 0.002, 0.004, 0.008, 0.015])
 """Changes of mu_s tried near the end of a search, as logarithms."""
+FOLLOWED = np.array([-0.02, -0.006, 0.006, 0.02])
+"""Changes of mu_s, as logarithms, that all else may follow before they are judged."""
 _WIDE = (1, 3, 5, 8, 10, 12)
 """Places in SCAN, by which a wide look begins."""
 _DRAWS = 0.6
@@ -37,6 +39,8 @@ _COARSE = 4
 """Steps between two coarse scans of mu_s."""
 _TURNS = (-0.06, -0.03, -0.015, 0.015, 0.03, 0.06)
 """rad, by which a start's heading is turned for another try."""
+_FOLLOWS = 6
+"""Scans at most in which all else follows mu_s."""
 _CLOSE = 1.15
 """An end whose loss is larger than the best one's by this factor is not gone on from."""
 _SMALL = 1.0
@@ -210,6 +214,31 @@ def coarse_to_fine_scan(problem: Problem, loss: Loss, point: Point) -> Point:
     near = (least - 1, least + 1) if tried[least].cost < point.cost else (middle - 1, middle)
     more = _at_other_mu_s(problem, loss, point, SCAN[[k for k in near if 0 <= k < len(SCAN) and k not in tried]])
     return min([point, *tried.values(), *more], key=lambda p: p.cost)
+
+
+def followed_scan(problem: Problem, loss: Loss, point: Point, free: Sequence[int]) -> Point:
+    """The best of the same point with other mu_s, judged after two steps of all else; repeated while it gains.
+
+    When a wheel breaks away depends on its load and its force as well as on mu_s. Changed alone, any of these makes it
+    do so at another instant than measured, and the loss rises on both sides at once, as from the bottom of a V. Where
+    they change together, as a load and mu_s do, the bottom of the V falls on, and no scan of mu_s by itself sees it.
+    """
+    if problem.parameters.index(MU_S) is None:
+        return point
+    for _ in range(_FOLLOWS):
+        ends = [_follows(problem, loss, one, free) for one in _at_other_mu_s(problem, loss, point, FOLLOWED)]
+        best = min(ends, key=lambda p: p.cost)
+        if best.cost > point.cost - _SMALL * max(len(free), 1):
+            break
+        point = best
+    return point
+
+
+def _follows(problem: Problem, loss: Loss, point: Point, free: Sequence[int]) -> Point:
+    damping = 1e-3
+    for _ in range(2):
+        point, _, damping = step(problem, loss, point, free, damping)
+    return point
 
 
 def _at_other_mu_s(problem: Problem, loss: Loss, point: Point, changes: Array) -> list[Point]:

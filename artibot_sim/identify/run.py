@@ -46,8 +46,9 @@ LEAD = 0.3
 """s at a window's beginning that are not compared."""
 _FEW = 12
 """Windows at most that the search from several starts takes, evenly."""
-_LOWEST_NOISE = 0.7
-"""Least factor by which noise found from residuals may fall below the one assumed before."""
+LOWEST_NOISE = 0.7
+"""Least noise that residuals may show, in that of neighbouring samples. Not in what was assumed before: how wrong an
+earlier fit was, and so where it ended, must not matter once a better one is found."""
 _SETTLE = 8
 _POOR = 1.4
 """Residuals over the sensor's noise from which a search has probably missed the best optimum; a total station's slow
@@ -212,7 +213,7 @@ class Trust:
 
     def levels(self, found: Mapping[str, float], before: Array) -> Array:
         """Factors on the noise levels, by channel; `before` is what they were multiplied with already."""
-        return np.clip(np.maximum(merged(found), _LOWEST_NOISE) * before, None, self.level) / before
+        return np.clip(merged(found) * before, LOWEST_NOISE, self.level) / before
 
     def loss(self, found: Loss) -> Loss:
         """A loss that thins as much at most."""

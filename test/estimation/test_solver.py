@@ -12,7 +12,7 @@ from estimation.linear import Linear, linear
 from artibot_sim.estimation.encoder_noise import NoiseShare
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.problem import Draw, Problem
-from artibot_sim.estimation.search import free_parameters, restarted_windows
+from artibot_sim.estimation.search import FINE, followed_scan, free_parameters, restarted_windows, scan
 from artibot_sim.estimation.solver import evaluate, reduce, step
 from artibot_sim.estimation.uncertainty import Node, from_bootstrap, from_curvature
 from artibot_sim.estimation.windows import CHANNEL_NAMES
@@ -114,6 +114,21 @@ def test_sensitivities_are_those_of_central_differences(problem: Problem) -> Non
         else:
             usual = np.sqrt(np.mean(np.minimum(np.abs(expected), np.quantile(np.abs(expected), 0.95)) ** 2))
             assert np.median(np.abs(found - expected)) < 0.05 * usual
+
+
+def test_mu_s_judged_once_all_else_has_followed_leads_along_a_valley(problem: Problem) -> None:
+    """What depends on the difference of both holds them together: a scan of mu_s and steps of all else get nowhere."""
+    soft = problem.with_parameters(parameter_set(ROBOT, ("mu_s", "u_w")))
+    truth, free = np.array([0.1, 0.1]), [1]
+    of = linear(soft, truth, np.random.default_rng(3))
+    of.parameter_rows[0] = 0.0
+    of.parameter_rows[:, ::4] = [[200.0], [-200.0]]
+    of.offset = truth @ of.parameter_rows
+    point = evaluate(of, EVEN, [np.zeros(2)], of.starts)[0]
+    for _ in range(5):
+        point, _, _ = step(of, EVEN, scan(of, EVEN, point, FINE), free)
+    assert np.abs(point.coordinates).max() < 0.02
+    np.testing.assert_allclose(followed_scan(of, EVEN, point, free).coordinates, truth, atol=0.01)
 
 
 def fitted(of: Linear) -> Node:

@@ -28,19 +28,18 @@ from artibot_sim.diagnose.selection.joint_fits import (
     renoised,
 )
 from artibot_sim.estimation.checks.common_map import experiments_of, in_common_map, needed
-from artibot_sim.estimation.loss import Loss, channel_levels, merged
+from artibot_sim.estimation.loss import Loss, channel_levels
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, thinned
 from artibot_sim.estimation.solver import again
 from artibot_sim.estimation.windows import CHANNEL_NAMES
+from artibot_sim.identify.run import Trust
 from artibot_sim.model.effects import EFFECTS
 
 Array = NDArray[np.float64]
 Tick = Callable[[], None]
 
-_LOWEST = 0.7
-"""Least factor on a noise level."""
 _SAME = 0.1
 """Change of a noise level, as a logarithm, that is none."""
 
@@ -183,7 +182,8 @@ def _with_honest_noise(
     found = channel_levels(problem.windows, first.fit.point.residuals)
     thinning = np.clip(thinned(problem, first.fit).thinning, 1.0, None)
     known = np.array([name != "position" for name in CHANNEL_NAMES])
-    levels = np.where(known, TRUST.levels(found, _widened(problem)), np.maximum(merged(found), _LOWEST))
+    widened = _widened(problem)
+    levels = np.where(known, TRUST.levels(found, widened), Trust().levels(found, widened))
     new = Loss(1.0, np.where(known, np.minimum(thinning, TRUST.thinning), thinning))
     ratio = np.concatenate([levels, np.sqrt(new.thinning / loss.thinning)])
     if np.abs(np.log(ratio)).max() < _SAME:

@@ -19,7 +19,14 @@ from artibot_sim.estimation.encoder_noise import answers, with_noisy_inputs
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.problem import Problem
-from artibot_sim.estimation.search import Fit, coarse_to_fine_scan, converge, free_parameters, restarted_windows
+from artibot_sim.estimation.search import (
+    Fit,
+    coarse_to_fine_scan,
+    converge,
+    followed_scan,
+    free_parameters,
+    restarted_windows,
+)
 from artibot_sim.estimation.solver import Point, again, evaluate, polished, step
 
 # ----------------------------------------------------------------------
@@ -260,7 +267,9 @@ def settled(problem: Problem, point: Point, loss: Loss, rounds: Rounds) -> Fit:
         if lower.cost > fit.point.cost - rounds.worth:
             break
         fit = converge(problem, lower, loss, rounds.few)
-    return converge(problem, fit.point, replace(loss, firm=True), rounds.few)
+    fit = converge(problem, fit.point, replace(loss, firm=True), rounds.few)
+    lower = followed_scan(problem, fit.loss, fit.point, fit.free)
+    return converge(problem, lower, fit.loss, rounds.few) if lower.cost < fit.point.cost else fit
 
 
 def neutralised(rival: Rival, best: Fit, loss: Loss, rounds: Rounds) -> Fit:
