@@ -40,9 +40,6 @@ from artibot_sim.model.effects import EFFECTS
 Array = NDArray[np.float64]
 Tick = Callable[[], None]
 
-_SAME = 0.1
-"""Change of a noise level, as a logarithm, that is none."""
-
 
 @dataclass(frozen=True)
 class Stage:
@@ -158,7 +155,7 @@ def _judged(begun: Stage, rivals: list[Rival], named: Sequence[str], rounds: Rou
     best = min([best, *others], key=lambda fit: fit.point.cost)
     fallen = 0.5 * (again(problem, best.loss, base.point).cost - best.point.cost)
     rivals = _with_starts_of(problem, best, rivals, rounds)
-    problem, best, rivals, loss = _with_honest_noise(problem, best, rivals, loss, rounds)
+    problem, best, rivals, loss = _with_honest_noise(problem, best, rivals, rounds)
     rivals = side_by_side(lambda rival: contained(rival, best, rounds), rivals, problem.workers)
     rivals = sorted(rivals, key=lambda rival: rival.fit.point.cost)
     excess = excess_of(problem, best, rivals, number=len(named))
@@ -169,15 +166,13 @@ def _judged(begun: Stage, rivals: list[Rival], named: Sequence[str], rounds: Rou
 
 
 def _with_honest_noise(
-    problem: Problem, best: Fit, rivals: list[Rival], loss: Loss, rounds: Rounds
+    problem: Problem, best: Fit, rivals: list[Rival], rounds: Rounds
 ) -> tuple[Problem, Fit, list[Rival], Loss]:
-    """All fits again with the noise that the least cost leaves, if it is another than was assumed.
+    """All fits again with the noise that the least cost leaves.
 
     Positions alone may err as much and as slowly as they seem to: with the other sensors that is another effect, still
     to be found, and no noise.
     """
-    if not rivals:
-        return problem, best, rivals, loss
     first = rivals[0]
     found = channel_levels(problem.windows, first.fit.point.residuals)
     thinning = np.clip(thinned(problem, first.fit).thinning, 1.0, None)
@@ -185,9 +180,6 @@ def _with_honest_noise(
     widened = _widened(problem)
     levels = np.where(known, TRUST.levels(found, widened), Trust().levels(found, widened))
     new = Loss(1.0, np.where(known, np.minimum(thinning, TRUST.thinning), thinning))
-    ratio = np.concatenate([levels, np.sqrt(new.thinning / loss.thinning)])
-    if np.abs(np.log(ratio)).max() < _SAME:
-        return problem, best, rivals, loss
 
     def steps(fit: Fit) -> int:
         """As many as close fits need, one for those that are far behind."""
