@@ -14,7 +14,7 @@ from scipy.stats import trim_mean
 from artibot_sim.diagnose.candidates.hypotheses import without_effect
 from artibot_sim.diagnose.candidates.patches import refined
 from artibot_sim.diagnose.candidates.screening import Around, Trial
-from artibot_sim.diagnose.selection.ridge_search import along_ridge, from_far_sizes
+from artibot_sim.diagnose.selection.ridge_search import from_far_sizes
 from artibot_sim.estimation.encoder_noise import answers, with_noisy_inputs
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parallel import side_by_side
@@ -63,8 +63,6 @@ class Rounds:
         Nats that they have to promise.
     few, many : int
         Steps.
-    walks : int
-        Along an effect's ridge, at most, as long as each gains what `worth` says.
     worth : float
         Nats that an effect has to gain in the screen to be fitted at all.
     plain : float
@@ -81,7 +79,6 @@ class Rounds:
     promise: float = 12.0
     few: int = 3
     many: int = 8
-    walks: int = 2
     worth: float = 12.0
     plain: float = 1000.0
     scheduler: str | None = None
@@ -256,17 +253,12 @@ def _begun(loss: Loss, rounds: Rounds, trial: Trial) -> Trial:
 
 
 def settled(problem: Problem, point: Point, loss: Loss, rounds: Rounds) -> Fit:
-    """A fit to the end: starts may change their branch, mu_s is scanned finely and coarsely.
+    """A fit to the end: starts may change their branch, mu_s is scanned, at last with all else following it.
 
     The last steps are under the firm loss, which is what evidence counts: a window that lost its branch says little.
     """
     point = restarted_windows(problem, loss, again(problem, loss, point))
     fit = from_far_sizes(problem, loss, converge(problem, point, loss, rounds.many), rounds.few)
-    for _ in range(rounds.walks):
-        lower = along_ridge(problem, loss, fit)
-        if lower.cost > fit.point.cost - rounds.worth:
-            break
-        fit = converge(problem, lower, loss, rounds.few)
     fit = converge(problem, fit.point, replace(loss, firm=True), rounds.few)
     lower = followed_scan(problem, fit.loss, fit.point, fit.free)
     return converge(problem, lower, fit.loss, rounds.few) if lower.cost < fit.point.cost else fit
