@@ -40,7 +40,7 @@ class Searched(NamedTuple):
 
 def searched(case: Case, robot: Robot, seed: int) -> Searched:
     """Soil, and the effects beside it."""
-    timed = on_one_clock(case.recordings, robot, seed, poses=True)
+    timed = on_one_clock(case.recordings, robot, seed)
     fitted, _ = split([one.experiment for one in timed], [], robot)
     begun = time.process_time()
     problem, fit = baseline(fitted, robot, Options(seed=seed, workers=1))
