@@ -168,14 +168,14 @@ def _judged(begun: Stage, rivals: list[Rival], named: Sequence[str], rounds: Rou
 def _with_honest_noise(
     problem: Problem, best: Fit, rivals: list[Rival], rounds: Rounds
 ) -> tuple[Problem, Fit, list[Rival], Loss]:
-    """All fits again with the noise that the least cost leaves.
+    """All fits again with the noise that the least cost leaves, the baseline's or a rival's.
 
     Positions alone may err as much and as slowly as they seem to: with the other sensors that is another effect, still
     to be found, and no noise.
     """
-    first = rivals[0]
-    found = channel_levels(problem.windows, first.fit.point.residuals)
-    thinning = np.clip(thinned(problem, first.fit).thinning, 1.0, None)
+    first = min((best, rivals[0].fit), key=lambda fit: fit.point.cost)
+    found = channel_levels(problem.windows, first.point.residuals)
+    thinning = np.clip(thinned(problem, first).thinning, 1.0, None)
     known = np.array([name != "position" for name in CHANNEL_NAMES])
     widened = _widened(problem)
     levels = np.where(known, TRUST.levels(found, widened), Trust().levels(found, widened))
@@ -183,7 +183,7 @@ def _with_honest_noise(
 
     def steps(fit: Fit) -> int:
         """As many as close fits need, one for those that are far behind."""
-        return rounds.few if fit.point.cost - first.fit.point.cost < 2.0 * rounds.plain else 1
+        return rounds.few if fit.point.cost - first.point.cost < 2.0 * rounds.plain else 1
 
     firm, fits = replace(new, firm=True), [(problem, best), *((rival.problem, rival.fit) for rival in rivals)]
     (problem, best), *anew = side_by_side(
