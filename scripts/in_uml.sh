@@ -11,7 +11,8 @@
 # status is this script's. Status 125: the kernel did not come so far; what it said is on standard error.
 # -1 keeps it on one processor, which one is left to chance: beside other work it is then twice as fast, for its processes
 # hand over to each other at every system call, and whatever else watches the clock there waits longer.
-# Needs Debian's packages user-mode-linux, kmod and iproute2, and a C compiler for -s. One CPU; no network but the loopback.
+# Needs Debian's packages user-mode-linux, kmod and iproute2, and a C compiler for -s and for processors with AMX
+# (wide_registers.c). One CPU; no network but the loopback.
 set -euo pipefail
 
 memory=256M
@@ -24,7 +25,7 @@ while getopts 1m:r:s: option; do
     m) memory=$OPTARG ;;
     s) slowness=$OPTARG ;;
     r) chrt -f "$OPTARG" true 2>/dev/null && preferred=(chrt -f "$OPTARG") ;;
-    *) sed -n '2,16s/^# \{0,1\}//p' "$0" >&2; exit 125 ;;
+    *) sed -n '2,15s/^# \{0,1\}//p' "$0" >&2; exit 125 ;;
   esac
 done
 shift $((OPTIND - 1))
@@ -41,13 +42,19 @@ machine=
 trap '[ -z "$machine" ] || kill "$machine" 2>/dev/null || true; rm -rf "$work"' EXIT
 trap 'exit 130' INT TERM
 
-clock=()
+# preload NAME WHY: NAME.c, compiled, to be loaded before the kernel's C library.
+preloaded=
+preload() {
+  "${CC:-cc}" -O2 -shared -fPIC -o "$work/$1.so" "$(dirname "$0")/$1.c" -ldl >&2 ||
+    { echo "in_uml.sh: $2 needs a C compiler; apt-get install gcc libc6-dev" >&2; exit 125; }
+  preloaded+="${preloaded:+:}$work/$1.so"
+}
+
 if [ -n "$slowness" ]; then
   [[ $slowness =~ ^[1-9][0-9]{0,2}$ ]] || { echo "in_uml.sh: -s is '$slowness', expected a whole number from 1 to 999" >&2; exit 125; }
-  "${CC:-cc}" -O2 -shared -fPIC -o "$work/slow_motion.so" "$(dirname "$0")/slow_motion.c" -ldl >&2 ||
-    { echo "in_uml.sh: -s needs a C compiler; apt-get install gcc libc6-dev" >&2; exit 125; }
-  clock=(env LD_PRELOAD="$work/slow_motion.so" SLOW_MOTION="$slowness")
+  preload slow_motion -s
 fi
+! grep -qw amx_tile /proc/cpuinfo || preload wide_registers "a processor with AMX"
 
 # The first program of the new system: it gets the environment and the command as bash writes them down itself.
 {
@@ -81,7 +88,7 @@ chmod +x "$work/init"
 
 # The command writes to a file, shown as it grows: the kernel's console would mix in lines of its own. What would be
 # timed at boot for the sake of file systems on RAID is left out.
-"${pinned[@]}" "${preferred[@]}" "${clock[@]}" setpriv --pdeathsig KILL \
+"${pinned[@]}" "${preferred[@]}" env ${preloaded:+LD_PRELOAD="$preloaded" SLOW_MOTION="$slowness"} setpriv --pdeathsig KILL \
   "$kernel" "mem=$memory" root=/dev/root rootfstype=hostfs rootflags=/ rw init="$work/init" \
   initcall_blacklist=raid6_select_algo,calibrate_xor_blocks con=null con0=fd:0,fd:1 quiet </dev/null >"$work/console" 2>&1 &
 machine=$!
