@@ -143,8 +143,7 @@ def test_an_identification_and_a_diagnosis_fit_on_the_cluster(cluster: Cluster) 
     base = around(problem, here.loss, here.point)
     tried = screen(base, [one for one in hypotheses(robot, found) if one.extension.id == "joint_friction"])
     fitted = [
-        contest(tried, 1e9, here.loss, Rounds(few=1, many=1, walks=0, scheduler=address))
-        for address in (None, cluster.address)
+        contest(tried, 1e9, here.loss, Rounds(few=1, many=1, scheduler=address)) for address in (None, cluster.address)
     ]  # against a baseline that any effect beats
     (one,), (other,) = fitted
     assert one.id == other.id == "joint_friction" and one.fit.point.cost == other.fit.point.cost
