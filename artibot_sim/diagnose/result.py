@@ -480,7 +480,7 @@ def varies_words(found: Diagnosis) -> str:
     what = " or ".join([f"{one.effect}.{one.parameter}" if one.effect else one.parameter, *one.ties])
     low, high = (number(value) for value in one.between)
     return (
-        f"{what}: another value in each window, by ±{100 * one.spread:.0f} % (two of three windows between {low} and "
+        f"from window to window {what} has another value, by ±{100 * one.spread:.0f} % (two of three between {low} and "
         f"{high}); held-out windows are likelier so by {number(one.holdout_nats, 2)} nats. No model predicts which "
         "value comes next."
     )

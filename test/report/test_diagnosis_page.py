@@ -138,7 +138,7 @@ def test_the_error_is_said_in_parts(every: dict[Verdict, Diagnosis]) -> None:
         "of the squared error of held-out predictions, position: 25 % what is named takes away, "
         "5 % noise of the sensor, 40 % ground that varies, 30 % unknown."
     )
-    assert result.varies_words(found).startswith("mu_d or k_t: another value in each window, by ±22 % ")
+    assert result.varies_words(found).startswith("from window to window mu_d or k_t has another value, by ±22 % ")
     assert result.budget_words(replace(found, error_budget={})) == ""
 
 
