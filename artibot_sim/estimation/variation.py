@@ -23,7 +23,6 @@ from artibot_sim.estimation.kernels import sample_weights
 from artibot_sim.estimation.loss import SAMPLE_BEND
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.solver import eliminated
-from artibot_sim.estimation.windows import CHANNEL_NAMES
 
 Array = NDArray[np.float64]
 
@@ -149,5 +148,4 @@ def windows_of(
     sample_weights(problem.samples, residuals.flat, 1.0, SAMPLE_BEND, factor, weight)
     reduced, squares = eliminated(problem, weight, residuals, sensitivity, starts)
     counts = (problem.samples.counts / thinning).sum(axis=1)
-    assert factor.shape[1] == len(CHANNEL_NAMES)
     return [Windows(reduced.matrices[:, k, k], reduced.gradient[:, k], squares, counts) for k in range(len(which))]
