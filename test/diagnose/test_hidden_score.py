@@ -103,6 +103,17 @@ def test_what_is_on_no_list_must_not_get_a_name():
     assert (forced.top1, forced.answer, forced.excess) == (0.0, "bulldozing", 1)
 
 
+def test_of_what_is_listed_beside_what_is_not_both_must_be_said():
+    remainder = {"force": "front yaw moment", "variable": "front yaw rate", "form": "linear", "size": 60.0, "unit": ""}
+    slope, both = cause("slope", grade=found(0.05), heading=found(3.0)), truth(["yaw_drag"], slope=SLOPE)
+    right = score(answer("named", [slope], unexplained=remainder), both)
+    assert (right.top1, right.described, right.excess) == (1.0, True, 0)
+    assert score(answer("named", [slope]), both).top1 == 0.0
+    assert score(answer("unexplained", unexplained=remainder), both).top1 == 0.0
+    other = score(answer("named", [slope, cause("bulldozing")], unexplained=remainder), both)
+    assert (other.top1, other.excess) == (0.0, 1)
+
+
 def test_errors_are_of_the_departure_from_neutral():
     c = cause("back_friction", scale=found(0.64, 0.5, 0.7))
     assert score(answer("named", [c]), truth(back_friction={"scale": 0.6})).errors[

@@ -10,7 +10,7 @@ from diagnose.hidden.effects import ADDED, LISTED
 from diagnose.hidden.ground import OTHER_GROUND
 from diagnose.hidden.unlisted import LAWS, ON_COMMANDS, UNLISTED
 
-KINDS = ("none", "single", "pair", "unlisted", "ground", "commands", "added", "laws")
+KINDS = ("none", "single", "pair", "unlisted", "ground", "commands", "added", "laws", "with_law")
 """The order is part of the cases' seeds."""
 
 
@@ -102,5 +102,7 @@ def _effects(kind: str, seed: int) -> Iterator[tuple[str, ...]]:
             if kind == "pair":
                 other = rng.choice([other for other in sorted(LISTED) if other != name])
                 yield (str(name), str(other))
+            elif kind == "with_law":
+                yield (str(name), str(rng.choice(sorted({**UNLISTED, **LAWS}))))
             else:
                 yield (str(name),)

@@ -31,7 +31,8 @@ class Score:
     detected : bool
         Whether it says that something is wrong.
     top1, top3 : float
-        1 right, 0 wrong; a tie set of at most three that holds the truth is half right.
+        1 right, 0 wrong; a tie set of at most three that holds the truth is half right. Of what is listed beside what
+        is not both must be said.
     tie : bool
     excess : int
         Named causes that are not there, and a remainder that is not.
@@ -105,6 +106,9 @@ def _ranks(
 ) -> tuple[float, float, bool]:
     """top1, top3, tie."""
     verdict, causes = answer["verdict"], answer["causes"]
+    if unlisted and effects:
+        right = set(_effects(causes)) == set(effects) and answer["unexplained"] is not None
+        return float(right), float(right), False
     if unlisted:
         right = verdict == "unexplained"
         return float(right), float(right), False

@@ -10,12 +10,15 @@ from typing import Any
 import numpy as np
 from diagnose.hidden.effects import ADDED, LISTED
 from diagnose.hidden.ground import OTHER_GROUND
+from diagnose.hidden.jobs import KINDS
 from diagnose.hidden.score import Score, score
 from diagnose.hidden.unlisted import LAWS, UNLISTED
 
-ROWS = ("none", "single", "pair", "unlisted", "ground")
+ROWS = ("none", *(kind for kind in KINDS if kind != "none"))
 CLOSE = 0.15
 """Relative error within which a parameter is right."""
+MOST_OF_IT = 0.8
+"""Share of the true model's gain from which a gain is as good."""
 
 
 class Scored:
@@ -42,7 +45,7 @@ def table(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     scored = [Scored(result) for result in results]
     yield (
         f"{'hidden':<16}{'cases':>6}{'detected':>10}{'top-1':>8}{'top-3':>8}{'ties':>7}{'excess':>8}"
-        f"{'<15 %':>8}{'covered':>9}{'gain':>7}{'time':>8}"
+        f"{'<15 %':>8}{'covered':>9}{'gain':>7}{'≥80 %':>8}{'law':>7}{'time':>8}"
     )
     for row in sorted({each.row for each in scored}, key=lambda row: (ROWS.index(row[0]), -row[1])):
         group = [each.score for each in scored if each.row == row and each.score is not None]
@@ -59,6 +62,7 @@ def _line(name: str, group: Sequence[Score]) -> str:
     errors = [error for each in group for error in each.errors.values()]
     covered = [hit for each in group for hit in each.covered.values()]
     gains = [each.gain for each in group if each.gain is not None]
+    described = [each.described for each in group if each.described is not None]
     cells = (
         f"{_share([each.detected for each in group]):>10}",
         f"{_share([each.top1 for each in group]):>8}",
@@ -68,6 +72,8 @@ def _line(name: str, group: Sequence[Score]) -> str:
         f"{_share([error <= CLOSE for error in errors]):>8}",
         f"{_share(covered):>9}",
         f"{_number(gains, median, '.0%'):>7}",
+        f"{_share([gain >= MOST_OF_IT for gain in gains]):>8}",
+        f"{_share(described):>7}",
         f"{_number([each.seconds for each in group], median, '.0f') + ' s':>8}",
     )
     return f"{name:<16}{len(group):>6}{''.join(cells)}"

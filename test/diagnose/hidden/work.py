@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -91,7 +91,11 @@ def silent(found: Case) -> dict[str, Any]:
 
 
 def reference(found: Case) -> dict[str, dict[str, float]]:
-    """How well the true model predicts what was held out, by channel: its soil and effects are the truth's."""
+    """How well the true model predicts what was held out, by channel: its soil and effects are the truth's.
+
+    Of what is on no list there is no model: then `found` is the same case without it, on which a model that knew it
+    would err by as much.
+    """
     from artibot_sim.identify.validation import hold_out
     from artibot_sim.model import load_robot
 
@@ -114,9 +118,12 @@ WAYS: dict[str, Diagnose] = {"memory": in_memory, "bags": command_line, "silent"
 def do(job: Job, way: str = "memory") -> dict[str, Any]:
     """A line for the journal. A diagnosis that fails is a result, too."""
     noise = Noise().scaled(job.noise)
-    found = case(
-        job.effects, job.severity, job.seed, noise=noise, runs=job.runs, duration=job.duration, robot=job.robot
-    )
+
+    def made(effects: Sequence[str]) -> Case:
+        size = {"noise": noise, "runs": job.runs, "duration": job.duration}
+        return case(effects, job.severity, job.seed, **size, robot=job.robot)
+
+    found = made(job.effects)
     result: dict[str, Any] = {"key": job.key, "job": job._asdict(), "truth": asdict(found.truth)}
     began = time.monotonic()
     try:
@@ -124,6 +131,8 @@ def do(job: Job, way: str = "memory") -> dict[str, Any]:
     except Exception as error:  # noqa: BLE001 - whatever it is, the campaign goes on
         return result | {"error": f"{type(error).__name__}: {error}", "trace": traceback.format_exc()[-3000:]}
     seconds = time.monotonic() - began
-    if found.truth.effects and not found.truth.unlisted and answer["gain"]:
-        result["reference"] = reference(found)
+    truth = found.truth
+    if (truth.effects or truth.unlisted) and answer["gain"]:
+        known = [name for name in job.effects if name not in truth.unlisted]
+        result["reference"] = reference(made(known) if truth.unlisted else found)
     return result | {"answer": {name: answer.get(name) for name in KEPT} | {"seconds": round(seconds, 2)}}
