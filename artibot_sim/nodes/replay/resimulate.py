@@ -74,8 +74,14 @@ def with_residual(result: Resimulation, model: ResidualModel) -> Resimulation:
     Raises
     ------
     ArtibotError
-        If the model corrects another robot.
+        If the model corrects another robot, or the recording has no measured heading: simulations then begin with
+        courses over ground, which have taken in a part of what is missing, and corrections add it once more.
     """
+    if "yaw" not in result.metrics:
+        raise ArtibotError(
+            f"--residual: {result.experiment.path} measures no heading, and where that comes from the course over "
+            "ground corrections make paths worse; do without --residual"
+        )
     if model.robot != result.robot.name:
         raise ArtibotError(f"--residual: learned for robot '{model.robot}', but '{result.robot.name}' is simulated")
 

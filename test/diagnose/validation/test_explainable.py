@@ -10,6 +10,9 @@ import pytest
 
 from artibot_sim.diagnose.records import LAST_THIRD
 from artibot_sim.diagnose.validation.explainable import explainable, folds, model_of
+from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.boosting import Boosted
+from artibot_sim.estimation.residual_model import ResidualModel
 from artibot_sim.experiment import Experiment, read_bag, write_experiment
 from artibot_sim.experiment.resimulate import resimulate
 from artibot_sim.identify.synthetic import synthetic
@@ -67,6 +70,16 @@ def test_what_was_learned_mends_a_simulation_of_a_recording_that_it_never_saw(tm
         assert mended.metrics[channel].rmse < 0.7 * plain.metrics[channel].rmse
     assert mended.metrics["articulation_yaw"].rmse == pytest.approx(plain.metrics["articulation_yaw"].rmse, rel=1e-6)
     assert "no cause is claimed" in mended.remarks[-1]
+
+
+def test_where_no_heading_is_measured_nothing_is_corrected() -> None:
+    robot = load_robot("agriq")
+    plain = resimulate(synthetic(robot, EIGHT, seed=0, name="points", duration=6.0), robot, "rotations", horizon=2.0)
+    trees = np.zeros((3, 0, 1), np.int64)
+    adds_nothing = Boosted(np.zeros(3), trees, trees.astype(float), trees, trees, trees.astype(float))
+    model = ResidualModel(adds_nothing, (0, 1, 2, 3), robot.name, 2.0)
+    with pytest.raises(ArtibotError, match="points measures no heading"):
+        with_residual(plain, model)
 
 
 def winding(share: float) -> Commands:
