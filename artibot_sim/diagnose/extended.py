@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -85,3 +85,15 @@ def robot_of(
                 if entry.ci95 is not None:
                     intervals[f"effects.{effect}.{name}"] = entry.ci95
     return replace(robot, effects=effects, sources=sources, intervals=intervals)
+
+
+def with_effects_of(robot: Robot, other: Robot, names: Collection[str]) -> Robot:
+    """A robot with some of another one's effects, their sources and intervals."""
+    mine = {name: other.effects[name] for name in names if name in other.effects}
+    theirs = tuple(f"effects.{name}." for name in mine)
+    return replace(
+        robot,
+        effects={**robot.effects, **mine},
+        sources={**robot.sources, **{key: text for key, text in other.sources.items() if key.startswith(theirs)}},
+        intervals={**robot.intervals, **{key: ends for key, ends in other.intervals.items() if key.startswith(theirs)}},
+    )

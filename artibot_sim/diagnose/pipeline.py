@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from artibot_sim.cluster import identity
 from artibot_sim.diagnose.candidates.patches import disc_place
 from artibot_sim.diagnose.commands.view import CommandView, command_view, view_with
 from artibot_sim.diagnose.conclusion import Conclusion, HeldOut, Without, concluded, shows_forces
-from artibot_sim.diagnose.extended import found_parameters, robot_of
+from artibot_sim.diagnose.extended import found_parameters, robot_of, with_effects_of
 from artibot_sim.diagnose.intervals import Uncertain, judged, surroundings
 from artibot_sim.diagnose.next_experiment.choice import next_experiment, next_for_force, one_by_one, repeated
 from artibot_sim.diagnose.policy import THRESHOLDS, TRUST, Thresholds
@@ -127,6 +127,32 @@ def _models(robot: Robot, result: Diagnosis, found: Decision) -> dict[str, Robot
     unnamed = found.problem.parameters.robot_at(found.fit.point.coordinates)
     stated = {one.effect: {name: value.value for name, value in one.found.items()} for one in found.named if one.found}
     return models | {UNNAMED: replace(unnamed, effects={**unnamed.effects, **stated})}
+
+
+def with_refusals(result: Diagnosis, models: Mapping[str, Robot], commanded: Collection[str]) -> Diagnosis:
+    """A result in which robots stand that predict held-out recordings better, where fitted ones are refused.
+
+    Effects that only commands show do not act on such predictions, and stay.
+
+    Parameters
+    ----------
+    result : Diagnosis
+        With its predictors.
+    models : mapping of str to Robot
+        What these were made of.
+    commanded : collection of str
+        Named effects that only commands show.
+    """
+    refused = refusals(result.predictors, models)
+    for one in refused:
+        if one.holds == one.model:
+            continue
+        if one.model == BASELINE:
+            result = replace(result, baseline_robot=models[one.holds])
+        else:
+            result = replace(result, extended=with_effects_of(models[one.holds], result.extended, commanded))
+    said = [one.why for one in refused]
+    return replace(result, refused=tuple(refused), warnings=(*said, *result.warnings))
 
 
 class Assessor:
@@ -537,7 +563,7 @@ def diagnose(
     found = concluded(decision, view, assessor.worth)
     assessed = assessor(found.decision)
     result = result_of(robot, fitted, held, found, assessed, options, what_is_left(timed))
-    result = _with_predictors(result, held, _models(robot, result, decision), decision.neutral_problem, options)
+    result = _with_predictors(result, held, _models(robot, result, decision), decision, options)
     result = with_explainable(result, assessed, residual, options)
     result = with_budget(result, found.decision, assessed, options)
     fewer = _fewer(len(every.rows), usual)
@@ -592,17 +618,18 @@ def affordable(every: EveryWindow, options: Options, view_took: float) -> tuple[
 
 
 def _with_predictors(
-    result: Diagnosis, held: Sequence[Experiment], models: Mapping[str, Robot], problem: Problem, options: Options
+    result: Diagnosis, held: Sequence[Experiment], models: Mapping[str, Robot], decision: Decision, options: Options
 ) -> Diagnosis:
     """Add how well the models predict held-out recordings, if there is time."""
     try:
         with until(time.perf_counter() + options.left):
-            seen = predictors(held, models, problem, options.horizon, options.workers)
+            seen = predictors(held, models, decision.neutral_problem, options.horizon, options.workers)
     except TimeIsUp:
         return _without(result, "held-out errors of the models side by side")
     best = best_of(seen)
-    name = best.name if best is not None else ""
-    return replace(result, predictors=seen, best=name, warnings=(*refusals(seen), *result.warnings))
+    commanded = {one.effect for one in decision.named if one.found}
+    result = replace(result, predictors=seen, best=best.name if best is not None else "")
+    return with_refusals(result, models, commanded)
 
 
 def _fewer(searched: int, usual: int) -> list[str]:

@@ -40,6 +40,7 @@ __all__ = [
     "Place",
     "PredictionError",
     "Predictor",
+    "Refusal",
     "Series",
     "Unexplained",
     "Verdict",
@@ -368,6 +369,31 @@ class Predictor:
     def is_clearly_worse_than(self, other: Predictor) -> bool:
         """Whether this one errs by clearly more than another; False where the errors of one are not known."""
         return bool(self.errors) and bool(other.errors) and self.score > other.score + CLEARLY_WORSE
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A fitted model that predicts held-out recordings clearly worse than another: its file holds a better one.
+
+    Attributes
+    ----------
+    file : str
+        Of the results.
+    model : str
+        What is refused, by the name of its predictor,
+    better : str
+        the predictor that is best of those that it is clearly worse than,
+    holds : str
+        and the model that is in the file instead; `model` itself where only kinematics are better.
+    why : str
+        A sentence with the errors.
+    """
+
+    file: str
+    model: str
+    better: str
+    holds: str
+    why: str
 
 
 @dataclass(frozen=True)

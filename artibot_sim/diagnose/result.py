@@ -25,6 +25,7 @@ from artibot_sim.diagnose.records import (
     NextExperiment,
     Place,
     Predictor,
+    Refusal,
     Series,
     Unexplained,
     Varies,
@@ -101,6 +102,8 @@ class Diagnosis:
         By channel.
     predictors : tuple of Predictor
         Models that predict the held-out recordings, kinematic ones of a robot without articulation among them.
+    refused : tuple of Refusal
+        Fitted models that predict worse than simpler ones; `baseline_robot` and `extended` are what stands instead.
     best : str
         The name of the dynamic one that predicts best, whatever is claimed of causes.
     explainable : mapping of str to Explainable
@@ -137,6 +140,7 @@ class Diagnosis:
     seconds: float = 0.0
     left: Mapping[str, Left] = field(default_factory=dict)
     predictors: tuple[Predictor, ...] = ()
+    refused: tuple[Refusal, ...] = ()
     best: str = ""
     explainable: Mapping[str, Explainable] = field(default_factory=dict)
     varies: Varies | None = None
@@ -167,6 +171,7 @@ class Diagnosis:
             "seconds": self.seconds,
             "left": {name: _numbers(vars(left)) for name, left in self.left.items()},
             "predictors": [_predictor(one) for one in self.predictors],
+            "refused": [vars(one) for one in self.refused],
             "best": self.best,
             "explainable": {name: _numbers(vars(one)) for name, one in self.explainable.items()},
             "varies": _numbers(vars(self.varies)) if self.varies else None,
@@ -177,6 +182,11 @@ class Diagnosis:
     def extends(self) -> bool:
         """Whether the extended robot has anything that the paper's model lacks: a named effect, or a law."""
         return bool(self.causes) or bool(self.unexplained is not None and self.unexplained.laws)
+
+    @property
+    def refusal(self) -> Refusal | None:
+        """Why the extended robot is not the one with what is named, or is worse than kinematics; None where it is."""
+        return next((one for one in self.refused if one.model == EXTENDED), None)
 
     @property
     def best_robot(self) -> Robot | None:
@@ -323,7 +333,8 @@ def _causes(found: Diagnosis) -> str:
     if not tied:
         return "; and ".join(said)
     has = joined([effect_words(cause.effect) for cause in tied])
-    return f"{'; and '.join(said)}: these recordings cannot tell which, extended.yaml has {has}"
+    which = f"{'; and '.join(said)}: these recordings cannot tell which"
+    return which if found.refusal is not None else f"{which}, extended.yaml has {has}"
 
 
 def _either(cause: Cause) -> str:
@@ -416,6 +427,8 @@ def gain_words(found: Diagnosis) -> str:
     where = " of held-out data" if found.holdout else ""
     words = channel_words(channel)
     gain = found.gain.get(channel)
+    if found.refusal is not None:
+        return f"{found.refusal.better.capitalize()} predicts held-out data better: extended.yaml is refused."
     if found.extends and gain is not None and gain.after < gain.before:
         with_it = "them" if len(found.causes) > 1 else "either" if found.verdict is Verdict.AMBIGUOUS else "it"
         if found.verdict is Verdict.UNEXPLAINED:
@@ -824,7 +837,7 @@ def _lines(found: Diagnosis) -> Iterator[str]:
     if found.unexplained is not None:
         yield f"not on the list: {found.unexplained.where}"
         for name, law in found.unexplained.laws.items():
-            yield f"in extended.yaml, {name}: {law_words(law)}"
+            yield f"{'as a law' if found.refusal else 'in extended.yaml'}, {name}: {law_words(law)}"
     yield f"next: {next_step(found)}"
     if question := asked(found):
         yield question

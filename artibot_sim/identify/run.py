@@ -44,6 +44,9 @@ WINDOW = 5.0
 """s of a window: long enough for the path to say something, short enough that a start decides which branch it takes."""
 LEAD = 0.3
 """s at a window's beginning that are not compared."""
+MOST = 900.0
+"""s of windows that are fitted at most: of a longer recording every so many-th. What is left then of a handful of
+parameters is not the noise of the windows but the model's own error, and that does not average out."""
 _FEW = 12
 """Windows at most that the search from several starts takes, evenly."""
 LOWEST_NOISE = 0.7
@@ -141,6 +144,8 @@ def identify(
     recordings, holdout = [one.experiment for one in timed], [one.experiment for one in later]
     doubtful = [*what_was_mended([*timed, *later]), *what_is_left(timed)]
     problem = problem_of(recordings, parameters, window, workers, seed=seed)
+    problem, fewer = enough_of(problem)
+    doubtful += fewer
     ticks()
     problem, found = best_fit(problem, effort or Effort(), ticks)
     found, nodes = _profiled(problem, found, 2, ticks)
@@ -191,6 +196,17 @@ def problem_of(
     if not windows:
         raise ArtibotError(f"{recordings[0].path}: no stretch holds four positions; record longer, or check the stamps")
     return Problem(parameters, found, windows, workers, seed=seed)
+
+
+def enough_of(problem: Problem, most: float = MOST) -> tuple[Problem, list[str]]:
+    """A problem with windows of `most` s in all, in turn, and a remark where that is not all of them."""
+    step = int(np.ceil(float(problem.durations.sum()) / most))
+    if step <= 1:
+        return problem, []
+    few = problem.part(range(0, len(problem), step))
+    which = f"every {step}{'nd' if step == 2 else 'rd' if step == 3 else 'th'} window was fitted"
+    minutes = float(problem.durations.sum()) / 60.0
+    return few, [f"{which}, {len(few)} of {len(problem)}: {most / 60.0:g} of {minutes:.0f} min say as much"]
 
 
 @dataclass(frozen=True)

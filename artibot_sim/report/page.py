@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 from artibot_sim.report import style
 from artibot_sim.report.panels import Figure
 from artibot_sim.report.web import MOST_POINTS, chart, is_thinned
@@ -84,7 +86,7 @@ def render_frame(
         "MAIN": "".join(map(_folded, shown)),
         "FOOT": foot,
         "NAME": name,
-        "DATA": packed(json.dumps(data, separators=(",", ":"), allow_nan=False, ensure_ascii=False)),
+        "DATA": packed(json.dumps(compact(data), separators=(",", ":"), allow_nan=False, ensure_ascii=False)),
         "COMMON": filled(_COMMON, {"DARK": script_json(colours)}),
         "SCRIPT": script,
         "PLOTLY": _packed_plotly(),
@@ -124,10 +126,60 @@ def packed(text: str) -> str:
     return base64.b85encode(zlib.compress(text.encode(), 9)).decode().replace("<", ",")
 
 
+_LONG = 24
+"""Numbers from which a list is written as differences."""
+_DECIMALS = 9
+"""Most decimals of such numbers."""
+_WHOLE = 2.0**50
+"""Integers below it are exact, here and in a browser."""
+
+
+def compact(data: Any) -> Any:
+    """JSON-ready data in which long lists of numbers are differences of integers: a quarter as long when deflated.
+
+    ``{"~": [decimals, first, next − first, …]}``, null for a gap; what cannot be written so without a loss stays.
+    """
+    if isinstance(data, Mapping):
+        return {key: compact(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return _differences(data) or [compact(value) for value in data]
+    return data
+
+
+def _differences(values: Sequence[Any]) -> dict[str, list[int | None]] | None:
+    """A list of numbers as differences; None where it is not one, or too short."""
+    if len(values) < _LONG or not all(value is None or type(value) in (int, float) for value in values):
+        return None
+    known = np.array([value for value in values if value is not None], float)
+    for decimals in range(_DECIMALS + 1):
+        whole = np.rint(known * 10.0**decimals)
+        if np.abs(whole).max(initial=0.0) > _WHOLE:
+            return None
+        if np.array_equal(whole / 10.0**decimals, known):
+            steps = iter(np.diff(whole, prepend=0.0).astype(int).tolist())
+            return {"~": [decimals, *(None if value is None else next(steps) for value in values)]}
+    return None
+
+
+def expanded(data: Any) -> Any:
+    """What `compact` was given."""
+    if isinstance(data, list):
+        return [expanded(value) for value in data]
+    if not isinstance(data, Mapping):
+        return data
+    if "~" not in data:
+        return {key: expanded(value) for key, value in data.items()}
+    (decimals, *steps), at, values = data["~"], 0, []
+    for step in steps:
+        at += step or 0
+        values.append(None if step is None else at / 10.0**decimals)
+    return values
+
+
 def data_of(page: str) -> Any:
     """What a page's script draws from, read back out of its text."""
     inside = page.partition('<script type="text/plain" id="data">')[2].partition("</script>")[0]
-    return json.loads(zlib.decompress(base64.b85decode(inside.replace(",", "<"))))
+    return expanded(json.loads(zlib.decompress(base64.b85decode(inside.replace(",", "<")))))
 
 
 def filled(text: str, parts: Mapping[str, str]) -> str:
@@ -270,7 +322,14 @@ async function start(then) {  // unpacks plotly and runs it, then the page's own
   const script = document.createElement("script");
   script.textContent = await unpacked("plotly");
   document.head.append(script);
-  then(JSON.parse(await unpacked("data")));
+  then(JSON.parse(await unpacked("data"), expanded));
+}
+
+function expanded(key, value) {  // long lists of numbers are written as differences
+  if (value === null || typeof value !== "object" || !("~" in value)) return value;
+  const [decimals, ...steps] = value["~"];
+  let at = 0;
+  return steps.map(step => step === null ? null : (at += step) / 10 ** decimals);
 }
 
 function inScheme(content) {  // with the colours of a dark screen, where the browser asks for one

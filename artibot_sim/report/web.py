@@ -11,10 +11,10 @@ import numpy as np
 from artibot_sim.report import style
 from artibot_sim.report.panels import Arrows, Entry, Floats, Line, Outline, Panel, extent
 
-MOST_POINTS = 20_000
+MOST_POINTS = 4_000
 """Longer lines are thinned: a browser would crawl, and no screen shows more."""
-_EXACT = 6_000
-"""Lines shorter than this are drawn with every point."""
+_FINE = 1e-5
+"""Share of a line's span that its numbers are rounded to: zoomed in a hundred times that is a pixel."""
 _PX = 1.25
 """Pixels on a page for a point in a picture."""
 
@@ -41,6 +41,15 @@ def chart(panel: Panel, time_span: tuple[float, float]) -> dict[str, Any]:
 def numbers(values: Floats, digits: int = 7) -> list[float | None]:
     """Return values with as many digits as a screen needs, None for NaN."""
     return [None if math.isnan(value) else float(f"{value:.{digits}g}") for value in values.tolist()]
+
+
+def _rounded(values: Floats) -> list[float | None]:
+    """Return values with as many decimals as their span asks for, None for NaN."""
+    first, last = extent([values])
+    if not last > first:
+        return numbers(values)
+    decimals = math.ceil(-math.log10(_FINE * (last - first)))
+    return [None if math.isnan(value) else round(value, decimals) for value in values.tolist()]
 
 
 def is_thinned(panel: Panel) -> bool:
@@ -79,11 +88,11 @@ def _spaced(x: Floats, y: Floats) -> tuple[Floats, Floats]:
 
 def _line(panel: Panel, line: Line) -> dict[str, Any]:
     stroke = _stroke(line.stroke)
-    if "line" in stroke and len(line.x) < _EXACT:
+    if "line" in stroke:
         stroke["line"]["simplify"] = False  # plotly's simplification bends lines visibly
     x, y = (_spaced if panel.equal else thinned)(line.x, line.y)
     return {
-        "type": "scatter", "name": line.name, "x": numbers(x), "y": numbers(y), "connectgaps": False,
+        "type": "scatter", "name": line.name, "x": _rounded(x), "y": _rounded(y), "connectgaps": False,
         **stroke, "opacity": line.stroke.opacity, "legendgroup": _group(line.kind, line.side),
         "showlegend": False, "meta": {"bag": line.bag, "kind": line.kind},
         "hovertemplate": f"(%{{x:.3f}}, %{{y:.3f}}) {panel.y[1]}" if panel.equal else f"%{{y:.4g}} {panel.y[1]}",

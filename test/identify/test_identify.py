@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from io import StringIO
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ from artibot_sim.identify import Effort, Prior, Status, identify, parse_priors
 from artibot_sim.identify.judgement import FittedMotion, estimates, open_reason, overall
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.result import Estimate, number
-from artibot_sim.identify.run import Work, problem_of
+from artibot_sim.identify.run import Work, enough_of, problem_of
 from artibot_sim.identify.synthetic import Noise, synthetic
 from artibot_sim.identify.validation import hold_out
 from artibot_sim.model import Robot, load_robot, save_robot
@@ -310,6 +311,17 @@ def test_separate_windows_that_are_predicted_worst_are_named() -> None:
 def _stamps(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     stamps = np.round(t * 1e9).astype(np.int64)
     return stamps, t, stamps
+
+
+def test_of_a_long_recording_windows_in_turn_are_fitted_and_that_is_said(real: Robot) -> None:
+    """Windows as evenly spread as all are, at most as long together as was asked for; all where they are not more."""
+    problem = problem_of([synthetic(real, TURNS)], parameter_set(real), 0.5, 1)
+    seconds = float(problem.durations.sum())
+    few, (said,) = enough_of(problem, seconds / 3.5)
+    assert seconds / 5.0 < float(few.durations.sum()) <= seconds / 3.5 + 0.5
+    assert len({int(b - a) for a, b in pairwise(problem.windows.index(window) for window in few.windows)}) == 1
+    assert said.startswith(f"every 4th window was fitted, {len(few)} of {len(problem)}")
+    assert enough_of(problem) == (problem, [])
 
 
 def test_a_recording_without_positions_is_refused(real: Robot) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from artibot_sim.diagnose.policy import CLEARLY_WORSE
-from artibot_sim.diagnose.records import BASELINE, EXTENDED, FILES, GIVEN, HALF_WIDTH, PredictionError, Predictor
+from artibot_sim.diagnose.records import FILES, GIVEN, HALF_WIDTH, PredictionError, Predictor, Refusal
 from artibot_sim.estimation.kinematic import kinematic_models
 from artibot_sim.estimation.measurements import stretches
 from artibot_sim.estimation.problem import Problem
@@ -76,24 +77,34 @@ def best_of(found: Sequence[Predictor]) -> Predictor | None:
     return next((one for one in models if one.score <= least + CLEARLY_WORSE / 5.0), None)
 
 
-def refusals(found: Sequence[Predictor]) -> list[str]:
-    """Sentences on fitted models that predict worse than the robot as given, or than a kinematic model."""
-    by_name = {one.name: one for one in found}
-    best = best_of(found)
-    said = []
-    for name in (BASELINE, EXTENDED):
-        one, given = by_name.get(name), by_name.get(GIVEN)
-        if one is not None and given is not None and one.is_clearly_worse_than(given):
-            said.append(
-                f"{FILES[name]} ({name}) predicts held-out recordings worse than the robot file as given: "
-                f"{errors(one)}; as given {errors(given)}: do not simulate with it"
-            )
+def refusals(found: Sequence[Predictor], models: Mapping[str, Robot]) -> list[Refusal]:
+    """Fitted models that predict held-out recordings clearly worse than a simpler one, or than a kinematic model.
+
+    Parameters
+    ----------
+    found : sequence of Predictor
+    models : mapping of str to Robot
+        What `predictors` was asked for.
+    """
+    known = {name: one for name, robot in models.items() for one in found if one.robot == robot}
     rolling = min((one for one in found if one.kinematic), key=lambda one: one.score, default=None)
-    if best is not None and rolling is not None and best.is_clearly_worse_than(rolling):
-        said.append(
-            f"no dynamic model predicts held-out recordings as well as {rolling.name}: "
-            f"{errors(rolling)}; the best dynamic one ({best.name}) {errors(best)}: use the kinematic model"
-        )
+    simpler = [known[GIVEN]] if GIVEN in known else []
+    said = []
+    for name, file in FILES.items():
+        if name not in known:
+            continue
+        mine = replace(known[name], name=name)
+        worse = mine.is_clearly_worse_than
+        better = [one for one in (*simpler, rolling) if one is not None and worse(one)]
+        kept = best_of([*simpler, mine])
+        simpler.append(mine)
+        if not better or kept is None:
+            continue
+        least = min(better, key=lambda one: one.score)
+        rivals = ", ".join(f"{one.name} {errors(one)}" for one in better)
+        instead = f"the file holds the robot {kept.name}" if kept.name != name else "do not simulate with it"
+        why = f"{file} ({name}) is refused: held-out errors {errors(mine)}; {rivals}; {instead}"
+        said.append(Refusal(file, name, least.name, kept.name, why))
     return said
 
 

@@ -28,6 +28,7 @@ from artibot_sim.diagnose.records import (
     Place,
     PredictionError,
     Predictor,
+    Refusal,
     Series,
     Unexplained,
     Varies,
@@ -122,8 +123,8 @@ def files_of(found: Diagnosis, page: bytes) -> dict[str, bytes]:
     text = json.dumps(found.as_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     return {
         RESULT: text.encode(),
-        EXTENDED: _robot_text(found.extended).encode(),
-        BASELINE: _robot_text(found.baseline_robot).encode(),
+        EXTENDED: (_refused_text(found, EXTENDED) + _robot_text(found.extended)).encode(),
+        BASELINE: (_refused_text(found, BASELINE) + _robot_text(found.baseline_robot)).encode(),
         **best,
         **residual,
         DETAILS: stream.getvalue(),
@@ -141,6 +142,11 @@ def _best_text(found: Diagnosis) -> str:
         *(f"#   {one.name}: {errors(one)}" for one in found.predictors),
     ]
     return "\n".join(lines) + "\n" + _robot_text(found.best_robot)
+
+
+def _refused_text(found: Diagnosis, file: str) -> str:
+    """A comment that says what was refused, and what stands instead; empty where nothing was."""
+    return "".join(f"# {one.why}\n" for one in found.refused if one.file == file)
 
 
 def _robot_text(robot: Robot) -> str:
@@ -220,6 +226,7 @@ def _from_dict(document: Mapping[str, Any], robot: Robot, baseline_robot: Robot,
         seed=int(document["seed"]),
         seconds=_float(document["seconds"]),
         left={name: Left(**_floats(left)) for name, left in document.get("left", {}).items()},
+        refused=tuple(Refusal(**one) for one in document.get("refused", ())),
         best=document.get("best", ""),
         explainable={name: Explainable(**_floats(one)) for name, one in document.get("explainable", {}).items()},
         varies=Varies(**_floats(varies)) if (varies := document.get("varies")) else None,

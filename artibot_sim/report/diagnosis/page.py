@@ -241,7 +241,7 @@ def unexplained(what: Unexplained) -> str:
         for label, text in (
             ("force", result.effect_words(what.force)), ("follows", result.effect_words(what.variable)),
             ("form", what.form), ("size", result.amount(what.size, what.unit, 3)), ("where", what.where),
-            *((f"in extended.yaml, {name}", result.law_words(law)) for name, law in what.laws.items()),
+            *((f"as a law, {name}", result.law_words(law)) for name, law in what.laws.items()),
         )
     ]  # fmt: skip
     if what.laws:

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from report.diagnosis_case import case
 
+from artibot_sim.diagnose.pipeline import with_refusals
 from artibot_sim.diagnose.records import BASELINE, EXTENDED, GIVEN, UNNAMED, PredictionError, Predictor
-from artibot_sim.diagnose.result import next_step
+from artibot_sim.diagnose.result import headline, next_step
 from artibot_sim.diagnose.validation.predictors import best_of, predictors, refusals
 from artibot_sim.diagnose.verdict import Verdict
 from artibot_sim.identify.requested import parameter_set
@@ -22,6 +23,9 @@ from artibot_sim.report.diagnosis.page import page_of
 from artibot_sim.report.files import write_folder
 
 AGRIQ, HUSKY = load_robot("agriq"), load_robot("husky")
+SOFT = AGRIQ.replace({"contact.mu_s": 0.45, "contact.mu_d": 0.3})
+NAMED = replace(SOFT, effects={"slope": {"grade": 0.05, "heading": 1.9}})
+MODELS = {GIVEN: AGRIQ, BASELINE: SOFT, EXTENDED: NAMED}
 
 
 def predictor(name: str, position: float, yaw: float, robot: Robot | None = AGRIQ) -> Predictor:
@@ -30,24 +34,54 @@ def predictor(name: str, position: float, yaw: float, robot: Robot | None = AGRI
 
 
 def test_a_baseline_worse_than_the_file_as_given_is_refused() -> None:
-    found = [predictor(GIVEN, 1.1, 0.5), predictor(BASELINE, 2.3, 0.6)]
-    (said,) = refusals(found)
-    assert "baseline.yaml" in said and "2.3" in said and "1.1" in said and "do not simulate" in said
+    found = [predictor(GIVEN, 1.1, 0.5), predictor(BASELINE, 2.3, 0.6, SOFT)]
+    said, same = refusals(found, {GIVEN: AGRIQ, BASELINE: SOFT, EXTENDED: SOFT})  # nothing is named
+    assert (said.file, said.better, said.holds) == ("baseline.yaml", GIVEN, GIVEN)
+    assert "2.3" in said.why and "1.1" in said.why and "holds the robot as given" in said.why
+    assert (same.file, same.holds) == ("extended.yaml", GIVEN)
     best = best_of(found)
     assert best is not None and best.name == GIVEN
 
 
 def test_an_extension_is_asked_the_same() -> None:
-    found = [predictor(GIVEN, 1.1, 0.5), predictor(BASELINE, 1.0, 0.5), predictor(EXTENDED, 1.4, 0.6)]
-    (said,) = refusals(found)
-    assert "extended.yaml" in said and "baseline.yaml" not in said
+    found = [predictor(GIVEN, 1.1, 0.5), predictor(BASELINE, 1.0, 0.5, SOFT), predictor(EXTENDED, 1.15, 0.5, NAMED)]
+    (said,) = refusals(found, MODELS)
+    assert (said.file, said.better, said.holds) == ("extended.yaml", BASELINE, BASELINE), "worse than the simpler fit"
+    assert not refusals([*found[:2], predictor(EXTENDED, 0.9, 0.5, NAMED)], MODELS)
 
 
 def test_what_beats_all_dynamic_models_is_said() -> None:
     rolling = predictor("ICR kinematics", 0.2, 0.1, None)
-    (said,) = refusals([predictor(GIVEN, 0.4, 0.2), rolling])
-    assert "ICR kinematics" in said and "use the kinematic model" in said
-    assert not refusals([predictor(GIVEN, 0.2, 0.1), rolling])
+    given, soil = predictor(GIVEN, 0.4, 0.2), predictor(BASELINE, 0.3, 0.2, SOFT)
+    first, last = refusals([given, soil, predictor(EXTENDED, 0.25, 0.2, NAMED), rolling], MODELS)
+    assert (first.file, last.file) == ("baseline.yaml", "extended.yaml")
+    assert last.better == "ICR kinematics" and last.holds == EXTENDED and "do not simulate" in last.why
+    (only,) = refusals([given, soil, predictor(EXTENDED, 0.2, 0.1, NAMED), rolling], MODELS)
+    assert only.file == "baseline.yaml"
+
+
+def test_a_refused_robot_is_in_no_file_and_what_commands_show_stays(tmp_path: Path) -> None:
+    delayed = replace(NAMED, effects={**NAMED.effects, "command_delay": {"delay": 0.1}})
+    models = {GIVEN: AGRIQ, BASELINE: SOFT, EXTENDED: delayed}
+    errs = ((0.2, 0.1), (0.3, 0.1), (0.4, 0.1))
+    seen = tuple(predictor(name, *err, models[name]) for name, err in zip(models, errs, strict=True))
+    found = replace(
+        case("slope", {"grade": 0.05, "heading": 1.9}), robot=AGRIQ, baseline_robot=SOFT, extended=delayed,
+        predictors=seen, best=GIVEN,
+    )  # fmt: skip
+    refused = with_refusals(found, models, {"command_delay"})
+    assert [one.file for one in refused.refused] == ["baseline.yaml", "extended.yaml"]
+    assert refused.warnings[: len(refused.refused)] == tuple(one.why for one in refused.refused)
+    assert headline(refused).endswith("As given predicts held-out data better: extended.yaml is refused.")
+    write_folder(tmp_path / "found", files_of(refused, page_of(refused, "1")))
+    text = (tmp_path / "found" / "extended.yaml").read_text()
+    assert text.startswith("# extended.yaml (with what is named) is refused")
+    extended, baseline = (load_robot(tmp_path / "found" / f"{name}.yaml") for name in ("extended", "baseline"))
+    assert baseline == AGRIQ
+    assert extended.effects == {"command_delay": {"delay": 0.1}} and replace(extended, effects={}) == AGRIQ
+    again = load(tmp_path / "found")
+    assert again.refused == refused.refused and again.best_robot == AGRIQ
+    assert with_refusals(replace(found, predictors=seen[:1]), models, ()).extended == delayed, "nothing to compare with"
 
 
 def test_the_next_step_never_names_a_model_that_another_beats_clearly() -> None:
