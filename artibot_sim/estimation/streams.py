@@ -40,6 +40,7 @@ _GRID = 0.01
 LAGS = (0.0, 0.03, 0.06, 0.1)
 """s of first-order lag with which a rover may answer its wheels."""
 _DRAWS = 200
+_SHIFTS = 100
 _FLOOR = 0.004
 """s: no standard deviation of a delay is claimed to be less."""
 _STEADY = 3.0
@@ -452,6 +453,34 @@ def delay_of(
         value, (low, high), 1.0 - best / max(float(table.yy.sum()), 1e-300), beta,
         np.std([d[2] for d in again], axis=0), skew, (skew - unsure, skew + unsure), count,
     )  # fmt: skip
+
+
+def agreement_beside_chance(pieces: Sequence[Piece], most: float, rng: np.random.Generator) -> tuple[float, Array]:
+    """Share of the variance that the best delay explains, and what it explains of motion at other times.
+
+    Parameters
+    ----------
+    pieces : sequence of Piece
+    most : float
+        Largest delay, s.
+    rng : numpy.random.Generator
+        Draws by how much the explained motion is shifted.
+
+    Returns
+    -------
+    agreement : float
+    chance : array, shape (100,)
+        The same with the explained motion shifted round the recording, by a tenth of it at least: streams that have
+        nothing to do with each other agree as well as that.
+    """
+    rows = _Rows(pieces, trend=False)
+    x = np.array([rows.x(delay, 0.0) for delay in np.arange(-most, most + 1e-9, _COARSE).tolist()])
+    n = len(rows.y)
+    shifts = rng.integers(n // 10, n - n // 10, _SHIFTS) if n >= 10 else np.zeros(_SHIFTS, np.int64)
+    y = np.stack([np.roll(rows.y, shift) for shift in (0, *shifts.tolist())])
+    basis, _ = np.linalg.qr(x)
+    share = ((y @ basis) ** 2).sum(axis=2).max(axis=0) / max(float(rows.y @ rows.y), 1e-300)
+    return float(share[0]), share[1:]
 
 
 def _reweigh(rows: _Rows, table: _Normal) -> None:

@@ -61,9 +61,12 @@ class Noise:
 
 
 def random_soil(robot: Robot, rng: np.random.Generator, spread: float = 0.12) -> Robot:
-    """The robot on another soil: each parameter drawn log-normally about the robot's."""
+    """The robot on another soil: each parameter drawn log-normally about the robot's; mu_d at most mu_s."""
     keys = [f"contact.{name}" for name in SOIL]
-    return robot.with_vector(keys, robot.as_vector(keys) * np.exp(spread * rng.standard_normal(len(keys))))
+    drawn = robot.as_vector(keys) * np.exp(spread * rng.standard_normal(len(keys)))
+    at = {name: i for i, name in enumerate(SOIL)}
+    drawn[at["mu_d"]] = min(drawn[at["mu_d"]], drawn[at["mu_s"]])
+    return robot.with_vector(keys, drawn)
 
 
 def random_manoeuvre(rng: np.random.Generator, duration: float) -> Manoeuvre:

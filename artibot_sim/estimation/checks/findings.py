@@ -17,6 +17,7 @@ from artibot_sim.estimation.streams import (
     Segment,
     Sums,
     advancing,
+    agreement_beside_chance,
     delay_of,
     holding,
     reach,
@@ -51,8 +52,6 @@ _ALIKE = 0.3
 _LEAP, _JITTER = 0.25, 0.25
 """m that a pose may move farther than the wheels' rims could, with stamps wrong by so many s."""
 _SURE = 3.0
-_UNRELATED = 0.2
-"""Share of the variance below which two streams do not show the same motion at all."""
 _AIR_WAY, _AIR_SHARE = 3.0, 0.15
 """m that wheels rolled while the rover went less than this share of it."""
 
@@ -309,16 +308,21 @@ def _air(of: Streams, robot: Robot) -> Iterator[Finding]:
 
 
 def _unrelated(of: Streams) -> Iterator[Finding]:
-    """Neither places nor headings have anything to do with the wheels."""
-    if of.turn is None or of.forward is None or max(of.turn.agreement, of.forward.agreement) >= _UNRELATED:
+    """Neither places nor headings follow the wheels better than they follow the wheels' motion at other times."""
+    if of.turn is None or of.forward is None or max(of.turn.agreement, of.forward.agreement) >= AGREES:
         return
+    _, most = reach(of.segments)
+    for pieces in (advancing(of.segments), turning(of.segments, "heading", "wheels")):
+        agreement, chance = agreement_beside_chance(list(pieces), most, np.random.default_rng(of.seed))
+        if agreement > chance.max():
+            return
     both = _agree(of.gyro_wheels)
     gyro = f"; gyroscope and wheels agree in {100 * both.agreement:.0f} %" if both else ""
     yield Finding(
         "unrelated_pose", of.pose_topic, max(of.turn.agreement, of.forward.agreement), None, "-",
         f"{of.pose_topic} does not move as the wheels do: headings in degrees, another robot's pose, or another time's",
         f"wheels explain {100 * of.forward.agreement:.0f} % of its positions, {100 * of.turn.agreement:.0f} % of its "
-        f"turning{gyro}",
+        f"turning, no more than of another time's{gyro}",
         "mend the units, or name the right topic with --topic", serious=True,
     )  # fmt: skip
 
