@@ -228,7 +228,9 @@ class CommandFacts:
     def __call__(self, question: str) -> str:
         """The fact that a question of the table asks for."""
         if question == "followed":
-            return "not commanded" if not self._view.levels else "yes" if self._view.followed else "no"
+            if not self._view.levels:
+                return "not commanded"
+            return "yes" if self._view.followed else "no" if self._view.theirs else "not theirs"
         if question == "effects":
             return "yes" if _commanded(self._found) else "no"
         if question == "left":
@@ -250,7 +252,7 @@ class CommandFacts:
         named = outcome is Outcome.NAMED or not _commanded(self._found)
         kept = self._found if named else replace(self._found, named=self._found.fitted)
         left = self._with if named else self._none
-        return kept if left is None else replace(kept, left={**kept.left, COMMANDED: left})
+        return kept if left is None or not self._view.theirs else replace(kept, left={**kept.left, COMMANDED: left})
 
     def without(self, reason: Reason) -> Without:
         """What was not named, why, and what it would have gained."""

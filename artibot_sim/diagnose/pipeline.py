@@ -227,6 +227,7 @@ def result_of(
     assessed: Assessment,
     options: Options,
     streams: Sequence[str],
+    view: CommandView,
 ) -> Diagnosis:
     """The diagnosis that a conclusion comes to; `streams` says what is wrong with the recordings' streams."""
     decision, channels = found.decision, assessed.channels
@@ -250,6 +251,7 @@ def result_of(
             *map(_fallen, found.without),
             *_contradiction(decision),
             *_besides(found),
+            *([] if view.theirs else [view.why]),
             *data_warnings(fitted, robot, held, streams),
             *excitation(decision.neutral_problem, decision.neutral_fit.point),
         ),
@@ -562,7 +564,7 @@ def diagnose(
     assessor = Assessor(robot, fitted, held, options, ticks, view)
     found = concluded(decision, view, assessor.worth)
     assessed = assessor(found.decision)
-    result = result_of(robot, fitted, held, found, assessed, options, what_is_left(timed))
+    result = result_of(robot, fitted, held, found, assessed, options, what_is_left(timed), view)
     result = _with_predictors(result, held, _models(robot, result, decision), decision, options)
     result = with_explainable(result, assessed, residual, options)
     result = with_budget(result, found.decision, assessed, options)

@@ -108,6 +108,10 @@ MINOR_COMMANDS = Number(
 UNFOLLOWED = Number(
     0.2, "–", "share of the motors' speed that is left at best, from which they do not follow their commands", COMMANDS
 )
+MIXED = Number(
+    0.1, "–", "departure of the gain of turning from that of going forward, from which recorded commands are not the "
+    "motors' own: whatever acts on the way leaves 1 within its interval", COMMANDS,
+)  # fmt: skip
 SMALLEST_DELAY = Number(0.004, "s", "a lag or delay of commands, at least: no stamps are as exact as that", COMMANDS)
 SMALLEST_SCALE = Number(0.001, "–", "a scale of recorded speeds, at least", COMMANDS)
 SMALLEST_DEADBAND = Number(0.01, "–", "a dead band over the largest commanded speed, at least", COMMANDS)

@@ -146,7 +146,10 @@ MOTION: Table[Outcome] = Table(
 COMMANDS: Table[Outcome] = Table(
     "Effects that only commands show",
     {
-        "followed": ("do the front motors follow their commands?", ("not commanded", "no", "yes")),
+        "followed": (
+            "do the front motors follow their commands, and if not, may these be the commands that they were given?",
+            ("not commanded", "not theirs", "no", "yes"),
+        ),
         "effects": ("was any found with enough evidence?", ("no", "yes")),
         "left": ("what is left in the front motors' speeds with all that is named?", ("noise", "more")),
         "share": ("how much of what is left without any effect is left with them?", ("little", "most")),
@@ -154,7 +157,7 @@ COMMANDS: Table[Outcome] = Table(
         "left without": ("what is left in the front motors' speeds without them?", ("noise", "more")),
     },
     (
-        Row({"followed": ("not commanded",)}, Outcome.NOTHING),
+        Row({"followed": ("not commanded", "not theirs")}, Outcome.NOTHING),
         Row({"followed": _NO}, Outcome.UNEXPLAINED),
         Row({"effects": _NO, "left": _NOISE}, Outcome.NOTHING),
         Row({"effects": _NO}, Outcome.UNEXPLAINED),

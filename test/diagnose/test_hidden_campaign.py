@@ -11,8 +11,9 @@ import time
 from pathlib import Path
 
 import pytest
-from diagnose.hidden.jobs import Job, jobs
+from diagnose.hidden.jobs import RIGID, Job, jobs
 from diagnose.hidden.journal import Journal, read_results
+from diagnose.hidden.logged import RECIPES, VARYING
 
 from artibot_sim.errors import ArtibotError
 
@@ -99,3 +100,14 @@ def test_a_line_that_is_no_result_is_named(tmp_path):
     path.write_text('{"key": "a"}\nnonsense\n')
     with pytest.raises(ArtibotError, match=r"cases.jsonl:2"):
         Journal(path)
+
+
+def test_rigid_robots_have_kinds_of_their_own():
+    counts = dict.fromkeys(RIGID, 2)
+    found = jobs(1, counts, (1.0,), 1.0, robot="husky_driven")
+    assert {job.effects for job in found if job.kind == "varying"} == {(VARYING,)}
+    assert {job.effects[1:] for job in found if job.kind == "beside"} == {(VARYING,)}
+    assert {job.effects for job in found if job.kind == "single"} == {(name,) for name in RECIPES}
+    for kind, robot in (("pair", "husky_driven"), ("varying", "agriq")):
+        with pytest.raises(ArtibotError, match=f"no '{kind}' of {robot}"):
+            jobs(1, {kind: 1}, (1.0,), 1.0, robot=robot)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from diagnose.hidden import LISTED, OTHER_GROUND, UNLISTED, Noise, case, write
 from diagnose.hidden.effects import MOTORS
+from diagnose.hidden.logged import VARYING
 from diagnose.hidden.unlisted import LAWS
 
 from artibot_sim.experiment import Experiment, read_bag
@@ -158,3 +159,19 @@ def test_only_the_second_recording_is_on_another_soil():
         for a, b in zip(found.recordings, plain.recordings, strict=True)
     ]
     assert same == [True, False, True]
+
+
+def test_a_rigid_robot_is_seen_by_poses_and_wheel_speeds_alone():
+    """What is put in changes poses and nothing else; varying ground does, too, and is no effect."""
+    short = {"seed": 3, "runs": 1, "held_out": 0, "duration": 8.0, "robot": "husky_driven"}
+    clean, varying, arm = (case(e, **short) for e in ((), (VARYING,), ("pose_lever_arm",)))
+    assert not clean.truth.effects and not varying.truth.effects and set(arm.truth.effects) == {"pose_lever_arm"}
+    assert varying.truth.varies and not clean.truth.varies and clean.horizon == 2.0
+    (first,) = clean.recordings
+    assert set(first.channels) == {"motor_torques", "ground_truth_odom"}
+    for other in (varying, arm):
+        (second,) = other.recordings
+        wheels = [recording.channels["motor_torques"]["front_left.velocity"] for recording in (first, second)]
+        assert np.array_equal(*wheels)
+        apart = first.channels["ground_truth_odom"]["x"] - second.channels["ground_truth_odom"]["x"]
+        assert 0.01 < np.abs(apart).max() < 1.0

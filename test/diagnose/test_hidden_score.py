@@ -202,3 +202,11 @@ def test_the_confusion_matrix_counts_every_case_once():
     assert counts[truths.index("none"), answers.index("slope")] == 1
     assert counts[truths.index("(ridges)"), answers.index("slope")] == 1
     assert picture(made_up()).startswith(b"\x89PNG")
+
+
+def test_a_false_name_is_one_that_is_not_there_nor_ties_with_what_is():
+    slope, tied = cause("slope"), cause("external_force", ties=("slope",))
+    assert score(answer("named", [slope]), truth()).false
+    assert not score(answer("ambiguous", [tied]), truth(slope=SLOPE)).false
+    varying = truth() | {"varies": True}
+    assert score(answer("unexplained"), varying).top1 == 1.0 and score(answer("named", [slope]), varying).top1 == 0.0

@@ -68,7 +68,7 @@ def test_nothing_is_called_right_where_more_than_noise_is_left() -> None:
         if MOTION.first(facts.__getitem__).then is Outcome.NOTHING:
             assert "noise" in (facts["left without"] if facts["effects"] == "yes" else facts["left"])
     for facts in every(COMMANDS):
-        if COMMANDS.first(facts.__getitem__).then is Outcome.NOTHING and facts["followed"] != "not commanded":
+        if COMMANDS.first(facts.__getitem__).then is Outcome.NOTHING and facts["followed"] not in UNJUDGED:
             assert facts["left without" if facts["effects"] == "yes" else "left"] == "noise"
     for facts in every(VERDICT):
         if VERDICT.first(facts.__getitem__).then is Verdict.NONE:
@@ -97,6 +97,7 @@ def test_positions_may_err_slowly() -> None:
     assert size_of({"position": Left(34.0, 60.0)}) == "noise" and size_of({"position": Left(150.0, 150.0)}) == "more"
 
 
+UNJUDGED = ("not commanded", "not theirs")
 NO_COMMANDS = {"followed": "not commanded"}
 QUIET = {"followed": "yes", "effects": "no", "left": "noise"}
 EFFECT = {
@@ -115,6 +116,8 @@ DELAY = {"followed": "yes", "effects": "yes", "left": "noise", "share": "little"
         (NOTHING, QUIET, "no", Verdict.NONE, ("", "")),
         (NOTHING, QUIET | {"left": "more"}, "no", Verdict.UNEXPLAINED, ("", "")),  # a ramp on the commands
         (NOTHING, {"followed": "no"}, "no", Verdict.UNEXPLAINED, ("", "")),
+        (NOTHING, {"followed": "not theirs"}, "no", Verdict.NONE, ("", "")),
+        (EFFECT, {"followed": "not theirs"}, "no", Verdict.NAMED, ("", "")),
         (NOTHING | {"left": "more"}, QUIET, "no", Verdict.UNEXPLAINED, ("", "")),
         (NOTHING | {"left": "far more"}, DELAY, "no", Verdict.UNEXPLAINED, ("", "")),
         (EFFECT, QUIET, "no", Verdict.NAMED, ("", "")),

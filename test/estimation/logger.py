@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -72,8 +72,14 @@ class Drive:
     rate: np.ndarray
 
 
-def drive(robot: Robot, rng: np.random.Generator, duration: float = 90.0) -> Drive:
-    """Random speeds of both sides, others every 4 s; the motors follow with a lag of 0.15 s and a ripple."""
+def drive(robot: Robot, rng: np.random.Generator, duration: float = 90.0, ground: Sequence[Robot] = ()) -> Drive:
+    """Random speeds of both sides, others every 4 s; the motors follow with a lag of 0.15 s and a ripple.
+
+    Parameters
+    ----------
+    ground : sequence of Robot, optional
+        The robot on other soils, one after the other for an equal part of the time.
+    """
     count = round(duration / 0.01)
     rim = robot.wheel.r_w * robot.drive.front.tau
     fast = min(1.0, 6.0 * robot.wheel.r_w)
@@ -88,10 +94,21 @@ def drive(robot: Robot, rng: np.random.Generator, duration: float = 90.0) -> Dri
     columns = 4 if robot.articulated else 2
     back = speed * (robot.drive.front.tau / robot.drive.back.tau if robot.drive.back else 1.0)
     table = np.column_stack([speed, back] if columns == 4 else [speed, np.full_like(speed, np.nan)])
-    run = rollout(robot, Commands(0.01, table))
     t = np.arange(count) * 0.01
-    at = [np.interp(t, run.t, column) for column in (*run.pose.T, run.twist[:, 2])]
+    at = _moved(ground or [robot], table, t)
     return Drive(t, speed, asked, np.column_stack(at[:3]), at[3])
+
+
+def _moved(ground: Sequence[Robot], table: np.ndarray, t: np.ndarray) -> list[np.ndarray]:
+    """x, y, yaw and yaw rate at `t` of a robot that goes on from one soil to the next."""
+    borders = np.round(np.linspace(0, len(table) - 1, len(ground) + 1)).astype(int)
+    state, rows = None, []
+    for robot, a, b in zip(ground, borders[:-1], borders[1:], strict=True):
+        run = rollout(robot, Commands(0.01, table[a : b + 1]), state=state)
+        state = run.final_state
+        rows.append(np.column_stack([t[a] + (run.t - run.t[0]), run.pose, run.twist[:, 2]])[bool(rows) :])
+    every = np.vstack(rows)
+    return [np.interp(t, every[:, 0], column) for column in every.T[1:]]
 
 
 def recorded(of: Drive, logger: Logger, rng: np.random.Generator, heading: bool = True) -> Experiment:

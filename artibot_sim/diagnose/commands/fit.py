@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.commands.data import CommandData
 from artibot_sim.diagnose.commands.limit import Limit, excluded_limit, torque_limit
+from artibot_sim.diagnose.commands.mixing import Mixing, mixing
 from artibot_sim.diagnose.commands.model import PARAMETERS, WayOfCommands, followed, known_way, ramped, seen, way_of
 from artibot_sim.diagnose.commands.noise import SpeedNoise, noise_in, sensor_noise
 from artibot_sim.diagnose.commands.series import CommandedLevel, level_of, series_of
@@ -391,6 +392,12 @@ class CommandFits:
         error = np.abs(self.data.speed - seen(self.data, fit.best.way))[used]
         size = float(np.sqrt(np.mean(self.data.speed**2)))
         return 1.4826 * float(np.median(error)) / size if len(error) and size > 0.0 else 0.0
+
+    def mixing(self, found: Collection[str]) -> Mixing | None:
+        """Whether each side follows its own command alone, beside these effects."""
+        fit = self.fit(found)
+        used = self.data.counts if fit.limit is None else self.data.counts & ~fit.limit.held
+        return mixing(self.data, seen(self.data, fit.best.way), used)
 
     def remainder(self, robot: Robot) -> Left | None:
         """What a robot's effects leave of the front motors' speeds, slowly; None where there are too few samples.

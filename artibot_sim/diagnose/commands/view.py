@@ -13,6 +13,7 @@ from functools import cached_property
 
 from artibot_sim.diagnose.commands.data import command_data
 from artibot_sim.diagnose.commands.fit import EFFECTS, NEEDED, CommandFits, ViewEvidence
+from artibot_sim.diagnose.commands.mixing import Mixing, unlike
 from artibot_sim.diagnose.commands.model import known_way
 from artibot_sim.diagnose.commands.noise import sensor_noise
 from artibot_sim.diagnose.commands.series import CommandedLevel
@@ -38,12 +39,15 @@ class CommandView:
         By recording: errors of the front motors' speeds, (n, 2), as commanded and with `found`.
     followed : bool
         Whether motors do what they are commanded, but for what these effects explain. Otherwise commands say nothing.
+    mixing : Mixing or None
+        Whether each side follows its own command alone; None where not both sides are commanded.
     """
 
     found: tuple[str, ...] = ()
     levels: Mapping[str, CommandedLevel] = field(default_factory=dict)
     series: Mapping[str, Series] = field(default_factory=dict)
     followed: bool = False
+    mixing: Mixing | None = None
     _work: CommandFits | None = field(default=None, repr=False, compare=False)
     _left: float = 0.0
 
@@ -54,9 +58,23 @@ class CommandView:
             return {}
         if self.followed:
             return {effect: self._work.evidence(effect) for effect in EFFECTS}
-        share = f"{100 * self._left:.0f} %"
-        note = f"motors do not follow their commands: {share} of their speed is left whatever explains it"
-        return {effect: ViewEvidence(0.0, {}, {}, note) for effect in EFFECTS}
+        return {effect: ViewEvidence(0.0, {}, {}, self.why) for effect in EFFECTS}
+
+    @property
+    def theirs(self) -> bool:
+        """Whether these may be the commands that the motors were given: each side follows its own alone."""
+        return self.mixing is None or not self.mixing.mixed
+
+    @property
+    def why(self) -> str:
+        """Why commands say nothing; empty where they are followed, or none are recorded."""
+        if self.followed or self._work is None:
+            return ""
+        if self.mixing is not None and not self.theirs:
+            return unlike(self.mixing)
+        return (
+            f"motors do not follow their commands: {100 * self._left:.0f} % of their speed is left whatever explains it"
+        )
 
     def given(self, *effects: str) -> dict[str, ViewEvidence]:
         """Evidence of every other effect on top of `effects`, all at their best together."""
@@ -78,8 +96,8 @@ class CommandView:
         return None if self._work is None else self._work.remainder(robot)
 
     def seen_by(self, robot: Robot) -> tuple[Mapping[str, CommandedLevel], Mapping[str, Series]]:
-        """`levels` and `series` with a robot's effects in place of `found`."""
-        return ({}, {}) if self._work is None else self._work.shown_by(robot)
+        """`levels` and `series` with a robot's effects in place of `found`; none where commands are not the motors'."""
+        return ({}, {}) if self._work is None or not self.theirs else self._work.shown_by(robot)
 
 
 def command_view(recordings: Sequence[Experiment], robot: Robot, *, needed: float = NEEDED) -> CommandView:
@@ -103,11 +121,11 @@ def command_view(recordings: Sequence[Experiment], robot: Robot, *, needed: floa
         if noise.like(work.noise):
             break
         work = replace(work, noise=noise)
-    left = work.left(found)
-    if left > UNFOLLOWED:
-        return CommandView((), *work.shown(known_way(robot), None), False, work, left)
+    left, mixing = work.left(found), work.mixing(found)
+    if left > UNFOLLOWED or (mixing is not None and mixing.mixed):
+        return CommandView((), *work.shown(known_way(robot), None), False, mixing, work, left)
     best = work.fit(found)
-    return CommandView(found, *work.shown(best.best.way, best.limit), True, work, left)
+    return CommandView(found, *work.shown(best.best.way, best.limit), True, mixing, work, left)
 
 
 def view_with(found: CommandView, recordings: Sequence[Experiment], robot: Robot) -> CommandView:
@@ -124,7 +142,7 @@ def view_with(found: CommandView, recordings: Sequence[Experiment], robot: Robot
     left = work.left(found.found)
     followed = found.followed and left <= UNFOLLOWED
     best = work.fit(found.found)
-    return CommandView(found.found, *work.shown(best.best.way, best.limit), followed, work, left)
+    return CommandView(found.found, *work.shown(best.best.way, best.limit), followed, found.mixing, work, left)
 
 
 def _work(recordings: Sequence[Experiment], robot: Robot, needed: float) -> CommandFits | None:

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from diagnose.hidden.jobs import KINDS, Job, jobs
+from diagnose.hidden.jobs import KINDS, Job, jobs, kinds_of
 from diagnose.hidden.journal import Journal
 from diagnose.hidden.table import failures, picture, table
 from diagnose.hidden.work import WAYS, do
@@ -49,7 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     folder = Path(options.out)
     try:
         severities = tuple(float(part) for part in options.severity.split(","))
-        counts = counts_of(options.kinds, options.cases)
+        counts = counts_of(options.kinds or ",".join(kinds_of(options.robot)), options.cases)
         todo = jobs(options.seed, counts, severities, options.noise, options.runs, options.duration, options.robot)
         with Journal(folder / "cases.jsonl") as journal:
             _carry_out(todo, journal, options)
@@ -92,8 +92,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--noise", type=float, default=1.0, help="factor of the sensors' noise [1]")
     parser.add_argument("--runs", type=int, default=3, help="recordings to diagnose, one more is held out [3]")
     parser.add_argument("--duration", type=float, default=45.0, help="of each, s [45]")
-    parser.add_argument("--robot", default="agriq", help="name or file of an articulated robot [agriq]")
-    parser.add_argument("--kinds", default=",".join(KINDS), help="which, each with its number or not: none:300,single")
+    parser.add_argument("--robot", default="agriq", help="name or file of a robot [agriq]")
+    parser.add_argument("--kinds", help="which [all of the robot's], each with its number or not: none:300,single")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes [all cores]")
     parser.add_argument(
         "--scheduler", help="address of a Dask scheduler; its workers need this checkout and test/ on PYTHONPATH"

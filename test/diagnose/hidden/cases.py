@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from diagnose.hidden import driving, rover, sensors
+from diagnose.hidden import driving, logged, rover, sensors
 from diagnose.hidden.acting import nats_of
 from diagnose.hidden.effects import ADDED, LISTED, Recipe
 from diagnose.hidden.ground import OTHER_GROUND, RECIPE, RECORDING
@@ -16,6 +16,7 @@ from diagnose.hidden.machine import Machine, machine, random_soil
 from diagnose.hidden.sensors import Noise, Table
 from diagnose.hidden.unlisted import LAWS, ON_COMMANDS, UNLISTED
 
+from artibot_sim.diagnose.records import HORIZON
 from artibot_sim.diagnose.sizes import factors, scale_of
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.columns import find_segments, measured_stamps
@@ -79,6 +80,8 @@ class Truth:
     severity : float
     seed : int
     manoeuvres : tuple of str
+    varies : bool
+        Whether the soil is another one every few seconds, about that mean.
     """
 
     effects: Mapping[str, Mapping[str, Any]]
@@ -89,6 +92,7 @@ class Truth:
     severity: float
     seed: int
     manoeuvres: tuple[str, ...]
+    varies: bool = False
 
 
 @dataclass(frozen=True)
@@ -99,6 +103,7 @@ class Case:
     holdout: tuple[Experiment, ...]
     truth: Truth
     robot: str = "agriq"
+    horizon: float = HORIZON
 
 
 def case(
@@ -129,7 +134,11 @@ def case(
         For the runs and then the held-out ones; drawn where there are too few.
     soil : mapping, optional
         Instead of a random one.
+    robot : str
+        A rigid one is recorded as :mod:`diagnose.hidden.logged` has it: noise, manoeuvres and soil are drawn there.
     """
+    if not load_robot(robot).articulated:
+        return _logged(effects, severity, seed, runs, held_out, duration, robot)
     drives, put_in, soil = driven(effects, severity, seed, runs + held_out, duration, manoeuvres, soil, robot)
     noise = (noise or Noise()).of(load_robot(robot))
     rng = np.random.default_rng([seed, 2])
@@ -147,6 +156,17 @@ def case(
         nats=nats, soil=soil, severity=severity, seed=seed, manoeuvres=tuple(d.manoeuvre for d in drives),
     )  # fmt: skip
     return Case(tuple(found[:runs]), tuple(found[runs:]), truth, robot)
+
+
+def _logged(
+    effects: Sequence[str], severity: float, seed: int, runs: int, held_out: int, duration: float, robot: str
+) -> Case:
+    """A rigid robot's recordings; all that is put in acts."""
+    names = [f"run{i}" for i in range(runs + held_out)]
+    found, put_in, soil = logged.recordings(effects, severity, seed, names, duration, robot)
+    varies = logged.VARYING in effects
+    truth = Truth(put_in, {}, {}, {}, soil, severity, seed, ("random speeds",) * len(names), varies)
+    return Case(tuple(found[:runs]), tuple(found[runs:]), truth, robot, logged.HORIZON)
 
 
 def recipe(name: str) -> Recipe:

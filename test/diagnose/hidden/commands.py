@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from math import nan
 
 from diagnose.hidden.cases import case
 
 from artibot_sim.diagnose.commands.view import command_view
-from artibot_sim.diagnose.policy import LEFT_OF_COMMANDS, MINOR_COMMANDS
+from artibot_sim.diagnose.policy import LEFT_OF_COMMANDS, MINOR_COMMANDS, MIXED
 from artibot_sim.model import load_robot
 
 KINDS = (
@@ -23,7 +24,7 @@ KINDS = (
 def main(cases: str = "2") -> None:
     """Print every case, and the limits that they are for."""
     robot = load_robot("agriq")
-    print(f"{'hidden':28} {'severity':>8} {'left without':>14} {'left with':>12} found")
+    print(f"{'hidden':28} {'severity':>8} {'left without':>14} {'left with':>12} {'turning':>16} found")
     for kind in KINDS:
         for severity in (1.0, 0.3):
             for seed in range(1, int(cases) + 1):
@@ -32,8 +33,11 @@ def main(cases: str = "2") -> None:
                 told = {effect: dict(view.evidence[effect].values) for effect in view.found}
                 sizes = [view.remainder(replace(robot, effects=one)) for one in ({}, told)]
                 before, after = ("–" if one is None else f"{one.worst:.2f}" for one in sizes)
-                print(f"{kind:28} {severity:8g} {before:>14} {after:>12} {told}", flush=True)
-    print(f"limits: {float(LEFT_OF_COMMANDS):g}, and {float(MINOR_COMMANDS):g} of what is left without")
+                low, high = view.mixing.interval if view.mixing else (nan, nan)
+                turning = f"{low:.3f} … {high:.3f}"
+                print(f"{kind:28} {severity:8g} {before:>14} {after:>12} {turning:>16} {told}", flush=True)
+    print(f"limits: {float(LEFT_OF_COMMANDS):g}, and {float(MINOR_COMMANDS):g} of what is left without;", end=" ")
+    print(f"turning 1 ± {float(MIXED):g}")
 
 
 if __name__ == "__main__":

@@ -6,12 +6,20 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from diagnose.hidden import logged
 from diagnose.hidden.effects import ADDED, LISTED
 from diagnose.hidden.ground import OTHER_GROUND
 from diagnose.hidden.unlisted import LAWS, ON_COMMANDS, UNLISTED
 
-KINDS = ("none", "single", "pair", "unlisted", "ground", "commands", "added", "laws", "with_law")
-"""The order is part of the cases' seeds."""
+from artibot_sim.errors import ArtibotError
+from artibot_sim.model import load_robot
+
+KINDS = (
+    "none", "single", "pair", "unlisted", "ground", "commands", "added", "laws", "with_law", "varying", "beside"
+)  # fmt: skip
+"""The order is part of the cases' seeds. The last two, of rigid robots: the soil varies, and an effect beside that."""
+RIGID = ("none", "single", "varying", "beside")
+"""Kinds that there are of rigid robots."""
 
 
 class Job(NamedTuple):
@@ -58,6 +66,13 @@ class Job(NamedTuple):
         return cls(**{**found, "effects": tuple(found["effects"])})
 
 
+def kinds_of(robot: str) -> tuple[str, ...]:
+    """Kinds of cases that there are of a robot."""
+    if not load_robot(robot).articulated:
+        return RIGID
+    return tuple(kind for kind in KINDS if kind not in ("varying", "beside"))
+
+
 def jobs(
     seed: int,
     counts: Mapping[str, int],
@@ -74,11 +89,17 @@ def jobs(
     counts : kind → number of cases at each severity. Effects take turns in an order of the seed, anew in every round:
         27 single cases are one of each. More cases begin with the same ones.
     """
+    rigid = not load_robot(robot).articulated
+    for kind in counts:
+        if kind not in kinds_of(robot):
+            raise ArtibotError(
+                f"--kinds: there is no '{kind}' of {robot}; expected some of {', '.join(kinds_of(robot))}"
+            )
     found: list[tuple[float, Job]] = []
     for kind, count in counts.items():
         at = (0.0,) if kind == "none" else severities
         for severity in at:
-            for number, effects in zip(range(count), _effects(kind, seed), strict=False):
+            for number, effects in zip(range(count), _effects(kind, seed, rigid), strict=False):
                 job = Job(kind, number, effects, severity, noise, _case_seed(seed, kind, number), runs, duration, robot)
                 found.append(((number + 0.5) / count, job))
     return [job for _, job in sorted(found, key=lambda each: each[0])]
@@ -89,11 +110,16 @@ def _case_seed(seed: int, kind: str, number: int) -> int:
     return int(np.random.SeedSequence([seed, KINDS.index(kind), number]).generate_state(1)[0])
 
 
-def _effects(kind: str, seed: int) -> Iterator[tuple[str, ...]]:
+def _effects(kind: str, seed: int, rigid: bool) -> Iterator[tuple[str, ...]]:
     rng = np.random.default_rng([seed, KINDS.index(kind), 7])
     while True:
-        if kind in ("none", "ground"):
-            yield (OTHER_GROUND,) if kind == "ground" else ()
+        alone = {"none": (), "ground": (OTHER_GROUND,), "varying": (logged.VARYING,)}
+        if kind in alone:
+            yield alone[kind]
+            continue
+        if rigid:
+            for name in rng.permutation(sorted(logged.RECIPES)):
+                yield (str(name), logged.VARYING) if kind == "beside" else (str(name),)
             continue
         first = rng.permutation(
             sorted({"unlisted": UNLISTED, "commands": ON_COMMANDS, "added": ADDED, "laws": LAWS}.get(kind, LISTED))

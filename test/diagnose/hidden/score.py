@@ -36,6 +36,8 @@ class Score:
     tie : bool
     excess : int
         Named causes that are not there, and a remainder that is not.
+    false : bool
+        Whether a cause is named that is not there, nor ties with one that is.
     errors : mapping of str to float
         Of parameters of effects that are named and there, relative to their departure from neutral.
     covered : mapping of str to bool
@@ -54,6 +56,7 @@ class Score:
     top3: float
     tie: bool
     excess: int
+    false: bool = False
     errors: Mapping[str, float] = field(default_factory=dict)
     covered: Mapping[str, bool] = field(default_factory=dict)
     gain: float | None = None
@@ -78,6 +81,8 @@ def score(answer: Mapping[str, Any], truth: Mapping[str, Any], reference: Mappin
     named = [cause["effect"] for cause in answer["causes"]]
     errors, covered = _parameters(answer, effects)
     top1, top3, tie = _ranks(answer, effects, unlisted)
+    if truth.get("varies") and not effects:  # whether it is noise or something that acts: no name is right
+        top1 = top3 = float(not named)
     return Score(
         truth=hidden,
         answer=_first(answer),
@@ -86,6 +91,7 @@ def score(answer: Mapping[str, Any], truth: Mapping[str, Any], reference: Mappin
         top3=top3,
         tie=tie,
         excess=len(set(named) - set(effects)) + (answer["unexplained"] is not None and not unlisted),
+        false=any(not {cause["effect"], *cause["ties"]} & set(effects) for cause in answer["causes"]),
         errors=errors,
         covered=covered,
         gain=relative_gain(answer["gain"], reference) if reference and hidden else None,

@@ -35,7 +35,7 @@ class Scored:
         """Kind and severity; what never acts counts as nothing hidden, as the contract has it."""
         job = self.result["job"]
         truth = self.result.get("truth")
-        if truth is not None and not truth["effects"] and not truth["unlisted"]:
+        if truth is not None and not truth["effects"] and not truth["unlisted"] and not truth.get("varies"):
             return "none", 0.0
         return job["kind"], job["severity"]
 
@@ -44,7 +44,7 @@ def table(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """The table, line by line."""
     scored = [Scored(result) for result in results]
     yield (
-        f"{'hidden':<16}{'cases':>6}{'detected':>10}{'top-1':>8}{'top-3':>8}{'ties':>7}{'excess':>8}"
+        f"{'hidden':<16}{'cases':>6}{'detected':>10}{'top-1':>8}{'top-3':>8}{'ties':>7}{'excess':>8}{'false':>7}"
         f"{'<15 %':>8}{'covered':>9}{'gain':>7}{'≥80 %':>8}{'law':>7}{'time':>8}"
     )
     for row in sorted({each.row for each in scored}, key=lambda row: (ROWS.index(row[0]), -row[1])):
@@ -69,6 +69,7 @@ def _line(name: str, group: Sequence[Score]) -> str:
         f"{_share([each.top3 for each in group]):>8}",
         f"{_share([each.tie for each in group]):>7}",
         f"{_share([each.excess > 0 for each in group]):>8}",
+        f"{_share([each.false for each in group]):>7}",
         f"{_share([error <= CLOSE for error in errors]):>8}",
         f"{_share(covered):>9}",
         f"{_number(gains, median, '.0%'):>7}",

@@ -29,9 +29,6 @@ KEPT = (
 )
 """What of an answer goes into the journal."""
 
-HORIZON = 5.0
-"""s, of predictions: the diagnosis' own."""
-
 Diagnose = Callable[[Case], Mapping[str, Any]]
 """From a case, of which it may look at the recordings alone, to `Diagnosis.as_dict()`."""
 
@@ -41,7 +38,9 @@ def in_memory(found: Case) -> dict[str, Any]:
     from artibot_sim.diagnose import diagnose
     from artibot_sim.model import load_robot
 
-    answer = diagnose(found.recordings, load_robot(found.robot), holdout=found.holdout, seed=0, workers=1)
+    answer = diagnose(
+        found.recordings, load_robot(found.robot), holdout=found.holdout, horizon=found.horizon, seed=0, workers=1
+    )
     soils = {
         name: vars(robot.contact) for name, robot in (("before", answer.baseline_robot), ("after", answer.extended))
     }
@@ -68,6 +67,8 @@ def command_line(found: Case) -> dict[str, Any]:
             *held,
             "--robot",
             found.robot,
+            "--horizon",
+            str(found.horizon),
             "--out",
             str(out),
         ]
@@ -104,7 +105,7 @@ def reference(found: Case) -> dict[str, dict[str, float]]:
     robot = replace(robot, effects={name: dict(values) for name, values in truth.effects.items()})
     channels: dict[str, dict[str, float]] = {}
     for recording in found.holdout:
-        for name, fit in hold_out(recording, robot, HORIZON, workers=1).summary.channels.items():
+        for name, fit in hold_out(recording, robot, found.horizon, workers=1).summary.channels.items():
             one = channels.setdefault(name, {"after": 0.0, "noise": fit.noise, "count": 0})
             count = one["count"] + fit.count
             one["after"] = ((one["after"] ** 2 * one["count"] + fit.rmse**2 * fit.count) / count) ** 0.5
