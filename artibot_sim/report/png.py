@@ -21,6 +21,8 @@ WIDTH = 12.0
 DPI = 150
 _ROW = 2.75
 _HEAD = 0.62
+_TITLE = 58
+"""Characters of a title that fit over a panel of one column."""
 
 
 def render_png(figure: Figure) -> bytes:
@@ -135,7 +137,8 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
         axes.plot(*panel.starts.T, "o", ms=6, mfc=style.PAPER, mec=style.INK, mew=1.4, label="start", zorder=5)
     axes.set_xlabel(panel.x_label)
     axes.set_ylabel(panel.y_label)
-    axes.set_title(panel.title)
+    columns = len(spec.colspan) if (spec := axes.get_subplotspec()) is not None else 2
+    axes.set_title(textwrap.fill(panel.title, _TITLE * columns))
     if panel.equal:
         axes.set_aspect("equal", adjustable="datalim")
         axes.margins(0.05)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -85,6 +86,17 @@ def test_panels_fill_the_picture_without_overlap(count: int, equal: bool) -> Non
              for column in range(columns.start, columns.stop)]  # fmt: skip
     last = max(row for row, _ in taken) + 1
     assert sorted(taken) == [(row, column) for row in range(last) for column in (0, 1)]
+
+
+def test_titles_of_neighbours_do_not_overlap(run: Experiment, agriq: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    figure = experiment_figure([run], [agriq])
+    long = "husky_drive_b: a typical window (50 % err by no more): from 1069.0 s on, 20.2 cm off at the end of it"
+    canvas = drawn(monkeypatch, replace(figure, panels=tuple(replace(panel, title=long) for panel in figure.panels)))
+    titles = [axes._left_title.get_window_extent() for axes in canvas.axes]
+    assert len(titles) > 2
+    for i, one in enumerate(titles):
+        assert one.x1 < canvas.bbox.x1
+        assert not any(one.overlaps(other) for other in titles[i + 1 :])
 
 
 def test_the_picture_of_the_readme(runs: list[Experiment], tmp_path: Path) -> None:
