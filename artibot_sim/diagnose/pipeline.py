@@ -47,7 +47,7 @@ from artibot_sim.diagnose.selection.ranking import ranking
 from artibot_sim.diagnose.selection.stepwise import decide
 from artibot_sim.diagnose.unlisted.finding import unexplained_of
 from artibot_sim.diagnose.unlisted.fitting import FittedLaws, fitted_laws
-from artibot_sim.diagnose.validation.error_budget import error_budget
+from artibot_sim.diagnose.validation.error_budget import OF_GROUND, error_budget
 from artibot_sim.diagnose.validation.explainable import explainable, model_of
 from artibot_sim.diagnose.validation.predictions import (
     Pair,
@@ -399,7 +399,9 @@ def _besides(found: Conclusion) -> list[str]:
         channels = tuple(name for name in channels if name == COMMANDED)
     if decision.verdict is Verdict.UNEXPLAINED or not (decision.named and channels):
         return []
-    return [besides([one.effect for one in decision.ordered], channels, shows_forces(decision))]
+    named = [one.effect for one in decision.ordered]
+    of_ground = [effect for effect in named if effect in OF_GROUND or effect == "friction_patch"]
+    return [besides(named, channels, shows_forces(decision), of_ground)]
 
 
 def _next(decision: Decision, channels: Mapping[str, ChannelBaseline]) -> NextExperiment | None:

@@ -327,7 +327,8 @@ def headline(found: Diagnosis) -> str:
 def _causes(found: Diagnosis) -> str:
     """What is sure first, then what ties, and which of those the extended model has."""
     tied = [cause for cause in found.causes if cause.ties]
-    said = [*(cause_words(cause) for cause in found.causes if not cause.ties), *map(_either, tied)]
+    said = [*(cause_words(cause) + _or_radius(found, cause) for cause in found.causes if not cause.ties)]
+    said += map(_either, tied)
     if not said:
         return "several effects tie: these recordings cannot tell which"
     if not tied:
@@ -335,6 +336,34 @@ def _causes(found: Diagnosis) -> str:
     has = joined([effect_words(cause.effect) for cause in tied])
     which = f"{'; and '.join(said)}: these recordings cannot tell which"
     return which if found.refusal is not None else f"{which}, extended.yaml has {has}"
+
+
+def _radius(found: Diagnosis, cause: Cause) -> float | None:
+    """The wheels' radius (m) that an encoder scale may stand for; None where commands or torques tell them apart.
+
+    A wheel of r / scale goes as far as one of r whose recorded rotations are `scale` times the true ones.
+    """
+    if cause.effect != "encoder_scale" or {COMMANDED, "torque_front"} & set(found.baseline):
+        return None
+    return found.robot.wheel.r_w / float(cause.parameters["scale"].value)
+
+
+def _or_radius(found: Diagnosis, cause: Cause) -> str:
+    radius = _radius(found, cause)
+    file = found.robot.wheel.r_w
+    return "" if radius is None else f", or wheels that roll on a radius of {radius:.3f} m instead of {file:.3f} m"
+
+
+def _circumference(found: Diagnosis) -> str:
+    """What tells an encoder scale from a wheel radius, and the mend in either case; empty where there is none."""
+    radius = next((r for r in (_radius(found, cause) for cause in found.causes) if r is not None), None)
+    if radius is None:
+        return ""
+    return (
+        "Wheel speeds and poses cannot tell an encoder scale from another wheel radius: mark a loaded wheel and roll "
+        f"it one turn. If it goes {2.0 * np.pi * radius:.3f} m, put {radius:.3f} m into wheel.r_w of the robot file; "
+        "otherwise mend the counts a turn."
+    )
 
 
 def _either(cause: Cause) -> str:
@@ -391,7 +420,8 @@ def next_step(found: Diagnosis) -> str:
     if found.verdict is Verdict.NAMED:
         names = joined([effect_words(cause.effect) for cause in found.causes])
         check = f"Check the rover, its sensors and its file for {names}; until then {_predict_with(found, EXTENDED)}."
-        return f"{check} {found.next_experiment.what}" if found.next_experiment is not None else check
+        advice = found.next_experiment.what if found.next_experiment is not None else ""
+        return " ".join(filter(None, (check, _circumference(found), advice)))
     if found.verdict is Verdict.NONE:
         return f"There is nothing to mend: {_predict_with(found, BASELINE)}, and record what was not driven yet."
     advice = found.next_experiment.what if found.next_experiment is not None else ""
@@ -551,15 +581,25 @@ def sureness(found: Diagnosis) -> str:
     rival = best_rival(found)
     if rival is not None:
         parts.append(f"The best other effect is {_rival(rival)}.")
-    if np.isfinite(cause.holdout_improvement):
-        share = 100 * cause.holdout_improvement
-        if share <= -0.5:
-            parts.append(f"On held-out data it predicts worse: the error beyond noise grows by {-share:.0f} %.")
-        else:
-            parts.append(f"Of the error beyond noise on held-out data it removes {share:.0f} %.")
-    if np.isfinite(stated := cause.holdout_log10_likelihood):
-        parts.append(f"Held-out data speak {'for' if stated >= 0 else 'against'} it, {odds(abs(stated))}.")
+    # each cause was judged beside those before it, which may be worth little without those after it: all count at once
+    it = "it" if len(found.causes) == 1 else f"all {len(found.causes)} causes"
+    share = 100 * (1.0 - float(np.prod([1.0 - one.holdout_improvement for one in found.causes])))
+    stated = sum(one.holdout_log10_likelihood for one in found.causes)
+    if np.isfinite(share) and share <= -0.5:
+        few = ", in a few windows, for most are likelier" if stated > 0 else ""
+        parts.append(
+            f"On held-out data {_verb(it, 'predicts')} worse: the error beyond noise grows by {-share:.0f} %{few}."
+        )
+    elif np.isfinite(share):
+        parts.append(f"Of the error beyond noise on held-out data {_verb(it, 'removes')} {share:.0f} %.")
+    if np.isfinite(stated):
+        them = "it" if it == "it" else "them"
+        parts.append(f"Held-out data speak {'for' if stated >= 0 else 'against'} {them}, {odds(abs(stated))}.")
     return " ".join(parts)
+
+
+def _verb(it: str, verb: str) -> str:
+    return f"{it} {verb if it == 'it' else verb.removesuffix('s')}"
 
 
 def not_named(found: Diagnosis) -> str:
@@ -681,17 +721,27 @@ def doubt(effects: Sequence[str], channels: Sequence[str]) -> str:
     )
 
 
-def besides(effects: Sequence[str], channels: Sequence[str], forces: bool = True) -> str:
-    """That something else may act beside what is named; `forces` says whether it would show as a force."""
+def besides(effects: Sequence[str], channels: Sequence[str], forces: bool = True, of_ground: Sequence[str] = ()) -> str:
+    """That something else may act beside what is named.
+
+    Parameters
+    ----------
+    effects, channels : sequence of str
+        What is named, and where more than noise is left.
+    forces : bool
+        Whether it would show as a force.
+    of_ground : sequence of str
+        Those of the effects whose size the ground sets.
+    """
     names, where = ([effect_words(name) for name in effects], [channel_words(name) for name in channels])
-    if not forces:
-        return (
-            f"with {joined(names)} more than noise is still left in {joined(where)}: ground that varies, or something "
-            "else as well; wheel speeds and poses do not tell these apart, recorded torques would"
-        )
+    said = f"with {joined(names)} more than noise is still left in {joined(where)}"
+    if forces:
+        return f"{said}, and no force was found for it: something else may act as well"
+    alike = joined([effect_words(name) for name in of_ground], "or")
+    ground = f". Such ground alone can look like {alike}, and predictions are better with it then, too" if alike else ""
     return (
-        f"with {joined(names)} more than noise is still left in {joined(where)}, and no force was found for it: "
-        "something else may act as well"
+        f"{said}: ground that varies, or something else as well{ground}; wheel speeds and poses do not tell these "
+        "apart, recorded torques would"
     )
 
 

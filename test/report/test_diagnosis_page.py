@@ -15,7 +15,16 @@ from report.diagnosis_case import case
 
 from artibot_sim.cli import main
 from artibot_sim.diagnose import result
-from artibot_sim.diagnose.records import Candidate, ChannelBaseline, ErrorBudget, Found, Unexplained, Varies, Verdict
+from artibot_sim.diagnose.records import (
+    Candidate,
+    Cause,
+    ChannelBaseline,
+    ErrorBudget,
+    Found,
+    Unexplained,
+    Varies,
+    Verdict,
+)
 from artibot_sim.diagnose.result import Diagnosis
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot
@@ -56,6 +65,35 @@ def test_a_cause_that_predicts_worse_is_said_to(named: Diagnosis) -> None:
     worse = replace(named, causes=(replace(cause, holdout_improvement=-2.29), *others))
     assert "the error beyond noise grows by 229 %" in result.sureness(worse)
     assert "removes" in result.sureness(named) and "removes" not in result.sureness(worse)
+
+
+def test_causes_that_help_only_together_are_judged_together(named: Diagnosis) -> None:
+    """Of a Warthog on asphalt the first one alone made the mean square worse, which the second one brought down."""
+    (cause, *_) = named.causes
+    first = replace(cause, holdout_improvement=-0.25, holdout_log10_likelihood=3.0)
+    second = replace(cause, effect="payload", holdout_improvement=0.8, holdout_log10_likelihood=40.0)
+    said = result.sureness(replace(named, causes=(first, second)))
+    assert "all 2 causes remove 75 %" in said and "speak for them, 10⁴³ to 1" in said and "worse" not in said
+    alone = result.sureness(replace(named, causes=(first,)))
+    assert "grows by 25 %, in a few windows, for most are likelier" in alone
+
+
+def test_an_encoder_scale_may_be_a_radius(named: Diagnosis) -> None:
+    """Where neither commands nor torques were recorded both are the same, and a tape measure tells them apart."""
+    scale = Cause("encoder_scale", {"scale": Found(1.05, "-", (1.04, 1.06))}, 60.0, 0.8)
+    kinematic = {name: named.baseline[name] for name in ("position", "yaw") if name in named.baseline}
+    blind = replace(named, causes=(scale,), baseline=kinematic, next_experiment=None)
+    radius = named.robot.wheel.r_w / 1.05
+    assert f"or wheels that roll on a radius of {radius:.3f} m instead of" in result.headline(blind)
+    assert f"put {radius:.3f} m into wheel.r_w" in result.next_step(blind)
+    seeing = replace(blind, baseline=named.baseline)
+    assert "radius" not in result.headline(seeing) + result.next_step(seeing)
+
+
+def test_ground_that_varies_is_said_to_look_like_what_ground_makes() -> None:
+    words = result.besides(["wheel_resistance", "pose_lever_arm"], ["yaw"], False, ["wheel_resistance"])
+    assert "Such ground alone can look like wheel resistance, and" in words
+    assert "Such ground" not in result.besides(["pose_lever_arm"], ["yaw"], False)
 
 
 def test_the_first_sentence_names_cause_size_and_gain(every: dict[Verdict, Diagnosis]) -> None:
