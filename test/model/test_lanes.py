@@ -117,9 +117,26 @@ def test_rovers_that_spin(agriq) -> None:
 
 
 def test_rigid_robots(husky) -> None:
+    """They have lanes of their own: without a back module, with effects of all kinds or with none."""
     robots = [husky.replace({"contact.mu_s": mu, "contact.mu_d": 0.8 * mu}) for mu in (0.3, 0.5, 0.8)]
+    robots.append(with_effects(husky, "stiction", "slip_ratio", "wheel_runout", "com_offset", "motor_drag"))
+    assert extension(robots[-1].effects) == EXTENDED[-1]
     motors = table(husky)
-    assert_like_rollouts(robots, motors, items_of(robots, motors, 2, each=3), 5e-3)
+    assert_like_rollouts(robots, motors, items_of(robots, motors, 2, each=3), 2.5e-3)
+
+
+def test_a_rigid_robot_is_not_disturbed_by_articulated_ones(agriq, husky) -> None:
+    """Blocks are used again, and nothing is left in them of a back module that a rigid robot does not have."""
+    motors = table(husky)
+    plan = Plan(np.tile([0.05, 0.2], len(SHOWN)), np.repeat(SHOWN, 2))
+    batch = WindowBatch([motors], [plan], 1e-3, workers=1)
+    items = items_of([husky], motors, 13, each=3)
+    (alone, together) = batch.run([husky], items), []
+    for _ in range(2):
+        batch.run([agriq], items_of([agriq], motors, 14, each=3))
+        together.append(batch.run([husky], items))
+    for found in together:
+        np.testing.assert_array_equal(found, alone)
 
 
 @pytest.mark.parametrize("readings", ["literal_eq22", "literal_eq9"])

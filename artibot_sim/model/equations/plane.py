@@ -162,6 +162,13 @@ def from_origin(fx, module, at, s_g, c_g, a):
 
 
 @inlined
+def rigid_accelerations(body, ground, fx, at, s_g, c_g, right, left):
+    """What `planar_accelerations` gives of the front module of a rigid robot, which has no other."""
+    free, _, _ = module_forces(body, ground, fx, FRONT, at, s_g, c_g, right, left)
+    return free if fx is None else from_origin(fx, FRONT, at, s_g, c_g, free)
+
+
+@inlined
 def planar_accelerations(front, back, ground, fx, f, b, trig, forces, dt=None):
     """Eq. 25 on the plane.
 

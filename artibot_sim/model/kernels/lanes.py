@@ -9,7 +9,14 @@ import math
 
 from artibot_sim.model.effects import hooks
 from artibot_sim.model.equations.contact import within_friction_lanes
-from artibot_sim.model.equations.plane import Body, Ground, Motion, module_wheels, planar_accelerations
+from artibot_sim.model.equations.plane import (
+    Body,
+    Ground,
+    Motion,
+    module_wheels,
+    planar_accelerations,
+    rigid_accelerations,
+)
 from artibot_sim.model.equations.transmission import (
     ROLLING_WIDTH,
     TORQUE,
@@ -162,7 +169,8 @@ def cubics(S):
 # share a block, and one that diverges disturbs no other.
 #
 # `fx` is None for the paper's model. In the extended one it is one of EXTENDED (`lane_layout`), whose lengths the
-# compiler knows, and effects' parameters are in `S`.
+# compiler knows, and effects' parameters are in `S`. `rigid` is None, or anything else in what is compiled for rigid
+# robots: these have no back module, and computing its four wheels as well took half as long again.
 # ----------------------------------------------------------------------
 
 
@@ -178,6 +186,12 @@ def body_of(S, at):
         S[at + 6 * LANES], S[at + 7 * LANES], S[at + 8 * LANES], S[at + 9 * LANES], S[at + 10 * LANES],
         S[at + 11 * LANES], S[at + 12 * LANES],
     )  # fmt: skip
+
+
+@inlined
+def ground_of(S, at):
+    """What the modules of the lane whose numbers begin at `at` share."""
+    return Ground(S[at], S[at + LANES], S[at + 2 * LANES], S[at + 3 * LANES], S[at + 4 * LANES], S[at + 5 * LANES])
 
 
 @inlined
@@ -244,8 +258,7 @@ def put_bending(S, at, right, left):
 def move_modules(S, fx, t):
     """Accelerations of both modules, and what the motors' wheels meet, at the stage."""
     for e in range(LANES):
-        g = AT.GROUND + e
-        ground = Ground(S[g], S[g + LANES], S[g + 2 * LANES], S[g + 3 * LANES], S[g + 4 * LANES], S[g + 5 * LANES])
+        ground = ground_of(S, AT.GROUND + e)
         q, v, lag = AT.Q_S + e, AT.V_S + e, AT.LAG_S + e
         f, b = motion_of(S, q, v), motion_of(S, q + 3 * LANES, v + 3 * LANES)
         turn_f, turn_b = f.gamma - S[AT.FACING + e], b.gamma - S[AT.FACING + LANES + e]
@@ -300,6 +313,42 @@ def move_modules(S, fx, t):
 
 
 @inlined
+def move_rigid(S, fx, t):
+    """As `move_modules` for rigid robots: of the module that they have."""
+    for e in range(LANES):
+        ground, body = ground_of(S, AT.GROUND + e), body_of(S, AT.BODY_F + e)
+        q, v = AT.Q_S + e, AT.V_S + e
+        at, effects = motion_of(S, q, v), effects_at(S, fx, e, t)
+        s, c = turn_by(at.gamma - S[AT.FACING + e], S[AT.SINE + e], S[AT.COSINE + e])
+        rims, angles = (S[AT.RIM + e], S[AT.RIM + LANES + e]), (0.0, 0.0)
+        if fx is not None:
+            th = q + MOTORS
+            angles = S[th] * S[AT.TAU + e], S[th + LANES] * S[AT.TAU + LANES + e]
+        kept = kept_of(S, AT.LAG_S + e)
+        right, left = module_wheels(within_friction_lanes, body, ground, effects, FRONT, at, s, c, rims, angles, kept)
+        a = AT.ACC + e
+        S[a], S[a + LANES], S[a + 2 * LANES] = rigid_accelerations(body, ground, effects, at, s, c, right, left)
+        S[AT.AT_RIM + e], S[AT.AT_RIM + LANES + e] = right.at_rim, left.at_rim
+        if fx is not None and len(fx) >= LAGGING:
+            S[AT.U_F_N + e], S[AT.U_F_N + LANES + e] = right.u_F_n, left.u_F_n
+            put4(S, AT.LAG_RATE + e, right.rate_f, right.rate_b, left.rate_f, left.rate_b)
+        if fx is not None and len(fx) >= BRISTLED:
+            put_bending(S, AT.LAG_RATE + 8 * LANES + e, right, left)
+
+
+@inlined
+def leave_out_back(S):
+    """Accelerations, forces and memory of the back module that `move_rigid` does not compute: there is none."""
+    for j in range(3 * LANES):
+        S[AT.ACC + 3 * LANES + j] = 0.0
+    for j in range(2 * LANES):
+        S[AT.AT_RIM + 2 * LANES + j] = 0.0
+    for k in range(4, MEMORY, 8):
+        for j in range(4 * LANES):
+            S[AT.LAG_RATE + k * LANES + j] = 0.0
+
+
+@inlined
 def next_state(S, k, dt):
     """From stage `k` to the next; after the last one, advance the state.
 
@@ -335,7 +384,7 @@ def next_lag(S, count, k, dt):
 
 
 @inlined
-def stage(S, fx, k, s, elapsed, dt, turning):
+def stage(S, fx, k, s, elapsed, dt, turning, rigid=None):
     """Stage `k` of a step that begins `s` seconds after a knot and `elapsed` seconds after the start.
 
     Motors' torques are computed at the first `turning` stages: at all where one is not prescribed, at the first where
@@ -348,7 +397,10 @@ def stage(S, fx, k, s, elapsed, dt, turning):
     at_knot = k == 0 and s == 0.0
     if at_knot or not near:
         face(S, 0.0 if at_knot else NEAR)
-    move_modules(S, fx, elapsed + late)
+    if rigid is None:
+        move_modules(S, fx, elapsed + late)
+    else:
+        move_rigid(S, fx, elapsed + late)
     if k < turning:
         if fx is not None:
             drag_motors(S, fx, elapsed + late)

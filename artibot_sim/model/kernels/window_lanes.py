@@ -11,7 +11,16 @@ from artibot_sim.model.equations.transmission import TORQUE
 from artibot_sim.model.kernels.compilation import inlined, kernel
 from artibot_sim.model.kernels.lane_layout import AT, BLOCK, EFFECT_VALUES, LANES, aligned, effects_at, line_up_stack
 from artibot_sim.model.kernels.lane_loading import load_lane, load_motors
-from artibot_sim.model.kernels.lanes import check, cubics, end_stage, leave_knot, next_knot, sound_rows, stage
+from artibot_sim.model.kernels.lanes import (
+    check,
+    cubics,
+    end_stage,
+    leave_knot,
+    leave_out_back,
+    next_knot,
+    sound_rows,
+    stage,
+)
 from artibot_sim.model.kernels.sampling import (
     COLUMNS,
     ENCODER_SCALE,
@@ -158,15 +167,17 @@ def keep_rows(S, row, rows):
 
 
 @inlined
-def simulate(S, rows, work, order, block, fx, dt, knot_steps, settings):
+def simulate(S, rows, work, order, block, fx, dt, knot_steps, settings, rigid):
     """Run a block, a row at each knot."""
+    if rigid is not None:
+        leave_out_back(S)
     steps = work.knots[order[block * LANES]] * knot_steps
     for step in range(steps + 1):
         knot, phase = step // knot_steps, step % knot_steps
         if phase == 0:
             load_knot(S, work, order, block, knot, knot_steps * dt)
         for k in range(settings[STAGES] if step < steps else 1):
-            stage(S, fx, k, phase * dt, dt * step, dt, settings[TURNING])
+            stage(S, fx, k, phase * dt, dt * step, dt, settings[TURNING], rigid)
             if k + phase == 0:  # asked apart, the compiler would make a version for each answer
                 keep_rows(S, knot, rows)
             end_stage(S, fx, k, dt)
@@ -190,7 +201,7 @@ def look(S, rows, work, order, block, h, out):
 
 
 @kernel
-def run_windows(work, order, first, stride, dt, knot_steps, settings, buffer, out, fx=None):
+def run_windows(work, order, first, stride, dt, knot_steps, settings, buffer, out, fx=None, rigid=None):
     """Blocks `first`, `first` + `stride`, … of the items in `order`, those with most knots first; samples into `out`.
 
     Parameters
@@ -202,10 +213,12 @@ def run_windows(work, order, first, stride, dt, knot_steps, settings, buffer, ou
         4, the stages of a step; at how many of them torques are computed, see `lanes.stage`.
     fx : tuple, optional
         One of EXTENDED for the extended model (`lane_layout`).
+    rigid : bool, optional
+        Given, all items are of rigid robots (see `lanes`).
     """
     line_up_stack()
     S, rows = buffer
     for block in range(first, (order.shape[0] + LANES - 1) // LANES, stride):
         load_block(S, work, order, block, fx)
-        simulate(S, rows, work, order, block, fx, dt, knot_steps, settings)
+        simulate(S, rows, work, order, block, fx, dt, knot_steps, settings, rigid)
         look(S, rows, work, order, block, knot_steps * dt, out)

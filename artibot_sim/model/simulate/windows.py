@@ -451,19 +451,22 @@ class WindowBatch:
     def _groups(self, fleet: Fleet, items: Items, rows: Indices) -> Iterator[_Group]:
         """Items that can share a block: those with most knots first."""
         steps, free = self._knots.steps[items.table[rows]], self._knots.free[items.table[rows]]
-        kinds = np.column_stack([steps, free, fleet.extended[items.robot[rows]]])
+        robots = items.robot[rows]
+        kinds = np.column_stack([steps, free, fleet.extended[robots], ~fleet.records["two"][robots]])
         for kind in np.unique(kinds, axis=0):
             mine = rows[(kinds == kind).all(axis=1)]
             order = mine[np.argsort(-items.knots[mine], kind="stable")]
             torques = bool(self._looks.torques[items.plan[mine]].any())
             most = int(items.knots[order[0]])
-            yield _Group(order, int(kind[0]), bool(kind[1]), torques, int(kind[2]), most)
+            yield _Group(order, int(kind[0]), bool(kind[1]), torques, int(kind[2]), bool(kind[3]), most)
 
     def _run_lanes(self, work: Any, group: _Group, part: int, parts: int, out: Array) -> None:
         """A thread's part of a group."""
         from artibot_sim.model.kernels import window_lanes
 
-        extra = (EXTENDED[group.extended - 1],) if group.extended else ()
+        extra: tuple[Any, ...] = (EXTENDED[group.extended - 1],) if group.extended else ()
+        if group.rigid:
+            extra = (*extra, True) if extra else (None, True)
         count, buffers = self._borrow(window_lanes.buffers, group.most + 1)
         settings = np.array([4, 4 if group.free else int(group.torques)], dtype=np.int64)
         window_lanes.run_windows(work, group.order, part, parts, self.dt, group.steps, settings, buffers, out, *extra)
@@ -489,13 +492,14 @@ class WindowBatch:
 
 
 class _Group(NamedTuple):
-    """Items that run side by side: whose they are, steps a knot, `free` motors, `torques` wanted, longest one."""
+    """Items that run side by side: which, steps a knot, `free` motors, `torques` wanted, `rigid` ones, longest one."""
 
     order: Indices
     steps: int
     free: bool
     torques: bool
     extended: int
+    rigid: bool
     most: int
 
 
