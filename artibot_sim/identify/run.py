@@ -44,8 +44,8 @@ WINDOW = 5.0
 """s of a window: long enough for the path to say something, short enough that a start decides which branch it takes."""
 LEAD = 0.3
 """s at a window's beginning that are not compared."""
-MOST = 900.0
-"""s of windows that are fitted at most: of a longer recording every so many-th. What is left then of a handful of
+MOST = 600.0
+"""s of windows that are fitted at most, evenly from a longer recording. What is left then of a handful of
 parameters is not the noise of the windows but the model's own error, and that does not average out."""
 _FEW = 12
 """Windows at most that the search from several starts takes, evenly."""
@@ -199,14 +199,13 @@ def problem_of(
 
 
 def enough_of(problem: Problem, most: float = MOST) -> tuple[Problem, list[str]]:
-    """A problem with windows of `most` s in all, in turn, and a remark where that is not all of them."""
-    step = int(np.ceil(float(problem.durations.sum()) / most))
-    if step <= 1:
+    """A problem with windows of `most` s in all, evenly from all of them, and a remark where that is not all."""
+    seconds, number = float(problem.durations.sum()), len(problem)
+    if seconds <= most:
         return problem, []
-    few = problem.part(range(0, len(problem), step))
-    which = f"every {step}{'nd' if step == 2 else 'rd' if step == 3 else 'th'} window was fitted"
-    minutes = float(problem.durations.sum()) / 60.0
-    return few, [f"{which}, {len(few)} of {len(problem)}: {most / 60.0:g} of {minutes:.0f} min say as much"]
+    count = max(1, int(number * most / seconds))
+    few = problem.part((np.arange(count) * number // count).tolist())
+    return few, [f"{count} of {number} windows were fitted: {most / 60.0:g} of {seconds / 60.0:.0f} min say as much"]
 
 
 @dataclass(frozen=True)

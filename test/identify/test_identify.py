@@ -318,9 +318,10 @@ def test_of_a_long_recording_windows_in_turn_are_fitted_and_that_is_said(real: R
     problem = problem_of([synthetic(real, TURNS)], parameter_set(real), 0.5, 1)
     seconds = float(problem.durations.sum())
     few, (said,) = enough_of(problem, seconds / 3.5)
-    assert seconds / 5.0 < float(few.durations.sum()) <= seconds / 3.5 + 0.5
-    assert len({int(b - a) for a, b in pairwise(problem.windows.index(window) for window in few.windows)}) == 1
-    assert said.startswith(f"every 4th window was fitted, {len(few)} of {len(problem)}")
+    assert 0.8 * seconds / 3.5 < float(few.durations.sum()) <= seconds / 3.5 + 0.5
+    steps = {int(b - a) for a, b in pairwise(problem.windows.index(window) for window in few.windows)}
+    assert steps <= {3, 4}, "evenly"
+    assert said.startswith(f"{len(few)} of {len(problem)} windows were fitted")
     assert enough_of(problem) == (problem, [])
 
 
