@@ -11,7 +11,7 @@ import numpy as np
 from artibot_sim.report import style
 from artibot_sim.report.panels import Arrows, Entry, Floats, Line, Outline, Panel, extent
 
-MOST_POINTS = 4_000
+MOST_POINTS = 3_000
 """Longer lines are thinned: a browser would crawl, and no screen shows more."""
 _FINE = 1e-5
 """Share of a line's span that its numbers are rounded to: zoomed in a hundred times that is a pixel."""

@@ -125,7 +125,7 @@ def test_a_page_says_that_it_thinned_long_lines(tmp_path: Path) -> None:
     for count, said in ((1_000, False), (MOST_POINTS + 2, True)):
         t = 0.01 * np.arange(count)
         figure = experiment_figure([recording(tmp_path / f"run{count}", {"odom": (t, circle(t, 2.0, 0.3))})])
-        assert ("Lines of more than 4 000 samples are drawn" in page_of(figure)) == said
+        assert ("Lines of more than 3 000 samples are drawn" in page_of(figure)) == said
         assert all(
             len(trace["x"]) <= MOST_POINTS + 2 for panel in figure.panels for trace in chart(panel, (0, 1))["data"]
         )
