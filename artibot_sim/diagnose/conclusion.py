@@ -12,8 +12,9 @@ from artibot_sim.diagnose.records import ChannelGain, Left
 from artibot_sim.diagnose.remains import COMMANDED, beyond_noise, far_beyond_noise, leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.per_recording import Apart, apart
-from artibot_sim.diagnose.unlisted.finding import ForceFinding, unexplained
-from artibot_sim.diagnose.validation.predictions import Worth, is_minor, is_refuted
+from artibot_sim.diagnose.unlisted.beside import Explanations
+from artibot_sim.diagnose.unlisted.finding import ForceFinding
+from artibot_sim.diagnose.validation.predictions import LAWS, Worth, is_minor, is_refuted
 from artibot_sim.diagnose.validation.stability import disagreement, drifts
 from artibot_sim.diagnose.verdict import COMMANDS, MOTION, VERDICT, Outcome, Reason, Row
 from artibot_sim.model import Robot
@@ -26,7 +27,7 @@ class HeldOut:
     Attributes
     ----------
     gained : mapping of str to Worth
-        By cause, in the order in which they were found.
+        By cause, in the order in which they were found; of laws together under `predictions.LAWS`.
     gain : mapping of str to ChannelGain
         By channel.
     """
@@ -38,7 +39,14 @@ class HeldOut:
         """As the tables ask for it."""
         if is_refuted(self.gained, self.gain):
             return "worse"
-        return "little" if decision.fitted and is_minor(self.gained, decision.left) else "better"
+        little = decision.fitted and is_minor(self.gained, decision.left)
+        return "little" if little or not self.laws_hold else "better"
+
+    @property
+    def laws_hold(self) -> bool:
+        """Whether held-out recordings are predicted better with the laws, if there are any, than without."""
+        laws = self.gained.get(LAWS)
+        return laws is None or laws.after < laws.before
 
     @property
     def sure(self) -> bool:
@@ -91,7 +99,7 @@ class Conclusion:
     without: tuple[Without, ...] = ()
 
 
-def concluded(found: Decision, view: CommandView, judge: Judge) -> Conclusion:
+def concluded(found: Decision, view: CommandView, judge: Judge, tick: Callable[[], None] = lambda: None) -> Conclusion:
     """Decide by the tables what of a search's effects is named.
 
     Parameters
@@ -102,8 +110,10 @@ def concluded(found: Decision, view: CommandView, judge: Judge) -> Conclusion:
         Of the fitted recordings.
     judge : callable
         Says what a decision is worth on held-out recordings.
+    tick : callable
+        Called after each part of the work.
     """
-    about_motion = MotionFacts(found, judge)
+    about_motion = MotionFacts(found, judge, tick)
     motion = MOTION.first(about_motion)
     kept = about_motion.kept(motion.then)
     judged = (lambda _: about_motion.held) if motion.then is Outcome.NAMED and kept.fitted else judge
@@ -133,8 +143,8 @@ def _fallen(
 class MotionFacts:
     """Facts about effects that were fitted to the motion."""
 
-    def __init__(self, found: Decision, judge: Judge) -> None:
-        self._found, self._judge = found, judge
+    def __init__(self, found: Decision, judge: Judge, tick: Callable[[], None]) -> None:
+        self._found, self._judge, self._tick = found, judge, tick
 
     def __call__(self, question: str) -> str:
         """The fact that a question of the table asks for."""
@@ -146,7 +156,7 @@ class MotionFacts:
         if question == "left":
             return size_of(decision.left)
         if question == "force":
-            return "yes" if self._force is not None else "no"
+            return "beside" if self._with_laws is not None else "yes" if self._force is not None else "no"
         if question == "held out":
             return self.held.fact(decision)
         if question == "forces":
@@ -160,7 +170,7 @@ class MotionFacts:
         """What is left of the names."""
         decision = self._decision
         if outcome is Outcome.NAMED:
-            return own_ties(decision)
+            return own_ties(self._with_laws or decision)
         if outcome is Outcome.SOILS:
             return own_ties(replace(on_no_list(self._found), apart=self._soils[2], left=self._without_left))
         if outcome is Outcome.NOTHING and not decision.fitted:
@@ -168,7 +178,9 @@ class MotionFacts:
         back = replace(on_no_list(self._found), left=self._without_left)
         if outcome is Outcome.NOTHING:
             return own_ties(back)
-        return own_ties(replace(back, unexplained=self._force_instead, apart=self._contradiction))
+        if self._force_alone is not None:
+            back = replace(back, unexplained=self._force_alone, laws=self._explanations(()).laws)
+        return own_ties(replace(back, apart=self._contradiction))
 
     def without(self, reason: Reason) -> Without:
         """What was not named, why, and what it would have gained."""
@@ -177,8 +189,8 @@ class MotionFacts:
 
     @cached_property
     def held(self) -> HeldOut:
-        """What the effects are worth on held-out recordings, those included that only commands show."""
-        return self._judge(own_ties(self._decision))
+        """What effects and laws are worth on held-out recordings, effects included that only commands show."""
+        return self._judge(own_ties(self._with_laws or self._decision))
 
     @cached_property
     def _decision(self) -> Decision:
@@ -191,22 +203,37 @@ class MotionFacts:
         return soils_of(found)
 
     @cached_property
+    def _explanations(self) -> Explanations:
+        return Explanations(self._decision, self._tick)
+
+    @cached_property
+    def _with_laws(self) -> Decision | None:
+        """The effects that are still needed beside laws, where these together leave no more than noise."""
+        found, no_soils = self._decision, self._soils[0] == "no"
+        if not (found.fitted and no_soils and leaves_more_than_noise(found.left) and shows_forces(found)):
+            return None
+        best = self._explanations.best() if self._explanations.force() is not None else None
+        return self._explanations.decision(best) if best is not None and best.effects else None
+
+    @property
     def _force(self) -> ForceFinding | None:
         """The force that is at work instead of what was fitted, or beside it."""
         found = self._decision
-        if not found.fitted:
-            return self._force_instead
-        changes = any(nats >= found.least for nats in drifts(found.problem, found.fit).values())
-        if changes or unexplained(found.problem, found.fit.point.coordinates) is not None:
-            return self._force_instead
-        return None
+        if found.fitted and self._explanations.force() is None and not self._changes:
+            return None
+        return self._force_alone
 
     @cached_property
-    def _force_instead(self) -> ForceFinding | None:
+    def _changes(self) -> bool:
+        """Whether the size of an effect changes in the course of the recordings."""
+        found = self._decision
+        return any(nats >= found.least for nats in drifts(found.problem, found.fit).values())
+
+    @property
+    def _force_alone(self) -> ForceFinding | None:
+        """The force that explains the recordings without any effect; None where several soils do."""
         alone = self._contradiction
-        if alone is not None and alone.sufficient:
-            return None
-        return unexplained(self._found.neutral_problem, self._found.neutral_fit.point.coordinates)
+        return None if alone is not None and alone.sufficient else self._explanations.force(())
 
     @cached_property
     def _without_left(self) -> Mapping[str, Left]:
@@ -265,7 +292,7 @@ class CommandFacts:
 
     @cached_property
     def _held(self) -> HeldOut:
-        return self._judge(self._found)
+        return self._judge(replace(self._found, laws=None))
 
     @cached_property
     def _with(self) -> Left | None:

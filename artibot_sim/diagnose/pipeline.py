@@ -46,7 +46,7 @@ from artibot_sim.diagnose.selection.evidence import DECADE
 from artibot_sim.diagnose.selection.ranking import ranking
 from artibot_sim.diagnose.selection.stepwise import decide
 from artibot_sim.diagnose.unlisted.finding import unexplained_of
-from artibot_sim.diagnose.unlisted.fitting import FittedLaws, fitted_laws
+from artibot_sim.diagnose.unlisted.fitting import FittedLaws
 from artibot_sim.diagnose.validation.error_budget import OF_GROUND, error_budget
 from artibot_sim.diagnose.validation.explainable import explainable, model_of
 from artibot_sim.diagnose.validation.predictions import (
@@ -105,6 +105,8 @@ class Assessment:
         By the extended model.
     worth : HeldOut
         Of all that is named, or of the laws.
+    whole : (Problem, Fit)
+        The model that was extended, with laws where `extended` has them.
     laws : FittedLaws or None
         Forces on no list as terms of the model: `extended` and `effects` have them.
     """
@@ -116,6 +118,7 @@ class Assessment:
     comparisons: list[Comparison]
     predicted: tuple[Held, ...]
     worth: HeldOut
+    whole: tuple[Problem, Fit]
     laws: FittedLaws | None = None
 
 
@@ -174,7 +177,7 @@ class Assessor:
 
     def __call__(self, decision: Decision) -> Assessment:
         """The assessment of what a decision names."""
-        key = tuple(one.effect for one in decision.named), decision.forces_alone
+        key = tuple(one.effect for one in decision.named), decision.laws is not None
         if key not in self._made:
             self._made[key] = self._assessed(decision)
         return self._made[key]
@@ -184,19 +187,16 @@ class Assessor:
         return self(decision).worth
 
     def _assessed(self, decision: Decision) -> Assessment:
-        if decision.unexplained is not None and decision.forces_alone:
-            neutral = decision.neutral_problem, decision.neutral_fit
-            laws = fitted_laws(*neutral, decision.unexplained, self._tick)
-            found = self._predicted(decision, laws)
-            if laws is None or _helps(found):
-                return found
-        return self._predicted(decision, None)
+        found = self._predicted(decision)
+        if decision.fitted or found.worth.laws_hold:  # beside effects, tables decide about laws
+            return found
+        return self._predicted(replace(decision, laws=None))
 
-    def _predicted(self, decision: Decision, laws: FittedLaws | None) -> Assessment:
-        """All recordings predicted with what is named, or with `laws`."""
+    def _predicted(self, decision: Decision) -> Assessment:
+        """All recordings predicted with all that was found."""
         options, view = self._options, self._view
         names = [one.name for one in self._fitted]
-        baseline, extended, effects = _robots(names, decision, laws, options.seed, self._tick)
+        baseline, extended, effects = _robots(names, decision, options.seed, self._tick)
         pairs = _predictions(self._fitted, self._held, baseline, extended, options, self._tick)
         levels, comparisons = baseline_levels(pairs), [comparison(pair, self._robot, self._in_map) for pair in pairs]
         channels, comparisons = with_commands(levels, comparisons, *view.seen_by(extended))
@@ -206,17 +206,9 @@ class Assessor:
         gain = gains(held_out, driven if view.followed else [], options.seed)
         worth = HeldOut(gained, gain)
         after = tuple(pair.after for pair in pairs)
-        return Assessment(baseline, extended, effects, channels, comparisons, after, worth, laws)
-
-
-def _helps(found: Assessment) -> bool:
-    """Whether held-out recordings are predicted better by the extended model, all channels by their noise."""
-    squares = [
-        (one.before**2 - one.after**2) / found.channels[name].noise ** 2
-        for name, one in found.worth.gain.items()
-        if name in found.channels and found.channels[name].noise > 0.0
-    ]
-    return sum(squares) > 0.0
+        return Assessment(
+            baseline, extended, effects, channels, comparisons, after, worth, decision.whole, decision.laws
+        )  # fmt: skip
 
 
 def result_of(
@@ -281,15 +273,9 @@ def with_explainable(result: Diagnosis, assessed: Assessment, residual: bool, op
 def with_budget(result: Diagnosis, decision: Decision, assessed: Assessment, options: Options) -> Diagnosis:
     """Add to a result which part of the error on held-out recordings is what, and what varies."""
     held = [one for one in assessed.predicted if one.experiment.name in result.holdout]
-    if assessed.laws is not None:
-        problem, fit = assessed.laws.problem, assessed.laws.fit
-    elif decision.named:
-        problem, fit = decision.problem, decision.fit
-    else:
-        problem, fit = decision.neutral_problem, decision.neutral_fit
     try:
         with until(time.perf_counter() + options.left):
-            budget, varies = error_budget(problem, fit, held, result.gain, result.explainable, result.seed)
+            budget, varies = error_budget(*assessed.whole, held, result.gain, result.explainable, result.seed)
     except TimeIsUp:
         return _without(result, "which part of the error is what")
     return replace(result, error_budget=budget, varies=varies)
@@ -312,28 +298,23 @@ def _fallen(without: Without) -> str:
 
 
 def _robots(
-    names: Sequence[str], decision: Decision, laws: FittedLaws | None, seed: int, tick: Callable[[], None]
+    names: Sequence[str], decision: Decision, seed: int, tick: Callable[[], None]
 ) -> tuple[Robot, Robot, Parameters]:
-    """The paper's model and the extended one, and the parameters of the named effects or of `laws`.
+    """The paper's model and the extended one, and the parameters of the named effects and of laws.
 
     What commands say weighs with fits.
     """
-    fits = [(decision.neutral_problem, decision.neutral_fit), (decision.problem, decision.fit)]
-    if laws is not None:
-        fits[1] = laws.problem, laws.fit
-    around = surroundings(fits if decision.named or laws else fits[:1], tick)
+    fits = [(decision.neutral_problem, decision.neutral_fit), decision.whole]
+    extends = bool(decision.named) or decision.laws is not None
+    around = surroundings(fits if extends else fits[:1], tick)
     neutral = judged(*fits[0], around[0], seed)
     baseline = robot_of(decision.neutral_problem, neutral, {}, names)
-    if laws is not None:
-        after = judged(*fits[1], around[1], seed)
-        effects = laws_found(laws.problem, after)
-        return baseline, robot_of(laws.problem, after, effects, names), effects
-    if not decision.named:
+    if not extends:
         return baseline, baseline, {}
     from_commands = {effect: other.found for effect, other in decision.other.items()}
     after = judged(*fits[1], around[1], seed, from_commands)
     effects = dict(_parameters(decision, after, seed))
-    return baseline, robot_of(decision.problem, after, effects, names), effects
+    return baseline, robot_of(fits[1][0], after, effects, names), effects
 
 
 def _predictions(
@@ -352,20 +333,14 @@ def _predictions(
 
 
 def _parameters(decision: Decision, after: Uncertain, seed: int) -> dict[str, Mapping[str, Found]]:
-    """Parameters of all named effects with their intervals."""
-    problem: Problem = decision.problem
+    """Parameters of all named effects, and of laws, with their intervals."""
+    problem, fit = decision.whole
     found: dict[str, Mapping[str, Found]] = {}
     for which, part in enumerate(problem.parameters.places):
         extension = problem.parameters.extensions[which]
-        where = disc_place(problem, decision.fit, which, seed)
+        where = disc_place(problem, fit, which, seed)
         found[extension.id] = found_parameters(extension, after.coordinates[part], after.covariance[part, part], where)
     return found | {named.effect: named.found for named in decision.named if named.found}
-
-
-def laws_found(problem: Problem, after: Uncertain) -> dict[str, Mapping[str, Found]]:
-    """Parameters of the laws in a fit, with their intervals."""
-    parts = zip(problem.parameters.extensions, problem.parameters.places, strict=True)
-    return {law.id: found_parameters(law, after.coordinates[part], after.covariance[part, part]) for law, part in parts}
 
 
 def _unexplained(decision: Decision, assessed: Assessment) -> Unexplained | None:
@@ -378,7 +353,8 @@ def _unexplained(decision: Decision, assessed: Assessment) -> Unexplained | None
     if assessed.laws is None:
         return said
     nats, spans = assessed.laws.nats, assessed.laws.spans
-    return replace(said, laws=dict(assessed.effects), log10_bayes_factor=nats / DECADE, spans=spans)
+    laws = {name: assessed.effects[name] for name in spans}
+    return replace(said, laws=laws, log10_bayes_factor=nats / DECADE, spans=spans)
 
 
 def _contradiction(decision: Decision) -> list[str]:
@@ -564,7 +540,7 @@ def diagnose(
     )
     decision = decide(problem, fit, options, ticks, view, every if every.times > 1.0 else None)
     assessor = Assessor(robot, fitted, held, options, ticks, view)
-    found = concluded(decision, view, assessor.worth)
+    found = concluded(decision, view, assessor.worth, ticks)
     assessed = assessor(found.decision)
     result = result_of(robot, fitted, held, found, assessed, options, what_is_left(timed), view)
     result = _with_predictors(result, held, _models(robot, result, decision), decision, options)

@@ -316,7 +316,8 @@ def cause_words(cause: Cause) -> str:
 def headline(found: Diagnosis) -> str:
     """The diagnosis in one sentence, or two."""
     if found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS):
-        first = f"{_causes(found)}."
+        force = found.unexplained
+        first = f"{_causes(found)}{f'; and beside it {_on_no_list(force)}' if force is not None else ''}."
     elif found.verdict is Verdict.UNEXPLAINED:
         first = _unexplained(found)
     else:
@@ -380,7 +381,11 @@ def _unexplained(found: Diagnosis) -> str:
         return f"{named}{_still_left(found)}."
     if what.variable == RECORDING:
         return f"{named}{differing(f'each asks for a soil of its own, up to {100 * what.size:.0f} % apart')}."
-    return f"{named}something that is on no list: a {force_words(what)}."
+    return f"{named}{_on_no_list(what)}."
+
+
+def _on_no_list(what: Unexplained) -> str:
+    return f"something that is on no list: a {force_words(what)}"
 
 
 def force_words(what: Unexplained) -> str:

@@ -41,6 +41,7 @@ class Reason(Enum):
     MINOR = "most of the error in held-out recordings is left with them"
     DOUBT = "far more than noise is left with them, for no known reason"
     BESIDE = "more than noise is left with them"
+    LAW = "a force on no list acts beside them"
     VARIES = "they hold on held-out recordings; ground that varies or something else leaves more than noise"
 
 
@@ -114,7 +115,10 @@ MOTION: Table[Outcome] = Table(
             "what is left in positions, headings, rates, angle and torques with them?",
             ("noise", "more", "far more"),
         ),
-        "force": ("does a force on no list explain it instead of them or beside them?", ("no", "yes")),
+        "force": (
+            "does a force on no list explain it? beside: as a law it leaves noise alone, and they are still needed",
+            ("no", "yes", "beside"),
+        ),
         "held out": ("how are held-out recordings predicted with them?", _HELD),
         "forces": ("were torques or a joint's angle measured, in which a force on no list would show?", ("no", "yes")),
         "sure": (
@@ -132,7 +136,12 @@ MOTION: Table[Outcome] = Table(
             Outcome.NAMED,
             Reason.VARIES,
         ),
-        Row({"several soils": _NO, "left": _MORE, "force": _SOME}, Outcome.UNEXPLAINED),
+        Row(
+            {"several soils": _NO, "left": _MORE, "force": ("beside",), "held out": ("better",)},
+            Outcome.NAMED,
+            Reason.LAW,
+        ),
+        Row({"several soils": _NO, "left": _MORE, "force": ("yes", "beside")}, Outcome.UNEXPLAINED),
         Row({"held out": ("worse",), "left without": _NOISE}, Outcome.NOTHING, Reason.REFUTED),
         Row({"held out": ("worse",)}, Outcome.UNEXPLAINED, Reason.REFUTED),
         Row({"held out": ("little",), "left without": _NOISE}, Outcome.NOTHING, Reason.MINOR),

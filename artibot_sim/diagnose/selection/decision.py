@@ -10,6 +10,7 @@ from artibot_sim.diagnose.selection.evidence import Other
 from artibot_sim.diagnose.selection.forward import Stage
 from artibot_sim.diagnose.selection.per_recording import Apart
 from artibot_sim.diagnose.unlisted.finding import ForceFinding
+from artibot_sim.diagnose.unlisted.fitting import FittedLaws
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit
 
@@ -51,7 +52,7 @@ class Decision:
     neutral_problem, neutral_fit : Problem, Fit
         The paper's model with its soil identified.
     problem, fit : Problem, Fit
-        With all named effects.
+        With all named effects, without laws.
     stages : tuple of Stage
     other : mapping of str to Other
         What the view driven by commands says of each effect, of the named ones beside each other.
@@ -71,6 +72,8 @@ class Decision:
         What the tables of `verdict` make of it; of a search by itself it is none.
     searched : float
         Share of the windows that the stages searched.
+    laws : FittedLaws or None
+        The force that no effect explains as a term of the model, beside the named effects.
     """
 
     named: tuple[Named, ...]
@@ -89,6 +92,12 @@ class Decision:
     untried: tuple[str, ...] = ()
     verdict: Verdict = Verdict.NONE
     searched: float = 1.0
+    laws: FittedLaws | None = None
+
+    @property
+    def whole(self) -> tuple[Problem, Fit]:
+        """The model with all that was found: named effects and laws."""
+        return (self.problem, self.fit) if self.laws is None else (self.laws.problem, self.laws.fit)
 
     @property
     def ordered(self) -> tuple[Named, ...]:
@@ -105,12 +114,6 @@ class Decision:
         """The model with none of `fitted`, with the first of them, the first two, …, and with all."""
         neutral, last = (self.neutral_problem, self.neutral_fit), (self.problem, self.fit)
         return (neutral, *self.between[: len(self.fitted) - 1], last) if self.fitted else (last,)
-
-    @property
-    def forces_alone(self) -> bool:
-        """Whether nothing is named and forces on no list are the answer."""
-        found = self.verdict is Verdict.UNEXPLAINED and self.unexplained is not None and not self.named
-        return found and self.several_soils is None
 
     @property
     def several_soils(self) -> Apart | None:

@@ -55,7 +55,7 @@ class FittedLaws:
     Attributes
     ----------
     problem, fit : Problem, Fit
-        The laws are the extensions of its parameters.
+        The laws are the last extensions of its parameters, after the effects beside which they were fitted.
     nats : float
         What they gain together over the model without.
     spans : mapping of str to (float, float)
@@ -123,9 +123,12 @@ def fitted_laws(
         The model without, at whose residuals the forces were found.
     """
     now, spans = (problem, fit), dict[str, tuple[float, float]]()
+    robot = problem.parameters.robot
+    free = [name for name in LAWS if name not in robot.effects]
     for candidate, span in zip(found.chosen, found.spans, strict=True):
-        translated, name = law_of(candidate, problem.parameters.robot), LAWS[len(spans)]
-        if translated is not None:
+        translated = law_of(candidate, robot)
+        if translated is not None and len(spans) < len(free):
+            name = free[len(spans)]
             more = _with_law(*now, extension_of(name, *translated), translated[1], found.soil)
             if now[1].point.cost - more[1].point.cost > 2.0 * FORCE_NATS:
                 now, spans[name] = more, span

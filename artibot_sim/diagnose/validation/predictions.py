@@ -179,10 +179,16 @@ class Worth:
         return 1.0 - max(self.after, 0.0) / self.before if self.before > 0.0 else 0.0
 
 
+LAWS = "laws"
+"""What forces on no list are called among causes: all of them together."""
+
+
 def improvements(
     decision: Decision, pairs: Sequence[Pair], extended: Robot, view: CommandView, options: Options
 ) -> dict[str, Worth]:
-    """What each cause is worth on held-out data, in the order in which they were found; the soil is fitted each time.
+    """What each cause is worth on held-out data, in the order in which they were found, and laws after them.
+
+    The soil is fitted each time.
 
     Parameters
     ----------
@@ -193,10 +199,12 @@ def improvements(
     view : CommandView
         Of the same recordings and others.
     """
-    if not decision.named:
+    causes = [*(one.effect for one in decision.named), *([LAWS] if decision.laws is not None else [])]
+    if not causes:
         return {}
-    levels = merged(channel_levels(decision.problem.windows, decision.fit.point.residuals))
-    robots = [*_models(decision)[:-1], extended]
+    problem, fit = decision.whole
+    levels = merged(channel_levels(problem.windows, fit.point.residuals))
+    robots = [*_models(decision)[: len(causes) - 1], extended]
     seen = [pair.before.experiment for pair in pairs]
     held = [[predicted(one, robot, options.horizon, options.workers) for one in seen] for robot in robots[:-1]]
     held.append([pair.after for pair in pairs])
@@ -207,9 +215,9 @@ def improvements(
     stated = view_with(view, seen, decision.neutral_problem.parameters.robot)
     from_commands = [0.0, *map(stated.nats, robots)]
     found = {}
-    for k, (named, robot, one) in enumerate(zip(decision.named, robots, held, strict=True)):
+    for k, (cause, robot, one) in enumerate(zip(causes, robots, held, strict=True)):
         after = excess(one, _followed(view, robot, names, "after"), levels)
-        found[named.effect] = Worth(before, after, likely[k + 1] - likely[k] + from_commands[k + 1] - from_commands[k])
+        found[cause] = Worth(before, after, likely[k + 1] - likely[k] + from_commands[k + 1] - from_commands[k])
         before = after
     return found
 

@@ -1,0 +1,142 @@
+"""Named effects and forces on no list together: which effects the data still ask for once laws are in the model.
+
+What a search of the lists names where a force on no list acts may be the shadow of that force, or an effect that is
+there beside it. So laws are searched in what each choice of the named effects leaves, and these models compete.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+from artibot_sim.diagnose.candidates.hypotheses import without_effect
+from artibot_sim.diagnose.policy import TIE, TIE_SHARE
+from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
+from artibot_sim.diagnose.selection.decision import Decision
+from artibot_sim.diagnose.unlisted.finding import ForceFinding, unexplained
+from artibot_sim.diagnose.unlisted.fitting import FittedLaws, fitted_laws
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import Fit, converge
+from artibot_sim.estimation.solver import again
+
+Which = tuple[int, ...]
+"""Places among a decision's fitted effects."""
+
+_STEPS = 3
+"""Of a fit from which effects were taken."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """Some of the named effects, and what acts beside them.
+
+    Attributes
+    ----------
+    effects : tuple of int
+        Their places among the decision's fitted ones.
+    problem, fit : Problem, Fit
+        The model with these effects alone.
+    force : ForceFinding or None
+        What a force on no list explains of its residuals.
+    laws : FittedLaws or None
+        The model with these effects and the force, and others that were found after it, as laws.
+    """
+
+    effects: Which
+    problem: Problem
+    fit: Fit
+    force: ForceFinding | None
+    laws: FittedLaws | None
+
+    @property
+    def terms(self) -> int:
+        """Effects and laws."""
+        return len(self.effects) + (len(self.laws.spans) if self.laws is not None else 0)
+
+    @property
+    def cost(self) -> float:
+        """With the laws."""
+        return float((self.laws.fit if self.laws is not None else self.fit).point.cost)
+
+    @property
+    def suffices(self) -> bool:
+        """Whether laws were found, and no more than noise is left with them."""
+        laws = self.laws
+        return laws is not None and not leaves_more_than_noise(remains(laws.problem, laws.fit.point))
+
+
+class Explanations:
+    """What explains the recordings of a decision; each is made once.
+
+    All are under the loss of the decision's fit, and of the same windows with the same noise: their costs compare.
+    """
+
+    def __init__(self, found: Decision, tick: Callable[[], None] = lambda: None) -> None:
+        self._found, self._tick = found, tick
+        self._models: dict[Which, tuple[Problem, Fit]] = {tuple(range(len(found.fitted))): (found.problem, found.fit)}
+        self._forces: dict[Which, ForceFinding | None] = {}
+        self._made: dict[Which, Explanation] = {}
+
+    def force(self, effects: Which | None = None) -> ForceFinding | None:
+        """What a force explains of what some of the effects leave, or all of them; None if nothing is left for one."""
+        which = tuple(range(len(self._found.fitted))) if effects is None else effects
+        if which not in self._forces:
+            problem, fit = self._model(which)
+            self._forces[which] = unexplained(problem, fit.point.coordinates)
+        return self._forces[which]
+
+    def __call__(self, effects: Which) -> Explanation:
+        """Laws beside some of the effects."""
+        if effects not in self._made:
+            (problem, fit), force = self._model(effects), self.force(effects)
+            laws = None if force is None else fitted_laws(problem, fit, force, self._tick)
+            self._made[effects] = Explanation(effects, problem, fit, force, laws)
+        return self._made[effects]
+
+    def best(self) -> Explanation | None:
+        """The simplest one that leaves no more than noise; None if none does.
+
+        Effects and laws cost the same. What is as simple and explains as much has effects rather than laws: a law may
+        look like any of them.
+        """
+        best, found = None, list[Explanation]()
+        for count in range(len(self._found.fitted) + 1):
+            if best is not None and count + 1 > best.terms:  # with a law it would have more terms
+                break
+            every = map(self, combinations(range(len(self._found.fitted)), count))
+            found += [one for one in every if one.suffices]
+            best = self._simplest(found) if found else None
+        return best
+
+    def _simplest(self, found: list[Explanation]) -> Explanation:
+        worth = {one.effects: -0.5 * one.cost - self._found.least * one.terms for one in found}
+        neutral = 0.5 * self._model(())[1].point.cost
+        most = max(worth.values())
+        close = [one for one in found if worth[one.effects] >= most - max(TIE, TIE_SHARE * (neutral + most))]
+        return max(close, key=lambda one: (-one.terms, len(one.effects), worth[one.effects]))
+
+    def _model(self, effects: Which) -> tuple[Problem, Fit]:
+        """The model with these effects alone: as the search left it, or as it is once another effect is taken out."""
+        if effects not in self._models:
+            gone = next(place for place in range(len(self._found.fitted)) if place not in effects)
+            more = tuple(sorted((*effects, gone)))
+            whole, fit = self._model(more)
+            problem, point = without_effect(whole, fit.loss, fit.point, more.index(gone))
+            if effects == tuple(range(len(effects))):
+                searched = again(problem, fit.loss, self._found.fits[len(effects)][1].point)
+                point = min(point, searched, key=lambda one: one.cost)
+            self._models[effects] = problem, converge(problem, point, fit.loss, _STEPS)
+        return self._models[effects]
+
+    def decision(self, one: Explanation) -> Decision:
+        """The decision with this explanation's effects and laws."""
+        found, laws = self._found, one.laws
+        assert laws is not None
+        named = tuple(each for each in found.named if each.found or found.fitted.index(each) in one.effects)
+        between = tuple(self._model(one.effects[:count]) for count in range(1, len(one.effects)))
+        left = remains(laws.problem, laws.fit.point)
+        return replace(
+            found, named=named, problem=one.problem, fit=one.fit, between=between, left={**found.left, **left},
+            unexplained=one.force, laws=laws,
+        )  # fmt: skip
