@@ -137,8 +137,8 @@ def _span(of: Scene, found: ForceCandidate) -> tuple[float, float]:
         return 0.0, 4.0 * np.pi / float(np.hypot(*form.wave))
     if form.variable == NOTHING:
         return 0.0, 1.0
-    every = np.concatenate([of[part].follows[form.takes or form.variable] for part in found.parts])
-    low, high = np.quantile(every[..., 0] if form.takes else every, (0.02, 0.98)).tolist()
+    every = np.concatenate([of[part].follows[form.variable] for part in found.parts])
+    low, high = np.quantile(every, (0.02, 0.98)).tolist()
     return low, high
 
 

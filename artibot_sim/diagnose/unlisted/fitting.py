@@ -18,14 +18,11 @@ from artibot_sim.diagnose.candidates.hypotheses import with_effect
 from artibot_sim.diagnose.policy import FORCE_NATS
 from artibot_sim.diagnose.result import NOTHING
 from artibot_sim.diagnose.unlisted.finding import ForceFinding
-from artibot_sim.diagnose.unlisted.forms import TIME
 from artibot_sim.diagnose.unlisted.search import ForceCandidate
-from artibot_sim.diagnose.unlisted.variables import STILL
 from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge, restarted_windows
 from artibot_sim.estimation.solver import evaluate
-from artibot_sim.model import Robot
 from artibot_sim.model.effects import LAWS
 from artibot_sim.model.effects.base import Search
 from artibot_sim.model.effects.force_law import PARAMETERS, PLACES, VARIABLES
@@ -34,13 +31,6 @@ Array = NDArray[np.float64]
 
 _PLACE_OF = {words: name for name, words in PLACES.items()}
 _VARIABLE_OF = {words.removeprefix("own "): name for name, (words, _) in VARIABLES.items()}
-_FORM_OF = {
-    "constant": "constant",
-    "linear": "linear",
-    "quadratic": "quadratic",
-    "linear in its size": "magnitude",
-    "Coulomb-like": "coulomb",
-}
 _TURNS = {"periodic, once a turn": 1, "periodic, twice a turn": 2}
 _SHARES = (0.25, 0.5, 0.75, 1.0)
 """Shares of what the regression says, from which a fit is begun: in the soil that is there it may be too much."""
@@ -68,7 +58,7 @@ class FittedLaws:
     spans: Mapping[str, tuple[float, float]]
 
 
-def law_of(found: ForceCandidate, robot: Robot) -> tuple[dict[str, Any], Array] | None:
+def law_of(found: ForceCandidate) -> tuple[dict[str, Any], Array] | None:
     """A force that was found as what is fixed of a law, and its size, or its size's cosine and sine of the phase.
 
     None for what the model has no term for: forces towards a point, and those that wander or begin anew in every
@@ -84,19 +74,17 @@ def law_of(found: ForceCandidate, robot: Robot) -> tuple[dict[str, Any], Array] 
         return law | {"direction": math.atan2(across, along)}, _cosine_and_sine(found.coefficients)
     if form.name in _TURNS and len(found.coefficients) == 2:
         law |= {"form": "periodic", "scale": 2.0 * math.pi / _TURNS[form.name]}
-        variable = _VARIABLE_OF[form.variable.removeprefix("own ")]
-        return law | {"variable": variable}, _cosine_and_sine(found.coefficients)
-    if len(found.coefficients) != 1:
+        return law | {"variable": _variable(form.variable)}, _cosine_and_sine(found.coefficients)
+    if not form.law:
         return None
-    if form.fades:
-        drive = robot.drive.front if "front" in where or robot.drive.back is None else robot.drive.back
-        rolls = STILL * drive.tau * robot.wheel.r_w
-        law |= {"variable": "time", "form": "decaying", "scale": form.fades}
-        return law | {"times": "speed", "times_form": "coulomb", "times_scale": rolls}, found.coefficients
-    if form.variable == TIME or form.name not in _FORM_OF:
-        return None
-    variable = "nothing" if form.variable == NOTHING else _VARIABLE_OF[form.variable.removeprefix("own ")]
-    return law | {"variable": variable, "form": _FORM_OF[form.name], "scale": form.scale}, found.coefficients
+    law |= {"variable": _variable(form.variable), "form": form.law, "scale": form.scale}
+    if form.times:
+        law |= {"times": _variable(form.times), "times_form": form.times_law, "times_scale": form.times_scale}
+    return law, found.coefficients
+
+
+def _variable(words: str) -> str:
+    return "nothing" if words == NOTHING else _VARIABLE_OF[words.removeprefix("own ")]
 
 
 def _cosine_and_sine(coefficients: Array) -> Array:
@@ -123,10 +111,9 @@ def fitted_laws(
         The model without, at whose residuals the forces were found.
     """
     now, spans = (problem, fit), dict[str, tuple[float, float]]()
-    robot = problem.parameters.robot
-    free = [name for name in LAWS if name not in robot.effects]
+    free = [name for name in LAWS if name not in problem.parameters.robot.effects]
     for candidate, span in zip(found.chosen, found.spans, strict=True):
-        translated = law_of(candidate, robot)
+        translated = law_of(candidate)
         if translated is not None and len(spans) < len(free):
             name = free[len(spans)]
             more = _with_law(*now, extension_of(name, *translated), translated[1], found.soil)

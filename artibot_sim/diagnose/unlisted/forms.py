@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.result import NOTHING
-from artibot_sim.diagnose.unlisted.variables import PLACE, ROLLING
+from artibot_sim.diagnose.unlisted.variables import PLACE
 
 Array = NDArray[np.float64]
 Curve = Callable[[Array, NDArray[np.int64]], Array]
@@ -30,6 +30,21 @@ _FADES = (4.0, 8.0, 16.0, 32.0)
 """s in which a drag falls to a third."""
 _SHARP = 0.08
 """Share of a variable's usual size over which a Coulomb-like force changes its sign."""
+_BEGINS = (0.3, 0.5, 0.7)
+"""Shares of a variable's usual size from which a force may begin."""
+_RATES = tuple(name for name, unit in UNITS.items() if unit in ("m/s", "rad/s"))
+"""Variables against which friction and damping act."""
+_LEVELS = ("speed", "own speed", "yaw rate", "articulation angle", "lateral speed")
+"""Variables whose size may set how strong that is."""
+_SHAPES: Mapping[str, Callable[[Array], Array]] = {
+    "linear": lambda u: u,
+    "quadratic": lambda u: u * np.abs(u),
+    "magnitude": np.abs,
+    "coulomb": np.tanh,
+    "threshold": lambda u: np.sign(u) * np.maximum(np.abs(u) - 1.0, 0.0),
+    "decaying": lambda u: np.exp(-u),
+}
+"""Forms of the model as functions of a variable over its scale; see `effects.force_law.shape`."""
 
 
 @dataclass(frozen=True)
@@ -48,12 +63,15 @@ class Form:
         Whether it is to be found again in other recordings at the same value of the variable, or within each.
     wave : (float, float), optional
         Of a force that repeats over the ground: 2π/period along x and y of `map`, rad/m; `curve` takes the phase.
-    takes : str
-        The variable of the scene that `curve` takes, where it is not `variable`.
     scale : float
         What the variable is divided by first, in its unit.
-    fades : float
-        s in which it falls to a third; 0 where it does not.
+    law : str
+        The form's name in the model (`effects.force_law`); empty where that has no such term.
+    times, times_law : str
+        A second variable with the form that the first one's is multiplied by; empty where there is none. Then `curve`
+        takes both, shape (windows, k, 2).
+    times_scale : float
+        What the second variable is divided by first, in its unit.
     """
 
     variable: str
@@ -63,9 +81,11 @@ class Form:
     per: str = ""
     across: bool = False
     wave: tuple[float, float] | None = None
-    takes: str = ""
     scale: float = 1.0
-    fades: float = 0.0
+    law: str = ""
+    times: str = ""
+    times_law: str = ""
+    times_scale: float = 1.0
 
 
 def amplitude(coefficients: Array) -> float:
@@ -94,7 +114,7 @@ def forms(variable: str, every: Array, recordings: int) -> Iterator[Form]:
     """
     usual = float(np.quantile(np.abs(every), 0.9))
     if variable == NOTHING:
-        yield Form(variable, "constant", lambda u, r: np.ones((*u.shape, 1)), _first)
+        yield Form(variable, "constant", lambda u, r: np.ones((*u.shape, 1)), _first, law="constant")
     elif variable in UNITS and usual > 1e-6:
         yield from _signed(variable, usual)
     elif "wheel angle" in variable or variable == "own angle":
@@ -106,11 +126,6 @@ def forms(variable: str, every: Array, recordings: int) -> Iterator[Form]:
         yield Form(variable, "periodic, once a turn", waves(1), amplitude)
     elif variable == PLACE:
         yield Form(variable, "towards a point, growing with the distance", lambda u, r: -u, _first, "1/m")
-    elif variable == ROLLING:
-        for fades in _FADES:
-            yield Form(
-                TIME, f"Coulomb-like, fading within {fades:g} s", _fading(fades), _first, takes=ROLLING, fades=fades,
-            )  # fmt: skip
     elif variable == TIME:
         corners = np.arange(every.min(), every.max() + _KNOTS, _KNOTS)
         yield Form(variable, WANDERING, lambda u, r: _linear_between(u, corners), rms, across=recordings > 1)
@@ -118,15 +133,60 @@ def forms(variable: str, every: Array, recordings: int) -> Iterator[Form]:
 
 def _signed(variable: str, usual: float) -> Iterator[Form]:
     linear, square = _PER[UNITS[variable]]
-    yield Form(variable, "linear", lambda u, r: u[..., None], _first, linear)
-    yield Form(variable, "quadratic", lambda u, r: (u * np.abs(u))[..., None], _first, square)
-    width = _SHARP * usual
-    yield Form(variable, "Coulomb-like", lambda u, r: np.tanh(u / width)[..., None], _first, scale=width)
-    yield Form(variable, "linear in its size", lambda u, r: np.abs(u)[..., None], _first, linear)
+    for name, law, scale, per in (
+        ("linear", "linear", 1.0, linear), ("quadratic", "quadratic", 1.0, square),
+        ("Coulomb-like", "coulomb", _SHARP * usual, ""), ("linear in its size", "magnitude", 1.0, linear),
+    ):  # fmt: skip
+        yield Form(variable, name, _of_one(law, scale), _first, per, scale=scale, law=law)
+    if variable in _RATES:
+        for share in _BEGINS:
+            begins = share * usual
+            name = f"nothing up to {begins:.2g} {UNITS[variable]}, then linear"
+            yield Form(variable, name, _of_one("threshold", begins), _first, scale=begins, law="threshold")
 
 
-def _fading(seconds: float) -> Curve:
-    return lambda u, r: (np.exp(-u[..., 0] / seconds) * u[..., 1])[..., None]
+def products(variable: str, every: Array, times: str, second: Array) -> Iterator[Form]:
+    """Forms that follow one variable's sign, as friction and damping do, times a second one's size.
+
+    Parameters
+    ----------
+    every, second : array
+        Values of both, to know their usual sizes.
+    """
+    usual, size = (float(np.quantile(np.abs(one), 0.9)) for one in (every, second))
+    if variable not in _RATES or min(usual, size) <= 1e-6 or _bare(variable) == _bare(times):
+        return
+    coulomb = "Coulomb-like", "coulomb", _SHARP * usual
+    if times == TIME:
+        yield _product(variable, coulomb, times, ("time since the start", "linear", 1.0), "1/s")
+        for fades in _FADES:
+            yield _product(variable, coulomb, times, (f"what fades within {fades:g} s", "decaying", fades))
+    elif times in _LEVELS:
+        per = _PER[UNITS[times]][0]
+        for first, more in ((coulomb, ""), (("linear", "linear", 1.0), _PER[UNITS[variable]][0])):
+            yield _product(variable, first, times, (f"the size of {times}", "magnitude", 1.0), f"{per} {more}".strip())
+
+
+def _product(
+    variable: str, first: tuple[str, str, float], times: str, second: tuple[str, str, float], per: str = ""
+) -> Form:  # fmt: skip
+    """A form from words, name in the model and scale of each factor."""
+    (name, law, scale), (words, times_law, times_scale) = first, second
+    one, other = _of_one(law, scale), _of_one(times_law, times_scale)
+    return Form(
+        variable, f"{name}, times {words}", lambda u, r: one(u[..., 0], r) * other(u[..., 1], r), _first, per,
+        scale=scale, law=law, times=times, times_law=times_law, times_scale=times_scale,
+    )  # fmt: skip
+
+
+def _bare(variable: str) -> str:
+    return variable.removeprefix("own ")
+
+
+def _of_one(law: str, scale: float) -> Curve:
+    """A form of the model with one coefficient."""
+    shape = _SHAPES[law]
+    return lambda u, r: shape(u / scale)[..., None]
 
 
 def waves(count: int) -> Curve:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from artibot_sim.diagnose.policy import FORCE_PRICE, FORCE_WINDOW
 from artibot_sim.diagnose.result import NOTHING
 from artibot_sim.diagnose.sizes import scale_of
-from artibot_sim.diagnose.unlisted.forms import Form, forms
+from artibot_sim.diagnose.unlisted.forms import Form, forms, products
 from artibot_sim.diagnose.unlisted.response import COMPONENTS, KNOTS, Answers, force_scale
 from artibot_sim.diagnose.unlisted.variables import PLACE, Acting, Scene
 from artibot_sim.model import MOTORS, Robot
@@ -192,11 +193,14 @@ def basis(acting: Sequence[Acting], form: Form, recording: NDArray[np.int64]) ->
 
 
 def variable(acting: Acting, form: Form) -> Array:
-    """What a form takes, shape (windows, k): a variable, or the phase of a wave over the ground."""
+    """What a form takes, shape (windows, k): a variable, or the phase of a wave over the ground; (…, 2) for two."""
     if form.wave is not None:
         x, y = place(acting)
         return form.wave[0] * x + form.wave[1] * y
-    return np.zeros(acting.make.shape[1:]) if form.variable == NOTHING else acting.follows[form.takes or form.variable]
+    if form.variable == NOTHING:
+        return np.zeros(acting.make.shape[1:])
+    own = acting.follows[form.variable]
+    return np.stack([own, acting.follows[form.times]], axis=-1) if form.times else own
 
 
 def place(acting: Acting) -> tuple[Array, Array]:
@@ -261,15 +265,22 @@ def candidates(equations: Equations, of: Scene, force: str, parts: Sequence[str]
     names = [name for name in of[parts[0]].follows if all(name in of[part].follows for part in parts)]
     if len(parts) == 1:
         names = [name for name in names if name != "own angle"]  # it has another name there
-    recordings = int(equations.recording.max()) + 1
     found = []
-    for name in names if PLACE in names else [NOTHING, *names]:
-        every = np.stack([a.follows[name] for a in inside.acting]) if name != NOTHING else np.zeros(1)
-        for form in forms(name, every, recordings):
-            sums = inside.sums(inside.basis(form))
-            candidate = judge(equations, sums, form, force, parts)
-            found.append(replace(candidate, proven=proven(equations, sums, form.across)))
+    for form in _forms(inside.acting, names, int(equations.recording.max()) + 1):
+        sums = inside.sums(inside.basis(form))
+        candidate = judge(equations, sums, form, force, parts)
+        found.append(replace(candidate, proven=proven(equations, sums, form.across)))
     return found
+
+
+def _forms(acting: Sequence[Acting], names: Sequence[str], recordings: int) -> Iterator[Form]:
+    """All forms of one variable, and of two."""
+    along_axis = PLACE in names
+    every = {name: np.stack([one.follows[name] for one in acting]) for name in names}
+    for name in names if along_axis else [NOTHING, *names]:
+        yield from forms(name, every.get(name, np.zeros(1)), recordings)
+    for name, other in itertools.permutations(() if along_axis else names, 2):
+        yield from products(name, every[name], other, every[other])
 
 
 # ----------------------------------------------------------------------

@@ -42,15 +42,10 @@ class Acting:
     follows: Mapping[str, Array]
 
 
-ROLLING = "time, and which way it turns"
-"""A variable of motors: s since the start, and the sign of the rotation."""
 PLACE = "place"
 """A variable of forces along an axis of `map`: the coordinate, and which axis it is."""
 FIXED = ("heading",)
 """Variables that mean something in one map only."""
-STILL = 0.5
-"""rad/s of a motor, over which the sign of its rotation changes."""
-
 Scene = dict[str, Acting]
 """Forces by name."""
 
@@ -107,7 +102,6 @@ def _forces(robot: Robot, t: Array, motion: dict[str, Array]) -> dict[str, Actin
         own = {
             f"wheel angle {motor}": _drive(robot, m).tau * motion[f"angle_{motor}"],
             "own speed": robot.wheel.r_w * _drive(robot, m).tau * motion[f"rate_{motor}"],
-            ROLLING: np.stack([t, np.tanh(motion[f"rate_{motor}"] / STILL)], axis=-1),
         }
         found[f"torque of motor {motor}"] = Acting(make, common | own)
     return found

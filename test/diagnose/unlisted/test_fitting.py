@@ -7,15 +7,12 @@ import pytest
 
 from artibot_sim.diagnose.result import NOTHING
 from artibot_sim.diagnose.unlisted.fitting import extension_of, law_of
-from artibot_sim.diagnose.unlisted.forms import UNITS, Form, amplitude, forms, waves
+from artibot_sim.diagnose.unlisted.forms import UNITS, Form, amplitude, forms, products, waves
 from artibot_sim.diagnose.unlisted.search import ForceCandidate
-from artibot_sim.diagnose.unlisted.variables import ROLLING, STILL
-from artibot_sim.model import load_robot
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.effects.force_law import FORMS, PARAMETERS, PLACES, shape
 from artibot_sim.model.reference.effects import plain
 
-ROBOT = load_robot("agriq")
 RNG = np.random.default_rng(6)
 
 
@@ -46,30 +43,37 @@ def test_every_form_is_the_same_force_in_the_model(variable: str) -> None:
     assert found
     for form in found:
         coefficients = RNG.normal(size=2 if "turn" in form.name else 1)
-        law, size = law_of(candidate(force, form, coefficients), ROBOT)
+        law, size = law_of(candidate(force, form, coefficients))
         assert PLACES[law["where"]] == force and law["form"] in FORMS
         for u in RNG.normal(size=10):
             expected = (form.curve(np.array([[u]]), np.zeros(1, int)) @ coefficients).item()
             assert stated(law, size, u) == pytest.approx(expected, rel=1e-9)
 
 
-def test_ridges_and_a_drag_that_fades_are_the_same_force_in_the_model() -> None:
+def test_ridges_are_the_same_force_in_the_model() -> None:
     along, across = 4.1, -3.2
     form = Form("place", "periodic in place", waves(1), amplitude, wave=(along, across))
     coefficients = np.array([3.0, -5.0])
-    law, size = law_of(candidate("lateral force of each wheel", form, coefficients), ROBOT)
+    law, size = law_of(candidate("lateral force of each wheel", form, coefficients))
     for x, y in RNG.normal(size=(10, 2)):
         place = x * np.cos(law["direction"]) + y * np.sin(law["direction"])
         phase = along * x + across * y
         expected = 3.0 * np.cos(phase) - 5.0 * np.sin(phase)
         assert stated(law, size, place) == pytest.approx(expected, rel=1e-9)
-    for form in forms(ROLLING, np.ones((3, 2)), 1):
-        law, size = law_of(candidate("torque of motor back_left", form, np.array([0.3])), ROBOT)
-        for t, rate in zip(RNG.uniform(0.0, 30.0, 5), RNG.normal(size=5), strict=True):
-            seen_as = np.array([[[t, np.tanh(rate / STILL)]]])
-            expected = 0.3 * form.curve(seen_as, np.zeros(1, int)).item()
-            speed = rate * ROBOT.drive.back.tau * ROBOT.wheel.r_w
-            assert stated(law, size, t, speed) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("variable", ["speed", "articulation rate"])
+@pytest.mark.parametrize("times", ["time since the start", "yaw rate", "articulation angle"])
+def test_products_of_two_variables_are_the_same_force_in_the_model(variable: str, times: str) -> None:
+    every = RNG.normal(size=(2, 50))
+    found = list(products(variable, every[0], times, every[1]))
+    assert len(found) >= 2 and not list(products(variable, every[0], variable, every[0]))
+    for form in found:
+        law, size = law_of(candidate("front yaw moment", form, np.array([0.3])))
+        assert {law["form"], law["times_form"]} <= set(FORMS)
+        for u, second in zip(RNG.normal(size=10), RNG.uniform(0.0, 30.0, 10), strict=True):
+            expected = 0.3 * form.curve(np.array([[[u, second]]]), np.zeros(1, int)).item()
+            assert stated(law, size, u, second) == pytest.approx(expected, rel=1e-9)
 
 
 def test_what_the_model_has_no_term_for_stays_in_words() -> None:
@@ -77,6 +81,6 @@ def test_what_the_model_has_no_term_for_stays_in_words() -> None:
     (wandering,) = forms("time since the start", np.arange(9.0), 1)
     every = np.linspace(0.0, 9.0, 20)
     own_phase = [form for form in forms("own angle", every, 2) if form.name == "periodic, once a turn"][1]
-    assert law_of(candidate("front horizontal force", towards, np.ones(3)), ROBOT) is None
-    assert law_of(candidate("front yaw moment", wandering, np.ones(5)), ROBOT) is None
-    assert law_of(candidate("lateral force of each wheel", own_phase, np.ones(4)), ROBOT) is None
+    assert law_of(candidate("front horizontal force", towards, np.ones(3))) is None
+    assert law_of(candidate("front yaw moment", wandering, np.ones(5))) is None
+    assert law_of(candidate("lateral force of each wheel", own_phase, np.ones(4))) is None
