@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.policy import FORCE_NATS
+from artibot_sim.diagnose.policy import FORCE_NATS, TIE, TIE_SHARE
 from artibot_sim.diagnose.records import Unexplained
 from artibot_sim.diagnose.result import NOTHING, effect_words
 from artibot_sim.diagnose.unlisted.forms import Form, forms, unit
@@ -186,7 +186,11 @@ def _columns(equations: Equations, of: Scene, parts: Sequence[str], form: Form) 
 
 
 def weighed(equations: Equations, of: Scene) -> list[ForceCandidate]:
-    """All candidates, best first."""
+    """All candidates, best first.
+
+    What many are proven to be worth differs by chance alone, for no window says much for any. Of those that are as
+    good as the best, so much being a tie among effects, the one comes first that gains most for its coefficients.
+    """
     found: list[ForceCandidate] = []
     in_map = any(PLACE in one.follows for one in of.values())
     for force, parts in families(of).items():
@@ -194,7 +198,9 @@ def weighed(equations: Equations, of: Scene) -> list[ForceCandidate]:
         if in_map and force in _ON_GROUND:
             repeated = ridges(equations, of, force, parts)
             found += [repeated] if repeated else []
-    return sorted(found, key=lambda c: -c.worth)
+    level = max(one.worth for one in found)
+    level -= max(TIE, TIE_SHARE * level)
+    return sorted(found, key=lambda c: (c.worth < level, -c.net_gain if c.worth >= level else -c.worth))
 
 
 def _sizes(

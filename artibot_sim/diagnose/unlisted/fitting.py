@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.candidates.hypotheses import with_effect
+from artibot_sim.diagnose.candidates.hypotheses import with_effect, without_effect
 from artibot_sim.diagnose.policy import FORCE_NATS
 from artibot_sim.diagnose.result import NOTHING
 from artibot_sim.diagnose.unlisted.finding import ForceFinding
@@ -122,8 +122,21 @@ def fitted_laws(
         tick()
     if not spans:
         return None
-    last = converge(now[0], now[1].point, fit.loss, _MANY)
-    return FittedLaws(now[0], last, 0.5 * (fit.point.cost - last.point.cost), spans)
+    larger, last = _needed(now[0], converge(now[0], now[1].point, fit.loss, _MANY))
+    kept = {law.id: spans[law.id] for law in larger.parameters.extensions if law.id in spans}
+    return FittedLaws(larger, last, 0.5 * (fit.point.cost - last.point.cost), kept)
+
+
+def _needed(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
+    """The model without the laws that the others make up for: found beside them before these were fitted to the end."""
+    laws = [law.id for law in problem.parameters.extensions if law.id in LAWS]
+    for name in reversed(laws[1:]):
+        which = [law.id for law in problem.parameters.extensions].index(name)
+        part, point = without_effect(problem, fit.loss, fit.point, which)
+        less = converge(part, point, fit.loss, _FEW)
+        if less.point.cost - fit.point.cost <= 2.0 * FORCE_NATS:
+            problem, fit = part, less
+    return problem, fit
 
 
 def _with_law(problem: Problem, fit: Fit, law: Extension, size: Array, soil: Array) -> tuple[Problem, Fit]:

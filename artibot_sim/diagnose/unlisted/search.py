@@ -98,12 +98,16 @@ class ForceCandidate:
 
     @property
     def worth(self) -> float:
-        """Nats that count: what was gained less what as many free coefficients gain by chance, or what was proven.
+        """Nats that count: the net gain, or what was proven.
 
         There coefficients gain nothing by chance; what is left to chance is the choice among so many forces.
         """
-        count = len(self.coefficients)
-        return min(self.gain - FORCE_PRICE * count, self.proven - FORCE_PRICE * min(count, _CHOSEN))
+        return min(self.net_gain, self.proven - FORCE_PRICE * min(len(self.coefficients), _CHOSEN))
+
+    @property
+    def net_gain(self) -> float:
+        """Nats gained less what as many free coefficients gain by chance."""
+        return self.gain - FORCE_PRICE * len(self.coefficients)
 
 
 @dataclass(frozen=True)
