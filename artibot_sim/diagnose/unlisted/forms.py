@@ -32,8 +32,9 @@ _SHARP = 0.08
 """Share of a variable's usual size over which a Coulomb-like force changes its sign."""
 _BEGINS = (0.3, 0.5, 0.7)
 """Shares of a variable's usual size from which a force may begin."""
-_RATES = tuple(name for name, unit in UNITS.items() if unit in ("m/s", "rad/s"))
-"""Variables against which friction and damping act."""
+_RATES = ("speed", "own speed", "yaw rate", "articulation rate")
+"""Variables whose sign friction and damping follow, and from which on a force may begin. Slip and lateral speeds are
+none of them: wheels let go at some of these, and a fit that is wrong about when looks just so."""
 _LEVELS = ("speed", "own speed", "yaw rate", "articulation angle", "lateral speed")
 """Variables whose size may set how strong that is."""
 _SHAPES: Mapping[str, Callable[[Array], Array]] = {
