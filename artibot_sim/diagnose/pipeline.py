@@ -101,6 +101,8 @@ class Assessment:
     channels : mapping of str to ChannelBaseline
     comparisons : list of Comparison
         What pictures are drawn from.
+    neutral : tuple of Held
+        All recordings by the paper's model.
     predicted : tuple of Held
         By the extended model.
     worth : HeldOut
@@ -116,6 +118,7 @@ class Assessment:
     effects: Parameters
     channels: Mapping[str, ChannelBaseline]
     comparisons: list[Comparison]
+    neutral: tuple[Held, ...]
     predicted: tuple[Held, ...]
     worth: HeldOut
     whole: tuple[Problem, Fit]
@@ -205,10 +208,15 @@ class Assessor:
         gained = improvements(decision, held_out, extended, view, options)
         gain = gains(held_out, driven if view.followed else [], options.seed)
         worth = HeldOut(gained, gain)
-        after = tuple(pair.after for pair in pairs)
+        before, after = (tuple(getattr(pair, name) for pair in pairs) for name in ("before", "after"))
         return Assessment(
-            baseline, extended, effects, channels, comparisons, after, worth, decision.whole, decision.laws
+            baseline, extended, effects, channels, comparisons, before, after, worth, decision.whole, decision.laws
         )  # fmt: skip
+
+    def held_out(self, assessed: Assessment) -> list[tuple[Robot, list[Held]]]:
+        """An assessment's models, and their predictions of the held-out recordings."""
+        models = ((assessed.baseline, assessed.neutral), (assessed.extended, assessed.predicted))
+        return [(robot, list(runs[len(self._fitted) :])) for robot, runs in models]
 
 
 def result_of(
@@ -543,7 +551,8 @@ def diagnose(
     found = concluded(decision, view, assessor.worth, ticks)
     assessed = assessor(found.decision)
     result = result_of(robot, fitted, held, found, assessed, options, what_is_left(timed), view)
-    result = _with_predictors(result, held, _models(robot, result, decision), decision, options)
+    known = assessor.held_out(assessed)
+    result = _with_predictors(result, held, _models(robot, result, decision), decision, known, options)
     result = with_explainable(result, assessed, residual, options)
     result = with_budget(result, found.decision, assessed, options)
     fewer = _fewer(len(every.rows), usual)
@@ -598,12 +607,13 @@ def affordable(every: EveryWindow, options: Options, view_took: float) -> tuple[
 
 
 def _with_predictors(
-    result: Diagnosis, held: Sequence[Experiment], models: Mapping[str, Robot], decision: Decision, options: Options
-) -> Diagnosis:
+    result: Diagnosis, held: Sequence[Experiment], models: Mapping[str, Robot], decision: Decision,
+    known: Sequence[tuple[Robot, Sequence[Held]]], options: Options,
+) -> Diagnosis:  # fmt: skip
     """Add how well the models predict held-out recordings, if there is time."""
     try:
         with until(time.perf_counter() + options.left):
-            seen = predictors(held, models, decision.neutral_problem, options.horizon, options.workers)
+            seen = predictors(held, models, decision.neutral_problem, options.horizon, options.workers, known)
     except TimeIsUp:
         return _without(result, "held-out errors of the models side by side")
     best = best_of(seen)

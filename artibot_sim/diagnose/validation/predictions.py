@@ -30,7 +30,7 @@ from artibot_sim.model import Robot
 Array = NDArray[np.float64]
 
 _DRAWS = 500
-_STEPS = 2
+STEPS = 2
 """Of the starts that predictions begin with."""
 _BLOCK = 5.0
 """s that are drawn together where there are no windows."""
@@ -67,7 +67,7 @@ def predicted(
     experiment: Experiment, robot: Robot, horizon: float, workers: int | None, seen: Sequence[Stretch] = ()
 ) -> Held:
     """A recording by one model; `seen` are its stretches, where they are known already."""
-    return hold_out(experiment, robot, horizon, workers, steps=_STEPS, half_width=HALF_WIDTH, seen=seen)
+    return hold_out(experiment, robot, horizon, workers, steps=STEPS, half_width=HALF_WIDTH, seen=seen)
 
 
 def gains(pairs: Sequence[Pair], commanded: Sequence[Series], seed: int) -> dict[str, ChannelGain]:
@@ -206,7 +206,13 @@ def improvements(
     levels = merged(channel_levels(problem.windows, fit.point.residuals))
     robots = [*_models(decision)[: len(causes) - 1], extended]
     seen = [pair.before.experiment for pair in pairs]
-    held = [[predicted(one, robot, options.horizon, options.workers) for one in seen] for robot in robots[:-1]]
+    held = [
+        [
+            predicted(one.before.experiment, robot, options.horizon, options.workers, one.before.stretches)
+            for one in pairs
+        ]
+        for robot in robots[:-1]
+    ]
     held.append([pair.after for pair in pairs])
     names = [one.name for one in seen]
     neutral = [pair.before for pair in pairs]

@@ -9,22 +9,26 @@ import numpy as np
 
 from artibot_sim.diagnose.policy import CLEARLY_WORSE
 from artibot_sim.diagnose.records import FILES, GIVEN, HALF_WIDTH, PredictionError, Predictor, Refusal
+from artibot_sim.diagnose.validation.predictions import STEPS
 from artibot_sim.estimation.kinematic import kinematic_models
 from artibot_sim.estimation.measurements import stretches
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.result import ChannelFit
-from artibot_sim.identify.validation import hold_out
+from artibot_sim.identify.validation import Held, hold_out
 from artibot_sim.model import Robot
 
 CHANNELS = ("position", "yaw")
 """What all of them predict."""
-_STEPS = 2
-"""Of the starts that predictions begin with."""
 
 
 def predictors(
-    held: Sequence[Experiment], models: Mapping[str, Robot], problem: Problem, horizon: float, workers: int | None
+    held: Sequence[Experiment],
+    models: Mapping[str, Robot],
+    problem: Problem,
+    horizon: float,
+    workers: int | None,
+    known: Sequence[tuple[Robot, Sequence[Held]]] = (),
 ) -> tuple[Predictor, ...]:
     """Errors of all predictors at the ends of their predictions of held-out recordings.
 
@@ -37,6 +41,8 @@ def predictors(
         Of the fitted recordings: kinematic models are fitted to its windows, for a robot without articulation.
     horizon : float
         s.
+    known : sequence of (Robot, sequence of Held)
+        Robots by which all of `held` were predicted before, and these predictions (`validation.predictions.predicted`).
     """
     robot = problem.parameters.robot
     rivals = {} if robot.articulated else kinematic_models(problem)
@@ -47,9 +53,10 @@ def predictors(
         if any(model == one.robot for one in found):
             continue
         mine = {} if found else rivals  # they predict the same whatever the dynamic model
-        runs = [
-            hold_out(one, model, horizon, workers, mine, _STEPS, HALF_WIDTH, known)
-            for one, known in zip(held, seen, strict=True)
+        made = next((runs for robot, runs in known if robot == model and not mine), None)
+        runs = made or [
+            hold_out(one, model, horizon, workers, mine, STEPS, HALF_WIDTH, its)
+            for one, its in zip(held, seen, strict=True)
         ]
         found.append(Predictor(name, pooled([run.summary.final for run in runs]), model))
         for rival in mine:

@@ -12,11 +12,14 @@ from report.diagnosis_case import case
 from artibot_sim.diagnose.pipeline import with_refusals
 from artibot_sim.diagnose.records import BASELINE, EXTENDED, GIVEN, UNNAMED, PredictionError, Predictor
 from artibot_sim.diagnose.result import headline, next_step
+from artibot_sim.diagnose.validation import predictors as module
+from artibot_sim.diagnose.validation.predictions import predicted
 from artibot_sim.diagnose.validation.predictors import best_of, predictors, refusals
 from artibot_sim.diagnose.verdict import Verdict
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
+from artibot_sim.identify.validation import hold_out
 from artibot_sim.model import Robot, load_robot
 from artibot_sim.report.diagnosis.files import BEST, files_of, load
 from artibot_sim.report.diagnosis.page import page_of
@@ -129,6 +132,23 @@ def test_the_right_soil_predicts_best() -> None:
     best = best_of(found)
     assert best is not None and best.name == BASELINE and best.robot == real
     assert best.errors["position"].rmse < 0.8 * found[0].errors["position"].rmse
+
+
+@pytest.mark.parametrize("robot", [AGRIQ, HUSKY], ids=lambda robot: robot.name)
+def test_what_was_predicted_before_is_not_predicted_again(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A diagnosis has the predictions of its models; the table says of them what it would say without."""
+    soft = robot.replace({"contact.mu_s": 0.45, "contact.mu_d": 0.3})
+    held, models, problem = [drive(soft, 2)], {GIVEN: robot, BASELINE: soft}, problem_of(
+        [drive(soft, 1)], parameter_set(robot), 2.0, 1
+    )  # fmt: skip
+    expected = predictors(held, models, problem, 2.0, 1)
+    known = [(soft, [predicted(held[0], soft, 2.0, 1)])]
+    asked = []
+    monkeypatch.setattr(
+        module, "hold_out", lambda one, model, *rest: asked.append(model) or hold_out(one, model, *rest)
+    )
+    assert predictors(held, models, problem, 2.0, 1, known) == expected
+    assert asked == [robot]
 
 
 def test_kinematic_models_stand_beside_those_of_a_rigid_robot() -> None:
