@@ -30,10 +30,14 @@ class HeldOut:
         By cause, in the order in which they were found; of laws together under `predictions.LAWS`.
     gain : mapping of str to ChannelGain
         By channel.
+    beside_varying : (float, float) or None
+        Nats by which held-out windows are likelier with the effects, where the ground may vary in both models: an
+        interval outside of which lies the share of false alarms. None where that was not asked.
     """
 
     gained: Mapping[str, Worth]
     gain: Mapping[str, ChannelGain]
+    beside_varying: tuple[float, float] | None = None
 
     def fact(self, decision: Decision) -> str:
         """As the tables ask for it."""
@@ -50,7 +54,9 @@ class HeldOut:
 
     @property
     def sure(self) -> bool:
-        """Whether positions or headings are surely predicted better, and neither surely worse."""
+        """Whether positions or headings are surely predicted better, neither worse, and not for varying ground."""
+        if self.beside_varying is not None and not self.beside_varying[0] > 0.0:
+            return False
         intervals = [self.gain[name].ci95 for name in ("position", "yaw") if name in self.gain]
         return any(low > 0.0 for low, _ in intervals) and not any(high < 0.0 for _, high in intervals)
 

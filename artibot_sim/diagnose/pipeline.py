@@ -47,7 +47,7 @@ from artibot_sim.diagnose.selection.ranking import ranking
 from artibot_sim.diagnose.selection.stepwise import decide
 from artibot_sim.diagnose.unlisted.finding import unexplained_of
 from artibot_sim.diagnose.unlisted.fitting import FittedLaws
-from artibot_sim.diagnose.validation.error_budget import OF_GROUND, error_budget
+from artibot_sim.diagnose.validation.error_budget import error_budget
 from artibot_sim.diagnose.validation.explainable import explainable, model_of
 from artibot_sim.diagnose.validation.predictions import (
     Pair,
@@ -60,6 +60,7 @@ from artibot_sim.diagnose.validation.predictions import (
 from artibot_sim.diagnose.validation.predictors import best_of, predictors, refusals
 from artibot_sim.diagnose.validation.residuals import places
 from artibot_sim.diagnose.validation.series import comparison, with_commands
+from artibot_sim.diagnose.validation.varying_ground import beside_varying_ground
 from artibot_sim.diagnose.verdict import Reason, Verdict
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.alignment import on_one_clock, what_is_left, what_was_mended
@@ -207,7 +208,7 @@ class Assessor:
         driven = [one.channels[COMMANDED] for one in comparisons if one.held_out and COMMANDED in one.channels]
         gained = improvements(decision, held_out, extended, view, options)
         gain = gains(held_out, driven if view.followed else [], options.seed)
-        worth = HeldOut(gained, gain)
+        worth = HeldOut(gained, gain, _beside_varying(decision, held_out, options))
         before, after = (tuple(getattr(pair, name) for pair in pairs) for name in ("before", "after"))
         return Assessment(
             baseline, extended, effects, channels, comparisons, before, after, worth, decision.whole, decision.laws
@@ -217,6 +218,18 @@ class Assessor:
         """An assessment's models, and their predictions of the held-out recordings."""
         models = ((assessed.baseline, assessed.neutral), (assessed.extended, assessed.predicted))
         return [(robot, list(runs[len(self._fitted) :])) for robot, runs in models]
+
+
+def _beside_varying(decision: Decision, pairs: Sequence[Pair], options: Options) -> tuple[float, float] | None:
+    """What effects say more of held-out windows than varying ground does; None where forces are measured, or none is.
+
+    Forces tell varying ground from effects by themselves.
+    """
+    if not (decision.fitted and pairs) or shows_forces(decision):
+        return None
+    without = decision.neutral_problem, decision.neutral_fit, [pair.before for pair in pairs]
+    with_them = decision.problem, decision.fit, [pair.after for pair in pairs]
+    return beside_varying_ground(without, with_them, options.seed, options.false_alarm_rate)
 
 
 def result_of(
@@ -383,9 +396,7 @@ def _besides(found: Conclusion) -> list[str]:
         channels = tuple(name for name in channels if name == COMMANDED)
     if decision.verdict is Verdict.UNEXPLAINED or not (decision.named and channels):
         return []
-    named = [one.effect for one in decision.ordered]
-    of_ground = [effect for effect in named if effect in OF_GROUND or effect == "friction_patch"]
-    return [besides(named, channels, shows_forces(decision), of_ground)]
+    return [besides([one.effect for one in decision.ordered], channels, shows_forces(decision))]
 
 
 def _next(decision: Decision, channels: Mapping[str, ChannelBaseline]) -> NextExperiment | None:

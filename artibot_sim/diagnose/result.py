@@ -726,27 +726,17 @@ def doubt(effects: Sequence[str], channels: Sequence[str]) -> str:
     )
 
 
-def besides(effects: Sequence[str], channels: Sequence[str], forces: bool = True, of_ground: Sequence[str] = ()) -> str:
-    """That something else may act beside what is named.
-
-    Parameters
-    ----------
-    effects, channels : sequence of str
-        What is named, and where more than noise is left.
-    forces : bool
-        Whether it would show as a force.
-    of_ground : sequence of str
-        Those of the effects whose size the ground sets.
-    """
+def besides(effects: Sequence[str], channels: Sequence[str], forces: bool = True) -> str:
+    """That something else may act beside what is named; `forces` says whether it would show as a force."""
     names, where = ([effect_words(name) for name in effects], [channel_words(name) for name in channels])
-    said = f"with {joined(names)} more than noise is still left in {joined(where)}"
-    if forces:
-        return f"{said}, and no force was found for it: something else may act as well"
-    alike = joined([effect_words(name) for name in of_ground], "or")
-    ground = f". Such ground alone can look like {alike}, and predictions are better with it then, too" if alike else ""
+    if not forces:
+        return (
+            f"with {joined(names)} more than noise is still left in {joined(where)}: ground that varies, or something "
+            "else as well; wheel speeds and poses do not tell these apart, recorded torques would"
+        )
     return (
-        f"{said}: ground that varies, or something else as well{ground}; wheel speeds and poses do not tell these "
-        "apart, recorded torques would"
+        f"with {joined(names)} more than noise is still left in {joined(where)}, and no force was found for it: "
+        "something else may act as well"
     )
 
 

@@ -122,7 +122,10 @@ MOTION: Table[Outcome] = Table(
         "held out": ("how are held-out recordings predicted with them?", _HELD),
         "forces": ("were torques or a joint's angle measured, in which a force on no list would show?", ("no", "yes")),
         "sure": (
-            "do held-out positions or headings err less with them, neither of them more, with 95 % certainty?",
+            (
+                "do held-out positions or headings surely err less with them, neither of them more, and are held-out "
+                "windows surely likelier with them where the ground may vary in either model?"
+            ),
             ("no", "yes"),
         ),
         "left without": ("what is left without any effect?", ("noise", "more", "far more")),

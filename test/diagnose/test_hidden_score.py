@@ -209,4 +209,7 @@ def test_a_false_name_is_one_that_is_not_there_nor_ties_with_what_is():
     assert score(answer("named", [slope]), truth()).false
     assert not score(answer("ambiguous", [tied]), truth(slope=SLOPE)).false
     varying = truth() | {"varies": True}
+    job, hidden = {"kind": "single", "severity": 1.0}, truth(wheel_resistance={"share": 0.1})
+    rows, _, counts = confusion([{"job": job, "truth": hidden, "answer": answer()}])
+    assert counts[rows.index("wheel_resistance"), 0] == counts.sum() == 1.0
     assert score(answer("unexplained"), varying).top1 == 1.0 and score(answer("named", [slope]), varying).top1 == 0.0

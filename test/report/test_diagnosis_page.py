@@ -90,12 +90,6 @@ def test_an_encoder_scale_may_be_a_radius(named: Diagnosis) -> None:
     assert "radius" not in result.headline(seeing) + result.next_step(seeing)
 
 
-def test_ground_that_varies_is_said_to_look_like_what_ground_makes() -> None:
-    words = result.besides(["wheel_resistance", "pose_lever_arm"], ["yaw"], False, ["wheel_resistance"])
-    assert "Such ground alone can look like wheel resistance, and" in words
-    assert "Such ground" not in result.besides(["pose_lever_arm"], ["yaw"], False)
-
-
 def test_the_first_sentence_names_cause_size_and_gain(every: dict[Verdict, Diagnosis]) -> None:
     said = {verdict: result.headline(found) for verdict, found in every.items()}
     assert said[Verdict.NAMED].startswith("Slope: grade 0.0500 rad (2.9°), heading 1.20 rad (69°). With it, ")

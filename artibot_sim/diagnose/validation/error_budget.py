@@ -43,7 +43,7 @@ class Variation:
     def __init__(self, problem: Problem, fit: Fit, held: Sequence[Held]) -> None:
         self._fit, self._parameters = fit, problem.parameters
         self.held = list(held)
-        self.problems = [_as_fitted(problem, one) for one in held]
+        self.problems = [as_fitted(problem, one, levels_of(problem)) for one in held]
         self._problem = problem
 
     def found(self, seed: int) -> tuple[Varies, dict[str, float]] | None:
@@ -57,26 +57,15 @@ class Variation:
         best = max(range(len(which)), key=lambda k: spreads[k].nats)
         if spreads[best].nats < VARIES_NATS:
             return None
-        gained = np.concatenate([spreads[best].gained(one) for one in self._held_windows(which[best])])
-        interval = _sum_interval(gained, seed)
+        windows = held_windows(self.problems, point.coordinates, thinning, which[best])
+        gained = np.concatenate([spreads[best].gained(one) for one in windows])
+        interval = sum_interval(gained, seed)
         if not interval[0] > 0.0:
             return None
         least = spreads[best].nats - max(TIE, TIE_SHARE * spreads[best].nats)
         ties = [which[k] for k, one in enumerate(spreads) if k != best and one.nats > least]
         varies = self._said(which[best], spreads[best], float(gained.sum()), interval, ties)
         return varies, self.squares(which[best], spreads[best].spread)
-
-    def _held_windows(self, number: int) -> list[Windows]:
-        """What held-out windows say of a parameter, each from its best start."""
-        coordinates, thinning = self._fit.point.coordinates, self._fit.loss.thinning
-        loss, found = Loss(1.0, thinning), []
-        for problem in self.problems:
-            point = evaluate(problem, loss, [coordinates], problem.starts)[0]
-            for _ in range(_STEPS):
-                point = restarted_windows(problem, loss, point)
-                point, _, _ = step(problem, loss, point, ())
-            found += windows_of(problem, coordinates, point.starts, thinning, [number])
-        return found
 
     def _said(
         self, number: int, spread: Spread, nats: float, interval: tuple[float, float], ties: Sequence[int]
@@ -159,11 +148,28 @@ def candidates(problem: Problem) -> list[int]:
     ]
 
 
-def _as_fitted(problem: Problem, held: Held) -> Problem:
-    """The held-out windows with the noise that the fit has."""
+def held_windows(problems: Sequence[Problem], coordinates: Array, thinning: Array, number: int) -> list[Windows]:
+    """What held-out windows say of the parameter with this number, each from its best start."""
+    loss, found = Loss(1.0, thinning), []
+    for problem in problems:
+        point = evaluate(problem, loss, [coordinates], problem.starts)[0]
+        for _ in range(_STEPS):
+            point = restarted_windows(problem, loss, point)
+            point, _, _ = step(problem, loss, point, ())
+        found += windows_of(problem, coordinates, point.starts, thinning, [number])
+    return found
+
+
+def levels_of(problem: Problem) -> Array:
+    """Noise that a fit has over what sensors show, shape (channels,)."""
     levels = np.ones(len(CHANNEL_NAMES))
     for window in problem.windows:
         levels[window.channel] = window.sigma / window.sensor
+    return levels
+
+
+def as_fitted(problem: Problem, held: Held, levels: Array) -> Problem:
+    """The held-out windows with a problem's parameters and noise of these levels (channels,)."""
     return Problem(problem.parameters, held.stretches, held.windows, problem.workers).rescaled(levels)
 
 
@@ -174,11 +180,11 @@ def _sums(problem: Problem, errors: Array, name: str) -> Array:
     return np.array([float(mine @ mine), len(mine) * (0.5 if name == "position" else 1.0)])
 
 
-def _sum_interval(values: Array, seed: int) -> tuple[float, float]:
-    """95 % interval of a sum, from windows drawn anew."""
-    rng = np.random.default_rng(seed)
-    draws = [float(values[rng.integers(0, len(values), len(values))].sum()) for _ in range(_DRAWS)]
-    low, high = np.quantile(draws, (0.025, 0.975)).tolist()
+def sum_interval(values: Array, seed: int, outside: float = 0.05) -> tuple[float, float]:
+    """Interval of a sum from windows drawn anew, so much probability being outside."""
+    rng, count = np.random.default_rng(seed), round(_DRAWS * max(1.0, 0.05 / outside))
+    draws = [float(values[rng.integers(0, len(values), len(values))].sum()) for _ in range(count)]
+    low, high = np.quantile(draws, (0.5 * outside, 1.0 - 0.5 * outside)).tolist()
     return low, high
 
 

@@ -115,12 +115,13 @@ def failures(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 def confusion(results: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[str], np.ndarray]:
     """Truths, answers, and how often which is taken for which (n, m), of cases in which at most one thing is hidden."""
     elsewhere = {name: f"({name})" for name in (*UNLISTED, *LAWS, OTHER_GROUND)}
-    truths = ["none", *LISTED, *ADDED, *elsewhere.values()]
-    answers = ["none", *LISTED, *ADDED, "unexplained"]
+    shown = [each for each in map(Scored, results) if each.score is not None and len(each.score.truth) < 2]
+    known = ["none", "unexplained", *LISTED, *ADDED, *elsewhere]
+    others = {name for each in shown for name in (*each.score.truth, each.score.answer)} - set(known)
+    truths = ["none", *LISTED, *ADDED, *sorted(others), *elsewhere.values()]
+    answers = ["none", *LISTED, *ADDED, *sorted(others), "unexplained"]
     counts = np.zeros((len(truths), len(answers)))
-    for each in map(Scored, results):
-        if each.score is None or len(each.score.truth) > 1:
-            continue
+    for each in shown:
         truth = each.score.truth[0] if each.score.truth else "none"
         counts[truths.index(elsewhere.get(truth, truth)), answers.index(each.score.answer)] += 1
     return truths, answers, counts
