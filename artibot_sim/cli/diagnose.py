@@ -128,9 +128,8 @@ def command(
         click.echo(f"note: how much is explainable at all is not said: {MISSING}", err=True)
     if residual and found.residual is None:
         click.echo("note: no residual.npz: nothing that was learned surely predicts better", err=True)
-    console.print(
-        f"wrote {out / 'report.html'} and, beside it, diagnosis.json, extended.yaml and best.yaml", soft_wrap=True
-    )
+    beside = "diagnosis.json, extended.yaml and best.yaml" if found.best_robot else "diagnosis.json and extended.yaml"
+    console.print(f"wrote {out / 'report.html'} and, beside it, {beside}", soft_wrap=True)
     return 0
 
 

@@ -150,7 +150,8 @@ def with_refusals(result: Diagnosis, models: Mapping[str, Robot], commanded: Col
     commanded : collection of str
         Named effects that only commands show.
     """
-    refused = refusals(result.predictors, models)
+    noise = {name: one.noise for name, one in result.baseline.items() if np.isfinite(one.noise)}
+    refused = refusals(result.predictors, models, noise)
     for one in refused:
         if one.holds == one.model:
             continue

@@ -84,7 +84,9 @@ def best_of(found: Sequence[Predictor]) -> Predictor | None:
     return next((one for one in models if one.score <= least + CLEARLY_WORSE / 5.0), None)
 
 
-def refusals(found: Sequence[Predictor], models: Mapping[str, Robot]) -> list[Refusal]:
+def refusals(
+    found: Sequence[Predictor], models: Mapping[str, Robot], noise: Mapping[str, float] | None = None
+) -> list[Refusal]:
     """Fitted models that predict held-out recordings clearly worse than a simpler one, or than a kinematic model.
 
     Parameters
@@ -92,7 +94,10 @@ def refusals(found: Sequence[Predictor], models: Mapping[str, Robot]) -> list[Re
     found : sequence of Predictor
     models : mapping of str to Robot
         What `predictors` was asked for.
+    noise : mapping of str to float
+        Of the sensors, by channel: errors below it are all alike.
     """
+    found = [_at_least(one, noise or {}) for one in found]
     known = {name: one for name, robot in models.items() for one in found if one.robot == robot}
     rolling = min((one for one in found if one.kinematic), key=lambda one: one.score, default=None)
     simpler = [known[GIVEN]] if GIVEN in known else []
@@ -113,6 +118,12 @@ def refusals(found: Sequence[Predictor], models: Mapping[str, Robot]) -> list[Re
         why = f"{file} ({name}) is refused: held-out errors {errors(mine)}; {rivals}; {instead}"
         said.append(Refusal(file, name, least.name, kept.name, why))
     return said
+
+
+def _at_least(one: Predictor, noise: Mapping[str, float]) -> Predictor:
+    """A predictor whose errors are the sensors' noise where they are less."""
+    floored = {name: replace(e, rmse=max(e.rmse, noise.get(name, 0.0))) for name, e in one.errors.items()}
+    return replace(one, errors=floored)
 
 
 def errors(one: Predictor) -> str:

@@ -46,6 +46,12 @@ def test_a_baseline_worse_than_the_file_as_given_is_refused() -> None:
     assert best is not None and best.name == GIVEN
 
 
+def test_errors_below_the_sensors_noise_are_all_alike() -> None:
+    found = [predictor(GIVEN, 1e-6, 1e-6), predictor(BASELINE, 4e-5, 3e-5, SOFT)]
+    assert refusals(found, MODELS) and not refusals(found, MODELS, {"position": 4e-4, "yaw": 3e-4})
+    assert refusals([found[0], predictor(BASELINE, 8e-4, 3e-5, SOFT)], MODELS, {"position": 4e-4, "yaw": 3e-4})
+
+
 def test_an_extension_is_asked_the_same() -> None:
     found = [predictor(GIVEN, 1.1, 0.5), predictor(BASELINE, 1.0, 0.5, SOFT), predictor(EXTENDED, 1.15, 0.5, NAMED)]
     (said,) = refusals(found, MODELS)
