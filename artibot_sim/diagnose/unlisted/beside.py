@@ -98,10 +98,10 @@ class Explanations:
         """The simplest one that leaves no more than noise; None if none does.
 
         Effects and laws cost the same. What is as simple and explains as much has effects rather than laws: a law may
-        look like any of them.
+        look like any of them. Of three effects pairs are not tried: each choice takes a search and a fit.
         """
         best, found = None, list[Explanation]()
-        for count in range(len(self._found.fitted) + 1):
+        for count in sorted({0, 1, len(self._found.fitted)}):
             if best is not None and count + 1 > best.terms:  # with a law it would have more terms
                 break
             every = map(self, combinations(range(len(self._found.fitted)), count))
