@@ -171,7 +171,7 @@ def _messages(t, columns, logger, key, noise, rng):
         stamps = np.round(stamped / logger.quantum) * logger.quantum
         new = np.concatenate(([True], np.diff(stamps) > 0))
         return stamps[new], {name: c[new] for name, c in values.items()}
-    polls = np.arange(stamped[0], stamped[-1], 1.0 / logger.polled)
+    polls = np.arange(np.ceil(stamped[0] * logger.polled), stamped[-1] * logger.polled) / logger.polled  # all topics'
     newest = np.searchsorted(stamped, polls, side="right") - 1
     stamps = np.round(polls / logger.quantum) * logger.quantum
     return stamps, {name: c[newest] for name, c in values.items()}
