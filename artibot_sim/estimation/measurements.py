@@ -167,25 +167,44 @@ def stretches(experiment: Experiment, robot: Robot, half_width: float = HALF_WID
     ArtibotError
         If the recording has no motor rotations, no source of where the rover went, or nothing of both at once.
     """
+    found = list(_every_stretch(experiment, robot, half_width))
+    if not found:
+        raise _nothing_together(experiment)
+    return with_pooled_noise(found)
+
+
+def require_stretch(experiment: Experiment, robot: Robot) -> None:
+    """Refuse what `stretches` refuses, which takes a first stretch and not all of them.
+
+    Raises
+    ------
+    ArtibotError
+        As `stretches`.
+    """
+    if next(_every_stretch(experiment, robot, HALF_WIDTH), None) is None:
+        raise _nothing_together(experiment)
+
+
+def _every_stretch(experiment: Experiment, robot: Robot, half_width: float) -> Iterator[Stretch]:
+    """Stretches with the noise of their own samples."""
     motors = experiment.require("motor_torques")
     if Measured(experiment, 0.0, 0.0).position_source is None:
         experiment.require("total_station")
-    found = []
     for t_start, t_end in experiment.segments:
         measured = Measured(experiment, t_start, t_end)
         times = motors.between(t_start - 1e-6, t_end + 1e-6).t
         series = _series(measured, robot)
         for a, b in _unbroken(times):
-            if not any(((s.t >= a) & (s.t <= b)).sum() >= 2 for s in series if s.channel == "position"):
-                continue
-            inputs = rotations(experiment, robot, a, b, half_width)
-            found.append(Stretch(experiment, measured, inputs, tuple(series), half_width))
-    if not found:
-        raise ArtibotError(
-            f"{experiment.path}: {motors.topic} and positions are never measured at the same time; "
-            "check the recording's stamps"
-        )
-    return with_pooled_noise(found)
+            if any(((s.t >= a) & (s.t <= b)).sum() >= 2 for s in series if s.channel == "position"):
+                inputs = rotations(experiment, robot, a, b, half_width)
+                yield Stretch(experiment, measured, inputs, tuple(series), half_width)
+
+
+def _nothing_together(experiment: Experiment) -> ArtibotError:
+    topic = experiment.require("motor_torques").topic
+    return ArtibotError(
+        f"{experiment.path}: {topic} and positions are never measured at the same time; check the recording's stamps"
+    )
 
 
 def _unbroken(times: Array) -> list[tuple[float, float]]:

@@ -12,7 +12,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.checks.common_map import in_common_map, needed
 from artibot_sim.estimation.checks.findings import COLUMNS, findings
 from artibot_sim.estimation.checks.wheels import FACTOR_REFUSED, Rolled, clock_faults, rolled, wheel_faults
-from artibot_sim.estimation.measurements import missing, other_robot, stretches
+from artibot_sim.estimation.measurements import missing, other_robot, require_stretch, stretches
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.measured import Measured
 from artibot_sim.experiment.smoothing import fresh, noise_of
@@ -57,7 +57,7 @@ def require_usable(recordings: Sequence[Experiment], robot: Robot) -> None:
     if not recordings:
         raise ArtibotError("no recording; give at least one")
     for experiment in recordings:
-        stretches(experiment, robot)
+        require_stretch(experiment, robot)
     for one, other in combinations(recordings, 2):
         if _same(one, other):
             again = "" if one.path == other.path else f" (as {one.path})"
