@@ -156,7 +156,7 @@ def mean_shifts(timed: Sequence[Aligned]) -> dict[str, float]:
 def what_was_mended(timed: Sequence[Aligned]) -> list[str]:
     """Sentences on what was mended: stamps shifted or scaled, signs turned, leaps cut out."""
     return [
-        f"{one.experiment.name}: {was.text} ({was.evidence}); {_mend(was)} before anything was fitted"
+        f"{one.experiment.name}: {was.text} ({was.evidence}); {_mend(was)} beforehand"
         for one in timed for was in one.mended
     ]  # fmt: skip
 

@@ -31,7 +31,7 @@ from artibot_sim.experiment.smoothing import hermite
 from artibot_sim.model import MOTORS, Mode, Robot, Rollout, State, Status, load_robot, rollout
 from artibot_sim.model.analysis.stability import largest_step
 from artibot_sim.model.equations.transmission import back_torque_factor
-from artibot_sim.model.kernels.layout import GAMMA
+from artibot_sim.model.kernels.layout import GAMMA, X, Y
 from artibot_sim.model.robot.derived import params
 from artibot_sim.model.robot.parameters import SensorErrors
 from artibot_sim.model.simulate.rollout import torque_columns, unlimited_beside_prescribed
@@ -67,18 +67,23 @@ class Pieces:
         self.t_start = t_start
         self.t_end = t_end
         self._windows: list[list[_Part]] = []
+        self._counted: list[bool] = []
         self._robot: Robot | None = None
         self._modes: tuple[Mode, ...] = ()
 
     def __len__(self) -> int:
         return len(self._windows)
 
-    def add(self, result: Rollout, first: bool) -> None:
-        """Append a rollout, later than all before: the first of a window, or one that goes on from the last."""
+    def add(self, result: Rollout, first: bool, counted: bool = True) -> None:
+        """Append a rollout, later than all before: the first of a window, or one that goes on from the last.
+
+        A window that is not `counted` is no prediction to hold against what was measured.
+        """
         if len(result.t) < 2 or not np.isfinite(result.q).all():
             return
         if first:
             self._windows.append([])
+            self._counted.append(counted)
         self._robot, self._modes = result.robot, result.modes
         self._windows[-1].append(_Part(result.t, result.q, result.v, result.motor_torque.copy()))
 
@@ -86,6 +91,12 @@ class Pieces:
         """Say at which times (n,) there is a simulation."""
         inside = self._window(t) >= 0
         return inside & (t >= self.t_start - _EPSILON) & (t <= self.t_end + _EPSILON)
+
+    def predicts(self, t: Floats) -> NDArray[np.bool_]:
+        """Say at which times (n,) there is a simulation that is a prediction: the start of a window is none."""
+        number = self._window(t)
+        first = np.array([window[0].t[0] for window in self._windows] or [0.0])
+        return self.covers(t) & (t > first[number] + _EPSILON) & np.array(self._counted or [False])[number]
 
     def _window(self, t: Floats) -> NDArray[np.int64]:
         """Return the window that each time (n,) belongs to, −1 for none.
@@ -101,11 +112,12 @@ class Pieces:
         number = np.searchsorted(early, t, side="left") - 1
         return np.where((number >= 0) & (t <= last[number] + _EPSILON), number, -1)
 
-    def at(self, t: Floats) -> Rollout:
-        """Return the simulation at times (n,) that are covered: as a rollout whose rows are at these times.
+    def at(self, t: Floats, delay: float = 0.0) -> Rollout:
+        """Return the simulation at times (n,) that are covered, or `delay` s before: as a rollout with these rows.
 
-        Coordinates are interpolated by the cubics that their rates give, rates and motor torques linearly; other
-        contributions are NaN.
+        What was before a window's start goes on from there with the rates that the front module has then, which turn
+        with it, as where windows are fitted. Coordinates are interpolated by the cubics that their rates give, rates
+        and motor torques linearly; other contributions are NaN.
         """
         assert self._robot is not None, "nothing was simulated"
         q, v = np.full((2, len(t), 8 * max(2, len(self._robot.modules))), np.nan)
@@ -120,11 +132,13 @@ class Pieces:
                 continue
             window[:] = [_joined_parts(window)]  # once; a recording is looked at piece by piece
             times, all_q, all_v, all_m = window[0]
-            at = np.clip(t[rows], times[0], times[-1])
+            late = t[rows] - delay
+            at = np.clip(late, times[0], times[-1])
             i = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
             q[rows], _ = hermite(times[i], times[i + 1], all_q[i], all_q[i + 1], all_v[i], all_v[i + 1], at)
             share = ((at - times[i]) / (times[i + 1] - times[i]))[:, None]
             v[rows] = all_v[i] + share * (all_v[i + 1] - all_v[i])
+            _go_back(q, rows[late < times[0] - _EPSILON], late[late < times[0] - _EPSILON] - times[0], all_v[0])
             row[rows[:, None], np.array(torques)] = all_m[i] + share * (all_m[i + 1] - all_m[i])
         return Rollout(self._robot, Status.OK, "interpolated", np.array(t), q, v, row, None, None, self._modes)
 
@@ -135,7 +149,7 @@ class Pieces:
         moved: x, y (m) and yaw (rad), (n, 3), a row each of the window's. Rates change with it.
         """
         found = Pieces(self.t_start, self.t_end)
-        found._robot, found._modes = self._robot, self._modes
+        found._robot, found._modes, found._counted = self._robot, self._modes, self._counted
         joined = [_joined_parts(window) for window in self._windows]
         runs = [self._rollout(part) for part in joined]
         for number, (part, run) in enumerate(zip(joined, runs, strict=True)):
@@ -148,6 +162,14 @@ class Pieces:
         assert self._robot is not None, "nothing was simulated"
         row = np.full((len(part.t), torque_columns(self._robot)[1]), np.nan)
         return Rollout(self._robot, Status.OK, "stored", part.t, part.q, part.v, row, None, None, self._modes)
+
+
+def _go_back(q: Floats, rows: NDArray[np.int64], since: Floats, v: Floats) -> None:
+    """Move the front module in `rows` of coordinates, which are a start's, to where it was; `since` s, below 0."""
+    if len(rows):
+        q[rows, X] += since * (v[X] - 0.5 * since * v[GAMMA] * v[Y])
+        q[rows, Y] += since * (v[Y] + 0.5 * since * v[GAMMA] * v[X])
+        q[rows, GAMMA] += since * v[GAMMA]
 
 
 def _moved(part: _Part, offset: Floats) -> _Part:
@@ -204,7 +226,7 @@ def tables_of(experiment: Experiment, robot: Robot, pieces: list[Pieces]) -> dic
     total station's). A ground truth is the tracked point where it is what tells the recording's positions; beside a
     total station, which then is that, it is the front module's origin.
     """
-    channels, errors = experiment.channels, sensor_errors(robot)
+    channels = experiment.channels
     motors = channels.get("motor_torques") or channels["motor_command"]
     truth = channels["ground_truth_odom"].t_ns if "ground_truth_odom" in channels else motors.t_ns
     if "ground_truth_odom" not in channels and "total_station" in channels:
@@ -219,8 +241,7 @@ def tables_of(experiment: Experiment, robot: Robot, pieces: list[Pieces]) -> dic
         t = (stamps - experiment.start_ns) / 1e9
         parts = []
         for piece in pieces:
-            delay = errors.delay if key == tracked else 0.0
-            rows = np.flatnonzero(piece.covers(t) & piece.covers(t - delay))
+            rows = np.flatnonzero(piece.covers(t))
             if len(rows):
                 parts.append((stamps[rows], _columns(key, piece, t[rows], robot, key == tracked)))
         if not parts:
@@ -248,7 +269,7 @@ def _part_of_columns(key: str, piece: Pieces, t: Floats, robot: Robot, tracked: 
     errors = sensor_errors(robot)
     columns = {} if key == "total_station" else rollout_columns(piece.at(t), robot)[key]
     if tracked:
-        late = piece.at(t - errors.delay)
+        late = piece.at(t, errors.delay)
         x, y = tracked_point(errors, late.pose).T
         columns |= {"x": x, "y": y, "z": late["z_f"]}
         columns |= {"yaw": late.pose[:, 2]} if key == "ground_truth_odom" else {}
@@ -267,10 +288,9 @@ def compare(experiment: Experiment, robot: Robot, pieces: list[Pieces]) -> dict[
         recorded |= measured.motors(robot.articulated)
         for channel, (t, values) in recorded.items():
             late = channel == "position" or (channel == "yaw" and measured.late_heading)
-            at = t - errors.delay if late else t
-            rows = piece.covers(t) & piece.covers(at)
+            rows, delay = piece.predicts(t), errors.delay if late else 0.0
             if rows.any():
-                simulated = [_SIMULATED[channel](piece.at(part), errors) for part in _slices(at[rows])]
+                simulated = [_SIMULATED[channel](piece.at(part, delay), errors) for part in _slices(t[rows])]
                 parts.setdefault(channel, []).append(Compared(t[rows], values[rows], np.concatenate(simulated)))
     return parts
 
@@ -287,6 +307,25 @@ STEP = 1e-3
 _EVERY = 5
 _CHUNK = 20.0  # s simulated between two reports of progress
 _EDGE = 0.2  # s: measurements that begin this little after the motors' may still start a stretch
+
+
+@dataclass(frozen=True)
+class Begun:
+    """A window to simulate.
+
+    Attributes
+    ----------
+    inputs : of the stretch that the window is of, as the encoders show them; the same for all windows of a stretch.
+    first, last : knots of them.
+    state : what it begins with.
+    counted : whether it is a prediction to hold against what was measured.
+    """
+
+    inputs: MotorInputs
+    first: int
+    last: int
+    state: State
+    counted: bool
 
 
 @dataclass(frozen=True)
@@ -368,6 +407,7 @@ def resimulate(
     *,
     horizon: float | None = None,
     back: str = "auto",
+    begun: Sequence[Begun] = (),
     progress: Report | None = None,
 ) -> Resimulation:
     """Simulate a recording again and compare.
@@ -380,6 +420,8 @@ def resimulate(
         `commands`: the front motors do what `/motor_command` says, the back ones share by eq. 30.
     horizon : s; each segment is cut into windows of this length, each started anew. None: free runs.
     back : with `commands`, `kappa`, `effort` or `auto` (see `inputs.commands`).
+    begun : windows of `horizon` s to simulate by their rotations, with what they begin with; by default windows are
+        cut here and begin as measured.
     progress : is called now and then with the share that is simulated.
 
     Returns
@@ -388,7 +430,7 @@ def resimulate(
         Every stretch starts from the measured pose, heading, velocity and articulation: local fits to the
         measurements before and after its start (`Measured.at`), as far as the wheels allow (`plausible_motion`, as in
         an identification), so a window's first tenths of a second are no pure prediction. A sample on the border of
-        two windows counts for the earlier one.
+        two windows counts for the earlier one; a start is no prediction and does not count.
 
     Raises
     ------
@@ -400,8 +442,11 @@ def resimulate(
     if horizon is not None and not (np.isfinite(horizon) and horizon >= 0.1):
         raise ArtibotError(f"horizon: {horizon} s; expected at least 0.1 s")
     run = _Run(experiment, robot, drive, horizon, back, progress or (lambda _: None))
-    for t_start, t_end in experiment.segments:
-        run.segment(t_start, t_end)
+    if begun:
+        run.begun(begun)
+    else:
+        for t_start, t_end in experiment.segments:
+            run.segment(t_start, t_end)
     return run.result()
 
 
@@ -458,18 +503,39 @@ class _Run:
         self.pieces.append(pieces)
 
     def _window(self, inputs: MotorInputs, measured: Measured, pieces: Pieces, first: int, last: int) -> None:
-        """Simulate from knot `first` to `last`, from the measured state; chunk by chunk, for the progress."""
+        """Simulate from knot `first` to `last`, from the measured state."""
         state, offset = self._start(inputs, measured, first)
+        self._roll(inputs, pieces, Begun(inputs, first, last, state, True), offset)
+
+    def begun(self, windows: Sequence[Begun]) -> None:
+        """Simulate windows with the states that they begin with."""
+        stretches: dict[int, list[Begun]] = {}
+        for window in windows:
+            stretches.setdefault(id(window.inputs), []).append(window)
+        for some in stretches.values():
+            inputs = true_inputs(some[0].inputs, self.errors, recorded=True)
+            pieces = Pieces(float(inputs.t[0]), float(inputs.t[-1]))
+            for window in some:
+                self._roll(inputs, pieces, window, np.zeros(inputs.position.shape[1]))
+            self.pieces.append(pieces)
+        uncounted = sum(not window.counted for window in windows)
+        if uncounted:
+            self._remark(
+                f"{uncounted} of {len(windows)} windows follow no other; they begin as measured and are not counted"
+            )
+
+    def _roll(self, inputs: MotorInputs, pieces: Pieces, window: Begun, offset: Floats) -> None:
+        """Simulate one window, with `offset` (rad) added to the angles; chunk by chunk, for the progress."""
         self.windows += 1
-        chunk = max(1, round(_CHUNK / inputs.dt))
+        state, chunk = window.state, max(1, round(_CHUNK / inputs.dt))
         dt, integrator = STEP, _integrator(self.robot, inputs.modes, self.kappa)
-        for a in range(first, last, chunk):
-            b = min(a + chunk, last)
+        for a in range(window.first, window.last, chunk):
+            b = min(a + chunk, window.last)
             result = rollout(
                 self.robot, inputs.commands(a, b, offset), dt=dt, integrator=integrator, every=_EVERY,
                 modes=inputs.modes, kappa=self.kappa, state=state,
             )  # fmt: skip
-            pieces.add(result, first=a == first)
+            pieces.add(result, a == window.first, window.counted)
             self.simulated += float(inputs.t[b] - inputs.t[a])
             self.progress(self.simulated / self.experiment.duration)
             if result.status is not Status.OK or result.final_state is None:

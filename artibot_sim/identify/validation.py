@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.kinematic import Kinematic
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.measurements import CHANNEL_UNITS, HALF_WIDTH, Stretch, noise_levels, stretches
@@ -18,9 +19,10 @@ from artibot_sim.estimation.search import restarted_windows
 from artibot_sim.estimation.solver import Point, evaluate, step
 from artibot_sim.estimation.windows import CHANNEL_NAMES, HEADINGS, START, Window, cut, predecessors, window_at
 from artibot_sim.experiment import Experiment
+from artibot_sim.experiment.resimulate import Begun
 from artibot_sim.experiment.smoothing import fresh
 from artibot_sim.identify.result import ChannelFit, Prediction, spaced
-from artibot_sim.model import Robot
+from artibot_sim.model import Robot, initial_state
 from artibot_sim.model.simulate.windows import KINDS, Plan
 
 # ----------------------------------------------------------------------
@@ -208,20 +210,13 @@ def hold_out(
     `seen` already.
     """
     found = list(seen) or stretches(experiment, robot, half_width)
-    windows = cut(found, robot, horizon)
-    problem = Problem(ParameterSet(robot, ()), found, windows, workers)
+    ahead = _begin(found, robot, horizon, workers, steps)
+    windows, problem, carried = ahead.problem.windows, ahead.problem, ahead.starts
+    chosen = np.flatnonzero(ahead.counted).tolist()
     here = np.empty(0)
-    point = fitted_starts(problem, steps)
-    carried = problem.carried(here, point.starts)
-    followed = [before is not None for before in predecessors(windows)]
-    alone = [i for i in range(len(windows)) if not followed[i]]
-    short = len(alone) > len(windows) // 2
-    chosen = list(range(len(windows))) if short else [i for i in range(len(windows)) if followed[i]]
-    if short:
-        carried[alone] = problem.starts[alone]
     residuals = problem.residuals([here], carried)[0]
     noise = noise_levels(found)
-    free = _free_runs(problem, point, found, robot, workers)
+    free = _free_runs(problem, ahead.point, found, robot, workers)
     predicted = [windows[i] for i in chosen]
     errors = [residuals[i] for i in chosen]
     rolled = {name: kinematic_residuals(rival, problem, carried) for name, rival in rivals.items()}
@@ -231,11 +226,73 @@ def hold_out(
         experiment.name, horizon, len(chosen), channel_fits(predicted, errors, noise),
         channel_fits(predicted, errors, noise, last=True),
         channel_fits([run.window for run in free], [run.residual for run in free], noise), left,
-        "windows are separate: each starts from its measured pose" if short else "",
+        "windows are separate: each starts from its measured pose" if ahead.separate else "",
         {name: _ends(predicted, own, noise) for name, own in others.items()},
-        outliers(predicted, errors) if short else (),
+        outliers(predicted, errors) if ahead.separate else (),
     )  # fmt: skip
     return Held(experiment, predicted, errors, free, summary, found, others, carried[chosen])
+
+
+@dataclass(frozen=True)
+class _Ahead:
+    """How the windows of a recording begin when they are predicted.
+
+    Attributes
+    ----------
+    problem : Problem
+        All windows.
+    point : Point
+        Starts that explain the windows themselves best.
+    starts : array, shape (windows, 8 or 6)
+        What predictions begin with.
+    counted : array of bool, shape (windows,)
+        Whether a window is a prediction to be counted.
+    separate : bool
+        Whether hardly any window follows another, so that starts are as measured.
+    """
+
+    problem: Problem
+    point: Point
+    starts: Array
+    counted: NDArray[np.bool_]
+    separate: bool
+
+
+def _begin(found: Sequence[Stretch], robot: Robot, horizon: float, workers: int | None, steps: int) -> _Ahead:
+    """The windows of `horizon` s in stretches, and with what they begin: see `hold_out`."""
+    windows = cut(found, robot, horizon)
+    problem = Problem(ParameterSet(robot, ()), found, windows, workers)
+    point = fitted_starts(problem, steps)
+    carried = problem.carried(np.empty(0), point.starts)
+    followed = np.array([before is not None for before in predecessors(windows)])
+    separate = int((~followed).sum()) > len(windows) // 2
+    carried[~followed] = problem.starts[~followed]
+    return _Ahead(problem, point, carried, followed | separate, separate)
+
+
+def begun_windows(experiment: Experiment, robot: Robot, horizon: float) -> tuple[list[Begun], dict[str, float]]:
+    """The windows of a recording as `hold_out` predicts them, for a simulation; and the noise of each channel.
+
+    Raises
+    ------
+    ArtibotError
+        As `stretches`; and where no window holds enough positions.
+    """
+    found = stretches(experiment, robot)
+    if not cut(found, robot, horizon):
+        raise ArtibotError(
+            f"{experiment.path}: no window of {horizon:g} s holds four positions; give a longer --horizon, or none"
+        )
+    ahead = _begin(found, robot, horizon, None, _STEPS)
+    items = ahead.problem.begun(robot, ahead.starts)
+    rest, windows = initial_state(robot), []
+    for i, window in enumerate(ahead.problem.windows):
+        state = replace(rest, t=window.t, q=items.q[i], v=items.v[i])
+        if items.lateral is not None:
+            state = replace(state, lateral=items.lateral[i])
+        stretch, last = found[window.stretch], window.first + window.knots
+        windows.append(Begun(stretch.inputs, window.first, last, state, bool(ahead.counted[i])))
+    return windows, noise_levels(found)
 
 
 def _ends(windows: Sequence[Window], residuals: Sequence[Array], noise: Mapping[str, float]) -> dict[str, ChannelFit]:

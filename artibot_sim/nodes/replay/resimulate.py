@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,15 @@ import click
 import numpy as np
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.alignment import on_one_clock, what_was_mended
 from artibot_sim.estimation.residual_model import Predicted, ResidualModel, Turning, grid, load_residual
 from artibot_sim.experiment import open_recording, read_bag
-from artibot_sim.experiment.columns import Floats
+from artibot_sim.experiment.columns import Experiment, Floats
+from artibot_sim.experiment.measured import Measured
 from artibot_sim.experiment.resimulate import Resimulation, anew, resimulate, robot_of
 from artibot_sim.experiment.wheels import with_odometry_wheels
-from artibot_sim.model import Rollout
+from artibot_sim.identify.validation import begun_windows
+from artibot_sim.model import Robot, Rollout
 from artibot_sim.progress import Bar, Report
 
 _SIZES = {"reading": 18.0, "simulating": 9.0, "writing": 6.0, "reading back": 8.0, "drawing": 3.0}
@@ -55,8 +59,7 @@ def run_resimulation(
         experiment = open_recording(bag, topics=renames, joints=joints, namespace=namespace, progress=reading)
         found = robot_of(experiment, robot)
         experiment = with_odometry_wheels(experiment, found)
-        stage = _stage(bar, "simulating")
-        result = resimulate(experiment, found, drive, horizon=horizon, back=back, progress=stage)
+        result = simulated(experiment, found, drive, horizon, back, _stage(bar, "simulating"))
         if corrections is not None:
             result = with_residual(result, corrections)
         result.write(out, progress=_stage(bar, "writing"))
@@ -66,6 +69,38 @@ def run_resimulation(
         click.echo(f"note: {remark}", err=True)
     click.echo(f"wrote {out}/simulated, {out}/metrics.json, {picture}")
     return 0
+
+
+def simulated(
+    experiment: Experiment, robot: Robot, drive: str, horizon: float | None, back: str, progress: Report | None = None
+) -> Resimulation:
+    """A recording simulated again as `identify` does it, so that both have the same figures.
+
+    Where rotations are given, stamps that are late or early are shifted beforehand, and windows are cut, begun and
+    counted as the predictions of a held-out recording. Trains, which `identify` does not fit, begin as measured.
+
+    Raises
+    ------
+    ArtibotError
+        As `resimulate`.
+    """
+    if drive != "rotations" or robot.trailing or not _has_both(experiment):
+        return resimulate(experiment, robot, drive, horizon=horizon, back=back, progress=progress)
+    (timed,) = on_one_clock([experiment], robot, poses="pose_delay" not in robot.effects)
+    said = tuple(what_was_mended([timed]))
+    if horizon is None:
+        result = resimulate(timed.experiment, robot, drive, progress=progress)
+        return replace(result, remarks=(*said, *result.remarks))
+    begun, noise = begun_windows(timed.experiment, robot, horizon)
+    result = resimulate(timed.experiment, robot, drive, horizon=horizon, begun=begun, progress=progress)
+    levels = {name: level * (np.sqrt(2.0) if name == "position" else 1.0) for name, level in noise.items()}
+    metrics = {name: replace(one, noise=float(levels.get(name, one.noise))) for name, one in result.metrics.items()}
+    return replace(result, metrics=metrics, remarks=(*said, *result.remarks))
+
+
+def _has_both(experiment: Experiment) -> bool:
+    """Whether rotations and a way are measured; what a recording without them lacks is said by `resimulate`."""
+    return "motor_torques" in experiment.channels and Measured(experiment, 0.0, 0.0).position_source is not None
 
 
 def with_residual(result: Resimulation, model: ResidualModel) -> Resimulation:
