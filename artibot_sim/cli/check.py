@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
     from artibot_sim.estimation.checks.report import Check
 
+MOST = 150_000
+"""Messages that are read in seconds: eight minutes of three topics at 100 Hz."""
 _PATH = click.Path(path_type=Path)
 
 
@@ -29,14 +31,16 @@ _PATH = click.Path(path_type=Path)
     help="Take joints FOUND (their mean) as motor WANTED, such as front_right; repeatable.",
 )  # fmt: skip
 @click.option("--namespace", metavar="NAME", help="Rover whose topics to read, where there are several: /rover1.")
+@click.option("--all", "whole", is_flag=True, help="Read all of a long recording, not pieces of it.")
 @click.option("--json", "as_json", type=click.Path(path_type=Path, dir_okay=False), help="Everything as JSON.")
 def command(
     recordings: tuple[Path, ...], robot: str, topics: tuple[str, ...], joints: tuple[str, ...], namespace: str | None,
-    as_json: Path | None,
+    whole: bool, as_json: Path | None,
 ) -> int:  # fmt: skip
     """Say in seconds what is wrong with recordings: clocks, units, signs, sides, sensors, excitation.
 
-    Streams are held against each other, no soil is fitted. Exit status 0 where all of them can be used as they are, 1
+    Streams are held against each other, no soil is fitted. Of a long recording ten pieces from its beginning to its end
+    are read; identify and diagnose check all of it. Exit status 0 where all of them can be used as they are, 1
     where something has to be mended first, 2 for unusable input.
 
     \b
@@ -53,11 +57,11 @@ def command(
     from artibot_sim.progress import Bar
     from artibot_sim.report.files import write_files
 
-    rover = load_robot(robot)
+    rover, most = load_robot(robot), None if whole else MOST
     with Bar() as bar:
         stages = [(path, bar.stage(f"reading {path.name}", 1.0 / len(recordings))) for path in recordings]
         read = [
-            open_recording(path, rover, topics=topics, joints=joints, namespace=namespace, progress=stage)
+            open_recording(path, rover, topics=topics, joints=joints, namespace=namespace, most=most, progress=stage)
             for path, stage in stages
         ]
     found = check(read, rover)

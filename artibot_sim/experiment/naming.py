@@ -28,6 +28,7 @@ def open_recording(
     topics: Sequence[str] = (),
     joints: Sequence[str] = (),
     namespace: str | None = None,
+    most: int | None = None,
     progress: Report | None = None,
 ) -> Experiment:
     """Read a recording of any robot.
@@ -40,6 +41,8 @@ def open_recording(
     topics, joints : sequence of str
         ``WANTED=FOUND`` and ``WANTED=FOUND[,FOUND]``; they go before what the file of names says.
     namespace : str, optional
+    most : int, optional
+        Messages to read at most, see `read_bag`.
     progress : callable, optional
 
     Raises
@@ -51,7 +54,7 @@ def open_recording(
     experiment = read_bag(
         path, {**parse_renames(known["topics"]), **parse_renames(tuple(topics))},
         namespace=namespace or known["namespace"],
-        joints={**parse_joints(known["joints"]), **parse_joints(joints)}, progress=progress,
+        joints={**parse_joints(known["joints"]), **parse_joints(joints)}, most=most, progress=progress,
     )  # fmt: skip
     return experiment if robot is None else with_odometry_wheels(experiment, robot)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -33,6 +33,8 @@ from artibot_sim.progress import Report
 METADATA_RECORD = "artibot"
 _REPORT_EVERY = 500
 """Messages between two reports of the progress."""
+_PIECES = 10
+"""Pieces of a recording that is too long to be read whole."""
 
 
 def read_bag(
@@ -41,6 +43,7 @@ def read_bag(
     *,
     namespace: str | None = None,
     joints: Joints | None = None,
+    most: int | None = None,
     progress: Report | None = None,
 ) -> Experiment:
     """Read a recording of the contract's topics.
@@ -54,6 +57,8 @@ def read_bag(
         rover only it is found.
     joints : motor, or joint of the articulation → joints in the recording whose mean it is; without, wheels of a
         rigid robot are found by their names (``rear_left_wheel_joint``), in `/joint_states` too.
+    most : about how many messages are read at most: of a recording that holds more, pieces from its beginning to its
+        end, segments of their own; a remark says so.
     progress : is called now and then with the share of the work that is done; a file without an index is read twice.
 
     Returns
@@ -81,7 +86,8 @@ def read_bag(
         encodings = ", ".join(sorted({channel.encoding or "none" for channel in info.channels}))
         raise ArtibotError(f"{path}: no topic is encoded as cdr (found: {encodings}); expected a ROS 2 recording")
     wanted, remarks = _choose(info, found, topics or {}, namespace)
-    rows = _read_rows(info, wanted, (lambda share: advance(0.5 + 0.5 * share)) if twice else advance)
+    pieces = _pieces(info, wanted, most, remarks)
+    rows = _read_rows(info, wanted, pieces, (lambda share: advance(0.5 + 0.5 * share)) if twice else advance)
     _refuse_empty(info, topics or {}, rows)
     channels = {key: table.channel(remarks) for key, table in rows.items() if table.stamps}
     try:
@@ -186,15 +192,40 @@ def _with_pose(
     return {**channels, "ground_truth_odom": pose}
 
 
-def _read_rows(info: BagInfo, wanted: Mapping[str, str], progress: Report) -> dict[str, Rows]:
-    """Decode the messages of the wanted topics into rows, by channel key."""
+def _pieces(
+    info: BagInfo, wanted: Mapping[str, str], most: int | None, remarks: list[str]
+) -> list[tuple[int | None, int | None]]:
+    """Log times (ns) from and to which a recording is read: all of it, or pieces of it if it has too many messages."""
+    share = 1.0 if most is None else most / max(_count(info, wanted), 1)
+    if share >= 1.0:
+        return [(None, None)]
+    whole = info.end_ns - info.start_ns
+    length, step = int(share * whole / _PIECES), (1.0 - share / _PIECES) * whole / (_PIECES - 1)
+    begins = [info.start_ns + int(number * step) for number in range(_PIECES)]
+    remarks.append(
+        f"{_PIECES} pieces of {1e-9 * length:.0f} s were read, evenly from all of its {1e-9 * whole / 60.0:.0f} min"
+    )
+    return [(begin, begin + length) for begin in begins]
+
+
+def _count(info: BagInfo, wanted: Mapping[str, str]) -> int:
+    return sum(channel.message_count for channel in info.channels if channel.topic in wanted)
+
+
+def _read_rows(
+    info: BagInfo, wanted: Mapping[str, str], pieces: Sequence[tuple[int | None, int | None]], progress: Report
+) -> dict[str, Rows]:
+    """Decode the messages of the wanted topics in some pieces into rows, by channel key."""
     rows = {key: Rows(name) for name, key in wanted.items()}
     decoders: dict[ChannelInfo, Decoder] = {}
     latest: dict[str, bytes] = {}
-    total = sum(channel.message_count for channel in info.channels if channel.topic in wanted)
-    for number, message in enumerate(iter_messages(info.path, set(wanted))):
+    first, last = pieces[0][0], pieces[0][1]
+    share = 1.0 if first is None or last is None else len(pieces) * (last - first) / (info.end_ns - info.start_ns)
+    total = share * _count(info, wanted)
+    messages = (message for begin, end in pieces for message in iter_messages(info.path, set(wanted), begin, end))
+    for number, message in enumerate(messages):
         if number % _REPORT_EVERY == 0:
-            progress(number / max(total, 1))
+            progress(min(1.0, number / max(total, 1.0)))
         channel = message.channel
         if channel.encoding != "cdr" or channel.ros_type not in READABLE | {TRANSFORMS}:
             continue

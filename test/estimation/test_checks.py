@@ -10,6 +10,7 @@ import pytest
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.checks.findings import findings
 from artibot_sim.estimation.checks.recordings import data_warnings, require_usable
+from artibot_sim.estimation.checks.wheels import scale_between
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.identify.synthetic import synthetic
 from artibot_sim.model import Robot, load_robot
@@ -161,6 +162,15 @@ def test_units_that_contradict_each_other_are_said(good: Experiment, agriq: Robo
     rpm = good.channels["motor_torques"]["front_left.velocity"] * 60 / (2 * np.pi)
     text = said(changed(good, "motor_torques", **{"front_left.velocity": rpm}), agriq)
     assert "positions of front_left change by 0.105 times its velocities" in text
+
+
+def test_what_turned_in_a_gap_contradicts_nothing(good: Experiment, agriq: Robot) -> None:
+    """A hole while the wheels change their speed: positions go on over it, velocities are not known there."""
+    motors = good.channels["motor_torques"]
+    speed = motors["front_left.velocity"]
+    fastest = float(motors.t[np.argmax(np.abs(np.nan_to_num(speed)))])
+    cut = without(good, "motor_torques", fastest - 4.0, fastest + 4.0)
+    assert scale_between(cut.channels["motor_torques"], "front_left") == pytest.approx(1.0, abs=0.01)
 
 
 def test_another_robots_name_is_said(good: Experiment, agriq: Robot) -> None:

@@ -60,6 +60,24 @@ def test_the_file_alone_is_read_as_its_folder_is() -> None:
     assert bare.channels.keys() == experiment.channels.keys()
 
 
+def test_of_a_recording_with_too_many_messages_pieces_from_all_of_it_are_read() -> None:
+    path = foreign("field_examples/none/run0")
+    whole = read_bag(path)
+    count = sum(len(channel) for channel in whole.channels.values())
+    assert read_bag(path, most=2 * count).segments == whole.segments
+    few = read_bag(path, most=count // 5)
+    assert few.remarks[0].startswith("10 pieces of ")
+    assert len(few.segments) == 10
+    assert sum(len(channel) for channel in few.channels.values()) == pytest.approx(count / 5, rel=0.1)
+    motors, every = few.channels["motor_torques"], whole.channels["motor_torques"]
+    assert motors.t_ns[0] == every.t_ns[0]
+    assert every.t_ns[-1] - motors.t_ns[-1] < 0.1e9
+    rows = np.isin(every.t_ns, motors.t_ns)
+    assert rows.sum() == len(motors)
+    for name, values in motors.columns.items():
+        assert np.array_equal(values, every[name][rows], equal_nan=True)
+
+
 def test_the_husky_windows_are_segments_of_2_s_and_their_twist_is_nan() -> None:
     experiment = read_bag(foreign("husky_a"))
     assert len(experiment.segments) == 204

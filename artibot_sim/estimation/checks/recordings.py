@@ -159,7 +159,7 @@ def _faults(experiment: Experiment, robot: Robot) -> Iterator[str]:
     """Of one recording."""
     yield from experiment.remarks
     yield from other_robot(experiment, robot)
-    if len(experiment.segments) > 1:
+    if len(experiment.segments) > 1 and not in_common_map([experiment]):
         yield f"{len(experiment.segments)} segments; a pose says nothing about the one before the gap"
     for key in USED:
         if key in experiment.channels:

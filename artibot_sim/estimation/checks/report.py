@@ -66,7 +66,7 @@ def check(recordings: Sequence[Experiment], robot: Robot) -> list[Check]:
     """Check recordings for a robot, each by itself and then together."""
     found = [_one(experiment, robot) for experiment in recordings]
     usable = [experiment for experiment, one in zip(recordings, found, strict=True) if not one.refused]
-    together = doubts(usable, robot) if usable else []
+    together = doubts(usable, robot) if len(usable) > 1 else []
     known = {said for one in found for said in one.doubts}
     rest = tuple(said for said in together if said not in known and not _of_one(said, recordings))
     return [*found, Check("all together", "", (), rest, ())] if rest else found

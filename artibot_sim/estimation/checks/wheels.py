@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.experiment import Channel, Experiment
+from artibot_sim.experiment.columns import SEGMENT_GAP
 from artibot_sim.experiment.measured import Measured
 from artibot_sim.model import MOTORS, Robot
 
@@ -131,9 +132,16 @@ def scale_between(motors: Channel, motor: str) -> float | None:
         return None
     at = np.arange(max(t[0], t_v[0]), min(t[-1], t_v[-1]), 0.2)
     turned = np.interp(at, t_v, np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t_v) * (velocity[1:] + velocity[:-1])))))
-    a, b = np.diff(np.interp(at, t, position)), np.diff(turned)
+    seen = (_around(t, at) < SEGMENT_GAP) & (_around(t_v, at) < SEGMENT_GAP)
+    both = seen[1:] & seen[:-1]
+    a, b = np.diff(np.interp(at, t, position))[both], np.diff(turned)[both]
     square = float(b @ b)
     return float(a @ b) / square if square > 1.0 else None
+
+
+def _around(t: Array, at: Array) -> Array:
+    """How far the samples at times t (n,) are apart around instants (m,), s."""
+    return np.diff(t)[np.clip(np.searchsorted(t, at) - 1, 0, len(t) - 2)]
 
 
 def wheel_faults(experiment: Experiment, robot: Robot) -> Iterator[str]:
