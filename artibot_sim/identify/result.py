@@ -25,7 +25,14 @@ def printed(found: Identification) -> Any:
     answer = [f"{found.status.value}: {found.message}", f"least known: {found.weakest}"]
     lines = [Text(line) for line in (*answer, *found.remarks)]
     models = [_models(prediction) for prediction in found.predictions if prediction.rivals]
-    return Group(_parameters(found), *lines, _channels(found), *models, *(Text(line) for line in _lines(found)))
+    return Group(
+        *map(Text, found.findings),
+        _parameters(found),
+        *lines,
+        _channels(found),
+        *models,
+        *(Text(line) for line in _lines(found)),
+    )
 
 
 def as_text(found: Identification) -> str:
@@ -283,6 +290,8 @@ class Identification:
     windows, samples : int
     channels : mapping of str to ChannelFit
     predictions : tuple of Prediction
+    findings : tuple of str
+        What is wrong with the recordings, and what of that was mended before anything was fitted.
     remarks : tuple of str
         What was left out or assumed.
     seconds : float
@@ -300,6 +309,7 @@ class Identification:
     samples: int
     channels: Mapping[str, ChannelFit]
     predictions: tuple[Prediction, ...] = ()
+    findings: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     seconds: float = 0.0
 
@@ -325,6 +335,7 @@ class Identification:
             "samples": self.samples,
             "channels": {name: vars(fit) for name, fit in self.channels.items()},
             "predictions": [_prediction(p) for p in self.predictions],
+            "findings": list(self.findings),
             "remarks": list(self.remarks),
             "seconds": self.seconds,
         }

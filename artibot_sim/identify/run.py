@@ -142,10 +142,9 @@ def identify(
     in_model = "pose_delay" in parameters.robot.effects  # a late pose is the model's own matter then
     timed, later = (on_one_clock(some, robot, seed, poses=not in_model) for some in (recordings, holdout))
     recordings, holdout = [one.experiment for one in timed], [one.experiment for one in later]
-    doubtful = [*what_was_mended([*timed, *later]), *what_is_left(timed)]
+    wrong = (*what_was_mended([*timed, *later]), *what_is_left(timed))
     problem = problem_of(recordings, parameters, window, workers, seed=seed)
     problem, fewer = enough_of(problem)
-    doubtful += fewer
     ticks()
     problem, found = best_fit(problem, effort or Effort(), ticks)
     found, nodes = _profiled(problem, found, 2, ticks)
@@ -158,7 +157,9 @@ def identify(
         ticks()
     seconds = time.perf_counter() - begun
     predictions = tuple(h.summary for h in held)
-    result = replace(result, remarks=(*doubtful, *result.remarks), predictions=predictions, seconds=seconds)
+    result = replace(
+        result, findings=wrong, remarks=(*fewer, *result.remarks), predictions=predictions, seconds=seconds
+    )
     return Work(result, problem, found, nodes, tuple(held), mean_shifts(timed))
 
 
@@ -169,6 +170,7 @@ class _Ticks:
         self._report = report or (lambda _: None)
         self._expected = 2 + effort.starts + 4 * effort.finalists + 12 + holdouts
         self._count = 0
+        self._report(0.0)
 
     def __call__(self) -> None:
         self._count += 1
@@ -313,8 +315,8 @@ def _result(
     return Identification(
         identified_robot(parameters, all_, names), all_, curvature.covariance / np.outer(sd, sd),
         f"{text} (to {100 * share:.2g} % of its prior's width)", status, message, tuple(names), len(problem),
-        sum(len(w) for w in problem.windows), channel_fits(problem.windows, found.point.residuals, levels), (),
-        tuple(remarks),
+        sum(len(w) for w in problem.windows), channel_fits(problem.windows, found.point.residuals, levels),
+        remarks=tuple(remarks),
     )  # fmt: skip
 
 

@@ -162,7 +162,7 @@ _FREE = Stroke(RIGHT, 1.5, "dash")
 _FITTED = Stroke(LEFT, 1.2)
 _NOISE = Stroke(MUTED, 1.2, "dot")
 COLUMNS = ("",) * 5
-"""Sections differ in what their columns are, so their first lines say it."""
+"""Sections differ in what their columns are, so their first lines say it and there is no common head."""
 _ERRORS = ("RMSE", "median", "90 %", "noise", "samples")
 
 
@@ -170,13 +170,14 @@ def page_of(work: Work) -> bytes:
     """The page (UTF-8) of an identification."""
     found = work.result
     return render_page(
-        figure_of(work), tables(work), COLUMNS, answer=_answer(found.estimates, found.remarks, found.predictions),
+        figure_of(work), tables(work), COLUMNS, findings=found.findings,
+        answer=_answer(found.estimates, found.remarks, found.predictions),
         first=_first(found.predictions), closed=(_ERRORS_PART, "table"),
     )  # fmt: skip
 
 
 def _answer(estimates: Sequence[Estimate], remarks: Sequence[str], predictions: Sequence[Prediction]) -> list[str]:
-    """What stands below the answer's tables: what is wrong with the recordings first."""
+    """What stands below the answer's tables."""
     notes = [f"{e.name}: {e.note}" for e in estimates if e.note]
     return [*remarks, *notes, *(line for one in predictions for line in prediction_lines(one))]
 
@@ -213,7 +214,7 @@ def page_of_document(document: Mapping[str, Any], path: pathlib.Path) -> bytes:
         ) from error
     figure = Figure(title, subtitle, (_intervals(estimates),))
     return render_page(
-        figure, _tables(estimates, channels, predictions), COLUMNS,
+        figure, _tables(estimates, channels, predictions), COLUMNS, findings=document.get("findings", ()),
         answer=_answer(estimates, document["remarks"], predictions), first=_first(predictions),
     )  # fmt: skip
 

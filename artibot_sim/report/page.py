@@ -417,6 +417,7 @@ def render_page(
     columns: Sequence[str] = (),
     notes: Sequence[str] = (),
     *,
+    findings: Sequence[str] = (),
     answer: Sequence[str] = (),
     first: int = 0,
     closed: Collection[str] = (),
@@ -430,11 +431,13 @@ def render_page(
     table : sequence of (heading, lines)
         Figures of merit below the charts.
     columns : sequence of str
-        Headings of the texts in the table's lines.
+        Headings of the texts in the table's lines; the table has no head where all are empty.
     notes : sequence of str
         Sentences at the end.
+    findings : sequence of str
+        Sentences at the beginning, before the answer's tables.
     answer : sequence of str
-        Sentences at the beginning.
+        Sentences below these.
     first : int
         So many sections of the table stand with the answer.
     closed : collection of str
@@ -442,8 +445,10 @@ def render_page(
     """
     hints = (THINNED, HINT) if any(map(is_thinned, figure.panels)) else (HINT,)
     charts = [chart(panel, figure.time_span) | {"time": panel.timed} for panel in figure.panels]
-    said = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in answer)
-    parts = [Part("Answer", _table(table[:first], columns) + said)]
+    wrong, said = (
+        "".join(f"<p>{html.escape(sentence)}</p>" for sentence in sentences) for sentences in (findings, answer)
+    )
+    parts = [Part("Answer", wrong + _table(table[:first], columns) + said)]
     for name in dict.fromkeys(panel.part for panel in figure.panels):
         parts.append(Part(name or "Charts", _panels(figure, name), name not in closed))
     parts.append(Part("Figures of merit", _table(table[first:], columns), "table" not in closed))
@@ -500,7 +505,7 @@ def _table(table: Sequence[Section], columns: Sequence[str]) -> str:
         for what, unit, texts in lines:
             cells = "".join(f"<td>{html.escape(text)}</td>" for text in texts)
             rows.append(f"<tr><th>{html.escape(what)}</th><td>{html.escape(unit)}</td>{cells}</tr>")
-    head = f"<thead><tr><th></th><th></th>{head}</tr></thead>"
+    head = f"<thead><tr><th></th><th></th>{head}</tr></thead>" if any(columns) else ""
     return f'<div class="scroll"><table>{head}<tbody>{"".join(rows)}</tbody></table></div>'
 
 

@@ -121,9 +121,9 @@ def test_wheels_that_are_late_cost_an_identification_nothing() -> None:
     flaws = {"motor_torques": 0.2, "imu": -0.15}
     good, bad = (logged(Logger(polled=0.0, delays=delays), 6, robot)[1] for delays in ({}, flaws))
     found = [identify([one], robot, fit=["k_t", "mu_s"], window=4.0).result for one in (good, bad)]
-    shifts = [said for said in found[1].remarks if "stamps were shifted by" in said]
-    assert list(found[1].remarks[: len(shifts)]) == shifts and len(shifts) == 2
-    assert not any("stamps were shifted" in said for said in found[0].remarks)
+    shifts = [said for said in found[1].findings if "stamps were shifted by" in said]
+    assert list(found[1].findings[: len(shifts)]) == shifts and len(shifts) == 2
+    assert not any("stamps were shifted" in said for said in found[0].findings)
     for channel in ("position", "yaw", "yaw_rate"):
         assert found[1].channels[channel].rmse < 1.5 * found[0].channels[channel].rmse
     one, other = (result.estimates[0] for result in found)

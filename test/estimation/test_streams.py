@@ -99,7 +99,9 @@ def test_identify_refuses_millimetres_and_says_first_what_is_wrong() -> None:
     with pytest.raises(ArtibotError, match="a factor of"):
         identify([wrong], robot, fit=["k_l"])
     work = identify([flipped], robot, fit=["k_l"], window=4.0)
-    assert "upside down" in work.result.remarks[0]
+    assert "upside down" in work.result.findings[0]
+    text = str(work.result)
+    assert text.index("upside down") < text.index("k_l"), "what is wrong with a recording is said first"
 
 
 def written(folder: Path, experiment) -> Path:

@@ -32,7 +32,7 @@ def found() -> Identification:
     )  # fmt: skip
     return Identification(
         load_robot("agriq"), (estimate,), [[1.0]], "k_l", Status.CONVERGED, "all identified", ("run0",), 9, 999,  # type: ignore[arg-type]
-        {"position": fit}, (prediction,), ("a remark",), 3.0,
+        {"position": fit}, (prediction,), (), ("a remark",), 3.0,
     )  # fmt: skip
 
 
@@ -55,12 +55,16 @@ def test_kinematic_models_stand_beside_the_identified_one_in_one_table() -> None
     rivals = {name: {"position": replace(fits["position"], rmse=0.2)} for name in ("ideal", "ICR")}
     object.__setattr__(result, "predictions", (replace(prediction, rivals=rivals),))
     object.__setattr__(result, "correlation", np.eye(1))
+    object.__setattr__(result, "findings", ("run0: poses are late",))
     page = page_of_document(json.loads(json.dumps(result.as_dict())), Path("soil.json")).decode()
     table = page.partition("Answer</")[2].partition("</table>")[0]
     assert table.index("position, this model") < table.index("position, ideal") < table.index("position, ICR")
     assert table.count("<td>0.200</td>") == 2
+    assert table.index("poses are late") < table.index("position, this model"), "findings come first in every report"
+    assert "<thead>" not in table, "sections have heads of their own; a common one would be empty"
     assert table.index("position, ICR") < table.index("95 % from") < table.index("2650")
     printed = as_text(result)
+    assert printed.index("poses are late") < printed.index("2650")
     table = printed.partition("errors at the ends")[2]
     assert table.index("this model") < table.index("ideal") < table.index("ICR")
     assert table.count("0.200") == 2
