@@ -35,9 +35,20 @@ class Watch:
         wall, cpu = time.perf_counter(), time.process_time()
         result = operation()
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-        peak = 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        self.figures[name] = {"seconds": wall, "cpu": cpu, "bytes": peak}
+        self.figures[name] = {"seconds": wall, "cpu": cpu, "bytes": peak_memory()}
         return result
+
+
+def peak_memory() -> float:
+    """Most memory that this program had at once, bytes.
+
+    Linux's `ru_maxrss` survives `exec`: a program begun by a large process starts with that one's peak.
+    `VmHWM` does not.
+    """
+    for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
+        if line.startswith("VmHWM:"):
+            return 1024.0 * float(line.split()[1])
+    raise OSError("/proc/self/status: has no VmHWM; expected a Linux with /proc")
 
 
 def runs(size: float, folder: Path) -> Figures:
@@ -178,8 +189,7 @@ def effects(size: float, folder: Path) -> Figures:
     chosen = dict(list(ALL_EFFECTS.items())[: int(size)])
     scenario = dataclasses.replace(scenario, rover=dataclasses.replace(scenario.robot, effects=chosen))
     timing = repeat(lambda: scenario.rollout("rk4", 1e-3), 8)
-    peak = 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return {"rollout": {"seconds": timing.best, "cpu": float(timing.cpu.min()), "bytes": peak}}
+    return {"rollout": {"seconds": timing.best, "cpu": float(timing.cpu.min()), "bytes": peak_memory()}}
 
 
 def modules(size: float, folder: Path) -> Figures:
@@ -190,8 +200,7 @@ def modules(size: float, folder: Path) -> Figures:
 
     robot, commands = of_modules(int(size)), Scenario().commands
     timing = repeat(lambda: chain(robot, commands), 5)
-    peak = 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return {"rollout": {"seconds": timing.best, "cpu": float(timing.cpu.min()), "bytes": peak}}
+    return {"rollout": {"seconds": timing.best, "cpu": float(timing.cpu.min()), "bytes": peak_memory()}}
 
 
 def cores(size: float, folder: Path) -> Figures:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -28,9 +29,11 @@ def test_one_point_has_no_power():
 
 
 def test_a_measurement_is_made_in_a_process_of_its_own():
+    large = np.ones(50_000_000)  # 400 MB: what whoever asks had is no part of it
+    del large
     points = [point for size in (500, 2000) for point in measured("table", size)]
     assert [(kind, operation) for kind, operation, _ in lines(points)] == [("table", "merge"), ("table", "summary")]
-    assert all(point.seconds > 0 and point.cpu > 0 and 2e7 < point.bytes < 2e9 for point in points)
+    assert all(point.seconds > 0 and point.cpu > 0 and 2e7 < point.bytes < 4e8 for point in points)
     assert chart(points).startswith(b"\x89PNG")
 
 
