@@ -1,4 +1,4 @@
-"""Searches that a test asks for several times, made once."""
+"""Searches for tests that are not about which effect of the list is best: few effects tried, each search made once."""
 
 from __future__ import annotations
 
@@ -7,10 +7,29 @@ from typing import Any
 
 import pytest
 
-from artibot_sim.diagnose.selection import stepwise
+from artibot_sim.diagnose.candidates.hypotheses import Hypothesis
+from artibot_sim.diagnose.selection import forward, stepwise
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit
+
+FEW = ("joint_damping", "joint_friction", "joint_stiffness", "payload", "slope", "gyro_bias")
+"""Some of every kind: in the joint, of the body, of the ground, of a sensor."""
+
+
+def try_only(monkeypatch: pytest.MonkeyPatch, *effects: str) -> None:
+    """Have searches by rotations try these effects alone, and none on a disc.
+
+    Screening all of the list is most of what a search costs; that the right one of all is named is asked in
+    test_hidden_slice.py and test_elsewhere.py.
+    """
+    every = forward.hypotheses
+
+    def few(*given: Any) -> list[Hypothesis]:
+        return [one for one in every(*given) if one.id in effects]
+
+    monkeypatch.setattr(forward, "hypotheses", few)
+    monkeypatch.setattr(forward, "discs", lambda base: [])
 
 
 def remember_stages(monkeypatch: pytest.MonkeyPatch) -> None:

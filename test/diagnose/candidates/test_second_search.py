@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from diagnose.hidden import case
+from diagnose.searches import FEW, try_only
 
 from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.pipeline import baseline
@@ -17,7 +19,8 @@ AWAY = np.array([0.5, -0.5, 0.35, 0.35, 0.0])
 """Of the soil's logarithms. With one search alone joint_friction is named first."""
 
 
-def test_the_right_effect_is_named_from_a_baseline_that_is_none() -> None:
+def test_the_right_effect_is_named_from_a_baseline_that_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    try_only(monkeypatch, *FEW)
     hidden = case(("joint_damping",), seed=31, runs=2, held_out=0, duration=14.0, manoeuvres=("eight", "stop_and_go"))
     robot, options = load_robot("agriq"), Options()
     problem, fit = baseline(hidden.recordings, robot, options)

@@ -301,5 +301,5 @@ def test_motors_that_do_something_else_are_no_evidence() -> None:
 
 
 def test_a_husky_whose_wheels_are_not_commanded_one_by_one() -> None:
-    view = command_view([read_bag(foreign("husky_a"))], load_robot("husky"))
+    view = command_view([read_bag(foreign("husky_a")).between(0.0, 200.0)], load_robot("husky"))
     assert not view.followed and view.found == ()

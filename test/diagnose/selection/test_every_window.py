@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnose.hidden import case
-from diagnose.searches import remember_stages
+from diagnose.searches import FEW, remember_stages, try_only
 
 from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, with_effect
 from artibot_sim.diagnose.candidates.screening import Trial
@@ -31,6 +31,7 @@ DRIVE = {"runs": 2, "held_out": 0, "duration": 20.0, "manoeuvres": ("eight", "st
 def test_what_half_of_the_windows_are_too_few_for_is_named_by_all(monkeypatch: pytest.MonkeyPatch) -> None:
     """An effect is asked for more nats than half of the windows give, and less than all of them do."""
     remember_stages(monkeypatch)
+    try_only(monkeypatch, *FEW)
     hidden = case(("joint_damping",), seed=31, **DRIVE)
     robot, options = load_robot("agriq"), Options()
     whole = every_window(hidden.recordings, robot, options)

@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 from diagnose.hidden import OTHER_GROUND, Case, case
+from diagnose.searches import FEW, try_only
 
 from artibot_sim.diagnose import Verdict, diagnose
 from artibot_sim.diagnose.pipeline import baseline
@@ -65,11 +66,12 @@ def test_a_single_recording_agrees_with_itself() -> None:
     assert disagreement(*baseline(driven((), 36).recordings[:1], load_robot("agriq"), Options())) == 0.0
 
 
-def test_effects_are_named_beside_it() -> None:
+def test_effects_are_named_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """One in the motion, one that only commands show. With one soil for two the first one's size is a compromise.
 
     By itself each recording has it right.
     """
+    try_only(monkeypatch, *FEW)
     found = driven(("slope", "command_delay", OTHER_GROUND), 51, duration=12.0)
     answer = diagnose(found.recordings, load_robot("agriq"), holdout=found.holdout)
     causes = {cause.effect: cause.parameters for cause in answer.causes}
