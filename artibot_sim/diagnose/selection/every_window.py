@@ -44,6 +44,17 @@ class EveryWindow:
         """How many windows there are for one that is searched."""
         return len(self.problem) / len(self.rows)
 
+    def chance(self, losses: Array) -> float:
+        """Standard deviation, nats, of a sum over the searched windows for which of all windows these are.
+
+        Parameters
+        ----------
+        losses : array, shape (searched windows,)
+            Losses (twice the nats) of one model less those of another.
+        """
+        share = len(self.rows) / len(self.problem)
+        return 0.5 * float(np.std(losses)) * ((1.0 - share) * len(losses)) ** 0.5
+
     def carried(self, part: Problem, fit: Fit, steps: int) -> tuple[Problem, Fit]:
         """A fit of the searched windows as one of all, some steps further; noise is what it is there."""
         levels = np.ones(len(CHANNEL_NAMES))

@@ -90,6 +90,8 @@ _EVERY = "evidence of all windows"
 _THOROUGH = "fitting every effect to the end"
 _LEAVING_OUT = "leaving out each effect that was found"
 """Searches, as warnings say that there was no time for them."""
+_CHANCE = 2.0
+"""Standard deviations by which the windows that are searched may differ from all."""
 _BETTER = 100.0
 """Nats by which a search must better its own baseline, and by more than what it finds is worth, to be made again."""
 
@@ -147,7 +149,8 @@ class _Naming:
         return [one.effect for one in self._named]
 
     def _full(self) -> bool:
-        return len(self._named) >= self._options.thresholds.most
+        """Whether no search for one more effect follows; what only commands show takes none."""
+        return len(self._fitted()) >= self._options.thresholds.most
 
     def _fitted(self) -> list[Named]:
         return [one for one in self._named if not one.found]
@@ -182,16 +185,18 @@ class _Naming:
     def add(self) -> None:
         """Name one effect after the other."""
         thresholds, least = self._options.thresholds, self._options.least
-        while not (self._full() or self._stopped):
-            found, out = self._found, (*self._names, *self._dropped)
+        while not self._stopped:
+            found, out, full = self._found, (*self._names, *self._dropped), self._full()
+            if full:
+                out = (*out, *(effect for effect in EFFECTS if "rotation" in _views(effect)))
             best = best_of(found.evidence, found.nats, self._from_commands, least, thresholds, out)
-            anew = self._anew(best)
+            anew = None if full else self._anew(best)
             if anew is not None:
                 self._stages[-1] = anew
                 self._problem, self._fit = anew.problem, anew.fit
                 self._neutral = self._neutral if self._named else (anew.problem, anew.fit)
             else:
-                best = self._by_every_window(best)
+                best = best if full else self._by_every_window(best)
                 if best is None:
                     break
                 self._name(best)
@@ -217,12 +222,18 @@ class _Naming:
         best = self._of_all(every, rivals[: self._rounds.least[0]], best, out)
         if best is None or best.effect not in searched:
             return best
-        level, seen = searched[best.effect] - thresholds.tie, self._found.whole
-        near = [one for one in found.rivals if one.id not in (*seen, *out) and searched[one.id] >= level]
+        by = {one.id: one for one in found.rivals}
+        mine, seen = by[best.effect].fit.point.losses, self._found.whole
+
+        def may_tie(one: Rival) -> bool:
+            behind = searched[best.effect] - searched[one.id]
+            return behind <= thresholds.tie + _CHANCE * every.chance(one.fit.point.losses - mine)
+
+        near = [one for one in found.rivals if one.id not in (*seen, *out) and may_tie(one)]
         if not near or self._no_time(_EVERY):
             return best
-        # as good in the searched windows, and not asked for as much more was needed of it: it may tie
-        return self._of_all(every, [one for one in found.rivals if one.id == best.effect] + near, best, out)
+        # not asked for where as much more was needed of it, or where other windows may make up for what it is behind
+        return self._of_all(every, [by[best.effect], *near[: self._rounds.least[0]]], best, out)
 
     def _of_all(self, every: EveryWindow, rivals: list[Rival], best: Named | None, out: Sequence[str]) -> Named | None:
         """The best effect once these have the evidence of all windows; the `best` one so far if there is no time."""

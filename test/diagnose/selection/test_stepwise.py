@@ -71,6 +71,7 @@ def test_what_commands_asked_for_is_taken_back_beside_what_explains_it(monkeypat
     """A torque limit gains a little where drives go on a ramp, and nothing beside the limit of rates.
 
     No search by rotations: commands alone decide, and the first choice is made to be the best of the others.
+    What only commands show is no effect too many either.
     """
     truth, robot = "command_rate_limit", load_robot("agriq")
     asked = stepwise.best_of
@@ -89,3 +90,6 @@ def test_what_commands_asked_for_is_taken_back_beside_what_explains_it(monkeypat
     found = stepwise.decide(problem, fit, Options(), lambda: None, view)
     assert [one.effect for one in found.named] == [truth] and found.dropped == ("torque_limit",)
     assert found.named[0].found["rate"].value == pytest.approx(hidden.truth.effects[truth]["rate"], rel=0.01)
+    no_searches = Options(thresholds=replace(THRESHOLDS, most=0))
+    none_fitted = stepwise.decide(problem, fit, no_searches, lambda: None, view)
+    assert [one.effect for one in none_fitted.named] == [truth]
