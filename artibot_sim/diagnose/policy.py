@@ -23,6 +23,8 @@ COMMANDS = "python -m diagnose.hidden.commands"
 """Recordings with and without effects on the way of commands."""
 FORCES = "python -m diagnose.hidden.forces"
 """Recordings with and without forces on no list."""
+VARYING = "make diagnose-campaign ROBOT=husky_driven KINDS=none:20,varying:20 DURATION=60"
+"""Recordings of a rigid robot as a logger writes them, on ground that is the same everywhere, and not."""
 CHOICE = "a choice of the user"
 
 
@@ -71,6 +73,10 @@ NATS_TAIL = Number(
 NATS_BIASED = Number(
     120.0, "nats",
     "the floor of back_friction and com_offset, which what is left of the encoders' noise can look like", NULL, "yes",
+)  # fmt: skip
+CHANCE = Number(
+    2.0, "σ", "an effect's evidence over what is asked of it, at least, by how much windows scatter that it explains "
+    "worse", VARYING, "no",
 )  # fmt: skip
 AWAY = Number(4.0, "σ", "an effect's distance from neutral, at least", NULL, "no")
 LEAST_SIZE = Number(
@@ -175,6 +181,8 @@ class Thresholds:
         Standard deviations from neutral.
     size : float
         Least coordinate.
+    chance : float
+        Standard deviations, by the windows, that its evidence has to be above that.
     tie, tie_share : float
         Nats, and share of the gain, within which two effects tie.
     most : int
@@ -188,6 +196,7 @@ class Thresholds:
     )
     away: float = AWAY
     size: float = LEAST_SIZE
+    chance: float = CHANCE
     tie: float = TIE
     tie_share: float = TIE_SHARE
     most: int = int(MOST_EFFECTS)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.candidates.hypotheses import without_effect
 from artibot_sim.diagnose.selection.evidence import Evidence, evidence
-from artibot_sim.diagnose.selection.joint_fits import Rival, Rounds, adopted, contained, excess_of
+from artibot_sim.diagnose.selection.joint_fits import Rival, Rounds, adopted, contained, excess_of, with_soil_of
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge, restarted_windows
@@ -98,8 +98,12 @@ class EveryWindow:
             for rival, (problem, own) in zip(rivals, fits, strict=True)
         ]
         least = min(found, key=lambda rival: rival.fit.point.cost)
+        found = side_by_side(lambda rival: with_soil_of(least, rival, rounds), found, workers)
+        least = min(found, key=lambda rival: rival.fit.point.cost)
         best = adopted(every, best, least.problem, least.fit, rounds)
         found = side_by_side(lambda rival: contained(rival, best, rounds), found, workers)
         excess = excess_of(every, best, found, number=named)
-        costs = [best.point.cost - one for one in excess]
-        return side_by_side(lambda one: evidence(*one), list(zip(found, costs, strict=True)), workers), (every, best)
+        stated = side_by_side(
+            lambda one: evidence(one[0], best, one[1]), list(zip(found, excess, strict=True)), workers
+        )
+        return stated, (every, best)

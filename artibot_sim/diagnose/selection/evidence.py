@@ -14,7 +14,7 @@ from artibot_sim.diagnose.commands.view import CommandView
 from artibot_sim.diagnose.records import Found
 from artibot_sim.diagnose.selection.joint_fits import Rival
 from artibot_sim.estimation.parameters import SPREAD, Extension
-from artibot_sim.estimation.search import free_parameters
+from artibot_sim.estimation.search import Fit, free_parameters
 from artibot_sim.estimation.solver import reduce
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.robot.quantity import Quantity
@@ -73,12 +73,15 @@ class Evidence:
     own : array, shape (k,)
         The effect's coordinates.
     covariance : array, shape (k, k)
+    chance : float
+        Nats, standard deviation of `gained` by which windows were recorded.
     """
 
     gained: float
     occam: float
     own: Array
     covariance: Array
+    chance: float = 0.0
 
     @property
     def nats(self) -> float:
@@ -92,8 +95,16 @@ class Evidence:
         return max(0.0, squared) ** 0.5
 
 
-def evidence(rival: Rival, baseline_cost: float) -> Evidence:
-    """The evidence of the view that is driven by rotations; both were fitted under the same loss."""
+def evidence(rival: Rival, best: Fit, excess: float = 0.0) -> Evidence:
+    """The evidence of the view that is driven by rotations, over the `best` baseline fitted under the same loss.
+
+    Parameters
+    ----------
+    rival : Rival
+    best : Fit
+    excess : float
+        Cost of the baseline that is noise of the rotations (`excess_of`).
+    """
     problem, point, loss = rival.problem, rival.fit.point, rival.fit.loss
     free = free_parameters(problem)
     residuals, sensitivity = problem.linearised(point.coordinates, point.starts, free)
@@ -102,7 +113,24 @@ def evidence(rival: Rival, baseline_cost: float) -> Evidence:
     covariance = np.asarray(np.linalg.inv(reduced.matrix + prior[np.ix_(list(free), list(free))]), float)
     size = len(rival.own)
     mine = covariance[-size:, -size:]
-    return Evidence(0.5 * (baseline_cost - point.cost), occam(rival.trial.hypothesis, mine), rival.own, mine)
+    gained = 0.5 * (best.point.cost - excess - point.cost)
+    chance = scatter(0.5 * (best.point.losses - point.losses))
+    return Evidence(gained, occam(rival.trial.hypothesis, mine), rival.own, mine, chance)
+
+
+def scatter(gained: Array) -> float:
+    """Standard deviation of a sum by chance, of which its negative parts tell.
+
+    Where the model lacks something, a window may be explained better or worse by any effect, mostly because a wheel
+    slides there in one model and holds in the other. Chance favours either sign alike, so what windows lose says how
+    much others gain by chance. What is there makes few windows worse, though it may act in few.
+
+    Parameters
+    ----------
+    gained : array, shape (windows,)
+        Nats of each.
+    """
+    return float(np.sqrt(2.0 * (np.minimum(gained, 0.0) ** 2).sum()))
 
 
 def occam(hypothesis: Hypothesis, covariance: Array) -> float:

@@ -159,8 +159,9 @@ def _judged(begun: Stage, rivals: list[Rival], named: Sequence[str], rounds: Rou
     rivals = side_by_side(lambda rival: contained(rival, best, rounds), rivals, problem.workers)
     rivals = sorted(rivals, key=lambda rival: rival.fit.point.cost)
     excess = excess_of(problem, best, rivals, number=len(named))
-    costs = [best.point.cost - one for one in excess]
-    stated = side_by_side(lambda one: evidence(*one), list(zip(rivals, costs, strict=True)), problem.workers)
+    stated = side_by_side(
+        lambda one: evidence(one[0], best, one[1]), list(zip(rivals, excess, strict=True)), problem.workers
+    )
     found = {rival.id: one for rival, one in zip(rivals, stated, strict=True)}
     return Stage(begun.trials, tuple(rivals), found, problem, best, loss, begun.screened, fallen, base, known=known)
 
@@ -221,6 +222,8 @@ def refusal(effect: str, found: Evidence, nats: float, least: float, thresholds:
     """
     if nats < least:
         return f"{least:.0f} nats are asked of it"
+    if nats < least + thresholds.chance * found.chance:
+        return "it explains too many windows worse"
     search = EFFECTS[effect].search
     if search is not None and search.reference:
         return ""

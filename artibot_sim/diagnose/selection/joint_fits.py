@@ -291,6 +291,23 @@ def adopted(problem: Problem, fit: Fit, other: Problem, theirs: Fit, rounds: Rou
     return converge(problem, point, fit.loss, rounds.few)
 
 
+def with_soil_of(other: Rival, rival: Rival, rounds: Rounds) -> Rival:
+    """A rival that is fitted from another one's soil and starts as well, from its own size or from neutral.
+
+    Soils have many local optima on ground that is not quite the model's: effects are compared, not which of them
+    happened upon the best soil.
+    """
+    if other.id == rival.id:
+        return rival
+    problem, loss, extension = rival.problem, rival.fit.loss, rival.trial.hypothesis.extension
+    neutral, soil = np.zeros(len(extension)), other.fit.point.coordinates[: -len(other.own)]
+    sizes = [rival.own] if extension.effect.active(extension.values(neutral)) else [rival.own, neutral]
+    begun = evaluate(problem, loss, [np.concatenate([soil, own]) for own in sizes], other.fit.point.starts)
+    begin = restarted_windows(problem, loss, min(begun, key=lambda one: one.cost))
+    fit = converge(problem, begin, loss, rounds.many)
+    return replace(rival, fit=fit) if fit.point.cost < rival.fit.point.cost else rival
+
+
 def contained(rival: Rival, best: Fit, rounds: Rounds) -> Rival:
     """A rival that fits no worse than the `best` baseline, which is the rival's model with its effect at neutral.
 

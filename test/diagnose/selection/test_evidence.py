@@ -10,7 +10,7 @@ import pytest
 from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, with_effect
 from artibot_sim.diagnose.candidates.screening import Trial
 from artibot_sim.diagnose.commands.view import CommandView, command_view
-from artibot_sim.diagnose.selection.evidence import Evidence, together
+from artibot_sim.diagnose.selection.evidence import Evidence, scatter, together
 from artibot_sim.diagnose.selection.joint_fits import Rival
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import Extension
@@ -69,3 +69,15 @@ def test_rotations_that_hardly_know_give_way(recordings: list[Experiment], view:
 def test_without_commands_rotations_stand(recordings: list[Experiment]) -> None:
     rival, own = claim(recordings, SCALE, 0.02)
     assert together(CommandView(), rival, own, {}) == pytest.approx(OWN)
+
+
+@pytest.mark.parametrize("draw", ["normal", "standard_t"])
+def test_what_windows_lose_tells_how_much_chance_gives(draw: str) -> None:
+    """Gains that chance alone makes have sums as large as that; what each window gains for sure is no chance."""
+    rng = np.random.default_rng(5)
+    gained = rng.standard_t(4.0, (4000, 200)) if draw == "standard_t" else rng.normal(0.0, 3.0, (4000, 200))
+    ratios = gained.sum(axis=1) / [scatter(one) for one in gained]
+    assert np.std(ratios) == pytest.approx(1.0, abs=0.1)
+    few = np.zeros(200)
+    few[:3] = 50.0  # it acts in few windows
+    assert scatter(few) == 0.0

@@ -13,7 +13,8 @@ from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, hypotheses, w
 from artibot_sim.diagnose.candidates.screening import Trial, at_rest, screen
 from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.records import Options
-from artibot_sim.diagnose.selection.joint_fits import Known, Rival, Rounds, contained, contest, finished
+from artibot_sim.diagnose.selection.joint_fits import Known, Rival, Rounds, contained, contest, finished, with_soil_of
+from artibot_sim.diagnose.sizes import sized
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit
 from artibot_sim.estimation.solver import evaluate
@@ -95,3 +96,27 @@ def test_what_is_known_is_not_made_again() -> None:
     for items in ([first, second], [third, first], [second]):
         assert known.all(sum, items, lambda one: (sum, one), make) == [sum(one) for one in items]
     assert [[id(one) for one in some] for some in made] == [[id(first), id(second)], [id(third)], []]
+
+
+def test_an_effect_begins_from_the_best_soil_that_any_found() -> None:
+    """An effect stuck in a bad soil is fitted from another's, and stays where it is if that is no better."""
+    robot, truth = load_robot("agriq"), {"grade": 0.05, "heading": 1.0}
+    real = replace(robot, effects={"slope": truth})
+    problem = problem_of([synthetic(real, TURNS, kappa=0.8, seed=4)], parameter_set(robot), 5.0, 2)
+
+    def rival(effect: str, coordinates: list[float]) -> Rival:
+        extension = sized(effect, robot)
+        more = with_effect(problem, extension)
+        point = evaluate(more, EVEN, [np.array(coordinates)], more.starts)[0]
+        return Rival(Trial(Hypothesis(extension), more, point, np.ones(1)), Fit(point, EVEN, None, (), True))  # type: ignore[arg-type]
+
+    stuck = rival("slope", [1.5, -1.5, 0.3, 0.3, 0.0, 0.0, 0.0])
+    other = rival("joint_friction", [0.0] * 6)
+    found = with_soil_of(other, stuck, Rounds())
+    assert found.trial.hypothesis.extension.values(found.own) == pytest.approx(truth, rel=0.05)
+    assert found.fit.point.cost < stuck.fit.point.cost
+    assert (
+        with_soil_of(rival("joint_friction", [1.5, -1.5, 0.3, 0.3, 0.0, 0.0]), found, replace(Rounds(), many=1))
+        is found
+    )
+    assert with_soil_of(found, found, Rounds()) is found
