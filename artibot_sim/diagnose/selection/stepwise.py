@@ -190,16 +190,18 @@ class _Naming:
             if full:
                 out = (*out, *(effect for effect in EFFECTS if "rotation" in _views(effect)))
             best = best_of(found.evidence, found.nats, self._from_commands, least, thresholds, out)
-            anew = None if full else self._anew(best)
+            anew = None if full else self._beside_better_soil(best)
+            if not full and anew is None:
+                best = self._by_every_window(best)
+                anew = self._thorough() if best is None else None
             if anew is not None:
                 self._stages[-1] = anew
                 self._problem, self._fit = anew.problem, anew.fit
                 self._neutral = self._neutral if self._named else (anew.problem, anew.fit)
-            else:
-                best = best if full else self._by_every_window(best)
-                if best is None:
-                    break
+            elif best is not None:
                 self._name(best)
+            else:
+                break
 
     def _by_every_window(self, best: Named | None) -> Named | None:
         """The best effect by the evidence of all windows, where the search has only some of them.
@@ -250,24 +252,27 @@ class _Naming:
         self._stages[-1] = found = self._weighed(replace(found, evidence=both, whole=seen))
         return best_of(found.evidence, found.nats, self._from_commands, options.least, options.thresholds, out)
 
-    def _anew(self, best: Named | None) -> Stage | None:
-        """The last search made better, where that may find what it missed."""
+    def _beside_better_soil(self, best: Named | None) -> Stage | None:
+        """The first search once more, where its effects were screened around a soil that was none."""
         found = self._found
-        if not (self._named or self._again) and found.fallen > max(_BETTER, best.nats if best else 0.0):
-            self._again = True  # effects were screened around a soil that was none
-            again = self._in_time(
-                "effects beside a better soil", lambda: self._sought(found.problem, found.fit, found.loss)
-            )
-            if again is not None:
-                return again
-        if best is None and not self._exhausted and leaves_more_than_noise(remains(self._problem, self._fit.point)):
-            self._exhausted = True
-            if self._no_time(_THOROUGH):
-                return None
-            return self._in_time(_THOROUGH, lambda: self._weighed(
-                thorough(found, self._names, self._rounds, self._tick, self._options.parts)
-            ))  # fmt: skip
-        return None
+        if self._named or self._again or found.fallen <= max(_BETTER, best.nats if best else 0.0):
+            return None
+        self._again = True
+        return self._in_time(
+            "effects beside a better soil", lambda: self._sought(found.problem, found.fit, found.loss)
+        )
+
+    def _thorough(self) -> Stage | None:
+        """The last search with every effect fitted, once, where nothing is found though more than noise is left."""
+        found = self._found
+        if self._exhausted or not leaves_more_than_noise(remains(self._problem, self._fit.point)):
+            return None
+        self._exhausted = True
+        if self._no_time(_THOROUGH):
+            return None
+        return self._in_time(_THOROUGH, lambda: self._weighed(
+            thorough(found, self._names, self._rounds, self._tick, self._options.parts)
+        ))  # fmt: skip
 
     def _name(self, best: Named) -> None:
         """Add an effect to the model, and look for the next one beside it."""
