@@ -258,9 +258,7 @@ class _Naming:
         if self._named or self._again or found.fallen <= max(_BETTER, best.nats if best else 0.0):
             return None
         self._again = True
-        return self._in_time(
-            "effects beside a better soil", lambda: self._sought(found.problem, found.fit, found.loss)
-        )
+        return self._in_time("effects beside a better soil", lambda: self._sought(found.problem, found.fit, found.loss))
 
     def _thorough(self) -> Stage | None:
         """The last search with every effect fitted, once, where nothing is found though more than noise is left."""
