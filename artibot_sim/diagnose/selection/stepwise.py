@@ -148,6 +148,11 @@ class _Naming:
     def _names(self) -> list[str]:
         return [one.effect for one in self._named]
 
+    @property
+    def _out(self) -> tuple[str, ...]:
+        """What is not named any more: it is already, or was taken back."""
+        return (*self._names, *self._dropped)
+
     def _full(self) -> bool:
         """Whether no search for one more effect follows; what only commands show takes none."""
         return len(self._fitted()) >= self._options.thresholds.most
@@ -186,7 +191,7 @@ class _Naming:
         """Name one effect after the other."""
         thresholds, least = self._options.thresholds, self._options.least
         while not self._stopped:
-            found, out, full = self._found, (*self._names, *self._dropped), self._full()
+            found, out, full = self._found, self._out, self._full()
             if full:
                 out = (*out, *(effect for effect in EFFECTS if "rotation" in _views(effect)))
             best = best_of(found.evidence, found.nats, self._from_commands, least, thresholds, out)
@@ -204,40 +209,37 @@ class _Naming:
                 break
 
     def _by_every_window(self, best: Named | None) -> Named | None:
-        """The best effect by the evidence of all windows, where the search has only some of them.
+        """The best effect by the evidence of all windows, where the search has only some of them."""
+        rivals = [] if self._every is None else self._asked(self._every, best)
+        if self._every is None or not rivals or self._no_time(_EVERY):
+            return best
+        return self._of_all(self._every, rivals, best)
 
-        That is asked of the `best` one by the searched windows and of those that tie with it; without one, of all that
-        would gain enough if they gained as much in every window. What is as good in the searched windows as the one
-        that all windows speak for is asked after it.
+    def _asked(self, every: EveryWindow, best: Named | None) -> list[Rival]:
+        """Rivals for the evidence of all windows, the most promising ones first.
+
+        That is asked of the `best` one by the searched windows, of those that tie with it, and of those that may: where
+        other windows may make up for what they are behind. Without a best one it is asked of all that would gain enough
+        if they gained as much in every window.
         """
-        every, found, options = self._every, self._found, self._options
-        if every is None:
-            return best
-        out, least, thresholds = (*self._names, *self._dropped), options.least, options.thresholds
-        wanted = (best.effect, *best.ties) if best else [
-            effect for effect, nats in found.nats.items() if every.times * nats >= least + thresholds.more(effect)
-        ]  # fmt: skip
-        rivals = [rival for rival in found.rivals if rival.id in wanted and rival.id not in out]
-        if not rivals or self._no_time(_EVERY):
-            return best
-        searched = found.nats
-        best = self._of_all(every, rivals[: self._rounds.least[0]], best, out)
-        if best is None or best.effect not in searched:
-            return best
-        by = {one.id: one for one in found.rivals}
-        mine, seen = by[best.effect].fit.point.losses, self._found.whole
+        found, least, thresholds = self._found, self._options.least, self._options.thresholds
+        rivals = sorted((one for one in found.rivals if one.id not in self._out), key=lambda one: -found.nats[one.id])
+        if best is None:
+            enough = [one for one in rivals if every.times * found.nats[one.id] >= least + thresholds.more(one.id)]
+            return enough[: self._rounds.most[2]]
+        first = next((one for one in rivals if one.id == best.effect), None)
+        if first is None:
+            return []
 
         def may_tie(one: Rival) -> bool:
-            behind = searched[best.effect] - searched[one.id]
-            return behind <= thresholds.tie + _CHANCE * every.chance(one.fit.point.losses - mine)
+            losses = one.fit.point.losses - first.fit.point.losses
+            behind = found.nats[first.id] - found.nats[one.id]
+            return behind <= thresholds.tie + _CHANCE * every.chance(losses)
 
-        near = [one for one in found.rivals if one.id not in (*seen, *out) and may_tie(one)]
-        if not near or self._no_time(_EVERY):
-            return best
-        # not asked for where as much more was needed of it, or where other windows may make up for what it is behind
-        return self._of_all(every, [by[best.effect], *near[: self._rounds.least[0]]], best, out)
+        near = [one for one in rivals if one is not first and (one.id in best.ties or may_tie(one))]
+        return [first, *near][: self._rounds.most[2]]
 
-    def _of_all(self, every: EveryWindow, rivals: list[Rival], best: Named | None, out: Sequence[str]) -> Named | None:
+    def _of_all(self, every: EveryWindow, rivals: list[Rival], best: Named | None) -> Named | None:
         """The best effect once these have the evidence of all windows; the `best` one so far if there is no time."""
         found, options = self._found, self._options
         stated = self._in_time(_EVERY, lambda: options.parts.once(
@@ -250,7 +252,7 @@ class _Naming:
         both = {**found.evidence, **{rival.id: one for rival, one in zip(rivals, evidence, strict=True)}}
         seen = found.whole.union(rival.id for rival in rivals)
         self._stages[-1] = found = self._weighed(replace(found, evidence=both, whole=seen))
-        return best_of(found.evidence, found.nats, self._from_commands, options.least, options.thresholds, out)
+        return best_of(found.evidence, found.nats, self._from_commands, options.least, options.thresholds, self._out)
 
     def _beside_better_soil(self, best: Named | None) -> Stage | None:
         """The first search once more, where its effects were screened around a soil that was none."""

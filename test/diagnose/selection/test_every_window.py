@@ -49,10 +49,10 @@ def test_what_half_of_the_windows_are_too_few_for_is_named_by_all(monkeypatch: p
     all_of_them = stepwise.decide(part, fit, asked, lambda: None, view, every)
     assert [one.effect for one in all_of_them.named] == ["joint_damping"]
     assert 1.4 * by_part < all_of_them.named[0].nats < 3.0 * by_part
-    near = replace(asked, thresholds=replace(asked.thresholds, tie=1e6))
+    easy = replace(asked, thresholds=replace(asked.thresholds, floor=0.5 * by_part))
+    near = replace(easy, thresholds=replace(easy.thresholds, tie=1e6))
     first = stepwise.decide(part, fit, near, lambda: None, view, every).stages[0]
     assert all_of_them.stages[0].whole < first.whole == {rival.id for rival in first.rivals}, "what is near may tie"
-    easy = replace(asked, thresholds=replace(asked.thresholds, floor=0.5 * by_part))
     anyway = stepwise.decide(part, fit, easy, lambda: None, view, every)
     assert [(one.effect, one.nats) for one in anyway.named] == [("joint_damping", all_of_them.named[0].nats)]
     assert len(all_of_them.problem) == len(all_of_them.neutral_problem) == len(whole.problem)
