@@ -6,6 +6,7 @@ lines are read by click (`artibot_sim.cli.group`); where that is missing, simula
 
 from __future__ import annotations
 
+import gc
 import importlib
 import importlib.util
 import sys
@@ -101,6 +102,11 @@ def _guard(run: Callable[[], Any]) -> int:
         raise
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
+    finally:
+        if "rclpy" in sys.modules:
+            # nodes, executors and contexts refer to each other; left to the interpreter's own end they are destroyed in
+            # any order, beside libraries that are taken down
+            gc.collect()
     return status if isinstance(status, int) else 0
 
 

@@ -1,4 +1,4 @@
-"""A node that has ended leaves no thread of the middleware to go on while the process takes itself down."""
+"""A node that has ended leaves no thread and no handle of the middleware while the process takes itself down."""
 
 from __future__ import annotations
 
@@ -12,15 +12,25 @@ from artibot_driver.loopback import loopback_bus
 from ros_helpers import NodeStarter
 
 LISTED = """
+import gc
 import sys
+import threading
 from pathlib import Path
 from artibot_sim.cli import main
 
 status = main(sys.argv[1:])
+held = {f"{type(one).__module__}.{type(one).__name__}" for one in gc.get_objects()}
+print("held:", *(name for name in held if name.startswith("rclpy.")))
+print("python:", *(one.name for one in threading.enumerate()))
 print("left:", *{path.read_text().strip() for path in Path("/proc/self/task").glob("*/comm")})
 sys.exit(status)
 """
-"""Does what `artibot` does, and says which threads are left."""
+"""Does what `artibot` does, and says which objects of rclpy and which threads are left."""
+HANDLES = {
+    "Node", "LifecycleNode", "SingleThreadedExecutor", "Context", "Publisher", "Subscription", "Service", "Client",
+    "Timer", "GuardCondition",
+}  # fmt: skip
+"""Classes of rclpy whose objects hold parts of the middleware."""
 
 PROCESS_S = {"dds.shm.wdog", "dds.log"}
 """Those that belong to the library, which ends them itself, and to no node."""
@@ -52,6 +62,8 @@ def test_no_thread_of_the_middleware_is_left(start_node: NodeStarter, tmp_path: 
             node.stop()
         node.wait()
     assert not threads_of_the_middleware(node.output)
+    assert said(node.output, "python") == {"MainThread"}
+    assert not {name for name in said(node.output, "held") if name.split(".")[-1] in HANDLES}
 
 
 @pytest.mark.parametrize("word", REFUSED)
@@ -63,6 +75,12 @@ def test_a_node_that_refuses_a_parameter_leaves_none_either(start_node: NodeStar
 
 def threads_of_the_middleware(output: str) -> set[str]:
     """Those of a node among the threads that are left."""
-    left = set(output.partition("left: ")[2].split())
+    left = said(output, "left")
     assert left
     return {name for name in left if name.startswith("dds.")} - PROCESS_S
+
+
+def said(output: str, what: str) -> set[str]:
+    """Words of a line."""
+    (line,) = [line for line in output.splitlines() if line.startswith(f"{what}:")]
+    return set(line.partition(":")[2].split())
