@@ -116,6 +116,10 @@ def command(
     return 0
 
 
+MOST = 400_000
+"""Messages that are read at most: 22 minutes of three topics at 100 Hz, twice as long as what is fitted at most."""
+
+
 def _check_outputs(paths: Sequence[Path]) -> None:
     """Refuse before the work what could not be written after it."""
     for path in paths:
@@ -128,7 +132,7 @@ def _check_outputs(paths: Sequence[Path]) -> None:
 def _read(path: Path, rover: Robot, naming: Mapping[str, Any], bar: Bar) -> Experiment:
     from artibot_sim.experiment import open_recording
 
-    return open_recording(path, rover, progress=bar.stage(f"reading {path.name}", _READING), **naming)
+    return open_recording(path, rover, most=MOST, progress=bar.stage(f"reading {path.name}", _READING), **naming)
 
 
 def _write(work: object, report: Path | None, as_json: Path | None) -> None:
