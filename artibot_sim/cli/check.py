@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -93,6 +94,11 @@ def _show(console: Console, one: Check) -> None:
         for stream, after, delay in one.delays:
             low, high = delay.interval
             known = delay.agreement >= 0.6
-            cells = (f"{delay.value:+.3f}", f"{low:+.3f} … {high:+.3f}") if known else ("unknown", "")
+            cells = (f"{delay.value:+.3f}", f"{_bound(low)} … {_bound(high)}") if known else ("unknown", "")
             table.add_row(f"  {stream}", after, *cells, f"{100 * delay.agreement:.0f} %")
         console.print(table)
+
+
+def _bound(value: float) -> str:
+    """An end of an interval, which may be open: windows too short show no longer delay."""
+    return f"{value:+.3f}" if math.isfinite(value) else "?"

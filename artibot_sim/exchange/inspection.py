@@ -17,7 +17,7 @@ from artibot_sim.experiment.reader import bag_info, read_bag
 from artibot_sim.experiment.storage import BagInfo
 from artibot_sim.experiment.topics import BY_KEY, TOPICS, find_namespace, parse_renames
 from artibot_sim.experiment.wheels import Joints, parse_joints
-from artibot_sim.model import MOTORS
+from artibot_sim.model import MOTORS, load_robot
 from artibot_sim.progress import Report
 from artibot_sim.resources import config_names
 
@@ -418,7 +418,8 @@ def _robot_advice(robot: str, experiment: Experiment | None) -> Iterator[str]:
     which = f"robot '{robot}' has no file here" if robot else "no robot is named"
     like = "agriq" if back else "husky"
     make = f"artibot robot new NAME --like {like} --help"
-    yield f"{which}; it is {kind}: for ROBOT give {', '.join(shipped)}, or make a file: {make}"
+    alike = [name for name in shipped if load_robot(name).articulated == back]
+    yield f"{which}; it is {kind}: for ROBOT give {', '.join(alike)}, or make a file: {make}"
 
 
 def _lacks_motors(channels: Mapping[str, Channel]) -> bool:

@@ -21,6 +21,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.exchange.inspection import Inspection, inspect_recording
 from artibot_sim.experiment import BagWriter, read_bag, serialize
 from artibot_sim.experiment.messages import message_class, vector
+from artibot_sim.model import MOTORS
 
 PERIOD = 20_000_000
 COUNT = 500
@@ -130,6 +131,20 @@ def test_one_sided_motors_are_named(tmp_path: Path) -> None:
     ready, lacks = use(inspect_recording(bag(tmp_path / "run", motors=("front_right",))), "identify")
     assert not ready
     assert "rotation of front_left on /motor_torques, which has front_right" in lacks
+
+
+@pytest.mark.parametrize(
+    ("motors", "listed", "left_out"),
+    [(("front_right", "front_left"), "husky", "agriq"), (MOTORS, "agriq", "husky")],
+    ids=["rigid", "articulated"],
+)
+def test_only_robots_of_its_kind_are_proposed(
+    tmp_path: Path, motors: tuple[str, ...], listed: str, left_out: str
+) -> None:
+    (advice,) = [one for one in inspect_recording(bag(tmp_path / "run", motors=motors)).advice if "for ROBOT" in one]
+    names = advice.partition("give ")[2].partition(", or make")[0].split(", ")
+    assert listed in names
+    assert left_out not in names
 
 
 def test_another_name_is_said_with_what_to_type(tmp_path: Path) -> None:
