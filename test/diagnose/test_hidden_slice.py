@@ -12,6 +12,7 @@ import pytest
 from diagnose.hidden import case
 from diagnose.hidden.score import score
 from diagnose.hidden.work import Diagnose, command_line, in_memory
+from diagnose.searches import FEW, try_only
 
 SMALL = {"runs": 2, "held_out": 1, "duration": 14.0, "manoeuvres": ("eight", "stop_and_go", "slalom")}
 
@@ -32,8 +33,9 @@ def test_what_is_hidden_is_named(effect: str, seed: int, way: Diagnose):
     assert all(error < 0.15 for error in result.errors.values()), result
 
 
-def test_a_limit_of_commands_and_a_wheel_out_of_round_are_both_named():
+def test_a_limit_of_commands_and_a_wheel_out_of_round_are_both_named(monkeypatch: pytest.MonkeyPatch):
     """One shows between commands and speeds, the other between rotations and motion: neither takes from the other."""
+    try_only(monkeypatch, *FEW, "wheel_runout", "motor_drag", "wheel_resistance", "encoder_scale")
     found = case(("command_rate_limit", "wheel_runout"), seed=28, **SMALL)
     answer = in_memory(found)
     assert [cause["effect"] for cause in answer["causes"]] == ["command_rate_limit", "wheel_runout"]

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnose.searches import FEW, try_only
 
 from artibot_sim.diagnose import Verdict, diagnose
 from artibot_sim.diagnose.commands.view import CommandView, command_view
@@ -127,7 +128,8 @@ def test_what_commands_show_falls_where_held_out_recordings_speak_against_it(par
     assert found.decision.verdict is (Verdict.UNEXPLAINED if late else Verdict.NONE)
 
 
-def test_what_acts_in_the_fitted_recordings_only_is_not_named() -> None:
+def test_what_acts_in_the_fitted_recordings_only_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    try_only(monkeypatch, *FEW)
     rng = np.random.default_rng(3)
     soil = random_soil(ROBOT, rng)
 

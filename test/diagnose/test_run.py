@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnose.searches import FEW, try_only
 
 from artibot_sim.checkpoints import Checkpoints
 from artibot_sim.diagnose import Diagnosis, Verdict, diagnose
@@ -43,6 +44,14 @@ def drive(seed: int, kappa: float, sign: float) -> Experiment:
     )  # fmt: skip
     real = replace(ROBOT.replace(SOIL), effects={"joint_friction": {"torque": TORQUE}})
     return synthetic(real, turns, kappa=kappa, seed=seed, name=f"drive{seed}")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_effects() -> Iterator[None]:
+    """What is asked here does not depend on how many effects are on the list."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        try_only(monkeypatch, *FEW, "pose_delay", "pose_lever_arm")
+        yield
 
 
 @pytest.fixture(scope="module")
