@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import io
 import json
@@ -165,8 +166,7 @@ class Folder:
             _refuse_another(self.path, manifest, self._plan)
         try:
             (self.path / PARTS).mkdir(parents=True, exist_ok=True)
-            self._lock = os.open(self.path / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._lock = _locked(self.path / LOCK)
             for left in [*self.path.glob(".*.part"), *(self.path / PARTS).glob(".*.part")]:
                 left.unlink()
         except BlockingIOError as error:
@@ -183,6 +183,7 @@ class Folder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        (self.path / LOCK).unlink(missing_ok=True)
         os.close(self._lock)
 
     @property
@@ -247,6 +248,24 @@ class Folder:
             raise ArtibotError(f"{self.path}: is a file; expected a folder to make, give another --out")
         if self.path.is_dir() and any(entry.name not in (LOCK, PARTS) for entry in self.path.iterdir()):
             raise ArtibotError(f"{self.path}: holds other files and no sweep; give another --out, or an empty folder")
+
+
+def _locked(path: Path) -> int:
+    """A descriptor of a lock file, made and locked; raises BlockingIOError where another process has it.
+
+    Who ends removes the file. A lock on one that was removed meanwhile would keep nobody out: then it is made anew.
+    """
+    while True:
+        lock = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            with contextlib.suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(lock), path.stat()):
+                    return lock
+        except BaseException:
+            os.close(lock)
+            raise
+        os.close(lock)
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:

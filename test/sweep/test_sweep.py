@@ -100,7 +100,7 @@ def test_one_that_is_killed_goes_on_without_repeating_or_losing_a_run(swept, pla
     assert done.before == 3 * len(kept)
     assert len(told) - 1 == 16 - len(kept)  # chunks that were there are not made again
     assert done.runs.read_bytes() == (swept / TABLE).read_bytes()
-    assert sorted(entry.name for entry in out.iterdir()) == [".lock", TABLE, "sweep.json"]
+    assert sorted(entry.name for entry in out.iterdir()) == [TABLE, "sweep.json"]
 
 
 def test_a_finished_one_is_not_done_again(grid, swept):
@@ -229,3 +229,25 @@ def test_the_shipped_plan_is_sound():
     from artibot_sim.sweep import load_plan
 
     assert load_plan("soil").count == 1000
+
+
+def test_a_lock_that_was_removed_meanwhile_is_made_anew(tmp_path, monkeypatch):
+    """Who waited with the file of one that has ended in hand must not go on with it: a third could make another."""
+    import fcntl
+
+    from artibot_sim.sweep import folder
+
+    path, locked, real = tmp_path / ".lock", [], fcntl.flock
+
+    def ended_first(descriptor, how):
+        if not locked:
+            path.unlink()  # the one before ends between our opening and locking
+        locked.append(descriptor)
+        real(descriptor, how)
+
+    monkeypatch.setattr(folder.fcntl, "flock", ended_first)
+    own = folder._locked(path)
+    assert len(locked) == 2
+    with pytest.raises(BlockingIOError):
+        folder._locked(path)
+    os.close(own)
