@@ -25,7 +25,7 @@ def driven(hidden: tuple[str, ...], seed: int, duration: float = 20.0) -> Case:
 
 
 def test_the_ground_is_said_to_differ() -> None:
-    found = driven((OTHER_GROUND,), 31, duration=12.0)
+    found = driven((OTHER_GROUND,), 31, duration=9.0)
     answer = diagnose(found.recordings, load_robot("agriq"), holdout=found.holdout)
     assert answer.verdict is Verdict.UNEXPLAINED and not answer.causes
     assert answer.unexplained is not None and answer.unexplained.variable == "recording"
