@@ -128,7 +128,9 @@ def forms(variable: str, every: Array, recordings: int) -> Iterator[Form]:
     elif variable == PLACE:
         yield Form(variable, "towards a point, growing with the distance", lambda u, r: -u, _first, "1/m")
     elif variable == TIME:
-        corners = np.arange(every.min(), every.max() + _KNOTS, _KNOTS)
+        at = (every - every.min()) / _KNOTS
+        # only those that something is measured near: windows may be minutes apart
+        corners = every.min() + _KNOTS * np.unique([np.floor(at), np.ceil(at)])
         yield Form(variable, WANDERING, lambda u, r: _linear_between(u, corners), rms, across=recordings > 1)
 
 
@@ -208,8 +210,7 @@ def _own_phase(recordings: int) -> Curve:
 
 
 def _linear_between(u: Array, corners: Array) -> Array:
-    step = corners[1] - corners[0] if len(corners) > 1 else 1.0
-    return np.maximum(1.0 - np.abs(u[..., None] - corners) / step, 0.0)
+    return np.maximum(1.0 - np.abs(u[..., None] - corners) / _KNOTS, 0.0)
 
 
 def unit(force: str, per: str = "") -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,8 @@ from artibot_sim.model import MOTORS, Robot
 # ----------------------------------------------------------------------
 
 
-_FOLDS = 4
+_FOLDS, _TOGETHER = 4, 8
+"""Folds of windows that are left out, and how many in a row belong to one: neighbours err alike."""
 _CHOSEN = 2
 """So many coefficients at most are paid for in what was proven."""
 _RIDGE = 1e-9
@@ -71,6 +73,85 @@ class Equations:
         matrix[:p, :p], pull[:p] = self.information, -self.slope
         return matrix, pull
 
+    @cached_property
+    def across(self) -> Array:
+        """What of the matrix joins forces to the columns beside, shape (windows, 16 + p, q)."""
+        return np.asarray(self.matrix @ self.beside)
+
+    @cached_property
+    def among(self) -> Beside:
+        """The columns beside by themselves."""
+        matrix = self.beside.transpose(0, 2, 1) @ self.across
+        return Beside(matrix, np.einsum("wji,wj->wi", self.beside, self.pull), *self.prior())
+
+    @cached_property
+    def stretches(self) -> NDArray[np.int64]:
+        """Fold that each window is left out with, (windows,)."""
+        return np.asarray((np.arange(len(self.pull)) // _TOGETHER) % _FOLDS)
+
+    @cached_property
+    def within(self) -> Folds:
+        """Windows left out in stretches."""
+        return Folds(self.among, self.stretches)
+
+    @cached_property
+    def between(self) -> Folds:
+        """Recordings left out."""
+        return Folds(self.among, self.recording)
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Normal equations of what is fitted beside any candidate.
+
+    Attributes
+    ----------
+    matrix, pull : array, shape (windows, q, q) and (windows, q)
+    information, slope : array, shape (q, q) and (q,)
+        Of the prior.
+    """
+
+    matrix: Array
+    pull: Array
+    information: Array
+    slope: Array
+
+    @cached_property
+    def whole(self) -> tuple[Array, Array]:
+        """Of all windows with the prior, shape (q, q) and (q,)."""
+        return self.matrix.sum(axis=0) + self.information, self.pull.sum(axis=0) + self.slope
+
+    @cached_property
+    def gain(self) -> float:
+        """Twice the nats that it gains by itself."""
+        matrix, pull = self.whole
+        return float(pull @ solve(matrix, pull))
+
+
+class Folds:
+    """Windows that are left out together: what is fitted beside any candidate, without each fold.
+
+    Parameters
+    ----------
+    beside : Beside
+    fold : array of int, shape (windows,)
+    """
+
+    def __init__(self, beside: Beside, fold: NDArray[np.int64]) -> None:
+        kinds, self.of = np.unique(fold, return_inverse=True)
+        self._kept = (self.of != np.arange(len(kinds))[:, None]).astype(float)
+        self.matrix = self.without(beside.matrix) + beside.information
+        self.pull = self.without(beside.pull) + beside.slope
+        alone = np.array([solve(*one) for one in zip(self.matrix, self.pull, strict=True)])[self.of]
+        self.alone = _explained(beside.matrix, beside.pull, alone)
+
+    def __len__(self) -> int:
+        return len(self._kept)
+
+    def without(self, values: Array) -> Array:
+        """Sums over windows (windows, …) that each fold leaves, shape (folds, …)."""
+        return np.asarray((self._kept @ values.reshape(len(values), -1)).reshape(len(self), *values.shape[1:]))
+
 
 @dataclass(frozen=True)
 class ForceCandidate:
@@ -112,15 +193,18 @@ class ForceCandidate:
 
 @dataclass(frozen=True)
 class Sums:
-    """Normal equations of the windows for some columns, and after them what is fitted beside.
+    """Normal equations of the windows for some columns.
 
     Attributes
     ----------
-    matrix, pull : array, shape (windows, n, n) and (windows, n)
+    matrix, pull : array, shape (windows, b, b) and (windows, b)
+    cross : array, shape (windows, b, q)
+        With what is fitted beside.
     """
 
     matrix: Array
     pull: Array
+    cross: Array
 
 
 def families(of: Scene) -> dict[str, tuple[str, ...]]:
@@ -151,12 +235,9 @@ class InForce:
         n = equations.forces
         self.T = components(self.acting)
         turned = self.T.transpose(0, 2, 1)
-        MP = equations.matrix @ equations.beside
         self._matrix = turned @ equations.matrix[:, :n, :n] @ self.T
         self._pull = np.einsum("wij,wj->wi", turned, equations.pull[:, :n])
-        self._cross = turned @ MP[:, :n]
-        self._beside = equations.beside.transpose(0, 2, 1) @ MP
-        self._beside_pull = np.einsum("wji,wj->wi", equations.beside, equations.pull)
+        self._cross = turned @ equations.across[:, :n]
 
     def basis(self, form: Form) -> Array:
         """Values (windows, parts · k, b) of a form's functions."""
@@ -164,21 +245,12 @@ class InForce:
 
     def sums(self, phi: Array) -> Sums:
         """Normal equations of the coefficients of a basis (windows, parts · k, b)."""
-        b, q = phi.shape[2], self.equations.beside.shape[2]
-        turned = phi.transpose(0, 2, 1)
-        matrix, pull = np.empty((len(phi), b + q, b + q)), np.empty((len(phi), b + q))
-        matrix[:, :b, :b] = turned @ (self._matrix @ phi)
-        matrix[:, :b, b:] = turned @ self._cross
-        matrix[:, b:, :b] = matrix[:, :b, b:].transpose(0, 2, 1)
-        matrix[:, b:, b:] = self._beside
-        pull[:, :b], pull[:, b:] = np.einsum("wji,wj->wi", phi, self._pull), self._beside_pull
-        return Sums(matrix, pull)
+        turned = np.ascontiguousarray(phi.transpose(0, 2, 1))
+        return Sums(turned @ (self._matrix @ phi), np.einsum("wji,wj->wi", phi, self._pull), turned @ self._cross)
 
     def left(self) -> Array:
         """What the residuals ask for (windows, parts · k) once everything beside is fitted."""
-        matrix, pull = self.equations.prior()
-        fitted = solve(matrix + self._beside.sum(axis=0), pull + self._beside_pull.sum(axis=0))
-        return np.asarray(self._pull - self._cross @ fitted)
+        return np.asarray(self._pull - self._cross @ solve(*self.equations.among.whole))
 
 
 def components(acting: Sequence[Acting]) -> Array:
@@ -222,45 +294,34 @@ def solve(matrix: Array, pull: Array) -> Array:
 
 def judge(equations: Equations, sums: Sums, form: Form, force: str, parts: Sequence[str]) -> ForceCandidate:
     """A candidate from its normal equations: what it gains over what is fitted beside alone."""
-    b = sums.pull.shape[1] - equations.beside.shape[2]
-    matrix, pull = _with_prior(equations, sums, np.ones(len(sums.pull), bool), b)
+    beside, b = equations.among, sums.pull.shape[1]
+    matrix, pull = _joined(sums.matrix.sum(axis=0), sums.cross.sum(axis=0), sums.pull.sum(axis=0), *beside.whole)
     x = solve(matrix, pull)
-    gain = float(pull @ x) - float(pull[b:] @ solve(matrix[b:, b:], pull[b:]))
-    return ForceCandidate(force, tuple(parts), form, 0.5 * gain, np.nan, x[:b])
+    return ForceCandidate(force, tuple(parts), form, 0.5 * (float(pull @ x) - beside.gain), np.nan, x[:b])
 
 
 def proven(equations: Equations, sums: Sums, across: bool) -> float:
     """Nats gained on windows that the coefficients were not fitted to, each window's up to ± `FORCE_WINDOW`."""
-    b = sums.pull.shape[1] - equations.beside.shape[2]
-    # neighbours err alike: windows are left out in stretches of several
-    fold = equations.recording if across else (np.arange(len(sums.pull)) // _TOGETHER) % _FOLDS
-    total = 0.0
-    for k in np.unique(fold):
-        out = fold == k
-        if out.all():
-            return 0.0
-        matrix, pull = _with_prior(equations, sums, ~out, b)
-        with_it, without = solve(matrix, pull), solve(matrix[b:, b:], pull[b:])
-        M, m = sums.matrix[out], sums.pull[out]
-        gained = _explained(M, m, with_it) - _explained(M[:, b:, b:], m[:, b:], without)
-        total += float(np.clip(gained, -FORCE_WINDOW, FORCE_WINDOW).sum())
-    return total
+    folds, beside, b = equations.between if across else equations.within, equations.among, sums.pull.shape[1]
+    if len(folds) < 2:
+        return 0.0
+    kept = [folds.without(values) for values in (sums.matrix, sums.cross, sums.pull)]
+    fitted = [solve(*_joined(*one)) for one in zip(*kept, folds.matrix, folds.pull, strict=True)]
+    x = np.array(fitted)[folds.of]
+    mine, others = x[:, :b], x[:, b:]
+    joint = ((mine[:, None, :] @ sums.cross)[:, 0] * others).sum(axis=1)
+    with_it = _explained(sums.matrix, sums.pull, mine) + _explained(beside.matrix, beside.pull, others) - joint
+    return float(np.clip(with_it - folds.alone, -FORCE_WINDOW, FORCE_WINDOW).sum())
 
 
-_TOGETHER = 8
-
-
-def _with_prior(equations: Equations, sums: Sums, rows: NDArray[np.bool_], b: int) -> tuple[Array, Array]:
-    matrix, pull = sums.matrix[rows].sum(axis=0), sums.pull[rows].sum(axis=0)
-    information, slope = equations.prior()
-    matrix[b:, b:] += information
-    pull[b:] += slope
-    return matrix, pull
+def _joined(own: Array, cross: Array, pull: Array, beside: Array, beside_pull: Array) -> tuple[Array, Array]:
+    """Normal equations of columns (b, b) and (b,) together with those beside, (q, q) and (q,)."""
+    return np.block([[own, cross], [cross.T, beside]]), np.concatenate([pull, beside_pull])
 
 
 def _explained(matrix: Array, pull: Array, x: Array) -> Array:
-    """Of windows (n, m, m) and (n, m), shape (n,)."""
-    return np.asarray(pull @ x - 0.5 * (matrix @ x) @ x)
+    """Of windows (n, m, m) and (n, m), each with coefficients (n, m) of its own, shape (n,)."""
+    return np.asarray(((pull - 0.5 * (matrix @ x[:, :, None])[:, :, 0]) * x).sum(axis=1))
 
 
 def candidates(equations: Equations, of: Scene, force: str, parts: Sequence[str]) -> list[ForceCandidate]:
