@@ -162,11 +162,7 @@ def acting(equations: Equations, of: Scene, candidate: ForceCandidate) -> Array:
 
 def _taken_back(problem: Problem, coordinates: Array, equations: Equations) -> Array:
     """Coordinates as what was found asks for them; not too far at a time."""
-    matrix, pull = equations.prior()
-    beside = equations.beside
-    matrix += np.einsum("wia,wij,wjb->ab", beside, equations.matrix, beside, optimize=True)
-    pull += np.einsum("wia,wi->a", beside, equations.pull)
-    step = np.clip(solve(matrix, pull)[: len(coordinates)], -_FARTHEST, _FARTHEST)
+    step = np.clip(solve(*equations.among.whole)[: len(coordinates)], -_FARTHEST, _FARTHEST)
     return problem.parameters.inside(coordinates + step)
 
 
