@@ -107,6 +107,16 @@ class Bar:
         self.show(begin)
         return lambda share: self.show(begin + size * min(max(share, 0.0), 1.0))
 
+    def stages(self, size: float) -> Callable[[float, str], None]:
+        """Begin the next part of the work, of this size, whose stages name themselves as they are told."""
+        told = self.stage(self._what, size)
+
+        def show(share: float, what: str) -> None:
+            self._what = what
+            told(share)
+
+        return show
+
     def show(self, done: float, what: str | None = None, note: str | None = None) -> None:
         """Draw, if it is time to: how much is done, what is being done, and instead of the time left a note."""
         if what is not None:

@@ -114,7 +114,7 @@ def command(
             used, held = without_share(used, holdout_share)
         found = diagnose(
             used, rover, holdout=held, horizon=horizon, seed=seed, workers=workers,
-            progress=bar.stage("diagnosing", 1.0), prior_odds=prior_odds or PRIOR_ODDS,
+            progress=bar.stages(1.0), prior_odds=prior_odds or PRIOR_ODDS,
             false_alarm_rate=false_alarms or FALSE_ALARM_RATE, scheduler=scheduler and check_address(scheduler),
             budget=budget or float("inf"), residual=residual, parts=parts,
         )  # fmt: skip

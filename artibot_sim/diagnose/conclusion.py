@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 from artibot_sim.diagnose.commands.view import CommandView
 from artibot_sim.diagnose.policy import MINOR_COMMANDS
@@ -12,6 +13,7 @@ from artibot_sim.diagnose.records import ChannelGain, Left
 from artibot_sim.diagnose.remains import COMMANDED, beyond_noise, far_beyond_noise, leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.per_recording import Apart, apart
+from artibot_sim.diagnose.timetable import Timetable
 from artibot_sim.diagnose.unlisted.beside import Explanations
 from artibot_sim.diagnose.unlisted.finding import ForceFinding
 from artibot_sim.diagnose.validation.predictions import LAWS, Worth, is_minor, is_refuted
@@ -105,7 +107,9 @@ class Conclusion:
     without: tuple[Without, ...] = ()
 
 
-def concluded(found: Decision, view: CommandView, judge: Judge, tick: Callable[[], None] = lambda: None) -> Conclusion:
+def concluded(
+    found: Decision, view: CommandView, judge: Judge, ticks: Timetable | None = None, latest: float = math.inf
+) -> Conclusion:
     """Decide by the tables what of a search's effects is named.
 
     Parameters
@@ -116,10 +120,12 @@ def concluded(found: Decision, view: CommandView, judge: Judge, tick: Callable[[
         Of the fitted recordings.
     judge : callable
         Says what a decision is worth on held-out recordings.
-    tick : callable
-        Called after each part of the work.
+    ticks : Timetable, optional
+        Told of each part of the work.
+    latest : float
+        Instant of `time.perf_counter` after which no more forces on no list are looked for.
     """
-    about_motion = MotionFacts(found, judge, tick)
+    about_motion = MotionFacts(found, judge, partial(Explanations, ticks=ticks, latest=latest))
     motion = MOTION.first(about_motion)
     kept = about_motion.kept(motion.then)
     judged = (lambda _: about_motion.held) if motion.then is Outcome.NAMED and kept.fitted else judge
@@ -132,7 +138,8 @@ def concluded(found: Decision, view: CommandView, judge: Judge, tick: Callable[[
         "tie": "yes" if kept.named and kept.ordered[0].ties else "no",
     }  # fmt: skip
     verdict = VERDICT.first(facts.__getitem__).then
-    return Conclusion(replace(kept, verdict=verdict), motion, commands, without)
+    kept = replace(kept, verdict=verdict, untried=(*kept.untried, *about_motion.untried))
+    return Conclusion(kept, motion, commands, without)
 
 
 def _fallen(
@@ -149,8 +156,8 @@ def _fallen(
 class MotionFacts:
     """Facts about effects that were fitted to the motion."""
 
-    def __init__(self, found: Decision, judge: Judge, tick: Callable[[], None]) -> None:
-        self._found, self._judge, self._tick = found, judge, tick
+    def __init__(self, found: Decision, judge: Judge, explain: Callable[[Decision], Explanations]) -> None:
+        self._found, self._judge, self._explain = found, judge, explain
 
     def __call__(self, question: str) -> str:
         """The fact that a question of the table asks for."""
@@ -208,9 +215,14 @@ class MotionFacts:
         found = replace(self._found, left=remains(self._found.problem, self._found.fit.point))
         return soils_of(found)
 
+    @property
+    def untried(self) -> tuple[str, ...]:
+        """What there was no time for."""
+        return self._explanations.untried
+
     @cached_property
     def _explanations(self) -> Explanations:
-        return Explanations(self._decision, self._tick)
+        return self._explain(self._decision)
 
     @cached_property
     def _with_laws(self) -> Decision | None:

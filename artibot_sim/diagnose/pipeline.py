@@ -45,6 +45,7 @@ from artibot_sim.diagnose.selection.every_window import EveryWindow
 from artibot_sim.diagnose.selection.evidence import DECADE
 from artibot_sim.diagnose.selection.ranking import ranking
 from artibot_sim.diagnose.selection.stepwise import decide
+from artibot_sim.diagnose.timetable import StageReport, Task, Timetable
 from artibot_sim.diagnose.unlisted.finding import unexplained_of
 from artibot_sim.diagnose.unlisted.fitting import FittedLaws
 from artibot_sim.diagnose.validation.error_budget import error_budget
@@ -63,7 +64,7 @@ from artibot_sim.diagnose.validation.series import comparison, with_commands
 from artibot_sim.diagnose.validation.varying_ground import beside_varying_ground
 from artibot_sim.diagnose.verdict import Reason, Verdict
 from artibot_sim.errors import ArtibotError
-from artibot_sim.estimation.alignment import on_one_clock, what_is_left, what_was_mended
+from artibot_sim.estimation.alignment import on_one_clock, what_is_wrong
 from artibot_sim.estimation.boosting import MISSING, can_grow
 from artibot_sim.estimation.checks.common_map import in_common_map
 from artibot_sim.estimation.checks.recordings import data_warnings, require_usable
@@ -79,7 +80,6 @@ from artibot_sim.identify.run import best_fit, problem_of
 from artibot_sim.identify.validation import Held
 from artibot_sim.model import Robot
 from artibot_sim.model.effects import EFFECTS
-from artibot_sim.progress import Report
 
 # ----------------------------------------------------------------------
 # A decision as a :class:`Diagnosis`: intervals, what it is worth on held-out data, pictures and warnings.
@@ -172,10 +172,10 @@ class Assessor:
         fitted: Sequence[Experiment],
         held: Sequence[Experiment],
         options: Options,
-        tick: Callable[[], None],
+        ticks: Timetable,
         view: CommandView,
     ) -> None:
-        self._robot, self._fitted, self._held, self._options, self._tick = robot, fitted, held, options, tick
+        self._robot, self._fitted, self._held, self._options, self._ticks = robot, fitted, held, options, ticks
         self._view = view_with(view, [*fitted, *held], robot)
         self._in_map = in_common_map([*fitted, *held])
         self._made: dict[tuple[tuple[str, ...], bool], Assessment] = {}
@@ -201,8 +201,10 @@ class Assessor:
         """All recordings predicted with all that was found."""
         options, view = self._options, self._view
         names = [one.name for one in self._fitted]
-        baseline, extended, effects = _robots(names, decision, options.seed, self._tick)
-        pairs = _predictions(self._fitted, self._held, baseline, extended, options, self._tick)
+        self._ticks.begin(Task.INTERVALS)
+        baseline, extended, effects = _robots(names, decision, options.seed, self._ticks)
+        self._ticks.begin(Task.PREDICTIONS)
+        pairs = _predictions(self._fitted, self._held, baseline, extended, options, self._ticks)
         levels, comparisons = baseline_levels(pairs), [comparison(pair, self._robot, self._in_map) for pair in pairs]
         channels, comparisons = with_commands(levels, comparisons, *view.seen_by(extended))
         held_out = [pair for pair in pairs if pair.held_out]
@@ -240,10 +242,9 @@ def result_of(
     found: Conclusion,
     assessed: Assessment,
     options: Options,
-    streams: Sequence[str],
     view: CommandView,
 ) -> Diagnosis:
-    """The diagnosis that a conclusion comes to; `streams` says what is wrong with the recordings' streams."""
+    """The diagnosis that a conclusion comes to."""
     decision, channels = found.decision, assessed.channels
     return Diagnosis(
         verdict=decision.verdict,
@@ -266,7 +267,7 @@ def result_of(
             *_contradiction(decision),
             *_besides(found),
             *([] if view.theirs else [view.why]),
-            *data_warnings(fitted, robot, held, streams),
+            *data_warnings(fitted, robot, held, ()),
             *excitation(decision.neutral_problem, decision.neutral_fit.point),
         ),
         comparisons=tuple(assessed.comparisons),
@@ -458,23 +459,6 @@ COMMANDS = 5.0
 """Times that the first command view takes, in which it is asked for evidence and others are made, about (Husky)."""
 _PILOT = 3
 """Predictions by which their time is measured."""
-_TICKS = 60
-"""Parts of the work after which half of the bar is drawn: how many there will be is not known beforehand."""
-
-
-class _Ticks:
-    """Counts parts of the work."""
-
-    def __init__(self, report: Report | None) -> None:
-        self._report, self._count = report or (lambda _: None), 0
-
-    def __call__(self) -> None:
-        self._count += 1
-        self._report(self._count / (self._count + _TICKS))
-
-    def done(self) -> None:
-        """All of it is over."""
-        self._report(1.0)
 
 
 def diagnose(
@@ -485,7 +469,7 @@ def diagnose(
     horizon: float = HORIZON,
     seed: int = 0,
     workers: int | None = None,
-    progress: Report | None = None,
+    progress: StageReport | None = None,
     prior_odds: float = PRIOR_ODDS,
     false_alarm_rate: float = FALSE_ALARM_RATE,
     thresholds: Thresholds = THRESHOLDS,
@@ -516,7 +500,7 @@ def diagnose(
     workers : int, optional
         Threads; as many as cores by default. The result does not depend on it.
     progress : callable
-        Called with the share that is done.
+        Called with the share that is done, as far as it is known, and with what is being done.
     prior_odds : float
         Of some effect being there beforehand.
     false_alarm_rate : float
@@ -538,7 +522,7 @@ def diagnose(
     ArtibotError
         For recordings that lack what is needed.
     """
-    ticks, parts = _Ticks(progress), parts or Checkpoints()
+    ticks, parts = Timetable(progress), parts or Checkpoints()
     if not budget > 0.0:
         raise ArtibotError(f"budget: {budget} s; expected more than 0 s")
     if residual and not can_grow():
@@ -549,26 +533,31 @@ def diagnose(
     timed, later = (on_one_clock(some, robot, seed, poses="pose_delay" in robot.effects or None) for some in named)
     fitted, held = split([one.experiment for one in timed], [one.experiment for one in later], robot)
     begun = parts.elapsed
+    ticks.begin(Task.COMMANDS)
     view = command_view(fitted, robot, needed=options.least)
     view_took = parts.elapsed - begun
     every = every_window(fitted, robot, options)
     parts.begin(_key(fitted, held, robot, options), every.problem.stretches)
     usual = len(every.rows)
     every, options = affordable(every, options, view_took)
+    ticks.begin(Task.SOIL)
     problem, fit = parts.once(
         "soil identified", lambda: best_fit(every.problem.part(every.rows), Effort(), ticks, TRUST)
     )
     decision = decide(problem, fit, options, ticks, view, every if every.times > 1.0 else None)
     assessor = Assessor(robot, fitted, held, options, ticks, view)
-    found = concluded(decision, view, assessor.worth, ticks)
+    found = concluded(decision, view, assessor.worth, ticks, time.perf_counter() + options.for_search)
     assessed = assessor(found.decision)
-    result = result_of(robot, fitted, held, found, assessed, options, what_is_left(timed), view)
+    result = result_of(robot, fitted, held, found, assessed, options, view)
     known = assessor.held_out(assessed)
+    ticks.begin(Task.MODELS)
     result = _with_predictors(result, held, _models(robot, result, decision), decision, known, options)
+    ticks.begin(Task.EXPLAINABLE)
     result = with_explainable(result, assessed, residual, options)
+    ticks.begin(Task.ERRORS)
     result = with_budget(result, found.decision, assessed, options)
     fewer = _fewer(len(every.rows), usual)
-    result = replace(result, warnings=(*what_was_mended([*timed, *later]), *fewer, *result.warnings))
+    result = replace(result, findings=what_is_wrong(timed, later), warnings=(*fewer, *result.warnings))
     ticks.done()
     return replace(result, seconds=parts.elapsed)
 

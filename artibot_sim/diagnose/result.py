@@ -90,7 +90,7 @@ class Diagnosis:
     gain : mapping of str to ChannelGain
     next_experiment : NextExperiment or None
     warnings : tuple of str
-        About the data: gaps, clocks, saturated sensors, too little excitation.
+        About the data: gaps, saturated sensors, too little excitation; about the answer: what is not named, and why.
     comparisons : tuple of Comparison
     prior_odds, false_alarm_rate : float
         Odds of an effect being there beforehand; share of recordings with nothing hidden in which one may be named.
@@ -115,6 +115,8 @@ class Diagnosis:
         Where the squared error of held-out predictions comes from, by channel.
     residual : ResidualModel or None
         What was learned, where it was asked for and surely makes predictions better.
+    findings : tuple of str
+        What is wrong with the recordings' clocks, signs and units, and what was mended of it beforehand.
     """
 
     verdict: Verdict
@@ -146,6 +148,7 @@ class Diagnosis:
     varies: Varies | None = None
     error_budget: Mapping[str, ErrorBudget] = field(default_factory=dict)
     residual: ResidualModel | None = None
+    findings: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """All but robots and pictures' data, as plain data for JSON; what is not a number is null there."""
@@ -163,6 +166,7 @@ class Diagnosis:
             "gain": {name: _numbers(vars(channel)) for name, channel in self.gain.items()},
             "next_experiment": _numbers(vars(self.next_experiment)) if self.next_experiment else None,
             "ranking": [_numbers(vars(candidate)) for candidate in self.ranking],
+            "findings": list(self.findings),
             "warnings": list(self.warnings),
             "prior_odds": self.prior_odds,
             "false_alarm_rate": self.false_alarm_rate,
@@ -788,7 +792,8 @@ def printed(found: Diagnosis) -> Any:
     from rich.console import Group
     from rich.text import Text
 
-    parts: list[Any] = [Text(headline(found), style="bold"), Text(sureness(found))]
+    parts: list[Any] = [*map(Text, found.findings), *([Text("")] if found.findings else [])]
+    parts += [Text(headline(found), style="bold"), Text(sureness(found))]
     parts += [Text(unnamed)] if (unnamed := not_named(found)) else []
     for more in (explainable_words(found), varies_words(found), budget_words(found)):
         parts += [Text(f"{more[:1].upper()}{more[1:]}")] if more else []

@@ -170,6 +170,21 @@ def _mend(was: Finding) -> str:
     return f"that drift was taken off {was.topic}" if was.name == SCALED else f"stamps were shifted by {-size:+.2f} s"
 
 
-def what_is_left(timed: Sequence[Aligned]) -> list[str]:
-    """Sentences on what else is wrong with the streams."""
-    return [f"{one.experiment.name}: {found}" for one in timed for found in one.found]
+def what_is_left(timed: Sequence[Aligned], serious: bool | None = None) -> list[str]:
+    """Sentences on what else is wrong with the streams; only on what is `serious`, or is not, where that is asked."""
+    return [
+        f"{one.experiment.name}: {found}"
+        for one in timed for found in one.found if serious is None or found.serious == serious
+    ]  # fmt: skip
+
+
+def what_is_wrong(fitted: Sequence[Aligned], held: Sequence[Aligned]) -> tuple[str, ...]:
+    """What a report says first: what makes its figures worthless, what was mended, and what is doubtful.
+
+    Parameters
+    ----------
+    fitted, held : sequence of Aligned
+        Recordings; of those that are held out only what was mended.
+    """
+    first = [f"mend this first, figures are worth nothing with it: {said}" for said in what_is_left(fitted, True)]
+    return (*first, *what_was_mended([*fitted, *held]), *what_is_left(fitted, False))

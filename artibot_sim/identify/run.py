@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.estimation.alignment import mean_shifts, on_one_clock, what_is_left, what_was_mended
+from artibot_sim.estimation.alignment import mean_shifts, on_one_clock, what_is_wrong
 from artibot_sim.estimation.checks.recordings import require_usable
 from artibot_sim.estimation.encoder_noise import noise_share
 from artibot_sim.estimation.kinematic import kinematic_models
@@ -142,7 +142,7 @@ def identify(
     in_model = "pose_delay" in parameters.robot.effects  # a late pose is the model's own matter then
     timed, later = (on_one_clock(some, robot, seed, poses=not in_model) for some in (recordings, holdout))
     recordings, holdout = [one.experiment for one in timed], [one.experiment for one in later]
-    wrong = (*what_was_mended([*timed, *later]), *what_is_left(timed))
+    wrong = what_is_wrong(timed, later)
     problem = problem_of(recordings, parameters, window, workers, seed=seed)
     problem, fewer = enough_of(problem)
     ticks()

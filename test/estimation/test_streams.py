@@ -14,6 +14,7 @@ from estimation.logger import BESIDE, FLAWS, WANTED, Logger, drive, recorded, si
 
 from artibot_sim.cli.check import command
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.alignment import on_one_clock, what_is_wrong
 from artibot_sim.estimation.checks.findings import compare_streams, findings
 from artibot_sim.estimation.checks.recordings import require_usable
 from artibot_sim.estimation.checks.report import check
@@ -116,6 +117,9 @@ def test_the_command_says_what_has_to_be_mended(tmp_path: Path) -> None:
     (found,) = json.loads(out.read_text())[:1]
     assert status == 1 and not found["usable"]
     assert "side_swap" in [one["name"] for one in found["findings"]]
+    first, *rest = what_is_wrong(on_one_clock([experiment], robot, 0), [])
+    assert first.startswith("mend this first") and "left and right wheels" in first
+    assert not any(said.startswith("mend this first") for said in rest)
     robot, experiment, _ = trial("none", 1)
     bag = written(tmp_path / "good", experiment)
     done = CliRunner().invoke(command, [str(bag), "--robot", robot.name], catch_exceptions=False)

@@ -153,7 +153,7 @@ def case(effect: str, values: dict[str, float | str], verdict: Verdict = Verdict
         if verdict is Verdict.AMBIGUOUS else None,
         warnings=("run0: /imu/data is silent for 0.8 s from 3.1 s on",), comparisons=tuple(comparisons), prior_odds=0.5,
         false_alarm_rate=0.02,
-        threshold=25.0, seed=3, seconds=41.5,
+        threshold=25.0, seed=3, seconds=41.5, findings=("run0: /imu/data is stamped 0.17 s late",),
     )  # fmt: skip
 
 

@@ -211,6 +211,7 @@ def test_the_page_says_all_that_was_found(every: dict[Verdict, Diagnosis]) -> No
         assert result.headline(found).replace("'", "&#x27;") in text
         for sentence in (*(place.what for place in found.where), *found.warnings, *result.branch_words(found)):
             assert sentence.replace("'", "&#x27;") in text
+        assert text.index(found.findings[0]) < text.index("<h1>"), "what is wrong with recordings comes first"
         for candidate in found.ranking:
             assert result.effect_words(candidate.effect) in text
         if found.next_experiment is not None:
@@ -401,6 +402,7 @@ def test_it_prints(every: dict[Verdict, Diagnosis]) -> None:
     for found in every.values():
         text = " ".join(str(found).split())
         assert result.headline(found) in text
+        assert text.startswith(found.findings[0])
         assert all(f"warning: {warning}" in text for warning in found.warnings)
         assert all(result.channel_words(name) in text for name in found.gain)
 

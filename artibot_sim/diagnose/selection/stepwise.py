@@ -20,6 +20,7 @@ from artibot_sim.diagnose.selection.forward import Stage, refusal, stage, thorou
 from artibot_sim.diagnose.selection.joint_fits import Rival, Rounds, settled
 from artibot_sim.diagnose.selection.ridge_search import along_earlier_ridges, at_size
 from artibot_sim.diagnose.sizes import sized
+from artibot_sim.diagnose.timetable import Task, Timetable
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parallel import TimeIsUp, side_by_side, until
 from artibot_sim.estimation.problem import Problem
@@ -83,7 +84,6 @@ def spared(problem: Problem, fit: Fit, loss: Loss, which: int, rounds: Rounds) -
 # ----------------------------------------------------------------------
 
 
-Tick = Callable[[], None]
 Result = TypeVar("Result")
 
 _EVERY = "evidence of all windows"
@@ -97,7 +97,7 @@ _BETTER = 100.0
 
 
 def decide(
-    problem: Problem, fit: Fit, options: Options, tick: Tick, view: CommandView, every: EveryWindow | None = None
+    problem: Problem, fit: Fit, options: Options, ticks: Timetable, view: CommandView, every: EveryWindow | None = None
 ) -> Decision:
     """Add the best effect to the model as long as the data ask for one, and drop what is not needed any more.
 
@@ -106,18 +106,18 @@ def decide(
     problem, fit : Problem, Fit
         The baseline.
     options : Options
-    tick : callable
+    ticks : Timetable
     view : CommandView
         What the view driven by commands says.
     every : EveryWindow, optional
         All windows, where `problem` has some of them: what the search does not name is judged by them, and they have
         the last word on the sizes of what is named.
     """
-    naming = _Naming(problem, fit, options, tick, view, every)
+    naming = _Naming(problem, fit, options, ticks, view, every)
     naming.add()
     while naming.drop():
         naming.add()
-    tick()
+    ticks()
     return naming.decision()
 
 
@@ -125,10 +125,10 @@ class _Naming:
     """The model as it grows, and what was named on the way."""
 
     def __init__(
-        self, problem: Problem, fit: Fit, options: Options, tick: Tick, view: CommandView,
+        self, problem: Problem, fit: Fit, options: Options, ticks: Timetable, view: CommandView,
         every: EveryWindow | None = None,
     ) -> None:  # fmt: skip
-        self._options, self._tick, self._view, self._every = options, tick, view, every
+        self._options, self._ticks, self._view, self._every = options, ticks, view, every
         self._rounds = Rounds(scheduler=options.scheduler)
         self._named: list[Named] = []
         self._dropped: list[str] = []
@@ -165,7 +165,8 @@ class _Naming:
 
     def _sought(self, problem: Problem, fit: Fit, loss: Loss) -> Stage:
         begun = time.perf_counter()
-        found = self._weighed(stage(problem, fit, loss, self._names, self._rounds, self._tick, self._options.parts))
+        self._ticks.begin(Task.SEARCH, _beside(self._names))
+        found = self._weighed(stage(problem, fit, loss, self._names, self._rounds, self._ticks, self._options.parts))
         self._took = time.perf_counter() - begun
         return found
 
@@ -242,6 +243,7 @@ class _Naming:
     def _of_all(self, every: EveryWindow, rivals: list[Rival], best: Named | None) -> Named | None:
         """The best effect once these have the evidence of all windows; the `best` one so far if there is no time."""
         found, options = self._found, self._options
+        self._ticks.begin(Task.WINDOWS, _beside(self._names))
         stated = self._in_time(_EVERY, lambda: options.parts.once(
             _EVERY, lambda: every.evidence(found.problem, found.fit, rivals, len(self._named), self._rounds)
         ))  # fmt: skip
@@ -270,8 +272,9 @@ class _Naming:
         self._exhausted = True
         if self._no_time(_THOROUGH):
             return None
+        self._ticks.begin(Task.SEARCH, f"{_beside(self._names)}, each fitted to the end")
         return self._in_time(_THOROUGH, lambda: self._weighed(
-            thorough(found, self._names, self._rounds, self._tick, self._options.parts)
+            thorough(found, self._names, self._rounds, self._ticks, self._options.parts)
         ))  # fmt: skip
 
     def _name(self, best: Named) -> None:
@@ -306,6 +309,7 @@ class _Naming:
         fitted = self._fitted()
         if self._stopped or (len(fitted) > 1 and self._no_time(_LEAVING_OUT)):
             return False
+        self._ticks.begin(Task.LEAVING_OUT)
         spare = self._in_time(_LEAVING_OUT, lambda: self._options.parts.once(_LEAVING_OUT, self._unneeded))
         if spare is None:
             return False
@@ -354,7 +358,7 @@ class _Naming:
         options, loss = self._options, self._found.loss
         names = [other for other in self._names if other != one.effect]
         rest = spared(self._problem, self._fit, loss, place, self._rounds)
-        found = self._weighed(stage(rest.problem, rest.fit, loss, names, self._rounds, self._tick, options.parts))
+        found = self._weighed(stage(rest.problem, rest.fit, loss, names, self._rounds, self._ticks, options.parts))
         out = (*names, *self._dropped)
         best = best_of(found.evidence, found.nats, {}, options.least, options.thresholds, out)
         if best is None or best.effect != one.effect:
@@ -397,6 +401,11 @@ class _Naming:
             other, between=tuple(fits[1:-1]), dropped=tuple(self._dropped), untried=tuple(self._untried),
             searched=1.0 / self._every.times if self._every is not None else 1.0,
         )  # fmt: skip
+
+
+def _beside(names: Sequence[str]) -> str:
+    """What a search is beside, in words; empty where it is the first one."""
+    return f"beside {', '.join(name.replace('_', ' ') for name in names)}" if names else ""
 
 
 def _beside_each_other(view: CommandView, named: Sequence[str]) -> dict[str, Other]:

@@ -6,16 +6,20 @@ there beside it. So laws are searched in what each choice of the named effects l
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import TypeVar
 
 from artibot_sim.diagnose.candidates.hypotheses import without_effect
 from artibot_sim.diagnose.policy import TIE, TIE_SHARE
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.decision import Decision
+from artibot_sim.diagnose.timetable import Task, Timetable
 from artibot_sim.diagnose.unlisted.finding import ForceFinding, unexplained
 from artibot_sim.diagnose.unlisted.fitting import FittedLaws, fitted_laws
+from artibot_sim.estimation.parallel import TimeIsUp, until
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge
 from artibot_sim.estimation.solver import again
@@ -23,6 +27,10 @@ from artibot_sim.estimation.solver import again
 Which = tuple[int, ...]
 """Places among a decision's fitted effects."""
 
+Result = TypeVar("Result")
+
+_FORCES = "forces on no list"
+"""The search for these, as warnings say that there was no time for it."""
 _STEPS = 3
 """Of a fit from which effects were taken."""
 
@@ -70,10 +78,24 @@ class Explanations:
     """What explains the recordings of a decision; each is made once.
 
     All are under the loss of the decision's fit, and of the same windows with the same noise: their costs compare.
+
+    Parameters
+    ----------
+    found : Decision
+    ticks : Timetable, optional
+        Told of each part of the work.
+    latest : float
+        Instant of `time.perf_counter` after which no more forces are looked for.
+
+    Attributes
+    ----------
+    untried : tuple of str
+        What there was no time for.
     """
 
-    def __init__(self, found: Decision, tick: Callable[[], None] = lambda: None) -> None:
-        self._found, self._tick = found, tick
+    def __init__(self, found: Decision, ticks: Timetable | None = None, latest: float = math.inf) -> None:
+        self._found, self._ticks, self._latest = found, ticks or Timetable(), latest
+        self.untried: tuple[str, ...] = ()
         self._models: dict[Which, tuple[Problem, Fit]] = {tuple(range(len(found.fitted))): (found.problem, found.fit)}
         self._forces: dict[Which, ForceFinding | None] = {}
         self._made: dict[Which, Explanation] = {}
@@ -82,15 +104,28 @@ class Explanations:
         """What a force explains of what some of the effects leave, or all of them; None if nothing is left for one."""
         which = tuple(range(len(self._found.fitted))) if effects is None else effects
         if which not in self._forces:
-            problem, fit = self._model(which)
-            self._forces[which] = unexplained(problem, fit.point.coordinates)
+            self._ticks.begin(Task.FORCES)
+            self._forces[which] = self._in_time(lambda: self._force(which))
         return self._forces[which]
+
+    def _force(self, which: Which) -> ForceFinding | None:
+        problem, fit = self._model(which)
+        return unexplained(problem, fit.point.coordinates)
+
+    def _in_time(self, look: Callable[[], Result | None]) -> Result | None:
+        """What looking for forces finds; None if the time is up before."""
+        try:
+            with until(self._latest):
+                return look()
+        except TimeIsUp:
+            self.untried = (_FORCES,)
+            return None
 
     def __call__(self, effects: Which) -> Explanation:
         """Laws beside some of the effects."""
         if effects not in self._made:
             (problem, fit), force = self._model(effects), self.force(effects)
-            laws = None if force is None else fitted_laws(problem, fit, force, self._tick)
+            laws = None if force is None else self._in_time(lambda: fitted_laws(problem, fit, force, self._ticks))
             self._made[effects] = Explanation(effects, problem, fit, force, laws)
         return self._made[effects]
 

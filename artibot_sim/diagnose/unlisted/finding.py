@@ -25,6 +25,7 @@ from artibot_sim.diagnose.unlisted.search import (
     solve,
 )
 from artibot_sim.diagnose.unlisted.variables import PLACE, Scene, scene
+from artibot_sim.estimation.parallel import check_time
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.identify.result import spaced
 
@@ -190,6 +191,7 @@ def weighed(equations: Equations, of: Scene) -> list[ForceCandidate]:
     found: list[ForceCandidate] = []
     in_map = any(PLACE in one.follows for one in of.values())
     for force, parts in families(of).items():
+        check_time()
         found += candidates(equations, of, force, parts)
         if in_map and force in _ON_GROUND:
             repeated = ridges(equations, of, force, parts)

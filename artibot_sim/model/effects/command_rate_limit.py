@@ -13,10 +13,18 @@ from artibot_sim.model.kernels.compilation import kernel
 @kernel
 def on_ramp(speed, most, now, out):
     """Speeds that go after `speed` (n, k) by at most `most` a sample, into `out`; `now` (k,) is the last one's."""
-    for i in range(speed.shape[0]):
-        for k in range(speed.shape[1]):
-            now[k] += min(max(speed[i, k] - now[k], -most), most)
-            out[i, k] = now[k]
+    for k in range(speed.shape[1]):
+        last = now[k]
+        for i in range(speed.shape[0]):
+            wanted = speed[i, k]
+            if wanted > last + most:  # a branch: what is reached already waits for no sample before it
+                last += most
+            elif wanted < last - most:
+                last -= most
+            else:
+                last = wanted
+            out[i, k] = last
+        now[k] = last
 
 
 def _way(values: Values, h: float, first: Array) -> Step:

@@ -40,7 +40,9 @@ header p.verdict.unexplained { background: var(--bad); }
 p.next { color: inherit; font-weight: 600; }
 ul { padding-left: 1.2em; margin: 6px 0; } li { margin: 4px 0; overflow-wrap: anywhere; }
 ul.said li::first-letter { text-transform: uppercase; }
-ul.warnings li { list-style: none; border-left: 4px solid var(--tie); padding-left: 10px; margin-left: -1.2em; }
+header ul.findings { max-width: 84ch; margin-bottom: 14px; }
+ul.warnings li, ul.findings li { list-style: none; border-left: 4px solid var(--tie); padding-left: 10px;
+  margin-left: -1.2em; }
 details details { margin: 8px 0; } details details summary { cursor: pointer; padding: 4px 0; color: var(--good); }
 .first, .row, .grid3 { display: grid; grid-template-columns: minmax(0, 1fr); gap: 0 24px; }
 .plot.square { height: min(92vw, 460px); }
@@ -273,6 +275,7 @@ def page_of(found: Diagnosis, version: str) -> bytes:
         _next(found), _free_runs(page), _excluded(found),
     )  # fmt: skip
     head = (
+        f"{listed(found.findings, 'findings')}"
         f'<p class="verdict {found.verdict.value}">{html.escape(_answer(found))}</p>'
         f"<h1>{html.escape(result.headline(found))}</h1>"
         f'<p class="sure">{html.escape(result.sureness(found))}</p>'

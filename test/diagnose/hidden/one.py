@@ -20,6 +20,7 @@ from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.diagnose.selection.ranking import ranking
 from artibot_sim.diagnose.selection.stepwise import decide
+from artibot_sim.diagnose.timetable import Timetable
 from artibot_sim.diagnose.validation.stability import drifts
 from artibot_sim.model import load_robot
 
@@ -31,8 +32,8 @@ def main(effect: str, severity: str, seed: str, runs: str = "2", duration: str =
     rover, options = load_robot(robot), Options()
     problem, fit = baseline(found.recordings, rover, options)
     view = command_view(found.recordings, rover)
-    decision = decide(problem, fit, options, lambda: None, view)
-    assessor = Assessor(rover, found.recordings, found.holdout, options, lambda: None, view)
+    decision = decide(problem, fit, options, Timetable(), view)
+    assessor = Assessor(rover, found.recordings, found.holdout, options, Timetable(), view)
     decision = concluded(decision, view, assessor.worth).decision
     acting = {**found.truth.effects, **found.truth.unlisted}
     print("hidden:", {name: dict(values) for name, values in acting.items()})

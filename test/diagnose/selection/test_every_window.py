@@ -19,6 +19,7 @@ from artibot_sim.diagnose.selection import stepwise
 from artibot_sim.diagnose.selection.every_window import EveryWindow
 from artibot_sim.diagnose.selection.joint_fits import Rival, Rounds
 from artibot_sim.diagnose.sizes import sized
+from artibot_sim.diagnose.timetable import Timetable
 from artibot_sim.estimation.search import Effort, converge
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.estimation.windows import CHANNEL_NAMES
@@ -44,16 +45,16 @@ def test_what_half_of_the_windows_are_too_few_for_is_named_by_all(monkeypatch: p
     asked = Options(thresholds=replace(Thresholds(), floor=1.4 * by_part, tail=0.0, most=1))
     monkeypatch.setattr(stepwise, "leaves_more_than_noise", lambda left: False)
 
-    few = stepwise.decide(part, fit, asked, lambda: None, view)
+    few = stepwise.decide(part, fit, asked, Timetable(), view)
     assert not few.named
-    all_of_them = stepwise.decide(part, fit, asked, lambda: None, view, every)
+    all_of_them = stepwise.decide(part, fit, asked, Timetable(), view, every)
     assert [one.effect for one in all_of_them.named] == ["joint_damping"]
     assert 1.4 * by_part < all_of_them.named[0].nats < 3.0 * by_part
     easy = replace(asked, thresholds=replace(asked.thresholds, floor=0.5 * by_part))
     near = replace(easy, thresholds=replace(easy.thresholds, tie=1e6))
-    first = stepwise.decide(part, fit, near, lambda: None, view, every).stages[0]
+    first = stepwise.decide(part, fit, near, Timetable(), view, every).stages[0]
     assert all_of_them.stages[0].whole < first.whole == {rival.id for rival in first.rivals}, "what is near may tie"
-    anyway = stepwise.decide(part, fit, easy, lambda: None, view, every)
+    anyway = stepwise.decide(part, fit, easy, Timetable(), view, every)
     assert [(one.effect, one.nats) for one in anyway.named] == [("joint_damping", all_of_them.named[0].nats)]
     assert len(all_of_them.problem) == len(all_of_them.neutral_problem) == len(whole.problem)
     truth = hidden.truth.effects["joint_damping"]["coefficient"]

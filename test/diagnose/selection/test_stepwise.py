@@ -19,6 +19,7 @@ from artibot_sim.diagnose.selection import stepwise
 from artibot_sim.diagnose.selection.decision import Named
 from artibot_sim.diagnose.selection.evidence import Evidence, Other
 from artibot_sim.diagnose.selection.ranking import ranking
+from artibot_sim.diagnose.timetable import Timetable
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.estimation.search import Fit
@@ -52,9 +53,9 @@ def test_an_effect_that_the_next_one_makes_up_for_is_dropped(monkeypatch: pytest
     robot, options = load_robot("agriq"), Options(thresholds=little)
     problem, fit = baseline(hidden.recordings, robot, options)
     view = command_view(hidden.recordings, robot)
-    right = stepwise.decide(problem, fit, options, lambda: None, view)
+    right = stepwise.decide(problem, fit, options, Timetable(), view)
     monkeypatch.setattr(stepwise, "best_of", misled)
-    found = stepwise.decide(problem, fit, options, lambda: None, view)
+    found = stepwise.decide(problem, fit, options, Timetable(), view)
     assert [one.effect for one in found.named] == [one.effect for one in right.named] == [truth]
     assert not right.dropped and len(found.dropped) == 1 and truth not in found.dropped
     nothing_held_out = HeldOut({}, {})
@@ -88,9 +89,9 @@ def test_what_commands_asked_for_is_taken_back_beside_what_explains_it(monkeypat
     fit = Fit(point, loss, None, (), True)  # type: ignore[arg-type]
     view = command_view(hidden.recordings, robot)
     assert view.evidence["torque_limit"].nats > Options().least
-    found = stepwise.decide(problem, fit, Options(), lambda: None, view)
+    found = stepwise.decide(problem, fit, Options(), Timetable(), view)
     assert [one.effect for one in found.named] == [truth] and found.dropped == ("torque_limit",)
     assert found.named[0].found["rate"].value == pytest.approx(hidden.truth.effects[truth]["rate"], rel=0.01)
     no_searches = Options(thresholds=replace(THRESHOLDS, most=0))
-    none_fitted = stepwise.decide(problem, fit, no_searches, lambda: None, view)
+    none_fitted = stepwise.decide(problem, fit, no_searches, Timetable(), view)
     assert [one.effect for one in none_fitted.named] == [truth]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from diagnose.hidden import Case, case
@@ -15,6 +17,7 @@ from artibot_sim.diagnose.records import Options, Verdict
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.sizes import sized
+from artibot_sim.diagnose.timetable import Timetable
 from artibot_sim.diagnose.unlisted.beside import Explanations
 from artibot_sim.diagnose.validation.predictions import LAWS
 from artibot_sim.estimation.parameters import SOIL
@@ -49,7 +52,7 @@ def test_a_force_is_found_beside_an_effect_and_both_are_in_the_extended_model() 
     found, searched = with_slope("slope", "joint_preload")
     robot, options = load_robot("agriq"), Options(workers=1, horizon=4.0)
     view = command_view(found.recordings, robot)
-    assess = Assessor(robot, found.recordings, found.holdout, options, lambda: None, view)
+    assess = Assessor(robot, found.recordings, found.holdout, options, Timetable(), view)
     decision = concluded(searched, view, assess.worth).decision
     assert decision.verdict is Verdict.NAMED and [one.effect for one in decision.named] == ["slope"]
     assert decision.laws is not None and not leaves_more_than_noise(decision.left)
@@ -68,3 +71,5 @@ def test_an_effect_that_is_not_there_is_not_needed_beside_the_force() -> None:
     _, searched = with_slope("joint_preload")
     best = Explanations(searched).best()
     assert best is not None and best.effects == () and len(best.laws.spans) == 1
+    late = Explanations(searched, latest=time.perf_counter())
+    assert late.force() is None and late.best() is None and late.untried == ("forces on no list",)
