@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -39,16 +40,45 @@ class Watch:
         return result
 
 
-def peak_memory() -> float:
-    """Most memory that this program had at once, bytes.
+def peak_memory(process: int | str = "self") -> float:
+    """Most memory that a program had at once, bytes.
 
     Linux's `ru_maxrss` survives `exec`: a program begun by a large process starts with that one's peak.
     `VmHWM` does not.
     """
-    for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
-        if line.startswith("VmHWM:"):
-            return 1024.0 * float(line.split()[1])
-    raise OSError("/proc/self/status: has no VmHWM; expected a Linux with /proc")
+    return 1024.0 * float(_status(process)["VmHWM"].split()[0])
+
+
+@contextmanager
+def children_watched() -> Iterator[dict[int, float]]:
+    """Number of each child process that there is meanwhile → most memory that it had at once, bytes.
+
+    Each is asked five times a second, for nobody knows of one that is over. The first moment of a child, before it is
+    a program of its own, is its parent's memory: what it says last holds.
+    """
+    found: dict[int, float] = {}
+    over = threading.Event()
+
+    def watch() -> None:
+        while not over.wait(0.2):
+            for process in (int(path.name) for path in Path("/proc").glob("[0-9]*")):
+                with suppress(OSError, KeyError):  # over by now
+                    if int(_status(process)["PPid"]) == os.getpid():
+                        found[process] = peak_memory(process)
+
+    thread = threading.Thread(target=watch, name="children")
+    thread.start()
+    try:
+        yield found
+    finally:
+        over.set()
+        thread.join()
+
+
+def _status(process: int | str) -> dict[str, str]:
+    """What Linux says of a process."""
+    lines = Path(f"/proc/{process}/status").read_text(encoding="utf-8", errors="replace").splitlines()
+    return dict(line.split(":", 1) for line in lines)
 
 
 def runs(size: float, folder: Path) -> Figures:
@@ -213,9 +243,9 @@ def cores(size: float, folder: Path) -> Figures:
     axes = {"contact.k_l": {"from": 1500, "to": 3500}, "contact.mu_s": {"from": 0.45, "to": 0.9}}
     plan = plan_from_dict({"manoeuvre": "table6_agriq", "method": "latin", "runs": 512, "axes": axes})
     watch = Watch()
-    watch("sweep", lambda: sweep(plan, folder / "sweep", workers=int(size)))
-    children = 1024.0 * resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
-    watch.figures["sweep"]["bytes"] += size * children if size > 1 else 0.0
+    with children_watched() as children:
+        watch("sweep", lambda: sweep(plan, folder / "sweep", workers=int(size)))
+    watch.figures["sweep"]["bytes"] += sum(children.values())
     watch.figures["sweep"]["cpu"] += sum(os.times()[2:4])  # of processes that are over
     robot = load_robot("agriq")
     drives = recordings(robot, 2, 30.0, 0)

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
+import time
 from dataclasses import asdict
 
 import numpy as np
@@ -11,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from artibot_sim.bench.growth import LINEAR, TITLES, GrowthPoint, chart, joined, lines, measured, power, read
-from artibot_sim.bench.growth_tasks import KINDS
+from artibot_sim.bench.growth_tasks import KINDS, children_watched
 from artibot_sim.errors import ArtibotError
 
 
@@ -35,6 +38,19 @@ def test_a_measurement_is_made_in_a_process_of_its_own():
     assert [(kind, operation) for kind, operation, _ in lines(points)] == [("table", "merge"), ("table", "summary")]
     assert all(point.seconds > 0 and point.cpu > 0 and 2e7 < point.bytes < 4e8 for point in points)
     assert chart(points).startswith(b"\x89PNG")
+
+
+def test_the_memory_of_children_is_their_own():
+    large = np.ones(50_000_000)  # 400 MB
+    code = "import sys; own = bytearray(100_000_000); print(flush=True); sys.stdin.read()"
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with children_watched() as peaks, subprocess.Popen([sys.executable, "-c", code], **pipes) as child:
+        assert child.stdout is not None and child.stdout.readline() == b"\n"
+        del large
+        until = time.monotonic() + 30.0
+        while peaks.get(child.pid, 0.0) < 1e8 and time.monotonic() < until:
+            time.sleep(0.05)
+    assert 1e8 < peaks[child.pid] < 2e8
 
 
 def test_a_new_measurement_takes_the_old_ones_place_and_no_other(tmp_path):
