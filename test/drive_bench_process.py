@@ -9,10 +9,10 @@ import time
 
 from drive_bench import running_drives
 
-from artibot_driver.bus import open_bus
+from artibot_driver.bus import Bus, open_bus
 from artibot_driver.config import config_from_parameters
 from artibot_driver.priority import take_priority
-from artibot_driver.rig import load_rig
+from artibot_driver.rig import Rig, load_rig
 from artibot_driver.simulated.drive import SimulatedDrive
 
 
@@ -34,7 +34,14 @@ class Cable:
 def main(interface: str, channel: str) -> None:
     take_priority(0 if "IN_UML" in os.environ else 55)
     rig = load_rig(config_from_parameters({}))
-    with open_bus(interface, channel) as bus, running_drives(bus, rig) as drives:
+    with open_bus(interface, channel) as bus:
+        while served(bus, rig):
+            pass
+
+
+def served(bus: Bus, rig: Rig) -> bool:
+    """Have four drives do what they are told, until others are to take their place or nothing more comes."""
+    with running_drives(bus, rig) as drives:
         cables = {motor: Cable(drive) for motor, drive in drives.items()}
         for line in sys.stdin:
             word, *rest = line.split()
@@ -43,6 +50,9 @@ def main(interface: str, channel: str) -> None:
             elif word in ("plug", "unplug"):
                 getattr(cables[rest[0]], word)()
             print(json.dumps({motor: state(drive) for motor, drive in drives.items()}), flush=True)
+            if word == "renew":
+                return True
+    return False
 
 
 def state(drive: SimulatedDrive) -> dict[str, object]:

@@ -125,6 +125,11 @@ class Drives:
         """Connect it again, switched off and on."""
         self._ask(f"plug {motor}")
 
+    def renew(self) -> None:
+        """Put four others in their place, at rest and as they come from the factory."""
+        self._ask("renew")
+        assert self._ask("state")
+
     def end(self) -> None:
         assert self._process.stdin is not None
         self._process.stdin.close()

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import pytest
+from preloaded import Forked, Preloaded
 
 from artibot_sim.resources import local_environment
 
@@ -78,6 +79,44 @@ def ros_environment(domain: int, log_dir: Path) -> dict[str, str]:
     }
 
 
+def started(command: list[str], environment: dict[str, str], log: Path) -> subprocess.Popen[bytes]:
+    """A new process."""
+    with open(log, "wb") as sink:
+        return subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=sink,
+            stderr=subprocess.STDOUT,
+            env=environment,
+            start_new_session=True,  # so that its children end with it, and nothing else does
+        )
+
+
+Begin = Callable[[list[str], dict[str, str], Path], "subprocess.Popen[bytes] | Forked"]
+
+PRELOADED = ("sim", "planner", "driver", "record", "replay")
+"""Words that many tests start."""
+AT_RUN_TIME = ("ROS_DOMAIN_ID", "ROS_LOG_DIR")
+"""Of the environment, what is not read before a node begins: all else is looked at while modules are imported, too."""
+_servers: dict[frozenset[tuple[str, str]], Preloaded] = {}
+_begun: set[tuple[str, frozenset[tuple[str, str]]]] = set()
+
+
+def forked(command: list[str], environment: dict[str, str], log: Path) -> subprocess.Popen[bytes] | Forked:
+    """``artibot WORD …`` without the time for its imports; the first of a word in an environment is a new process.
+
+    A machine that is emulated has no memory for a process that only waits.
+    """
+    words = command[command.index("artibot_sim.cli") + 1 :]
+    setting = frozenset((key, value) for key, value in environment.items() if key not in AT_RUN_TIME)
+    if "IN_UML" in os.environ or words[0] not in PRELOADED or (words[0], setting) not in _begun:
+        _begun.add((words[0], setting))
+        return started(command, environment, log)
+    if setting not in _servers:
+        _servers[setting] = Preloaded(dict(setting))
+    return _servers[setting].start(words, environment, log)
+
+
 class NodeProcess:
     """A command in a process group of its own, with its output kept in a file.
 
@@ -89,22 +128,19 @@ class NodeProcess:
         File that takes standard output and standard error together.
     env : mapping, optional
         Added to this process's environment.
+    begin : callable
+        What starts it with its environment and log.
     """
 
-    def __init__(self, command: list[str], log: Path, env: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self, command: list[str], log: Path, env: Mapping[str, str] | None = None, begin: Begin | None = None
+    ) -> None:
         self.command = command
         self.log = log
         environment = {**os.environ, **(env or {})}
         environment["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), environment.get("PYTHONPATH")]))
-        with open(log, "wb") as sink:
-            self.process = subprocess.Popen(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=sink,
-                stderr=subprocess.STDOUT,
-                env=environment,
-                start_new_session=True,  # so that its children end with it, and nothing else does
-            )
+        environment.pop("PYTEST_CURRENT_TEST", None)
+        self.process = (begin or started)(command, environment, log)
 
     @property
     def pid(self) -> int:
@@ -167,12 +203,14 @@ class NodeStarter:
 
     def __call__(self, word: str, *args: object, env: Mapping[str, str] | None = None) -> NodeProcess:
         """Start ``artibot WORD ARGS…``, as ``start_node("sim", "--robot", "agriq", "--ros-args", "-p", "rate:=0")``."""
-        return self.run([sys.executable, "-m", "artibot_sim.cli", word, *map(str, args)], name=word, env=env)
+        return self.run([sys.executable, "-m", "artibot_sim.cli", word, *map(str, args)], word, env, forked)
 
-    def run(self, command: list[str], name: str = "process", env: Mapping[str, str] | None = None) -> NodeProcess:
+    def run(
+        self, command: list[str], name: str = "process", env: Mapping[str, str] | None = None, begin: Begin = started
+    ) -> NodeProcess:
         """Start any program under the same care."""
         log = self.folder / f"{len(self.nodes):02d}-{name}.log"
-        node = NodeProcess(command, log, {**self.env, **(env or {})})
+        node = NodeProcess(command, log, {**self.env, **(env or {})}, begin)
         self.nodes.append(node)
         return node
 

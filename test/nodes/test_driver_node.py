@@ -53,10 +53,17 @@ def channel() -> Iterator[str]:
         yield found
 
 
-@pytest.fixture
-def drives(channel: str) -> Iterator[Drives]:
+@pytest.fixture(scope="module")
+def bench(channel: str) -> Iterator[Drives]:
     with drives_on("remote", channel) as found:
         yield found
+
+
+@pytest.fixture
+def drives(bench: Drives) -> Drives:
+    """New ones for every test, in one process."""
+    bench.renew()
+    return bench
 
 
 @pytest.fixture
