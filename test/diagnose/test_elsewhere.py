@@ -23,8 +23,8 @@ FIELD_TRUTH = {
 
 @pytest.mark.parametrize("what", FIELD_TRUTH)
 def test_recordings_made_elsewhere(what: str) -> None:
-    """Fifteen seconds of each run say enough."""
-    runs = [read_bag(foreign(f"field_examples/{what}/run{k}")).between(20.0, 35.0) for k in range(3)]
+    """Twelve seconds of each run say enough."""
+    runs = [read_bag(foreign(f"field_examples/{what}/run{k}")).between(20.0, 32.0) for k in range(3)]
     result = diagnose(runs, ROBOT)
     truth = FIELD_TRUTH[what]
     if not truth:

@@ -72,7 +72,7 @@ def test_effects_are_named_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
     By itself each recording has it right.
     """
     try_only(monkeypatch, *FEW)
-    found = driven(("slope", "command_delay", OTHER_GROUND), 51, duration=12.0)
+    found = driven(("slope", "command_delay", OTHER_GROUND), 51, duration=10.0)
     answer = diagnose(found.recordings, load_robot("agriq"), holdout=found.holdout)
     causes = {cause.effect: cause.parameters for cause in answer.causes}
     assert causes.keys() == {"slope", "command_delay"}
