@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
 # Types and all tests. What watches the clock goes first: one by one what asks for the whole machine in time, then, two files
 # at a time, what mostly waits. In its pauses runs what only computes, three files at a time, those that take longest first
-# (test/conftest.py): it gets the processor only while nobody else wants it. Once nothing watches the clock any more it has
-# all of it, and behind it run the types and the tests on a kernel with CAN, if that is emulated, for then its clock waits
-# for them: not before, for an emulated kernel is in a session of its own, where its priority cannot be raised again. The
-# summaries come last.
+# (test/conftest.py): it gets the processor only while nobody else wants it. Once nothing watches the clock any more the tests
+# on a kernel with CAN run, if that is emulated, for then its clock waits for them: not before, for an emulated kernel is in
+# a session of its own, where its priority cannot be raised again. They and the types are one long row that keeps one
+# processor at most: it goes before what computes, which takes the rest, so that no processor waits for the row at the end.
+# The summaries come last.
 # What watches the clock fails where the machine stands still for a moment: a few tests are tried again, one by one, and
 # those that fail then in slow motion (in_uml.sh), where no machine stands still. Who fails there, too, has failed.
 # With arguments they are pytest's, and it is one part.
@@ -39,10 +40,10 @@ trap end EXIT
 # Where several processes share the cores BLAS's own threads wait for each other: a sum then takes ten times as long.
 export OPENBLAS_NUM_THREADS=1
 
-behind() {
+row() {
   local failed=0
-  nice -n 5 "$python" -m mypy >"$reports/types" 2>&1 || failed=1
-  [ ${#can[@]} = 0 ] || nice -n 5 "$python" -m pytest "${can[@]}" >"$reports/2-can" 2>&1 || failed=1
+  [ ${#can[@]} = 0 ] || "$python" -m pytest "${can[@]}" >"$reports/2-can" 2>&1 || failed=1
+  "$python" -m mypy >"$reports/types" 2>&1 || failed=1
   return "$failed"
 }
 
@@ -80,7 +81,7 @@ watched() {
 
 failed=0
 set -m # a process group of its own
-priority low "$python" -m pytest -n 3 "${files[@]}" -o "cache_dir=$reports/cache-3" "${rest[@]}" >"$reports/3" 2>&1 </dev/null &
+priority low nice -n 5 "$python" -m pytest -n 3 "${files[@]}" -o "cache_dir=$reports/cache-3" "${rest[@]}" >"$reports/3" 2>&1 </dev/null &
 others=$!
 set +m
 trap 'kill -- "-$others"; kill -CONT -- "-$others"; end' EXIT
@@ -88,7 +89,7 @@ trap 'exit 130' INT TERM
 watched 0 -- "${alone[@]}" || failed=1
 watched 1 -n 2 "${files[@]}" -- "${waiting[@]}" || failed=1
 priority usual "$others"
-behind </dev/null &
+row </dev/null &
 row=$!
 tail -n +1 -f --pid="$others" "$reports/3"
 wait "$others" && passed=yes || passed=no
