@@ -64,7 +64,7 @@ from artibot_sim.diagnose.validation.series import comparison, with_commands
 from artibot_sim.diagnose.validation.varying_ground import beside_varying_ground
 from artibot_sim.diagnose.verdict import Reason, Verdict
 from artibot_sim.errors import ArtibotError
-from artibot_sim.estimation.alignment import on_one_clock, what_is_wrong
+from artibot_sim.estimation.alignment import on_one_clock, stream_table, what_is_wrong
 from artibot_sim.estimation.boosting import MISSING, can_grow
 from artibot_sim.estimation.checks.common_map import in_common_map
 from artibot_sim.estimation.checks.recordings import data_warnings, require_usable
@@ -557,7 +557,13 @@ def diagnose(
     ticks.begin(Task.ERRORS)
     result = with_budget(result, found.decision, assessed, options)
     fewer = _fewer(len(every.rows), usual)
-    result = replace(result, findings=what_is_wrong(timed, later), warnings=(*fewer, *result.warnings))
+    result = replace(
+        result,
+        findings=what_is_wrong(timed, later),
+        streams=stream_table([*timed, *later]),
+        search=fit.report,
+        warnings=(*fewer, *result.warnings),
+    )
     ticks.done()
     return replace(result, seconds=parts.elapsed)
 

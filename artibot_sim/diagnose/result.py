@@ -32,7 +32,9 @@ from artibot_sim.diagnose.records import (
     Verdict,
 )
 from artibot_sim.diagnose.remains import COMMANDED, beyond_noise
+from artibot_sim.estimation.checks.stream_values import StreamTable
 from artibot_sim.estimation.residual_model import ResidualModel
+from artibot_sim.estimation.search import SearchReport
 from artibot_sim.identify.result import number, spaced
 from artibot_sim.model import Robot
 from artibot_sim.model.effects.force_law import formula, unit_of
@@ -117,6 +119,10 @@ class Diagnosis:
         What was learned, where it was asked for and surely makes predictions better.
     findings : tuple of str
         What is wrong with the recordings' clocks, signs and units, and what was mended of it beforehand.
+    streams : mapping
+        Delay, hold, scale and sign of each stream as it was recorded: topic → recording → `stream_values`.
+    search : SearchReport or None
+        What the search for the soil says of itself.
     """
 
     verdict: Verdict
@@ -149,6 +155,8 @@ class Diagnosis:
     error_budget: Mapping[str, ErrorBudget] = field(default_factory=dict)
     residual: ResidualModel | None = None
     findings: tuple[str, ...] = ()
+    streams: StreamTable = field(default_factory=dict)
+    search: SearchReport | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """All but robots and pictures' data, as plain data for JSON; what is not a number is null there."""
@@ -167,6 +175,8 @@ class Diagnosis:
             "next_experiment": _numbers(vars(self.next_experiment)) if self.next_experiment else None,
             "ranking": [_numbers(vars(candidate)) for candidate in self.ranking],
             "findings": list(self.findings),
+            "streams": _numbers(self.streams),
+            "search": vars(self.search) if self.search else None,
             "warnings": list(self.warnings),
             "prior_odds": self.prior_odds,
             "false_alarm_rate": self.false_alarm_rate,

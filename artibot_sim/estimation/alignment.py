@@ -5,13 +5,15 @@ So is a gyroscope that is upside down turned, and a recording cut where its pose
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.estimation.checks.findings import Finding, compare_streams, findings, leaps_of
+from artibot_sim.estimation.checks.stream_values import StreamTable, stream_values
 from artibot_sim.estimation.streams import segments_of
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.model import Robot
@@ -46,11 +48,14 @@ class Aligned:
         What was wrong with it, and is not any more.
     found : tuple of Finding
         What else is wrong with it, the serious first.
+    streams : mapping of str to mapping
+        What is known of each stream as it came, by topic; see `stream_values`.
     """
 
     experiment: Experiment
     mended: tuple[Finding, ...]
     found: tuple[Finding, ...]
+    streams: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
     def pose_delay(self) -> Finding | None:
@@ -72,7 +77,9 @@ def aligned(experiment: Experiment, robot: Robot, seed: int = 0, poses: bool | N
         for a model in which it may become one: then late poses are shifted where other stamps are, too. Left by
         themselves they would be later than before against rotations that were shifted.
     """
-    found = findings(experiment, robot, compare_streams(experiment, seed))
+    streams = compare_streams(experiment, seed)
+    found = findings(experiment, robot, streams)
+    values = stream_values(streams, found, robot.wheel.r_w * robot.drive.front.tau)
     mended = tuple(one for one in found if shiftable(one))
     if poses is None:
         poses = any(one.name == "rotation_delay" for one in mended)
@@ -88,9 +95,9 @@ def aligned(experiment: Experiment, robot: Robot, seed: int = 0, poses: bool | N
                 channels[key] = _mended(channel, one, 0.5 * experiment.duration)
     rest = tuple(one for one in found if one not in mended)
     if not mended:
-        return Aligned(experiment, mended, rest)
+        return Aligned(experiment, mended, rest, values)
     experiment = replace(experiment, channels=channels)
-    return Aligned(replace(experiment, segments=_cut_at_leaps(experiment, robot)), mended, rest)
+    return Aligned(replace(experiment, segments=_cut_at_leaps(experiment, robot)), mended, rest, values)
 
 
 def _cut_at_leaps(experiment: Experiment, robot: Robot) -> tuple[tuple[float, float], ...]:
@@ -145,6 +152,15 @@ def on_one_clock(
 ) -> list[Aligned]:
     """Several recordings, each `aligned` by itself."""
     return [aligned(one, robot, seed, poses) for one in recordings]
+
+
+def stream_table(timed: Sequence[Aligned]) -> StreamTable:
+    """What is known of each stream as it came: topic → recording → `stream_values`."""
+    found: dict[str, dict[str, Mapping[str, Any]]] = {}
+    for one in timed:
+        for topic, values in one.streams.items():
+            found.setdefault(topic, {})[one.experiment.name] = values
+    return found
 
 
 def mean_shifts(timed: Sequence[Aligned]) -> dict[str, float]:

@@ -69,6 +69,34 @@ class Effort:
 
 
 @dataclass(frozen=True)
+class SearchReport:
+    """What a search from several starts says of itself.
+
+    Attributes
+    ----------
+    restarts : int
+        Starts.
+    finalists : int
+        Searches that were carried on to the end: those that came close to the best one.
+    reached : float
+        Share of these that ended within 1 nat of the best.
+    scatter : float
+        Nats by which the worst of them ended behind the best; 0 where there is only one.
+    """
+
+    restarts: int
+    finalists: int
+    reached: float
+    scatter: float
+
+    @classmethod
+    def of(cls, restarts: int, costs: Sequence[float]) -> SearchReport:
+        """Of the finalists' costs, twice a negative log-likelihood each."""
+        behind = 0.5 * (np.asarray(costs) - min(costs))
+        return cls(restarts, len(costs), float(np.mean(behind <= 1.0)), float(behind.max()))
+
+
+@dataclass(frozen=True)
 class Fit:
     """A search's end.
 
@@ -81,8 +109,8 @@ class Fit:
     free : tuple of int
         Parameters that move by their gradient; mu_s, which is scanned, is none of them.
     converged : bool
-    others : tuple of Point
-        Ends of the searches from other starts.
+    report : SearchReport or None
+        Of the search from several starts that it comes from.
     """
 
     point: Point
@@ -90,7 +118,7 @@ class Fit:
     reduced: Reduced
     free: tuple[int, ...]
     converged: bool
-    others: tuple[Point, ...] = ()
+    report: SearchReport | None = None
 
 
 Tick = Callable[[], None]
@@ -112,8 +140,7 @@ def search(problem: Problem, effort: Effort, tick: Tick = lambda: None, effects:
     finals = side_by_side(lambda fit: converge(problem, fit.point, fit.loss, effort.last), near, problem.workers, tick)
     finals.sort(key=lambda fit: fit.point.cost)
     best = finals[0]
-    others = tuple(fit.point for fit in [*finals[1:], *ends[effort.finalists :]])
-    return Fit(best.point, best.loss, best.reduced, best.free, best.converged, others)
+    return replace(best, report=SearchReport.of(len(tasks), [fit.point.cost for fit in finals]))
 
 
 def first_guesses(problem: Problem, effort: Effort, effects: Array | None = None) -> list[Array]:

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.estimation.checks.stream_values import StreamTable
+from artibot_sim.estimation.search import SearchReport
 from artibot_sim.model import Robot
 
 # ----------------------------------------------------------------------
@@ -292,6 +294,10 @@ class Identification:
     predictions : tuple of Prediction
     findings : tuple of str
         What is wrong with the recordings, and what of that was mended before anything was fitted.
+    search : SearchReport or None
+        What the search from several starts says of itself.
+    streams : mapping
+        Delay, hold, scale and sign of each stream as it was recorded: topic → recording → `stream_values`.
     remarks : tuple of str
         What was left out or assumed.
     seconds : float
@@ -310,6 +316,8 @@ class Identification:
     channels: Mapping[str, ChannelFit]
     predictions: tuple[Prediction, ...] = ()
     findings: tuple[str, ...] = ()
+    search: SearchReport | None = None
+    streams: StreamTable = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     seconds: float = 0.0
 
@@ -337,6 +345,8 @@ class Identification:
             "predictions": [_prediction(p) for p in self.predictions],
             "findings": list(self.findings),
             "remarks": list(self.remarks),
+            "search": vars(self.search) if self.search else None,
+            "streams": self.streams,
             "seconds": self.seconds,
         }
 

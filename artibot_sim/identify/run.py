@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.estimation.alignment import mean_shifts, on_one_clock, what_is_wrong
+from artibot_sim.estimation.alignment import mean_shifts, on_one_clock, stream_table, what_is_wrong
 from artibot_sim.estimation.checks.recordings import require_usable
 from artibot_sim.estimation.encoder_noise import noise_share
 from artibot_sim.estimation.kinematic import kinematic_models
@@ -158,8 +158,9 @@ def identify(
     seconds = time.perf_counter() - begun
     predictions = tuple(h.summary for h in held)
     result = replace(
-        result, findings=wrong, remarks=(*fewer, *result.remarks), predictions=predictions, seconds=seconds
-    )
+        result, findings=wrong, streams=stream_table([*timed, *later]), remarks=(*fewer, *result.remarks),
+        predictions=predictions, seconds=seconds,
+    )  # fmt: skip
     return Work(result, problem, found, nodes, tuple(held), mean_shifts(timed))
 
 
@@ -257,7 +258,7 @@ def best_fit(problem: Problem, effort: Effort, tick: Tick, trust: Trust | None =
         part, problem, before = part.rescaled(levels), problem.rescaled(levels), before * levels
         loss = trust.loss(thinned(part, some))
         point = evaluate(part, loss, [some.point.coordinates], some.point.starts)[0]
-        some = replace(converge(part, point, loss, 3), others=some.others)
+        some = replace(converge(part, point, loss, 3), report=some.report)
     if poor:
         some, _ = _profiled(part, some, _PATIENCE)
     tick()
@@ -271,7 +272,7 @@ def best_fit(problem: Problem, effort: Effort, tick: Tick, trust: Trust | None =
         found = converge(problem, found.point, loss, _SETTLE)  # far from its end: not yet the time to dismiss windows
     found = converge(problem, found.point, replace(loss, firm=not foreign), _SETTLE)
     tick()
-    return problem, replace(found, others=some.others)
+    return problem, replace(found, report=some.report)
 
 
 def _profiled(problem: Problem, found: Fit, moves: int, tick: Tick = lambda: None) -> tuple[Fit, tuple[Node, ...]]:
@@ -281,7 +282,7 @@ def _profiled(problem: Problem, found: Fit, moves: int, tick: Tick = lambda: Non
         best = min(nodes, key=lambda node: node.point.cost)
         if best.point.cost > found.point.cost - _BETTER:
             break
-        found = replace(converge(problem, best.point, found.loss, 3), others=found.others)
+        found = replace(converge(problem, best.point, found.loss, 3), report=found.report)
         nodes = profile(problem, found, tick)
     return found, nodes
 
@@ -316,7 +317,7 @@ def _result(
         identified_robot(parameters, all_, names), all_, curvature.covariance / np.outer(sd, sd),
         f"{text} (to {100 * share:.2g} % of its prior's width)", status, message, tuple(names), len(problem),
         sum(len(w) for w in problem.windows), channel_fits(problem.windows, found.point.residuals, levels),
-        remarks=tuple(remarks),
+        remarks=tuple(remarks), search=found.report,
     )  # fmt: skip
 
 

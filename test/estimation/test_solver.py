@@ -12,7 +12,16 @@ from estimation.linear import Linear, linear
 from artibot_sim.estimation.encoder_noise import NoiseShare
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.problem import Draw, Problem
-from artibot_sim.estimation.search import FINE, followed_scan, free_parameters, restarted_windows, scan
+from artibot_sim.estimation.search import (
+    FINE,
+    Effort,
+    SearchReport,
+    followed_scan,
+    free_parameters,
+    restarted_windows,
+    scan,
+    search,
+)
 from artibot_sim.estimation.solver import evaluate, reduce, step
 from artibot_sim.estimation.uncertainty import Node, from_bootstrap, from_curvature
 from artibot_sim.estimation.windows import CHANNEL_NAMES
@@ -180,3 +189,10 @@ def test_draws_depend_on_the_seed_alone(problem: Problem) -> None:
     assert not np.array_equal(ends[0].starts, ends[2].starts)
     by_hand = [replace(problem, seed=seed).generator(Draw.STARTS, 7).normal(size=4) for seed in (0, 0, 1)]
     assert np.array_equal(by_hand[0], by_hand[1]) and not np.array_equal(by_hand[0], by_hand[2])
+
+
+def test_a_search_says_how_many_of_its_ends_are_the_best_one(problem: Problem) -> None:
+    assert SearchReport.of(5, [10.0, 11.0, 40.0]) == SearchReport(5, 3, 2.0 / 3.0, 15.0)
+    found = search(problem, Effort(starts=3, finalists=3)).report
+    assert found is not None and found.restarts == 3 >= found.finalists >= 1
+    assert 1.0 / found.finalists <= found.reached <= 1.0 and (found.reached == 1.0) == (found.scatter <= 1.0)

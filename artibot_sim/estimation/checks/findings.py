@@ -188,7 +188,8 @@ def findings(experiment: Experiment, robot: Robot, streams: Streams | None = Non
     return sorted(found, key=lambda one: not one.serious)
 
 
-def _agree(delay: Delay | None) -> Delay | None:
+def agreeing(delay: Delay | None) -> Delay | None:
+    """A comparison of two streams that move alike; None for another one."""
     return delay if delay is not None and delay.agreement >= AGREES else None
 
 
@@ -316,7 +317,7 @@ def _unrelated(of: Streams) -> Iterator[Finding]:
         agreement, chance = agreement_beside_chance(list(pieces), most, np.random.default_rng(of.seed))
         if agreement > chance.max():
             return
-    both = _agree(of.gyro_wheels)
+    both = agreeing(of.gyro_wheels)
     gyro = f"; gyroscope and wheels agree in {100 * both.agreement:.0f} %" if both else ""
     yield Finding(
         "unrelated_pose", of.pose_topic, max(of.turn.agreement, of.forward.agreement), None, "-",
@@ -340,7 +341,7 @@ def _pattern(delay: Delay) -> str | None:
 
 
 def _signs(of: Streams) -> Iterator[Finding]:
-    forward, turn = _agree(of.forward), _agree(of.turn) or _agree(of.gyro_wheels)
+    forward, turn = agreeing(of.forward), agreeing(of.turn) or agreeing(of.gyro_wheels)
     ahead = _pattern(forward) if forward else None
     about = _pattern(turn) if turn else None
     topic = of.experiment.require("motor_torques").topic
@@ -360,7 +361,7 @@ def _signs(of: Streams) -> Iterator[Finding]:
 
 def _swapped(of: Streams, topic: str, evidence: str) -> Iterator[Finding]:
     """Turning is against the wheels: either their sides or the sensor's sign are the wrong way round."""
-    gyro = _agree(of.gyro)
+    gyro = agreeing(of.gyro)
     if gyro is not None and gyro.coefficients[0] < 0 and of.gyro_wheels and _pattern(of.gyro_wheels) == "+-":
         yield Finding(
             "pose_flip", of.pose_topic, -1.0, None, "-", f"the heading of {of.pose_topic} has the wrong sign",
@@ -402,7 +403,7 @@ def _course(of: Streams) -> float | None:
 
 
 def _units(of: Streams, robot: Robot) -> Iterator[Finding]:
-    forward = _agree(of.forward)
+    forward = agreeing(of.forward)
     if forward is None:
         return
     tau, topic = robot.drive.front.tau, of.experiment.require("motor_torques").topic
@@ -438,13 +439,13 @@ def _gyro(of: Streams) -> Iterator[Finding]:
     imu = of.experiment.channels.get("imu")
     if imu is None or not of.segments:
         return
-    topic, direct, by_wheels = imu.topic, _agree(of.gyro), _agree(of.gyro_wheels)
+    topic, direct, by_wheels = imu.topic, agreeing(of.gyro), agreeing(of.gyro_wheels)
     if direct is None and by_wheels is None:
         yield from _other_axis(of, topic)
         return
     if direct is not None:
         scale, sd = float(direct.coefficients[0]), max(float(direct.spread[0]), 0.003)
-        turned = _agree(of.turn)
+        turned = agreeing(of.turn)
         if scale < 0 and not (turned and _pattern(turned) == "-+"):
             yield _flipped(topic, f"{of.pose_topic} turns the other way, by {-scale:.3g} times as much")
         size = 1.0 / max(abs(scale), 1e-9)
@@ -468,7 +469,7 @@ def _gyro(of: Streams) -> Iterator[Finding]:
 
 
 def _heading_against_wheels(of: Streams) -> bool:
-    turn = _agree(of.turn)
+    turn = agreeing(of.turn)
     return turn is not None and _pattern(turn) == "-+"
 
 
@@ -488,7 +489,7 @@ def _other_axis(of: Streams, topic: str) -> Iterator[Finding]:
             type(p)(p.end, p.begin, p.y, Sums(s.gyro.t, s.gyro.values[:, [i]]))
             for s in of.segments if s.gyro is not None for p in turning([s], "heading", "gyro")
         ]  # fmt: skip
-        found = _agree(delay_of(pieces, most, np.random.default_rng(of.seed), trend=True)) if pieces else None
+        found = agreeing(delay_of(pieces, most, np.random.default_rng(of.seed), trend=True)) if pieces else None
         if found is not None and found.agreement > 0.8:
             sign = "" if found.coefficients[0] > 0 else ", with its sign turned"
             yield Finding(
@@ -506,8 +507,8 @@ def _other_axis(of: Streams, topic: str) -> Iterator[Finding]:
 
 def _delays(of: Streams) -> Iterator[Finding]:
     """Which stream is late, by all comparisons together."""
-    pose_wheels = _best(_agree(of.turn), _agree(of.forward))
-    gyro_wheels, pose_gyro = _agree(of.gyro_wheels), _agree(of.gyro)
+    pose_wheels = surest(agreeing(of.turn), agreeing(of.forward))
+    gyro_wheels, pose_gyro = agreeing(of.gyro_wheels), agreeing(of.gyro)
     motors = of.experiment.channels.get("motor_torques")
     imu = of.experiment.channels.get("imu")
     wheels_topic, gyro_topic = motors.topic if motors else "", imu.topic if imu else ""
@@ -515,7 +516,7 @@ def _delays(of: Streams) -> Iterator[Finding]:
         late_gyro = gyro_wheels.value if gyro_wheels else pose_wheels.value - pose_gyro.value  # type: ignore[union-attr]
         apart = [abs(late_gyro + pose_gyro.value), *([abs(pose_wheels.value)] if pose_wheels else [])]
         if abs(pose_gyro.value) <= LATE_SAID_POSE:
-            both = _best(gyro_wheels, pose_wheels)  # of one body
+            both = surest(gyro_wheels, pose_wheels)  # of one body
             assert both is not None
             yield from _late("rotation_delay", wheels_topic, _negative(both), "pose and gyroscope", LATE_SAID)
             return
@@ -548,7 +549,8 @@ def _by_wheels(of: Streams, pose: Delay, gyro: Delay, wheels_topic: str, gyro_to
     yield from _late("gyro_delay", gyro_topic, gyro, wheels_topic, TOGETHER if gyro.value > 0 else LATE_SAID)
 
 
-def _best(*delays: Delay | None) -> Delay | None:
+def surest(*delays: Delay | None) -> Delay | None:
+    """The delay with the shortest interval; None if there is none."""
     there = [d for d in delays if d is not None]
     return min(there, key=_width) if there else None
 
@@ -588,9 +590,9 @@ def _skews(of: Streams) -> Iterator[Finding]:
     motors = of.experiment.channels.get("motor_torques")
     imu = of.experiment.channels.get("imu")
     pairs = [
-        (_agree(of.gyro), of.pose_topic, imu.topic if imu else ""),
-        (_best(_agree(of.turn), _agree(of.forward)), of.pose_topic, motors.topic if motors else ""),
-        (_agree(of.gyro_wheels), imu.topic if imu else "", motors.topic if motors else ""),
+        (agreeing(of.gyro), of.pose_topic, imu.topic if imu else ""),
+        (surest(agreeing(of.turn), agreeing(of.forward)), of.pose_topic, motors.topic if motors else ""),
+        (agreeing(of.gyro_wheels), imu.topic if imu else "", motors.topic if motors else ""),
     ]
     duration = of.experiment.duration
     for delay, topic, against in pairs:

@@ -37,6 +37,7 @@ from artibot_sim.diagnose.records import (
 from artibot_sim.diagnose.result import SCHEMA, Diagnosis
 from artibot_sim.diagnose.validation.predictors import CHANNELS, errors
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.search import SearchReport
 from artibot_sim.model import Robot, load_robot
 from artibot_sim.model.robot.file import robot_from_dict, robot_to_dict
 
@@ -221,6 +222,8 @@ def _from_dict(document: Mapping[str, Any], robot: Robot, baseline_robot: Robot,
         next_experiment=NextExperiment(**_floats(after) | {"separates": tuple(after["separates"])}) if after else None,
         warnings=tuple(document["warnings"]),
         findings=tuple(document.get("findings", ())),
+        streams=document.get("streams", {}),
+        search=SearchReport(**found) if (found := document.get("search")) else None,
         prior_odds=_float(document["prior_odds"]),
         false_alarm_rate=_float(document.get("false_alarm_rate", 0.0)),
         threshold=_float(document["threshold"]),

@@ -1,0 +1,38 @@
+"""What results say of each stream as numbers: what a logger did to it, with an interval, and nothing to the others."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from estimation.logger import trial
+
+from artibot_sim.estimation.alignment import on_one_clock, stream_table
+
+
+@pytest.mark.parametrize(("flaw", "stream"), [("gyro_delay", "imu"), ("rotation_delay", "motor_torques")])
+def test_the_late_stream_has_its_delay_and_the_others_have_none(flaw: str, stream: str) -> None:
+    robot, experiment, found = trial(flaw, 11)
+    (truth,) = (one.value for one in found if one.name == flaw)
+    table, topic = stream_table(on_one_clock([experiment], robot)), experiment.channels[stream].topic
+    assert json.loads(json.dumps(table, allow_nan=False)) == table
+    delay = table[topic][experiment.name]["delay"]
+    low, high = delay["ci95"]
+    assert low <= delay["value"] == truth <= high and "against" not in delay
+    for other, recordings in table.items():
+        if other != topic:
+            beside = recordings[experiment.name].get("delay", {"ci95": (0.0, 0.0), "against": ""})
+            assert "against" in beside and beside["ci95"][0] <= 0.03 and beside["ci95"][1] >= -0.03
+
+
+def test_a_gyroscope_upside_down_has_its_sign_and_a_held_stream_its_period() -> None:
+    robot, experiment, _ = trial("gyro_flip", 3)
+    table = stream_table(on_one_clock([experiment], robot))
+    signs = {topic: recordings[experiment.name]["sign"] for topic, recordings in table.items()}
+    assert signs.pop(experiment.channels["imu"].topic) == -1 and set(signs.values()) == {1}
+    robot, experiment, found = trial("held_samples", 3)
+    table = stream_table(on_one_clock([experiment], robot))
+    for one in found:
+        if one.name == "held_samples":
+            hold = table[one.topic][experiment.name]["hold"]
+            assert hold["share"] == one.value and hold["period"] > 0.0
