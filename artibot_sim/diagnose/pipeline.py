@@ -64,7 +64,7 @@ from artibot_sim.diagnose.validation.series import comparison, with_commands
 from artibot_sim.diagnose.validation.varying_ground import beside_varying_ground
 from artibot_sim.diagnose.verdict import Reason, Verdict
 from artibot_sim.errors import ArtibotError
-from artibot_sim.estimation.alignment import on_one_clock, stream_table, what_is_wrong
+from artibot_sim.estimation.alignment import Aligned, on_one_clock, stream_table, what_is_wrong, with_delays
 from artibot_sim.estimation.boosting import MISSING, can_grow
 from artibot_sim.estimation.checks.common_map import in_common_map
 from artibot_sim.estimation.checks.recordings import data_warnings, require_usable
@@ -291,6 +291,17 @@ def with_explainable(result: Diagnosis, assessed: Assessment, residual: bool, op
     if residual and any(one.better for one in found.values()):
         model = model_of(some, assessed.predicted, assessed.extended, result.horizon, result.seed)
     return replace(result, explainable=found, residual=model)
+
+
+def with_sensors(result: Diagnosis, timed: Sequence[Aligned]) -> Diagnosis:
+    """Add to the robots of a result by how much streams were stamped late in the fitted recordings."""
+
+    def told(robot: Robot) -> Robot:
+        return with_delays(robot, timed, "diagnosed")
+
+    predictors = [one if one.robot is None else replace(one, robot=told(one.robot)) for one in result.predictors]
+    baseline, extended = told(result.baseline_robot), told(result.extended)
+    return replace(result, baseline_robot=baseline, extended=extended, predictors=tuple(predictors))
 
 
 def with_budget(result: Diagnosis, decision: Decision, assessed: Assessment, options: Options) -> Diagnosis:
@@ -558,12 +569,9 @@ def diagnose(
     result = with_budget(result, found.decision, assessed, options)
     fewer = _fewer(len(every.rows), usual)
     result = replace(
-        result,
-        findings=what_is_wrong(timed, later),
-        streams=stream_table([*timed, *later]),
-        search=fit.report,
-        warnings=(*fewer, *result.warnings),
-    )
+        with_sensors(result, timed), findings=what_is_wrong(timed, later), streams=stream_table([*timed, *later]),
+        search=fit.report, warnings=(*fewer, *result.warnings),
+    )  # fmt: skip
     ticks.done()
     return replace(result, seconds=parts.elapsed)
 

@@ -5,7 +5,7 @@ So is a gyroscope that is upside down turned, and a recording cut where its pose
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -20,6 +20,11 @@ from artibot_sim.model import Robot
 
 SHIFTED = ("rotation_delay", "gyro_delay", "pose_delay")
 """Findings that say by how much stamps are off,"""
+DELAYS = {
+    "motor_torques": "rotation_delay", "imu": "gyro_delay", "ground_truth_odom": "pose_delay",
+    "total_station": "pose_delay",
+}  # fmt: skip
+"""Stream → the one of these that is about it."""
 SCALED = "clock_skew"
 """and the one that says how that drifts."""
 LEAPS = "pose_leap"
@@ -86,6 +91,7 @@ def aligned(experiment: Experiment, robot: Robot, seed: int = 0, poses: bool | N
     if not poses:
         mended = tuple(one for one in mended if not _late_pose(one))
     mended += tuple(one for one in found if one.name in (LEAPS, FLIPPED))
+    mended += tuple(one for one in known_delays(experiment, robot, values) if poses or one.name != "pose_delay")
     channels = dict(experiment.channels)
     for one in mended:
         if one.name == LEAPS:
@@ -98,6 +104,51 @@ def aligned(experiment: Experiment, robot: Robot, seed: int = 0, poses: bool | N
         return Aligned(experiment, mended, rest, values)
     experiment = replace(experiment, channels=channels)
     return Aligned(replace(experiment, segments=_cut_at_leaps(experiment, robot)), mended, rest, values)
+
+
+def known_delays(experiment: Experiment, robot: Robot, told: Mapping[str, Mapping[str, Any]]) -> Iterator[Finding]:
+    """What the robot file says of stamps that are late, where a recording does not tell it itself.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    robot : Robot
+    told : mapping
+        What `stream_values` says of the recording.
+    """
+    for key, name in DELAYS.items():
+        channel, late = experiment.channels.get(key), float(getattr(robot.sensors, name))
+        if channel is not None and late and "delay" not in told.get(channel.topic, {}):
+            interval = robot.intervals.get(f"sensors.{name}")
+            yield Finding(
+                name, channel.topic, late, interval, "s",
+                f"{channel.topic} is stamped {abs(late):.2f} s {'late' if late > 0 else 'early'}",
+                f"sensors.{name} of robot '{robot.name}'; the recording itself does not tell",
+                f"shift its stamps by {-late:+.2f} s",
+            )  # fmt: skip
+
+
+def with_delays(robot: Robot, timed: Sequence[Aligned], word: str) -> Robot:
+    """A robot whose file says by how much streams were stamped late in these recordings, where they were mended.
+
+    Parameters
+    ----------
+    robot : Robot
+    timed : sequence of Aligned
+    word : str
+        What the source begins with: ``identified`` or ``diagnosed``.
+    """
+    delays, sources, intervals = dict[str, float](), dict(robot.sources), dict(robot.intervals)
+    for name in SHIFTED:
+        found = [(one.experiment.name, was) for one in timed for was in one.mended if was.name == name]
+        if not found or len(found) < len(timed):  # in some recordings only: that is no property of the robot
+            continue
+        key = f"sensors.{name}"
+        delays[name] = float(np.mean([was.value for _, was in found]))
+        sources[key] = f"{word}: from {', '.join(who for who, _ in found)}"
+        ends = [was.interval for _, was in found if was.interval is not None]
+        intervals |= {key: (min(low for low, _ in ends), max(high for _, high in ends))} if ends else {}
+    return replace(robot, sensors=replace(robot.sensors, **delays), sources=sources, intervals=intervals)
 
 
 def _cut_at_leaps(experiment: Experiment, robot: Robot) -> tuple[tuple[float, float], ...]:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from estimation.logger import trial
 
-from artibot_sim.estimation.alignment import on_one_clock, stream_table
+from artibot_sim.estimation.alignment import on_one_clock, stream_table, with_delays
+from artibot_sim.model.robot.file import robot_from_dict, robot_to_dict
 
 
 @pytest.mark.parametrize(("flaw", "stream"), [("gyro_delay", "imu"), ("rotation_delay", "motor_torques")])
@@ -36,3 +39,24 @@ def test_a_gyroscope_upside_down_has_its_sign_and_a_held_stream_its_period() -> 
         if one.name == "held_samples":
             hold = table[one.topic][experiment.name]["hold"]
             assert hold["share"] == one.value and hold["period"] > 0.0
+
+
+def test_what_one_recording_tells_of_a_delay_mends_another_that_does_not_tell() -> None:
+    """The file of an identified robot has it, and without a pose nothing in a recording shows that a gyro is late."""
+    robot, experiment, found = trial("gyro_delay", 11)
+    (truth,) = (one for one in found if one.name == "gyro_delay")
+    timed = on_one_clock([experiment], robot)
+    known = robot_from_dict(robot_to_dict(with_delays(robot, timed, "identified")))
+    assert known.sensors.gyro_delay == pytest.approx(truth.value) and known.sensors.rotation_delay == 0.0
+    assert known.intervals["sensors.gyro_delay"] == pytest.approx(truth.interval)
+    assert with_delays(robot, [*timed, *on_one_clock([trial("none", 5)[1]], robot)], "identified") == robot
+
+    alone = {key: one for key, one in experiment.channels.items() if key in ("imu", "motor_torques")}
+    still = replace(alone["motor_torques"], columns={n: 0.0 * v for n, v in alone["motor_torques"].columns.items()})
+    silent = replace(experiment, channels={**alone, "motor_torques": still})
+    (mended,) = on_one_clock([silent], known)
+    shift = mended.experiment.channels["imu"].t - silent.channels["imu"].t
+    np.testing.assert_allclose(shift, -truth.value, atol=1e-6)
+    assert [one.name for one in mended.mended] == ["gyro_delay"]
+    (again,) = on_one_clock([experiment], known)  # it tells itself, and is shifted once
+    np.testing.assert_array_equal(again.experiment.channels["imu"].t, timed[0].experiment.channels["imu"].t)

@@ -31,6 +31,7 @@ from artibot_sim.model.robot.robot import (
     Polarity,
     Readings,
     Robot,
+    Sensors,
     Trailing,
     Wheel,
     module_name,
@@ -51,6 +52,7 @@ SOURCES = (
 
 _ENTRY = ("value", "unit", "source", "ci95")
 _SECTIONS: dict[str, type] = {"front": Module, "wheel": Wheel, "contact": Contact, "control": Control}
+_OPTIONAL: dict[str, type] = {"sensors": Sensors}
 _NESTED: dict[str, type] = {"polarity": Polarity, "hitch": Hitch}
 
 
@@ -74,10 +76,11 @@ def robot_from_dict(document: Any, name: str = "robot") -> Robot:
     """Build a robot from the mapping that a robot file holds; errors name the key's path."""
     top = _mapping(document, "the file")
     behind = _trailing_names(top)
-    known = {*_SECTIONS, "back", *behind, "drive", "name", "description", "readings", "effects"}
+    known = {*_SECTIONS, *_OPTIONAL, "back", *behind, "drive", "name", "description", "readings", "effects"}
     _refuse_unknown(top, known, "")
     reader = _Reader()
     parts = {key: reader.section(cls, _required(top, key), key) for key, cls in _SECTIONS.items()}
+    parts |= {key: reader.section(cls, top[key], key) for key, cls in _OPTIONAL.items() if top.get(key) is not None}
     back = reader.section(Module, top["back"], "back") if top.get("back") is not None else None
     drive = _mapping(_required(top, "drive"), "drive")
     _refuse_unknown(drive, {"front", "back", *behind}, "drive.")
@@ -190,18 +193,25 @@ def robot_to_dict(robot: Robot) -> dict[str, Any]:
     """The mapping that a robot file holds; :func:`robot_from_dict` gives the robot back."""
     document: dict[str, Any] = {"name": robot.name, "description": robot.description}
     for key, quantity, value in robot.quantities():
-        if key not in robot.sources and math.isinf(value):
-            continue  # an unlimited motor is one whose limit is not in the file
-        *path, name = key.split(".")
-        node = document
-        for part in path:
-            node = node.setdefault(part, {})
-        entry = {"value": value, "unit": quantity.unit, "source": robot.sources.get(key, "assumed: default")}
-        node[name] = entry | ({"ci95": list(robot.intervals[key])} if key in robot.intervals else {})
+        if key in robot.sources or math.isfinite(value):  # an unlimited motor is one whose limit is not in the file
+            _enter(document, robot, key, quantity, value)
+    for key, quantity, value in robot.sensor_quantities():
+        if key in robot.sources or value:  # stamps that are right are not in the file
+            _enter(document, robot, key, quantity, value)
     document["readings"] = dataclasses.asdict(robot.readings)
     if robot.effects:
         document["effects"] = {name: _effect_entries(robot, name) for name in robot.effects}
     return document
+
+
+def _enter(document: dict[str, Any], robot: Robot, key: str, quantity: Quantity, value: float) -> None:
+    """Put a number into the section that its key names."""
+    *path, name = key.split(".")
+    node = document
+    for part in path:
+        node = node.setdefault(part, {})
+    entry = {"value": value, "unit": quantity.unit, "source": robot.sources.get(key, "assumed: default")}
+    node[name] = entry | ({"ci95": list(robot.intervals[key])} if key in robot.intervals else {})
 
 
 def _effect_entries(robot: Robot, name: str) -> dict[str, Any]:

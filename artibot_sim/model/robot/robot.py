@@ -160,6 +160,15 @@ class Readings:
 
 
 @dataclass(frozen=True)
+class Sensors:
+    """By how much a robot's streams are stamped late, as found in recordings of it; the simulation has none of it."""
+
+    rotation_delay: float = quantity("s", -1.0, 1.0, "by which rotations of the motors are stamped late", 0.0)
+    gyro_delay: float = quantity("s", -1.0, 1.0, "by which yaw rates are stamped late", 0.0)
+    pose_delay: float = quantity("s", -1.0, 1.0, "by which poses are stamped late", 0.0)
+
+
+@dataclass(frozen=True)
 class Robot:
     """A rover: everything that `rollout` needs to know about it.
 
@@ -171,6 +180,8 @@ class Robot:
         ``drive.front`` and ``drive.back``; also as `drive_front` and `drive_back`.
     trailing : tuple of Trailing
         Modules behind `back`, from there on: ``module_3``, ``module_4``, …
+    sensors : Sensors
+        By how much streams are stamped late.
     effects : mapping of str to mapping
         Model extensions by id; absent is neutral.
     sources : mapping of str to str
@@ -193,6 +204,7 @@ class Robot:
     back: Module | None = None
     trailing: tuple[Trailing, ...] = ()
     readings: Readings = Readings()
+    sensors: Sensors = Sensors()
     effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     description: str = ""
     sources: Mapping[str, str] = field(default_factory=dict, compare=False)
@@ -202,7 +214,7 @@ class Robot:
         object.__setattr__(self, "effects", MappingProxyType(effects_from_dict(self.effects)))
         for name in ("sources", "intervals"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
-        for key, spec, value in self.quantities():
+        for key, spec, value in (*self.quantities(), *self.sensor_quantities()):
             spec.check(key, value)
         _check_together(self)
 
@@ -255,7 +267,11 @@ class Robot:
 
     def quantities(self) -> Iterator[tuple[str, Quantity, float]]:
         """Every physical parameter as (key, declaration, value), in the order of a robot file."""
-        yield from _walk(self, "")
+        yield from (entry for entry in _walk(self, "") if not entry[0].startswith("sensors."))
+
+    def sensor_quantities(self) -> Iterator[tuple[str, Quantity, float]]:
+        """What is known of its sensors, as `quantities` (``"sensors.gyro_delay"``); no simulation asks for it."""
+        yield from _walk(self.sensors, "sensors.")
 
     def effect_quantities(self) -> Iterator[tuple[str, Quantity, float]]:
         """Every number of the effects that the robot has, as `quantities` (``"effects.slope.grade"``)."""

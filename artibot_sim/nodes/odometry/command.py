@@ -25,11 +25,17 @@ _OFFLINE = ("fit", "window", "pose_delay", "as_json", "renames", "joints", "name
 @effects_option
 @click.option("--robot", help="Robot as identified: a name, or a robot file.  [default: agriq; with BAG: its own]")
 @click.option("--kappa", type=Number(min=0, max=1), help="Front share of the torque, where back rotations are unknown.")
-@click.option("--rotation-delay", type=_DELAY, help="By which rotations are stamped late, s.  [default: 0]")
-@click.option("--gyro-delay", type=_DELAY, help="By which yaw rates are stamped late, s.  [default: 0]")
+@click.option(
+    "--rotation-delay", type=_DELAY, help="By which rotations are stamped late, s.  [default: the robot file's]"
+)
+@click.option("--gyro-delay", type=_DELAY, help="By which yaw rates are stamped late, s.  [default: the robot file's]")
 @click.option("--fit", type=click.Path(path_type=Path), help="With BAG: fit track and covariance here.  [first half]")
 @click.option("--window", type=Number(min=0, min_open=True), help="With BAG: way of a window, m.  [default: 10]")
-@click.option("--pose-delay", type=_DELAY, help="With BAG: by which reference poses are stamped late, s.")
+@click.option(
+    "--pose-delay",
+    type=_DELAY,
+    help="With BAG: by which reference poses are stamped late, s.  [default: the robot file's]",
+)
 @click.option("--json", "as_json", type=OutputFile(), help="With BAG: write the table as JSON.")
 @click.option("--topic", "renames", multiple=True, metavar="WANTED=FOUND", help="With BAG: the name of a topic in it.")
 @click.option("--joint", "joints", multiple=True, metavar="WANTED=FOUND[,FOUND]", help="With BAG: joints of a motor.")
@@ -102,10 +108,12 @@ def measure(bag: Path, given: dict[str, Any]) -> int:
     named = {"topics": given["renames"], "joints": given["joints"], "namespace": given["namespace"]}
     experiment = open_recording(bag, **named)
     robot = robot_of(experiment, given["robot"])
-    streams = Streams(rotation_delay=given["rotation_delay"] or 0.0, gyro_delay=given["gyro_delay"] or 0.0)
-    settings = check.Settings(
-        given["window"] or check.LENGTH, streams, given["pose_delay"] or 0.0, None, given["kappa"]
-    )
+    delays = {
+        name: getattr(robot.sensors, name) if given[name] is None else given[name]
+        for name in ("rotation_delay", "gyro_delay", "pose_delay")
+    }
+    streams = Streams(rotation_delay=delays["rotation_delay"], gyro_delay=delays["gyro_delay"])
+    settings = check.Settings(given["window"] or check.LENGTH, streams, delays["pose_delay"], None, given["kappa"])
     with Bar() as bar:
         found = check.pieces(experiment, robot, settings, bar.stage(f"odometry of {bag.name}", 1.0))
         if given["fit"] is not None:

@@ -45,8 +45,8 @@ SPECS = (
          low=0.0, high=1.0),
     Spec("odometry.turn_slip", _SLIP.turn, "What it leaves open of the turned angle, relative, 1.", low=0.0, high=1.0),
     Spec("odometry.side_slip", _SLIP.side, "Drift to the side relative to the distance, 1.", low=0.0, high=1.0),
-    Spec("rotation_delay", 0.0, "By which motor_torques is stamped late, s.", low=-1.0, high=1.0),
-    Spec("gyro_delay", 0.0, "By which imu/data is stamped late, s.", low=-1.0, high=1.0),
+    Spec("rotation_delay", 0.0, "By which motor_torques is stamped late, s [robot file].", low=-1.0, high=1.0),
+    Spec("gyro_delay", 0.0, "By which imu/data is stamped late, s [robot file].", low=-1.0, high=1.0),
     Spec("timing", _STREAMS.timing, "Standard deviation of stamps, s.", low=0.0, high=1.0),
     Spec("longest_hold", _STREAMS.longest_hold, "Equal samples in a row are held ones, s.", low=0.0, high=5.0),
     Spec("longest_gap", _STREAMS.longest_gap, "Without rotations for longer nothing is known of the motion, s.",
@@ -80,7 +80,8 @@ class OdometryNode(Node):
         settings: dict[str, Any] = {spec.name: declare(self, spec) for spec in SPECS}
         robot = load_robot(settings["robot"])
         streams = Streams(
-            rotation_delay=settings["rotation_delay"], gyro_delay=settings["gyro_delay"], timing=settings["timing"],
+            rotation_delay=settings["rotation_delay"] or robot.sensors.rotation_delay,
+            gyro_delay=settings["gyro_delay"] or robot.sensors.gyro_delay, timing=settings["timing"],
             longest_hold=settings["longest_hold"], longest_gap=settings["longest_gap"], bias=settings["gyro_bias"],
             gyro_noise=settings["gyro_noise"],
         )  # fmt: skip
