@@ -161,6 +161,27 @@ def test_what_is_missing_is_named_with_the_command_that_installs_it(
     assert line == f"artibot: {missing}: not found; this command needs it: {bare} -m pip install {package}"
 
 
+@pytest.mark.parametrize(
+    ("there", "args", "missing"),
+    [
+        (("rich", "mcap", "zstandard", "lz4"), ("plot", "{bag}", "--html", "page.html"), "rosbags"),
+        (("rich", "mcap", "zstandard", "lz4", "rosbags"), ("plot", "{bag}", "--html", "page.html"), "plotly"),
+        (("rich", "mcap", "zstandard", "lz4", "rosbags"), ("export", "{bag}", "--to", "parquet"), "pyarrow"),
+        (("rich", "python-can"), ("driver", "--interface", "remote", "--channel", "ws://127.0.0.1:1/"), "can_remote"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else value[0],
+)
+def test_so_is_what_only_some_options_need(
+    tmp_path: Path, there: tuple[str, ...], args: tuple[str, ...], missing: str
+) -> None:
+    """With all else that the command needs."""
+    python, bag = environment_of((*WITH_OPTIONS, *there), tmp_path / "venv"), ROOT / "bags" / "table6_agriq"
+    done = run(python, *(arg.format(bag=bag) for arg in args), cwd=tmp_path)
+    assert done.returncode == 2, done.stderr
+    wanted = f"artibot: {missing}: not found; this command needs it: {python} -m pip install {PACKAGES[missing]}"
+    assert done.stderr.strip().splitlines()[-1] == wanted
+
+
 @pytest.mark.parametrize("word", ["sim", "planner", "driver", "record", "replay", "recover", "plot", "diagnose"])
 def test_every_help_is_there_without_what_its_command_needs(bare: Path, tmp_path: Path, word: str) -> None:
     done = run(bare, word, "--help", cwd=tmp_path)
