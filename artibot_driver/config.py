@@ -80,13 +80,13 @@ ODOMETRY = (
          "as robot_localization publishes that of odom."),
     Spec("frame_prefix", "", "Before the name of every frame but map, as robot_state_publisher has it: rover1/ gives "
          "rover1/odom, so that several rovers share one tree."),
-    Spec("odometry.travel_slip", 0.02, "Standard deviation of the travelled distance relative to that of odom, 1.",
-         low=0.0, high=1.0),
-    Spec("odometry.turn_slip", 0.2, "Standard deviation of the turned angle relative to it, which slip shortens: "
-         "Agri.q 0.2, Epi.q 0.1, Husky 0.35. The three set odom's covariances, which grow with way and turn.",
-         low=0.0, high=1.0),
-    Spec("odometry.side_slip", 0.06, "Standard deviation of the drift to the side relative to the distance, 1.",
-         low=0.0, high=1.0),
+    Spec("odometry.travel_slip", -1.0, "Standard deviation of the travelled distance relative to that of odom, 1; "
+         "negative: as the robot file says.", low=-1.0, high=1.0),
+    Spec("odometry.turn_slip", -1.0, "Standard deviation of the turned angle relative to it, which slip shortens; "
+         "negative: as the robot file says. The three set odom's covariances, which grow with way and turn.",
+         low=-1.0, high=1.0),
+    Spec("odometry.side_slip", -1.0, "Standard deviation of the drift to the side relative to the distance, 1; "
+         "negative: as the robot file says.", low=-1.0, high=1.0),
 )  # fmt: skip
 """What whoever publishes odom says of it: driver and simulator alike."""
 

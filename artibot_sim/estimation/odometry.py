@@ -61,13 +61,18 @@ class Slip:
 
     @classmethod
     def of(cls, settings: Mapping[str, Any], robot: Robot) -> Slip:
-        """From a node's parameters, with what the robot file says of how sure radius and track are."""
+        """From a node's parameters, with what the robot file says of how sure radius and track are.
+
+        A parameter that is negative stands for what the robot file says.
+        """
         radius, track = uncertainty(robot, "wheel.r_w"), uncertainty(robot, "front.i_y")
-        soil = soil_slip(robot)
+        soil, own = soil_slip(robot), robot.odometry
+        given = {name: float(settings[f"odometry.{name}"]) for name in ("travel_slip", "turn_slip", "side_slip")}
+        travel, turn, side = (value if value >= 0.0 else getattr(own, name) for name, value in given.items())
         return cls(
-            math.hypot(settings["odometry.travel_slip"], radius, soil.travel),
-            math.hypot(settings["odometry.turn_slip"], radius, track, soil.turn),
-            math.hypot(settings["odometry.side_slip"], soil.side),
+            math.hypot(travel, radius, soil.travel),
+            math.hypot(turn, radius, track, soil.turn),
+            math.hypot(side, soil.side),
         )
 
 

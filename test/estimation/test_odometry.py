@@ -113,13 +113,14 @@ def test_errors_of_simulated_runs_are_within_what_it_states(name: str) -> None:
     assert np.max(errors) > 0.2, "nor is it so wide that it says nothing"
 
 
-def test_the_parameters_defaults_are_what_agriq_slips_in_simulation() -> None:
-    """``python -m artibot_sim.estimation.odometry`` prints them for all robots."""
-    found = measured_slip(load_robot("agriq"))
-    for name, value in dataclasses.asdict(found).items():
-        default = parameters.SPECS[f"odometry.{name}_slip"].default
-        assert isinstance(default, float)
-        assert value / 1.15 < default < 1.5 * value
+@pytest.mark.parametrize("name", ["agriq", "epiq", "husky", "warthog", "optiodom_diff"])
+def test_robot_files_say_what_robots_slip_in_simulation_and_nodes_take_it(name: str) -> None:
+    """``python -m artibot_sim.estimation.odometry`` prints it for all robots."""
+    robot = load_robot(name)
+    settings = {name: parameters.SPECS[name].default for name in parameters.SPECS if name.startswith("odometry.")}
+    stated = Slip.of(settings, dataclasses.replace(robot, intervals={}))
+    for part, value in dataclasses.asdict(measured_slip(robot)).items():
+        assert value / 1.15 < getattr(stated, part) < 1.5 * value
 
 
 def test_the_uncertainty_of_identified_geometry_adds_to_it() -> None:

@@ -34,6 +34,7 @@ from artibot_sim.model.robot.robot import (
     Sensors,
     Trailing,
     Wheel,
+    WheelOdometry,
     module_name,
 )
 
@@ -52,7 +53,7 @@ SOURCES = (
 
 _ENTRY = ("value", "unit", "source", "ci95")
 _SECTIONS: dict[str, type] = {"front": Module, "wheel": Wheel, "contact": Contact, "control": Control}
-_OPTIONAL: dict[str, type] = {"sensors": Sensors}
+_OPTIONAL: dict[str, type] = {"sensors": Sensors, "odometry": WheelOdometry}
 _NESTED: dict[str, type] = {"polarity": Polarity, "hitch": Hitch}
 
 
@@ -195,8 +196,9 @@ def robot_to_dict(robot: Robot) -> dict[str, Any]:
     for key, quantity, value in robot.quantities():
         if key in robot.sources or math.isfinite(value):  # an unlimited motor is one whose limit is not in the file
             _enter(document, robot, key, quantity, value)
+    usual = {f"{section}.{name}": value for section, cls in _OPTIONAL.items() for name, value in vars(cls()).items()}
     for key, quantity, value in robot.sensor_quantities():
-        if key in robot.sources or value:  # stamps that are right are not in the file
+        if key in robot.sources or value != usual[key]:
             _enter(document, robot, key, quantity, value)
     document["readings"] = dataclasses.asdict(robot.readings)
     if robot.effects:

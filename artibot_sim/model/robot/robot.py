@@ -169,6 +169,15 @@ class Sensors:
 
 
 @dataclass(frozen=True)
+class WheelOdometry:
+    """By how much a robot slips beside what its wheels say: relative standard deviations, for `odom`'s covariances."""
+
+    travel_slip: float = quantity("-", 0.0, 1.0, "of the travelled distance", 0.02)
+    turn_slip: float = quantity("-", 0.0, 1.0, "of the turned angle", 0.2)
+    side_slip: float = quantity("-", 0.0, 1.0, "of the drift to the side, over the distance", 0.06)
+
+
+@dataclass(frozen=True)
 class Robot:
     """A rover: everything that `rollout` needs to know about it.
 
@@ -182,6 +191,8 @@ class Robot:
         Modules behind `back`, from there on: ``module_3``, ``module_4``, …
     sensors : Sensors
         By how much streams are stamped late.
+    odometry : WheelOdometry
+        How sure wheel odometry is.
     effects : mapping of str to mapping
         Model extensions by id; absent is neutral.
     sources : mapping of str to str
@@ -205,6 +216,7 @@ class Robot:
     trailing: tuple[Trailing, ...] = ()
     readings: Readings = Readings()
     sensors: Sensors = Sensors()
+    odometry: WheelOdometry = WheelOdometry()
     effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     description: str = ""
     sources: Mapping[str, str] = field(default_factory=dict, compare=False)
@@ -267,11 +279,12 @@ class Robot:
 
     def quantities(self) -> Iterator[tuple[str, Quantity, float]]:
         """Every physical parameter as (key, declaration, value), in the order of a robot file."""
-        yield from (entry for entry in _walk(self, "") if not entry[0].startswith("sensors."))
+        yield from (entry for entry in _walk(self, "") if not entry[0].startswith(("sensors.", "odometry.")))
 
     def sensor_quantities(self) -> Iterator[tuple[str, Quantity, float]]:
         """What is known of its sensors, as `quantities` (``"sensors.gyro_delay"``); no simulation asks for it."""
         yield from _walk(self.sensors, "sensors.")
+        yield from _walk(self.odometry, "odometry.")
 
     def effect_quantities(self) -> Iterator[tuple[str, Quantity, float]]:
         """Every number of the effects that the robot has, as `quantities` (``"effects.slope.grade"``)."""
