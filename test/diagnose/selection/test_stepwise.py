@@ -29,7 +29,7 @@ from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
 from artibot_sim.model import load_robot
 
-DRIVE = {"runs": 2, "held_out": 0, "duration": 8.0, "manoeuvres": ("eight", "stop_and_go")}
+DRIVE = {"runs": 2, "held_out": 0, "duration": 10.0, "manoeuvres": ("eight", "stop_and_go")}
 
 
 def test_an_effect_that_the_next_one_makes_up_for_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
