@@ -294,14 +294,14 @@ class Identification:
     predictions : tuple of Prediction
     findings : tuple of str
         What is wrong with the recordings, and what of that was mended before anything was fitted.
-    search : SearchReport or None
-        What the search from several starts says of itself.
-    streams : mapping
-        Delay, hold, scale and sign of each stream as it was recorded: topic → recording → `stream_values`.
     remarks : tuple of str
         What was left out or assumed.
     seconds : float
         It took.
+    search : SearchReport or None
+        What the search from several starts says of itself.
+    streams : mapping
+        Delay, hold, scale and sign of each stream as it was recorded: topic → recording → `stream_values`.
     """
 
     robot: Robot
@@ -316,10 +316,10 @@ class Identification:
     channels: Mapping[str, ChannelFit]
     predictions: tuple[Prediction, ...] = ()
     findings: tuple[str, ...] = ()
-    search: SearchReport | None = None
-    streams: StreamTable = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     seconds: float = 0.0
+    search: SearchReport | None = None
+    streams: StreamTable = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Estimate:
         """An estimate by its short name or its key."""
