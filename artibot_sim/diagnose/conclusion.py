@@ -79,12 +79,15 @@ class Without:
         What held-out recordings gain by them, where that is the reason.
     left : mapping of str to Left
         What they leave of the fitted ones.
+    beside : tuple of str
+        Effects beside which all of this is.
     """
 
     effects: tuple[str, ...]
     reason: Reason
     gain: Mapping[str, ChannelGain]
     left: Mapping[str, Left]
+    beside: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -107,10 +110,17 @@ class Conclusion:
     without: tuple[Without, ...] = ()
 
 
+_AGAINST = (Reason.REFUTED, Reason.MINOR)
+"""Reasons that held-out recordings give."""
+
+
 def concluded(
     found: Decision, view: CommandView, judge: Judge, ticks: Timetable | None = None, latest: float = math.inf
 ) -> Conclusion:
     """Decide by the tables what of a search's effects is named.
+
+    Where held-out recordings are against all of them, and the one that was found last makes their predictions worse
+    beside the others, it goes, and the table is asked about the others.
 
     Parameters
     ----------
@@ -125,21 +135,26 @@ def concluded(
     latest : float
         Instant of `time.perf_counter` after which no more forces on no list are looked for.
     """
-    about_motion = MotionFacts(found, judge, partial(Explanations, ticks=ticks, latest=latest))
-    motion = MOTION.first(about_motion)
+    explain = partial(Explanations, ticks=ticks, latest=latest)
+    about_motion = MotionFacts(found, judge, explain)
+    motion, last = MOTION.first(about_motion), list[Without]()
+    while motion.reason in _AGAINST and about_motion.last_is_worse:
+        fewer = MotionFacts(about_motion.without_last(), judge, explain)
+        last.insert(0, about_motion.beside(fewer))
+        about_motion, motion = fewer, MOTION.first(fewer)
     kept = about_motion.kept(motion.then)
     judged = (lambda _: about_motion.held) if motion.then is Outcome.NAMED and kept.fitted else judge
     about_commands = CommandFacts(kept, view, judged)
     commands = COMMANDS.first(about_commands)
     kept = about_commands.kept(commands.then)
-    without = tuple(facts.without(row.reason) for facts, row in _fallen(about_motion, motion, about_commands, commands))
+    fallen = [facts.without(row.reason) for facts, row in _fallen(about_motion, motion, about_commands, commands)]
     facts = {
         "motion": motion.then.name.lower(), "commands": commands.then.name.lower(),
         "tie": "yes" if kept.named and kept.ordered[0].ties else "no",
     }  # fmt: skip
     verdict = VERDICT.first(facts.__getitem__).then
     kept = replace(kept, verdict=verdict, untried=(*kept.untried, *about_motion.untried))
-    return Conclusion(kept, motion, commands, without)
+    return Conclusion(kept, motion, commands, (*fallen, *last))
 
 
 def _fallen(
@@ -199,6 +214,27 @@ class MotionFacts:
         """What was not named, why, and what it would have gained."""
         gain = self.held.gain if reason in (Reason.REFUTED, Reason.MINOR) else {}
         return Without(tuple(one.effect for one in self._decision.fitted), reason, gain, self._decision.left)
+
+    @property
+    def last_is_worse(self) -> bool:
+        """Whether held-out recordings are predicted worse with the last of several effects than without it."""
+        fitted = self._decision.fitted
+        worth = self.held.gained.get(fitted[-1].effect) if len(fitted) > 1 else None
+        return worth is not None and worth.after > worth.before
+
+    def without_last(self) -> Decision:
+        """The decision without the effect that was found last."""
+        return self._decision.without_last()
+
+    def beside(self, fewer: MotionFacts) -> Without:
+        """The last effect beside the others, and what held-out recordings gain by it."""
+        effect = self._decision.fitted[-1].effect
+        gain = {
+            name: replace(one, before=fewer.held.gain[name].after, ci95=(math.nan, math.nan))
+            for name, one in self.held.gain.items() if name in fewer.held.gain
+        }  # fmt: skip
+        others = tuple(one.effect for one in fewer._decision.fitted)
+        return Without((effect,), Reason.REFUTED, gain, self._decision.left, others)
 
     @cached_property
     def held(self) -> HeldOut:

@@ -328,7 +328,9 @@ def _fallen(without: Without) -> str:
     """Why what explains the fitted recordings best is not named."""
     if without.reason is Reason.DOUBT:
         return doubt(without.effects, far_beyond_noise(without.left) or beyond_noise(without.left))
-    return (refutation if without.reason is Reason.REFUTED else shortfall)(without.effects, without.gain)
+    if without.reason is Reason.REFUTED:
+        return refutation(without.effects, without.gain, without.beside)
+    return shortfall(without.effects, without.gain)
 
 
 def _robots(

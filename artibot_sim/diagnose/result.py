@@ -764,11 +764,12 @@ def partly(names: Sequence[str], unexplained: Sequence[str]) -> list[str]:
     return [f"{said}: diagnose {them} apart"]
 
 
-def refutation(effects: Sequence[str], gain: Mapping[str, ChannelGain]) -> str:
-    """Why effects that were fitted best are not named: with them, held-out data are predicted worse."""
+def refutation(effects: Sequence[str], gain: Mapping[str, ChannelGain], beside: Sequence[str] = ()) -> str:
+    """Why effects that were fitted best `beside` others are not named: with them, held-out data are predicted worse."""
+    others = f" beside {joined([effect_words(name) for name in beside])}" if beside else ""
     return (
-        f"{joined([effect_words(name) for name in effects])} would explain the fitted recordings, but held-out ones "
-        f"are predicted worse with that: {_errors(gain)}; {_NOT_NAMED}"
+        f"{joined([effect_words(name) for name in effects])} would explain the fitted recordings{others}, but held-out "
+        f"ones are predicted worse with that: {_errors(gain)}; {_NOT_NAMED}"
     )
 
 

@@ -5,26 +5,21 @@ So is a gyroscope that is upside down turned, and a recording cut where its pose
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.estimation.checks.findings import Finding, compare_streams, findings, leaps_of
+from artibot_sim.estimation.checks.findings import DELAYS, Finding, compare_streams, findings, leaps_of
 from artibot_sim.estimation.checks.stream_values import StreamTable, stream_values
 from artibot_sim.estimation.streams import segments_of
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.model import Robot
 
 SHIFTED = ("rotation_delay", "gyro_delay", "pose_delay")
-"""Findings that say by how much stamps are off,"""
-DELAYS = {
-    "motor_torques": "rotation_delay", "imu": "gyro_delay", "ground_truth_odom": "pose_delay",
-    "total_station": "pose_delay",
-}  # fmt: skip
-"""Stream → the one of these that is about it."""
+"""Findings that say by how much stamps are off"""
 SCALED = "clock_skew"
 """and the one that says how that drifts."""
 LEAPS = "pose_leap"
@@ -221,11 +216,35 @@ def mean_shifts(timed: Sequence[Aligned]) -> dict[str, float]:
 
 
 def what_was_mended(timed: Sequence[Aligned]) -> list[str]:
-    """Sentences on what was mended: stamps shifted or scaled, signs turned, leaps cut out."""
-    return [
-        f"{one.experiment.name}: {was.text} ({was.evidence}); {_mend(was)} beforehand"
-        for one in timed for was in one.mended
-    ]  # fmt: skip
+    """Sentences on what was mended: stamps shifted or scaled, signs turned, leaps cut out; alike recordings in one."""
+    return _together((one, was, f"{_mend(was)} beforehand") for one in timed for was in one.mended)
+
+
+def _together(found: Iterable[tuple[Aligned, Finding, str]]) -> list[str]:
+    """A sentence on each thing that is wrong with a stream and what becomes of it, whichever recordings it is in."""
+    alike: dict[tuple[str, str, bool, bool], list[tuple[str, Finding, str]]] = {}
+    for one, finding, then in found:
+        key = (finding.name, finding.topic, (finding.value or 0.0) < 0.0, finding.serious)
+        alike.setdefault(key, []).append((one.experiment.name, finding, then))
+    said = []
+    for (name, finding, then), *others in alike.values():
+        likewise = ", ".join(f"{other} {_size(its)}".rstrip() for other, its, _ in others)
+        said.append(
+            f"{name}: {finding.text} ({finding.evidence}); {then}" + (f"; likewise {likewise}" if others else "")
+        )
+    return said
+
+
+def _size(one: Finding) -> str:
+    """How large a finding is, where its size differs from recording to recording."""
+    if one.value is None or one.unit not in ("s", "ppm", "rad/s"):
+        return ""
+    digits = {"s": 2, "ppm": 0, "rad/s": 3}[one.unit]
+    between = ""
+    if one.interval:
+        low, high = sorted(abs(end) for end in one.interval)
+        between = f" ({low:.{digits}f}–{high:.{digits}f})" if np.isfinite(high) else " or more"
+    return f"{abs(one.value):.{digits}f} {one.unit}{between}"
 
 
 def _mend(was: Finding) -> str:
@@ -239,10 +258,10 @@ def _mend(was: Finding) -> str:
 
 def what_is_left(timed: Sequence[Aligned], serious: bool | None = None) -> list[str]:
     """Sentences on what else is wrong with the streams; only on what is `serious`, or is not, where that is asked."""
-    return [
-        f"{one.experiment.name}: {found}"
+    return _together(
+        (one, found, found.mend)
         for one in timed for found in one.found if serious is None or found.serious == serious
-    ]  # fmt: skip
+    )  # fmt: skip
 
 
 def what_is_wrong(fitted: Sequence[Aligned], held: Sequence[Aligned]) -> tuple[str, ...]:

@@ -57,14 +57,14 @@ def _parameters(found: Identification) -> Any:
     )
     for column in ("parameter", "value", "95 %", "unit", "prior", "status"):
         left = column in ("parameter", "unit", "status")
-        # a name or a number that is cut is none: the others break into lines where the terminal is narrow
-        kept = column in ("parameter", "value", "status")
+        # a name or a number that is cut is none: only the prior breaks into lines where the terminal is narrow
+        kept = column != "prior"
         table.add_column(column, justify="left" if left else "right", no_wrap=kept, overflow="fold")
     for e in found.estimates:
         low, high = e.ci95
         table.add_row(
-            e.name, number(e.value), f"{number(low)} … {number(high)}", spaced(e.unit),
-            f"{number(e.prior[0])} ± {number(e.prior[1], 2)}", e.status.value,
+            e.name.removeprefix("effects."), number(e.value), f"{number(low, 3)} … {number(high, 3)}", spaced(e.unit),
+            f"{e.prior[0]:.4g} ± {number(e.prior[1], 2)}", e.status.value,
         )  # fmt: skip
     return table
 

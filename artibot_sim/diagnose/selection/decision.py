@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from artibot_sim.diagnose.records import Found, Left, Verdict
 from artibot_sim.diagnose.selection.evidence import Other
@@ -114,6 +114,12 @@ class Decision:
         """The model with none of `fitted`, with the first of them, the first two, …, and with all."""
         neutral, last = (self.neutral_problem, self.neutral_fit), (self.problem, self.fit)
         return (neutral, *self.between[: len(self.fitted) - 1], last) if self.fitted else (last,)
+
+    def without_last(self) -> Decision:
+        """The decision before the last of the `fitted` effects was found; there has to be one."""
+        gone, (problem, fit) = self.fitted[-1], self.fits[-2]
+        named = tuple(one for one in self.named if one is not gone)
+        return replace(self, named=named, problem=problem, fit=fit, laws=None)
 
     @property
     def several_soils(self) -> Apart | None:

@@ -567,6 +567,11 @@ def _negative(delay: Delay) -> Delay:
     )  # fmt: skip
 
 
+DELAYS = {
+    "motor_torques": "rotation_delay", "imu": "gyro_delay", "ground_truth_odom": "pose_delay",
+    "total_station": "pose_delay",
+}  # fmt: skip
+"""Stream → the finding that its stamps are late or early."""
 _SAID = {"pose_delay": "poses are", "rotation_delay": "rotations are", "gyro_delay": "the gyroscope's rates are"}
 
 

@@ -6,14 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from artibot_sim.estimation.checks.findings import COLUMNS, Finding, Streams, agreeing, surest
+from artibot_sim.estimation.checks.findings import COLUMNS, DELAYS, Finding, Streams, agreeing, surest
 from artibot_sim.estimation.streams import Delay, holding
 
 StreamTable = Mapping[str, Mapping[str, Mapping[str, Any]]]
 """Topic → recording → what `stream_values` gives."""
 
-_OF = {"pose": "pose_delay", "motor_torques": "rotation_delay", "imu": "gyro_delay"}
-"""Stream → the finding that it is late."""
 _FLIPS = ("gyro_flip", "pose_flip", "reversed_wheel")
 
 
@@ -66,7 +64,7 @@ def _value(value: float | None, unit: str, ends: Sequence[float] | None) -> dict
 
 def _delay(of: Streams, key: str, mine: Mapping[str, Finding], found: Sequence[Finding]) -> dict[str, Any]:
     """By how much a stream is late."""
-    late = next((mine[name] for name in _OF.values() if name in mine), None)
+    late = next((mine[name] for name in DELAYS.values() if name in mine), None)
     if late is not None:
         return {"delay": _said(late)}
     names, channels = {one.name for one in found}, of.experiment.channels
@@ -78,7 +76,7 @@ def _delay(of: Streams, key: str, mine: Mapping[str, Finding], found: Sequence[F
         "motor_torques": ((wheels, -1.0, "imu"), (pose, -1.0, "pose")),
     }.get(key, ((gyro, 1.0, "imu"), (pose, 1.0, "motor_torques")))
     for delay, sign, other in against:
-        if delay is not None and _OF[other] not in names:
+        if delay is not None and DELAYS.get(other, "pose_delay") not in names:
             ends = sorted(sign * end for end in delay.interval)
             return {"delay": {**_value(sign * delay.value, "s", ends), "against": topics[other]}}
     return {}

@@ -12,11 +12,12 @@ import numpy as np
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.alignment import on_one_clock, what_was_mended
+from artibot_sim.estimation.measurements import noise_levels, stretches
 from artibot_sim.estimation.residual_model import Predicted, ResidualModel, Turning, grid, load_residual
 from artibot_sim.experiment import open_recording, read_bag
 from artibot_sim.experiment.columns import Experiment, Floats
 from artibot_sim.experiment.measured import Measured
-from artibot_sim.experiment.resimulate import Resimulation, anew, resimulate, robot_of
+from artibot_sim.experiment.resimulate import Begun, Resimulation, anew, resimulate, robot_of
 from artibot_sim.experiment.wheels import with_odometry_wheels
 from artibot_sim.identify.validation import begun_windows
 from artibot_sim.model import Robot, Rollout
@@ -88,10 +89,11 @@ def simulated(
         return resimulate(experiment, robot, drive, horizon=horizon, back=back, progress=progress)
     (timed,) = on_one_clock([experiment], robot, poses="pose_delay" not in robot.effects)
     said = tuple(what_was_mended([timed]))
+    begun: list[Begun] | None = None
     if horizon is None:
-        result = resimulate(timed.experiment, robot, drive, progress=progress)
-        return replace(result, remarks=(*said, *result.remarks))
-    begun, noise = begun_windows(timed.experiment, robot, horizon)
+        noise = noise_levels(stretches(timed.experiment, robot))
+    else:
+        begun, noise = begun_windows(timed.experiment, robot, horizon)
     result = resimulate(timed.experiment, robot, drive, horizon=horizon, begun=begun, progress=progress)
     levels = {name: level * (np.sqrt(2.0) if name == "position" else 1.0) for name, level in noise.items()}
     metrics = {name: replace(one, noise=float(levels.get(name, one.noise))) for name, one in result.metrics.items()}
