@@ -217,6 +217,7 @@ def rollouts(scenario: Scenario) -> list[Result]:
 ALL_EFFECTS: dict[str, dict[str, Any]] = {
     "back_friction": {"scale": 0.9},
     "bulldozing": {"coefficient": 300.0},
+    "com_height": {"height": 0.05},
     "com_offset": {"x": 0.02, "y": -0.02},
     "external_force": {"force": 10.0, "heading": 1.0},
     "friction_patch": {"scale": 0.9, "x": 3.0, "y": 1.0, "radius": 1.5},

@@ -22,6 +22,7 @@ SEVERITY_1 = {
     "wheel_runout": {"relative": 0.03, "phase": 0.7, "wheel": "front_left_back"},
     "rolling_resistance_speed": {"coefficient": 1.5},
     "com_offset": {"x": 0.06, "y": -0.04},
+    "com_height": {"height": 0.35},
     "residual_force": {"back_turn": 10.0, "front_sway": 10.0, "front_sway_rate": -3.0, "since": 1.0},
     "motion_resistance": {"force": 30.0},
     "wheel_resistance": {"share": 0.08},

@@ -91,6 +91,10 @@ class Transcribed:
         """Centre of mass of a module in its frame, m."""
         return (self._of("com_offset", "x"), self._of("com_offset", "y")) if module == 0 else (0.0, 0.0)
 
+    def height(self) -> float:
+        """Of the centres of mass, m."""
+        return self._of("com_height", "height")
+
     def radius(self, wheel: int, angle: float) -> float:
         """Factor of a wheel's radius at its angle."""
         motors = ("front_right", "front_left", "back_right", "back_left")

@@ -501,3 +501,90 @@ def test_friction_in_the_joint_stops_a_swing_and_does_not_turn_it(agriq):
 def test_joint_effects_are_nothing_to_a_rigid_robot(husky: Robot):
     robot = with_effects(husky, "joint_friction", "joint_damping", "joint_stiffness", "joint_stop")
     np.testing.assert_allclose(turn(robot).q, turn(husky).q, rtol=0, atol=1e-9)
+
+
+def tilted(robot, result, pitching):
+    """What loads and forces of a level rover's first module miss of the balance about its centre of mass.
+
+    Moments in roll and in pitch (n,), N m; and what the loads miss of the module's weight, N.
+    """
+    height, body = robot.effects["com_height"]["height"], robot.front
+    F_n = np.array([result[f"F_n_{wheel}"] for wheel in FRONT])
+    x = 0.5 * body.i_x * np.array([1 if wheel.endswith("_front") else -1 for wheel in FRONT])
+    y = 0.5 * body.i_y * np.array([1 if "left" in wheel else -1 for wheel in FRONT])
+    s, c = np.sin(result["gamma_f"]), np.cos(result["gamma_f"])
+    along = total(result, "F_l", FRONT) + c * result["load_x_f"] + s * result["load_y_f"]
+    across = total(result, "F_t", FRONT) + c * result["load_y_f"] - s * result["load_x_f"]
+    roll, pitch = y @ F_n + height * across, x @ F_n + pitching * height * along
+    return roll, pitch, F_n.sum(axis=0) - 9.81 * (body.m + 4 * robot.wheel.m_w)
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
+@pytest.mark.parametrize(("name", "pitching"), [("agriq", False), ("husky", True)])
+def test_moved_loads_balance_the_moment_of_the_grounds_forces(request, name, pitching, integrator):
+    """Also while wheels break away, whose friction drops then."""
+    robot = with_effects(request.getfixturevalue(name), "wheel_resistance", com_height={"height": 0.25})
+    result = turn(robot, speed=0.8, yaw_rate=0.5, integrator=integrator)
+    roll, pitch, weight = tilted(robot, result, pitching)
+    slides = np.any([result[f"sat_{wheel}"] for wheel in FRONT], axis=0)
+    assert slides.any() and not slides.all() and np.ptp(result[f"F_n_{FRONT[0]}"]) > 5.0
+    assert np.abs(weight).max() < 1e-6
+    if integrator == "rk4":  # the other one's forces are those at the end of a step, loads of its start
+        assert max(np.abs(roll).max(), np.abs(pitch).max()) < 1e-9
+    else:
+        assert np.median(np.abs(roll)) < 0.02 and np.median(np.abs(pitch)) < 0.02
+
+
+def test_paths_under_moving_loads_converge_alike_with_both_integrators(husky):
+    robot = with_effects(husky, com_height={"height": 0.3})
+
+    def end(integrator, dt):
+        result = turn(robot, speed=0.8, yaw_rate=0.8, duration=4.0, integrator=integrator, dt=dt)
+        return np.array([result["x_f"][-1], result["y_f"][-1]])
+
+    finest = end("rk4", 1e-4)
+    coarse, fine = (np.linalg.norm(end("semi_implicit", dt) - finest) for dt in (1e-3, 2.5e-4))
+    assert fine < 0.4 * coarse and fine < 1e-3
+    assert np.linalg.norm(end("rk4", 1e-3) - finest) < 1e-3
+
+
+def test_a_centre_above_the_ground_loads_the_outer_wheels_and_those_behind(husky):
+    robot = with_effects(husky, com_height={"height": 0.3})
+    left = turn(robot, speed=0.8, yaw_rate=0.4)
+    assert total(left, "F_n", FRONT[:2])[-1] > total(left, "F_n", FRONT[2:])[-1] + 1.0  # right wheels in a left turn
+    gaining = turn(robot, speed=0.8, yaw_rate=0.0)
+    middle = len(gaining.t) // 6  # 1 s into the ramp of 2 s
+    behind = total(gaining, "F_n", [wheel for wheel in FRONT if wheel.endswith("_back")])
+    weight = total(gaining, "F_n", FRONT)
+    mass = weight[middle] / 9.81
+    expected = mass * gaining["x_f_ddot"][middle] * 0.3 / robot.front.i_x
+    assert behind[middle] - 0.5 * weight[middle] == pytest.approx(expected, rel=1e-3)
+    rocker = turn(dataclasses.replace(robot, suspension="rocker"), speed=0.8, yaw_rate=0.0)
+    assert np.ptp([rocker[f"F_n_{wheel}"] for wheel in FRONT]) < 1e-6
+
+
+def test_a_rover_across_a_slope_leans_on_its_lower_wheels(husky):
+    """With the centre at h and a track b the load that moves is m g sin(grade) h/b."""
+    grade = 0.15
+    robot = with_effects(husky, com_height={"height": 0.4}, slope={"grade": grade, "heading": np.pi / 2})
+    result = rollout(robot, standstill(3.0))
+    lower = total(result, "F_n", FRONT[2:])[-1]  # downhill is to the left
+    mass = robot.front.m + 4 * robot.wheel.m_w
+    expected = 9.81 * mass * (0.5 * np.cos(grade) + np.sin(grade) * 0.4 / robot.front.i_y)
+    assert lower == pytest.approx(expected, rel=1e-4)
+
+
+def test_loads_move_in_a_mirror_as_they_do_here(agriq):
+    robot = with_effects(agriq, "com_height", "load_sensitivity")
+    left, right = turn(robot, yaw_rate=0.3), turn(robot, yaw_rate=-0.3)
+    for wheel in FRONT:
+        other = wheel.replace("right", "LEFT").replace("left", "right").replace("LEFT", "left")
+        np.testing.assert_allclose(left[f"F_n_{wheel}"], right[f"F_n_{other}"], rtol=0, atol=1e-7)
+
+
+def test_no_wheel_pulls_at_the_ground_however_high_the_centre(husky):
+    robot = with_effects(husky, com_height={"height": 2.5})
+    result = turn(robot, speed=1.5, yaw_rate=0.9)
+    loads = np.array([result[f"F_n_{wheel}"] for wheel in FRONT])
+    assert abs(loads.min()) < 1e-9 and loads.max() > 100.0
+    np.testing.assert_allclose(loads.sum(axis=0), loads.sum(axis=0)[0], rtol=1e-9)

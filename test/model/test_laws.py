@@ -39,6 +39,7 @@ ABOUT = {
     "across": lambda: (int(RNG.integers(8)), Own(*N(size=6), abs(100.0 * N()))),
     "along": lambda: (int(RNG.integers(4)), Own(*N(size=6), abs(100.0 * N()))),
     "shaft": lambda: (int(RNG.integers(4)), 5.0 * N(), 0.3 * N()),
+    "height": lambda: (),
     "centre": lambda: (int(RNG.integers(2)),),
 }
 """Place → what may be asked there."""

@@ -148,6 +148,19 @@ def test_an_effect_at_its_neutral_value_is_bit_identical() -> None:
     np.testing.assert_array_equal(plain.q, neutral.q)
 
 
+@pytest.mark.parametrize(("name", "expected"), [("agriq", "rocker"), ("husky", "rigid"), ("train3", "rocker")])
+def test_a_robots_suspension_is_in_its_file_or_follows_from_its_modules(name, expected, tmp_path) -> None:
+    robot = load_robot(name)
+    assert robot.suspended == expected
+    save_robot(dataclasses.replace(robot, suspension="rigid"), tmp_path / "rigid.yaml")
+    assert load_robot(tmp_path / "rigid.yaml").suspended == "rigid"
+
+
+def test_an_unknown_suspension_is_refused() -> None:
+    with pytest.raises(ArtibotError, match="suspension: found 'springs', expected one of rocker, rigid"):
+        robot_from_dict(document("husky") | {"suspension": "springs"})
+
+
 def test_parameters_cannot_be_changed_in_place() -> None:
     robot = load_robot("agriq")
     with pytest.raises(AttributeError):

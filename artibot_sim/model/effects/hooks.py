@@ -66,7 +66,8 @@ class Place(NamedTuple):
         What its answers take, by which versions of the loops over rovers side by side ask here
         (`lane_layout.VERSIONS`): "" little, so that every version asks; "resistance" a root and a quotient for every
         wheel, which most robots that are skid-steered have in all their fits; "speed" and "slip" exponentials and roots
-        for every wheel; "seldom" the same, of effects that are tried seldom; "bristles" what wheels remember.
+        for every wheel; "seldom" the same, of effects that are tried seldom; "bristles" what wheels remember;
+        "transfer" the wheels' forces three times over.
     """
 
     combine: Callable[[Hook, Hook], Hook]
@@ -151,6 +152,9 @@ load = _place("load", _load_sum)
 
 resist = _place("resist", _sum, "slip")
 """(fx, module, forward) → force against a module's forward motion, N, its origin moving forward at `forward` (m/s)."""
+
+height = _place("height", _sum, "transfer")
+"""(fx) → height of the modules' centres of mass over the ground, m; 0 where loads stay where they are at rest."""
 
 wheel_resist = _place("wheel_resist", _vector_sum, "resistance")
 """(fx, friction, p_x, p_y) → force along and across a wheel on its centre, N, which moves at p_x and p_y (m/s).

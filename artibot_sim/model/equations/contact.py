@@ -19,7 +19,8 @@ from artibot_sim.model.kernels.layout import Q_C
 class Pair(NamedTuple):
     """What the two wheels of a motor meet, the front one (f) and the back one (b).
 
-    p_x, p_yf, p_yb are the velocities of their centres, m/s; F_nf, F_nb normal forces, N.
+    p_x, p_yf, p_yb are the velocities of their centres, m/s; F_nf, F_nb normal forces, N. By N_f and N_b (N) eq. 16
+    decides whether a wheel slides: they are the same but where loads move, see `load_transfer`.
     """
 
     p_x: float
@@ -27,6 +28,8 @@ class Pair(NamedTuple):
     p_yb: float
     F_nf: float
     F_nb: float
+    N_f: float
+    N_b: float
 
 
 class PairForces(NamedTuple):
@@ -38,7 +41,8 @@ class PairForces(NamedTuple):
     F_lf and F_lb are the single wheels' (N), held_f and held_b what eq. 16 has left of eq. 15's, 1 where they hold.
     R_l, R_tf and R_tb are forces on the wheels' centres beside (N), which the motor does not feel: their sum along, and
     those across.
-    bent_f and bent_b are how fast bristles bend along and across the wheels, m/s.
+    bent_f and bent_b are how fast bristles bend along and across the wheels, m/s. F_nf and F_nb are the normal forces
+    under which all this is, N; more_f and more_b are what each newton of them adds to the forces along and across.
     """
 
     F_l: float
@@ -60,6 +64,10 @@ class PairForces(NamedTuple):
     R_tb: float
     bent_f: tuple[float, float]
     bent_b: tuple[float, float]
+    F_nf: float
+    F_nb: float
+    more_f: tuple[float, float]
+    more_b: tuple[float, float]
 
 
 class Soil(NamedTuple):
@@ -127,7 +135,8 @@ def wheel_pairs(body, p, fx, v_x, v_y, v_z, alpha_dot, gamma_dot, s_a, c_a, z, m
         F_lb = normal_force(body, p, fx, module, -1.0, 1.0, v_z, alpha_dot, s_a, c_a, z)
     else:
         F_rb, F_lb = F_rf, F_lf
-    return Pair(v_x + turn, front, back, F_rf, F_rb), Pair(v_x - turn, front, back, F_lf, F_lb)
+    right = Pair(v_x + turn, front, back, F_rf, F_rb, F_rf, F_rb)
+    return right, Pair(v_x - turn, front, back, F_lf, F_lb, F_lf, F_lb)
 
 
 @inlined
@@ -152,14 +161,14 @@ def soil_under(body, p, fx, pair, x, y, s_g, c_g, c_a, side):
 
 
 @inlined
-def within_friction(body, fx, F_l, F_t, F_n, mu_s, mu_d, slip_l, slip_t):
+def within_friction(body, fx, F_l, F_t, F_n, N, mu_s, mu_d, slip_l, slip_t):
     """Eq. 16: F_l, F_t (N) within what friction holds, and the share of them that is left, 1 where nothing is cut.
 
-    With a branch, for one rover alone: roots and quotients of those wheels only that slide. So that the compiler keeps
-    it, mu_d of the paper's model is read, and forces are multiplied, inside.
+    `N` decides whether it is, see `Pair`. With a branch, for one rover alone: roots and quotients of those wheels only
+    that slide. So that the compiler keeps it, mu_d of the paper's model is read, and forces are multiplied, inside.
     """
     F_h2 = F_l * F_l + F_t * F_t
-    limit = mu_s * F_n
+    limit = mu_s * N
     if F_h2 > limit * limit:
         if fx is not None:
             mu_d = hooks.friction(fx, mu_s, mu_d, math.sqrt(slip_l * slip_l + slip_t * slip_t))
@@ -171,10 +180,10 @@ def within_friction(body, fx, F_l, F_t, F_n, mu_s, mu_d, slip_l, slip_t):
 
 
 @inlined
-def within_friction_lanes(body, fx, F_l, F_t, F_n, mu_s, mu_d, slip_l, slip_t):
+def within_friction_lanes(body, fx, F_l, F_t, F_n, N, mu_s, mu_d, slip_l, slip_t):
     """As `within_friction` without a branch, so that loops over many rovers become vector code."""
     F_h2 = F_l * F_l + (F_t * F_t + 1e-30)  # so that there is a root to divide by
-    limit = mu_s * F_n
+    limit = mu_s * N
     if fx is not None:
         mu_d = hooks.friction(fx, mu_s, mu_d, math.sqrt(slip_l * slip_l + slip_t * slip_t))
     held = mu_d * F_n * inverse_root(F_h2)
@@ -257,9 +266,20 @@ def bending(stiff, renewal, k_l, k_t, slip_l, slip_t, narrow, friction, z_l, z_t
     return slip_l - release * z_l, slip_t - release * z_t
 
 
+LIGHT = 1e-9
+"""A load that is none, N: so that there is something to divide by."""
+
+
 @inlined
-def pair_forces(friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept_b, dt):
-    """Eqs 15 and 16 for the two wheels of a motor.
+def by_load(F_l, F_t, held, F_n):
+    """With effects: what each newton of load adds to eq. 16's forces; nothing where the wheel holds."""
+    share = 1.0 / max(F_n, LIGHT) if held != 1.0 else 0.0
+    return share * F_l, share * F_t
+
+
+@inlined
+def wheel_forces(friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept_b, dt):
+    """Eqs 15 and 16 for the two wheels of a motor, and effects in their place; `pair_forces` without laws.
 
     Parameters
     ----------
@@ -302,11 +322,16 @@ def pair_forces(friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept_
         rate_f = rate_b = 0.0
         slip_f = slip_b = rim - pair.p_x
         F_lf = F_lb = soil.k_l * slip_f
-    F_lf, F_tf, held_f = friction(body, fx, F_lf, narrow * F_tf, pair.F_nf, soil.mu_sf, soil.mu_df, slip_f, pair.p_yf)
-    F_lb, F_tb, held_b = friction(body, fx, F_lb, narrow * F_tb, pair.F_nb, soil.mu_sb, soil.mu_db, slip_b, pair.p_yb)
+    F_lf, F_tf, held_f = friction(
+        body, fx, F_lf, narrow * F_tf, pair.F_nf, pair.N_f, soil.mu_sf, soil.mu_df, slip_f, pair.p_yf
+    )  # fmt: skip
+    F_lb, F_tb, held_b = friction(
+        body, fx, F_lb, narrow * F_tb, pair.F_nb, pair.N_b, soil.mu_sb, soil.mu_db, slip_b, pair.p_yb
+    )  # fmt: skip
+    more_f = more_b = 0.0, 0.0
     if fx is not None:
-        half = 0.5 * hooks.along(fx, motor, at_pair(pair, soil, rim, angle))
-        F_lf, F_lb = F_lf + half, F_lb + half
+        more_f = by_load(F_lf, wide * F_tf, held_f, pair.F_nf)
+        more_b = by_load(F_lb, wide * F_tb, held_b, pair.F_nb)
     F_l = F_lf + F_lb
     at_rim, slope = F_l, soil.k_l * (held_f + held_b)
     R_lf = R_lb = R_tf = R_tb = 0.0
@@ -323,16 +348,120 @@ def pair_forces(friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept_
             )  # fmt: skip
         R_lf, R_tf = hooks.wheel_resist(fx, soil.mu_sf * pair.F_nf, pair.p_x, pair.p_yf)
         R_lb, R_tb = hooks.wheel_resist(fx, soil.mu_sb * pair.F_nb, pair.p_x, pair.p_yb)
+        more_f = more_f[0] + R_lf / max(pair.F_nf, LIGHT), more_f[1] + R_tf / max(pair.F_nf, LIGHT)
+        more_b = more_b[0] + R_lb / max(pair.F_nb, LIGHT), more_b[1] + R_tb / max(pair.F_nb, LIGHT)
         at_rim, slope = r_f * F_lf + r_b * F_lb, soil.k_l * (r_f * r_f * s_f * held_f + r_b * r_b * s_b * held_b)
         F_tf = wide * F_tf + hooks.lateral(fx, pair.p_yf)
         F_tb = wide * F_tb + hooks.lateral(fx, pair.p_yb)
-        F_tf += hooks.across(fx, 2 * motor, at_wheel(pair, soil, rim, angle, 1.0))
-        F_tb += hooks.across(fx, 2 * motor + 1, at_wheel(pair, soil, rim, angle, -1.0))
     u_F_n = soil.u_f * pair.F_nf + soil.u_b * pair.F_nb
     return PairForces(
         F_l, at_rim, slope, u_F_n, F_tf, F_tb, soil.u_f, soil.u_b, rate_f, rate_b, F_lf, F_lb, held_f, held_b,
-        R_lf + R_lb, R_tf, R_tb, bent_f, bent_b,
+        R_lf + R_lb, R_tf, R_tb, bent_f, bent_b, pair.F_nf, pair.F_nb, more_f, more_b,
     )  # fmt: skip
+
+
+@inlined
+def pair_forces(friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept_b, dt):
+    """What the two wheels of a motor do: `wheel_forces`, and forces of laws (`effects.force_law`) beside."""
+    forces = wheel_forces(friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept_b, dt)
+    if fx is None:
+        return forces
+    half = 0.5 * hooks.along(fx, motor, at_pair(pair, soil, rim, angle))
+    on_f = hooks.across(fx, 2 * motor, at_wheel(pair, soil, rim, angle, 1.0))
+    on_b = hooks.across(fx, 2 * motor + 1, at_wheel(pair, soil, rim, angle, -1.0))
+    radii = hooks.radius(fx, 2 * motor, angle) + hooks.radius(fx, 2 * motor + 1, angle)
+    f = forces
+    return PairForces(
+        f.F_l + 2.0 * half, f.at_rim + radii * half, f.slope, f.u_F_n, f.F_tf + on_f, f.F_tb + on_b, f.u_f, f.u_b,
+        f.rate_f, f.rate_b, f.F_lf + half, f.F_lb + half, f.held_f, f.held_b, f.R_l, f.R_tf, f.R_tb, f.bent_f, f.bent_b,
+        f.F_nf, f.F_nb, f.more_f, f.more_b,
+    )  # fmt: skip
+
+
+@inlined
+def under(pair, F_nf, F_nb, N_f, N_b):
+    """With effects: a `Pair` under other loads."""
+    return Pair(pair.p_x, pair.p_yf, pair.p_yb, F_nf, F_nb, N_f, N_b)
+
+
+@inlined
+def moved(over, back, F):
+    """With effects: what moves of a load `F` (N) by which no wheel comes to carry less than nothing, N.
+
+    `over` moves from each left wheel to the right one, `back` from each front wheel to the one behind, N; F are the
+    loads of the right wheels, front and back, and of the left ones.
+    """
+    share = min(1.0, F[0] / max(back - over, LIGHT), F[1] / max(-back - over, LIGHT))
+    share = min(share, F[2] / max(back + over, LIGHT), F[3] / max(over - back, LIGHT))
+    return share * over, share * back
+
+
+@inlined
+def moved_loads(forces, body, fx, levers, pairs, soils, motor, rims, angles, kept):
+    """With effects: a module's `pairs` under the loads that balance the forces of wheels which slide as `pairs` do.
+
+    What the ground pushes a module by acts below its centre of mass, and normal forces balance the moment: they grow on
+    the outer side of a turn and, where pitch reaches the wheels, behind while it gains speed. Their sum stays. The
+    force of a wheel that slides grows with its load, that of one that holds does not: two equations for what moves over
+    to the right and what moves back. Where wheels slide apart on high centres, nothing holds the loads before a wheel
+    is off the ground: no load moves further than that.
+
+    Parameters
+    ----------
+    forces : function
+        See `load_transfer`.
+    levers : tuple of 2 floats
+        Load that a wheel takes on for each newton across the module, and along it.
+    pairs : tuple of 2 Pair
+        Right and left, at rest but for the loads that decide whether a wheel slides.
+    motor : int
+        The right one.
+    """
+    right, left = pairs
+    R = forces(body, fx, right, soils[0], motor, rims[0], angles[0], kept[0], kept[1])
+    L = forces(body, fx, left, soils[1], motor + 1, rims[1], angles[1], kept[2], kept[3])
+    along = levers[1] * ((R.F_l + L.F_l) + (R.R_l + L.R_l))
+    across = levers[0] * ((R.F_tf + R.F_tb + L.F_tf + L.F_tb) + (R.R_tf + R.R_tb + L.R_tf + L.R_tb))
+    (rf_l, rf_t), (rb_l, rb_t), (lf_l, lf_t), (lb_l, lb_t) = R.more_f, R.more_b, L.more_f, L.more_b
+    a, b = 1.0 - levers[0] * ((rf_t + rb_t) - (lf_t + lb_t)), levers[0] * ((rb_t - rf_t) + (lb_t - lf_t))
+    c, d = levers[1] * ((rf_l + rb_l) - (lf_l + lb_l)), 1.0 - levers[1] * ((rb_l - rf_l) + (lb_l - lf_l))
+    scale = 1.0 / max(a * d - b * c, LIGHT)
+    over, back = scale * (d * across + b * along), scale * (a * along + c * across)
+    over, back = moved(over, back, (right.F_nf, right.F_nb, left.F_nf, left.F_nb))
+    return (
+        under(right, right.F_nf + (over - back), right.F_nb + (over + back), right.N_f, right.N_b),
+        under(left, left.F_nf - (over + back), left.F_nb - (over - back), left.N_f, left.N_b),
+    )
+
+
+@inlined
+def load_transfer(forces, body, fx, pitching, pairs, soils, motor, rims, angles, kept):
+    """With effects: a module's `pairs` (right and left) under the loads that its wheels carry as it moves.
+
+    Which wheels slide follows from the loads, and loads from which wheels slide: where friction drops as a wheel breaks
+    away, there may be none under which it either holds or slides. So it is decided once, by the loads that balance the
+    forces of wheels which slide as they would under their loads at rest. Loads and forces of wheels that slide as
+    decided then balance exactly, but where stiffness follows the load.
+
+    Parameters
+    ----------
+    forces : function
+        `wheel_forces` at an instant, with an eq. 16 that is fit for the loop. What laws add acts at the centre's
+        height, as all does that is on no list.
+    rims, angles, kept
+        See `plane.module_wheels`.
+    pitching : float
+        1 where pitch reaches the wheels, 0 where it does not (`Robot.suspension`).
+    """
+    height = hooks.height(fx)
+    levers = 0.25 * height / body.half_y, 0.25 * pitching * height / body.half_x
+    by_r, by_l = moved_loads(forces, body, fx, levers, pairs, soils, motor, rims, angles, kept)
+    right, left = pairs
+    decided = (
+        under(right, right.F_nf, right.F_nb, by_r.F_nf, by_r.F_nb),
+        under(left, left.F_nf, left.F_nb, by_l.F_nf, by_l.F_nb),
+    )
+    return moved_loads(forces, body, fx, levers, decided, soils, motor, rims, angles, kept)
 
 
 @inlined

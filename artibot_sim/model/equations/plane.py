@@ -15,7 +15,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from artibot_sim.model.effects import hooks
-from artibot_sim.model.equations.contact import Pair, pair_forces, soil_under
+from artibot_sim.model.equations.contact import Pair, load_transfer, soil_under
 from artibot_sim.model.equations.dynamics import joint_slope, mass_centre, module_loads
 from artibot_sim.model.kernels.compilation import inlined
 from artibot_sim.model.kernels.layout import BEHIND, FRONT
@@ -46,7 +46,7 @@ class Ground(NamedTuple):
     """What both modules share: u_w (m), gravity's pull along x and y of `map` (m/s²), A of the joint (1/s).
 
     load is the mean load of the rover's wheels (N). joined is 1, or 0 for a rigid robot, whose back module is not
-    there.
+    there. pitching is 1 where pitch reaches the wheels, else 0.
     """
 
     u_w: float
@@ -55,6 +55,7 @@ class Ground(NamedTuple):
     A: float
     joined: float
     load: float
+    pitching: float
 
 
 class Motion(NamedTuple):
@@ -73,21 +74,21 @@ def module_pairs(body, ground, fx, at, s_g, c_g):
     """What the wheels right and left meet (Pair), and the soil under them (Soil)."""
     v_x, v_y = c_g * at.x_dot + s_g * at.y_dot, c_g * at.y_dot - s_g * at.x_dot
     turn, sweep = at.gamma_dot * body.half_y, at.gamma_dot * body.half_x
-    pair_r = Pair(v_x + turn, v_y + sweep, v_y - sweep, body.F_rf, body.F_rb)
-    pair_l = Pair(v_x - turn, v_y + sweep, v_y - sweep, body.F_lf, body.F_lb)
+    pair_r = Pair(v_x + turn, v_y + sweep, v_y - sweep, body.F_rf, body.F_rb, body.F_rf, body.F_rb)
+    pair_l = Pair(v_x - turn, v_y + sweep, v_y - sweep, body.F_lf, body.F_lb, body.F_lf, body.F_lb)
     soil_r = soil_under(body, ground, fx, pair_r, at.x, at.y, s_g, c_g, 1.0, -1.0)
     soil_l = soil_under(body, ground, fx, pair_l, at.x, at.y, s_g, c_g, 1.0, 1.0)
     return pair_r, pair_l, soil_r, soil_l
 
 
 @inlined
-def module_wheels(friction, body, ground, fx, module, at, s_g, c_g, rims, angles, lags):
+def module_wheels(forces, body, ground, fx, module, at, s_g, c_g, rims, angles, lags):
     """What a module's wheels do at an instant (`contact.PairForces`), right and left.
 
     Parameters
     ----------
-    friction : function
-        Eq. 16, see `contact.pair_forces`.
+    forces : function
+        `contact.pair_forces` at an instant with an eq. 16 that is fit for the loop.
     at : Motion
     s_g, c_g : float
         Sine and cosine of its gamma.
@@ -98,9 +99,13 @@ def module_wheels(friction, body, ground, fx, module, at, s_g, c_g, rims, angles
     """
     pair_r, pair_l, soil_r, soil_l = module_pairs(body, ground, fx, at, s_g, c_g)
     motor = 2 * module
+    if fx is not None and hooks.height(fx) > 0.0:
+        pair_r, pair_l = load_transfer(
+            forces, body, fx, ground.pitching, (pair_r, pair_l), (soil_r, soil_l), motor, rims, angles, lags
+        )  # fmt: skip
     return (
-        pair_forces(friction, body, fx, pair_r, soil_r, motor, rims[0], angles[0], lags[0], lags[1], None),
-        pair_forces(friction, body, fx, pair_l, soil_l, motor + 1, rims[1], angles[1], lags[2], lags[3], None),
+        forces(body, fx, pair_r, soil_r, motor, rims[0], angles[0], lags[0], lags[1]),
+        forces(body, fx, pair_l, soil_l, motor + 1, rims[1], angles[1], lags[2], lags[3]),
     )
 
 
@@ -198,8 +203,9 @@ def planar_accelerations(front, back, ground, fx, f, b, trig, forces, dt=None):
     s_f, c_f, s_b, c_b = trig
     (fx_a, fy_a, fg_a), contact_f, load_f = module_forces(front, ground, fx, FRONT, f, s_f, c_f, forces[0], forces[1])
     there = Ground(
-        ground.u_w, ground.joined * ground.g_x, ground.joined * ground.g_y, ground.A, ground.joined, ground.load
-    )
+        ground.u_w, ground.joined * ground.g_x, ground.joined * ground.g_y, ground.A, ground.joined, ground.load,
+        ground.pitching,
+    )  # fmt: skip
     (bx_a, by_a, bg_a), contact_b, load_b = module_forces(back, there, fx, BEHIND, b, s_b, c_b, forces[2], forces[3])
     A = ground.A
     rf_x, rf_y, biasf_x, biasf_y, gf_x, gf_y = joint_end(front, fx, FRONT, f, s_f, c_f, A)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model.effects import hooks
-from artibot_sim.model.equations.contact import unloaded_radius
+from artibot_sim.model.equations.contact import normal_force, unloaded_radius
 from artibot_sim.model.equations.dynamics import mass_centre
 from artibot_sim.model.equations.plane import module_pairs
 from artibot_sim.model.equations.transmission import ROLLING_WIDTH, rolling_sign
@@ -81,8 +81,9 @@ def wheel_powers(body, p, fx, q, v, module, base, number, w, out):
     """Power dissipated between the wheels of one module and the ground.
 
     `E_offset`: the forces act u_w ahead of where the slip is taken. `E_tilt`: eq. 18 turns the normal force with
-    the module's roll, while the spring is vertical; zero without roll. The module's coordinates begin at `module`, its
-    wheels at `base` in the row; `number` is its place, counted from 0.
+    the module's roll, while the spring is vertical; zero without roll. Loads that move with a centre of mass above the
+    ground (`contact.load_transfer`) move no module: the springs' own force does. The module's coordinates begin at
+    `module`, its wheels at `base` in the row; `number` is its place, counted from 0.
     """
     s_a, c_a = sincos(q[module + ALPHA])
     s_g, c_g = sincos(q[module + GAMMA])
@@ -94,21 +95,23 @@ def wheel_powers(body, p, fx, q, v, module, base, number, w, out):
         y = -body.half_y if i < 2 else body.half_y
         motor = j // 2
         omega = motor_of(p, motor).tau * v[coordinate_of(motor)]
-        F_l, F_t, F_n = w[F_L + j], w[F_T + j], w[F_N + j]
+        F_l, F_t, F_n, F_z = w[F_L + j], w[F_T + j], w[F_N + j], w[F_N + j]
         r_0, u_w, rim = body.r_0, p.u_w, motor_of(p, motor).r_w * omega
         if fx is not None:
             rim *= hooks.radius(fx, 4 * number + i, motor_of(p, motor).tau * q[coordinate_of(motor)])
-            r_0 = unloaded_radius(body, p, fx, number, 1.0 if i % 2 == 0 else -1.0, -1.0 if i < 2 else 1.0)
+            end, side = 1.0 if i % 2 == 0 else -1.0, -1.0 if i < 2 else 1.0
+            r_0 = unloaded_radius(body, p, fx, number, end, side)
+            F_z = normal_force(body, p, fx, number, end, side, v_z, alpha_dot, s_a, c_a, q[module + Z])
             u_w *= hooks.lead(fx, w[P_X + j], w[P_Y + j])
         out[E_SLIP_L + j] = F_l * (rim - w[P_X + j])
         out[E_SLIP_T + j] = -F_t * w[P_Y + j]
-        out[E_OFFSET + j] = -u_w * gamma_dot * (F_t * c_a - F_n * s_a)
+        out[E_OFFSET + j] = -u_w * gamma_dot * (F_t * c_a - F_z * s_a)
         out[E_ROLLING + j] = u_w * omega * (F_l if p.literal_eq22 else F_n * rolling_sign(omega))
         rate = v_z + alpha_dot * y * c_a
         spring = p.k_n * max(r_0 - q[module + Z] - y * s_a, 0.0)
-        out[E_NORMAL + j] = (spring - F_n) * rate
+        out[E_NORMAL + j] = (spring - F_z) * rate
         along_normal = -s_a * (v_y + gamma_dot * x) + c_a * v_z + alpha_dot * y
-        out[E_TILT + j] = F_n * (rate - along_normal)
+        out[E_TILT + j] = F_z * (rate - along_normal)
 
 
 @inlined
@@ -179,7 +182,7 @@ def pair_powers(p, fx, unit, pair, forces, motor, theta, omega, gamma_dot, weigh
         angle = unit.tau * theta
         r_f, r_b = hooks.radius(fx, 2 * motor, angle), hooks.radius(fx, 2 * motor + 1, angle)
     sign = tanh_alone(omega * (1.0 / ROLLING_WIDTH))
-    roll_f, roll_b = forces.u_f * (pair.F_nf * sign), forces.u_b * (pair.F_nb * sign)
+    roll_f, roll_b = forces.u_f * (forces.F_nf * sign), forces.u_b * (forces.F_nb * sign)
     if p.literal_eq22:
         roll_f, roll_b = p.u_w * (r_f * forces.F_lf), p.u_w * (r_b * forces.F_lb)
     e[E_SLIP_L + i] += weight * (forces.F_lf * (r_f * rim - pair.p_x))

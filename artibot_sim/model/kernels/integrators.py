@@ -17,8 +17,10 @@ from artibot_sim.model.effects import hooks
 from artibot_sim.model.effects.force_law import note_module, note_whole, seen_in
 from artibot_sim.model.equations.contact import (
     generalised_forces,
+    load_transfer,
     pair_forces,
     soil_under,
+    wheel_forces,
     wheel_pairs,
     within_friction,
 )
@@ -41,7 +43,7 @@ from artibot_sim.model.equations.transmission import (
     motor_equation,
     reflect,
 )
-from artibot_sim.model.kernels.compilation import inlined
+from artibot_sim.model.kernels.compilation import called, inlined
 from artibot_sim.model.kernels.layout import (  # fmt: skip
     ACC,
     ALPHA,
@@ -197,6 +199,38 @@ def motor_acts(p, fx, unit, motor, forces):
     return Acting(M_m, M_r, drag, theta_ddot, motor.theta_dot)
 
 
+@called
+def forces_now(body, fx, pair, soil, motor, rim, angle, kept_f, kept_b):
+    """`contact.wheel_forces` of one rover alone at an instant."""
+    return wheel_forces(within_friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept_b, None)
+
+
+@inlined
+def loaded(body, p, fx, units, pairs, soils, motor, turned, lags, wheels, first):
+    """With effects: what a module's wheels meet under the loads that they carry as it moves, right and left.
+
+    Parameters
+    ----------
+    units : tuple of 2 MotorParams
+    motor : int
+        The right one, by whose number its wheels are known.
+    turned : tuple of 4 floats
+        Angles of both motors, rad, then their speeds, rad/s.
+    lags, wheels, first
+        See `kept_by`: what so many wheels remember, and the first of this module.
+    """
+    if hooks.height(fx) <= 0.0:
+        return pairs
+    right, left = units
+    rims = right.r_w * (right.tau * turned[2]), left.r_w * (left.tau * turned[3])
+    angles, i = (right.tau * turned[0], left.tau * turned[1]), first
+    kept = (
+        kept_by(lags, wheels, i), kept_by(lags, wheels, i + 1), kept_by(lags, wheels, i + 2),
+        kept_by(lags, wheels, i + 3),
+    )  # fmt: skip
+    return load_transfer(forces_now, body, fx, p.pitching, pairs, soils, motor, rims, angles, kept)
+
+
 @inlined
 def step_ahead(body, p, fx, unit, motor, pair, soil, kept_f, kept_b, dt):
     """A motor's acceleration over a step, the wheels' slip taken implicitly (linearised at the old speed), its torque.
@@ -288,7 +322,7 @@ def write_wheels(pair, forces, motor, w):
     i = 2 * motor
     w[P_X + i] = w[P_X + i + 1] = pair.p_x
     w[P_Y + i], w[P_Y + i + 1] = pair.p_yf, pair.p_yb
-    w[F_N + i], w[F_N + i + 1] = pair.F_nf, pair.F_nb
+    w[F_N + i], w[F_N + i + 1] = forces.F_nf, forces.F_nb
     w[F_L + i], w[F_L + i + 1], w[F_T + i], w[F_T + i + 1] = forces.F_lf, forces.F_lb, forces.F_tf, forces.F_tb
     w[SAT + i] = 1.0 if forces.held_f != 1.0 else 0.0
     w[SAT + i + 1] = 1.0 if forces.held_b != 1.0 else 0.0
@@ -335,8 +369,14 @@ def module_forces(body, right, left, q, v, p, fx, s_a, c_a, s_g, c_g, module, mo
     )
     soil_r = soil_under(body, p, fx, pair_r, q[b + X], q[b + Y], s_g, c_g, c_a, -1.0)
     soil_l = soil_under(body, p, fx, pair_l, q[b + X], q[b + Y], s_g, c_g, c_a, 1.0)
-    on_right = move_side(body, p, fx, right, modes, motor, q, v, pair_r, soil_r, drive, hold, lags, dt, w)
-    on_left = move_side(body, p, fx, left, modes, motor + 1, q, v, pair_l, soil_l, drive, hold, lags, dt, w)
+    met_r, met_l = pair_r, pair_l
+    if fx is not None:
+        turned = q[b + THETA_R], q[b + THETA_L], v[b + THETA_R], v[b + THETA_L]
+        met_r, met_l = loaded(
+            body, p, fx, (right, left), (pair_r, pair_l), (soil_r, soil_l), motor, turned, lags, 8, 2 * motor
+        )
+    on_right = move_side(body, p, fx, right, modes, motor, q, v, met_r, soil_r, drive, hold, lags, dt, w)
+    on_left = move_side(body, p, fx, left, modes, motor + 1, q, v, met_l, soil_l, drive, hold, lags, dt, w)
     forces = generalised_forces(body, p, fx, s_a, c_a, s_g, c_g, on_right, on_left, pair_r, pair_l, module, w)
     loads = 0.0, 0.0, 0.0, 0.0, 0.0
     if fx is not None:

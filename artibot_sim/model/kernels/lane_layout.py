@@ -38,8 +38,9 @@ def flat(record: Any) -> NDArray[np.float64]:
 VERSIONS: tuple[frozenset[str], ...] = tuple(
     frozenset({"", *kinds.split()})
     for kinds in (
-        "", "resistance", "speed", "resistance speed", "resistance seldom", "resistance slip",
+        "", "resistance", "speed", "resistance speed", "resistance seldom", "resistance slip", "resistance transfer",
         "resistance speed seldom slip", "resistance speed seldom slip bristles",
+        "resistance speed seldom slip bristles transfer",
     )
 )  # fmt: skip
 """Which kinds of places (`effects.hooks.Place`) are asked by each version of the extended model.
@@ -51,8 +52,8 @@ much has a version to itself and costs the others nothing.
 EXTENDED: tuple[tuple[float, ...], ...] = tuple((1.0,) * (k + 1) for k in range(len(VERSIONS)))
 """Stand for the versions as `fx` of lanes: the compiler knows their lengths."""
 
-LAGGING, BRISTLED = 6, 8
-"""Lengths of `fx` from which on lateral forces may lag, and wheels may have bristles."""
+LAGGING, BRISTLED = 6, 9
+"""Lengths of `fx` from which on normal forces may move or lateral forces lag, and wheels may have bristles."""
 
 
 def _kinds(effect: Effect) -> set[str]:
@@ -167,7 +168,9 @@ def _line_up_stack(typing_context: Any) -> Any:
 line_up_stack: Any = intrinsic(_line_up_stack)
 
 
-_read_1, _read_2, _read_3, _read_4, _read_5, _read_6, _read_7, _read_8 = (reader(LANES, asked) for asked in VERSIONS)
+_read_1, _read_2, _read_3, _read_4, _read_5, _read_6, _read_7, _read_8, _read_9, _read_10 = (
+    reader(LANES, asked) for asked in VERSIONS
+)
 
 
 @inlined
@@ -189,7 +192,11 @@ def effects_at(S, fx, e, t):
             return _read_6(S, at, S[at] + t)
         if len(fx) == 7:
             return _read_7(S, at, S[at] + t)
-        return _read_8(S, at, S[at] + t)
+        if len(fx) == 8:
+            return _read_8(S, at, S[at] + t)
+        if len(fx) == 9:
+            return _read_9(S, at, S[at] + t)
+        return _read_10(S, at, S[at] + t)
     return None
 
 

@@ -80,4 +80,4 @@ def load_lane(S, e, p, fx, q, v, i):
     load_module(S, e, AT.BODY_B, p.back, p, fx, BEHIND, q[i, BACK + Z])
     g = AT.GROUND + e
     S[g], S[g + LANES], S[g + 2 * LANES], S[g + 3 * LANES] = p.u_w, p.g_x, p.g_y, p.A_joint
-    S[g + 4 * LANES], S[g + 5 * LANES] = 1.0 if p.two else 0.0, p.load
+    S[g + 4 * LANES], S[g + 5 * LANES], S[g + 6 * LANES] = 1.0 if p.two else 0.0, p.load, p.pitching

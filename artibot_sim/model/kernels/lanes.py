@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from artibot_sim.model.effects import hooks
-from artibot_sim.model.equations.contact import within_friction_lanes
+from artibot_sim.model.equations.contact import pair_forces, within_friction_lanes
 from artibot_sim.model.equations.plane import (
     Body,
     Ground,
@@ -189,9 +189,18 @@ def body_of(S, at):
 
 
 @inlined
+def forces_now(body, fx, pair, soil, motor, rim, angle, kept_f, kept_b):
+    """`contact.pair_forces` at an instant."""
+    return pair_forces(within_friction_lanes, body, fx, pair, soil, motor, rim, angle, kept_f, kept_b, None)
+
+
+@inlined
 def ground_of(S, at):
     """What the modules of the lane whose numbers begin at `at` share."""
-    return Ground(S[at], S[at + LANES], S[at + 2 * LANES], S[at + 3 * LANES], S[at + 4 * LANES], S[at + 5 * LANES])
+    return Ground(
+        S[at], S[at + LANES], S[at + 2 * LANES], S[at + 3 * LANES], S[at + 4 * LANES], S[at + 5 * LANES],
+        S[at + 6 * LANES],
+    )  # fmt: skip
 
 
 @inlined
@@ -270,7 +279,7 @@ def move_modules(S, fx, t):
             th, ta = four(S, q + MOTORS), four(S, AT.TAU + e)
             angles = th[0] * ta[0], th[1] * ta[1], th[2] * ta[2], th[3] * ta[3]
         right_f, left_f = module_wheels(
-            within_friction_lanes,
+            forces_now,
             front,
             ground,
             effects,
@@ -283,7 +292,7 @@ def move_modules(S, fx, t):
             kept_of(S, lag),
         )
         right_b, left_b = module_wheels(
-            within_friction_lanes,
+            forces_now,
             back,
             ground,
             effects,
@@ -325,7 +334,7 @@ def move_rigid(S, fx, t):
             th = q + MOTORS
             angles = S[th] * S[AT.TAU + e], S[th + LANES] * S[AT.TAU + LANES + e]
         kept = kept_of(S, AT.LAG_S + e)
-        right, left = module_wheels(within_friction_lanes, body, ground, effects, FRONT, at, s, c, rims, angles, kept)
+        right, left = module_wheels(forces_now, body, ground, effects, FRONT, at, s, c, rims, angles, kept)
         a = AT.ACC + e
         S[a], S[a + LANES], S[a + 2 * LANES] = rigid_accelerations(body, ground, effects, at, s, c, right, left)
         S[AT.AT_RIM + e], S[AT.AT_RIM + LANES + e] = right.at_rim, left.at_rim

@@ -14,6 +14,7 @@ from artibot_sim.model.kernels.elementary import sincos, turn_by
 from artibot_sim.model.kernels.integrators import (
     Acting,
     kept_by,
+    loaded,
     motor_with_wheels,
     step_ahead,
     turning,
@@ -202,7 +203,7 @@ class Standing(NamedTuple):
 @inlined
 def stand(p, fx, q):
     """A level rover at q (16,)."""
-    ground = Ground(p.u_w, p.g_x, p.g_y, p.A_joint, 1.0 if p.two else 0.0, p.load)
+    ground = Ground(p.u_w, p.g_x, p.g_y, p.A_joint, 1.0 if p.two else 0.0, p.load, p.pitching)
     return Standing(
         standing(p.front, p, fx, FRONT, q[Z]), standing(p.back, p, fx, BEHIND, q[BACK + Z]), ground
     )  # fmt: skip
@@ -287,6 +288,11 @@ def level_accelerations(at, p, fx, q, v, trig, modes, drive, hold, lags, dt, tor
     r_f, l_f, soil_rf, soil_lf = module_pairs(at.front, at.ground, fx, f, trig[0], trig[1])
     r_b, l_b, soil_rb, soil_lb = module_pairs(at.back, at.ground, fx, b, trig[2], trig[3])
     one, two, three, four = p.right_front, p.left_front, p.right_back, p.left_back
+    if fx is not None:
+        turned, soils = (q[6], q[7], v[6], v[7]), (soil_rf, soil_lf)
+        r_f, l_f = loaded(at.front, p, fx, (one, two), (r_f, l_f), soils, MOTOR[0], turned, lags, 8, 0)
+        turned, soils = (q[8], q[9], v[8], v[9]), (soil_rb, soil_lb)
+        r_b, l_b = loaded(at.back, p, fx, (three, four), (r_b, l_b), soils, MOTOR[2], turned, lags, 8, 4)
     # all motors one step ahead first: they know nothing of each other, and the processor takes them side by side
     T_0 = side_ahead(at.front, p, fx, one, modes, MOTOR[0], q[6], v[6], r_f, soil_rf, drive, hold, lags, dt)
     T_1 = side_ahead(at.front, p, fx, two, modes, MOTOR[1], q[7], v[7], l_f, soil_lf, drive, hold, lags, dt)

@@ -20,7 +20,11 @@ from numpy.typing import NDArray
 
 from artibot_sim.model.effects import hooks
 from artibot_sim.model.effects.force_law import note_module, note_whole, seen_in
-from artibot_sim.model.equations.contact import generalised_forces, soil_under, wheel_pairs
+from artibot_sim.model.equations.contact import (
+    generalised_forces,
+    soil_under,
+    wheel_pairs,
+)
 from artibot_sim.model.equations.dynamics import (
     back_to_origin,
     free_acceleration,
@@ -47,6 +51,7 @@ from artibot_sim.model.kernels.integrators import (
     D,
     Turning,
     kept_by,
+    loaded,
     motor_of,
     motor_with_wheels,
     step_ahead,
@@ -181,8 +186,13 @@ def module_alone(p, fx, i, q, v, modes, trig, drive, hold, lag, lag_rate, dt, w,
     pair_r, pair_l = wheel_pairs(body, p, fx, v_x, v_y, v[Z], v[ALPHA], v[GAMMA], s_a, c_a, q[Z], i)
     soil_r = soil_under(body, p, fx, pair_r, q[X], q[Y], s_g, c_g, c_a, -1.0)
     soil_l = soil_under(body, p, fx, pair_l, q[X], q[Y], s_g, c_g, c_a, 1.0)
-    right = side_forces(p, fx, p.right_front, FRONT, i, q, v, modes, pair_r, soil_r, drive, hold, lag, lag_rate, dt, w)
-    left = side_forces(p, fx, p.left_front, BEHIND, i, q, v, modes, pair_l, soil_l, drive, hold, lag, lag_rate, dt, w)
+    met_r, met_l = pair_r, pair_l
+    if fx is not None:
+        units, turned = (p.right_front, p.left_front), (q[THETA_R], q[THETA_L], v[THETA_R], v[THETA_L])
+        pairs, soils = (pair_r, pair_l), (soil_r, soil_l)
+        met_r, met_l = loaded(body, p, fx, units, pairs, soils, 2 * i, turned, (lag,), 4, 0)
+    right = side_forces(p, fx, p.right_front, FRONT, i, q, v, modes, met_r, soil_r, drive, hold, lag, lag_rate, dt, w)
+    left = side_forces(p, fx, p.left_front, BEHIND, i, q, v, modes, met_l, soil_l, drive, hold, lag, lag_rate, dt, w)
     forces = generalised_forces(body, p, fx, s_a, c_a, s_g, c_g, right, left, pair_r, pair_l, FRONT, w)
     loads = 0.0, 0.0, 0.0, 0.0, 0.0
     if fx is not None:

@@ -53,8 +53,8 @@ class Wheels:
 
     Velocities (m/s), forces (N), their distance ahead of the centres (m), what eq. 16 left of eq. 15's forces, the
     longitudinal slip coefficients (N s/m), the radii that the wheels roll on (m), rates of what they remember (n, 3:
-    N/s of lateral forces that lag, m/s along and across of bristles), generalised forces (n, 16), and those of the
-    effects' resistance beside eq. 16 (n, 16).
+    N/s of lateral forces that lag, m/s along and across of bristles), generalised forces (n, 16), those of the effects'
+    resistance beside eq. 16 (n, 16), and what each newton of load adds to a wheel's forces across and along (n, 2).
     """
 
     p_x: Array
@@ -69,6 +69,7 @@ class Wheels:
     rate: Array
     Q: Array
     R: Array
+    more: Array
 
     @property
     def memory_rate(self) -> Array:
@@ -94,24 +95,64 @@ def contact_forces(robot: Robot, q: Array, v: Array) -> Wheels:
 
 
 def contact(
-    p: Params, q: Array, v: Array, fx: PlainEffects = NEUTRAL, memory: Array | None = None, dt: float = 0.0
-) -> Wheels:
+    p: Params, q: Array, v: Array, fx: PlainEffects = NEUTRAL, memory: Array | None = None, dt: float = 0.0,
+    begun: Array | None = None,
+) -> Wheels:  # fmt: skip
     """`contact_forces` from the kernel's parameters.
 
     `memory` (24,) is what wheels remember now, see `layout.MEMORY`; lateral forces that lag are those at the end of a
-    step `dt`.
+    step `dt`, and loads have moved as at the rates `begun` (16,), without which those are `v`.
     """
     kept = np.zeros((8, 3)) if memory is None else memory.reshape(3, 8).T
     places = [(body, b, side, end) for body, b in modules_of(p) for side in (-1, 1) for end in (1, -1)]
-    rows = [_wheel(p, *place, q, v, fx, kept[i], dt) for i, place in enumerate(places)]
-    return Wheels(*(np.array(part) for part in zip(*rows, strict=True)))
+
+    def wheels(effects: PlainEffects, rates: Array, loads: Array, step: float) -> Wheels:
+        rows = [_wheel(p, *place, q, rates, effects, kept[i], step, loads[:, i]) for i, place in enumerate(places)]
+        return Wheels(*(np.array(part) for part in zip(*rows, strict=True)))
+
+    loads = np.zeros((2, len(places)))
+    if height := fx.ask("height"):
+        at, listed = v if begun is None else begun, fx.without_laws()
+        deciding = _moved(p, height, q, wheels(listed, at, loads, 0.0))
+        moved = _moved(p, height, q, wheels(listed, at, np.array([loads[0], deciding]), 0.0))
+        loads = np.array([moved, deciding])
+    return wheels(fx, v, loads, dt)
+
+
+def _moved(p: Params, height: float, q: Array, wheels: Wheels) -> Array:
+    """What loads grow by (N) from those of `wheels`, so that they balance the moment about the centres of mass.
+
+    Two unknowns for each module, what moves from left to right and what moves back: the moment is that of forces which
+    grow with the loads, where wheels slide.
+    """
+    moved = np.zeros(len(wheels.F_n))
+    for body, b in modules_of(p):
+        own = slice(b // 2, b // 2 + 4)
+        forces = np.array([wheels.F_t[own], wheels.F_l[own]]) + _flat(q[b + 5], wheels.R[own, b : b + 2])
+        signs = np.array([[1, 1, -1, -1], [-1, 1, -1, 1]])  # right, behind
+        levers = height / 4 / np.array([body.half_y, body.half_x]) * [1, p.pitching]
+        system = np.eye(2) - levers[:, None] * (wheels.more[own].T @ signs.T)
+        a, b_, c, d = system.ravel()
+        unknown = np.array([[d, -b_], [-c, a]]) @ (levers * forces.sum(axis=1)) / max(a * d - b_ * c, 1e-9)
+        more = unknown @ signs
+        room = wheels.F_n[own] / np.maximum(-more, 1e-9)
+        moved[own] = min(1.0, room.min()) * more
+    return moved
+
+
+def _flat(gamma: float, R: Array) -> Array:
+    """Forces on wheels in `map` (n, 2) as those across and along a module that heads for `gamma` (2, n)."""
+    return (R @ rotation_z(gamma)[0][:2, :2]).T[::-1]
 
 
 def _wheel(
     p: Params, body: ModuleParams, b: int, side: int, end: int, q: Array, v: Array, fx: PlainEffects, kept: Array,
-    dt: float,
+    dt: float, moved: Array,
 ) -> tuple:  # fmt: skip
-    """One wheel: `side` is −1 on the right, `end` is 1 in front."""
+    """One wheel: `side` is −1 on the right, `end` is 1 in front.
+
+    `moved` (2,) is what its load has grown by, and that by which eq. 16 decides whether it slides (N).
+    """
     R_x, dR_x, _ = rotation_x(q[b + 3])
     R_z, dR_z, _ = rotation_z(q[b + 5])
 
@@ -130,7 +171,8 @@ def _wheel(
     x, y = fx.ask("centre", b // 8)
     share = (1 + end * x / body.half_x) * (1 + side * y / body.half_y)
     r_0 = body.r_0 - body.m * p.g_z / 4 * (share - 1) / p.k_n  # stands level, whatever each wheel carries
-    F_n = max(p.k_n * (r_0 - place[2]) - p.c_n * rate, 0.0)
+    spring = max(p.k_n * (r_0 - place[2]) - p.c_n * rate, 0.0)
+    F_n, deciding = spring + moved
     motor_number = (0 if b == 0 else 2) + (0 if side < 0 else 1)
     motor, c = motors_of(p)[motor_number], b + (6 if side < 0 else 7)
     wheel = 2 * motor_number + (0 if end > 0 else 1)
@@ -145,10 +187,11 @@ def _wheel(
     stiff, renewal = fx.ask("bristle", slip + v_x)
     k = stiffness * np.array([body.k_l, body.k_t])
     F_l, F_t = np.array([F_l, F_t]) + stiff * k * kept[1:]
-    narrow, held = 1.0 / fx.ask("lateral_grip"), 1.0
+    narrow, held, sliding = 1.0 / fx.ask("lateral_grip"), 1.0, np.zeros(2)
     F_h = math.hypot(F_l, narrow * F_t)
-    if F_h > grip * body.mu_s * F_n:
-        held = fx.ask("friction", grip * body.mu_s, grip * body.mu_d, math.hypot(slip, v_y)) * F_n / F_h
+    if F_h > grip * body.mu_s * deciding:
+        mu = fx.ask("friction", grip * body.mu_s, grip * body.mu_d, math.hypot(slip, v_y))
+        held, sliding = mu * F_n / F_h, mu / F_h * np.array([F_t, F_l])
     omega_rim = motor.r_w * motor.tau * v[c]
     own = Own(v_x, v_y, omega_rim - v_x, motor.tau * q[c], place[0], place[1], F_n)
     middle = q[b : b + 3] + R_z @ R_x @ np.array([0.0, side * body.half_y, 0.0])
@@ -162,11 +205,13 @@ def _wheel(
         bending = (left - release * kept[1:]) / (1 + dt * release)
     u = p.u_w * fx.ask("lead", v_x, v_y)
     applied = centre + np.array([u, 0.0, 0.0])  # eq. 20
-    Q = partials(applied).T @ (R_z @ R_x @ np.array([F_l, F_t, F_n]))  # eq. 18
-    flat = R_z @ np.array([*fx.ask("wheel_resist", grip * body.mu_s * F_n, v_x, v_y), 0.0])
+    Q = partials(applied).T @ (R_z @ R_x @ np.array([F_l, F_t, spring]))  # eq. 18
+    resisted = fx.ask("wheel_resist", grip * body.mu_s * F_n, v_x, v_y)
+    more = sliding + np.array(resisted[::-1]) / max(F_n, 1e-9)
+    flat = R_z @ np.array([*resisted, 0.0])
     R = np.zeros(16)
     R[[b, b + 1]], R[b + 5] = flat[:2], flat @ partials(centre)[:, b + 5]
-    return v_x, v_y, F_n, F_l, F_t, u, held, stiffness * body.k_l, radius, np.append(F_rate, bending), Q, R
+    return v_x, v_y, F_n, F_l, F_t, u, held, stiffness * body.k_l, radius, np.append(F_rate, bending), Q, R, more
 
 
 def _built_up(fx: PlainEffects, steady: float, now: float, p_x: float, dt: float) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.model.effects import EFFECTS, at_work
+from artibot_sim.model.effects import EFFECTS, LAWS, at_work
 from artibot_sim.model.effects.base import Values
 from artibot_sim.model.effects.force_law import SEEN
 from artibot_sim.model.effects.hooks import PLACES
@@ -72,6 +72,11 @@ class PlainEffects:
     def at(self, t: float) -> PlainEffects:
         """These effects at another time `t`, s."""
         return replace(self, t=t)
+
+    def without_laws(self) -> PlainEffects:
+        """All of these that are on the list of effects."""
+        working = at_work(self.values)
+        return replace(self, values={name: values for name, (_, values) in working.items() if name not in LAWS})
 
     def seeing(self, p: Params, q: Array, v: Array) -> PlainEffects:
         """These effects where laws see a rover at q and v (16,)."""

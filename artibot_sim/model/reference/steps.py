@@ -124,7 +124,7 @@ def semi_implicit_step(
     old = contact(p, state.q, state.v, fx, state.memory)
     for i in range(len(motors_of(p))):
         v[MOTOR_COLUMNS[i]], torque[i] = _next_speed(p, state, old, i, modes[i], drive[:, i], held[i], dt, fx)
-    wheels = contact(p, state.q, v, fx, state.memory, dt)
+    wheels = contact(p, state.q, v, fx, state.memory, dt, state.v)
     for i, motor in enumerate(motors_of(p)):
         if modes[i] == Mode.PRESCRIBED:
             c = MOTOR_COLUMNS[i]

@@ -108,6 +108,7 @@ def _pair(robot: Robot, behind: int, effects: Mapping[str, Values]) -> Params:
         g_y=g[1],
         g_z=g[2],
         load=mean_load(robot),
+        pitching=1.0 if robot.suspended == "rigid" else 0.0,
     )
     for effect, values in at_work(effects).values():
         if effect.adapt is not None:

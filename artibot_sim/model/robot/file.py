@@ -77,7 +77,7 @@ def robot_from_dict(document: Any, name: str = "robot") -> Robot:
     """Build a robot from the mapping that a robot file holds; errors name the key's path."""
     top = _mapping(document, "the file")
     behind = _trailing_names(top)
-    known = {*_SECTIONS, *_OPTIONAL, "back", *behind, "drive", "name", "description", "readings", "effects"}
+    known = {*_SECTIONS, *_OPTIONAL, "back", *behind, "drive", "name", "description", "suspension", "readings", "effects"}
     _refuse_unknown(top, known, "")
     reader = _Reader()
     parts = {key: reader.section(cls, _required(top, key), key) for key, cls in _SECTIONS.items()}
@@ -101,6 +101,7 @@ def robot_from_dict(document: Any, name: str = "robot") -> Robot:
     return Robot(
         name=str(top.get("name", name)),
         description=str(top.get("description", "")),
+        suspension=str(top.get("suspension", "")),
         back=back,
         trailing=tuple(reader.section(Trailing, top[name], name) for name in behind),
         drive=drives,
@@ -193,6 +194,7 @@ class _Reader:
 def robot_to_dict(robot: Robot) -> dict[str, Any]:
     """The mapping that a robot file holds; :func:`robot_from_dict` gives the robot back."""
     document: dict[str, Any] = {"name": robot.name, "description": robot.description}
+    document |= {"suspension": robot.suspension} if robot.suspension else {}
     for key, quantity, value in robot.quantities():
         if key in robot.sources or math.isfinite(value):  # an unlimited motor is one whose limit is not in the file
             _enter(document, robot, key, quantity, value)

@@ -58,6 +58,7 @@ class Params(NamedTuple):
     g_x: float
     g_y: float
     g_z: float
+    pitching: float = 0.0  # 1 where pitch reaches the wheels of a module
     joint_damping: float = 0.0  # steepest slopes of what effects bring, which limit the step: N m s/rad, N m/rad
     joint_stiffness: float = 0.0
     lateral_damping: float = 0.0  # of each wheel beside k_t, N s/m

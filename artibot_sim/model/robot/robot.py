@@ -193,6 +193,9 @@ class Robot:
         By how much streams are stamped late.
     odometry : WheelOdometry
         How sure wheel odometry is.
+    suspension : str
+        ``"rocker"`` where the pitch of a module does not reach its wheels (section 4.3: both wheels of a side carry the
+        same), ``"rigid"`` where it does; empty for a rocker of an articulated robot, else rigid.
     effects : mapping of str to mapping
         Model extensions by id; absent is neutral.
     sources : mapping of str to str
@@ -219,6 +222,7 @@ class Robot:
     odometry: WheelOdometry = WheelOdometry()
     effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     description: str = ""
+    suspension: str = ""
     sources: Mapping[str, str] = field(default_factory=dict, compare=False)
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict, compare=False)
 
@@ -234,6 +238,11 @@ class Robot:
     def articulated(self) -> bool:
         """Whether the robot has a back module."""
         return self.back is not None
+
+    @property
+    def suspended(self) -> str:
+        """How: `suspension`, or what stands where that is empty."""
+        return self.suspension or ("rocker" if self.articulated else "rigid")
 
     @property
     def modules(self) -> tuple[Module, ...]:
@@ -384,8 +393,13 @@ def _replace_leaves(node: Any, leaves: Mapping[tuple[str, ...], Any]) -> Any:
     return dataclasses.replace(node, **changed)
 
 
+SUSPENSIONS = ("rocker", "rigid")
+
+
 def _check_together(robot: Robot) -> None:
     """Relations between parameters that bounds alone do not catch."""
+    if robot.suspension not in ("", *SUSPENSIONS):
+        raise ArtibotError(f"suspension: found {robot.suspension!r}, expected one of {', '.join(SUSPENSIONS)}")
     if (robot.back is None) != (robot.drive.back is None):
         raise ArtibotError("drive.back: a robot has it exactly when it has a back module; give both or neither")
     if robot.contact.mu_d > robot.contact.mu_s:
