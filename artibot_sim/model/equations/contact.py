@@ -267,7 +267,7 @@ def bending(stiff, renewal, k_l, k_t, slip_l, slip_t, narrow, friction, z_l, z_t
 
 
 LIGHT = 1e-9
-"""A load that is none, N: so that there is something to divide by."""
+"""A load that is none, N: what wheels that are lifted carry, so that quotients by it are none of rounding errors."""
 
 
 @inlined
@@ -404,7 +404,7 @@ def moved_loads(forces, body, fx, levers, pairs, soils, motor, rims, angles, kep
     the outer side of a turn and, where pitch reaches the wheels, behind while it gains speed. Their sum stays. The
     force of a wheel that slides grows with its load, that of one that holds does not: two equations for what moves over
     to the right and what moves back. Where wheels slide apart on high centres, nothing holds the loads before a wheel
-    is off the ground: no load moves further than that.
+    is off the ground: no load moves further than that (`LIGHT` is left, as bristles and loads divide by it).
 
     Parameters
     ----------
@@ -428,10 +428,9 @@ def moved_loads(forces, body, fx, levers, pairs, soils, motor, rims, angles, kep
     scale = 1.0 / max(a * d - b * c, LIGHT)
     over, back = scale * (d * across + b * along), scale * (a * along + c * across)
     over, back = moved(over, back, (right.F_nf, right.F_nb, left.F_nf, left.F_nb))
-    return (
-        under(right, right.F_nf + (over - back), right.F_nb + (over + back), right.N_f, right.N_b),
-        under(left, left.F_nf - (over + back), left.F_nb - (over - back), left.N_f, left.N_b),
-    )
+    R_f, R_b = max(right.F_nf + (over - back), LIGHT), max(right.F_nb + (over + back), LIGHT)
+    L_f, L_b = max(left.F_nf - (over + back), LIGHT), max(left.F_nb - (over - back), LIGHT)
+    return under(right, R_f, R_b, right.N_f, right.N_b), under(left, L_f, L_b, left.N_f, left.N_b)
 
 
 @inlined

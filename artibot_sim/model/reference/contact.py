@@ -16,6 +16,12 @@ from artibot_sim.model.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
+LIGHT = 1e-9
+"""What wheels carry that loads have left, N: so that there is something to divide by."""
+
+Loads = tuple[Array | None, Array | None]
+"""What wheels carry, and loads by which they decide whether they slide, N; None: those of the springs."""
+
 
 def rotation_x(a: float) -> tuple[Array, Array, Array]:
     """R_x(a) and its first and second derivatives."""
@@ -106,26 +112,30 @@ def contact(
     kept = np.zeros((8, 3)) if memory is None else memory.reshape(3, 8).T
     places = [(body, b, side, end) for body, b in modules_of(p) for side in (-1, 1) for end in (1, -1)]
 
-    def wheels(effects: PlainEffects, rates: Array, loads: Array, step: float) -> Wheels:
-        rows = [_wheel(p, *place, q, rates, effects, kept[i], step, loads[:, i]) for i, place in enumerate(places)]
+    def wheels(effects: PlainEffects, rates: Array, loads: Loads, step: float) -> Wheels:
+        rows = [
+            _wheel(
+                p, *place, q, rates, effects, kept[i], step, tuple(None if load is None else load[i] for load in loads)
+            )
+            for i, place in enumerate(places)
+        ]
         return Wheels(*(np.array(part) for part in zip(*rows, strict=True)))
 
-    loads = np.zeros((2, len(places)))
+    carried = deciding = None
     if height := fx.ask("height"):
         at, listed = v if begun is None else begun, fx.without_laws()
-        deciding = _moved(p, height, q, wheels(listed, at, loads, 0.0))
-        moved = _moved(p, height, q, wheels(listed, at, np.array([loads[0], deciding]), 0.0))
-        loads = np.array([moved, deciding])
-    return wheels(fx, v, loads, dt)
+        deciding = _moved(p, height, q, wheels(listed, at, (None, None), 0.0))
+        carried = _moved(p, height, q, wheels(listed, at, (None, deciding), 0.0))
+    return wheels(fx, v, (carried, deciding), dt)
 
 
 def _moved(p: Params, height: float, q: Array, wheels: Wheels) -> Array:
-    """What loads grow by (N) from those of `wheels`, so that they balance the moment about the centres of mass.
+    """Loads (N) that balance the moment about the centres of mass, moved from those of `wheels`.
 
     Two unknowns for each module, what moves from left to right and what moves back: the moment is that of forces which
     grow with the loads, where wheels slide.
     """
-    moved = np.zeros(len(wheels.F_n))
+    moved = wheels.F_n.copy()
     for body, b in modules_of(p):
         own = slice(b // 2, b // 2 + 4)
         forces = np.array([wheels.F_t[own], wheels.F_l[own]]) + _flat(q[b + 5], wheels.R[own, b : b + 2])
@@ -133,10 +143,10 @@ def _moved(p: Params, height: float, q: Array, wheels: Wheels) -> Array:
         levers = height / 4 / np.array([body.half_y, body.half_x]) * [1, p.pitching]
         system = np.eye(2) - levers[:, None] * (wheels.more[own].T @ signs.T)
         a, b_, c, d = system.ravel()
-        unknown = np.array([[d, -b_], [-c, a]]) @ (levers * forces.sum(axis=1)) / max(a * d - b_ * c, 1e-9)
+        unknown = np.array([[d, -b_], [-c, a]]) @ (levers * forces.sum(axis=1)) / max(a * d - b_ * c, LIGHT)
         more = unknown @ signs
-        room = wheels.F_n[own] / np.maximum(-more, 1e-9)
-        moved[own] = min(1.0, room.min()) * more
+        room = wheels.F_n[own] / np.maximum(-more, LIGHT)
+        moved[own] = np.maximum(wheels.F_n[own] + min(1.0, room.min()) * more, LIGHT)
     return moved
 
 
@@ -147,11 +157,11 @@ def _flat(gamma: float, R: Array) -> Array:
 
 def _wheel(
     p: Params, body: ModuleParams, b: int, side: int, end: int, q: Array, v: Array, fx: PlainEffects, kept: Array,
-    dt: float, moved: Array,
+    dt: float, loads: tuple,
 ) -> tuple:  # fmt: skip
     """One wheel: `side` is −1 on the right, `end` is 1 in front.
 
-    `moved` (2,) is what its load has grown by, and that by which eq. 16 decides whether it slides (N).
+    `loads` are what it carries, and that by which eq. 16 decides whether it slides (N); None: that of its spring.
     """
     R_x, dR_x, _ = rotation_x(q[b + 3])
     R_z, dR_z, _ = rotation_z(q[b + 5])
@@ -172,7 +182,7 @@ def _wheel(
     share = (1 + end * x / body.half_x) * (1 + side * y / body.half_y)
     r_0 = body.r_0 - body.m * p.g_z / 4 * (share - 1) / p.k_n  # stands level, whatever each wheel carries
     spring = max(p.k_n * (r_0 - place[2]) - p.c_n * rate, 0.0)
-    F_n, deciding = spring + moved
+    F_n, deciding = (spring if load is None else load for load in loads)
     motor_number = (0 if b == 0 else 2) + (0 if side < 0 else 1)
     motor, c = motors_of(p)[motor_number], b + (6 if side < 0 else 7)
     wheel = 2 * motor_number + (0 if end > 0 else 1)
@@ -201,13 +211,13 @@ def _wheel(
     bending = np.zeros(2)
     if stiff > 0:
         left = held * np.array([slip, -v_y])
-        release = renewal + stiff * math.hypot(*(k * left * [1.0, narrow])) / max(grip * body.mu_s * F_n, 1e-9)
+        release = renewal + stiff * math.hypot(*(k * left * [1.0, narrow])) / max(grip * body.mu_s * F_n, LIGHT)
         bending = (left - release * kept[1:]) / (1 + dt * release)
     u = p.u_w * fx.ask("lead", v_x, v_y)
     applied = centre + np.array([u, 0.0, 0.0])  # eq. 20
     Q = partials(applied).T @ (R_z @ R_x @ np.array([F_l, F_t, spring]))  # eq. 18
     resisted = fx.ask("wheel_resist", grip * body.mu_s * F_n, v_x, v_y)
-    more = sliding + np.array(resisted[::-1]) / max(F_n, 1e-9)
+    more = sliding + np.array(resisted[::-1]) / max(F_n, LIGHT)
     flat = R_z @ np.array([*resisted, 0.0])
     R = np.zeros(16)
     R[[b, b + 1]], R[b + 5] = flat[:2], flat @ partials(centre)[:, b + 5]

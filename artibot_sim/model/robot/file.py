@@ -77,7 +77,8 @@ def robot_from_dict(document: Any, name: str = "robot") -> Robot:
     """Build a robot from the mapping that a robot file holds; errors name the key's path."""
     top = _mapping(document, "the file")
     behind = _trailing_names(top)
-    known = {*_SECTIONS, *_OPTIONAL, "back", *behind, "drive", "name", "description", "suspension", "readings", "effects"}
+    known = {*_SECTIONS, *_OPTIONAL, "back", *behind, "drive"}
+    known |= {"name", "description", "suspension", "readings", "effects"}
     _refuse_unknown(top, known, "")
     reader = _Reader()
     parts = {key: reader.section(cls, _required(top, key), key) for key, cls in _SECTIONS.items()}
