@@ -119,7 +119,8 @@ def test_rovers_that_spin(agriq) -> None:
 def test_rigid_robots(husky) -> None:
     """They have lanes of their own: without a back module, with effects of all kinds or with none."""
     robots = [husky.replace({"contact.mu_s": mu, "contact.mu_d": 0.8 * mu}) for mu in (0.3, 0.5, 0.8)]
-    robots.append(with_effects(husky, "stiction", "slip_ratio", "wheel_runout", "com_offset", "motor_drag"))
+    everything = "stiction", "slip_ratio", "wheel_runout", "com_offset", "com_height", "motor_drag"
+    robots.append(with_effects(husky, *everything))
     assert extension(robots[-1].effects) == EXTENDED[-1]
     motors = table(husky)
     assert_like_rollouts(robots, motors, items_of(robots, motors, 2, each=3), 2.5e-3)
