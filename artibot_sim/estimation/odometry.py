@@ -3,9 +3,12 @@
 The belief is a pose without slip. Real wheels slip, and in the same sense on the same ground, so the error grows with
 the way. Three relative errors are taken for unknown: of the distance (slip along the wheels, wheel radius), of the
 turned angle (wheels scrub in a turn: the largest of them), and a drift to the side. Each has a part that is the same
-all along and one that changes from metre to metre; the covariance is the sum of what both do to the pose. Where radius,
+all along and one that changes from metre to metre; the covariance is the sum of what both do to the pose. A wrong turn
+bends the path, and by tenths of a radian the error of the place is no longer proportional to it: what is stated is the
+mean of the squared error over all turns that the deviation allows, about the pose that is published. Where radius,
 track or soil were identified, their intervals add to the three.
-``python -m artibot_sim.estimation.odometry`` prints the size of the three in simulations of the shipped robots.
+``python -m artibot_sim.estimation.odometry`` prints the size of the three in simulations of the shipped robots, and how
+the errors on other soils compare with what is stated.
 """
 
 from __future__ import annotations
@@ -28,11 +31,19 @@ from artibot_sim.resources import config_names
 
 Array = NDArray[np.float64]
 
+OTHER_SOILS = (0.8, 1.0, 1.25)
+"""Friction relative to the robot file's, on which stated covariances are held against errors."""
+
 UNKNOWN = 1e6
 """Variance of what is not measured at all: height, roll, pitch."""
 
 FLOOR = (1e-3, 1e-3, 1e-3)
 """Standard deviations (m, m, rad; a second for velocities) that are stated at least: filters invert covariances."""
+
+
+_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
+"""Gauss–Hermite quadrature over the error of the turned angle, in standard deviations."""
+_WEIGHTS /= _WEIGHTS.sum()
 
 
 def metres_per_radian(robot: Robot) -> float:
@@ -137,22 +148,26 @@ class PoseError:
 
     def __init__(self, slip: Slip, track: float, drift: float = 0.0) -> None:
         self.slip, self.drift, self._track = slip, drift, track
-        self._common = np.zeros((3, 4))  # of the pose by the errors that are the same all along
+        self._common = np.zeros((3, 3))  # of the pose by way, side and drift, whose errors are the same all along
+        self._turned = np.zeros((3, len(_NODES)))  # by an error of the turned angle that is the same all along
         self._changing = np.zeros((3, 3))  # covariance by those that change
 
     def spread(self, dx: float, dy: float, turn: float, rolled: float, dt: float = 0.0) -> None:
         """Carry the errors on over a step (m, m, rad in `odom`), in which the faster wheel rolled so far (m)."""
         half = 0.5 * turn  # by a wrong turn the step itself leads astray, too
-        step = np.array(
-            [[dx, -half * dy, -dy, -0.5 * dt * dy], [dy, half * dx, dx, 0.5 * dt * dx], [0.0, turn, 0.0, dt]]
-        )
+        step = np.array([[dx, -dy, -0.5 * dt * dy], [dy, dx, 0.5 * dt * dx], [0.0, 0.0, dt]])
         # a heading that was wrong before the step leads it astray
         self._common[0] += step[0] - dy * self._common[2]
         self._common[1] += step[1] + dx * self._common[2]
         self._common[2] += step[2]
+        wrong = self.slip.turn * turn * _NODES
+        middle = self._turned[2] + 0.5 * wrong
+        c, s = np.cos(middle) - 1.0, np.sin(middle)
+        self._turned += (c * dx - s * dy, s * dx + c * dy, wrong)
         carry = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
-        relative = self._relative
-        fresh = step[:, :3] * relative[:3] / math.sqrt(max(rolled, 1e-12))  # of a walk by metres, not by steps
+        parts = np.array([[dx, -half * dy, -dy], [dy, half * dx, dx], [0.0, turn, 0.0]])
+        relative = np.array([self.slip.travel, self.slip.turn, self.slip.side])
+        fresh = parts * relative / math.sqrt(max(rolled, 1e-12))  # of a walk by metres, not by steps
         self._changing = carry @ self._changing @ carry.T + fresh @ fresh.T
 
     def wander(self, variance: float, place: float = 0.0) -> None:
@@ -165,14 +180,11 @@ class PoseError:
         self.wander((2.0 * self.slip.travel / self._track) ** 2 * rolled)
 
     @property
-    def _relative(self) -> Array:
-        return np.array([self.slip.travel, self.slip.turn, self.slip.side, self.drift])
-
-    @property
     def covariance(self) -> Array:
-        """Of x, y and yaw, shape (3, 3)."""
-        common = self._common * self._relative
-        return common @ common.T + self._changing + np.diag(np.square(FLOOR))
+        """Of x, y and yaw, shape (3, 3): the mean squared error about the pose that is believed."""
+        common = self._common * np.array([self.slip.travel, self.slip.side, self.drift])
+        turned = (self._turned * _WEIGHTS) @ self._turned.T
+        return common @ common.T + turned + self._changing + np.diag(np.square(FLOOR))
 
 
 class Odometry:
@@ -266,6 +278,42 @@ def _add_errors(found: list[list[Array]], robot: Robot, q: Array, n: int) -> Non
     found[2].append((true[2] / np.where(moved, way, 1.0))[moved])
 
 
+def normalised_errors(robot: Robot, every: float = 1.0) -> Array:
+    """Squared errors of odometry by their stated covariance, in simulations on soils other than the robot file's.
+
+    Parameters
+    ----------
+    robot : Robot
+        Whose odometry is asked; the one that drives has the friction of `OTHER_SOILS`.
+    every : float
+        Simulated seconds between two values.
+
+    Returns
+    -------
+    array, shape (n,)
+        ``e' P⁻¹ e`` of x, y and yaw, along all shipped manoeuvres. Their mean is 3 where errors are as stated, less
+        where more is stated than there is.
+    """
+    stated = {f"odometry.{name}_slip": -1.0 for name in ("travel", "turn", "side")}
+    slip, found = Slip.of(stated, robot), []
+    for friction in OTHER_SOILS:
+        other = robot.replace({f"contact.{mu}": friction * getattr(robot.contact, mu) for mu in ("mu_s", "mu_d")})
+        for name in manoeuvre_names():
+            result = rollout(other, plan(load_manoeuvre(name), robot).commands(), kappa=0.8, every=50)
+            odometry = Odometry(metres_per_radian(robot), robot.front.i_y, slip)
+            n = round(every / float(result.t[1] - result.t[0]))
+            for row, (q, v) in enumerate(zip(result.q, result.v, strict=True)):
+                odometry.update((q[6], q[7]), (v[6], v[7]))
+                if row and not row % n:
+                    error = np.array(odometry.pose) - q[[0, 1, 5]]
+                    found.append(float(error @ np.linalg.solve(odometry.pose_covariance, error)))
+    return np.array(found)
+
+
 if __name__ == "__main__":
     for robot_name in config_names("robots"):
-        print(robot_name, measured_slip(load_robot(robot_name)))
+        shipped = load_robot(robot_name)
+        print(robot_name, measured_slip(shipped))
+        squares = normalised_errors(shipped)
+        outside = 100.0 * float(np.mean(squares > 7.815))
+        print(f"  normalised squared error: mean {squares.mean():.2f} (3 where as stated), {outside:.1f} % beyond 95 %")
