@@ -113,6 +113,15 @@ class Transcribed:
         """Torque that a gear takes without a load, N m."""
         return self._of("gear_no_load", "torque") * math.tanh(theta_dot / 4.0)
 
+    def limits(self, theta_dot: float, low: float, high: float) -> tuple[float, float]:
+        """What is left of torques, N m, of a motor whose torque has a limit."""
+        stall, free = self._of("battery_sag", "stall", math.inf), self._of("battery_sag", "no_load_speed", math.inf)
+        rest, lost = (
+            self._of("battery_sag", "supply", 1.0) * stall,
+            theta_dot / free * stall if free < math.inf else 0.0,
+        )
+        return (low, high) if high == math.inf else (max(low, -rest - lost), min(high, rest - lost))
+
     def joint(self, angle: float, rate: float) -> float:
         """Torque against the articulation's yaw, N m."""
         torque = self._of("joint_friction", "torque") * math.tanh(rate / 0.01)

@@ -12,7 +12,7 @@ from model.helpers import energy_gap, from_knot, front_commands, ramp, standstil
 
 from artibot_sim.diagnose.candidates.hypotheses import hypotheses
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model import MOTORS, WHEELS, Mode, Robot, initial_state, load_robot, rollout, save_robot
+from artibot_sim.model import MOTORS, WHEELS, Commands, Mode, Robot, initial_state, load_robot, rollout, save_robot
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.equations.contact import LIGHT
 
@@ -118,6 +118,44 @@ def test_torque_limit_saturates_and_is_caught_up(agriq):
     torque = result.motor_torque[:, :2]
     assert np.abs(torque).max() <= limit * (1 + 1e-12)
     assert (np.abs(torque) > 0.999 * limit).any()
+
+
+LINE = {"stall": 0.5, "no_load_speed": 300.0, "supply": 0.8}
+"""Of motors that come to 240 rad/s without a load, 1 m/s."""
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
+def test_the_torque_of_motors_on_a_sagging_battery_lies_on_their_line(agriq, integrator):
+    """They are asked for more than they can and come to rest on it, slower than without a load."""
+    result = turn(with_effects(agriq, battery_sag=LINE), speed=1.4, yaw_rate=0.2, integrator=integrator)
+    assert result.modes[:2] == (Mode.DRIVEN, Mode.DRIVEN)
+    speed, torque = result.v[:, 6:8], result.motor_torque[:, :2]
+    line = LINE["stall"] * (LINE["supply"] - speed / LINE["no_load_speed"])
+    assert (torque < line + (1e-9 if integrator == "rk4" else 0.02)).all()
+    np.testing.assert_allclose(torque[-1], line[-1], rtol=0, atol=1e-9 if integrator == "rk4" else 1e-4)
+    assert (speed[-1] < LINE["supply"] * LINE["no_load_speed"]).all() and (torque[-1] > 0.05).all()
+
+
+def test_a_motor_that_brakes_has_its_torque_at_rest(agriq):
+    """What a turning motor's voltage lets it lack while it drives it has more than enough of while it brakes."""
+    speed = np.repeat([[0.6], [0.6], [-0.6]], [1, 50, 50], axis=0) / agriq.wheel.r_w / agriq.drive.front.tau
+    robot = with_effects(agriq, battery_sag={"stall": 0.5, "no_load_speed": 200.0})
+    result = rollout(robot, Commands(0.02, np.repeat(speed, 4, axis=1)))
+    turning = result.v[:, 6]
+    braking, driving = result.motor_torque[turning > 60.0, 0].min(), result.motor_torque[turning > 60.0, 0].max()
+    assert braking == pytest.approx(-0.5, abs=1e-12) and 0.0 < driving < 0.5 * (1 - 60.0 / 200.0)
+
+
+def test_a_battery_that_hardly_sags_leaves_the_papers_model(agriq, plain):
+    robot = with_effects(agriq, battery_sag={"stall": 50.0, "no_load_speed": 1e6})
+    assert np.abs(turn(robot).pose - plain.pose).max() < 1e-6
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
+def test_a_line_too_steep_for_the_step_is_refused(agriq, integrator):
+    robot = with_effects(agriq, battery_sag={"stall": 5.0, "no_load_speed": 5.0})
+    with pytest.raises(ArtibotError, match="battery_sag"):
+        turn(robot, integrator=integrator, dt=1e-3)
 
 
 def test_a_torque_limit_that_grows_leaves_the_papers_model(agriq, plain):

@@ -11,6 +11,7 @@ from model.effects import SEVERITY_1, with_effects
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, Robot, State, initial_state, load_robot, rollout
 from artibot_sim.model.analysis.stability import parts
+from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.equations.transmission import back_torque_factor
 from artibot_sim.model.reference.effects import PlainEffects
 from artibot_sim.model.reference.steps import PlainState, rk4_step, semi_implicit_step
@@ -126,7 +127,7 @@ def gap_with(robot: Robot, modes, integrator: str, dt: float, steps: int = STEPS
 @pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
 @pytest.mark.parametrize("effect", sorted(SEVERITY_1))
 def test_compiled_effects_equal_plain_ones(agriq, effect: str, integrator: str) -> None:
-    modes = MODES["driven"] if effect == "torque_limit" else MODES["as in the paper"]
+    modes = MODES["driven"] if EFFECTS[effect].drives_front else MODES["as in the paper"]
     assert gap_with(with_effects(agriq, effect), modes, integrator, DT) < 1e-12
 
 

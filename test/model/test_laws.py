@@ -40,6 +40,7 @@ ABOUT = {
     "along": lambda: (int(RNG.integers(4)), Own(*N(size=6), abs(100.0 * N()))),
     "shaft": lambda: (int(RNG.integers(4)), 5.0 * N(), 0.3 * N()),
     "height": lambda: (),
+    "limits": lambda: (40.0 * N(), *(abs(N()) * np.array([-1.0, 1.0]))),
     "centre": lambda: (int(RNG.integers(2)),),
 }
 """Place → what may be asked there."""

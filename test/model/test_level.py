@@ -13,7 +13,7 @@ from model.helpers import front_commands, ramp
 from model.test_fast_equals_plain import DT, MODES, commands, plain_run
 
 from artibot_sim.model import Mode, Robot, State, Status, initial_state, load_robot, rollout
-from artibot_sim.model.effects import record
+from artibot_sim.model.effects import EFFECTS, record
 from artibot_sim.model.equations.transmission import back_torque_factor
 from artibot_sim.model.kernels import loop, plane_loop
 from artibot_sim.model.kernels.elementary import turn_by
@@ -66,7 +66,10 @@ def test_steps_on_a_plane_equal_plain_ones(name: str, modes, integrator: str, dt
 @pytest.mark.parametrize(("integrator", "dt"), [("rk4", DT), ("semi_implicit", DT), ("semi_implicit", 3e-3)])
 @pytest.mark.parametrize("effect", [*sorted(SEVERITY_1), "all"])
 def test_effects_on_a_plane_equal_plain_ones(agriq, effect: str, integrator: str, dt: float) -> None:
-    rng, modes = np.random.default_rng(7), MODES["driven" if effect == "torque_limit" else "as in the paper"]
+    rng, modes = (
+        np.random.default_rng(7),
+        MODES["driven" if effect != "all" and EFFECTS[effect].drives_front else "as in the paper"],
+    )
     robot = with_effects(agriq, *(SEVERITY_1 if effect == "all" else [effect]))
     remembered = {"lateral": 20.0 * rng.normal(size=8), "bristles": 1e-4 * rng.normal(size=16)}
     start = dataclasses.replace(moving(robot, rng), **remembered)

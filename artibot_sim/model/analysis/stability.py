@@ -95,7 +95,7 @@ def largest_step(p: Params | Train, integrator: str, modes: tuple[int, ...], sha
     """
     chain = _chain(p)
     modes, p = modes[: len(chain.motors)], chain.p
-    limits = list(_rk4_limits(chain, modes) if integrator == "rk4" else _semi_implicit_limits(chain))
+    limits = list(_rk4_limits(chain, modes) if integrator == "rk4" else _semi_implicit_limits(chain, modes))
     if PRESCRIBED in modes:
         limits.append(((_RK4_REAL if integrator == "rk4" else MARGIN) / p.A_motor, "control.A_motor"))
     if DRIVEN in modes:
@@ -197,13 +197,29 @@ def _rk4_limits(chain: _Chain, modes: tuple[int, ...]) -> Iterator[tuple[float, 
             # of the inertia without losses it stays within the width over which the drag changes its sign (tests).
             inertia = motor.J_m + motor.J_w * motor.tau**2
             yield _RK4_REAL * inertia / motor.damping, "effects.motor_drag or gear_no_load, a motor that drag stops"
+    yield from ((_RK4_REAL / rate, LINE) for rate in _line_rates(chain, free))
     for damping, stiffness, what in _springs(chain):
         yield _rk4_limit(cmath.sqrt(damping * damping / 4 - stiffness) - damping / 2), what
         yield _rk4_limit(-cmath.sqrt(damping * damping / 4 - stiffness) - damping / 2), what
 
 
-def _semi_implicit_limits(chain: _Chain) -> Iterator[tuple[float, str]]:
-    """Of v += -h (stiffness x + damping v), x += h v, which is stable while stiffness h² + 2 damping h < 4."""
+LINE = "effects.battery_sag, a motor on its torque-speed line"
+
+
+def _line_rates(chain: _Chain, free: tuple[bool, ...]) -> Iterator[float]:
+    """Rates (1/s) at which motors that are not prescribed go to their speed without a load."""
+    for motor, spins in zip(chain.motors, free, strict=False):
+        if spins and motor.line > 0.0:
+            yield motor.line / (motor.J_m + motor.J_w * motor.tau**2)
+
+
+def _semi_implicit_limits(chain: _Chain, modes: tuple[int, ...]) -> Iterator[tuple[float, str]]:
+    """Of v += -h (stiffness x + damping v), x += h v, which is stable while stiffness h² + 2 damping h < 4.
+
+    Of motors on their lines, too, whose torque is that at a step's start.
+    """
+    free = tuple(mode != PRESCRIBED for mode in modes)
+    yield from ((2.0 * MARGIN / rate, LINE) for rate in _line_rates(chain, free))
     for damping, stiffness, what in _springs(chain, implicit=True):
         if damping + stiffness > 0.0:
             yield MARGIN * 4 / (damping + math.sqrt(damping * damping + 4 * stiffness)), what

@@ -55,6 +55,14 @@ def _chain(first: Hook, second: Hook) -> Hook:
     return both
 
 
+def _narrowing(first: Hook, second: Hook) -> Hook:
+    def both(fx, about, low, high):
+        low, high = first(fx, about, low, high)
+        return second(fx, about, low, high)
+
+    return both
+
+
 class Place(NamedTuple):
     """Where effects can act.
 
@@ -135,6 +143,9 @@ drag = _place("drag", _sum)
 
 gear = _place("gear", _sum)
 """(fx, theta_dot) → the same of every motor that has a gear, beside `drag`, N m."""
+
+limits = _place("limits", _narrowing)
+"""(fx, theta_dot, low, high) → what is left of a motor's torques from low to high, N m."""
 
 shaft = _place("shaft", _sum)
 """(fx, motor, angle, speed) → torque of a law that a motor needs beside its load, N m.

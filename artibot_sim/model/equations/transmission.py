@@ -93,7 +93,7 @@ def follow(damping, stiffness, theta, theta_dot, d, d_dot, d_ddot):
 
 
 @inlined
-def motor_equation(J, inverse_J, load, wish, held, limit):
+def motor_equation(J, inverse_J, load, wish, held, low, high):
     """Eq. 21 for one motor under a `load` (N m, motor side), solved for what its mode leaves open.
 
     Parameters
@@ -103,8 +103,8 @@ def motor_equation(J, inverse_J, load, wish, held, limit):
         for a motor that is known to be under a torque.
     held : float
         Its torque, N m; NaN for whatever the wish takes.
-    limit : float
-        Torques stay within ± this, N m; infinite for a prescribed motor.
+    low, high : float
+        Between these its torque stays, N m; infinite for a prescribed motor.
 
     Returns
     -------
@@ -112,8 +112,8 @@ def motor_equation(J, inverse_J, load, wish, held, limit):
         Motor torque M_m (N m) and angular acceleration (rad/s²), motor side.
     """
     if wish is None:
-        M_m = min(max(held, -limit), limit)
+        M_m = min(max(held, low), high)
         return M_m, (M_m - load) * inverse_J
     needed = J * wish + load
-    M_m = min(max(held if held == held else needed, -limit), limit)
+    M_m = min(max(held if held == held else needed, low), high)
     return M_m, (wish if M_m == needed else (M_m - load) * inverse_J)

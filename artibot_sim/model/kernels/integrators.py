@@ -160,12 +160,15 @@ def turning(p, modes, motor, theta, theta_dot, drive, hold):
 
 
 @inlined
-def solved(motor, J, inverse_J, load, torque_max):
+def solved(fx, motor, J, inverse_J, load, torque_max):
     """Torque of a motor and its acceleration under a `load` (N m, motor side), see `transmission.motor_equation`."""
+    high = math.inf if motor.mode == PRESCRIBED else torque_max
+    low = -high
+    if fx is not None:
+        low, high = hooks.limits(fx, motor.theta_dot, low, high)
     if motor.mode == TORQUE:
-        return motor_equation(J, inverse_J, load, None, motor.torque, torque_max)
-    limit = math.inf if motor.mode == PRESCRIBED else torque_max
-    return motor_equation(J, inverse_J, load, motor.wish, math.nan, limit)
+        return motor_equation(J, inverse_J, load, None, motor.torque, low, high)
+    return motor_equation(J, inverse_J, load, motor.wish, math.nan, low, high)
 
 
 @inlined
@@ -195,7 +198,7 @@ def motor_acts(p, fx, unit, motor, forces):
     load = motor.gear * M_r
     if fx is not None:
         load += drag
-    M_m, theta_ddot = solved(motor, motor.J, motor.inverse_J, load, unit.torque_max)
+    M_m, theta_ddot = solved(fx, motor, motor.J, motor.inverse_J, load, unit.torque_max)
     return Acting(M_m, M_r, drag, theta_ddot, motor.theta_dot)
 
 
@@ -250,7 +253,7 @@ def step_ahead(body, p, fx, unit, motor, pair, soil, kept_f, kept_b, dt):
         load += drag
         inertia += dt * drag / theta_dot if theta_dot != 0.0 else 0.0
         load += at_shaft(fx, unit, motor, theta_dot)
-    M_m, theta_ddot = solved(motor, inertia, 1.0 / inertia, load, unit.torque_max)
+    M_m, theta_ddot = solved(fx, motor, inertia, 1.0 / inertia, load, unit.torque_max)
     return theta_ddot, M_m
 
 

@@ -64,7 +64,10 @@ def follow_command(S, j, s):
 
 @inlined
 def drag_motors(S, fx, t):
-    """With effects: drag on all motors, at the stage; of one or two modules each has a gear."""
+    """With effects: drag on all motors, and between what their torques stay, at the stage.
+
+    Of one or two modules each motor has a gear.
+    """
     for e in range(LANES):
         effects = effects_at(S, fx, e, t)
         right_f, left_f, right_b, left_b = four(S, AT.V_S + MOTORS + e)
@@ -75,6 +78,10 @@ def drag_motors(S, fx, t):
             hooks.drag(effects, MOTOR[2], right_b) + hooks.gear(effects, right_b),
             hooks.drag(effects, MOTOR[3], left_b) + hooks.gear(effects, left_b),
         )  # fmt: skip
+        for motor in range(4):
+            j = motor * LANES + e
+            most = S[AT.TORQUE_MAX + j]
+            S[AT.LOW + j], S[AT.HIGH + j] = hooks.limits(effects, S[AT.V_S + MOTORS + j], -most, most)
 
 
 @inlined
@@ -93,11 +100,13 @@ def turn_motors(S, fx):
     for j in range(4 * LANES):
         M_r = axle_torque(S[AT.LEVER + j], S[AT.AT_RIM + j], S[AT.ROLLS + j] * S[AT.U_F_N + j], S[AT.SIGN + j])
         load = S[AT.GEARED + j] * M_r
+        low, high = -S[AT.TORQUE_MAX + j], S[AT.TORQUE_MAX + j]
         if fx is not None:
             load += S[AT.DRAG + j]
+            low, high = S[AT.LOW + j], S[AT.HIGH + j]
         S[AT.TORQUE + j], S[AT.ACC + MOTORS + j] = motor_equation(
-            S[AT.INERTIA + j], S[AT.INV_J + j], load, S[AT.ACC + MOTORS + j], S[AT.HELD + j], S[AT.TORQUE_MAX + j]
-        )  # fmt: skip
+            S[AT.INERTIA + j], S[AT.INV_J + j], load, S[AT.ACC + MOTORS + j], S[AT.HELD + j], low, high
+        )
 
 
 @inlined

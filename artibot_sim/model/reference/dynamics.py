@@ -128,7 +128,8 @@ def solve(
         wanted = torque[i]
         if modes[i] == Mode.DRIVEN:
             wanted = mass[c, c] * (drive[2, i] + p.velocity_gain * (drive[1, i] - v[c])) - n[c]
-        M_m[i] = min(max(wanted, -motor.torque_max), motor.torque_max)
+        low, high = fx.ask("limits", v[c], -motor.torque_max, motor.torque_max)
+        M_m[i] = min(max(wanted, low), high)
         n[c] += M_m[i]
     x, residual = solve_augmented(mass, phi, n, right)
     M_m[prescribed] = -x[16 + joint :]

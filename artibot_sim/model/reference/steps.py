@@ -160,5 +160,6 @@ def _next_speed(
     load = motor.tau / eta * load_torque(p, wheels, i, motor.tau * theta_dot)
     load += dragging(fx, motor, i, theta, theta_dot)
     M = held if mode == Mode.TORQUE else inertia * (d_ddot + p.velocity_gain * (d_dot - theta_dot)) + load
-    M = min(max(M, -motor.torque_max), motor.torque_max)
+    low, high = fx.ask("limits", theta_dot, -motor.torque_max, motor.torque_max)
+    M = min(max(M, low), high)
     return theta_dot + dt * (M - load) / inertia, M

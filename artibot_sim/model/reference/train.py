@@ -100,7 +100,8 @@ def solve_train(
         if modes[k] == Mode.DRIVEN:
             wanted = mass[c, c] * (drive[2, k] + module.velocity_gain * (drive[1, k] - v[c])) - n[c]
         limit = (module.right_front, module.left_front)[k % 2].torque_max
-        M_m[k] = min(max(wanted, -limit), limit)
+        low, high = fx.ask("limits", v[c], -limit, limit)
+        M_m[k] = min(max(wanted, low), high)
         n[c] += M_m[k]
     x, residual = solve_augmented(mass, jacobian, n, right)
     first = 8 * count + 4 * (count - 1)

@@ -35,6 +35,7 @@ class MotorParams(NamedTuple):
     J_w: float
     torque_max: float
     damping: float = 0.0  # steepest slope of what effects have drag on it, N m s/rad
+    line: float = 0.0  # slope of a torque-speed line, N m s/rad
     geared: float = 1.0  # 0 for wheels without a motor and a gear
 
 
