@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from artibot_sim.model.effects.base import Values
 from artibot_sim.model.effects.force_law import Own
 
@@ -120,7 +122,9 @@ class Transcribed:
             self._of("battery_sag", "supply", 1.0) * stall,
             theta_dot / free * stall if free < math.inf else 0.0,
         )
-        return (low, high) if high == math.inf else (max(low, -rest - lost), min(high, rest - lost))
+        if high == math.inf:
+            return low, high
+        return float(np.clip(-rest - lost, low, high)), float(np.clip(rest - lost, low, high))
 
     def joint(self, angle: float, rate: float) -> float:
         """Torque against the articulation's yaw, N m."""

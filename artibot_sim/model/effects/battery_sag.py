@@ -22,7 +22,7 @@ def limits(fx, theta_dot, low, high):
     if sag.stall == math.inf or high == math.inf:
         return low, high
     rest, lost = sag.supply * sag.stall, sag.stall / sag.no_load_speed * theta_dot
-    return max(low, -rest - lost), min(high, rest - lost)
+    return min(max(low, -rest - lost), high), max(min(high, rest - lost), low)
 
 
 def _adapt(p: Params, values: Values) -> Params:
