@@ -167,6 +167,7 @@ def test_what_is_missing_is_named_with_the_command_that_installs_it(
         (("rich", "mcap", "zstandard", "lz4"), ("plot", "{bag}", "--html", "page.html"), "rosbags"),
         (("rich", "mcap", "zstandard", "lz4", "rosbags"), ("plot", "{bag}", "--html", "page.html"), "plotly"),
         (("rich", "mcap", "zstandard", "lz4", "rosbags"), ("export", "{bag}", "--to", "parquet"), "pyarrow"),
+        (("mcap", "zstandard", "lz4"), ("record", "--can", "vcan0"), "can"),
         (("rich", "python-can"), ("driver", "--interface", "remote", "--channel", "ws://127.0.0.1:1/"), "can_remote"),
     ],
     ids=lambda value: value if isinstance(value, str) else value[0],
@@ -180,6 +181,13 @@ def test_so_is_what_only_some_options_need(
     assert done.returncode == 2, done.stderr
     wanted = f"artibot: {missing}: not found; this command needs it: {python} -m pip install {PACKAGES[missing]}"
     assert done.stderr.strip().splitlines()[-1] == wanted
+
+
+def test_topics_alone_are_recorded_without_what_can_needs(tmp_path: Path) -> None:
+    python = environment_of((*WITH_OPTIONS, "mcap", "zstandard", "lz4"), tmp_path / "venv")
+    done = run(python, "record", "-o", "bag", "--duration", "0.2", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "bag" / "metadata.yaml").is_file()
 
 
 @pytest.mark.parametrize("word", ["sim", "planner", "driver", "record", "replay", "recover", "plot", "diagnose"])

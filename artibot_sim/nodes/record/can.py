@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from artibot_driver.listener import Listener, interface_of
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.can_frames import CAN_QOS, CAN_TOPIC, LONGEST, CanFrame, encode_frame
 from artibot_sim.experiment.messages import CAN_FRAME
 from artibot_sim.nodes.common.parameters import declare
 from artibot_sim.nodes.record.recorder import Recorder
 from artibot_sim.parameters import Spec
+
+if TYPE_CHECKING:
+    from artibot_driver.listener import Listener
 
 MOST_WAITING = 200_000
 """Messages that may wait for a slow disk before frames are left out: memory is not for ever."""
@@ -49,6 +51,8 @@ def open_listener(node: Any, channel: str | None, interface: str | None) -> List
         if asked[1]:
             raise ArtibotError(f"--can-interface {asked[1]}: of which bus? give --can CHANNEL too")
         return None
+    from artibot_driver.listener import Listener, interface_of  # recording topics alone needs no python-can
+
     log = node.get_logger()
 
     def say(bad: bool, text: str) -> None:
