@@ -183,11 +183,13 @@ def test_so_is_what_only_some_options_need(
     assert done.stderr.strip().splitlines()[-1] == wanted
 
 
-def test_topics_alone_are_recorded_without_what_can_needs(tmp_path: Path) -> None:
-    python = environment_of((*WITH_OPTIONS, "mcap", "zstandard", "lz4"), tmp_path / "venv")
+def test_topics_alone_are_recorded_and_replayed_without_what_can_needs(tmp_path: Path) -> None:
+    python = environment_of((*WITH_OPTIONS, "mcap", "zstandard", "lz4", "rosbags"), tmp_path / "venv")
     done = run(python, "record", "-o", "bag", "--duration", "0.2", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "bag" / "metadata.yaml").is_file()
+    done = run(python, "replay", ROOT / "bags" / "table6_agriq", "--wait", 0, "--end", 0.1, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("word", ["sim", "planner", "driver", "record", "replay", "recover", "plot", "diagnose"])

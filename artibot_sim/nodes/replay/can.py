@@ -24,8 +24,6 @@ from artibot_sim.nodes.common.stamps import SECOND
 from artibot_sim.nodes.replay.progress import Progress
 from artibot_sim.nodes.replay.source import Source, Stretch, lateness_summary, write_statistics
 
-PRIORITY = 40
-"""Of playing frames, below the driver's."""
 _NAP = 0.02
 _READING = 0.002
 _QUIET = 0.003
@@ -79,6 +77,9 @@ class FrameOutlet:
     ----------
     publishers : topic → where its messages go.
     """
+
+    PRIORITY = 40
+    """Of playing frames, among the machine's real-time threads; below the driver's."""
 
     def __init__(self, bus: Bus, chooser: FrameChoice, channels: Sequence[ChannelInfo], warn: Say) -> None:
         name = f"CAN bus {bus.channel}"
@@ -168,7 +169,7 @@ def play_frames(info: BagInfo, given: dict[str, Any], say: Say) -> int:
         say(
             f"playing the CAN frames of {info.path}, {(stretch.end_ns - stretch.begin_ns) / SECOND:.1f} s at {rate:g} x"
         )
-        with undisturbed(PRIORITY):
+        with undisturbed(outlet.PRIORITY):
             late = np.array(_play(source, outlet, rate, asked))
         found = {"messages": len(late), "not_sent": outlet.failed, "rate": rate, **lateness_summary(late)}
         timing = f", {found['late_p50_ms']:.2f} ms late (median; p99 {found['late_p99_ms']:.2f})" if len(late) else ""

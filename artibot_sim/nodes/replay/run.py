@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import time
-from contextlib import nullcontext
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.node import Node
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.storage import BagInfo
 from artibot_sim.nodes.common.process import undisturbed
-from artibot_sim.nodes.replay.can import PRIORITY, FrameOutlet, frame_outlet
 from artibot_sim.nodes.replay.drive import Driver, Script, request_outlet
 from artibot_sim.nodes.replay.player import DISCOVERY, Outlet, Pace, Player, make_outlets
 from artibot_sim.nodes.replay.selection import REQUEST, Selection, Wish, called, select, without_frames
 from artibot_sim.nodes.replay.source import RecordedTime, Source, Stretch, write_statistics
+
+if TYPE_CHECKING:
+    from artibot_sim.nodes.replay.can import FrameOutlet
 
 _DISCOVERY = 0.3
 
@@ -31,8 +32,11 @@ def play(node: Node, info: BagInfo, wish: Wish, given: dict[str, Any], asked: li
     given : options of the command line.
     asked : grows by each SIGINT and SIGTERM.
     """
-    warn = node.get_logger().warning
-    with frame_outlet(info, given, warn) if given["can"] else nullcontext(None) as frames:
+    if not given["can"]:
+        return _play(node, info, wish, given, asked, None)
+    from artibot_sim.nodes.replay.can import frame_outlet  # topics alone need no CAN libraries
+
+    with frame_outlet(info, given, node.get_logger().warning) as frames:
         return _play(node, info, wish, given, asked, frames)
 
 
@@ -61,7 +65,7 @@ def _play(
         player.wait_for_subscribers(given["wait"], given["wait_timeout"])
     length = (stretch.end_ns - stretch.begin_ns) / 1e9
     node.get_logger().info(f"playing {info.path}: {len(outlets)} topics, {length:.1f} s at {pace.rate:g} x")
-    with undisturbed(PRIORITY if frames else 0):
+    with undisturbed(frames.PRIORITY if frames else 0):
         player.run()
     found = player.statistics() | ({"not_sent": frames.failed} if frames else {})
     late = f", {found['late_p50_ms']:.2f} ms late (median; p99 {found['late_p99_ms']:.2f})" if player.late else ""
