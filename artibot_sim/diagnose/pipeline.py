@@ -39,7 +39,7 @@ from artibot_sim.diagnose.records import (
     Unexplained,
 )
 from artibot_sim.diagnose.remains import COMMANDED, beyond_noise, far_beyond_noise
-from artibot_sim.diagnose.result import Diagnosis, besides, differing, doubt, partly, refutation, shortfall
+from artibot_sim.diagnose.result import Diagnosis
 from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.diagnose.selection.every_window import EveryWindow
 from artibot_sim.diagnose.selection.evidence import DECADE
@@ -63,6 +63,7 @@ from artibot_sim.diagnose.validation.residuals import places
 from artibot_sim.diagnose.validation.series import comparison, with_commands
 from artibot_sim.diagnose.validation.varying_ground import beside_varying_ground
 from artibot_sim.diagnose.verdict import Reason, Verdict
+from artibot_sim.diagnose.words import besides, differing, doubt, partly, refutation, shortfall
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.alignment import Aligned, on_one_clock, stream_table, what_is_wrong, with_delays
 from artibot_sim.estimation.boosting import MISSING, can_grow

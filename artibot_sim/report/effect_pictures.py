@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from artibot_sim.diagnose import result
 from artibot_sim.diagnose.validation.residuals import places
+from artibot_sim.diagnose.words import channel_words, effect_words, is_wrong
 from artibot_sim.errors import ArtibotError
 from artibot_sim.identify.result import spaced
 from artibot_sim.model import MOTORS, Robot, load_robot
@@ -123,12 +123,12 @@ def seen(effect: Effect, robot: Robot, free: Experiment) -> Seen:
         return Seen(effect, values, (_overview(recording, free), _speeds(recording)), ())
     pair = predict(recording, False, robot, rover, HORIZON, None)
     shown, levels = comparison(pair, robot), baseline_levels([pair])
-    worst = max(levels, key=lambda c: (result.is_wrong(c, levels[c]), levels[c].over_noise))
+    worst = max(levels, key=lambda c: (is_wrong(c, levels[c]), levels[c].over_noise))
     said = tuple(place.what for place in places([shown], {worst: levels[worst]}))
     channel = panels.over_time_of(shown, worst, levels[worst].unit)
     assert channel is not None
     path = panels.path(shown, "path, run freely from the start", free=True)
-    return Seen(effect, values, (path, replace(channel, title=f"error of the {result.channel_words(worst)}")), said)
+    return Seen(effect, values, (path, replace(channel, title=f"error of the {channel_words(worst)}")), said)
 
 
 def _record(rover: Robot, name: str) -> Experiment:
@@ -209,13 +209,13 @@ def document(all_seen: Sequence[Seen]) -> str:
 def _entry(shown: Seen) -> str:
     effect = shown.effect
     values = ", ".join(
-        f"`{name}` {result.effect_words(value) if isinstance(value, str) else _with_unit(effect, name, value)}"
+        f"`{name}` {effect_words(value) if isinstance(value, str) else _with_unit(effect, name, value)}"
         for name, value in shown.values.items()
     )
     said = "".join(f"- {sentence}\n" for sentence in shown.said)
     return (
-        f"\n### {result.effect_words(effect.id)}\n\n{effect.doc} Here: {values}.\n\n"
-        f"![{result.effect_words(effect.id)}](images/effects/{effect.id}.png)\n\n{said}"
+        f"\n### {effect_words(effect.id)}\n\n{effect.doc} Here: {values}.\n\n"
+        f"![{effect_words(effect.id)}](images/effects/{effect.id}.png)\n\n{said}"
     )
 
 

@@ -248,7 +248,7 @@ def _paths(experiment: Experiment) -> dict[str, Floats]:
 
 def _pushes(diagnosis: Diagnosis) -> dict[str, tuple[float, float]]:
     """Forces that a named effect puts on the rover, the same everywhere on the map, N."""
-    from artibot_sim.diagnose.result import effect_words  # with it comes all that a diagnosis is made of
+    from artibot_sim.diagnose.words import effect_words  # with it comes all that a diagnosis is made of
 
     found = {}
     weight = 9.81 * sum(m.m for m in diagnosis.robot.modules)

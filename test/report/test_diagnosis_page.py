@@ -26,6 +26,7 @@ from artibot_sim.diagnose.records import (
     Verdict,
 )
 from artibot_sim.diagnose.result import Diagnosis
+from artibot_sim.diagnose.words import amount, channel_words, effect_words, force_words
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot
 from artibot_sim.model.effects import EFFECTS
@@ -94,8 +95,8 @@ def test_the_first_sentence_names_cause_size_and_gain(every: dict[Verdict, Diagn
     said = {verdict: result.headline(found) for verdict, found in every.items()}
     assert said[Verdict.NAMED].startswith("Slope: grade 0.0500 rad (2.9°), heading 1.20 rad (69°). With it, ")
     before, after = (every[Verdict.NAMED].gain["position"].__dict__[k] for k in ("before", "after"))
-    assert f"instead of {result.amount(before, 'm')}" in said[Verdict.NAMED]
-    assert f"by {result.amount(after, 'm')}" in said[Verdict.NAMED]
+    assert f"instead of {amount(before, 'm')}" in said[Verdict.NAMED]
+    assert f"by {amount(after, 'm')}" in said[Verdict.NAMED]
     assert said[Verdict.AMBIGUOUS].startswith("Either slope or external force: these recordings cannot tell")
     assert "on no list: a front yaw moment of 12 N·m that follows yaw rate" in said[Verdict.UNEXPLAINED]
     assert said[Verdict.NONE].startswith("No effect explains")
@@ -202,7 +203,7 @@ def test_what_varies_comes_back_from_the_file(every: dict[Verdict, Diagnosis], t
     ],
 )  # fmt: skip
 def test_a_force_is_said_by_what_it_comes_to(what: Unexplained, said: str) -> None:
-    assert result.force_words(what) == said
+    assert force_words(what) == said
 
 
 def test_the_page_says_all_that_was_found(every: dict[Verdict, Diagnosis]) -> None:
@@ -213,7 +214,7 @@ def test_the_page_says_all_that_was_found(every: dict[Verdict, Diagnosis]) -> No
             assert sentence.replace("'", "&#x27;") in text
         assert text.index(found.findings[0]) < text.index("<h1>"), "what is wrong with recordings comes first"
         for candidate in found.ranking:
-            assert result.effect_words(candidate.effect) in text
+            assert effect_words(candidate.effect) in text
         if found.next_experiment is not None:
             assert found.next_experiment.what in text
         if found.unexplained is not None:
@@ -404,7 +405,7 @@ def test_it_prints(every: dict[Verdict, Diagnosis]) -> None:
         assert result.headline(found) in text
         assert text.startswith(found.findings[0])
         assert all(f"warning: {warning}" in text for warning in found.warnings)
-        assert all(result.channel_words(name) in text for name in found.gain)
+        assert all(channel_words(name) in text for name in found.gain)
 
 
 def test_a_measured_path_is_not_joined_across_a_gap(named: Diagnosis) -> None:

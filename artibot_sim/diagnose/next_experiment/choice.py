@@ -26,12 +26,12 @@ from artibot_sim.diagnose.next_experiment.simulation import (
     trial,
 )
 from artibot_sim.diagnose.records import NextExperiment
-from artibot_sim.diagnose.result import NOTHING, channel_words, effect_words, joined
 from artibot_sim.diagnose.unlisted.finding import ForceFinding, acting, regression
 from artibot_sim.diagnose.unlisted.forms import WANDERING
 from artibot_sim.diagnose.unlisted.response import short
 from artibot_sim.diagnose.unlisted.search import Equations, ForceCandidate, InForce, judge
 from artibot_sim.diagnose.unlisted.variables import PLACE, Scene
+from artibot_sim.diagnose.words import NOTHING, channel_words, effect_words, joined
 from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.experiment import Experiment

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.records import Left, Unexplained
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
-from artibot_sim.diagnose.result import RECORDING, effect_words, odds
 from artibot_sim.diagnose.selection.evidence import DECADE
 from artibot_sim.diagnose.selection.joint_fits import Rounds, settled
+from artibot_sim.diagnose.words import RECORDING, effect_words, odds
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Effort, Fit, search

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.policy import FORCE_NATS, TIE, TIE_SHARE
 from artibot_sim.diagnose.records import Unexplained
-from artibot_sim.diagnose.result import NOTHING, effect_words
 from artibot_sim.diagnose.unlisted.forms import Form, forms, unit
 from artibot_sim.diagnose.unlisted.response import WINDOWS, answers, short
 from artibot_sim.diagnose.unlisted.ridges import ridges
@@ -25,6 +24,7 @@ from artibot_sim.diagnose.unlisted.search import (
     solve,
 )
 from artibot_sim.diagnose.unlisted.variables import PLACE, Scene, scene
+from artibot_sim.diagnose.words import NOTHING, effect_words
 from artibot_sim.estimation.parallel import check_time
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.identify.result import spaced

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.candidates.hypotheses import with_effect, without_effect
 from artibot_sim.diagnose.policy import FORCE_NATS
-from artibot_sim.diagnose.result import NOTHING
 from artibot_sim.diagnose.unlisted.finding import ForceFinding
 from artibot_sim.diagnose.unlisted.search import ForceCandidate
+from artibot_sim.diagnose.words import NOTHING
 from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge, restarted_windows

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.result import NOTHING
 from artibot_sim.diagnose.unlisted.variables import PLACE
+from artibot_sim.diagnose.words import NOTHING
 
 Array = NDArray[np.float64]
 Curve = Callable[[Array, NDArray[np.int64]], Array]

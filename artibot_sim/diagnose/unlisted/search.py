@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.policy import FORCE_PRICE, FORCE_WINDOW
-from artibot_sim.diagnose.result import NOTHING
 from artibot_sim.diagnose.sizes import scale_of
 from artibot_sim.diagnose.unlisted.forms import Form, forms, products
 from artibot_sim.diagnose.unlisted.response import COMPONENTS, KNOTS, Answers, force_scale
 from artibot_sim.diagnose.unlisted.variables import PLACE, Acting, Scene
+from artibot_sim.diagnose.words import NOTHING
 from artibot_sim.model import MOTORS, Robot
 
 # ----------------------------------------------------------------------

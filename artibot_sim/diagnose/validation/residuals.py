@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.records import ChannelBaseline, Comparison, Place, Series
-from artibot_sim.diagnose.result import amount, is_wrong
+from artibot_sim.diagnose.words import amount, is_wrong
 from artibot_sim.identify.result import number
 
 # ----------------------------------------------------------------------

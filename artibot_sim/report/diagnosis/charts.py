@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from artibot_sim.diagnose.records import Comparison, Unexplained
-from artibot_sim.diagnose.result import Diagnosis, channel_words, effect_words, excess, is_wrong
+from artibot_sim.diagnose.result import Diagnosis, excess
 from artibot_sim.diagnose.validation.residuals import Samples, gather, sizes
+from artibot_sim.diagnose.words import channel_words, effect_words, is_wrong
 from artibot_sim.experiment.columns import SEGMENT_GAP
 from artibot_sim.identify.result import number, spaced
 from artibot_sim.model.effects.force_law import PARAMETERS, PLACES, VARIABLES, shape, unit_of

@@ -12,6 +12,17 @@ import numpy as np
 from artibot_sim.diagnose import result
 from artibot_sim.diagnose.records import Candidate, Found, Unexplained, Verdict
 from artibot_sim.diagnose.result import Diagnosis
+from artibot_sim.diagnose.words import (
+    amount,
+    channel_words,
+    effect_words,
+    excluded_words,
+    joined,
+    law_words,
+    lost,
+    odds,
+    windows_words,
+)
 from artibot_sim.identify.result import number, spaced
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.effects.base import Choice
@@ -121,7 +132,7 @@ def baseline(found: Diagnosis) -> str:
     rows = []
     for name, base in found.baseline.items():
         cells = (
-            html.escape(result.channel_words(name)), html.escape(spaced(base.unit)), figure(base.noise),
+            html.escape(channel_words(name)), html.escape(spaced(base.unit)), figure(base.noise),
             figure(base.rmse), figure(base.over_noise, 2), figure(base.free_run_rmse),
         )  # fmt: skip
         rows.append(("", cells))
@@ -133,10 +144,10 @@ def gain(found: Diagnosis) -> str:
     rows = []
     for name, g in found.gain.items():
         low, high = g.ci95
-        less = 100 * result.lost(g)
+        less = 100 * lost(g)
         interval_ = f"{figure(low)} … {figure(high)}"
         cells = (
-            html.escape(result.channel_words(name)), html.escape(spaced(g.unit)), figure(g.before),
+            html.escape(channel_words(name)), html.escape(spaced(g.unit)), figure(g.before),
             figure(g.after), f"{less:.0f} %".replace("-", "−"), interval_,
         )  # fmt: skip
         rows.append(("", cells))
@@ -148,7 +159,7 @@ def parameters(found: Diagnosis) -> str:
     rows = []
     for cause in found.causes:
         for i, (name, p) in enumerate(cause.parameters.items()):
-            effect = html.escape(result.effect_words(cause.effect)) if i == 0 else ""
+            effect = html.escape(effect_words(cause.effect)) if i == 0 else ""
             rows.append(("found" if i == 0 else "", (effect, *_parameter(cause.effect, name, p))))
     docs = [_physics(cause.effect) for cause in found.causes if cause.effect in EFFECTS]
     columns = ("effect", "parameter", "value", "unit", "95 %", "from neutral (dashed)")
@@ -158,13 +169,13 @@ def parameters(found: Diagnosis) -> str:
 def _physics(effect: str) -> str:
     """What an effect is, in a paragraph."""
     said = EFFECTS[effect].doc.replace("`", "")
-    return f"<p><b>{html.escape(result.effect_words(effect))}</b>: {html.escape(said)}</p>"
+    return f"<p><b>{html.escape(effect_words(effect))}</b>: {html.escape(said)}</p>"
 
 
 def _parameter(effect: str, name: str, p: Found) -> tuple[str, ...]:
-    said = html.escape(result.effect_words(name))
+    said = html.escape(effect_words(name))
     if isinstance(p.value, str):
-        return said, html.escape(result.effect_words(p.value)), "", "", ""
+        return said, html.escape(effect_words(p.value)), "", "", ""
     between = f"{figure(p.ci95[0], 4)} … {figure(p.ci95[1], 4)}" if p.ci95 else ""
     drawn = interval(p.value, p.ci95, neutral(effect, name))
     return said, figure(p.value, 4), html.escape(spaced(p.unit)), between, drawn
@@ -195,9 +206,9 @@ def ranking(found: Diagnosis) -> str:
     rows = []
     for c in sorted(found.ranking, key=lambda c: (c.effect not in named, -c.log10_bayes_factor)):
         role = "found" if c.effect in named else "ties" if c.effect in tied else ""
-        how = ", ".join(filter(None, ("fitted" if c.fitted else "screened", result.windows_words(c))))
+        how = ", ".join(filter(None, ("fitted" if c.fitted else "screened", windows_words(c))))
         cells = (
-            html.escape(result.effect_words(c.effect)), role, f"{c.log10_bayes_factor:.1f}".replace("-", "−"), how,
+            html.escape(effect_words(c.effect)), role, f"{c.log10_bayes_factor:.1f}".replace("-", "−"), how,
             html.escape(_values(c)), f'<span class="wrap">{html.escape(c.note)}</span>',
         )  # fmt: skip
         rows.append((role, cells))
@@ -208,9 +219,9 @@ def _values(candidate: Candidate) -> str:
     said = []
     for name, value in candidate.values.items():
         if isinstance(value, str):
-            said.append(result.effect_words(value))
+            said.append(effect_words(value))
         else:
-            said.append(f"{result.effect_words(name)} {result.amount(value, unit_of(candidate.effect, name), 3)}")
+            said.append(f"{effect_words(name)} {amount(value, unit_of(candidate.effect, name), 3)}")
     return ", ".join(said).replace("-", "−")
 
 
@@ -219,10 +230,10 @@ def excluded(found: Diagnosis) -> str:
     rows = []
     for candidate in found.ranking:
         names = (*candidate.excluded_above, *candidate.excluded_below)
-        said = result.excluded_words(candidate, {name: unit_of(candidate.effect, name) for name in names})
+        said = excluded_words(candidate, {name: unit_of(candidate.effect, name) for name in names})
         if not said:
             continue
-        rows.append(("", (html.escape(result.effect_words(candidate.effect)), html.escape(said))))
+        rows.append(("", (html.escape(effect_words(candidate.effect)), html.escape(said))))
     return table(("effect", "excluded"), rows, 2)
 
 
@@ -241,9 +252,9 @@ def unexplained(what: Unexplained) -> str:
     rows = [
         ("", (label, f'<span class="wrap">{html.escape(text)}</span>'))
         for label, text in (
-            ("force", result.effect_words(what.force)), ("follows", result.effect_words(what.variable)),
-            ("form", what.form), ("size", result.amount(what.size, what.unit, 3)), ("where", what.where),
-            *((f"as a law, {name}", result.law_words(law)) for name, law in what.laws.items()),
+            ("force", effect_words(what.force)), ("follows", effect_words(what.variable)),
+            ("form", what.form), ("size", amount(what.size, what.unit, 3)), ("where", what.where),
+            *((f"as a law, {name}", law_words(law)) for name, law in what.laws.items()),
         )
     ]  # fmt: skip
     if what.laws:
@@ -435,17 +446,17 @@ def _where(page: _Page) -> Part:
     parts = []
     for channel in dict.fromkeys(place.channel for place in found.where):
         said = [place.what for place in found.where if place.channel == channel]
-        parts.append(f"<h3>{html.escape(result.channel_words(channel)).capitalize()}</h3>{listed(said, 'said')}")
+        parts.append(f"<h3>{html.escape(channel_words(channel)).capitalize()}</h3>{listed(said, 'said')}")
     if not found.where:
         parts.append(paragraph("No channel is wrong by much more than its noise."))
     shown = page.wrong or ([page.channel] if page.channel else [])
     for index, channel in enumerate(shown):
-        title = f"The error of the {result.channel_words(channel)} on the map"
+        title = f"The error of the {channel_words(channel)} on the map"
         cells = [page.place(charts.error_map(found, channel), title, "plot square")]
         over = panels.over_covariates(found, channel)
         cells += [page.place(panel, legend=i == 0) for i, panel in enumerate(over)]
         row = page.row(cells, "grid3")
-        name = result.channel_words(channel)
+        name = channel_words(channel)
         parts.append(row if index == 0 else folded(f"The same for the {name}", row))
     return section("Where and when", *parts, opened=False)
 
@@ -489,9 +500,9 @@ def _next(found: Diagnosis) -> Part:
         return _NONE
     said = [paragraph(what.what, "next")]
     if what.separates:
-        between = result.joined([result.effect_words(name) for name in what.separates])
-        odds = result.odds(what.nats / charts.LOG10)
-        said.append(paragraph(f"It would separate {between} by {what.nats:.0f} nats ({odds})."))
+        between = joined([effect_words(name) for name in what.separates])
+        sure = odds(what.nats / charts.LOG10)
+        said.append(paragraph(f"It would separate {between} by {what.nats:.0f} nats ({sure})."))
     return section("What to measure next", *said)
 
 

@@ -22,8 +22,8 @@ from artibot_sim.cluster import map_tasks
 from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
-from artibot_sim.diagnose.result import force_words
 from artibot_sim.diagnose.unlisted.finding import unexplained, unexplained_of
+from artibot_sim.diagnose.words import force_words
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot
 from artibot_sim.progress import Bar

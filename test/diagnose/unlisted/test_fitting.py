@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.result import NOTHING
 from artibot_sim.diagnose.unlisted.fitting import extension_of, law_of
 from artibot_sim.diagnose.unlisted.forms import UNITS, Form, amplitude, forms, products, waves
 from artibot_sim.diagnose.unlisted.search import ForceCandidate
+from artibot_sim.diagnose.words import NOTHING
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.effects.force_law import FORMS, PARAMETERS, PLACES, shape
 from artibot_sim.model.reference.effects import plain

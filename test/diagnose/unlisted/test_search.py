@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose.policy import FORCE_WINDOW
-from artibot_sim.diagnose.result import NOTHING
 from artibot_sim.diagnose.unlisted.forms import TIME, forms
 from artibot_sim.diagnose.unlisted.search import Equations, Sums, judge, proven
+from artibot_sim.diagnose.words import NOTHING
 
 WINDOWS, FORCES, PARAMETERS, COLUMNS = 40, 6, 3, 2
 

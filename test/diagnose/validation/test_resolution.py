@@ -11,7 +11,7 @@ import pytest
 from artibot_sim.diagnose.commands.model import WayOfCommands
 from artibot_sim.diagnose.commands.series import RESOLUTION, level_of, series_of
 from artibot_sim.diagnose.records import ChannelBaseline
-from artibot_sim.diagnose.result import is_wrong
+from artibot_sim.diagnose.words import is_wrong
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.synthetic import synthetic
 from artibot_sim.model import MOTORS, load_robot
