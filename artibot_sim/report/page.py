@@ -250,6 +250,7 @@ td:nth-child(2) { color: var(--muted); }
 thead th { font-weight: 600; border-bottom: 1px solid var(--grid); }
 tr.name th { font-weight: 600; padding-top: 10px; }
 @media (max-width: 600px) {  /* names stay in sight while numbers scroll */
+  .scroll .name span { display: inline-block; position: sticky; left: 0; max-width: 90vw; white-space: normal; }
   .scroll tr:not(.name) > :first-child { position: sticky; left: 0; background: var(--paper); min-width: 9em;
     max-width: 46vw; white-space: normal; overflow-wrap: anywhere; }
 }
@@ -501,12 +502,23 @@ def _table(table: Sequence[Section], columns: Sequence[str]) -> str:
     rows = []
     for heading, lines in table:
         if lines:
-            rows.append(f'<tr class="name"><th colspan="{len(columns) + 2}">{html.escape(heading)}</th></tr>')
+            name = f"<span>{html.escape(heading)}</span>"  # stays in sight while numbers scroll
+            rows.append(f'<tr class="name"><th colspan="{len(columns) + 2}">{name}</th></tr>')
         for what, unit, texts in lines:
             cells = "".join(f"<td>{html.escape(text)}</td>" for text in texts)
-            rows.append(f"<tr><th>{html.escape(what)}</th><td>{html.escape(unit)}</td>{cells}</tr>")
+            rows.append(f"<tr><th>{_breakable(what)}</th><td>{html.escape(unit)}</td>{cells}</tr>")
     head = f"<thead><tr><th></th><th></th>{head}</tr></thead>" if any(columns) else ""
     return f'<div class="scroll"><table>{head}<tbody>{"".join(rows)}</tbody></table></div>'
+
+
+_LONG = 20
+"""Letters of a name that a phone has place for, beside numbers."""
+
+
+def _breakable(name: str) -> str:
+    """A name as HTML, which may be broken after dots and underscores where it is too long for a phone."""
+    said = html.escape(name)
+    return re.sub(r"(?<=\w)([._])(?=[^\W\d])", r"\1<wbr>", said) if len(name) > _LONG else said
 
 
 _SCRIPT = """
