@@ -25,7 +25,7 @@ from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parallel import TimeIsUp, side_by_side, until
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Effort, Fit, converge, search
-from artibot_sim.estimation.solver import again
+from artibot_sim.estimation.solver import Point, again
 from artibot_sim.model.effects import EFFECTS
 
 if TYPE_CHECKING:
@@ -72,11 +72,27 @@ def superfluous(problem: Problem, fit: Fit, loss: Loss, least: float, rounds: Ro
 def spared(problem: Problem, fit: Fit, loss: Loss, which: int, rounds: Rounds) -> Spare:
     """The model without an effect: from where the fit is, or with the soil searched anew, whichever fits better."""
     part, here = without_effect(problem, loss, fit.point, which)
-    effects = here.coordinates[len(part.parameters.parameters) :]
-    begun = [here, again(part, loss, search(part, Effort(), effects=effects).point)]
+    begun = [here, again(part, loss, _soil_anew(part, here))]
     best = min((settled(part, point, loss, rounds) for point in begun), key=lambda one: one.point.cost)
     firm = again(problem, replace(loss, firm=True), fit.point).cost
     return Spare(which, part, best, 0.5 * (best.point.cost - firm))
+
+
+def beside_soil_anew(problem: Problem, fit: Fit, loss: Loss, rounds: Rounds) -> Fit:
+    """The fit of effects beside a soil that is searched anew, where that is better; both fitted to the end.
+
+    A soil that was found without an effect makes up for it as far as it can. From there steps seldom lead to the one
+    that is right beside it, and what else is missing hides behind the wrong one.
+    """
+    begun = [fit.point, again(problem, loss, _soil_anew(problem, fit.point))]
+    fits = side_by_side(lambda point: settled(problem, point, loss, rounds), begun, problem.workers)
+    return min(fits, key=lambda one: one.point.cost)
+
+
+def _soil_anew(problem: Problem, point: Point) -> Point:
+    """The end of a search for the soil from several starts, effects as large as they are at `point` to begin with."""
+    effects = point.coordinates[len(problem.parameters.parameters) :]
+    return search(problem, Effort(), effects=effects).point
 
 
 # ----------------------------------------------------------------------
@@ -89,6 +105,7 @@ Result = TypeVar("Result")
 _EVERY = "evidence of all windows"
 _THOROUGH = "fitting every effect to the end"
 _LEAVING_OUT = "leaving out each effect that was found"
+_SOIL = "another soil beside what was found"
 """Searches, as warnings say that there was no time for them."""
 _CHANCE = 2.0
 """Standard deviations by which the windows that are searched may differ from all."""
@@ -291,9 +308,22 @@ class _Naming:
             return
         self._problem, fit = _with_effect(self._problem, self._fit, self._found, best, self._options.seed)
         self._fit = along_earlier_ridges(self._problem, fit, self._rounds.few, self._rounds.worth)
+        self._search_soil()
         further = f"further effects beside {best.effect.replace('_', ' ')}"
         if not self._full() and not self._no_time(further):
             self._look(further)
+
+    def _search_soil(self) -> None:
+        """Search the soil anew beside what is named, where more than noise is left and there is time."""
+        if not leaves_more_than_noise(remains(self._problem, self._fit.point)):
+            return
+        problem, fit, loss = self._problem, self._fit, self._found.loss
+        self._ticks.begin(Task.SEARCH, _beside(self._names))
+        key = f"{_SOIL} {_beside(self._names)}"
+        found = self._in_time(_SOIL, lambda: self._options.parts.once(
+            key, lambda: beside_soil_anew(problem, fit, loss, self._rounds)
+        ))  # fmt: skip
+        self._fit = found or fit
 
     def _look(self, what: str) -> None:
         """Look for one more effect, if there is time."""
