@@ -32,7 +32,7 @@ from artibot_sim.estimation.loss import Loss, channel_levels
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, thinned
-from artibot_sim.estimation.solver import again
+from artibot_sim.estimation.solver import Point, again
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.run import Trust
 from artibot_sim.model.effects import EFFECTS
@@ -89,12 +89,13 @@ class Stage:
 
 def stage(
     problem: Problem, fit: Fit, loss: Loss, named: Sequence[str], rounds: Rounds, tick: Tick = lambda: None,
-    parts: Checkpoints | None = None,
+    parts: Checkpoints | None = None, soils: Sequence[Point] = (),
 ) -> Stage:  # fmt: skip
     """Look for one more effect beside those in `problem`.
 
     The baseline is fitted again from the best rivals' soil and starts: what they found there without their effect
-    is none of its evidence. What is finished on the way is kept in `parts`.
+    is none of its evidence. Effects are tried beside other `soils` as well, which explain the recordings as well as
+    that of `fit`. What is finished on the way is kept in `parts`.
     """
     parts = parts or Checkpoints()
 
@@ -103,7 +104,11 @@ def stage(
         in_map = in_common_map(experiments_of(problem.stretches))
         every = hypotheses(problem.parameters.robot, problem.stretches, named)
         tried = [one for one in every if in_map or not needed(one.id)]
-        trials = screen(base, tried, tick) + (discs(base) if in_map else [])
+        trials = screen(base, tried, tick)
+        for point in soils:
+            others = screen(at_rest(problem, loss, point, rounds.few)[0], tried, tick)
+            trials = [min(both, key=lambda trial: trial.point.cost) for both in zip(trials, others, strict=True)]
+        trials += discs(base) if in_map else []
         return Stage(tuple(trials), (), {}, problem, fit, loss, control.cost, base=base)
 
     begun = parts.once(_name("screened", named), screened)

@@ -78,15 +78,15 @@ def spared(problem: Problem, fit: Fit, loss: Loss, which: int, rounds: Rounds) -
     return Spare(which, part, best, 0.5 * (best.point.cost - firm))
 
 
-def beside_soil_anew(problem: Problem, fit: Fit, loss: Loss, rounds: Rounds) -> Fit:
-    """The fit of effects beside a soil that is searched anew, where that is better; both fitted to the end.
+def beside_soil_anew(problem: Problem, fit: Fit, loss: Loss, rounds: Rounds) -> list[Fit]:
+    """Fits of effects beside the soil that they were found with, and beside one searched anew; the least cost first.
 
     A soil that was found without an effect makes up for it as far as it can. From there steps seldom lead to the one
     that is right beside it, and what else is missing hides behind the wrong one.
     """
     begun = [fit.point, again(problem, loss, _soil_anew(problem, fit.point))]
     fits = side_by_side(lambda point: settled(problem, point, loss, rounds), begun, problem.workers)
-    return min(fits, key=lambda one: one.point.cost)
+    return sorted(fits, key=lambda one: one.point.cost)
 
 
 def _soil_anew(problem: Problem, point: Point) -> Point:
@@ -153,6 +153,7 @@ class _Naming:
         self._whole: list[tuple[Fit, tuple[Problem, Fit]]] = []
         self._again = self._exhausted = self._stopped = False
         self._took, self._untried = 0.0, list[str]()
+        self._soils: tuple[Problem, tuple[Point, ...]] = problem, ()
         self._from_commands = self._other = others(view)
         self._stages = [self._sought(problem, fit, fit.loss)]  # whatever the time: else nothing was tried
         self._problem, self._fit = self._neutral = self._found.problem, self._found.fit
@@ -183,9 +184,11 @@ class _Naming:
     def _sought(self, problem: Problem, fit: Fit, loss: Loss) -> Stage:
         begun = time.perf_counter()
         self._ticks.begin(Task.SEARCH, _beside(self._names))
-        found = self._weighed(stage(problem, fit, loss, self._names, self._rounds, self._ticks, self._options.parts))
+        of, soils = self._soils
+        beside = soils if of is problem else ()
+        found = stage(problem, fit, loss, self._names, self._rounds, self._ticks, self._options.parts, beside)
         self._took = time.perf_counter() - begun
-        return found
+        return self._weighed(found)
 
     def _in_time(self, what: str, search: Callable[[], Result]) -> Result | None:
         """What a search finds; None if its time is up before, and then it is noted as not tried and none follows."""
@@ -314,7 +317,10 @@ class _Naming:
             self._look(further)
 
     def _search_soil(self) -> None:
-        """Search the soil anew beside what is named, where more than noise is left and there is time."""
+        """Search the soil anew beside what is named, where more than noise is left and there is time.
+
+        Another soil that explains the recordings about as well is kept: effects are tried beside that, too.
+        """
         if not leaves_more_than_noise(remains(self._problem, self._fit.point)):
             return
         problem, fit, loss = self._problem, self._fit, self._found.loss
@@ -323,7 +329,9 @@ class _Naming:
         found = self._in_time(_SOIL, lambda: self._options.parts.once(
             key, lambda: beside_soil_anew(problem, fit, loss, self._rounds)
         ))  # fmt: skip
-        self._fit = found or fit
+        self._fit, *others = found or [fit]
+        close = self._fit.point.cost + 2.0 * self._options.least
+        self._soils = problem, tuple(other.point for other in others if other.point.cost < close)
 
     def _look(self, what: str) -> None:
         """Look for one more effect, if there is time."""

@@ -10,7 +10,7 @@ from diagnose.turns import EVEN, TURNS
 
 from artibot_sim.diagnose.candidates.hypotheses import with_effect, without_effect
 from artibot_sim.diagnose.selection.joint_fits import Rounds
-from artibot_sim.diagnose.selection.stepwise import spared, superfluous
+from artibot_sim.diagnose.selection.stepwise import beside_soil_anew, spared, superfluous
 from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge
@@ -75,6 +75,18 @@ def test_what_is_there_is_worth_what_it_gains(problem: Problem) -> None:
         assert found.nats > 2.0 * LEAST
         assert found.fit.point.cost <= other.point.cost + 2.0 * Rounds().worth
         assert found.problem.parameters.extensions == alone.parameters.extensions
+
+
+def test_a_soil_that_made_up_for_an_effect_gives_way_beside_it(problem: Problem) -> None:
+    """From a soil far away steps with the effects in end behind the fit that begins at the truth."""
+    both, right = fitted(problem, FRICTION, DAMPING)
+    there = np.concatenate([[-2.5, -2.5, -0.9, -0.9, 0.0], OWN["joint_friction"], OWN["joint_damping"]])
+    point = evaluate(both, EVEN, [both.parameters.inside(there)], both.starts)[0]
+    stuck = converge(both, point, EVEN, Rounds().few)
+    assert stuck.point.cost > right.point.cost + 2.0 * LEAST, "it is stuck"
+    found, other = beside_soil_anew(both, stuck, EVEN, Rounds())
+    assert other.point.cost > found.point.cost
+    assert found.point.cost <= right.point.cost + 2.0 * Rounds().worth
 
 
 def test_leaving_one_out_leaves_the_others_where_they_are(problem: Problem) -> None:
