@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 from artibot_sim.diagnose.commands.view import CommandView
-from artibot_sim.diagnose.policy import MINOR_COMMANDS
+from artibot_sim.diagnose.policy import MINOR_COMMANDS, MOST_EFFECTS
 from artibot_sim.diagnose.records import ChannelGain, Left
 from artibot_sim.diagnose.remains import COMMANDED, beyond_noise, far_beyond_noise, leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.decision import Decision, Named
@@ -67,6 +67,26 @@ Judge = Callable[[Decision], HeldOut]
 """Predicts held-out recordings with what a decision names."""
 
 
+GoOn = Callable[[str], Decision]
+"""Decides again without an effect that it found last."""
+
+
+@dataclass(frozen=True)
+class Beside:
+    """An effect beside those found before it.
+
+    Attributes
+    ----------
+    effects : tuple of str
+        Those.
+    worth : Worth
+        Its own, on held-out recordings.
+    """
+
+    effects: tuple[str, ...]
+    worth: Worth
+
+
 @dataclass(frozen=True)
 class Without:
     """Effects that explain the fitted recordings best and are not named.
@@ -79,15 +99,15 @@ class Without:
         What held-out recordings gain by them, where that is the reason.
     left : mapping of str to Left
         What they leave of the fitted ones.
-    beside : tuple of str
-        Effects beside which all of this is.
+    beside : Beside or None
+        Where only the last of several effects is not named.
     """
 
     effects: tuple[str, ...]
     reason: Reason
     gain: Mapping[str, ChannelGain]
     left: Mapping[str, Left]
-    beside: tuple[str, ...] = ()
+    beside: Beside | None = None
 
 
 @dataclass(frozen=True)
@@ -115,12 +135,17 @@ _AGAINST = (Reason.REFUTED, Reason.MINOR)
 
 
 def concluded(
-    found: Decision, view: CommandView, judge: Judge, ticks: Timetable | None = None, latest: float = math.inf
+    found: Decision,
+    view: CommandView,
+    judge: Judge,
+    ticks: Timetable | None = None,
+    latest: float = math.inf,
+    go_on: GoOn | None = None,
 ) -> Conclusion:
     """Decide by the tables what of a search's effects is named.
 
     Where held-out recordings are against all of them, and the one that was found last makes their predictions worse
-    beside the others, it goes, and the table is asked about the others.
+    beside the others, it goes, and the table is asked about the others, and about what is found beside these.
 
     Parameters
     ----------
@@ -134,14 +159,16 @@ def concluded(
         Told of each part of the work.
     latest : float
         Instant of `time.perf_counter` after which no more forces on no list are looked for.
+    go_on : callable, optional
+        Goes on with the search without the effect that it found last.
     """
     explain = partial(Explanations, ticks=ticks, latest=latest)
     about_motion = MotionFacts(found, judge, explain)
     motion, last = MOTION.first(about_motion), list[Without]()
-    while motion.reason in _AGAINST and about_motion.last_is_worse:
-        fewer = MotionFacts(about_motion.without_last(), judge, explain)
-        last.insert(0, about_motion.beside(fewer))
-        about_motion, motion = fewer, MOTION.first(fewer)
+    while motion.reason in _AGAINST and about_motion.last_is_worse and len(last) < MOST_EFFECTS:
+        last.append(about_motion.last)
+        about_motion = MotionFacts(about_motion.without_last(go_on), judge, explain)
+        motion = MOTION.first(about_motion)
     kept = about_motion.kept(motion.then)
     judged = (lambda _: about_motion.held) if motion.then is Outcome.NAMED and kept.fitted else judge
     about_commands = CommandFacts(kept, view, judged)
@@ -222,19 +249,19 @@ class MotionFacts:
         worth = self.held.gained.get(fitted[-1].effect) if len(fitted) > 1 else None
         return worth is not None and worth.after > worth.before
 
-    def without_last(self) -> Decision:
-        """The decision without the effect that was found last."""
+    def without_last(self, go_on: GoOn | None) -> Decision:
+        """The decision without the effect that was found last, and what a search that goes on without it finds."""
+        gone = self._decision.fitted[-1]
+        if go_on is not None and gone is self._found.fitted[-1]:
+            return go_on(gone.effect)
         return self._decision.without_last()
 
-    def beside(self, fewer: MotionFacts) -> Without:
-        """The last effect beside the others, and what held-out recordings gain by it."""
-        effect = self._decision.fitted[-1].effect
-        gain = {
-            name: replace(one, before=fewer.held.gain[name].after, ci95=(math.nan, math.nan))
-            for name, one in self.held.gain.items() if name in fewer.held.gain
-        }  # fmt: skip
-        others = tuple(one.effect for one in fewer._decision.fitted)
-        return Without((effect,), Reason.REFUTED, gain, self._decision.left, others)
+    @property
+    def last(self) -> Without:
+        """The last effect beside the others, and how held-out recordings are predicted with it."""
+        *others, effect = (one.effect for one in self._decision.fitted)
+        worth = self.held.gained[effect]
+        return Without((effect,), Reason.REFUTED, {}, self._decision.left, Beside(tuple(others), worth))
 
     @cached_property
     def held(self) -> HeldOut:

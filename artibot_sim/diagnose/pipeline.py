@@ -44,7 +44,7 @@ from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.diagnose.selection.every_window import EveryWindow
 from artibot_sim.diagnose.selection.evidence import DECADE
 from artibot_sim.diagnose.selection.ranking import ranking
-from artibot_sim.diagnose.selection.stepwise import decide
+from artibot_sim.diagnose.selection.stepwise import Naming
 from artibot_sim.diagnose.timetable import StageReport, Task, Timetable
 from artibot_sim.diagnose.unlisted.finding import unexplained_of
 from artibot_sim.diagnose.unlisted.fitting import FittedLaws
@@ -63,7 +63,7 @@ from artibot_sim.diagnose.validation.residuals import places
 from artibot_sim.diagnose.validation.series import comparison, with_commands
 from artibot_sim.diagnose.validation.varying_ground import beside_varying_ground
 from artibot_sim.diagnose.verdict import Reason, Verdict
-from artibot_sim.diagnose.words import besides, differing, doubt, partly, refutation, shortfall
+from artibot_sim.diagnose.words import besides, differing, doubt, partly, refutation, refuted_beside, shortfall
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.alignment import Aligned, on_one_clock, stream_table, what_is_wrong, with_delays
 from artibot_sim.estimation.boosting import MISSING, can_grow
@@ -329,9 +329,11 @@ def _fallen(without: Without) -> str:
     """Why what explains the fitted recordings best is not named."""
     if without.reason is Reason.DOUBT:
         return doubt(without.effects, far_beyond_noise(without.left) or beyond_noise(without.left))
-    if without.reason is Reason.REFUTED:
-        return refutation(without.effects, without.gain, without.beside)
-    return shortfall(without.effects, without.gain)
+    if without.beside is not None:
+        worth = without.beside.worth
+        grown = worth.after / worth.before - 1.0 if worth.before > 0.0 else np.nan
+        return refuted_beside(without.effects[0], without.beside.effects, grown)
+    return (refutation if without.reason is Reason.REFUTED else shortfall)(without.effects, without.gain)
 
 
 def _robots(
@@ -558,9 +560,11 @@ def diagnose(
     problem, fit = parts.once(
         "soil identified", lambda: best_fit(every.problem.part(every.rows), Effort(), ticks, TRUST)
     )
-    decision = decide(problem, fit, options, ticks, view, every if every.times > 1.0 else None)
+    naming = Naming(problem, fit, options, ticks, view, every if every.times > 1.0 else None)
+    decision = naming.decide()
     assessor = Assessor(robot, fitted, held, options, ticks, view)
-    found = concluded(decision, view, assessor.worth, ticks, time.perf_counter() + options.for_search)
+    latest = time.perf_counter() + options.for_search
+    found = concluded(decision, view, assessor.worth, ticks, latest, naming.without)
     assessed = assessor(found.decision)
     result = result_of(robot, fitted, held, found, assessed, options, view)
     known = assessor.held_out(assessed)

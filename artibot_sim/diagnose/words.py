@@ -184,12 +184,21 @@ def partly(names: Sequence[str], unexplained: Sequence[str]) -> list[str]:
     return [f"{said}: diagnose {them} apart"]
 
 
-def refutation(effects: Sequence[str], gain: Mapping[str, ChannelGain], beside: Sequence[str] = ()) -> str:
-    """Why effects that were fitted best `beside` others are not named: with them, held-out data are predicted worse."""
-    others = f" beside {joined([effect_words(name) for name in beside])}" if beside else ""
+def refutation(effects: Sequence[str], gain: Mapping[str, ChannelGain]) -> str:
+    """Why effects that were fitted best are not named: with them, held-out data are predicted worse."""
     return (
-        f"{joined([effect_words(name) for name in effects])} would explain the fitted recordings{others}, but held-out "
-        f"ones are predicted worse with that: {_errors(gain)}; {NOT_NAMED}"
+        f"{joined([effect_words(name) for name in effects])} would explain the fitted recordings, but held-out ones "
+        f"are predicted worse with that: {_errors(gain)}; {NOT_NAMED}"
+    )
+
+
+def refuted_beside(effect: str, others: Sequence[str], grown: float) -> str:
+    """Why an effect is not named that was found beside others: the held-out error beyond noise has `grown` by it."""
+    size = f": the error beyond noise grows by {100 * grown:.0f} %" if np.isfinite(grown) else ""
+    return (
+        f"{effect_words(effect)} would explain the fitted recordings beside "
+        f"{joined([effect_words(name) for name in others])}, but held-out ones are predicted worse with it{size}; "
+        f"{NOT_NAMED}"
     )
 
 

@@ -131,7 +131,7 @@ def test_an_effect_that_held_out_recordings_bear_stays_without_the_one_found_aft
 
     search = Decision((FITTED, AFTER), 58.0, problem, fit, problem, fit, (), {}, between=((problem, fit),))
     found = concluded(search, view, judge)
-    said = [(one.effects, one.reason, one.beside) for one in found.without]
+    said = [(one.effects, one.reason, one.beside.effects if one.beside else ()) for one in found.without]
     last = (("joint_friction",), Reason.REFUTED, ("back_friction",))
     if first < 2.0:
         assert found.decision.fitted == (FITTED,) and said == [last]

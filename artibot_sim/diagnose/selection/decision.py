@@ -66,6 +66,8 @@ class Decision:
         The model with the first of the `fitted` effects, the first two, …, but not with all.
     dropped : tuple of str
         Effects that were found and are not needed beside those found after them.
+    refuted : tuple of str
+        Effects that held-out recordings speak against beside those found before them.
     untried : tuple of str
         What there was no time for.
     verdict : Verdict
@@ -89,6 +91,7 @@ class Decision:
     apart: Apart | None = None
     between: tuple[tuple[Problem, Fit], ...] = ()
     dropped: tuple[str, ...] = ()
+    refuted: tuple[str, ...] = ()
     untried: tuple[str, ...] = ()
     verdict: Verdict = Verdict.NONE
     searched: float = 1.0
@@ -119,7 +122,9 @@ class Decision:
         """The decision before the last of the `fitted` effects was found; there has to be one."""
         gone, (problem, fit) = self.fitted[-1], self.fits[-2]
         named = tuple(one for one in self.named if one is not gone)
-        return replace(self, named=named, problem=problem, fit=fit, laws=None)
+        return replace(
+            self, named=named, problem=problem, fit=fit, laws=None, refuted=(*self.refuted, gone.effect)
+        )  # fmt: skip
 
     @property
     def several_soils(self) -> Apart | None:

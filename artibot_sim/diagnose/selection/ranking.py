@@ -135,6 +135,7 @@ def ranking(decision: Decision, thresholds: Thresholds) -> tuple[Candidate, ...]
             above = _above(decision, effect, trials, thresholds)
             below = excluded_below(trials[0], decision.least, thresholds) if trials else {}  # limits have no choices
             dropped = "not needed any more beside what was found after it" if effect in decision.dropped else ""
+            dropped = "held-out recordings are predicted worse with it" if effect in decision.refuted else dropped
             note = own.note or dropped or _refusal(at, own, decision, thresholds)
             own = replace(own, excluded_above=above, excluded_below=below, note=note)
         found.append(_with_other(own, decision.other[effect], named) if effect in decision.other else own)

@@ -130,16 +130,11 @@ def decide(
         All windows, where `problem` has some of them: what the search does not name is judged by them, and they have
         the last word on the sizes of what is named.
     """
-    naming = _Naming(problem, fit, options, ticks, view, every)
-    naming.add()
-    while naming.drop():
-        naming.add()
-    ticks()
-    return naming.decision()
+    return Naming(problem, fit, options, ticks, view, every).decide()
 
 
-class _Naming:
-    """The model as it grows, and what was named on the way."""
+class Naming:
+    """The model as it grows, and what was named on the way; arguments as of `decide`."""
 
     def __init__(
         self, problem: Problem, fit: Fit, options: Options, ticks: Timetable, view: CommandView,
@@ -149,6 +144,7 @@ class _Naming:
         self._rounds = Rounds(scheduler=options.scheduler)
         self._named: list[Named] = []
         self._dropped: list[str] = []
+        self._refuted: list[str] = []
         self._between: list[tuple[Problem, Fit]] = []
         self._whole: list[tuple[Fit, tuple[Problem, Fit]]] = []
         self._again = self._exhausted = self._stopped = False
@@ -169,7 +165,7 @@ class _Naming:
     @property
     def _out(self) -> tuple[str, ...]:
         """What is not named any more: it is already, or was taken back."""
-        return (*self._names, *self._dropped)
+        return (*self._names, *self._dropped, *self._refuted)
 
     def _full(self) -> bool:
         """Whether no search for one more effect follows; what only commands show takes none."""
@@ -207,6 +203,28 @@ class _Naming:
         self._untried.append(what)
         self._stopped = True
         return True
+
+    def decide(self) -> Decision:
+        """Add effects, and drop what is not needed any more, until the data ask for no more."""
+        self.add()
+        while self.drop():
+            self.add()
+        self._ticks()
+        return self.decision()
+
+    def without(self, effect: str) -> Decision:
+        """Go on without the last of several fitted effects, which held-out recordings speak against.
+
+        What was found beside the others is looked at again, and the next one named, if there is one.
+        """
+        gone = self._fitted()[-1]
+        assert gone.effect == effect and self._between
+        self._named.remove(gone)
+        self._refuted.append(effect)
+        self._problem, self._fit = self._between.pop()
+        del self._stages[gone.stage + 1 :]
+        self._exhausted = False
+        return self.decide()
 
     def add(self) -> None:
         """Name one effect after the other."""
@@ -397,7 +415,7 @@ class _Naming:
         names = [other for other in self._names if other != one.effect]
         rest = spared(self._problem, self._fit, loss, place, self._rounds)
         found = self._weighed(stage(rest.problem, rest.fit, loss, names, self._rounds, self._ticks, options.parts))
-        out = (*names, *self._dropped)
+        out = (*names, *self._dropped, *self._refuted)
         best = best_of(found.evidence, found.nats, {}, options.least, options.thresholds, out)
         if best is None or best.effect != one.effect:
             return one
@@ -436,7 +454,8 @@ class _Naming:
             fits = self._carried(self._every, fits)
         return Decision(
             named, self._options.least, *fits[0], *fits[-1], tuple(self._stages),
-            other, between=tuple(fits[1:-1]), dropped=tuple(self._dropped), untried=tuple(self._untried),
+            other, between=tuple(fits[1:-1]), dropped=tuple(self._dropped), refuted=tuple(self._refuted),
+            untried=tuple(self._untried),
             searched=1.0 / self._every.times if self._every is not None else 1.0,
         )  # fmt: skip
 
