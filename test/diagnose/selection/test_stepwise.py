@@ -95,3 +95,23 @@ def test_what_commands_asked_for_is_taken_back_beside_what_explains_it(monkeypat
     no_searches = Options(thresholds=replace(THRESHOLDS, most=0))
     none_fitted = stepwise.decide(problem, fit, no_searches, Timetable(), view)
     assert [one.effect for one in none_fitted.named] == [truth]
+
+
+def test_a_search_goes_on_without_what_held_out_recordings_refute(monkeypatch: pytest.MonkeyPatch) -> None:
+    try_only(monkeypatch, "slope", "gyro_bias")
+    hidden = case(("slope", "gyro_bias"), seed=5, **DRIVE | {"runs": 1})
+    robot, options = load_robot("agriq"), Options()
+    problem, fit = baseline(hidden.recordings, robot, options)
+    naming = stepwise.Naming(problem, fit, options, Timetable(), command_view(hidden.recordings, robot))
+    both = naming.decide()
+    first, last = (one.effect for one in both.fitted)
+    assert {first, last} == {"slope", "gyro_bias"}
+    found = naming.without(last)
+    assert found.refuted == (last,) and not found.dropped
+    assert found.fitted[0].effect == first and last not in {one.effect for one in found.named}
+    assert len(found.fits) == len(found.fitted) + 1
+    for count, (model, _) in enumerate(found.fits):
+        named = [one.effect for one in found.fitted[:count]]
+        assert [extension.id for extension in model.parameters.extensions] == named
+    (note,) = (one.note for one in ranking(found, THRESHOLDS) if one.effect == last)
+    assert note == "held-out recordings are predicted worse with it"
