@@ -40,3 +40,12 @@ def test_what_is_close_ties(fitted: dict[str, float], from_commands: dict[str, f
 
 def test_too_little_is_nothing() -> None:
     assert best_of({}, {}, {"command_delay": Other(LEAST - 1.0, {})}, LEAST, THRESHOLDS) is None
+
+
+def test_commands_alone_do_not_name_what_the_motion_was_asked_for() -> None:
+    """A recorded command may be no command of these motors; the motion, which shows an encoder's scale, has to agree."""
+    others = {"encoder_scale": Other(900.0, {}), "command_delay": Other(80.0, {})}
+    best = best_of({}, {}, others, LEAST, THRESHOLDS, (), {"encoder_scale"})
+    assert best is not None and best.effect == "command_delay" and not best.ties
+    untried = best_of({}, {}, others, LEAST, THRESHOLDS)
+    assert untried is not None and untried.effect == "encoder_scale", "where the motion cannot show it"

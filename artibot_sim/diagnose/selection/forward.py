@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -86,16 +86,22 @@ class Stage:
     whole: frozenset[str] = frozenset()
     known: Known = field(default_factory=Known, repr=False, compare=False)
 
+    @property
+    def tried(self) -> frozenset[str]:
+        """Effects that the motion was asked for."""
+        return frozenset(trial.id for trial in self.trials)
+
 
 def stage(
     problem: Problem, fit: Fit, loss: Loss, named: Sequence[str], rounds: Rounds, tick: Tick = lambda: None,
-    parts: Checkpoints | None = None, soils: Sequence[Point] = (),
+    parts: Checkpoints | None = None, soils: Sequence[Point] = (), asked: Collection[str] = (),
 ) -> Stage:  # fmt: skip
     """Look for one more effect beside those in `problem`.
 
     The baseline is fitted again from the best rivals' soil and starts: what they found there without their effect
     is none of its evidence. Effects are tried beside other `soils` as well, which explain the recordings as well as
-    that of `fit`. What is finished on the way is kept in `parts`.
+    that of `fit`; those that are `asked` for are fitted whatever the screen thought of them. What is finished on the
+    way is kept in `parts`.
     """
     parts = parts or Checkpoints()
 
@@ -112,7 +118,7 @@ def stage(
         return Stage(tuple(trials), (), {}, problem, fit, loss, control.cost, base=base)
 
     begun = parts.once(_name("screened", named), screened)
-    return _contested(begun, named, rounds, tick, parts)
+    return _contested(begun, named, rounds, tick, parts, asked)
 
 
 def _name(what: str, named: Sequence[str]) -> str:
@@ -135,11 +141,13 @@ def thorough(
     return _contested(begun, named, every, tick, parts or Checkpoints())
 
 
-def _contested(begun: Stage, named: Sequence[str], rounds: Rounds, tick: Tick, parts: Checkpoints) -> Stage:
+def _contested(
+    begun: Stage, named: Sequence[str], rounds: Rounds, tick: Tick, parts: Checkpoints, asked: Collection[str] = ()
+) -> Stage:
     """A search whose trials are screened, with the promising ones fitted and judged."""
 
     def fitted(some: Stage) -> tuple[Stage, list[Rival]]:
-        return some, contest(some.trials, some.screened, some.loss, rounds, tick, some.known)
+        return some, contest(some.trials, some.screened, some.loss, rounds, tick, some.known, asked)
 
     begun, rivals = parts.once(_name("fitted", named), partial(fitted, begun))
     if not rivals:

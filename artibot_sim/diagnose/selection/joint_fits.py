@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeVar
@@ -166,6 +166,7 @@ def contest(
     rounds: Rounds,
     tick: Tick = lambda: None,
     known: Known | None = None,
+    asked: Collection[str] = (),
 ) -> list[Rival]:
     """The best hypotheses, each fitted with the soil and the starts by a few steps; the least cost first.
 
@@ -180,6 +181,8 @@ def contest(
     rounds : Rounds
     known : Known, optional
         Fits that were made of the same trials under the same loss.
+    asked : collection of str
+        Effects that are fitted in any case.
     """
     workers, known = trials[0].problem.workers if trials else None, known or Known()
     worthy = [trial for trial in trials if 0.5 * (baseline - trial.point.cost) > rounds.worth]
@@ -189,9 +192,11 @@ def contest(
 
     begun = made(_begun, _through(worthy, 0, baseline, rounds))
     tried = _through(_one_each(sorted(begun, key=lambda t: t.point.cost)), 1, baseline, rounds)
-    tried = _one_each([*tried, *_promising(trials, worthy, rounds)])
+    wanted = sorted((trial for trial in trials if trial.id in asked), key=lambda trial: trial.point.cost)
+    tried = _one_each([*tried, *_promising(trials, worthy, rounds), *wanted])
     fitted = sorted(made(_fitted, tried), key=lambda rival: rival.fit.point.cost)
-    return fitted[: rounds.through(2, [baseline - rival.fit.point.cost for rival in fitted])]
+    most = rounds.through(2, [baseline - rival.fit.point.cost for rival in fitted])
+    return [*fitted[:most], *(rival for rival in fitted[most:] if rival.id in asked)]
 
 
 def finished(

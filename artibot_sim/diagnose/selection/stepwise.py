@@ -182,7 +182,8 @@ class Naming:
         self._ticks.begin(Task.SEARCH, _beside(self._names))
         of, soils = self._soils
         beside = soils if of is problem else ()
-        found = stage(problem, fit, loss, self._names, self._rounds, self._ticks, self._options.parts, beside)
+        asked = [name for name, one in self._from_commands.items() if one.nats >= self._options.least]
+        found = stage(problem, fit, loss, self._names, self._rounds, self._ticks, self._options.parts, beside, asked)
         self._took = time.perf_counter() - begun
         return self._weighed(found)
 
@@ -233,7 +234,7 @@ class Naming:
             found, out, full = self._found, self._out, self._full()
             if full:
                 out = (*out, *(effect for effect in EFFECTS if "rotation" in _views(effect)))
-            best = best_of(found.evidence, found.nats, self._from_commands, least, thresholds, out)
+            best = best_of(found.evidence, found.nats, self._from_commands, least, thresholds, out, found.tried)
             anew = None if full else self._beside_better_soil(best)
             if not full and anew is None:
                 best = self._by_every_window(best)
@@ -292,7 +293,8 @@ class Naming:
         both = {**found.evidence, **{rival.id: one for rival, one in zip(rivals, evidence, strict=True)}}
         seen = found.whole.union(rival.id for rival in rivals)
         self._stages[-1] = found = self._weighed(replace(found, evidence=both, whole=seen))
-        return best_of(found.evidence, found.nats, self._from_commands, options.least, options.thresholds, self._out)
+        least, thresholds = options.least, options.thresholds
+        return best_of(found.evidence, found.nats, self._from_commands, least, thresholds, self._out, found.tried)
 
     def _beside_better_soil(self, best: Named | None) -> Stage | None:
         """The first search once more, where its effects were screened around a soil that was none."""
@@ -505,6 +507,7 @@ def best_of(
     least: float,
     thresholds: Thresholds,
     without: Collection[str] = (),
+    tried: Collection[str] = (),
 ) -> Named | None:
     """The effect with the most evidence, if it is enough, and those that tie with it; None if there is none.
 
@@ -520,6 +523,8 @@ def best_of(
         Nats that an effect has to gain.
     without : collection of str
         What is named already.
+    tried : collection of str
+        What the motion was asked for; commands alone do not name that.
     """
     good: dict[str, float] = {}
     for effect, nats in fitted.items():
@@ -527,8 +532,8 @@ def best_of(
         if effect not in without and not refusal(effect, evidence[effect], nats, enough, thresholds):
             good[effect] = nats
     for effect, view in from_commands.items():
-        if effect in good or effect in without or fitted.get(effect, least) < least:
-            continue  # what rotations contradict is no cause, however well commands like it
+        if effect in good or effect in (*without, *fitted, *tried):
+            continue  # what the motion would show and does not ask for is no cause, however well commands like it
         if view.nats >= least:
             good[effect] = view.nats
     if not good:

@@ -42,9 +42,9 @@ def test_an_effect_that_the_next_one_makes_up_for_is_dropped(monkeypatch: pytest
 
     def misled(
         evidence: Mapping[str, Evidence], fitted: Mapping[str, float], from_commands: Mapping[str, Other], least: float,
-        thresholds: Thresholds, without: Collection[str] = (),
+        thresholds: Thresholds, without: Collection[str] = (), tried: Collection[str] = (),
     ) -> Named | None:  # fmt: skip
-        return asked(evidence, fitted, from_commands, least, thresholds, without or (truth,))
+        return asked(evidence, fitted, from_commands, least, thresholds, without or (truth,), tried)
 
     remember_stages(monkeypatch)
     try_only(monkeypatch, *FEW)
@@ -77,7 +77,7 @@ def test_what_commands_asked_for_is_taken_back_beside_what_explains_it(monkeypat
     """
     truth, robot = "command_rate_limit", load_robot("agriq")
     asked = stepwise.best_of
-    monkeypatch.setattr(stepwise, "best_of", lambda *found: asked(*found[:-1], found[-1] or (truth,)))
+    monkeypatch.setattr(stepwise, "best_of", lambda *found: asked(*found[:5], found[5] or (truth,), *found[6:]))
     monkeypatch.setattr(
         stepwise, "stage",
         lambda problem, fit, loss, *_: stepwise.Stage((), (), {}, problem, fit, loss, fit.point.cost),
