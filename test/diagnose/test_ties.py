@@ -43,7 +43,7 @@ def test_too_little_is_nothing() -> None:
 
 
 def test_commands_alone_do_not_name_what_the_motion_was_asked_for() -> None:
-    """A recorded command may be no command of these motors; the motion, which shows an encoder's scale, has to agree."""
+    """A recorded command may be none of these motors'; the motion, which shows an encoder's scale, has to agree."""
     others = {"encoder_scale": Other(900.0, {}), "command_delay": Other(80.0, {})}
     best = best_of({}, {}, others, LEAST, THRESHOLDS, (), {"encoder_scale"})
     assert best is not None and best.effect == "command_delay" and not best.ties
