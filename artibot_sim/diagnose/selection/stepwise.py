@@ -72,27 +72,21 @@ def superfluous(problem: Problem, fit: Fit, loss: Loss, least: float, rounds: Ro
 def spared(problem: Problem, fit: Fit, loss: Loss, which: int, rounds: Rounds) -> Spare:
     """The model without an effect: from where the fit is, or with the soil searched anew, whichever fits better."""
     part, here = without_effect(problem, loss, fit.point, which)
-    begun = [here, again(part, loss, _soil_anew(part, here))]
-    best = min((settled(part, point, loss, rounds) for point in begun), key=lambda one: one.point.cost)
+    best = beside_soil_anew(part, here, loss, rounds)[0]
     firm = again(problem, replace(loss, firm=True), fit.point).cost
     return Spare(which, part, best, 0.5 * (best.point.cost - firm))
 
 
-def beside_soil_anew(problem: Problem, fit: Fit, loss: Loss, rounds: Rounds) -> list[Fit]:
-    """Fits of effects beside the soil that they were found with, and beside one searched anew; the least cost first.
+def beside_soil_anew(problem: Problem, point: Point, loss: Loss, rounds: Rounds) -> list[Fit]:
+    """Fits of effects beside the soil at `point`, and beside one searched from several starts; the least cost first.
 
     A soil that was found without an effect makes up for it as far as it can. From there steps seldom lead to the one
     that is right beside it, and what else is missing hides behind the wrong one.
     """
-    begun = [fit.point, again(problem, loss, _soil_anew(problem, fit.point))]
-    fits = side_by_side(lambda point: settled(problem, point, loss, rounds), begun, problem.workers)
-    return sorted(fits, key=lambda one: one.point.cost)
-
-
-def _soil_anew(problem: Problem, point: Point) -> Point:
-    """The end of a search for the soil from several starts, effects as large as they are at `point` to begin with."""
     effects = point.coordinates[len(problem.parameters.parameters) :]
-    return search(problem, Effort(), effects=effects).point
+    begun = [point, again(problem, loss, search(problem, Effort(), effects=effects).point)]
+    fits = side_by_side(lambda one: settled(problem, one, loss, rounds), begun, problem.workers)
+    return sorted(fits, key=lambda one: one.point.cost)
 
 
 # ----------------------------------------------------------------------
@@ -347,7 +341,7 @@ class Naming:
         self._ticks.begin(Task.SEARCH, _beside(self._names))
         key = f"{_SOIL} {_beside(self._names)}"
         found = self._in_time(_SOIL, lambda: self._options.parts.once(
-            key, lambda: beside_soil_anew(problem, fit, loss, self._rounds)
+            key, lambda: beside_soil_anew(problem, fit.point, loss, self._rounds)
         ))  # fmt: skip
         self._fit, *others = found or [fit]
         close = self._fit.point.cost + 2.0 * self._options.least

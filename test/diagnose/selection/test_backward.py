@@ -84,7 +84,7 @@ def test_a_soil_that_made_up_for_an_effect_gives_way_beside_it(problem: Problem)
     point = evaluate(both, EVEN, [both.parameters.inside(there)], both.starts)[0]
     stuck = converge(both, point, EVEN, Rounds().few)
     assert stuck.point.cost > right.point.cost + 2.0 * LEAST, "it is stuck"
-    found, other = beside_soil_anew(both, stuck, EVEN, Rounds())
+    found, other = beside_soil_anew(both, stuck.point, EVEN, Rounds())
     assert other.point.cost > found.point.cost
     assert found.point.cost <= right.point.cost + 2.0 * Rounds().worth
 
