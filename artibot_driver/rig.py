@@ -66,6 +66,14 @@ class Setting:
         """Whether it belongs to the mapping of a PDO."""
         return 0x1600 <= self.index < 0x1800 or 0x1A00 <= self.index < 0x1C00
 
+    @property
+    def is_code(self) -> bool:
+        """Whether its value is put together of several fields, which hexadecimal digits show."""
+        pdo = 0x1400 <= self.index < 0x1C00
+        return self.index in (0x1016, 0x1018, 0x60A9) or (
+            pdo and (self.subindex > 0 if self.is_mapping else self.subindex == 1)
+        )
+
     def accepts(self, found: int) -> bool:
         """Whether a drive that holds `found` is set as it has to be."""
         return abs((found & ~self.ignored) - (self.value & ~self.ignored)) <= self.tolerance

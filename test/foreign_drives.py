@@ -156,7 +156,7 @@ class Foreign:
             time.sleep(max(0.0, 1e-9 * (due - time.monotonic_ns())))
         return False
 
-    def is_ready(self, seconds: float = 8.0) -> bool:
+    def is_ready(self, seconds: float = 30.0) -> bool:
         """Whether all drives are set up within that time; one that is refused ends the waiting."""
         self.run(seconds, lambda cycle: cycle.status.phase is Phase.READY or bool(cycle.status.refusal))
         return self.status.phase is Phase.READY

@@ -42,7 +42,15 @@ def is_warning(code: int) -> bool:
 
 @dataclass
 class Received:
-    """What a drive has sent last; times are steady ns, None where it has sent none since it was sought."""
+    """What a drive has sent last; times are steady ns, None where it has sent none since it was sought.
+
+    Attributes
+    ----------
+    mismatches : int
+        Periods in a row in which it was not as it was led to be.
+    mismatch : str
+        How it was instead in the last of them.
+    """
 
     operational_ns: int | None = None
     heartbeat_ns: int | None = None
@@ -53,6 +61,7 @@ class Received:
     objects: dict[int, int] = field(default_factory=dict)
     emergency: Emcy | None = None
     mismatches: int = 0
+    mismatch: str = ""
 
 
 class Link:
@@ -164,14 +173,25 @@ class Link:
         if self.setup.stage is Stage.RUNNING and self.received.feedback_ns is not None and not self._in_period:
             self._tally["missed_feedback"] += 1
         if self._in_period:
-            wrong = expected is not None and (self.state is not expected or not self.mode_fits)
-            self.received.mismatches = self.received.mismatches + 1 if wrong else 0
+            wrong = "" if expected is None else self._mismatch(expected)
+            self.received.mismatches, self.received.mismatch = (self.received.mismatches + 1 if wrong else 0), wrong
             self.doubtful = self.doubtful or self.received.mismatches >= MISMATCHES_MOST
             self._count_status_bits()
         self._twice = min(self._twice + 1, 2 * TWICE_MOST) if self._came_twice else max(self._twice - 1, 0)
         self.shares_id = self._twice > (0 if self.shares_id else TWICE_MOST)
         self._came_twice = False
         self._in_period.clear()
+
+    def _mismatch(self, expected: State) -> str:
+        """What of state and mode is not as it was led to be; empty where all is."""
+        wrong = []
+        if self.state is not expected:
+            wrong.append(f"is in state '{self.state}', expected '{expected}'")
+        if not self.mode_fits:
+            wrong.append("is in another mode of operation than was set")
+        if wrong and self._came_twice:
+            wrong.append("its feedback comes twice: a second node may have its id")
+        return "; ".join(wrong)
 
     # What is known of it.
 

@@ -59,8 +59,7 @@ def drive_trouble(now: int, link: Link, config: DriverConfig, expected: State | 
     if silence > HEARTBEATS * config.drive_timeout:
         yield found(Reason.DRIVE_SILENT, f"has sent no heartbeat for {silence:.3f} s")
     if expected is not None and link.received.mismatches >= MISMATCHES_MOST:
-        mode = "" if link.mode_fits else ", in another mode of operation than was set"
-        yield found(Reason.DRIVE_STATE, f"is in state '{link.state}', expected '{expected}'{mode}")
+        yield found(Reason.DRIVE_STATE, link.received.mismatch)
 
 
 def enable_trouble(links: Sequence[Link], now: int) -> Iterator[Stop]:

@@ -42,16 +42,24 @@ _MENDS: Final = {
 _SWAPPED = "are two node ids swapped (node_ids.*)? "
 
 
+def _key(setting: Setting) -> str:
+    return f"{setting.index:04X}h" + (f":{setting.subindex}" if setting.subindex else "")
+
+
 def _where(rig: Rig, motor: str, setting: Setting) -> str:
     entry = rig.dictionary[setting.index]
     name = entry.name if isinstance(entry, ODVariable) else f"{entry.name}, {entry[setting.subindex].name}"
-    key = f"{setting.index:04X}h" + (f":{setting.subindex}" if setting.subindex else "")
-    return f"motor {motor} (node {rig.codec.nodes[motor]}): object {key} ({name})"
+    return f"motor {motor} (node {rig.codec.nodes[motor]}): object {_key(setting)} ({name})"
+
+
+def _mismatch(rig: Rig, motor: str, setting: Setting, found: int) -> str:
+    base = "#010x" if setting.is_code else "d"
+    return f"{_where(rig, motor, setting)}: found {found:{base}}, expected {setting.value:{base}}"
 
 
 def differs(rig: Rig, motor: str, setting: Setting, found: int) -> str:
     """For an object that is not what it has to be."""
-    where = f"{_where(rig, motor, setting)}: found {found}, expected {setting.value}"
+    where = _mismatch(rig, motor, setting, found)
     if setting.written:
         return f"{where}, which was written; the drive has not taken it: see its manual, or change the parameter"
     mend = _MENDS.get(setting.index, "commission the drive anew")
@@ -59,14 +67,25 @@ def differs(rig: Rig, motor: str, setting: Setting, found: int) -> str:
     return f"{where}; {asked}{mend.format(module=motor.partition('_')[0], expected=setting.value)}"
 
 
-def aborted(rig: Rig, motor: str, setting: Setting, write: bool, code: int) -> str:
-    """For an access that the drive refused."""
-    what = f"writing {setting.value}" if write else "reading it"
-    reason = SdoAbortedError.CODES.get(code, "no code of CiA 301")
-    return (
-        f"{_where(rig, motor, setting)}: {what} was refused ({code:#010x}: {reason}), expected it to be taken; "
-        "use the drive's own EDS (eds), or change the parameter"
-    )
+def aborted(rig: Rig, motor: str, access: Access, code: int, wrong: tuple[Setting, int] | None) -> str:
+    """For an access that the drive refused.
+
+    Parameters
+    ----------
+    access : Access
+    code : int
+        Why, by CiA 301.
+    wrong : tuple of Setting and int, optional
+        What was to be set right by it, and what was found there.
+    """
+    setting, write = access
+    reason = f"was refused ({code:#010x}: {SdoAbortedError.CODES.get(code, 'no code of CiA 301')})"
+    mend = "use the drive's own EDS (parameter eds), or change the parameter"
+    if not write:
+        return f"{_where(rig, motor, setting)}: reading it {reason}; {mend}"
+    if wrong is None:
+        return f"{_where(rig, motor, setting)}: writing {setting.value} {reason}; {mend}"
+    return f"{_mismatch(rig, motor, *wrong)}; writing {setting.value} to {_key(setting)} {reason}; {mend}"
 
 
 # ----------------------------------------------------------------------
@@ -109,7 +128,7 @@ class Setup:
     refusal : str
         Why the drive is refused, as one line with the mend; empty where it is not.
     remark : str
-        What is mismatches about a drive that is set up all the same; empty where nothing is.
+        What does not fit about a drive that is set up all the same; empty where all does.
     """
 
     def __init__(self, rig: Rig, motor: str, tally: Counter[str]) -> None:
@@ -230,7 +249,13 @@ class Setup:
         elif setting.written and self._is_first(setting):
             self.restart()
         else:
-            self._refuse(aborted(self._rig, self.motor, setting, write, code))
+            self._refuse(aborted(self._rig, self.motor, Access(setting, write), code, self._mismatch(setting.index)))
+
+    def _mismatch(self, index: int) -> tuple[Setting, int] | None:
+        """What of an object was read and is not as it has to be, and what was found: the first such."""
+        part = last_of(self._parts[self._part]) if self._part < len(self._parts) else ()
+        read = ((each, self._found[each.key]) for each in part if each.index == index and each.key in self._found)
+        return next((pair for pair in read if not pair[0].accepts(pair[1])), None)
 
     def _is_first(self, setting: Setting) -> bool:
         """Whether it is the first time that an object is not as it should be: the drive may have restarted."""

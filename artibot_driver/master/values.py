@@ -158,7 +158,7 @@ class DriveStatus:
     progress : float
         Of its setting up, 0 to 1.
     remark : str
-        What is mismatches about it, though it keeps from nothing; mostly empty.
+        What does not fit about it, though it keeps from nothing; mostly empty.
     """
 
     motor: str

@@ -101,7 +101,7 @@ def test_a_drive_that_refuses_a_value_is_refused_with_its_reason() -> None:
     w.drive_set.drives["front_left"].objects.values[0x6502, 0] = 0  # no mode of operation is supported
     w.run(2.0)
     assert "motor front_left (node 2): object 6060h" in w.last.status.refusal
-    assert "writing 9 was refused (0x06090030:" in w.last.status.refusal
+    assert "found 0, expected 9; writing 9 to 6060h was refused (0x06090030:" in w.last.status.refusal
 
 
 def test_a_missing_drive_is_named_and_found_within_two_seconds() -> None:

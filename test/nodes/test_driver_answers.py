@@ -93,6 +93,10 @@ def test_what_is_in_the_way_names_motor_node_and_trouble() -> None:
         (with_drive(0, remark="another revision"), [OK, OK, WARN, OK, OK, OK]),
         (replace(READY, stop=STOP), [ERROR, OK, OK, OK, OK, OK]),
         (replace(READY, stop=replace(STOP, reason=Reason.DISABLE)), [OK, OK, OK, OK, OK, OK]),
+        (
+            replace(READY, phase=Phase.CONFIGURING, stop=replace(STOP, reason=Reason.DISABLE)),
+            [WARN, OK, OK, OK, OK, OK],
+        ),
         (replace(READY, phase=Phase.LISTENING), [WARN, OK, OK, OK, OK, OK]),
         (replace(READY, phase=Phase.LISTENING, other_driver="somebody else leads"), [ERROR, OK, OK, OK, OK, OK]),
         (replace(READY, phase=Phase.CONFIGURING), [WARN, OK, OK, OK, OK, OK]),
@@ -110,7 +114,8 @@ def test_levels_of_diagnostics(status: Status, levels: list[bytes]) -> None:
     values = {pair.key: pair.value for pair in message.status[0].values}
     assert values["frames_unknown"] == "7" and values["kappa"] == "0.8"
     if status.stop:
-        assert status.stop.text in message.status[0].message
+        if levels[0] != WARN:
+            assert status.stop.text in message.status[0].message
         assert values["stop motor"] == "back_left"
 
 
@@ -121,6 +126,18 @@ def test_warning_and_limit_are_said_with_their_bits() -> None:
     (status,) = (each for each in message.status if each.name.endswith("front_left"))
     for part in ("2351h load high", "warns (statusword, bit 7)", "internal limit acts (statusword, bit 11)"):
         assert part in status.message
+
+
+def test_after_a_fault_s_stop_it_is_said_what_is_in_the_way_now() -> None:
+    status = replace(with_drive(0, trouble="a second node has the id 1"), phase=Phase.CONFIGURING, stop=STOP)
+    text = diagnostics(1, CONFIG, Identity("agriq"), status, {}).status[0].message
+    assert STOP.text in text and "a second node has the id 1" in text
+
+
+def test_a_warning_without_a_reason_is_said_to_have_none() -> None:
+    message = diagnostics(1, CONFIG, Identity("agriq"), with_drive(1, statusword=0x00B7, emergency=""), {})
+    (status,) = (each for each in message.status if each.name.endswith("front_left"))
+    assert "no emergency" in status.message
 
 
 @pytest.mark.parametrize(

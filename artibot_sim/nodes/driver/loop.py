@@ -23,7 +23,7 @@ from artibot_sim.nodes.common.inputs import Inputs
 from artibot_sim.nodes.common.pacer import Pacer
 from artibot_sim.nodes.driver import parameters as parameters
 from artibot_sim.nodes.driver.commands import CommandGate, Silence
-from artibot_sim.nodes.driver.publishers import DriverPublishers, Identity, diagnostics
+from artibot_sim.nodes.driver.publishers import NO_REASON, DriverPublishers, Identity, diagnostics
 from artibot_sim.nodes.driver.services import obstacles, stop_text
 
 # ----------------------------------------------------------------------
@@ -288,8 +288,9 @@ class DriverLoop:
                 self._log.error(f"stopped: {stop_text(stop)}")
         self._stop = stop
         warned = {drive.motor: drive.emergency for drive in status.drives if drive.warns}
-        for motor in warned.keys() - self._warned:
-            self._log.warning(f"drive {motor} warns (statusword, bit 7): {warned[motor] or 'it says no more'}")
+        for motor, emergency in warned.items():
+            if motor not in self._warned:
+                self._log.warning(f"drive {motor} warns (statusword, bit 7): {emergency or NO_REASON}")
         self._warned = set(warned)
 
     def _follow_system_clock(self) -> None:

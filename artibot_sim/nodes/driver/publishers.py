@@ -33,9 +33,16 @@ DRIVER = "driver"
 OK, WARN, ERROR, STALE = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE)
 
 _FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
+NO_REASON = "it sends no emergency that says why: see its manual, or ask it with its maker's tool"
+"""Of a drive that warns."""
+
 _NOTES: tuple[tuple[str, Callable[[DriveStatus], bool]], ...] = (
     ("the drive warns (statusword, bit 7)", lambda drive: drive.warns),
-    ("an internal limit acts (statusword, bit 11)", lambda drive: drive.at_limit),
+    (NO_REASON, lambda drive: drive.warns and not drive.emergency),
+    (
+        "an internal limit acts (statusword, bit 11): torque (6072h), speed (6080h) or one of its maker's",
+        lambda drive: drive.at_limit,
+    ),
 )
 """What a statusword adds to the state, and who says so."""
 
@@ -130,16 +137,17 @@ def _word(value: object) -> str:
 
 
 def _driver(identity: Identity, status: Status, own: Mapping[str, object]) -> DiagnosticStatus:
-    level, text = OK, status.phase.value
-    if status.stop is not None:
-        level = WARN if status.stop.reason.asked_for else ERROR
-        text = f"stopped: {stop_text(status.stop)}"
-        if status.stop.reason.asked_for and not status.phase.moves:
-            level = OK
+    stopped = f"stopped: {stop_text(status.stop)}" if status.stop is not None else ""
+    asked_for = status.stop is not None and status.stop.reason.asked_for
+    if stopped and (status.phase.moves or not asked_for):
+        level = WARN if asked_for else ERROR
+        text = _joined((stopped, "" if status.phase.moves else obstacles(status)))
     elif status.phase in (Phase.OFFLINE, Phase.LOCKED) or status.refusal or status.other_driver:
-        level, text = ERROR, _joined((text, obstacles(status)))
+        level, text = ERROR, _joined((status.phase.value, obstacles(status)))
     elif status.phase in (Phase.LISTENING, Phase.CONFIGURING):
-        level, text = WARN, _joined((text, obstacles(status)))
+        level, text = WARN, _joined((status.phase.value, obstacles(status)))
+    else:
+        level, text = OK, stopped or status.phase.value
     values = {
         "phase": status.phase.name,
         "stop reason": status.stop.reason.name if status.stop else "",
