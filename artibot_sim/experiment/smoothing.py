@@ -12,8 +12,9 @@ from artibot_sim.experiment.columns import Floats
 # ----------------------------------------------------------------------
 
 
-HELD = 4
-"""Equal samples in a row, at most, that count as one sample and its repetitions; more are a standstill."""
+HELD, HELD_TIMES = 4, 3.0
+"""Equal samples in a row, at most, that count as one sample and its repetitions; more are a standstill. Or so many times
+the usual repetitions, where that is more: a message that comes late or is lost makes a run longer, not a standstill."""
 STAMP = 1e-6
 """s that a stamp and a border may differ by and still be the same instant: sums of seconds round by their last bit."""
 _BLOCK = 8192
@@ -87,7 +88,7 @@ def fresh(y: ArrayLike) -> np.ndarray:
     """Say which samples (n,) or (n, k) are new: False for one that merely repeats the one before.
 
     A recorder that samples faster than the sensor measures holds values; held ones would look like a staircase.
-    More than `HELD` equal ones in a row are a standstill, and all of them are new.
+    More equal ones in a row than `HELD` and `HELD_TIMES` the usual are a standstill, and all of them are new.
     """
     samples = np.asarray(y, float)
     if len(samples) < 2:
@@ -95,7 +96,8 @@ def fresh(y: ArrayLike) -> np.ndarray:
     table = samples.reshape(len(samples), -1)
     repeats = np.concatenate(([False], (table[1:] == table[:-1]).all(axis=1)))
     run = np.cumsum(~repeats)
-    return ~repeats | (np.bincount(run)[run] > HELD)
+    length = np.bincount(run)[int(run[0]) :]
+    return ~repeats | (length[run - run[0]] > max(HELD, HELD_TIMES * float(np.median(length))))
 
 
 def noise_of(t: ArrayLike, y: ArrayLike) -> float:
