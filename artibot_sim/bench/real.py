@@ -24,6 +24,7 @@ from artibot_sim.estimation.boosting import boosted
 from artibot_sim.estimation.kinematic import AFTER, BEFORE, FREE, STEP, DrivenWindows, Kinematic, fit_kinematic, ideal
 from artibot_sim.experiment import Experiment, read_bag
 from artibot_sim.experiment.blocks import BLOCK, in_turn
+from artibot_sim.experiment.smoothing import fresh
 from artibot_sim.model import MOTORS, Robot, load_robot
 
 if TYPE_CHECKING:
@@ -35,8 +36,6 @@ DATA = "ARTIBOT_REAL_DATA"
 """Environment variable with the folder of the recordings."""
 HORIZON = 2.0
 """s of a window."""
-_STALE = 1.6
-"""s for which equal values are one that is held; longer ones are a speed that stays."""
 _DRIVEN = 0.05
 """m/s of a wheel's rim, in the mean over a window, below which the robot is not driven."""
 _LEAP = 0.2
@@ -98,8 +97,8 @@ def windows_of(experiment: Experiment, radius: float) -> tuple[DrivenWindows, in
     rows: list[tuple[float, float, Array, Array, Array]] = []
     leaps = 0
     for first, last in experiment.segments:
-        t_pose, pose = _changes(odometry.between(first - 1e-6, last + 1e-6), ("x", "y", "yaw"))
-        t_speed, speed = _changes(motors.between(first - 1e-6, last + 1e-6), _SPEEDS)
+        t_pose, pose = _changes(odometry, ("x", "y", "yaw"), first, last)
+        t_speed, speed = _changes(motors, _SPEEDS, first, last)
         if len(t_pose) < 4 or len(t_speed) < 2:
             continue
         pose = np.column_stack([pose[:, :2], np.unwrap(pose[:, 2])])
@@ -126,21 +125,14 @@ def windows_of(experiment: Experiment, radius: float) -> tuple[DrivenWindows, in
 _SPEEDS = tuple(f"{motor}.velocity" for motor in MOTORS[:2])
 
 
-def _changes(channel: Any, names: Sequence[str]) -> tuple[Array, Array]:
-    """Times and values (n, k) of columns where they change: a logger repeats the message before until the next comes.
-
-    What stays for longer than a message is held is a value that stays; its last repetition counts, too.
-    """
+def _changes(channel: Any, names: Sequence[str], first: float, last: float) -> tuple[Array, Array]:
+    """Times and values (n, k) of a segment's columns where they change, for a logger repeats messages."""
     values = np.column_stack([channel[name] for name in names])
-    used = np.isfinite(values).all(axis=1)
-    t, values = channel.t[used], values[used]
-    if len(t) < 2:
-        return t, values
-    new = np.concatenate(([True], (values[1:] != values[:-1]).any(axis=1)))
-    ends = np.append(np.flatnonzero(new)[1:], len(t)) - 1
-    stays = t[ends] - t[new] > _STALE
-    new[ends[stays]] = True
-    new[-1] = True
+    finite = np.isfinite(values).all(axis=1)
+    t, values = channel.t[finite], values[finite]
+    inside = (t >= first - 1e-6) & (t <= last + 1e-6)
+    t, values, new = t[inside], values[inside], fresh(values)[inside]
+    new[-1:] = True  # what was known last holds to the end
     return t[new], values[new]
 
 

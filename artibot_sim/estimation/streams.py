@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from artibot_sim.experiment import Channel, Experiment
+from artibot_sim.experiment.smoothing import fresh
 from artibot_sim.model import MOTORS
 
 Array = NDArray[np.float64]
@@ -67,22 +68,6 @@ class Holding:
     share: float
     period: float
     stamped: float
-
-
-def changes(t: Array, values: Array) -> NDArray[np.bool_]:
-    """Which samples (n, k) are new: those that differ from the one before, and the last ones of what stays long."""
-    new = np.ones(len(t), bool)
-    if len(t) < 3:
-        return new
-    new[1:] = (values[1:] != values[:-1]).any(axis=1)
-    firsts = np.flatnonzero(new)
-    lasts = np.append(firsts[1:], len(t)) - 1
-    length = t[lasts] - t[firsts]
-    moving = length < _STEADY
-    usual = float(np.median(length[moving])) if moving.any() else 0.0
-    new[lasts[length > max(4.0 * usual, 0.5)]] = True
-    new[-1] = True
-    return new
 
 
 def holding(channel: Channel, names: Sequence[str]) -> Holding | None:
@@ -149,9 +134,11 @@ def _columns(channel: Channel | None, names: Sequence[str], first: float, last: 
     if channel is None or not set(names) <= set(channel.columns):
         return np.empty(0), np.empty((0, len(names)))
     values = np.column_stack([channel[name] for name in names])
-    used = np.isfinite(values).all(axis=1) & (channel.t >= first - 1e-6) & (channel.t <= last + 1e-6)
-    t, values = channel.t[used], values[used]
-    new = changes(t, values)
+    finite = np.isfinite(values).all(axis=1)
+    t, values = channel.t[finite], values[finite]
+    inside = (t >= first - 1e-6) & (t <= last + 1e-6)
+    t, values, new = t[inside], values[inside], fresh(values)[inside]
+    new[-1:] = True  # what was known last holds to the end
     return t[new], values[new]
 
 

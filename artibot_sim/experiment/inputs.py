@@ -165,10 +165,8 @@ def _rotation(
         if name not in motors:
             continue
         times, values = motors.series(name)
-        used = (times >= t_start - margin) & (times <= t_end + margin)
+        used = fresh(values) & (times >= t_start - margin) & (times <= t_end + margin)
         times, values = times[used], values[used]
-        new = fresh(values)
-        times, values = times[new], values[new]
         if len(times) > 3:
             if quantity == "position":
                 return _from_positions(times, values, t, half_width)

@@ -411,10 +411,10 @@ def _samples(channel: Channel, names: tuple[str, ...], t_start: float, t_end: fl
     if not set(names) <= set(channel.columns):
         return _nothing(len(names))
     values = np.column_stack([channel[name] for name in names])
-    used = np.isfinite(values).all(axis=1) & (channel.t >= t_start - STAMP) & (channel.t <= t_end + STAMP)
-    times, values = channel.t[used], values[used]
-    new = fresh(values)
-    return times[new], values[new]
+    finite = np.isfinite(values).all(axis=1)
+    times, values = channel.t[finite], values[finite]
+    used = fresh(values) & (times >= t_start - STAMP) & (times <= t_end + STAMP)
+    return times[used], values[used]
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,10 @@ from artibot_sim.experiment.columns import Floats
 
 
 HELD, HELD_TIMES = 4, 3.0
-"""Equal samples in a row, at most, that count as one sample and its repetitions; more are a standstill. Or so many times
-the usual repetitions, where that is more: a message that comes late or is lost makes a run longer, not a standstill."""
+"""Equal samples in a row, at most, that count as one sample and its repetitions, and the same in times of the usual
+number of repetitions; more are a standstill. A message that comes late or is lost makes a run longer."""
+_USUAL = 20
+"""Runs of equal samples that show how many are usual."""
 STAMP = 1e-6
 """s that a stamp and a border may differ by and still be the same instant: sums of seconds round by their last bit."""
 _BLOCK = 8192
@@ -88,16 +90,18 @@ def fresh(y: ArrayLike) -> np.ndarray:
     """Say which samples (n,) or (n, k) are new: False for one that merely repeats the one before.
 
     A recorder that samples faster than the sensor measures holds values; held ones would look like a staircase.
-    More equal ones in a row than `HELD` and `HELD_TIMES` the usual are a standstill, and all of them are new.
+    More equal ones in a row than `HELD` and `HELD_TIMES` the usual are a standstill, and all of them are new. What is
+    usual shows in a whole recording, not in a second of it.
     """
     samples = np.asarray(y, float)
     if len(samples) < 2:
         return np.ones(len(samples), bool)
     table = samples.reshape(len(samples), -1)
     repeats = np.concatenate(([False], (table[1:] == table[:-1]).all(axis=1)))
-    run = np.cumsum(~repeats)
-    length = np.bincount(run)[int(run[0]) :]
-    return ~repeats | (length[run - run[0]] > max(HELD, HELD_TIMES * float(np.median(length))))
+    run = np.cumsum(~repeats) - 1
+    length = np.bincount(run)
+    usual = float(np.median(length)) if len(length) >= _USUAL else 1.0
+    return ~repeats | (length[run] > max(HELD, HELD_TIMES * usual))
 
 
 def noise_of(t: ArrayLike, y: ArrayLike) -> float:

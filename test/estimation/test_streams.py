@@ -18,8 +18,9 @@ from artibot_sim.estimation.alignment import on_one_clock, what_is_wrong
 from artibot_sim.estimation.checks.findings import compare_streams, findings
 from artibot_sim.estimation.checks.recordings import require_usable
 from artibot_sim.estimation.checks.report import check
-from artibot_sim.estimation.streams import changes, holding
+from artibot_sim.estimation.streams import holding
 from artibot_sim.experiment import read_bag, write_channels
+from artibot_sim.experiment.smoothing import fresh
 from artibot_sim.identify import identify
 from artibot_sim.model import load_robot
 
@@ -54,10 +55,14 @@ def test_delays_of_every_stream_are_told_together() -> None:
 
 def test_held_samples_count_once_and_standstill_stays() -> None:
     t = np.arange(0.0, 20.0, 0.05)
-    value = np.where(t < 10.0, np.floor(t / 0.25), 39.0)
-    new = changes(t, value[:, None])
-    assert new[t < 9.5].mean() == pytest.approx(0.2, abs=0.02)
-    assert new[-1] and 10.0 > t[new][-2] > 9.5
+    for rows in (1, 5, 12):
+        value = np.where(t < 10.0, np.floor(np.arange(len(t)) / rows), -1.0)
+        new = fresh(value)
+        assert new[t < 10.0].mean() == pytest.approx(1.0 / rows, abs=0.01)
+        assert new[t >= 10.0].all()
+        lost = value.copy()
+        lost[4 * rows : 6 * rows] = lost[4 * rows]
+        assert (fresh(lost) == (new & ((t < t[5 * rows]) | (t >= t[6 * rows])))).all()  # a message that never came
     rng = np.random.default_rng(1)
     robot = load_robot("husky_driven")
     slow = Logger(rates={"motor_torques": 5.0, "ground_truth_odom": 18.0, "imu": 50.0}, lost=0.0)
