@@ -82,9 +82,16 @@ def uncertain(
     return judged(problem, fit, surroundings([(problem, fit)], tick)[0], seed, from_commands)
 
 
-def surroundings(fits: Sequence[tuple[Problem, Fit]], tick: Tick = lambda: None) -> list[Surroundings]:
-    """What is around some fits, all of it side by side."""
+def surroundings(
+    fits: Sequence[tuple[Problem, Fit]], tick: Tick = lambda: None, beside: Sequence[Fit] = ()
+) -> list[Surroundings]:
+    """What is around some fits, all of it side by side.
+
+    Other ends of the search for the last one, `beside` it, are around it as well: where the loss is jagged a search
+    ends at one of several optima, and which of them is the best depends on the windows that were recorded.
+    """
     works: list[tuple[int, Callable[[], Sequence[Node] | NoiseShare]]] = []
+    works += [(len(fits) - 1, partial(profile, fits[-1][0], other)) for other in beside]
     for number, (problem, fit) in enumerate(fits):
         for which in range(len(problem.parameters.extensions)):
             works += [(number, work) for work in along(problem, fit, which)]

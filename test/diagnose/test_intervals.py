@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose.candidates.hypotheses import with_effect, without_effect
-from artibot_sim.diagnose.intervals import Uncertain, along, combined, uncertain
+from artibot_sim.diagnose.intervals import Uncertain, along, combined, surroundings, uncertain
 from artibot_sim.diagnose.records import Found
-from artibot_sim.estimation.encoder_noise import noise_share
+from artibot_sim.estimation.encoder_noise import NoiseShare, noise_share
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import Extension, ParameterSet
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge, free_parameters
 from artibot_sim.estimation.solver import evaluate, reduce
+from artibot_sim.estimation.uncertainty import Node, reweighted
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
@@ -89,6 +90,31 @@ def test_the_walk_goes_along_each_effect(fitted: tuple[Problem, Fit]) -> None:
             for r, s in zip(rise, sizes[:: len(nodes) - 1], strict=True)
         )
         assert all(len(node.reduced.matrix) == len(free) for node in nodes)
+
+
+def test_other_ends_of_a_search_count_as_far_as_windows_do_not_tell_them_apart(fitted: tuple[Problem, Fit]) -> None:
+    problem, fit = fitted
+    place, count = len(problem.parameters) - 1, len(problem)
+    silent = NoiseShare(fit.point.coordinates, np.zeros((count, len(CHANNEL_NAMES))), np.zeros((6, len(CHANNEL_NAMES))))
+    own = reweighted(problem, [Node(fit.point, fit.reduced)], fit.free, silent, [np.ones(count)])
+    (here,) = own
+
+    def sides(gain: float, cost: float) -> float:
+        """Share of the draws nearer to an optimum that gains in half of the windows and costs in the others."""
+        moved = fit.point.coordinates.copy()
+        moved[place] += 10.0
+        change = np.where(np.arange(count) % 2, cost, -gain)
+        other = replace(fit.point, coordinates=moved, losses=fit.point.losses + change)
+        rng = np.random.default_rng(3)
+        weights = (rng.exponential(size=count) for _ in range(200))
+        nodes = [Node(fit.point, fit.reduced), Node(other, fit.reduced)]
+        table = np.array(list(reweighted(problem, nodes, fit.free, silent, weights)))
+        return float(np.mean(np.abs(table[:, place] - here[place]) > 1.0))
+
+    assert sides(100.0, 1000.0) == 0.0
+    assert 0.05 < sides(100.0, 120.0) < 0.5
+    around = surroundings([(problem, fit)], beside=[fit])[0]
+    assert len(around.nodes) > len(surroundings([(problem, fit)])[0].nodes)
 
 
 def scales(sd: float, along: float) -> tuple[ParameterSet, Uncertain]:

@@ -76,6 +76,8 @@ class Decision:
         Share of the windows that the stages searched.
     laws : FittedLaws or None
         The force that no effect explains as a term of the model, beside the named effects.
+    beside : tuple of Fit
+        Other ends of the search for the model with all named effects, beside another soil, about as good as `fit`.
     """
 
     named: tuple[Named, ...]
@@ -96,6 +98,7 @@ class Decision:
     verdict: Verdict = Verdict.NONE
     searched: float = 1.0
     laws: FittedLaws | None = None
+    beside: tuple[Fit, ...] = ()
 
     @property
     def whole(self) -> tuple[Problem, Fit]:
@@ -123,7 +126,7 @@ class Decision:
         gone, (problem, fit) = self.fitted[-1], self.fits[-2]
         named = tuple(one for one in self.named if one is not gone)
         return replace(
-            self, named=named, problem=problem, fit=fit, laws=None, refuted=(*self.refuted, gone.effect)
+            self, named=named, problem=problem, fit=fit, laws=None, beside=(), refuted=(*self.refuted, gone.effect)
         )  # fmt: skip
 
     @property

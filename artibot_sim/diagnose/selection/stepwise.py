@@ -25,7 +25,7 @@ from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parallel import TimeIsUp, side_by_side, until
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Effort, Fit, converge, search
-from artibot_sim.estimation.solver import Point, again
+from artibot_sim.estimation.solver import Point, again, evaluate
 from artibot_sim.model.effects import EFFECTS
 
 if TYPE_CHECKING:
@@ -445,15 +445,28 @@ class Naming:
         """What it came to; commands say of each effect what they say beside the others."""
         other = {**self._other, **_beside_each_other(self._view, self._names)}
         named = tuple(replace(one, found=other[one.effect].found) if one.found else one for one in self._named)
-        fits = [self._neutral, *self._between, (self._problem, self._fit)]
+        fits = [self._neutral, *self._between, (self._problem, self._fit), *self._beside_other_soils()]
         if self._every is not None and self._fitted():
             fits = self._carried(self._every, fits)
+        last = 1 + len(self._between)
         return Decision(
-            named, self._options.least, *fits[0], *fits[-1], tuple(self._stages),
-            other, between=tuple(fits[1:-1]), dropped=tuple(self._dropped), refuted=tuple(self._refuted),
-            untried=tuple(self._untried),
+            named, self._options.least, *fits[0], *fits[last], tuple(self._stages),
+            other, between=tuple(fits[1:last]), dropped=tuple(self._dropped), refuted=tuple(self._refuted),
+            untried=tuple(self._untried), beside=tuple(fit for _, fit in fits[last + 1 :]),
             searched=1.0 / self._every.times if self._every is not None else 1.0,
         )  # fmt: skip
+
+    def _beside_other_soils(self) -> list[tuple[Problem, Fit]]:
+        """The model fitted beside the soils that explain the recordings about as well, if it is still that model."""
+        (of, soils), problem, loss = self._soils, self._problem, self._fit.loss
+        if [one.id for one in of.parameters.extensions] != [one.id for one in problem.parameters.extensions]:
+            return []
+
+        def fitted(soil: Point) -> tuple[Problem, Fit]:
+            point = evaluate(problem, loss, [soil.coordinates], soil.starts)[0]
+            return problem, converge(problem, point, loss, self._rounds.few)
+
+        return side_by_side(fitted, soils, problem.workers)
 
 
 def _beside(names: Sequence[str]) -> str:
