@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.policy import FAR_BEYOND_NOISE, LEFT_OF_COMMANDS, LEFT_OF_MOTION, LEFT_OF_POSITION
 from artibot_sim.diagnose.records import Left
+from artibot_sim.estimation.encoder_noise import with_noisy_inputs
+from artibot_sim.estimation.kernels import Parts
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.solver import Point
 from artibot_sim.estimation.windows import CHANNEL_NAMES, Window, relaxation_length, time_over
@@ -24,7 +26,8 @@ MOVED = ("yaw", "yaw_rate", "articulation_yaw", "torque_front", "torque_back")
 LIMITS: Mapping[str, float] = {
     "position": LEFT_OF_POSITION, **dict.fromkeys(MOVED, LEFT_OF_MOTION), COMMANDED: LEFT_OF_COMMANDS,
 }  # fmt: skip
-"""By channel: mean square of averaged residuals above which more than noise is left; 1 is the sensor's white noise."""
+"""By channel: mean square of averaged residuals above which more than noise is left; 1 is white noise of the sensor and
+what noise of the rotations makes there."""
 
 _MEMORY = 3.0
 """Relaxation lengths after which a tyre has forgotten the force with which a window took it to begin."""
@@ -33,16 +36,31 @@ _MEMORY = 3.0
 def remains(problem: Problem, point: Point) -> dict[str, Left]:
     """What the residuals of a fit leave, by channel.
 
-    In units of the sensors' own noise, as neighbouring samples show it: levels that a fit has widened to its residuals
-    would hide what is left. Of tyres that lag nothing counts until they have forgotten a window's start.
+    In units of the sensors' own noise, as neighbouring samples show it, and of what noise of the rotations, which turn
+    the model's wheels, makes of predictions: levels that a fit has widened to its residuals would hide what is left. Of
+    tyres that lag nothing counts until they have forgotten a window's start.
     """
     found: dict[str, list[float]] = {}
+    turned: dict[str, list[float]] = {}
     way = _MEMORY * relaxation_length(problem.parameters.robot_at(point.coordinates))
-    for window, residual in zip(problem.windows, point.residuals, strict=True):
+    changed = _from_rotations(problem, point)
+    for window, residual, change in zip(problem.windows, point.residuals, changed, strict=True):
         after = time_over(problem.stretches[window.stretch], window.t, way) if way else 0.0
-        for name, size in _sizes(problem, window, residual, after).items():
-            found.setdefault(name, []).append(size)
-    return {name: Left(float(np.median(sizes)), float(np.quantile(sizes, 0.9))) for name, sizes in found.items()}
+        for sizes, values in ((found, residual), (turned, change)):
+            for name, size in _sizes(problem, window, values, after).items():
+                sizes.setdefault(name, []).append(size)
+    noise = {name: 1.0 + float(np.median(sizes)) for name, sizes in turned.items()}
+    return {
+        name: Left(float(np.median(sizes)) / noise[name], float(np.quantile(sizes, 0.9)) / noise[name])
+        for name, sizes in found.items()
+    }
+
+
+def _from_rotations(problem: Problem, point: Point) -> Parts:
+    """What one more draw of the rotations' noise changes in residuals (n,), each window's place and heading fitted."""
+    noisy = with_noisy_inputs(problem, 0)
+    _, residuals = noisy.aligned(noisy.flat_residuals([point.coordinates], point.starts), point.starts[None])
+    return problem.parts(residuals[0] - point.residuals.flat)
 
 
 def beyond_noise(left: Mapping[str, Left], times: float = 1.0) -> tuple[str, ...]:
