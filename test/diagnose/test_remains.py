@@ -32,7 +32,9 @@ def left(experiment: Experiment, robot: Robot) -> tuple[str, ...]:
 @pytest.mark.parametrize("polled", [0.0, 20.0])
 def test_wheels_that_are_measured_badly_are_no_force_and_other_ground_is_one(polled: float) -> None:
     seen = recorded(
-        drive(HUSKY, np.random.default_rng([1, 5]), 60.0), Logger(polled=polled, rates=RATES), np.random.default_rng(6)
+        drive(HUSKY, np.random.default_rng([1, 5]), 60.0),
+        Logger(polled=polled, rates=RATES),
+        np.random.default_rng([1, 6]),
     )
     channels = {key: seen.channels[key] for key in ("motor_torques", "ground_truth_odom")}
     seen = replace(seen, channels=channels, path=Path("logged"))
