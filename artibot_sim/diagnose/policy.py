@@ -92,8 +92,9 @@ NOISE_LEVEL = Number(1.6, "–", "residuals over a sensor's own noise, up to whi
 NOISE_THINNING = Number(4.0, "samples", "samples worth one, up to which residuals are believed to be noise", NULL)
 LEFT_OF_MOTION = Number(
     2.0, "white noise",
-    "averaged residuals of the middle window above which more than noise is left: nothing hidden leaves 1.4 at most, "
-    "effects named rightly nearly all 1.75", NULL, "no: of 362 recordings with nothing hidden none has more",
+    "averaged residuals of the middle window, over noise of sensor and rotations, above which more than noise is left: "
+    "nothing hidden leaves 1.4 at most, effects named rightly nearly all 1.75", NULL,
+    "no: of 362 recordings with nothing hidden none has more",
 )  # fmt: skip
 LEFT_OF_POSITION = Number(
     100.0, "white noise",
