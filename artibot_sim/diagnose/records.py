@@ -258,6 +258,11 @@ class Varies:
         Of that.
     ties : tuple of str
         Parameters whose spread would explain the windows as well.
+    over : str
+        Where values are alike: near each other in ``"time"`` or in ``"place"``, or in all of a ``"recording"``;
+        ``"window"`` where each window has another one.
+    length : float
+        s or m over which they are alike; 0 for windows and recordings.
     """
 
     effect: str
@@ -267,6 +272,8 @@ class Varies:
     holdout_nats: float
     ci95: tuple[float, float]
     ties: tuple[str, ...] = ()
+    over: str = "window"
+    length: float = 0.0
 
 
 @dataclass(frozen=True)

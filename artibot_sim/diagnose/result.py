@@ -248,7 +248,11 @@ def _cause(cause: Cause, varies: Varies | None) -> dict[str, Any]:
         "parameters": {name: _found(found) for name, found in cause.parameters.items()},
         "evidence": _numbers(evidence),
         "ties": list(cause.ties),
-        **({"varies": {"spread": varies.spread, "over": "window"}} if varies and varies.effect == cause.effect else {}),
+        **(
+            {"varies": {"spread": varies.spread, "over": _over(varies)}}
+            if varies and varies.effect == cause.effect
+            else {}
+        ),
     }
 
 
@@ -478,11 +482,26 @@ def varies_words(found: Diagnosis) -> str:
         return ""
     what = " or ".join([f"{one.effect}.{one.parameter}" if one.effect else one.parameter, *one.ties])
     low, high = (number(value) for value in one.between)
+    over = _over(one)
     return (
-        f"from window to window {what} has another value, by ±{100 * one.spread:.0f} % (two of three between {low} and "
-        f"{high}); held-out windows are likelier so by {number(one.holdout_nats, 2)} nats. No model predicts which "
-        "value comes next."
+        f"from {over} to {over} {what} has another value, by ±{100 * one.spread:.0f} % (two of three between {low} and "
+        f"{high}); held-out windows are likelier so by {number(one.holdout_nats, 2)} nats. "
+        f"{_LASTS[one.over].format(number(one.length, 2))}"
     )
+
+
+def _over(one: Varies) -> str:
+    """What has another value each: windows, too, where values last for a while."""
+    return "window" if one.over == "time" else one.over
+
+
+_LASTS = {
+    "window": "No model predicts which value comes next.",
+    "time": "Values last: they are alike for some {} s, so what was found a moment ago holds for the next one.",
+    "place": "Values belong to places: they are alike within some {} m, so a map of the ground would know them.",
+    "recording": "Values are alike within a recording: identify this parameter anew each time.",
+}
+"""What values that differ are alike in → what follows from it."""
 
 
 def headline_channel(found: Diagnosis) -> str | None:

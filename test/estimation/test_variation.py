@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from artibot_sim.estimation.variation import Windows, spread_of
+from artibot_sim.estimation.variation import Distances, Spread, Windows, alike_of, spread_of
 
 COUNT = 24
 """Samples of a window."""
@@ -46,6 +46,43 @@ def test_a_middle_elsewhere_is_no_spread():
     first, second = spread_of(one), spread_of(moved)
     assert second.nats == pytest.approx(first.nats, abs=0.1)
     assert second.shift == pytest.approx(first.shift - 2.0, abs=0.02)
+
+
+T = 4.0 * np.arange(80)
+PLACE = np.column_stack([6.0 * np.cos(0.31 * T), 4.0 * np.sin(0.17 * T)])
+"""A drive that comes back to where it was."""
+FAR = Distances.of(np.repeat([0, 1], 80), np.tile(T, 2), np.tile(PLACE, (2, 1)))
+
+
+def with_values(seed, correlation):
+    """Windows of two recordings in which a parameter has values of width 1 with this correlation; and their spread."""
+    rng = np.random.default_rng(seed)
+    value = np.linalg.cholesky(correlation + 1e-9 * np.eye(160)) @ rng.standard_normal(160)
+    J = 0.3 * rng.standard_normal((160, COUNT))
+    r = J * value[:, None] + rng.standard_normal((160, COUNT))
+    seen = Windows((J * J).sum(axis=1), (J * r).sum(axis=1), (r * r).sum(axis=1), np.full(160, float(COUNT)))
+    return seen, Spread(1.0, 1.0, 0.0, 0.0, (1.0, 0.0))
+
+
+@pytest.mark.parametrize(("over", "length"), [("time", 40.0), ("place", 3.0), ("recording", np.inf)])
+def test_where_values_are_alike_is_found(over, length):
+    away = getattr(FAR, over)
+    correlation = (away == 0.0).astype(float) if over == "recording" else np.exp(-away / length)
+    lengths = []
+    for seed in range(6):
+        seen, spread = with_values(seed, correlation)
+        found = alike_of(seen, FAR, spread)
+        if found is not None and found.nats > 6.0 and found.over == over:
+            lengths.append(found.length)
+            later, _ = with_values(seed + 100, correlation)
+            assert over == "recording" or found.gained(later, FAR, spread).sum() > 0.0
+    assert len(lengths) >= 5
+    assert over == "recording" or length / 2.0 < np.median(lengths) < 2.0 * length
+
+
+def test_values_of_their_own_are_not_alike():
+    found = [alike_of(*(lambda one: (one[0], FAR, one[1]))(with_values(seed, np.eye(160)))) for seed in range(20)]
+    assert sum(one is not None and one.nats > 6.0 for one in found) == 0
 
 
 def test_likelihood_integrates_over_the_value():

@@ -173,18 +173,25 @@ def test_the_error_is_said_in_parts(every: dict[Verdict, Diagnosis]) -> None:
     )
     assert result.varies_words(found).startswith("from window to window mu_d or k_t has another value, by ±22 % ")
     assert result.budget_words(replace(found, error_budget={})) == ""
+    over = {
+        "time": "alike for some 40 s",
+        "place": "alike within some 40 m",
+        "recording": "from recording to recording",
+    }
+    for name, words in over.items():
+        assert words in result.varies_words(replace(found, varies=replace(varies, over=name, length=40.0)))
 
 
 def test_what_varies_comes_back_from_the_file(every: dict[Verdict, Diagnosis], tmp_path: Path) -> None:
     found = every[Verdict.NAMED]
     cause = found.causes[0]
-    varies = Varies(cause.effect, "grade", 0.22, (0.49, 0.77), 835.0, (650.0, 1027.0), ("k_t",))
+    varies = Varies(cause.effect, "grade", 0.22, (0.49, 0.77), 835.0, (650.0, 1027.0), ("k_t",), "place", 3.0)
     found = replace(found, error_budget={"position": ErrorBudget(0.25, 0.05, 0.001, 0.4, 0.0, 0.299)}, varies=varies)
     write_folder(tmp_path / "found", files_of(found, b""))
     again = load(tmp_path / "found")
     assert (again.varies, again.error_budget) == (found.varies, found.error_budget)
     entry = found.as_dict()
-    assert entry["causes"][0]["varies"] == {"spread": 0.22, "over": "window"}
+    assert entry["causes"][0]["varies"] == {"spread": 0.22, "over": "place"}
     assert sum(entry["error_budget"]["position"].values()) == pytest.approx(1.0)
 
 

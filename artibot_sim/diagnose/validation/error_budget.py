@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.policy import TIE, TIE_SHARE, VARIES_NATS, VARIES_SHARE
 from artibot_sim.diagnose.records import ChannelGain, ErrorBudget, Explainable, Varies
+from artibot_sim.estimation.checks.common_map import in_common_map
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import MU_D, MU_S
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, restarted_windows
 from artibot_sim.estimation.solver import evaluate, step
-from artibot_sim.estimation.variation import Spread, Windows, spread_of, windows_of
+from artibot_sim.estimation.variation import Distances, Spread, Windows, alike_of, joined, spread_of, windows_of
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.validation import Held
 
@@ -65,7 +66,23 @@ class Variation:
         least = spreads[best].nats - max(TIE, TIE_SHARE * spreads[best].nats)
         ties = [which[k] for k, one in enumerate(spreads) if k != best and one.nats > least]
         varies = self._said(which[best], spreads[best], float(gained.sum()), interval, ties)
-        return varies, self.squares(which[best], spreads[best].spread)
+        over, length = self._alike(fitted[best], windows, spreads[best], seed)
+        return replace(varies, over=over, length=length), self.squares(which[best], spreads[best].spread)
+
+    def _alike(self, fitted: Windows, held: Sequence[Windows], spread: Spread, seed: int) -> tuple[str, float]:
+        """What values are alike in that are near each other, and over how many s or m; each window by itself, if not.
+
+        As sure in held-out windows as the spread itself.
+        """
+        fitted_ones = {str(one.experiment.path): one.experiment for one in self._problem.stretches}
+        mapped = in_common_map([*fitted_ones.values(), *(one.experiment for one in self.held)])
+        found = alike_of(fitted, distances_of([self._problem], mapped), spread)
+        if found is None or found.nats < VARIES_NATS:
+            return "window", 0.0
+        gained = found.gained(joined(held), distances_of(self.problems, mapped), spread)
+        if not sum_interval(gained, seed)[0] > 0.0:
+            return "window", 0.0
+        return found.over, found.length if np.isfinite(found.length) else 0.0
 
     def _said(
         self, number: int, spread: Spread, nats: float, interval: tuple[float, float], ties: Sequence[int]
@@ -146,6 +163,15 @@ def candidates(problem: Problem) -> list[int]:
     return [
         i for i, key in enumerate(keys) if key in OF_SOIL or any(key.startswith(f"effects.{e}.") for e in OF_GROUND)
     ]
+
+
+def distances_of(problems: Sequence[Problem], mapped: bool) -> Distances:
+    """How far the windows of problems are from each other; in place only where all are in one map."""
+    recordings = [(k, *one) for k, problem in enumerate(problems) for one in zip(problem.recordings[1], strict=True)]
+    numbers = np.unique(np.array(recordings), axis=0, return_inverse=True)[1].ravel()
+    t = np.array([window.t for problem in problems for window in problem.windows])
+    place = np.concatenate([problem.starts[:, :2] for problem in problems]) if mapped else None
+    return Distances.of(numbers, t, place)
 
 
 def held_windows(problems: Sequence[Problem], coordinates: Array, thinning: Array, number: int) -> list[Windows]:
