@@ -65,7 +65,7 @@ from artibot_sim.diagnose.validation.varying_ground import beside_varying_ground
 from artibot_sim.diagnose.verdict import Reason, Verdict
 from artibot_sim.diagnose.words import besides, differing, doubt, partly, refutation, refuted_beside, shortfall
 from artibot_sim.errors import ArtibotError
-from artibot_sim.estimation.alignment import Aligned, on_one_clock, stream_table, what_is_wrong, with_delays
+from artibot_sim.estimation.alignment import Aligned, on_one_clock, stream_table, what_is_wrong, with_faults
 from artibot_sim.estimation.boosting import MISSING, can_grow
 from artibot_sim.estimation.checks.common_map import in_common_map
 from artibot_sim.estimation.checks.recordings import data_warnings, require_usable
@@ -298,7 +298,7 @@ def with_sensors(result: Diagnosis, timed: Sequence[Aligned]) -> Diagnosis:
     """Add to the robots of a result by how much streams were stamped late in the fitted recordings."""
 
     def told(robot: Robot) -> Robot:
-        return with_delays(robot, timed, "diagnosed")
+        return with_faults(robot, timed, "diagnosed")
 
     predictors = [one if one.robot is None else replace(one, robot=told(one.robot)) for one in result.predictors]
     baseline, extended = told(result.baseline_robot), told(result.extended)

@@ -86,7 +86,7 @@ def aligned(experiment: Experiment, robot: Robot, seed: int = 0, poses: bool | N
     if not poses:
         mended = tuple(one for one in mended if not _late_pose(one))
     mended += tuple(one for one in found if one.name in (LEAPS, FLIPPED))
-    mended += tuple(one for one in known_delays(experiment, robot, values) if poses or one.name != "pose_delay")
+    mended += tuple(one for one in known_faults(experiment, robot, values) if poses or one.name != "pose_delay")
     channels = dict(experiment.channels)
     for one in mended:
         if one.name == LEAPS:
@@ -101,8 +101,8 @@ def aligned(experiment: Experiment, robot: Robot, seed: int = 0, poses: bool | N
     return Aligned(replace(experiment, segments=_cut_at_leaps(experiment, robot)), mended, rest, values)
 
 
-def known_delays(experiment: Experiment, robot: Robot, told: Mapping[str, Mapping[str, Any]]) -> Iterator[Finding]:
-    """What the robot file says of stamps that are late, where a recording does not tell it itself.
+def known_faults(experiment: Experiment, robot: Robot, told: Mapping[str, Mapping[str, Any]]) -> Iterator[Finding]:
+    """What the robot file says is wrong with streams, where a recording does not tell it itself.
 
     Parameters
     ----------
@@ -111,20 +111,35 @@ def known_delays(experiment: Experiment, robot: Robot, told: Mapping[str, Mappin
     told : mapping
         What `stream_values` says of the recording.
     """
+    sensors, pose = robot.sensors, _pose_key(experiment)
     for key, name in DELAYS.items():
-        channel, late = experiment.channels.get(key), float(getattr(robot.sensors, name))
+        channel, late = experiment.channels.get(key), float(getattr(sensors, name))
         if channel is not None and late and "delay" not in told.get(channel.topic, {}):
-            interval = robot.intervals.get(f"sensors.{name}")
-            yield Finding(
-                name, channel.topic, late, interval, "s",
-                f"{channel.topic} is stamped {abs(late):.2f} s {'late' if late > 0 else 'early'}",
-                f"sensors.{name} of robot '{robot.name}'; the recording itself does not tell",
-                f"shift its stamps by {-late:+.2f} s",
-            )  # fmt: skip
+            late_words = f"is stamped {abs(late):.2f} s {'late' if late > 0 else 'early'}"
+            yield _known(robot, name, channel, late, "s", late_words, f"shift its stamps by {-late:+.2f} s")
+    if pose and sensors.clock_skew and "delay" not in told.get(experiment.channels[pose].topic, {}):
+        words = f"has a clock that runs away by {sensors.clock_skew:.0f} ppm"
+        yield _known(robot, SCALED, experiment.channels[pose], sensors.clock_skew, "ppm", words, "scale its stamps")
+    imu = experiment.channels.get("imu")
+    if imu is not None and "yaw_rate" in imu and sensors.gyro_flip and "scale" not in told.get(imu.topic, {}):
+        yield _known(robot, FLIPPED, imu, None, "-", "has yaw rates of the wrong sign", "turn its sign")
 
 
-def with_delays(robot: Robot, timed: Sequence[Aligned], word: str) -> Robot:
-    """A robot whose file says by how much streams were stamped late in these recordings, where they were mended.
+def _pose_key(experiment: Experiment) -> str | None:
+    """The channel whose poses motion is held against."""
+    return next((key for key in ("ground_truth_odom", "total_station") if key in experiment.channels), None)
+
+
+def _known(robot: Robot, name: str, channel: Channel, value: float | None, unit: str, words: str, mend: str) -> Finding:
+    """What the robot file says is wrong with a stream."""
+    return Finding(
+        name, channel.topic, value, robot.intervals.get(f"sensors.{name}"), unit, f"{channel.topic} {words}",
+        f"sensors.{name} of robot '{robot.name}'; the recording itself does not tell", mend,
+    )  # fmt: skip
+
+
+def with_faults(robot: Robot, timed: Sequence[Aligned], word: str) -> Robot:
+    """A robot whose file says what was wrong with streams in these recordings, where that was mended.
 
     Parameters
     ----------
@@ -133,17 +148,25 @@ def with_delays(robot: Robot, timed: Sequence[Aligned], word: str) -> Robot:
     word : str
         What the source begins with: ``identified`` or ``diagnosed``.
     """
-    delays, sources, intervals = dict[str, float](), dict(robot.sources), dict(robot.intervals)
-    for name in SHIFTED:
-        found = [(one.experiment.name, was) for one in timed for was in one.mended if was.name == name]
+    faults, sources, intervals = dict[str, float](), dict(robot.sources), dict(robot.intervals)
+    for name in (*SHIFTED, SCALED, FLIPPED):
+        found = [
+            (one.experiment.name, was)
+            for one in timed for was in one.mended if was.name == name and (name != SCALED or _of_poses(one, was))
+        ]  # fmt: skip
         if not found or len(found) < len(timed):  # in some recordings only: that is no property of the robot
             continue
         key = f"sensors.{name}"
-        delays[name] = float(np.mean([was.value for _, was in found]))
+        faults[name] = 1.0 if name == FLIPPED else float(np.mean([was.value for _, was in found]))
         sources[key] = f"{word}: from {', '.join(who for who, _ in found)}"
         ends = [was.interval for _, was in found if was.interval is not None]
         intervals |= {key: (min(low for low, _ in ends), max(high for _, high in ends))} if ends else {}
-    return replace(robot, sensors=replace(robot.sensors, **delays), sources=sources, intervals=intervals)
+    return replace(robot, sensors=replace(robot.sensors, **faults), sources=sources, intervals=intervals)
+
+
+def _of_poses(one: Aligned, was: Finding) -> bool:
+    key = _pose_key(one.experiment)
+    return key is not None and one.experiment.channels[key].topic == was.topic
 
 
 def _cut_at_leaps(experiment: Experiment, robot: Robot) -> tuple[tuple[float, float], ...]:

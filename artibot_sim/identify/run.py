@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.estimation.alignment import mean_shifts, on_one_clock, stream_table, what_is_wrong, with_delays
+from artibot_sim.estimation.alignment import mean_shifts, on_one_clock, stream_table, what_is_wrong, with_faults
 from artibot_sim.estimation.checks.recordings import require_usable
 from artibot_sim.estimation.encoder_noise import noise_share
 from artibot_sim.estimation.kinematic import kinematic_models
@@ -158,7 +158,7 @@ def identify(
     seconds = time.perf_counter() - begun
     predictions = tuple(h.summary for h in held)
     result = replace(
-        result, robot=with_delays(result.robot, timed, "identified"), findings=wrong,
+        result, robot=with_faults(result.robot, timed, "identified"), findings=wrong,
         streams=stream_table([*timed, *later]), remarks=(*fewer, *result.remarks), predictions=predictions,
         seconds=seconds,
     )  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from estimation.logger import trial
 
-from artibot_sim.estimation.alignment import on_one_clock, stream_table, with_delays
+from artibot_sim.estimation.alignment import on_one_clock, stream_table, with_faults
 from artibot_sim.model.robot.file import robot_from_dict, robot_to_dict
 
 
@@ -46,10 +46,10 @@ def test_what_one_recording_tells_of_a_delay_mends_another_that_does_not_tell() 
     robot, experiment, found = trial("gyro_delay", 11)
     (truth,) = (one for one in found if one.name == "gyro_delay")
     timed = on_one_clock([experiment], robot)
-    known = robot_from_dict(robot_to_dict(with_delays(robot, timed, "identified")))
+    known = robot_from_dict(robot_to_dict(with_faults(robot, timed, "identified")))
     assert known.sensors.gyro_delay == pytest.approx(truth.value) and known.sensors.rotation_delay == 0.0
     assert known.intervals["sensors.gyro_delay"] == pytest.approx(truth.interval)
-    assert with_delays(robot, [*timed, *on_one_clock([trial("none", 5)[1]], robot)], "identified") == robot
+    assert with_faults(robot, [*timed, *on_one_clock([trial("none", 5)[1]], robot)], "identified") == robot
 
     alone = {key: one for key, one in experiment.channels.items() if key in ("imu", "motor_torques")}
     still = replace(alone["motor_torques"], columns={n: 0.0 * v for n, v in alone["motor_torques"].columns.items()})
@@ -60,3 +60,33 @@ def test_what_one_recording_tells_of_a_delay_mends_another_that_does_not_tell() 
     assert [one.name for one in mended.mended] == ["gyro_delay"]
     (again,) = on_one_clock([experiment], known)  # it tells itself, and is shifted once
     np.testing.assert_array_equal(again.experiment.channels["imu"].t, timed[0].experiment.channels["imu"].t)
+
+
+def test_a_gyroscope_that_was_upside_down_once_is_turned_where_a_recording_does_not_tell() -> None:
+    robot, experiment, _ = trial("gyro_flip", 3)
+    known = robot_from_dict(robot_to_dict(with_faults(robot, on_one_clock([experiment], robot), "identified")))
+    assert known.sensors.gyro_flip == 1.0 and robot.sensors.gyro_flip == 0.0
+    motors = experiment.channels["motor_torques"]
+    still = replace(motors, columns={name: 0.0 * values for name, values in motors.columns.items()})
+    silent = replace(experiment, channels={"motor_torques": still, "imu": experiment.channels["imu"]})
+    (mended,) = on_one_clock([silent], known)
+    np.testing.assert_array_equal(mended.experiment.channels["imu"]["yaw_rate"], -silent.channels["imu"]["yaw_rate"])
+    (once,) = on_one_clock([experiment], known)  # it tells itself, and is turned once
+    np.testing.assert_array_equal(once.experiment.channels["imu"]["yaw_rate"], -experiment.channels["imu"]["yaw_rate"])
+    upright = replace(experiment, channels={**experiment.channels, "imu": once.experiment.channels["imu"]})
+    (right,) = on_one_clock([upright], known)  # it tells that it is right
+    np.testing.assert_array_equal(right.experiment.channels["imu"]["yaw_rate"], upright.channels["imu"]["yaw_rate"])
+
+
+def test_the_drift_of_a_clock_goes_into_the_robot_file_and_back() -> None:
+    robot, experiment, found = trial("clock_skew", 3)
+    (truth,) = (one for one in found if one.name == "clock_skew")
+    timed = on_one_clock([experiment], robot)
+    known = robot_from_dict(robot_to_dict(with_faults(robot, timed, "identified")))
+    assert known.sensors.clock_skew == pytest.approx(truth.value)
+    motors = experiment.channels["motor_torques"]
+    still = replace(motors, columns={name: 0.0 * values for name, values in motors.columns.items()})
+    channels = {"motor_torques": still, "ground_truth_odom": experiment.channels["ground_truth_odom"]}
+    (mended,) = on_one_clock([replace(experiment, channels=channels)], known)
+    before, after = channels["ground_truth_odom"].t, mended.experiment.channels["ground_truth_odom"].t
+    assert np.ptp(before) / np.ptp(after) - 1.0 == pytest.approx(1e-6 * truth.value, rel=1e-2)

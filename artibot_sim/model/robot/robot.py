@@ -161,11 +161,13 @@ class Readings:
 
 @dataclass(frozen=True)
 class Sensors:
-    """By how much a robot's streams are stamped late, as found in recordings of it; the simulation has none of it."""
+    """What is wrong with a robot's streams, as found in recordings of it; the simulation has none of it."""
 
     rotation_delay: float = quantity("s", -1.0, 1.0, "by which rotations of the motors are stamped late", 0.0)
     gyro_delay: float = quantity("s", -1.0, 1.0, "by which yaw rates are stamped late", 0.0)
     pose_delay: float = quantity("s", -1.0, 1.0, "by which poses are stamped late", 0.0)
+    clock_skew: float = quantity("ppm", -1e5, 1e5, "by which the clock of the poses is fast", 0.0)
+    gyro_flip: float = quantity("-", 0.0, 1.0, "1 where yaw rates have the wrong sign", 0.0)
 
 
 @dataclass(frozen=True)
@@ -190,7 +192,7 @@ class Robot:
     trailing : tuple of Trailing
         Modules behind `back`, from there on: ``module_3``, ``module_4``, …
     sensors : Sensors
-        By how much streams are stamped late.
+        What is wrong with its streams.
     odometry : WheelOdometry
         How sure wheel odometry is.
     suspension : str
