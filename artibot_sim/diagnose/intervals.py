@@ -172,7 +172,7 @@ def drawn(
     rng = np.random.default_rng(seed)
     # no window is left out: an effect may act in few of them
     weights = (rng.exponential(size=len(problem)) for _ in range(_DRAWS))
-    table = [problem.parameters.inside(one) for one in reweighted(problem, nodes, free, noise, weights)]
+    table = list(reweighted(problem, nodes, free, noise, weights))
     return np.mean(table, axis=0), np.atleast_2d(np.cov(np.array(table).T))
 
 

@@ -141,7 +141,7 @@ def from_curvature(problem: Problem, nodes: Sequence[Node], free: Sequence[int],
         cov[np.ix_(index, index)] = inverse
         mean = node.point.coordinates.copy()
         mean[index] -= inverse @ gradient
-        means.append(problem.parameters.mixing @ mean)
+        means.append(problem.parameters.mixing @ problem.parameters.inside(mean))
         covariances.append(problem.parameters.mixing @ cov @ problem.parameters.mixing.T)
         logs.append(0.5 * np.linalg.slogdet(inverse)[1] if index else 0.0)
     weight = np.exp(-0.5 * (loss - loss.min()) + np.array(logs) - max(logs)) * [node.width for node in nodes]
@@ -187,7 +187,10 @@ def from_bootstrap(problem: Problem, nodes: Sequence[Node], free: Sequence[int],
 def reweighted(
     problem: Problem, nodes: Sequence[Node], free: Sequence[int], noise: NoiseShare, weights: Iterable[Array]
 ) -> Iterator[Array]:
-    """Coordinates (p,) that windows of other weights (windows,) would have given: the best node, one step on."""
+    """Coordinates (p,) that windows of other weights (windows,) would have given: the best node, one step on.
+
+    Within bounds: where nothing but a bound stops a parameter, its loss is flat, and a step goes anywhere.
+    """
     index, prior = list(free), problem.parameters.prior_information
     losses = np.array([node.point.losses - noise.losses(node.point.coordinates) for node in nodes])
     pulls = [node.reduced.gradient - noise.pull(node.point.coordinates, index) for node in nodes]
@@ -197,4 +200,4 @@ def reweighted(
         H = np.einsum("w,wij->ij", weight, nodes[best].reduced.matrices) + prior[np.ix_(index, index)]
         if index:
             coordinates[index] -= np.linalg.solve(H, weight @ pulls[best] + (prior @ coordinates)[index])
-        yield coordinates
+        yield problem.parameters.inside(coordinates)
