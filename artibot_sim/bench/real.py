@@ -476,15 +476,17 @@ def command(data: Path | None, only: tuple[str, ...], models: tuple[str, ...], a
     if not grounds:
         raise ArtibotError(f"{folder}: none of the recordings is there; expected folders such as husky_drive_a")
     scores: list[Score] = []
-    for ground in grounds:
-        for score in judge(ground, folder, models or MODELS):
-            scores.append(score)
-            print(f"{score.ground}: {score.model}, {score.seconds:.0f} s", file=sys.stderr, flush=True)
-            for values in score.values:
-                print(f"    {values}", file=sys.stderr)
-    print(table_of(scores))
-    if as_json is not None:
-        write_files({as_json: (json.dumps([asdict(score) for score in scores], indent=1) + "\n").encode()})
+    try:
+        for ground in grounds:
+            for score in judge(ground, folder, models or MODELS):
+                scores.append(score)
+                print(f"{score.ground}: {score.model}, {score.seconds:.0f} s", file=sys.stderr, flush=True)
+                for values in score.values:
+                    print(f"    {values}", file=sys.stderr)
+    finally:  # what is judged is kept where a later model fails, or somebody stops it
+        print(table_of(scores))
+        if as_json is not None:
+            write_files({as_json: (json.dumps([asdict(score) for score in scores], indent=1) + "\n").encode()})
 
 
 if __name__ == "__main__":

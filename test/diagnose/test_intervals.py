@@ -92,6 +92,16 @@ def test_the_walk_goes_along_each_effect(fitted: tuple[Problem, Fit]) -> None:
         assert all(len(node.reduced.matrix) == len(free) for node in nodes)
 
 
+def test_draws_stay_within_bounds_where_the_loss_is_flat(fitted: tuple[Problem, Fit]) -> None:
+    problem, fit = fitted
+    count = len(problem)
+    silent = NoiseShare(fit.point.coordinates, np.zeros((count, len(CHANNEL_NAMES))), np.zeros((6, len(CHANNEL_NAMES))))
+    flat = replace(fit.reduced, gradient=1e3 * (1.0 + fit.reduced.gradient))
+    (drawn,) = reweighted(problem, [Node(fit.point, flat)], fit.free, silent, [np.ones(count)])
+    assert np.allclose(drawn, problem.parameters.inside(drawn))
+    problem.parameters.robot_at(drawn)
+
+
 def test_other_ends_of_a_search_count_as_far_as_windows_do_not_tell_them_apart(fitted: tuple[Problem, Fit]) -> None:
     problem, fit = fitted
     place, count = len(problem.parameters) - 1, len(problem)
