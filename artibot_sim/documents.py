@@ -38,7 +38,11 @@ def load_document(kind: str, name: str | os.PathLike[str], what: str, build: Cal
     ArtibotError
         Naming the file, the key, what was found, what was expected and the mend.
     """
-    path = _find(kind, name, what)
+    return read_document(_find(kind, name, what), what, build)
+
+
+def read_document(path: Path, what: str, build: Callable[[Any, str], Built]) -> Built:
+    """As `load_document`, of a YAML file that is known by its path."""
     try:
         if path.stat().st_size > LARGEST:
             raise ArtibotError(f"{path}: larger than {LARGEST} bytes, expected a {what} file")

@@ -7,6 +7,7 @@
 """
 
 from artibot_sim.model.equations.transmission import Mode
+from artibot_sim.model.ground import Ground, load_ground, random_ground
 from artibot_sim.model.robot.file import load_robot, save_robot
 from artibot_sim.model.robot.robot import MOTORS, WHEEL_JOINTS, WHEELS, Robot
 from artibot_sim.model.simulate.commands import Commands
@@ -18,13 +19,16 @@ __all__ = [
     "WHEELS",
     "WHEEL_JOINTS",
     "Commands",
+    "Ground",
     "Mode",
     "Robot",
     "Rollout",
     "State",
     "Status",
     "initial_state",
+    "load_ground",
     "load_robot",
+    "random_ground",
     "rollout",
     "save_robot",
 ]

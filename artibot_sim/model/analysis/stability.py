@@ -226,14 +226,18 @@ def _semi_implicit_limits(chain: _Chain, modes: tuple[int, ...]) -> Iterator[tup
 
 
 def _springs(chain: _Chain, implicit: bool = False) -> Iterator[tuple[float, float, str]]:
-    """Damping (1/s) and stiffness (1/s²) of each module's heave and roll, of the joint's gap, and of its yaw.
+    """Damping (1/s) and stiffness (1/s²) of each module's heave, roll and pitch, of the joint's gap, and of its yaw.
 
     Damping in the joint's yaw counts only where it is not taken implicitly.
     """
     p = chain.p
+    stiffer = max(1.0, p.steepness)  # along the normal of a slope; see `equations.uneven`
     for own, body in zip(chain.own, chain.bodies, strict=True):
-        for inverse in (4.0 / body.m, 4.0 * body.half_y**2 / body.J_x):
-            yield own.c_n * inverse, own.k_n * inverse, "vertical motion on the wheels"
+        modes = [4.0 / body.m, 4.0 * body.half_y**2 / body.J_x]
+        if p.steepness > 0.0 and p.pitching > 0.0:
+            modes.append(4.0 * body.half_x**2 / body.J_y)
+        for inverse in modes:
+            yield stiffer * own.c_n * inverse, stiffer * own.k_n * inverse, "vertical motion on the wheels"
     if chain.hinges and p.A_joint > 0.0:
         yield 2 * p.A_joint, p.A_joint**2, "control.A_joint"
     if chain.hinges and p.joint_damping + p.joint_stiffness > 0.0:

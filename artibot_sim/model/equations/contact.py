@@ -19,11 +19,12 @@ from artibot_sim.model.kernels.layout import Q_C
 class Pair(NamedTuple):
     """What the two wheels of a motor meet, the front one (f) and the back one (b).
 
-    p_x, p_yf, p_yb are the velocities of their centres, m/s; F_nf, F_nb normal forces, N. By N_f and N_b (N) eq. 16
-    decides whether a wheel slides: they are the same but where loads move, see `load_transfer`.
+    p_xf, p_xb, p_yf, p_yb are the velocities of their centres, m/s; F_nf, F_nb normal forces, N. By N_f and N_b (N)
+    eq. 16 decides whether a wheel slides: they are the same but where loads move, see `load_transfer`.
     """
 
-    p_x: float
+    p_xf: float
+    p_xb: float
     p_yf: float
     p_yb: float
     F_nf: float
@@ -75,6 +76,8 @@ class Soil(NamedTuple):
 
     u_f, u_b are how far ahead of the wheels' centres the forces act, m; load is the mean one of the rover's wheels, N.
     x, y is the middle between the two wheels in `map`, ahead_x, ahead_y from there to the front one, m: with effects.
+    stiffness_f and stiffness_b are factors of k_l and k_t under each wheel on uneven ground; None, at compile time, on
+    flat ground.
     """
 
     u_f: float
@@ -90,6 +93,8 @@ class Soil(NamedTuple):
     y: float
     ahead_x: float
     ahead_y: float
+    stiffness_f: float | None
+    stiffness_b: float | None
 
 
 @inlined
@@ -128,6 +133,7 @@ def wheel_pairs(body, p, fx, v_x, v_y, v_z, alpha_dot, gamma_dot, s_a, c_a, z, m
     """
     turn, sweep, slide = gamma_dot * body.half_y * c_a, gamma_dot * body.half_x * c_a, c_a * v_y + s_a * v_z
     front, back = slide + sweep, slide - sweep
+    on_right, on_left = v_x + turn, v_x - turn
     F_rf = normal_force(body, p, fx, module, 1.0, -1.0, v_z, alpha_dot, s_a, c_a, z)
     F_lf = normal_force(body, p, fx, module, 1.0, 1.0, v_z, alpha_dot, s_a, c_a, z)
     if fx is not None:
@@ -135,8 +141,8 @@ def wheel_pairs(body, p, fx, v_x, v_y, v_z, alpha_dot, gamma_dot, s_a, c_a, z, m
         F_lb = normal_force(body, p, fx, module, -1.0, 1.0, v_z, alpha_dot, s_a, c_a, z)
     else:
         F_rb, F_lb = F_rf, F_lf
-    right = Pair(v_x + turn, front, back, F_rf, F_rb, F_rf, F_rb)
-    return right, Pair(v_x - turn, front, back, F_lf, F_lb, F_lf, F_lb)
+    right = Pair(on_right, on_right, front, back, F_rf, F_rb, F_rf, F_rb)
+    return right, Pair(on_left, on_left, front, back, F_lf, F_lb, F_lf, F_lb)
 
 
 @inlined
@@ -148,24 +154,42 @@ def soil_under(body, p, fx, pair, x, y, s_g, c_g, c_a, side):
         ahead_x, ahead_y = c_g * body.half_x, s_g * body.half_x
         on_f = soil * hooks.grip(fx, out_x + ahead_x, out_y + ahead_y)
         on_b = soil * hooks.grip(fx, out_x - ahead_x, out_y - ahead_y)
-        u_f = p.u_w * hooks.lead(fx, pair.p_x, pair.p_yf)
-        u_b = p.u_w * hooks.lead(fx, pair.p_x, pair.p_yb)
+        u_f = p.u_w * hooks.lead(fx, pair.p_xf, pair.p_yf)
+        u_b = p.u_w * hooks.lead(fx, pair.p_xb, pair.p_yb)
         return Soil(
             u_f, u_b, soil * body.k_l, soil * body.k_t,
             on_f * body.mu_s, on_f * body.mu_d, on_b * body.mu_s, on_b * body.mu_d, p.load,
-            out_x, out_y, ahead_x, ahead_y,
+            out_x, out_y, ahead_x, ahead_y, None, None,
         )  # fmt: skip
     return Soil(
-        p.u_w, p.u_w, body.k_l, body.k_t, body.mu_s, body.mu_d, body.mu_s, body.mu_d, p.load, 0.0, 0.0, 0.0, 0.0
-    )
+        p.u_w, p.u_w, body.k_l, body.k_t, body.mu_s, body.mu_d, body.mu_s, body.mu_d, p.load, 0.0, 0.0, 0.0, 0.0,
+        None, None,
+    )  # fmt: skip
 
 
 @inlined
-def within_friction(body, fx, F_l, F_t, F_n, N, mu_s, mu_d, slip_l, slip_t):
+def times(factor, here):
+    """A factor with that of the ground `here`, which is None, at compile time, on flat ground."""
+    if here is None:
+        return factor
+    return factor * here
+
+
+@inlined
+def sliding_friction(body, mu_d, here):
+    """mu_d of the paper's model: that of the module's soil, or on uneven ground (see `times`) that under the wheel."""
+    if here is None:
+        return body.mu_d
+    return mu_d
+
+
+@inlined
+def within_friction(body, fx, F_l, F_t, F_n, N, mu_s, mu_d, slip_l, slip_t, here):
     """Eq. 16: F_l, F_t (N) within what friction holds, and the share of them that is left, 1 where nothing is cut.
 
-    `N` decides whether it is, see `Pair`. With a branch, for one rover alone: roots and quotients of those wheels only
-    that slide. So that the compiler keeps it, mu_d of the paper's model is read, and forces are multiplied, inside.
+    `N` decides whether it is, see `Pair`; for `here` see `times`. With a branch, for one rover alone: roots and
+    quotients of those wheels only that slide. So that the compiler keeps it, mu_d of the paper's model is read, and
+    forces are multiplied, inside.
     """
     F_h2 = F_l * F_l + F_t * F_t
     limit = mu_s * N
@@ -173,14 +197,14 @@ def within_friction(body, fx, F_l, F_t, F_n, N, mu_s, mu_d, slip_l, slip_t):
         if fx is not None:
             mu_d = hooks.friction(fx, mu_s, mu_d, math.sqrt(slip_l * slip_l + slip_t * slip_t))
         else:
-            mu_d = body.mu_d
+            mu_d = sliding_friction(body, mu_d, here)
         held = mu_d * F_n / math.sqrt(F_h2)
         return F_l * held, F_t * held, held
     return F_l, F_t, 1.0
 
 
 @inlined
-def within_friction_lanes(body, fx, F_l, F_t, F_n, N, mu_s, mu_d, slip_l, slip_t):
+def within_friction_lanes(body, fx, F_l, F_t, F_n, N, mu_s, mu_d, slip_l, slip_t, here):
     """As `within_friction` without a branch, so that loops over many rovers become vector code."""
     F_h2 = F_l * F_l + (F_t * F_t + 1e-30)  # so that there is a root to divide by
     limit = mu_s * N
@@ -218,15 +242,22 @@ def stiffer(fx, F_n, load, rim, p_x, p_y):
 @inlined
 def at_wheel(pair, soil, rim, angle, end):
     """With effects: what a law may follow at the wheel at `end` (1 in front, −1 behind) of a motor's two."""
-    p_y, F_n = (pair.p_yf, pair.F_nf) if end > 0.0 else (pair.p_yb, pair.F_nb)
+    p_x, p_y, F_n = (pair.p_xf, pair.p_yf, pair.F_nf) if end > 0.0 else (pair.p_xb, pair.p_yb, pair.F_nb)
     x, y = soil.x + end * soil.ahead_x, soil.y + end * soil.ahead_y
-    return Own(pair.p_x, p_y, rim - pair.p_x, angle, x, y, F_n)
+    return Own(p_x, p_y, rim - p_x, angle, x, y, F_n)
+
+
+@inlined
+def mean(a, b):
+    """Of two numbers; of two that are the same it is that to the bit."""
+    return a + 0.5 * (b - a)
 
 
 @inlined
 def at_pair(pair, soil, rim, angle):
     """With effects: what a law may follow in the middle between the two wheels of a motor."""
-    return Own(pair.p_x, 0.5 * (pair.p_yf + pair.p_yb), rim - pair.p_x, angle, soil.x, soil.y, pair.F_nf + pair.F_nb)
+    p_x, p_y = mean(pair.p_xf, pair.p_xb), 0.5 * (pair.p_yf + pair.p_yb)
+    return Own(p_x, p_y, rim - p_x, angle, soil.x, soil.y, pair.F_nf + pair.F_nb)
 
 
 @inlined
@@ -303,37 +334,41 @@ def wheel_forces(friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept
     F_tf, F_tb = -soil.k_t * pair.p_yf, -soil.k_t * pair.p_yb
     if fx is not None:
         r_f, r_b = hooks.radius(fx, 2 * motor, angle), hooks.radius(fx, 2 * motor + 1, angle)
-        slip_f, slip_b = r_f * rim - pair.p_x, r_b * rim - pair.p_x
-        s_f = stiffer(fx, pair.F_nf, soil.load, r_f * rim, pair.p_x, pair.p_yf)
-        s_b = stiffer(fx, pair.F_nb, soil.load, r_b * rim, pair.p_x, pair.p_yb)
+        slip_f, slip_b = r_f * rim - pair.p_xf, r_b * rim - pair.p_xb
+        s_f = times(stiffer(fx, pair.F_nf, soil.load, r_f * rim, pair.p_xf, pair.p_yf), soil.stiffness_f)
+        s_b = times(stiffer(fx, pair.F_nb, soil.load, r_b * rim, pair.p_xb, pair.p_yb), soil.stiffness_b)
         F_lf, F_lb = s_f * (soil.k_l * slip_f), s_b * (soil.k_l * slip_b)
         F_tf, F_tb, wide = s_f * F_tf, s_b * F_tb, hooks.lateral_grip(fx)
         narrow, rate_f, rate_b = 1.0 / wide, 0.0, 0.0
         if len(kept_f) == 3:
-            F_tf, rate_f = relaxed(fx, F_tf, pair.p_x, kept_f[0], dt)
-            F_tb, rate_b = relaxed(fx, F_tb, pair.p_x, kept_b[0], dt)
+            F_tf, rate_f = relaxed(fx, F_tf, pair.p_xf, kept_f[0], dt)
+            F_tb, rate_b = relaxed(fx, F_tb, pair.p_xb, kept_b[0], dt)
             stiff_f, renewal_f = hooks.bristle(fx, r_f * rim)
             stiff_b, renewal_b = hooks.bristle(fx, r_b * rim)
             k_lf, k_tf, k_lb, k_tb = s_f * soil.k_l, s_f * soil.k_t, s_b * soil.k_l, s_b * soil.k_t
             F_lf, F_lb = held_by(F_lf, stiff_f, k_lf, kept_f[1]), held_by(F_lb, stiff_b, k_lb, kept_b[1])
             F_tf, F_tb = held_by(F_tf, stiff_f, k_tf, kept_f[2]), held_by(F_tb, stiff_b, k_tb, kept_b[2])
     else:
-        r_f = r_b = s_f = s_b = wide = narrow = 1.0
+        r_f = r_b = wide = narrow = 1.0
+        s_f, s_b = times(1.0, soil.stiffness_f), times(1.0, soil.stiffness_b)
         rate_f = rate_b = 0.0
-        slip_f = slip_b = rim - pair.p_x
-        F_lf = F_lb = soil.k_l * slip_f
+        slip_f, slip_b = rim - pair.p_xf, rim - pair.p_xb
+        F_lf, F_lb = s_f * (soil.k_l * slip_f), s_b * (soil.k_l * slip_b)
+        F_tf, F_tb = s_f * F_tf, s_b * F_tb
     F_lf, F_tf, held_f = friction(
-        body, fx, F_lf, narrow * F_tf, pair.F_nf, pair.N_f, soil.mu_sf, soil.mu_df, slip_f, pair.p_yf
+        body, fx, F_lf, narrow * F_tf, pair.F_nf, pair.N_f, soil.mu_sf, soil.mu_df, slip_f, pair.p_yf,
+        soil.stiffness_f,
     )  # fmt: skip
     F_lb, F_tb, held_b = friction(
-        body, fx, F_lb, narrow * F_tb, pair.F_nb, pair.N_b, soil.mu_sb, soil.mu_db, slip_b, pair.p_yb
+        body, fx, F_lb, narrow * F_tb, pair.F_nb, pair.N_b, soil.mu_sb, soil.mu_db, slip_b, pair.p_yb,
+        soil.stiffness_b,
     )  # fmt: skip
     more_f = more_b = 0.0, 0.0
     if fx is not None:
         more_f = by_load(F_lf, wide * F_tf, held_f, pair.F_nf)
         more_b = by_load(F_lb, wide * F_tb, held_b, pair.F_nb)
     F_l = F_lf + F_lb
-    at_rim, slope = F_l, soil.k_l * (held_f + held_b)
+    at_rim, slope = F_l, soil.k_l * (s_f * held_f + s_b * held_b)
     R_lf = R_lb = R_tf = R_tb = 0.0
     bent_f = bent_b = 0.0, 0.0
     if fx is not None:
@@ -346,8 +381,8 @@ def wheel_forces(friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept
                 stiff_b, renewal_b, k_lb, k_tb, held_b * slip_b, -held_b * pair.p_yb, narrow, soil.mu_sb * pair.F_nb,
                 kept_b[1], kept_b[2], dt,
             )  # fmt: skip
-        R_lf, R_tf = hooks.wheel_resist(fx, soil.mu_sf * pair.F_nf, pair.p_x, pair.p_yf)
-        R_lb, R_tb = hooks.wheel_resist(fx, soil.mu_sb * pair.F_nb, pair.p_x, pair.p_yb)
+        R_lf, R_tf = hooks.wheel_resist(fx, soil.mu_sf * pair.F_nf, pair.p_xf, pair.p_yf)
+        R_lb, R_tb = hooks.wheel_resist(fx, soil.mu_sb * pair.F_nb, pair.p_xb, pair.p_yb)
         more_f = more_f[0] + R_lf / max(pair.F_nf, LIGHT), more_f[1] + R_tf / max(pair.F_nf, LIGHT)
         more_b = more_b[0] + R_lb / max(pair.F_nb, LIGHT), more_b[1] + R_tb / max(pair.F_nb, LIGHT)
         at_rim, slope = r_f * F_lf + r_b * F_lb, soil.k_l * (r_f * r_f * s_f * held_f + r_b * r_b * s_b * held_b)
@@ -381,7 +416,7 @@ def pair_forces(friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept_
 @inlined
 def under(pair, F_nf, F_nb, N_f, N_b):
     """With effects: a `Pair` under other loads."""
-    return Pair(pair.p_x, pair.p_yf, pair.p_yb, F_nf, F_nb, N_f, N_b)
+    return Pair(pair.p_xf, pair.p_xb, pair.p_yf, pair.p_yb, F_nf, F_nb, N_f, N_b)
 
 
 @inlined

@@ -78,12 +78,35 @@ def about_mass_centre(body, p, fx, loads, forces, s_g, c_g, module):
 
     `loads` are what `module_loads` gives.
     """
-    x, y, z, alpha, gamma = forces
+    x, y, z, alpha, gamma = forces[0], forces[1], forces[2], forces[3], forces[4]
     push_x, push_y, load_x, load_y, turn = loads
     x, y, gamma = x + (push_x + load_x), y + (push_y + load_y), gamma + turn
     r_x, r_y = mass_centre(fx, module, s_g, c_g)
-    _, left = hooks.centre(fx, module)
-    return x, y, z, alpha + body.m * p.g_z * left, gamma - (r_x * y - r_y * x)
+    ahead, left = hooks.centre(fx, module)
+    alpha, gamma = alpha + body.m * p.g_z * left, gamma - (r_x * y - r_y * x)
+    return with_pitch(forces, (x, y, z, alpha, gamma), on_pitch(forces) - p.pitching * body.m * p.g_z * ahead)
+
+
+@inlined
+def on_pitch(numbers):
+    """What stands for beta in forces or accelerations of (x, y, z, alpha, gamma): a sixth number on uneven ground."""
+    if len(numbers) == 6:
+        return numbers[5]
+    return 0.0
+
+
+@inlined
+def with_pitch(like, five, beta):
+    """Forces or accelerations of (x, y, z, alpha, gamma), and that of beta where `like` has one."""
+    if len(like) == 6:
+        return five[0], five[1], five[2], five[3], five[4], beta
+    return five
+
+
+@inlined
+def turned(free, more):
+    """Free accelerations with `more` on gamma (rad/s²)."""
+    return with_pitch(free, (free[0], free[1], free[2], free[3], free[4] + more), on_pitch(free))
 
 
 @inlined
@@ -139,15 +162,19 @@ def module_gravity(body, p, module, w):
 
 @inlined
 def free_acceleration(body, p, fx, s_g, c_g, forces, loads, module):
-    """M⁻¹ n of one module's x, y, z, alpha and gamma, the joint left out; beta has none.
+    """M⁻¹ n of one module's x, y, z, alpha and gamma, the joint left out; beta has none but on uneven ground.
 
     With effects x and y are those of the centre of mass, and `loads` are what `module_loads` gives.
     """
+    acting = forces
     if fx is not None:
-        forces = about_mass_centre(body, p, fx, loads, forces, s_g, c_g, module)
-    x, y, z, alpha, gamma = forces
-    m = body.inverse[0]
-    return p.g_x + m * x, p.g_y + m * y, p.g_z + body.inverse[2] * z, body.inverse[3] * alpha, body.inverse[5] * gamma
+        acting = about_mass_centre(body, p, fx, loads, forces, s_g, c_g, module)
+    m, J_x, J_y, J_z = body.inverse[0], body.inverse[3], body.inverse[4], body.inverse[5]
+    free = (
+        p.g_x + m * acting[0], p.g_y + m * acting[1], p.g_z + body.inverse[2] * acting[2], J_x * acting[3],
+        J_z * acting[4],
+    )  # fmt: skip
+    return with_pitch(forces, free, J_y * on_pitch(acting))
 
 
 @inlined
@@ -247,8 +274,10 @@ def multipliers(v, p, geometry, free_f, free_b):
     """
     bias, front, back, factors = geometry
     A, j = 2.0 * p.A_joint, BACK
-    f = at_joint(front, free_f[3] + A * v[ALPHA], A * v[BETA], free_f[4] + A * v[GAMMA])
-    b = at_joint(back, free_b[3] + A * v[j + ALPHA], A * v[j + BETA], free_b[4] + A * v[j + GAMMA])
+    f = at_joint(front, free_f[3] + A * v[ALPHA], on_pitch(free_f) + A * v[BETA], free_f[4] + A * v[GAMMA])
+    b = at_joint(
+        back, free_b[3] + A * v[j + ALPHA], on_pitch(free_b) + A * v[j + BETA], free_b[4] + A * v[j + GAMMA]
+    )  # fmt: skip
     return solve4(
         factors,
         (bias[0] + free_f[0] - free_b[0] + A * (v[X] - v[j + X])) + (f[0] + b[0]),
@@ -274,7 +303,7 @@ def jointed(body, columns, free, push, multiplier, module, w):
     w[o], w[o + 1], w[o + 2], w[o + 3], w[o + 4], w[o + 5] = x, y, z, alpha, beta, gamma
     w[c + X], w[c + Y], w[c + Z] = free[0] + m * x, free[1] + m * y, free[2] + body.inverse[2] * z
     w[c + ALPHA] = free[3] + body.inverse[3] * alpha
-    w[c + BETA] = body.inverse[4] * beta
+    w[c + BETA] = on_pitch(free) + body.inverse[4] * beta
     w[c + GAMMA] = free[4] + body.inverse[5] * gamma
 
 
@@ -312,10 +341,7 @@ def turned_by_joint(p, fx, v, geometry, front, back, angle, dt, w):
 @inlined
 def twisted(p, front, back, torque):
     """Free accelerations with a `torque` (N m) between the modules that turns the front one left."""
-    return (
-        (front[0], front[1], front[2], front[3], front[4] + p.front.inverse[5] * torque),
-        (back[0], back[1], back[2], back[3], back[4] - p.back.inverse[5] * torque),
-    )
+    return turned(front, p.front.inverse[5] * torque), turned(back, -p.back.inverse[5] * torque)
 
 
 @inlined

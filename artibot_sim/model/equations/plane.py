@@ -74,8 +74,9 @@ def module_pairs(body, ground, fx, at, s_g, c_g):
     """What the wheels right and left meet (Pair), and the soil under them (Soil)."""
     v_x, v_y = c_g * at.x_dot + s_g * at.y_dot, c_g * at.y_dot - s_g * at.x_dot
     turn, sweep = at.gamma_dot * body.half_y, at.gamma_dot * body.half_x
-    pair_r = Pair(v_x + turn, v_y + sweep, v_y - sweep, body.F_rf, body.F_rb, body.F_rf, body.F_rb)
-    pair_l = Pair(v_x - turn, v_y + sweep, v_y - sweep, body.F_lf, body.F_lb, body.F_lf, body.F_lb)
+    right, left, front, back = v_x + turn, v_x - turn, v_y + sweep, v_y - sweep
+    pair_r = Pair(right, right, front, back, body.F_rf, body.F_rb, body.F_rf, body.F_rb)
+    pair_l = Pair(left, left, front, back, body.F_lf, body.F_lb, body.F_lf, body.F_lb)
     soil_r = soil_under(body, ground, fx, pair_r, at.x, at.y, s_g, c_g, 1.0, -1.0)
     soil_l = soil_under(body, ground, fx, pair_l, at.x, at.y, s_g, c_g, 1.0, 1.0)
     return pair_r, pair_l, soil_r, soil_l

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+from artibot_sim.model.ground.raster import Surface
 from artibot_sim.model.kernels import loop, plane_loop
 
 
-def advance(integrator: str, given: tuple[Any, ...], effects: tuple[Any, ...] = ()) -> tuple[int, int]:
-    """Advance a rover, in place; whoever starts level stays so.
+def advance(
+    integrator: str, given: tuple[Any, ...], effects: tuple[Any, ...] = (), ground: Surface | None = None
+) -> tuple[int, int]:
+    """Advance a rover, in place; whoever starts level stays so, but on uneven ground.
 
     Parameters
     ----------
@@ -17,14 +20,19 @@ def advance(integrator: str, given: tuple[Any, ...], effects: tuple[Any, ...] = 
         What `loop.integrate_rk4` takes, but for effects.
     effects : tuple, optional
         Effects' record, and in a tuple what the wheels remember where an effect has them do so, see `layout.MEMORY`.
+    ground : Surface, optional
+        Flat ground without.
 
     Returns
     -------
     tuple of int
-        `loop.OK` or `loop.DIVERGED`, and the number of rows written.
+        `loop.OK`, `loop.DIVERGED` or `loop.STOPPED`, and the number of rows written.
     """
     implicit = integrator == "semi_implicit"
+    in_space: Any = loop.integrate_semi_implicit if implicit else loop.integrate_rk4
+    if ground is not None:
+        return in_space(*given, *(effects or (None, ())), ground)
     status, rows = (plane_loop.level_semi if implicit else plane_loop.level_rk4)(*given, *effects)
     if status != plane_loop.LEAVES:
         return status, rows
-    return (loop.integrate_semi_implicit if implicit else loop.integrate_rk4)(*given, *effects)
+    return in_space(*given, *effects)

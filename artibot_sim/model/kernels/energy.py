@@ -6,10 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model.effects import hooks
+from artibot_sim.model.equations import uneven
 from artibot_sim.model.equations.contact import normal_force, unloaded_radius
 from artibot_sim.model.equations.dynamics import mass_centre
 from artibot_sim.model.equations.plane import module_pairs
 from artibot_sim.model.equations.transmission import ROLLING_WIDTH, rolling_sign
+from artibot_sim.model.ground.raster import Ground, Surface, sample
 from artibot_sim.model.kernels.compilation import inlined
 from artibot_sim.model.kernels.elementary import sincos, tanh_alone
 from artibot_sim.model.kernels.integrators import EFFICIENCY, coordinate_of, motor_count, motor_of
@@ -18,6 +20,7 @@ from artibot_sim.model.kernels.layout import (
     ALPHA,
     BACK,
     BEHIND,
+    BETA,
     E_ARTICULATION,
     E_DRAG,
     E_GEAR,
@@ -51,6 +54,7 @@ from artibot_sim.model.kernels.layout import (
     Z,
 )
 from artibot_sim.model.robot.derived import params
+from artibot_sim.model.robot.parameters import ModuleParams, Params
 from artibot_sim.model.robot.robot import Robot
 
 # ----------------------------------------------------------------------
@@ -115,6 +119,48 @@ def wheel_powers(body, p, fx, q, v, module, base, number, w, out):
 
 
 @inlined
+def uneven_powers(body, p, fx, ground, q, v, b, number, w, out):
+    """As `wheel_powers` on uneven ground, where the normal force is the gradient of what its spring stores.
+
+    `E_offset` holds what the height does at which forces act, too (effect `com_height`).
+    """
+    s_a, c_a = sincos(q[b + ALPHA])
+    s_g, c_g = sincos(q[b + GAMMA])
+    at = uneven.attitude_of(p, s_a, c_a, q[b + BETA], s_g, c_g)
+    sides = uneven.sides_of(body, p, fx, ground, number, at, q, v, b)
+    for i in range(4):
+        j, side = 4 * number + i, sides[0] if i < 2 else sides[1]
+        foot = side.front if i % 2 == 0 else side.back
+        motor = j // 2
+        unit = motor_of(p, motor)
+        omega = unit.tau * v[coordinate_of(motor)]
+        F_l, F_t, u_w, rim = w[F_L + j], w[F_T + j], p.u_w, unit.r_w * omega
+        if fx is not None:
+            rim *= hooks.radius(fx, j, unit.tau * q[coordinate_of(motor)])
+            u_w *= hooks.lead(fx, w[P_X + j], w[P_Y + j])
+        force = uneven.pushed(foot, F_l, F_t)
+        offset = u_w * v[b + GAMMA] * at.c_b * force[1]
+        if fx is not None:
+            m_a, m_g, m_b = uneven.lever_below(p, fx, at, force)
+            offset += m_a * v[b + ALPHA] + m_b * v[b + BETA] + m_g * v[b + GAMMA]
+        out[E_SLIP_L + j] = F_l * (rim - w[P_X + j])
+        out[E_SLIP_T + j] = -F_t * w[P_Y + j]
+        out[E_OFFSET + j] = -offset
+        out[E_ROLLING + j] = u_w * omega * (F_l if p.literal_eq22 else w[F_N + j] * rolling_sign(omega))
+        out[E_NORMAL + j] = (foot.upward - p.k_n * max(foot.sunk, 0.0)) * foot.sinking
+        out[E_TILT + j] = 0.0
+
+
+@inlined
+def module_powers(body, p, fx, ground, q, v, b, number, w, out):
+    """Power dissipated between the wheels of one of two modules and the ground, which is flat or not."""
+    if len(ground) == 0:
+        wheel_powers(body, p, fx, q, v, b, 4 * number, number, w, out)
+    else:
+        uneven_powers(body, p, fx, ground, q, v, b, number, w, out)
+
+
+@inlined
 def load_power(v, module, base, w):
     """Power of the effects' forces on one module, W."""
     o = LOAD + base
@@ -122,15 +168,15 @@ def load_power(v, module, base, w):
 
 
 @inlined
-def powers(q, v, p, fx, w, out):
+def powers(q, v, p, fx, ground, w, out):
     """Power of every contribution (W) at a state whose row is `w`, into `out` (ENERGIES,)."""
     motor_powers(v, p, fx, w, out)
-    wheel_powers(p.front, p, fx, q, v, 0, 0, FRONT, w, out)
+    module_powers(p.front, p, fx, ground, q, v, 0, FRONT, w, out)
     if fx is not None:
         out[E_ARTICULATION] = w[M_J] * (v[BACK + GAMMA] - v[GAMMA])
         out[E_PUSH] = w[PUSH] * v[X] + w[PUSH + 1] * v[Y] + load_power(v, 0, 0, w)
     if p.two:
-        wheel_powers(p.back, p, fx, q, v, BACK, 4, BEHIND, w, out)
+        module_powers(p.back, p, fx, ground, q, v, BACK, BEHIND, w, out)
         if fx is not None:
             out[E_PUSH] += load_power(v, BACK, 3, w)
         total = 0.0
@@ -139,13 +185,17 @@ def powers(q, v, p, fx, w, out):
         out[E_JOINT] = total
 
 
-def stored_energy(robot: Robot, q: NDArray[np.float64], v: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+def stored_energy(
+    robot: Robot, q: NDArray[np.float64], v: NDArray[np.float64], ground: Ground | None = None
+) -> dict[str, NDArray[np.float64]]:
     """Energies stored in a state.
 
     Parameters
     ----------
     q, v : array, shape (n, 16)
         States (eqs 10, 11).
+    ground : Ground, optional
+        Flat ground without.
 
     Returns
     -------
@@ -162,10 +212,30 @@ def stored_energy(robot: Robot, q: NDArray[np.float64], v: NDArray[np.float64]) 
         inertia = 1.0 / np.array(body.inverse)
         kinetic += 0.5 * (v[:, b : b + 6] ** 2) @ inertia
         gravity -= body.m * (q[:, b : b + 3] @ np.array([p.g_x, p.g_y, p.g_z]))
+        if ground is not None:
+            elastic += _elastic_on(p, body, q[:, b : b + 6], ground.under_wheels(robot.wheel.r_w))
+            continue
         for y in (-body.half_y, body.half_y):
             deflection = np.maximum(body.r_0 - q[:, b + Z] - y * np.sin(q[:, b + ALPHA]), 0.0)
             elastic += 2 * 0.5 * p.k_n * deflection**2
     return {"kinetic": kinetic, "spin": spin, "gravity": gravity, "elastic": elastic}
+
+
+def _elastic_on(p: Params, body: ModuleParams, q: NDArray[np.float64], ground: Surface) -> NDArray[np.float64]:
+    """What the wheels' springs of a module store on uneven ground, J, at its six coordinates q (n, 6)."""
+    s_a, c_a, s_g, c_g = (turn(q[:, i]) for i in (ALPHA, GAMMA) for turn in (np.sin, np.cos))
+    s_b, c_b = np.sin(p.pitching * q[:, BETA]), np.cos(p.pitching * q[:, BETA])
+    elastic, rock = np.zeros(len(q)), 0.5 * (1.0 - p.pitching)
+    for y in (-body.half_y, body.half_y):
+        heights, above = [], []
+        for x in (body.half_x, -body.half_x):
+            r_x, r_y = c_b * x + s_b * s_a * y, c_a * y
+            heights.append(sample(ground, q[:, X] + c_g * r_x - s_g * r_y, q[:, Y] + s_g * r_x + c_g * r_y)[0])
+            above.append(q[:, Z] - s_b * x + c_b * s_a * y)
+        tilt = rock * (heights[0] - heights[1])
+        for height, z in zip(heights, (above[0] + tilt, above[1] - tilt), strict=True):
+            elastic += 0.5 * p.k_n * np.maximum(body.r_0 + height - z, 0.0) ** 2
+    return elastic
 
 
 # ----------------------------------------------------------------------
@@ -185,8 +255,8 @@ def pair_powers(p, fx, unit, pair, forces, motor, theta, omega, gamma_dot, weigh
     roll_f, roll_b = forces.u_f * (forces.F_nf * sign), forces.u_b * (forces.F_nb * sign)
     if p.literal_eq22:
         roll_f, roll_b = p.u_w * (r_f * forces.F_lf), p.u_w * (r_b * forces.F_lb)
-    e[E_SLIP_L + i] += weight * (forces.F_lf * (r_f * rim - pair.p_x))
-    e[E_SLIP_L + i + 1] += weight * (forces.F_lb * (r_b * rim - pair.p_x))
+    e[E_SLIP_L + i] += weight * (forces.F_lf * (r_f * rim - pair.p_xf))
+    e[E_SLIP_L + i + 1] += weight * (forces.F_lb * (r_b * rim - pair.p_xb))
     e[E_SLIP_T + i] -= weight * (forces.F_tf * pair.p_yf)
     e[E_SLIP_T + i + 1] -= weight * (forces.F_tb * pair.p_yb)
     e[E_OFFSET + i] -= lead * (forces.u_f * forces.F_tf)

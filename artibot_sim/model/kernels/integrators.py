@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from artibot_sim.model.effects import hooks
 from artibot_sim.model.effects.force_law import note_module, note_whole, seen_in
+from artibot_sim.model.equations import uneven
 from artibot_sim.model.equations.contact import (
     generalised_forces,
     load_transfer,
@@ -31,6 +32,7 @@ from artibot_sim.model.equations.dynamics import (
     jointed,
     module_loads,
     multipliers,
+    on_pitch,
     turned_by_joint,
     write_loads,
 )
@@ -323,7 +325,7 @@ def write_rates(fx, forces, wheels, wheel, lags, first):
 def write_wheels(pair, forces, motor, w):
     """What the two wheels of a motor meet and do, into the row."""
     i = 2 * motor
-    w[P_X + i] = w[P_X + i + 1] = pair.p_x
+    w[P_X + i], w[P_X + i + 1] = pair.p_xf, pair.p_xb
     w[P_Y + i], w[P_Y + i + 1] = pair.p_yf, pair.p_yb
     w[F_N + i], w[F_N + i + 1] = forces.F_nf, forces.F_nb
     w[F_L + i], w[F_L + i + 1], w[F_T + i], w[F_T + i + 1] = forces.F_lf, forces.F_lb, forces.F_tf, forces.F_tb
@@ -389,6 +391,42 @@ def module_forces(body, right, left, q, v, p, fx, s_a, c_a, s_g, c_g, module, mo
 
 
 @inlined
+def module_on_uneven(body, right, left, q, v, p, fx, ground, trig, module, modes, drive, hold, lags, dt, w):
+    """As `module_forces` on uneven `ground`; `trig` are sines and cosines of roll and yaw.
+
+    Returns
+    -------
+    tuple of 6 floats
+        Free accelerations of x, y, z, alpha, gamma and beta.
+    """
+    s_a, c_a, s_g, c_g = trig
+    b, motor = BACK * module, 2 * module
+    at = uneven.attitude_of(p, s_a, c_a, q[b + BETA], s_g, c_g)
+    sides = uneven.sides_of(body, p, fx, ground, module, at, q, v, b)
+    on_r, on_l = sides
+    on_right = move_side(body, p, fx, right, modes, motor, q, v, on_r.pair, on_r.soil, drive, hold, lags, dt, w)
+    on_left = move_side(body, p, fx, left, modes, motor + 1, q, v, on_l.pair, on_l.soil, drive, hold, lags, dt, w)
+    forces = uneven.generalised_forces(p, fx, at, sides, on_right, on_left, module, w)
+    loads = 0.0, 0.0, 0.0, 0.0, 0.0
+    if fx is not None:
+        forward = c_g * v[b + X] + s_g * v[b + Y]
+        loads = module_loads(body, fx, module, forward, on_right, on_left, s_g, c_g, c_a)
+        write_loads(loads, module, w)
+    return free_acceleration(body, p, fx, s_g, c_g, forces, loads, module)
+
+
+@inlined
+def module_alone(body, right, left, q, v, p, fx, ground, trig, module, modes, drive, hold, lags, dt, w):
+    """One module on flat ground (`ground` is empty, at compile time) or on uneven one, the joint left out."""
+    if len(ground) == 0:
+        s_a, c_a, s_g, c_g = trig
+        return module_forces(
+            body, right, left, q, v, p, fx, s_a, c_a, s_g, c_g, module, modes, drive, hold, lags, dt, w
+        )  # fmt: skip
+    return module_on_uneven(body, right, left, q, v, p, fx, ground, trig, module, modes, drive, hold, lags, dt, w)
+
+
+@inlined
 def note_instant(p, fx, q, v, s_f, c_f, s_b, c_b):
     """With effects: what laws may see of a rover at (q, v), whose modules' yaws have these sines and cosines."""
     seen, b = seen_in(fx), BACK
@@ -405,29 +443,31 @@ def note_instant(p, fx, q, v, s_f, c_f, s_b, c_b):
 
 
 @inlined
-def accelerations(q, v, p, fx, modes, drive, hold, lags, dt, w):
+def accelerations(q, v, p, fx, ground, modes, drive, hold, lags, dt, w):
     """All of eq. 28 at (q, v): every contribution and the accelerations of all coordinates, into the row.
 
-    At an instant (`dt` None), or as a semi-implicit step of `dt` (s) takes them.
+    At an instant (`dt` None), or as a semi-implicit step of `dt` (s) takes them. `ground` is empty, at compile time,
+    where it is flat.
     """
     trig = attitude(q)
     geometry = joint_geometry(q, v, p, fx, trig)
     sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b = trig
     if fx is not None:
         note_instant(p, fx, q, v, sg_f, cg_f, sg_b, cg_b)
-    front = module_forces(
-        p.front, p.right_front, p.left_front, q, v, p, fx, sa_f, ca_f, sg_f, cg_f, FRONT, modes, drive, hold,
+    front = module_alone(
+        p.front, p.right_front, p.left_front, q, v, p, fx, ground, (sa_f, ca_f, sg_f, cg_f), FRONT, modes, drive, hold,
         lags, dt, w,
     )  # fmt: skip
     if not p.two:
         for i in range(3):
             w[ACC + i] = front[i]
         w[ACC + ALPHA], w[ACC + GAMMA] = front[3], front[4]
+        w[ACC + BETA] = on_pitch(front)
         if fx is not None:
             back_to_origin(fx, v, sg_f, cg_f, FRONT, w)
         return
-    back = module_forces(
-        p.back, p.right_back, p.left_back, q, v, p, fx, sa_b, ca_b, sg_b, cg_b, BEHIND, modes, drive, hold,
+    back = module_alone(
+        p.back, p.right_back, p.left_back, q, v, p, fx, ground, (sa_b, ca_b, sg_b, cg_b), BEHIND, modes, drive, hold,
         lags, dt, w,
     )  # fmt: skip
     if fx is not None:
@@ -442,17 +482,17 @@ def accelerations(q, v, p, fx, modes, drive, hold, lags, dt, w):
 
 
 @inlined
-def right_hand_side(q, v, p, fx, modes, drive, hold, lags, w):
+def right_hand_side(q, v, p, fx, ground, modes, drive, hold, lags, w):
     """Accelerations of all coordinates at (q, v), with every contribution, into the row."""
-    accelerations(q, v, p, fx, modes, drive, hold, lags, None, w)
+    accelerations(q, v, p, fx, ground, modes, drive, hold, lags, None, w)
 
 
 @inlined
-def semi_implicit_step(q, v, p, fx, modes, drive, hold, lags, dt, w):
+def semi_implicit_step(q, v, p, fx, ground, modes, drive, hold, lags, dt, w):
     """Advance (q, v) in place by `dt`; the row then holds the contributions that acted.
 
     ``drive[D_DDOT:]`` holds the mean acceleration of the commands over the step.
     """
-    accelerations(q, v, p, fx, modes, drive, hold, lags, dt, w)
+    accelerations(q, v, p, fx, ground, modes, drive, hold, lags, dt, w)
     for i in range(16):
         q[i], v[i] = semi_implicit(dt, q[i], v[i], w[ACC + i], Z <= i % 8 <= BETA)

@@ -192,7 +192,7 @@ def fill_rows(lot, lane, grid, kept, rows, work, tables, fx=None):
         command_at(cubic, s, modes, drive)
         if fx is not None:
             fx.t = start + grid.dt * step
-        right_hand_side(q, v, p, fx, modes, drive, hold, (lag,), w)
+        right_hand_side(q, v, p, fx, (), modes, drive, hold, (lag,), w)
         keep(q, row, tables[0])
         keep(v, row, tables[1])
         keep(w, row, tables[2])

@@ -30,6 +30,8 @@ from artibot_sim.model.kernels.layout import ACC, BEHIND, ENERGIES, FRONT, M_D, 
 from artibot_sim.model.kernels.steps import next_stage, next_stage_of_lag, stage_time, stage_weight
 
 OK, DIVERGED = 0, 1
+STOPPED = 3
+"""The ground ended a rollout: a wheel left the raster, or met a wall, see `ground.raster.Surface.found`."""
 LIMIT = 1e6
 """A speed (m/s or rad/s) or angle beyond which a rollout has diverged; motors of Epi.q reach 3000 rad/s."""
 
@@ -130,9 +132,18 @@ def prepare(p, inputs, grid, phase, knot, state, cubic, hold):
 
 
 @inlined
-def add_powers(q, v, p, fx, w, weight, e, pw):
+def stopped_by(ground, t):
+    """Whether uneven ground ends the rollout here, `t` (s) after its start, which is noted."""
+    if len(ground) == 0:
+        return False
+    ground.found[3] = t
+    return ground.found[0] != 0.0
+
+
+@inlined
+def add_powers(q, v, p, fx, ground, w, weight, e, pw):
     """Accumulate `weight` (s) times the power of every contribution."""
-    powers(q, v, p, fx, w, pw)
+    powers(q, v, p, fx, ground, w, pw)
     for i in range(ENERGIES):
         e[i] += weight * pw[i]
 
@@ -219,7 +230,7 @@ def keep_row(q, v, w, e, row, out, out_e):
 
 
 @kernel
-def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
+def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), ground=()):
     """Advance the state in place by `steps` steps and keep every `every`-th row, the first and the last included.
 
     Parameters
@@ -238,11 +249,13 @@ def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
     memory : tuple of no or one array, shape (MEMORY,)
         What wheels remember, see `layout`; advanced in place, too. Where it is empty, at compile time, they remember
         nothing.
+    ground : ground.raster.Surface, or an empty tuple
+        Uneven ground; where it is empty, at compile time, the ground is flat.
 
     Returns
     -------
     tuple of int
-        OK or DIVERGED, and the number of rows written.
+        OK, DIVERGED or STOPPED, and the number of rows written.
     """
     (q, v, eta, previous), (dt, steps, every, _) = state, grid
     w, drive, cubic, hold, eta_next, q_s, v_s, first, total, e, pw, lag, sum_lag = work
@@ -260,18 +273,20 @@ def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
                 command_at(cubic, s + stage_time(k, dt), inputs.modes, drive)
             if fx is not None:
                 fx.t = start + (dt * step + stage_time(k, dt))
-            right_hand_side(q_s, v_s, p, fx, inputs.modes, drive, hold, lags, w)
+            right_hand_side(q_s, v_s, p, fx, ground, inputs.modes, drive, hold, lags, w)
             if k == 0:
-                if step == steps or step % every == 0:
+                if step == steps or step % every == 0 or stopped_by(ground, dt * step):
                     if not sound(q, v):
                         return DIVERGED, row
                     keep_row(q, v, w, e, row, out, out_e)
                     row += 1
+                    if stopped_by(ground, dt * step):
+                        return STOPPED, row
                 if step == steps:
                     return OK, row
                 feed_back(p, fx, v, w, eta_next, previous)
             if out_e is not None:
-                add_powers(q_s, v_s, p, fx, w, stage_weight(k) * dt, e, pw)
+                add_powers(q_s, v_s, p, fx, ground, w, stage_weight(k) * dt, e, pw)
             next_state(k, q, v, dt, w, q_s, v_s, first, total)
             if fx is not None:
                 next_lag(k, count, memory, dt, lag, sum_lag)
@@ -281,7 +296,7 @@ def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
 
 
 @kernel
-def integrate_semi_implicit(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
+def integrate_semi_implicit(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), ground=()):
     """As `integrate_rk4`; a row's contributions are those that act from its state to the next."""
     (q, v, eta, previous), (dt, steps, every, _) = state, grid
     w, drive, cubic, hold, _, q_old, v_old, _, _, e, pw, lag, _ = work
@@ -298,12 +313,14 @@ def integrate_semi_implicit(state, p, inputs, grid, work, out, out_e, fx=None, m
             q_old[i], v_old[i] = q[i], v[i]
         if fx is not None:
             fx.t = start + dt * step
-        semi_implicit_step(q, v, p, fx, inputs.modes, drive, hold, lags, dt, w)
-        if step == steps or step % every == 0:
+        semi_implicit_step(q, v, p, fx, ground, inputs.modes, drive, hold, lags, dt, w)
+        if step == steps or step % every == 0 or stopped_by(ground, dt * step):
             if not sound(q_old, v_old):
                 return DIVERGED, row
             keep_row(q_old, v_old, w, e, row, out, out_e)
             row += 1
+            if stopped_by(ground, dt * step):
+                return STOPPED, row
         if step == steps:
             for i in range(16):
                 q[i], v[i] = q_old[i], v_old[i]
@@ -314,5 +331,5 @@ def integrate_semi_implicit(state, p, inputs, grid, work, out, out_e, fx=None, m
         if out_e is not None:
             for i in range(16):
                 v_old[i] = 0.5 * (v_old[i] + v[i])
-            add_powers(q_old, v_old, p, fx, w, dt, e, pw)
+            add_powers(q_old, v_old, p, fx, ground, w, dt, e, pw)
     return OK, row

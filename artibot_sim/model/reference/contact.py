@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model.effects.force_law import Own
+from artibot_sim.model.ground.raster import Surface, sample
 from artibot_sim.model.reference.effects import NEUTRAL, PlainEffects
 from artibot_sim.model.robot.derived import params
 from artibot_sim.model.robot.parameters import ModuleParams, MotorParams, Params
@@ -102,9 +103,9 @@ def contact_forces(robot: Robot, q: Array, v: Array) -> Wheels:
 
 def contact(
     p: Params, q: Array, v: Array, fx: PlainEffects = NEUTRAL, memory: Array | None = None, dt: float = 0.0,
-    begun: Array | None = None,
+    begun: Array | None = None, ground: Surface | None = None,
 ) -> Wheels:  # fmt: skip
-    """`contact_forces` from the kernel's parameters.
+    """`contact_forces` from the kernel's parameters, on flat ground or on uneven one.
 
     `memory` (24,) is what wheels remember now, see `layout.MEMORY`; lateral forces that lag are those at the end of a
     step `dt`, and loads have moved as at the rates `begun` (16,), without which those are `v`.
@@ -115,14 +116,16 @@ def contact(
     def wheels(effects: PlainEffects, rates: Array, loads: Loads, step: float) -> Wheels:
         rows = [
             _wheel(
-                p, *place, q, rates, effects, kept[i], step, tuple(None if load is None else load[i] for load in loads)
+                p, *place, q, rates, effects, kept[i], step,
+                tuple(None if load is None else load[i] for load in loads), ground,
             )
             for i, place in enumerate(places)
-        ]
+        ]  # fmt: skip
         return Wheels(*(np.array(part) for part in zip(*rows, strict=True)))
 
     carried = deciding = None
-    if height := fx.ask("height"):
+    height = fx.ask("height")
+    if height and ground is None:  # over uneven ground modules roll and pitch until the loads are what they are
         at, listed = v if begun is None else begun, fx.without_laws()
         deciding = _moved(p, height, q, wheels(listed, at, (None, None), 0.0))
         carried = _moved(p, height, q, wheels(listed, at, (None, deciding), 0.0))
@@ -155,33 +158,115 @@ def _flat(gamma: float, R: Array) -> Array:
     return (R @ rotation_z(gamma)[0][:2, :2]).T[::-1]
 
 
+@dataclass(frozen=True)
+class Stand:
+    """How a wheel stands on the ground.
+
+    Attributes
+    ----------
+    place : array, shape (3,)
+        Of its centre in `map`, m.
+    partials : array, shape (3, 16)
+        d p_*/d x of eq. 19.
+    frame : array, shape (3, 3)
+        Columns: along the wheel and across it, in the ground's plane, and the normal.
+    F_n : float
+        N, by its spring.
+    k, mu : float
+        Factors of the ground's stiffness and friction here.
+    below : float
+        How far below the centre the forces act, m.
+    """
+
+    place: Array
+    partials: Array
+    frame: Array
+    F_n: float
+    k: float
+    mu: float
+    below: float
+
+
+def _partials(p: Params, b: int, q: Array, point: Array, pitching: float) -> Array:
+    """d/d x of a point of a module (3, 16), given in its frame; pitch counts where it reaches the wheels."""
+    R_x, dR_x, _ = rotation_x(q[b + 3])
+    R_y, dR_y, _ = rotation_y(pitching * q[b + 4])
+    R_z, dR_z, _ = rotation_z(q[b + 5])
+    jacobian = np.zeros((3, 16))
+    jacobian[:, b : b + 3] = np.eye(3)
+    jacobian[:, b + 3] = R_z @ R_y @ dR_x @ point
+    jacobian[:, b + 4] = pitching * R_z @ dR_y @ R_x @ point
+    jacobian[:, b + 5] = dR_z @ R_y @ R_x @ point
+    return jacobian
+
+
+def _unloaded_radius(p: Params, body: ModuleParams, b: int, side: int, end: int, fx: PlainEffects) -> float:
+    """A wheel's radius without load, m: the rover stands level, whatever each wheel carries."""
+    x, y = fx.ask("centre", b // 8)
+    share = (1 + end * x / body.half_x) * (1 + side * y / body.half_y)
+    return float(body.r_0 - body.m * p.g_z / 4 * (share - 1) / p.k_n)
+
+
+def _on_flat(p: Params, body: ModuleParams, b: int, side: int, end: int, q: Array, v: Array, fx: PlainEffects) -> Stand:
+    """On the plane z = 0, as the paper has it: pitch does not move a wheel, and F_n turns with the module's roll."""
+    centre = np.array([end * body.half_x, side * body.half_y, 0.0])
+    frame = rotation_z(q[b + 5])[0] @ rotation_x(q[b + 3])[0]
+    place, partials = q[b : b + 3] + frame @ centre, _partials(p, b, q, centre, 0.0)
+    sunk = _unloaded_radius(p, body, b, side, end, fx) - place[2]
+    F_n = max(p.k_n * sunk - p.c_n * (partials @ v)[2], 0.0)
+    return Stand(place, partials, frame, F_n, 1.0, 1.0, 0.0)
+
+
+def _on_uneven(
+    p: Params, body: ModuleParams, b: int, side: int, end: int, q: Array, v: Array, fx: PlainEffects, ground: Surface
+) -> Stand:
+    """On a surface: eq. 15's spring is vertical under the wheel and pushes along the surface's normal.
+
+    So its force is the gradient of what it stores. Where pitch does not reach the wheels, those of a side sit on a
+    rocker that tilts with the ground, so that both sink in alike.
+    """
+    R = rotation_z(q[b + 5])[0] @ rotation_y(p.pitching * q[b + 4])[0] @ rotation_x(q[b + 3])[0]
+    places, partials, heights, rises = {}, {}, {}, {}
+    for one in (1, -1):
+        centre = np.array([one * body.half_x, side * body.half_y, 0.0])
+        places[one], partials[one] = q[b : b + 3] + R @ centre, _partials(p, b, q, centre, p.pitching)
+        heights[one], *slopes = (float(value) for value in sample(ground, *places[one][:2])[:3])
+        rises[one] = np.array(slopes) @ partials[one][:2]  # d h/d x
+        if one == end:
+            slope = np.array(slopes)
+    place, jacobian = places[end], partials[end]
+    if p.pitching == 0.0:
+        place[2] += 0.5 * end * (heights[1] - heights[-1])
+        jacobian[2] += 0.5 * end * (rises[1] - rises[-1])
+    sunk = _unloaded_radius(p, body, b, side, end, fx) + heights[end] - place[2]
+    upward = max(p.k_n * sunk + p.c_n * (rises[end] - jacobian[2]) @ v, 0.0)
+    normal = np.array([-slope[0], -slope[1], 1.0])
+    steepness = float(np.linalg.norm(normal))
+    along = np.cross(R[:, 1], normal)
+    along /= np.linalg.norm(along)
+    normal /= steepness
+    k, mu = (float(value) for value in sample(ground, *place[:2])[3:])
+    frame = np.column_stack([along, np.cross(normal, along), normal])
+    return Stand(place, jacobian, frame, upward * steepness, k, mu, fx.ask("height"))
+
+
 def _wheel(
     p: Params, body: ModuleParams, b: int, side: int, end: int, q: Array, v: Array, fx: PlainEffects, kept: Array,
-    dt: float, loads: tuple,
+    dt: float, loads: tuple, ground: Surface | None,
 ) -> tuple:  # fmt: skip
     """One wheel: `side` is −1 on the right, `end` is 1 in front.
 
     `loads` are what it carries, and that by which eq. 16 decides whether it slides (N); None: that of its spring.
     """
-    R_x, dR_x, _ = rotation_x(q[b + 3])
-    R_z, dR_z, _ = rotation_z(q[b + 5])
-
-    def partials(point: Array) -> Array:
-        """d p_*/d x of eq. 19 (3, 16); pitch does not move a wheel."""
-        jacobian = np.zeros((3, 16))
-        jacobian[:, b : b + 3] = np.eye(3)
-        jacobian[:, b + 3] = R_z @ dR_x @ point
-        jacobian[:, b + 5] = dR_z @ R_x @ point
-        return jacobian
-
-    centre = np.array([end * body.half_x, side * body.half_y, 0.0])
-    place = q[b : b + 3] + R_z @ R_x @ centre
-    rate = (partials(centre) @ v)[2]
-    v_x, v_y, _ = (R_z @ R_x).T @ (partials(centre) @ v)
-    x, y = fx.ask("centre", b // 8)
-    share = (1 + end * x / body.half_x) * (1 + side * y / body.half_y)
-    r_0 = body.r_0 - body.m * p.g_z / 4 * (share - 1) / p.k_n  # stands level, whatever each wheel carries
-    spring = max(p.k_n * (r_0 - place[2]) - p.c_n * rate, 0.0)
+    R_z = rotation_z(q[b + 5])[0]
+    stand, other = (
+        _on_flat(p, body, b, side, one, q, v, fx) if ground is None
+        else _on_uneven(p, body, b, side, one, q, v, fx, ground)
+        for one in (end, -end)
+    )  # fmt: skip
+    place, spring = stand.place, stand.F_n
+    v_x, v_y, _ = stand.frame.T @ (stand.partials @ v)
+    both_x = v_x if ground is None else 0.5 * (v_x + (other.frame.T @ (other.partials @ v))[0])
     F_n, deciding = (spring if load is None else load for load in loads)
     motor_number = (0 if b == 0 else 2) + (0 if side < 0 else 1)
     motor, c = motors_of(p)[motor_number], b + (6 if side < 0 else 7)
@@ -189,9 +274,9 @@ def _wheel(
     radius = motor.r_w * fx.ask("radius", wheel, motor.tau * q[c])
     slip = radius * motor.tau * v[c] - v_x
     soil = fx.ask("soil")
-    grip = soil * fx.ask("grip", place[0], place[1])
+    grip = stand.mu * soil * fx.ask("grip", place[0], place[1])
     fastest = max(abs(slip + v_x), math.hypot(v_x, v_y))
-    stiffness = soil * fx.ask("stiffness_by_load", F_n / p.load) * fx.ask("stiffness_by_speed", fastest**2)
+    stiffness = stand.k * soil * fx.ask("stiffness_by_load", F_n / p.load) * fx.ask("stiffness_by_speed", fastest**2)
     F_l, steady = stiffness * body.k_l * slip, -stiffness * body.k_t * v_y
     F_t, F_rate = _built_up(fx, steady, kept[0], v_x, dt)
     stiff, renewal = fx.ask("bristle", slip + v_x)
@@ -204,8 +289,8 @@ def _wheel(
         held, sliding = mu * F_n / F_h, mu / F_h * np.array([F_t, F_l])
     omega_rim = motor.r_w * motor.tau * v[c]
     own = Own(v_x, v_y, omega_rim - v_x, motor.tau * q[c], place[0], place[1], F_n)
-    middle = q[b : b + 3] + R_z @ R_x @ np.array([0.0, side * body.half_y, 0.0])
-    shared = own._replace(x=middle[0], y=middle[1], lateral_speed=math.nan, load=math.nan)  # no law takes these two
+    middle = 0.5 * (place + other.place)
+    shared = Own(both_x, math.nan, omega_rim - both_x, own.angle, middle[0], middle[1], math.nan)  # no law takes NaNs
     F_l = held * F_l + fx.ask("along", motor_number, shared) / 2  # half of what acts at both wheels of the motor
     F_t = held * F_t + fx.ask("lateral", v_y) + fx.ask("across", wheel, own)
     bending = np.zeros(2)
@@ -214,13 +299,16 @@ def _wheel(
         release = renewal + stiff * math.hypot(*(k * left * [1.0, narrow])) / max(grip * body.mu_s * F_n, LIGHT)
         bending = (left - release * kept[1:]) / (1 + dt * release)
     u = p.u_w * fx.ask("lead", v_x, v_y)
-    applied = centre + np.array([u, 0.0, 0.0])  # eq. 20
-    Q = partials(applied).T @ (R_z @ R_x @ np.array([F_l, F_t, spring]))  # eq. 18
+    ahead = _partials(p, b, q, np.array([u, 0.0, -stand.below]), p.pitching if ground else 0.0)  # eq. 20
+    if ground is not None:
+        ahead[:, b + 4] -= _partials(p, b, q, np.array([u, 0.0, 0.0]), p.pitching)[:, b + 4]  # which is of yaw alone
+    ahead[:, b : b + 3] = 0.0
+    Q = (stand.partials + ahead).T @ (stand.frame @ np.array([F_l, F_t, spring]))  # eq. 18
     resisted = fx.ask("wheel_resist", grip * body.mu_s * F_n, v_x, v_y)
     more = sliding + np.array(resisted[::-1]) / max(F_n, LIGHT)
     flat = R_z @ np.array([*resisted, 0.0])
     R = np.zeros(16)
-    R[[b, b + 1]], R[b + 5] = flat[:2], flat @ partials(centre)[:, b + 5]
+    R[[b, b + 1]], R[b + 5] = flat[:2], flat @ stand.partials[:, b + 5]
     return v_x, v_y, F_n, F_l, F_t, u, held, stiffness * body.k_l, radius, np.append(F_rate, bending), Q, R, more
 
 

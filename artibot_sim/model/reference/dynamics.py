@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model.equations.transmission import ROLLING_WIDTH, Mode
+from artibot_sim.model.ground.raster import Surface
 from artibot_sim.model.kernels.layout import MOTOR_COORDINATES
 from artibot_sim.model.reference.contact import (
     Wheels,
@@ -98,7 +99,7 @@ class Solution:
 
 def solve(
     p: Params, q: Array, v: Array, modes: Sequence[Mode], drive: Array, eta: Array, torque: Array,
-    fx: PlainEffects = NEUTRAL, memory: Array | None = None,
+    fx: PlainEffects = NEUTRAL, memory: Array | None = None, ground: Surface | None = None,
 ) -> Solution:  # fmt: skip
     """Assemble eq. 28 in full and solve it.
 
@@ -110,10 +111,12 @@ def solve(
         Efficiencies and commanded torques held through the step.
     memory : array, shape (24,), optional
         What wheels remember, see `layout.MEMORY`.
+    ground : Surface, optional
+        Flat ground without.
     """
     fx = fx.seeing(p, q, v)
-    wheels = contact(p, q, v, fx, memory)
-    mass, n, phi, right = body_system(p, q, v, wheels, fx)
+    wheels = contact(p, q, v, fx, memory, ground=ground)
+    mass, n, phi, right = body_system(p, q, v, wheels, fx, pitching=0.0 if ground is None else p.pitching)
     joint = len(phi)
     M_m, prescribed = np.zeros(4), []
     for i, motor in enumerate(motors_of(p)):
@@ -137,11 +140,12 @@ def solve(
 
 
 def body_system(
-    p: Params, q: Array, v: Array, wheels: Wheels, fx: PlainEffects = NEUTRAL, dt: float = 0.0
+    p: Params, q: Array, v: Array, wheels: Wheels, fx: PlainEffects = NEUTRAL, dt: float = 0.0, pitching: float = 0.0
 ) -> tuple[Array, Array, Array, Array]:
     """The modules' part of eq. 25: M (16, 16), n, rows of Phi_x and their right-hand side, motors left out.
 
-    `dt` is a semi-implicit step, over which damping in the joint's yaw is taken at its end, s.
+    `dt` is a semi-implicit step, over which damping in the joint's yaw is taken at its end, s. `pitching` is 1 where
+    wheels feel the pitch of their module, else 0.
     """
     mass, n = np.eye(16), np.asarray(wheels.Q.sum(axis=0))
     n[:2] += fx.ask("push", 0)
@@ -161,6 +165,7 @@ def body_system(
         n[b : b + 2] += weight + m * v[b + 5] ** 2 * r
         n[b + 2] += m * p.g_z
         n[b + 3] += m * p.g_z * y
+        n[b + 4] -= pitching * m * p.g_z * x
         n[b + 5] += across @ weight
     if not p.two:
         return mass, n, np.zeros((0, 16)), np.zeros(0)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model.equations.transmission import Mode
+from artibot_sim.model.ground.raster import Surface
 from artibot_sim.model.kernels.layout import MEMORY, MOTOR_COORDINATES
 from artibot_sim.model.reference.contact import Wheels, contact, modules_of, motors_of
 from artibot_sim.model.reference.dynamics import (
@@ -65,6 +66,7 @@ def rk4_step(
     factor: float,
     dt: float,
     fx: PlainEffects = NEUTRAL,
+    ground: Surface | None = None,
 ) -> PlainState:
     """One step of the classical Runge-Kutta method.
 
@@ -78,6 +80,8 @@ def rk4_step(
         Of eq. 30, for one back motor.
     fx : PlainEffects
         At the step's start.
+    ground : Surface, optional
+        Flat ground without.
     """
     held = _hold(p, state, command, factor)
     active = np.arange(16) < (16 if p.two else 8)
@@ -87,7 +91,7 @@ def rk4_step(
         zip((0.5, 0.5, 1.0, 0.0), (drives[0], drives[1], drives[1], drives[2]), strict=True)
     ):
         now = fx.at(fx.t + (0.0, 0.5, 0.5, 1.0)[stage] * dt)
-        solution = solve(p, q, v, modes, drive, state.eta, held, now, memory)
+        solution = solve(p, q, v, modes, drive, state.eta, held, now, memory, ground)
         if stage == 0:
             torque = solution.torque
         k_q.append(v)
@@ -112,6 +116,7 @@ def semi_implicit_step(
     factor: float,
     dt: float,
     fx: PlainEffects = NEUTRAL,
+    ground: Surface | None = None,
 ) -> PlainState:
     """One step of symplectic Euler with implicit wheel spin.
 
@@ -121,10 +126,10 @@ def semi_implicit_step(
     v = state.v.copy()
     torque = np.zeros(4)
     fx = fx.seeing(p, state.q, state.v)
-    old = contact(p, state.q, state.v, fx, state.memory)
+    old = contact(p, state.q, state.v, fx, state.memory, ground=ground)
     for i in range(len(motors_of(p))):
         v[MOTOR_COLUMNS[i]], torque[i] = _next_speed(p, state, old, i, modes[i], drive[:, i], held[i], dt, fx)
-    wheels = contact(p, state.q, v, fx, state.memory, dt, state.v)
+    wheels = contact(p, state.q, v, fx, state.memory, dt, state.v, ground)
     for i, motor in enumerate(motors_of(p)):
         if modes[i] == Mode.PRESCRIBED:
             c = MOTOR_COLUMNS[i]
@@ -132,7 +137,7 @@ def semi_implicit_step(
             load += dragging(fx, motor, i, state.q[c], v[c])
             inertia = motor.J_m + motor.J_w * motor.tau**2 / state.eta[i]
             torque[i] = inertia * (v[c] - state.v[c]) / dt + load
-    mass, n, phi, right = body_system(p, state.q, state.v, wheels, fx, dt)
+    mass, n, phi, right = body_system(p, state.q, state.v, wheels, fx, dt, 0.0 if ground is None else p.pitching)
     acceleration, _ = solve_augmented(mass, phi, n, right)
     new_v = v.copy()
     bodies = [i for _, offset in modules_of(p) for i in range(offset, offset + 6)]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.effects import EFFECTS, at_work
 from artibot_sim.model.effects.base import Choice, Values
+from artibot_sim.model.ground.raster import STEEPEST, Ground
 from artibot_sim.model.robot.environment import STANDARD_GRAVITY, gravity
 from artibot_sim.model.robot.parameters import ModuleParams, MotorParams, Params, Train
 from artibot_sim.model.robot.robot import Drive, Module, Robot
@@ -114,6 +115,21 @@ def _pair(robot: Robot, behind: int, effects: Mapping[str, Values]) -> Params:
         if effect.adapt is not None:
             p = effect.adapt(p, values)
     return p
+
+
+def on_ground(p: Params, ground: Ground | None, radius: float) -> Params:
+    """The same numbers on uneven ground under wheels of a rolling `radius` (m); None is flat ground.
+
+    The ground's damping adds to the wheels' own. How much stiffer it is than flat ground limits the step.
+    """
+    if ground is None:
+        return p
+    critical = 2.0 * math.sqrt(p.k_n * p.load / STANDARD_GRAVITY)
+    return p._replace(
+        c_n=p.c_n + ground.damping * critical,
+        stiffening=p.stiffening * max(1.0, ground.stiffest),
+        steepness=1.0 + min(ground.steepest(radius), STEEPEST) ** 2,
+    )
 
 
 def train(robot: Robot) -> Train:

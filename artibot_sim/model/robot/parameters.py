@@ -68,6 +68,7 @@ class Params(NamedTuple):
     load: float = 1.0  # mean load of the rover's wheels at rest, N
     relaxation: float = 0.0  # rate at which what wheels remember follows, over the wheel's speed, 1/m
     bristle: float = 0.0  # stiffness of the wheels' bristles over k_l and k_t, 1/s
+    steepness: float = 0.0  # of uneven ground: 1 and the square of its steepest slope; 0 on flat ground
 
 
 class Train(NamedTuple):

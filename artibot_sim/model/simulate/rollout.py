@@ -18,6 +18,7 @@ from artibot_sim.model.analysis.stability import RELAXATION, largest_step, limit
 from artibot_sim.model.effects import at_work, has_memory, record
 from artibot_sim.model.equations.kinematics import articulation, articulations
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor, torque_factors
+from artibot_sim.model.ground.raster import BEYOND, WALL, Ground, Surface, sample
 from artibot_sim.model.kernels.layout import (
     ALPHA,
     BACK,
@@ -26,6 +27,7 @@ from artibot_sim.model.kernels.layout import (
     COORDINATES,
     ENERGIES,
     ENERGY_COLUMNS,
+    F_N,
     GAMMA,
     M_M,
     MOTOR_COORDINATES,
@@ -38,7 +40,7 @@ from artibot_sim.model.kernels.layout import (
     Z,
 )
 from artibot_sim.model.kernels.train_layout import Places, places, symbol
-from artibot_sim.model.robot.derived import packed, params, train
+from artibot_sim.model.robot.derived import on_ground, packed, params, train
 from artibot_sim.model.robot.parameters import ModuleParams, Params, Train
 from artibot_sim.model.robot.robot import MOTORS, Robot, module_name
 from artibot_sim.model.simulate import trains
@@ -150,7 +152,7 @@ def fastest_wheel(robot: Robot, p: Params | Train, commands: Commands, modes: tu
 class Setup(NamedTuple):
     """What is to be simulated, checked: `p` and `modes` as the kernel takes them, `kappa`, where from, how far.
 
-    Of a train `modes` are those of its motors.
+    Of a train `modes` are those of its motors. `ground` is None where it is flat.
     """
 
     robot: Robot
@@ -160,11 +162,12 @@ class Setup(NamedTuple):
     kappa: float
     start: State
     steps: int
+    ground: Ground | None = None
 
 
 def prepare(
     robot: Robot, commands: Commands, dt: float, integrator: str, every: int, modes: Mode | Sequence[Mode] | None,
-    kappa: float | None, state: State | None, duration: float | None,
+    kappa: float | None, state: State | None, duration: float | None, ground: Ground | None = None,
 ) -> Setup:  # fmt: skip
     """Check what `rollout` is given, see there."""
     chosen = chosen_modes(robot, commands, modes)
@@ -179,36 +182,40 @@ def prepare(
     share = robot.control.kappa if kappa is None else float(kappa)
     if not 0.0 < share <= 1.0:
         raise ArtibotError(f"kappa: {share:g}; expected a share of the front module in (0, 1] (eq. 29)")
-    p = _numbers(robot, chosen)
-    longest, mode = _longest(robot, commands, integrator, chosen, share)
+    if ground is not None and robot.trailing:
+        raise ArtibotError(
+            f"ground: robot '{robot.name}' has {len(robot.modules)} modules; uneven ground is for robots of one or two"
+        )
+    p = _numbers(robot, chosen, ground)
+    longest, mode = _longest(robot, commands, integrator, chosen, share, ground)
     if dt > longest and not (integrator == "rk4" and mode != RELAXATION and robot.trailing):
         mend = "" if integrator == "semi_implicit" else ", or use the integrator 'semi_implicit'"
-        what = limited_by(robot, mode, lambda other: _longest(other, commands, integrator, chosen, share)[0])
+        what = limited_by(robot, mode, lambda other: _longest(other, commands, integrator, chosen, share, ground)[0])
         raise ArtibotError(
             f"dt: {dt:g} s is unstable with '{integrator}'; expected at most {longest:.3g} s ({what}); "
             f"take a shorter step{mend}"
         )
-    start = initial_state(robot, t=commands.t0) if state is None else state
+    start = initial_state(robot, t=commands.t0, ground=ground) if state is None else state
     if len(start.q) != 8 * max(2, len(robot.modules)):
         raise ArtibotError(
             f"state: {len(start.q)} coordinates; robot '{robot.name}' has {8 * max(2, len(robot.modules))}"
         )
     steps = number_of_steps(commands.duration if duration is None else duration, dt, every, max(2, len(robot.modules)))
-    return Setup(robot, commands, p, chosen, share, start, steps)
+    return Setup(robot, commands, p, chosen, share, start, steps, ground)
 
 
-def _numbers(robot: Robot, modes: tuple[Mode, ...]) -> Params | Train:
+def _numbers(robot: Robot, modes: tuple[Mode, ...], ground: Ground | None) -> Params | Train:
     """A robot's numbers as the kernel takes them, without limits of torque where a motor is prescribed."""
     if robot.trailing:
         return trains.unlimited_beside_prescribed(train(robot), trains.by_side(robot, modes))
-    return unlimited_beside_prescribed(params(robot), modes)
+    return unlimited_beside_prescribed(on_ground(params(robot), ground, robot.wheel.r_w), modes)
 
 
 def _longest(
-    robot: Robot, commands: Commands, integrator: str, modes: tuple[Mode, ...], kappa: float
+    robot: Robot, commands: Commands, integrator: str, modes: tuple[Mode, ...], kappa: float, ground: Ground | None
 ) -> tuple[float, str]:
     """Longest stable step (s) of what is to be simulated, and which motion sets it."""
-    p = _numbers(robot, modes)
+    p = _numbers(robot, modes, ground)
     if isinstance(p, Train):
         common = p.modules[0]
         longest, motion = largest_step(p, integrator, trains.by_side(robot, modes), torque_factors(robot, kappa))
@@ -271,14 +278,15 @@ def _bodies(p: Params | Train) -> list[ModuleParams]:
 
 
 def first_fault(
-    p: Params | Train, robot: Robot, q: Array, v: Array, w: Array | None, t: Array
+    p: Params | Train, robot: Robot, q: Array, v: Array, w: Array | None, t: Array, ground: Surface | None = None
 ) -> tuple[int, Status, str] | None:  # fmt: skip
     """The first of the rows where the model does not hold, how, and a line for a person; None if it does.
 
     Rows are those of q and v (n, 16) and of the named contributions (n, ROW), None where they end in a divergence:
     speeds and forces then tell of that alone.
 
-    The modules' pitch does not reach the wheels (section 4.3), so that what would pitch over is known before it moves.
+    On flat ground the modules' pitch does not reach the wheels (section 4.3), so that what would pitch over is known
+    before it moves.
     """
     found: list[tuple[int, Status, str]] = []
     x = robot.effects.get("com_offset", {}).get("x", 0.0)
@@ -290,7 +298,11 @@ def first_fault(
         )
     for i, body in enumerate(bodies):
         name, b = module_name(i), BACK * i
-        found += _fallen(body, robot.wheel.r_w, name, q[:, b : b + 6], t)
+        if ground is None:
+            found += _fallen(body, robot.wheel.r_w, name, q[:, b : b + 6], t)
+        else:
+            loads = None if w is None else w[:, F_N + 4 * i : F_N + 4 * i + 4]
+            found += _fallen_over(ground, body, robot.wheel.r_w, name, q[:, b : b + 6], loads, t)
         if w is not None:
             at = (places(len(bodies)) if isinstance(p, Train) else _TWO_MODULES).columns
             pushes = [(f"load_x_{symbol(i)}", f"load_y_{symbol(i)}"), *([("push_x", "push_y")] if i == 0 else [])]
@@ -302,18 +314,42 @@ def first_fault(
 
 def _fallen(body: ModuleParams, r_w: float, name: str, q: Array, t: Array) -> Iterator[tuple[int, Status, str]]:
     """Where a module, by its six coordinates q (n, 6), lies or is in the air."""
-    z, alpha, beta = q[:, Z], q[:, ALPHA], q[:, BETA]
-    tilt, height = np.maximum(np.abs(alpha), np.abs(beta)), body.r_0 + r_w
+    z, alpha, height = q[:, Z], q[:, ALPHA], body.r_0 + r_w
+    yield from _tipped(name, q, t)
+    if z.max(initial=0.0) > height:
+        lifted = z - body.half_y * np.abs(np.sin(alpha)) > height
+        if lifted.any():
+            yield _airborne(int(np.argmax(lifted)), name, t)
+
+
+def _tipped(name: str, q: Array, t: Array) -> Iterator[tuple[int, Status, str]]:
+    tilt = np.maximum(np.abs(q[:, ALPHA]), np.abs(q[:, BETA]))
     if tilt.max(initial=0.0) > TIPPED_AT:
         row = int(np.argmax(tilt > TIPPED_AT))
         what = f"rolls or pitches by more than {TIPPED_AT:g} rad"
         yield row, Status.TIPPED, f"tipped over at {t[row]:.3f} s: the {name} module {what}"
-    if z.max(initial=0.0) > height:
-        lifted = z - body.half_y * np.abs(np.sin(alpha)) > height
-        if lifted.any():
-            row = int(np.argmax(lifted))
-            what = "is in the air with all wheels, by more than their radius"
-            yield row, Status.AIRBORNE, f"left the ground at {t[row]:.3f} s: the {name} module {what}"
+
+
+def _airborne(row: int, name: str, t: Array) -> tuple[int, Status, str]:
+    what = "is in the air with all wheels, by more than their radius"
+    return row, Status.AIRBORNE, f"left the ground at {t[row]:.3f} s: the {name} module {what}"
+
+
+def _fallen_over(
+    ground: Surface, body: ModuleParams, r_w: float, name: str, q: Array, loads: Array | None, t: Array
+) -> Iterator[tuple[int, Status, str]]:
+    """As `_fallen` on uneven ground; `loads` (n, 4) are the module's wheels' (N), None where they tell nothing."""
+    yield from _tipped(name, q, t)
+    if loads is None:
+        return
+    for row in np.flatnonzero(loads.max(axis=1) <= 0.0):
+        x, y, z, alpha, beta, gamma = q[row]
+        ends = np.array([[1, 1, -1, -1], [1, -1, 1, -1]]) * [[body.half_x], [body.half_y]]
+        c, s = math.cos(gamma), math.sin(gamma)
+        highest = sample(ground, x + c * ends[0] - s * ends[1], y + s * ends[0] + c * ends[1])[0].max()
+        if z - body.half_y * abs(math.sin(alpha)) - body.half_x * abs(math.sin(beta)) - highest > body.r_0 + r_w:
+            yield _airborne(int(row), name, t)
+            return
 
 
 def _overstrained(
@@ -384,6 +420,8 @@ class Rollout:
         Contributions by name; for a robot of more than two modules as `train_layout.places` has them.
     energy : array, shape (n, len(ENERGY_COLUMNS)) or None
         Energies since the start (J), where asked for.
+    ground : Ground or None
+        None where it is flat.
     final_state : State or None
         To go on from; None where it is not OK.
     """
@@ -398,6 +436,7 @@ class Rollout:
     energy: Array | None
     final_state: State | None
     modes: tuple[Mode, ...] = DEFAULT_MODES
+    ground: Ground | None = None
 
     def __post_init__(self) -> None:
         for array in (self.t, self.q, self.v, self.row, self.energy):
@@ -500,6 +539,7 @@ def rollout(
     state: State | None = None,
     duration: float | None = None,
     energy: bool = False,
+    ground: Ground | None = None,
 ) -> Rollout:
     """Simulate a rover (eqs 1 to 30).
 
@@ -529,6 +569,8 @@ def rollout(
         Length, s; that of `commands` by default. Past the last knot the commands stay.
     energy : bool
         Whether to account for the energy of every contribution.
+    ground : Ground, optional
+        Uneven ground, over which modules roll and pitch; flat by default. For robots of one or two modules.
 
     Raises
     ------
@@ -541,7 +583,7 @@ def rollout(
     step before, and the efficiencies are those of eq. 23 there. Both are in `State`, so a rollout continued from
     `final_state` at a knot equals one that was never cut, bit for bit.
     """
-    setup = prepare(robot, commands, dt, integrator, every, modes, kappa, state, duration)
+    setup = prepare(robot, commands, dt, integrator, every, modes, kappa, state, duration, ground)
     return simulate(setup, dt, integrator, every, energy)
 
 
@@ -550,7 +592,7 @@ def simulate(setup: Setup, dt: float, integrator: str, every: int, energy: bool)
     from artibot_sim.model.kernels import loop
     from artibot_sim.model.kernels.advance import advance
 
-    robot, commands, p, modes, kappa, start, steps = setup
+    robot, commands, p, modes, kappa, start, steps, ground = setup
     if isinstance(p, Train):
         sides = trains.inputs_of(robot, commands, trains.by_side(robot, modes), torque_factors(robot, kappa))
         grid = Grid(dt, steps, every, round(commands.dt / dt))
@@ -570,14 +612,26 @@ def simulate(setup: Setup, dt: float, integrator: str, every: int, energy: bool)
     effects: tuple[Any, ...] = ()
     if fx is not None:
         effects = fx, (memory,) if has_memory(robot.effects) else ()
-    status, kept = advance(integrator, given, effects)
+    surface = None if ground is None else ground.under_wheels(robot.wheel.r_w)
+    status, kept = advance(integrator, given, effects, surface)
     final = State(start.t + steps * dt, q, v, eta, torque, *from_memory(memory)) if status == Status.OK else None
-    return finished(setup, dt, integrator, every, kept, (*out, out_e), final)
+    return finished(setup, dt, integrator, every, kept, (*out, out_e), final, surface)
+
+
+def stopped(found: Array, ground: str) -> str | None:
+    """What `Surface.found` says of how a run over `ground` ended, a line for a person; None if it did not end it."""
+    what, x, y, _ = found.tolist()
+    if what == 0.0:
+        return None
+    if what == BEYOND:
+        return f"a wheel came to x {x:.2f} m, y {y:.2f} m, where the ground '{ground}' ends"
+    met = "met a step of the ground higher than its axle" if what == WALL else "touched a face steeper than 79 degrees"
+    return f"a wheel at x {x:.2f} m, y {y:.2f} m {met}; no wheel rolls there"
 
 
 def finished(
     setup: Setup, dt: float, integrator: str, every: int, kept: int,
-    tables: tuple[Array, Array, Array, Array | None], final: State | None,
+    tables: tuple[Array, Array, Array, Array | None], final: State | None, surface: Surface | None = None,
 ) -> Rollout:  # fmt: skip
     """A rollout's result: the first `kept` rows of q, v, the named contributions and energies; diverged if not `final`.
 
@@ -585,8 +639,11 @@ def finished(
 
     Tables have a row each `every` steps, and one for the end.
     """
-    rows = -(-setup.steps // every) + 1
-    t = setup.start.t + np.minimum(np.arange(rows) * every, setup.steps)[:kept] * dt
+    count = -(-setup.steps // every) + 1
+    t = setup.start.t + np.minimum(np.arange(count) * every, setup.steps)[:kept] * dt
+    ended = None if surface is None or setup.ground is None else stopped(surface.found, setup.ground.name)
+    if surface is not None and ended is not None and kept:
+        t[-1] = setup.start.t + surface.found[3]
     if final is not None:
         message = f"{setup.steps} steps of {dt:g} s with {integrator}"
     elif not kept:
@@ -597,12 +654,15 @@ def finished(
             "the integrator 'semi_implicit', or less extreme commands"
         )
     status = Status.DIVERGED if final is None else Status.OK
-    strained = None if final is None else tables[2][:kept]
-    fault = first_fault(setup.p, setup.robot, tables[0][:kept], tables[1][:kept], strained, t) if kept else None
+    if ended is not None:
+        status, message = Status.INVALID, f"ended at {t[-1]:.3f} s: {ended}"
+    strained = None if status == Status.DIVERGED else tables[2][:kept]
+    rows = tables[0][:kept], tables[1][:kept], strained
+    fault = first_fault(setup.p, setup.robot, *rows, t, surface) if kept else None
     if fault is not None:
         row, status, message = fault
         kept, final = row + 1, None
         t = t[:kept]
     q, v, w, e = (None if table is None else table[:kept] for table in tables)
     assert q is not None and v is not None and w is not None
-    return Rollout(setup.robot, status, message, t, q, v, w, e, final, setup.modes)
+    return Rollout(setup.robot, status, message, t, q, v, w, e, final, setup.modes, setup.ground)

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.model.ground.raster import Ground, Surface, beyond, sample
 from artibot_sim.model.kernels.layout import ALPHA, BACK, BETA, GAMMA, X, Y, Z
 from artibot_sim.model.reference.contact import contact
-from artibot_sim.model.reference.dynamics import constraint_terms
+from artibot_sim.model.reference.dynamics import body_system, constraint_terms
 from artibot_sim.model.reference.effects import PlainEffects
 from artibot_sim.model.reference.train import train_constraint
 from artibot_sim.model.robot.derived import params, train
@@ -87,6 +88,7 @@ def initial_state(
     yaw: float = 0.0,
     articulation_yaw: float | Sequence[float] = 0.0,
     t: float = 0.0,
+    ground: Ground | None = None,
 ) -> State:
     """A rover at rest on its wheels; on a slope, bristles between these and the ground hold it (effect `stiction`).
 
@@ -101,25 +103,35 @@ def initial_state(
         gamma_b − gamma_f, rad; of a robot of more modules one each joint, or that of the first, the others straight.
     t : float
         Time, s.
+    ground : Ground, optional
+        Uneven ground, over which each module rolls and pitches until its wheels carry it. There bristles are not bent.
 
     Raises
     ------
     ArtibotError
-        When a number is not finite, or the joint cannot be closed at this articulation.
+        When a number is not finite, the joint cannot be closed at this articulation, or there is no ground there.
     """
     bends = np.atleast_1d(np.asarray(articulation_yaw, dtype=float))
     for name, value in (("x", x), ("y", y), ("yaw", yaw), *(("articulation_yaw", bend) for bend in bends)):
         if not math.isfinite(value):
             raise ArtibotError(f"initial_state: {name} is {value}; expected a finite number")
+    if robot.trailing and ground is not None:
+        raise ArtibotError(
+            f"ground: robot '{robot.name}' has {len(robot.modules)} modules; uneven ground is for robots of one or two"
+        )
     if robot.trailing:
         return _train_at_rest(robot, (x, y, yaw), bends, t)
     if len(bends) != 1:
         raise ArtibotError(f"initial_state: {len(bends)} articulation yaws; robot '{robot.name}' has one joint at most")
     p = params(robot)
-    q = posture_at_rest(p, (x, y, yaw), float(bends[0]))
+    if ground is None:
+        q = posture_at_rest(p, (x, y, yaw), float(bends[0]))
+    else:
+        level, surface = posture_at_rest(p, (0.0, 0.0, 0.0), float(bends[0])), ground.under_wheels(robot.wheel.r_w)
+        q = _settled(p, _moved(level, (x, y, yaw)), PlainEffects(robot.effects, t), surface)
     eta = np.array([robot.drive.front.eta_d] * 2 + [(robot.drive.back or robot.drive.front).eta_d] * 2)
     bristles = np.zeros((2, 8))
-    if p.bristle > 0.0:
+    if p.bristle > 0.0 and ground is None:
         bent = _bent_at_rest(p, q, PlainEffects(robot.effects, t))
         bristles[:, : bent.shape[1]] = bent
     return State(t, q, np.zeros(16), eta, np.zeros(4), bristles=bristles.ravel())
@@ -145,6 +157,60 @@ def posture_at_rest(
         q[BACK + Z] = p.back.r_0 + p.back.m * p.g_z / (4 * p.k_n)
         q[BACK + GAMMA] = pose[2] + articulation_yaw
         _close_joint(p, q)
+    return q
+
+
+def _moved(q: Array, pose: tuple[float, float, float]) -> Array:
+    """Coordinates (16,) of a rover whose front module is at the origin, moved to a pose (m, m, rad)."""
+    x, y, yaw = pose
+    c, s = math.cos(yaw), math.sin(yaw)
+    moved = q.copy()
+    for b in (0, BACK):
+        moved[b + X], moved[b + Y] = x + c * q[b + X] - s * q[b + Y], y + s * q[b + X] + c * q[b + Y]
+        moved[b + GAMMA] += yaw
+    return moved
+
+
+STILL = 1e-12
+"""Change of a coordinate (m, rad) below which a rover has come to rest."""
+
+
+def _settled(p: Params, q: Array, fx: PlainEffects, ground: Surface) -> Array:
+    """Coordinates (16,) of a rover at rest on uneven ground, from `q` on, whose front module keeps x, y and yaws stay.
+
+    By Newton's method for the balance of forces and for eq. 13, with the stiffness of the wheels' springs.
+    """
+    q, still = q.copy(), np.zeros(16)
+    bodies = [(p.front, 0), (p.back, BACK)][: 2 if p.two else 1]
+    free = [b + c for _, b in bodies for c in ((X, Y) if b else ()) + (Z, ALPHA, BETA)]
+    q[[b + Z for _, b in bodies]] += [float(sample(ground, q[b + X], q[b + Y])[0]) for _, b in bodies]
+    springs = np.zeros(16)
+    for body, b in bodies:
+        springs[b + Z], springs[b + ALPHA] = 4 * p.k_n, 4 * p.k_n * body.half_y**2
+        springs[b + BETA] = p.pitching * 4 * p.k_n * body.half_x**2
+    for _ in range(500):
+        wheels = contact(p, q, still, fx, ground=ground)
+        _, force, jacobian, right = body_system(p, q, still, wheels, fx, pitching=p.pitching)
+        force[[X, Y, BACK + X, BACK + Y]] = 0.0  # friction holds what pulls along the ground
+        gap = constraint_terms(p, q, still)[0] if p.two else right
+        columns = jacobian[:, free]
+        matrix = np.block([[np.diag(springs[free]), columns.T], [columns, np.zeros((len(gap), len(gap)))]])
+        step = np.linalg.lstsq(matrix, np.append(force[free], -gap), rcond=None)[0][: len(free)]
+        q[free] += step
+        if np.abs(step).max() < STILL:
+            break
+    else:
+        raise ArtibotError(
+            f"initial_state: the rover does not come to rest on the ground at x {q[X]:g} m, y {q[Y]:g} m; start where "
+            "it is smoother"
+        )
+    for body, b in bodies:
+        c, s = math.cos(q[b + GAMMA]), math.sin(q[b + GAMMA])
+        for ahead, left in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+            out_x, out_y = ahead * body.half_x, left * body.half_y
+            x, y = q[b + X] + c * out_x - s * out_y, q[b + Y] + s * out_x + c * out_y
+            if beyond(ground, np.array(x), np.array(y)):
+                raise ArtibotError(f"initial_state: no ground at x {x:.3g} m, y {y:.3g} m, where a wheel would stand")
     return q
 
 
