@@ -10,7 +10,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.columns import Channel, Experiment, Floats
 from artibot_sim.experiment.measured import MeasuredMotion
 from artibot_sim.experiment.smoothing import STAMP, bridge, fit_beside, fresh, hermite, local_fit
-from artibot_sim.model import MOTORS, Commands, Mode, Robot, Rollout, State, initial_state
+from artibot_sim.model import MOTORS, Commands, Ground, Mode, Robot, Rollout, State, initial_state
 from artibot_sim.model.robot.parameters import SensorErrors
 from artibot_sim.model.simulate.commands import as_executed
 from artibot_sim.model.simulate.rollout import default_modes, motor_coordinates
@@ -337,7 +337,7 @@ def _driven(robot: Robot, motion: MeasuredMotion, rims: Floats) -> MeasuredMotio
 
 def start_state(
     robot: Robot, motion: MeasuredMotion, position: Floats, velocity: Floats, torque: Floats | None = None,
-    t: float = 0.0, behind: Floats | None = None,
+    t: float = 0.0, behind: Floats | None = None, ground: Ground | None = None,
 ) -> State:  # fmt: skip
     """Return a rover that moves as measured, on its wheels at static equilibrium.
 
@@ -349,6 +349,7 @@ def start_state(
     torque : (4,) N·m of the motors just before, which eq. 30 feeds back; NaN or None counts as 0.
     t : s.
     behind : (2, joints) angles and rates of the joints behind the first, rad and rad/s; straight if None.
+    ground : uneven ground; flat if None.
 
     Raises
     ------
@@ -358,7 +359,9 @@ def start_state(
     x, y, yaw, vx, vy, yaw_rate, bend, bend_rate = np.nan_to_num(np.array(motion, float), nan=0.0).tolist()
     angles, rates = np.zeros((2, len(robot.trailing))) if behind is None else np.nan_to_num(behind)
     bends, bend_rates = [bend, *angles.tolist()], [bend_rate, *rates.tolist()]
-    state = initial_state(robot, x=x, y=y, yaw=yaw, articulation_yaw=bends if robot.articulated else 0.0, t=t)
+    state = initial_state(
+        robot, x=x, y=y, yaw=yaw, articulation_yaw=bends if robot.articulated else 0.0, t=t, ground=ground
+    )
     q, v = state.q.copy(), state.v.copy()
     v[[0, 1, 5]] = vx, vy, yaw_rate
     for j, (hitch, module) in enumerate(zip(robot.hitches, robot.modules[1:], strict=True)):

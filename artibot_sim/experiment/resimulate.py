@@ -28,11 +28,11 @@ from artibot_sim.experiment.measured import Measured
 from artibot_sim.experiment.metrics import Compared, Metric, metrics_of
 from artibot_sim.experiment.rollout_bag import Table, rollout_columns, write_channels
 from artibot_sim.experiment.smoothing import hermite
-from artibot_sim.model import MOTORS, Mode, Robot, Rollout, State, Status, load_robot, rollout
+from artibot_sim.model import MOTORS, Ground, Mode, Robot, Rollout, State, Status, load_ground, load_robot, rollout
 from artibot_sim.model.analysis.stability import largest_step
 from artibot_sim.model.equations.transmission import back_torque_factor
 from artibot_sim.model.kernels.layout import GAMMA, X, Y
-from artibot_sim.model.robot.derived import params
+from artibot_sim.model.robot.derived import on_ground, params
 from artibot_sim.model.robot.parameters import SensorErrors
 from artibot_sim.model.simulate.rollout import torque_columns, unlimited_beside_prescribed
 from artibot_sim.model.simulate.sensors import sensor_errors, tracked_point
@@ -344,6 +344,7 @@ class Resimulation:
     windows : how many starts.
     remarks : what could not be simulated or was assumed.
     pieces : what was simulated, one entry per segment: at any instant of it.
+    ground : what was driven over; None where it is flat.
     """
 
     experiment: Experiment
@@ -356,6 +357,7 @@ class Resimulation:
     windows: int
     remarks: tuple[str, ...] = ()
     pieces: tuple[Pieces, ...] = ()
+    ground: Ground | None = None
 
     def write(self, out: Path | str, *, progress: Report | None = None) -> Path:
         """Write `out/simulated` and `out/metrics.json`; `progress` gets the share that is done. Returns `out`.
@@ -375,6 +377,7 @@ class Resimulation:
         about = {"robot": self.robot.name, "description": f"{self.experiment.name} simulated from its {self.drive}"}
         about |= {"horizon": repr(self.horizon)} if self.horizon is not None else {}
         about |= {"kappa": self.experiment.metadata["kappa"]} if "kappa" in self.experiment.metadata else {}
+        about |= {"ground": self.ground.name} if self.ground is not None else {}
         write_channels(out / "simulated", self.tables, about, progress=progress)
         numbers = {channel: metric.as_dict() for channel, metric in self.metrics.items()}
         partial = out / ".metrics.json.partial"
@@ -400,6 +403,18 @@ def robot_of(experiment: Experiment, robot: str | None = None) -> Robot:
     return load_robot(name)
 
 
+def ground_of(experiment: Experiment, ground: str | None = None) -> Ground | None:
+    """Return the ground called `ground` (a file or `random:SEED`), else the one that the recording names, if any.
+
+    Raises
+    ------
+    ArtibotError
+        If there is no such ground.
+    """
+    name = ground or experiment.metadata.get("ground")
+    return load_ground(name) if name else None
+
+
 def resimulate(
     experiment: Experiment,
     robot: Robot,
@@ -408,6 +423,7 @@ def resimulate(
     horizon: float | None = None,
     back: str = "auto",
     begun: Sequence[Begun] = (),
+    ground: Ground | None = None,
     progress: Report | None = None,
 ) -> Resimulation:
     """Simulate a recording again and compare.
@@ -422,6 +438,7 @@ def resimulate(
     back : with `commands`, `kappa`, `effort` or `auto` (see `inputs.commands`).
     begun : windows of `horizon` s to simulate by their rotations, with what they begin with; by default windows are
         cut here and begin as measured.
+    ground : uneven ground; flat if None.
     progress : is called now and then with the share that is simulated.
 
     Returns
@@ -441,7 +458,7 @@ def resimulate(
         raise ArtibotError(f"resimulate: '{drive}'; expected one of {', '.join(DRIVES)}")
     if horizon is not None and not (np.isfinite(horizon) and horizon >= 0.1):
         raise ArtibotError(f"horizon: {horizon} s; expected at least 0.1 s")
-    run = _Run(experiment, robot, drive, horizon, back, progress or (lambda _: None))
+    run = _Run(experiment, robot, drive, horizon, back, ground, progress or (lambda _: None))
     if begun:
         run.begun(begun)
     else:
@@ -464,13 +481,14 @@ class _Run:
 
     def __init__(
         self, experiment: Experiment, robot: Robot, drive: str, horizon: float | None, back: str,
-        progress: Report,
+        ground: Ground | None, progress: Report,
     ) -> None:  # fmt: skip
         self.experiment = experiment
         self.robot = robot
         self.drive = drive
         self.horizon = horizon
         self.back = back
+        self.ground = ground
         self.progress = progress
         self.simulated = 0.0
         self.pieces: list[Pieces] = []
@@ -528,12 +546,12 @@ class _Run:
         """Simulate one window, with `offset` (rad) added to the angles; chunk by chunk, for the progress."""
         self.windows += 1
         state, chunk = window.state, max(1, round(_CHUNK / inputs.dt))
-        dt, integrator = STEP, _integrator(self.robot, inputs.modes, self.kappa)
+        dt, integrator = STEP, _integrator(self.robot, inputs.modes, self.kappa, self.ground)
         for a in range(window.first, window.last, chunk):
             b = min(a + chunk, window.last)
             result = rollout(
                 self.robot, inputs.commands(a, b, offset), dt=dt, integrator=integrator, every=_EVERY,
-                modes=inputs.modes, kappa=self.kappa, state=state,
+                modes=inputs.modes, kappa=self.kappa, state=state, ground=self.ground,
             )  # fmt: skip
             pieces.add(result, a == window.first, window.counted)
             self.simulated += float(inputs.t[b] - inputs.t[a])
@@ -561,7 +579,7 @@ class _Run:
         origin = np.where(np.isfinite(position), position, 0.0)
         offset = np.where(prescribed, origin - np.nan_to_num(inputs.position[first]), 0.0)
         behind = measured.behind(t, len(self.robot.trailing))
-        return start_state(self.robot, motion, origin, velocity, efforts, t, behind), offset
+        return start_state(self.robot, motion, origin, velocity, efforts, t, behind, self.ground), offset
 
     def _speeds(self, inputs: MotorInputs, first: int) -> Floats:
         """The motors' speeds (4,) at a knot as their encoders show them, or as they are turned where nothing does."""
@@ -577,7 +595,9 @@ class _Run:
             found = "; ".join(self.remarks) or "it has no segment"
             raise ArtibotError(f"{self.experiment.path}: nothing could be simulated from {self.drive}: {found}")
         remarks = tuple(f"{text} ({count} times)" if count > 1 else text for text, count in self.remarks.items())
-        empty = Resimulation(self.experiment, self.robot, self.drive, self.horizon, {}, {}, {}, self.windows, remarks)
+        empty = Resimulation(
+            self.experiment, self.robot, self.drive, self.horizon, {}, {}, {}, self.windows, remarks, (), self.ground
+        )
         return anew(empty, self.pieces)
 
 
@@ -601,11 +621,11 @@ def _kappa(experiment: Experiment) -> float | None:
     return kappa
 
 
-def _integrator(robot: Robot, modes: tuple[Mode, ...], kappa: float | None) -> str:
+def _integrator(robot: Robot, modes: tuple[Mode, ...], kappa: float | None, ground: Ground | None) -> str:
     """Return the more exact integrator that is stable at `STEP`."""
     if robot.trailing:
         return "rk4"  # whose steps are cut as they need it
-    p = unlimited_beside_prescribed(params(robot), modes)
+    p = unlimited_beside_prescribed(on_ground(params(robot), ground, robot.wheel.r_w), modes)
     share = back_torque_factor(robot, kappa)
     return "rk4" if largest_step(p, "rk4", modes, share)[0] >= STEP else "semi_implicit"
 

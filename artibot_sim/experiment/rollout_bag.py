@@ -136,7 +136,7 @@ def write_experiment(
     plan : what was to be driven, for `/planned/*`; None if nothing was planned.
     robot : whose rollout it is.
     commands : what the motors were told, for `/motor_command`; the plan's if None.
-    metadata : strings for the `artibot` record; `robot` and `kappa` are filled in from `robot`.
+    metadata : strings for the `artibot` record; `robot`, `kappa` and, where it is uneven, `ground` are filled in.
     start_ns : stamp of t = 0.
     keys : channel keys to write (`ground_truth_odom`, …); all if None.
     compression : of the chunks: `zstd`, `lz4` or `none`.
@@ -166,10 +166,12 @@ def write_experiment(
     unknown = set(keys or ()) - set(tables) - {"planned_path", "planned_front_velocity", "planned_odom"}
     if unknown:
         raise ArtibotError(f"write_experiment: no channel {', '.join(sorted(unknown))}; there are {', '.join(tables)}")
+    about = {"robot": robot.name, "kappa": repr(float(robot.control.kappa))}
+    about |= {"ground": result.ground.name} if result.ground is not None else {}
     return write_channels(
         folder,
         {key: table for key, table in tables.items() if keys is None or key in keys},
-        {"robot": robot.name, "kappa": repr(float(robot.control.kappa)), **(metadata or {})},
+        about | dict(metadata or {}),
         latched={key: messages for key, messages in latched.items() if keys is None or key in keys},
         compression=compression,
     )
@@ -190,11 +192,14 @@ def _motors(robot: Robot) -> tuple[str, ...]:
 
 
 def _ground_truth(result: Rollout) -> dict[str, Floats]:
-    pose, twist = result.pose, result.twist
+    from artibot_sim.model.simulate.motion import seen_rates, seen_velocity
+
+    pose, velocity, rates = result.pose, seen_velocity(result.q, result.v), seen_rates(result.q, result.v)
     return {
         "x": pose[:, 0], "y": pose[:, 1], "z": result["z_f"],
         "roll": result["alpha_f"], "pitch": result["beta_f"], "yaw": pose[:, 2],
-        "vx": twist[:, 0], "vy": twist[:, 1], "yaw_rate": twist[:, 2],
+        "vx": velocity[:, 0], "vy": velocity[:, 1], "vz": velocity[:, 2],
+        "roll_rate": rates[:, 0], "pitch_rate": rates[:, 1], "yaw_rate": rates[:, 2],
     }  # fmt: skip
 
 
@@ -212,13 +217,13 @@ def _odometry(result: Rollout, robot: Robot) -> dict[str, Floats]:
 
 
 def _joint_states(result: Rollout, robot: Robot) -> dict[str, Floats]:
-    from artibot_sim.model.equations.kinematics import articulations
+    from artibot_sim.model.simulate.motion import joint_motion
 
     columns, scale = {}, sensor_errors(robot).encoder_scale
     for i, wheel in enumerate(robot.wheel_joints):
         columns[f"{wheel}.position"] = scale * result.wheel_position[:, i]
         columns[f"{wheel}.velocity"] = scale * result.wheel_velocity[:, i]
-    angle, rate = articulations(result.q), articulations(result.v)
+    angle, rate = joint_motion(result.q, result.v)
     for i, joint in enumerate(robot.articulation_joints):
         columns[f"{joint}.position"], columns[f"{joint}.velocity"] = angle[:, i], rate[:, i]
     return columns

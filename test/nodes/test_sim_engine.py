@@ -163,8 +163,9 @@ def test_ideal_sensors_pass_the_truth_through_to_the_bit() -> None:
     values = np.array([0.1, -2.0, 3.0, 4.0])
     for read in (sensors.encoders, sensors.velocities, sensors.torques, sensors.articulation):
         np.testing.assert_array_equal(read(values), values)
-    rate, felt = sensors.imu(0.3, values[:3])
-    assert rate == 0.3
+    rates, felt = sensors.imu(values[1:], values[:3])
+    np.testing.assert_array_equal(rates, values[1:])
+    np.testing.assert_array_equal(sensors.orientation(values[:3]), values[:3])
     np.testing.assert_array_equal(felt, values[:3])
 
 
@@ -179,7 +180,7 @@ def readings(seed: int, model: SensorModel = NOISY, n: int = 4000) -> dict[str, 
         "velocity": np.array([sensors.velocities(truth) for _ in range(n)]) - truth,
         "torque": np.array([sensors.torques(truth) for _ in range(n)]) - truth,
         "articulation": np.array([sensors.articulation(truth[:2]) for _ in range(n)]) - truth[:2],
-        "gyro": np.array([sensors.imu(0.2, truth[:3])[0] for _ in range(n)]) - 0.2,
+        "gyro": np.array([sensors.imu(truth[1:], truth[:3])[0][2] for _ in range(n)]) - truth[3],
         "station": np.array([point for point in station if point is not None]),
     }
 

@@ -28,7 +28,7 @@ def test_errors_of_the_robot_come_before_those_of_the_sensors() -> None:
     np.testing.assert_allclose(sensors.encoders(angle), np.round(1.02 * angle / count) * count)
     np.testing.assert_allclose(sensors.velocities(angle), 1.02 * angle)
     np.testing.assert_allclose(sensors.torques(angle), 0.85 * angle)
-    assert sensors.imu(0.2, np.zeros(3))[0] == pytest.approx(0.2 - 0.01 + 0.003)
+    assert sensors.imu(np.array([0.0, 0.0, 0.2]), np.zeros(3))[0][2] == pytest.approx(0.2 - 0.01 + 0.003)
 
 
 def test_the_prism_is_seen_late_and_off_the_origin() -> None:

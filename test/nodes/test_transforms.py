@@ -89,7 +89,8 @@ def sample_at(robot: Robot, x: float, y: float, yaw: float, bend: float) -> Samp
     q[3:5] = 0.03, -0.05
     none = np.zeros(4)
     articulation = np.array([[bend, 0.0], [0.0, 0.0]]) if robot.articulated else np.zeros((2, 2))
-    return Sample(q[:3], q[3:6], (0.0, 0.0, 0.0), np.zeros(3), none, none, none, articulation, (0.0, 0.0))
+    still = np.zeros(3)
+    return Sample(q[:3], q[3:6], (0.0, 0.0, 0.0), still, still, still, none, none, none, articulation, (0.0, 0.0))
 
 
 def test_the_chain_ends_at_the_truth_and_odom_says_what_the_odometry_says(ros_context: Any, sent: list[Any]) -> None:

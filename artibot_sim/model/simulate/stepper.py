@@ -16,12 +16,14 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.model.analysis.stability import largest_step, limited_by, parts
 from artibot_sim.model.effects import has_memory, record
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor
+from artibot_sim.model.ground.raster import Ground
 from artibot_sim.model.kernels import loop
 from artibot_sim.model.kernels.advance import advance
 from artibot_sim.model.kernels.layout import M_M, MEMORY, ROW, Grid, MotorInputs, Rows, RunState
-from artibot_sim.model.robot.derived import PARAMS_DTYPE, params
+from artibot_sim.model.robot.derived import PARAMS_DTYPE, on_ground, params
+from artibot_sim.model.robot.parameters import Params
 from artibot_sim.model.robot.robot import Robot
-from artibot_sim.model.simulate.rollout import INTEGRATORS, Status, first_fault
+from artibot_sim.model.simulate.rollout import INTEGRATORS, Status, first_fault, stopped
 from artibot_sim.model.simulate.state import State, from_memory, initial_state
 
 Array = NDArray[np.float64]
@@ -63,6 +65,8 @@ class Stepper:
     integrator : {"rk4", "semi_implicit"}
     state : State, optional
         Where to start; at rest at the origin by default.
+    ground : Ground, optional
+        Uneven ground; flat by default.
 
     Attributes
     ----------
@@ -79,19 +83,27 @@ class Stepper:
         When `dt` is unstable for motors that may all spin freely.
     """
 
-    def __init__(self, robot: Robot, *, dt: float = 1e-3, integrator: str = "rk4", state: State | None = None) -> None:
+    def __init__(
+        self, robot: Robot, *, dt: float = 1e-3, integrator: str = "rk4", state: State | None = None,
+        ground: Ground | None = None,
+    ) -> None:  # fmt: skip
         if integrator not in INTEGRATORS:
             raise ArtibotError(f"integrator: '{integrator}'; expected one of {', '.join(INTEGRATORS)}")
-        p = params(robot)
+
+        def numbers(one: Robot) -> Params:
+            return on_ground(params(one), ground, one.wheel.r_w)
+
+        p = numbers(robot)
         longest, motion = largest_step(p, integrator, (Mode.TORQUE,) * 4)
         if not 0.0 < dt <= longest:
-            what = limited_by(robot, motion, lambda one: largest_step(params(one), integrator, (Mode.TORQUE,) * 4)[0])
+            what = limited_by(robot, motion, lambda one: largest_step(numbers(one), integrator, (Mode.TORQUE,) * 4)[0])
             mend = "" if integrator == "semi_implicit" else ", or use the integrator 'semi_implicit'"
             raise ArtibotError(
                 f"dt: {dt:g} s is unstable with '{integrator}' once all motors spin freely; expected at most "
                 f"{longest:.3g} s ({what}); take a shorter step{mend}"
             )
         self.robot, self.dt, self._p = robot, dt, p
+        self._ground, self._surface = ground, None if ground is None else ground.under_wheels(robot.wheel.r_w)
         self._integrator = integrator
         self._parts = parts(p, dt) if integrator == "semi_implicit" else 1
         self._table = np.array([p], dtype=PARAMS_DTYPE)
@@ -106,7 +118,7 @@ class Stepper:
         self._effects, self._t, self._steps = record(robot.effects, 0.0), 0.0, 0
         self._remembers = has_memory(robot.effects)
         self.message = ""
-        self.state = initial_state(robot) if state is None else state
+        self.state = initial_state(robot, ground=ground) if state is None else state
 
     @property
     def t(self) -> float:
@@ -145,9 +157,15 @@ class Stepper:
         inputs = MotorInputs(self._modes, self._position, self._velocity, self._torque_d, self._shared)
         grid = Grid(self.dt / self._parts, cut, cut, 2 * cut)
         given = RunState(q, v, eta, previous), self._table[0], inputs, grid, self._work, self._out, None
-        status, _ = advance(self._integrator, given, extra)
+        if self._surface is not None:
+            self._surface.found[:] = 0.0
+        status, _ = advance(self._integrator, given, extra, self._surface)
+        if self._surface is not None and self._ground is not None and self._surface.found[0]:
+            ended = stopped(self._surface.found, self._ground.name)
+            self.message = f"ended at {self.t + self._surface.found[3]:.3f} s: {ended}"
+            return Status.INVALID
         rows, t = (q[np.newaxis], v[np.newaxis], self._out.w[1:2]), np.array([self.t])
-        fault = first_fault(self._p, self.robot, *rows, t) if status == Status.OK else None
+        fault = first_fault(self._p, self.robot, *rows, t, self._surface) if status == Status.OK else None
         if fault is not None:
             _, faulty, self.message = fault
             return faulty

@@ -15,7 +15,7 @@ import numpy as np
 
 from artibot_driver.simulated.motion import FREE, InertialShaft, Shaft, ShaftCommand, ShaftState
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model import MOTORS, Robot, Status, initial_state
+from artibot_sim.model import MOTORS, Ground, Robot, Status, initial_state
 from artibot_sim.model.kernels.layout import MOTOR_COORDINATES
 from artibot_sim.model.simulate.sensors import sensor_errors
 from artibot_sim.model.simulate.stepper import Stepper, Turn
@@ -92,18 +92,23 @@ class RoverShafts:
     sensors : Sensors, optional
         What is wrong with the speeds and torques that the drives measure; what the robot's effects say by default.
         Positions are counted by the drives.
+    ground : Ground, optional
+        Uneven ground; flat by default.
     """
 
     def __init__(
-        self, robot: Robot, timing: Timing, start: Start, integrator: str = "rk4", sensors: Sensors | None = None
-    ) -> None:
+        self, robot: Robot, timing: Timing, start: Start, integrator: str = "rk4", sensors: Sensors | None = None,
+        ground: Ground | None = None,
+    ) -> None:  # fmt: skip
         if not robot.articulated:
             raise ArtibotError(f"robot '{robot.name}': is rigid and has two motors; expected a robot with four drives")
         self.robot, self.timing, self.start = robot, timing, start
         self._steps = steps_of_a_slice(timing)
         self.slice_ns = self._steps * timing.dt_ns
-        self._initial = initial_state(robot, start.x, start.y, start.yaw, start.articulation_yaw)
-        self._stepper = Stepper(robot, dt=timing.dt_ns * 1e-9, integrator=integrator, state=self._initial)
+        self._initial = initial_state(robot, start.x, start.y, start.yaw, start.articulation_yaw, ground=ground)
+        self._stepper = Stepper(
+            robot, dt=timing.dt_ns * 1e-9, integrator=integrator, state=self._initial, ground=ground
+        )
         self._sensors = sensors or Sensors(SensorModel(), 0, sensor_errors(robot))
         self._motors = tuple(ModelShaft() for _ in MOTORS)
         self.shafts: Mapping[str, Shaft] = dict(zip(MOTORS, self._motors, strict=True))

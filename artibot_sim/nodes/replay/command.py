@@ -24,7 +24,7 @@ _WAIT_HELP = (
 _DRIVE_HELP = "Move a rover: publish the recorded inputs with new stamps, and the planner's sign of life."
 
 _ONLY = {
-    "resimulate": ("robot", "horizon", "out", "back", "renames", "joints", "namespace", "residual"),
+    "resimulate": ("robot", "ground", "horizon", "out", "back", "renames", "joints", "namespace", "residual"),
     "drive": ("delay", "use_sim_time", "request_from"),
     "play": ("rate", "start", "end", "loop", "clock", "restamp", "pause", "can"),
 }
@@ -68,6 +68,9 @@ _FRAMES_HELP = "With --can: what the drives sent, or commands, which MOVE MOTORS
 @click.option("--resimulate", type=click.Choice(["rotations", "commands"]), help="Feed this to the model, without ROS.")
 @effects_option
 @click.option("--robot", help="With --resimulate: a name or a robot file.  [default: the recording's]")
+@click.option(
+    "--ground", metavar="FILE|random:SEED", help="With --resimulate: uneven ground.  [default: the recording's]"
+)
 @click.option("--horizon", type=_POSITIVE, help="With --resimulate: start anew from the measurements so often, s.")
 @click.option(
     "--out", "-o", type=click.Path(file_okay=False, path_type=Path), help="With --resimulate: folder for the results."
@@ -116,7 +119,7 @@ def command(ros_args: list[str] | None, bag: Path, resimulate: str | None, drive
         return run_resimulation(
             bag, resimulate, given["out"], robot=given["robot"], horizon=given["horizon"],
             back=given["back"] or "auto", renames=given["renames"], joints=given["joints"],
-            namespace=given["namespace"], residual=given["residual"],
+            namespace=given["namespace"], residual=given["residual"], ground=given["ground"],
         )  # fmt: skip
     if given["can_only"]:
         from artibot_sim.experiment.reader import bag_info

@@ -17,10 +17,10 @@ from artibot_sim.estimation.residual_model import Predicted, ResidualModel, Turn
 from artibot_sim.experiment import open_recording, read_bag
 from artibot_sim.experiment.columns import Experiment, Floats
 from artibot_sim.experiment.measured import Measured
-from artibot_sim.experiment.resimulate import Begun, Resimulation, anew, resimulate, robot_of
+from artibot_sim.experiment.resimulate import Begun, Resimulation, anew, ground_of, resimulate, robot_of
 from artibot_sim.experiment.wheels import with_odometry_wheels
 from artibot_sim.identify.validation import begun_windows
-from artibot_sim.model import Robot, Rollout
+from artibot_sim.model import Ground, Robot, Rollout
 from artibot_sim.progress import Bar, Report
 
 _SIZES = {"reading": 18.0, "simulating": 9.0, "writing": 6.0, "reading back": 8.0, "drawing": 3.0}
@@ -30,7 +30,7 @@ _SIZES = {"reading": 18.0, "simulating": 9.0, "writing": 6.0, "reading back": 8.
 def run_resimulation(
     bag: Path, drive: str, out: Path, *, robot: str | None = None, horizon: float | None = None, back: str = "auto",
     renames: Sequence[str] = (), joints: Sequence[str] = (), namespace: str | None = None,
-    residual: Path | None = None,
+    residual: Path | None = None, ground: str | None = None,
 ) -> int:  # fmt: skip
     """Simulate a recording again, write and print the results; return the exit status 0.
 
@@ -45,6 +45,7 @@ def run_resimulation(
     renames, joints : `WANTED=FOUND` texts.
     namespace : of the rover, where the recording has several.
     residual : file of a residual model, whose corrections are added to the simulated paths; None for none.
+    ground : file or `random:SEED`; the recording's own if None, and flat if it names none.
 
     Raises
     ------
@@ -60,7 +61,8 @@ def run_resimulation(
         experiment = open_recording(bag, topics=renames, joints=joints, namespace=namespace, progress=reading)
         found = robot_of(experiment, robot)
         experiment = with_odometry_wheels(experiment, found)
-        result = simulated(experiment, found, drive, horizon, back, _stage(bar, "simulating"))
+        under = ground_of(experiment, ground)
+        result = simulated(experiment, found, drive, horizon, back, _stage(bar, "simulating"), under)
         if corrections is not None:
             result = with_residual(result, corrections)
         result.write(out, progress=_stage(bar, "writing"))
@@ -73,20 +75,22 @@ def run_resimulation(
 
 
 def simulated(
-    experiment: Experiment, robot: Robot, drive: str, horizon: float | None, back: str, progress: Report | None = None
-) -> Resimulation:
+    experiment: Experiment, robot: Robot, drive: str, horizon: float | None, back: str, progress: Report | None = None,
+    ground: Ground | None = None,
+) -> Resimulation:  # fmt: skip
     """A recording simulated again as `identify` does it, so that both have the same figures.
 
     Where rotations are given, stamps that are late or early are shifted beforehand, and windows are cut, begun and
-    counted as the predictions of a held-out recording. Trains, which `identify` does not fit, begin as measured.
+    counted as the predictions of a held-out recording. Trains and drives over uneven ground, which `identify` does not
+    fit, begin as measured.
 
     Raises
     ------
     ArtibotError
         As `resimulate`.
     """
-    if drive != "rotations" or robot.trailing or not _has_both(experiment):
-        return resimulate(experiment, robot, drive, horizon=horizon, back=back, progress=progress)
+    if drive != "rotations" or robot.trailing or ground is not None or not _has_both(experiment):
+        return resimulate(experiment, robot, drive, horizon=horizon, back=back, ground=ground, progress=progress)
     (timed,) = on_one_clock([experiment], robot, poses="pose_delay" not in robot.effects)
     said = tuple(what_was_mended([timed]))
     begun: list[Begun] | None = None

@@ -58,7 +58,8 @@ class CommandedActuation:
     def __init__(self, node: Node, robot: Robot, timing: Timing, settings: Settings) -> None:
         self._robot, self._timing, self._kappa = robot, timing, float(settings["kappa"])
         driven = settings["front_mode"] == "driven"
-        self._engine = Engine(robot, timing, parameters.start(settings), settings["integrator"], driven)
+        start, ground = parameters.start(settings), parameters.ground(settings)
+        self._engine = Engine(robot, timing, start, settings["integrator"], driven, ground)
         self._engine.warm_up()  # before anybody can see a subscription and send what would then be late
         self._inputs = Inputs(node, parameters.rules(settings, robot), settings["cmd_vel_stamped"])
 
@@ -78,7 +79,8 @@ class CommandedActuation:
 
     def describe(self) -> str:
         """For the log."""
-        return f"at kappa {self._kappa:g}"
+        ground = self._engine.ground
+        return f"at kappa {self._kappa:g}" + (f" on the ground {ground.name}" if ground is not None else "")
 
     def adopt(self, settings: Settings) -> None:
         """Go by these parameters from now on."""

@@ -21,6 +21,7 @@ OPTIONS = {
     "dt": "dt",
     "publish_rate": "publish_rate",
     "seed": "seed",
+    "ground": "ground",
     "duration": "duration",
     "front_mode": "front_mode",
     "command_source": "command_source",
@@ -45,6 +46,9 @@ OPTIONS = {
 @click.option("--dt", type=float, help="Integration step, s.  [default: 0.001]")
 @click.option("--publish-rate", type=float, help="Publications per simulated second, Hz.  [default: 100]")
 @click.option("--seed", type=int, help="Seed of the sensor noise.  [default: 0]")
+@click.option(
+    "--ground", metavar="FILE|random:SEED", help="Uneven ground: .yaml, .npy, .tif, or drawn.  [default: flat]"
+)
 @click.option("--start", type=float, nargs=3, metavar="X Y YAW", help="Pose at the start, m m rad.  [default: 0 0 0]")
 @click.option("--duration", type=float, help="End after so much simulated time, s.  [default: never]")
 @click.option("--front-mode", help="prescribed or driven.  [default: prescribed]")
@@ -74,6 +78,7 @@ def command(
       artibot sim --robot agriq
       artibot sim --rate 0 --wait-for-profile --duration 60
       artibot sim --robot epiq --params sim_noisy --ros-args -r __ns:=/rover1
+      artibot sim --ground random:7
       artibot sim --with-driver --channel vcan0
     """
     overrides = {OPTIONS[name]: value for name, value in given.items() if value is not None}

@@ -26,7 +26,8 @@ class DrivenActuation:
     def __init__(self, node: Node, robot: Robot, timing: Timing, settings: Settings, sensors: Sensors) -> None:
         parameters.check_drives(settings)
         get = settings.__getitem__
-        self._shafts = RoverShafts(robot, timing, parameters.start(settings), get("integrator"), sensors)
+        start, ground = parameters.start(settings), parameters.ground(settings)
+        self._shafts = RoverShafts(robot, timing, start, get("integrator"), sensors, ground)
         self._shafts.warm_up()
         rig = load_rig(drive_config(get("robot"), get("driver_params"), get("bus.interface"), get("bus.channel")))
         self._loop = open_drive_loop(rig, self._shafts)

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model import Commands, Mode, Robot, Rollout, State, Status, initial_state, rollout
-from artibot_sim.model.equations.kinematics import articulations
+from artibot_sim.model import Commands, Ground, Mode, Robot, Rollout, State, Status, initial_state, rollout
 from artibot_sim.model.robot.derived import front_params
 from artibot_sim.model.simulate.commands import CommandWay, travelled
+from artibot_sim.model.simulate.motion import joint_motion, seen_rates, seen_velocity
 from artibot_sim.model.simulate.rollout import default_modes, motor_coordinates, side_gears
 from artibot_sim.nodes.common.arbiter import Decision, Source
 from artibot_sim.nodes.common.rotations import rotation
@@ -85,7 +85,9 @@ class Sample:
     position, rpy : array, shape (3,)
         Front module's origin (m), roll, pitch and yaw (rad).
     twist : tuple of 3 floats
-        In its own frame: forward, left (m/s) and yaw rate (rad/s).
+        As seen from above, along its heading: forward, left (m/s) and yaw rate (rad/s).
+    velocity, rates : array, shape (3,)
+        In its own frame, which rolls and pitches with it: of its origin (m/s) and angular (rad/s).
     felt : array, shape (3,)
         Specific force (m/s²), the mean over the last period: acceleration less gravity.
     motor_position, motor_velocity, motor_torque : array, shape (4,)
@@ -102,6 +104,8 @@ class Sample:
     position: Array
     rpy: Array
     twist: tuple[float, float, float]
+    velocity: Array
+    rates: Array
     felt: Array
     motor_position: Array
     motor_velocity: Array
@@ -138,17 +142,23 @@ class Engine:
     driven : bool
         Front motors driven by a velocity loop with limited torque, instead of prescribed; so they are in any case
         where an effect limits them.
+    ground : Ground, optional
+        Uneven ground; flat by default.
     """
 
-    def __init__(self, robot: Robot, timing: Timing, start: Start, integrator: str = "rk4", driven: bool = False):
-        self.robot = robot
+    def __init__(
+        self, robot: Robot, timing: Timing, start: Start, integrator: str = "rk4", driven: bool = False,
+        ground: Ground | None = None,
+    ) -> None:  # fmt: skip
+        self.robot, self.ground = robot, ground
         self.timing = timing
         self.start = start
         self.integrator = integrator
         front = Mode.DRIVEN if driven else default_modes(robot)[0]
         self.modes = (front, front, *default_modes(robot)[2:])
         self._gravity = gravity_of(robot)
-        self.state: State = initial_state(robot, start.x, start.y, start.yaw, start.articulation_yaw)
+        self._initial = initial_state(robot, start.x, start.y, start.yaw, start.articulation_yaw, ground=ground)
+        self.state: State = self._initial
         self._v_last = self.state.v
         self._way: CommandWay | None = None
 
@@ -160,8 +170,7 @@ class Engine:
 
     def reset(self) -> None:
         """Back to the start, at rest."""
-        start = self.start
-        self.state = initial_state(self.robot, start.x, start.y, start.yaw, start.articulation_yaw)
+        self.state = self._initial
         self._v_last = self.state.v
         self._way = None
 
@@ -188,6 +197,7 @@ class Engine:
             kappa=kappa,
             state=self.state,
             duration=self.timing.period_ns * 1e-9,
+            ground=self.ground,
         )
         if result.status is not Status.OK:
             raise Diverged(result.message)
@@ -229,11 +239,13 @@ def sample_of(robot: Robot, q: Array, v: Array, torque: Array, felt: Array, comm
         position=q[:3],
         rpy=q[3:6],
         twist=(float(c * v[0] + s * v[1]), float(c * v[1] - s * v[0]), float(v[5])),
+        velocity=seen_velocity(q, v),
+        rates=seen_rates(q, v),
         felt=felt,
         motor_position=q[motors],
         motor_velocity=v[motors],
         motor_torque=torque,
-        articulation=np.array([articulations(q), articulations(v)]) if robot.articulated else np.zeros((2, 2)),
+        articulation=np.array(joint_motion(q, v)) if robot.articulated else np.zeros((2, 2)),
         wheels=np.array([q, v]).reshape(2, -1, 8)[:, :, 6:].reshape(2, -1) * side_gears(robot) if passive else None,
         command=command,
     )

@@ -129,6 +129,8 @@ class SimNode(Node):
             frames=Frames.of(get("frame_prefix"), get("map_frame")),
             gyro_deviation=settings.gyro_deviation(self.settings),
             acceleration_deviation=get("imu.acceleration_deviation") or get("imu.acceleration_noise"),
+            orientation=get("imu.orientation"),
+            orientation_deviation=get("imu.orientation_noise"),
         )
 
     def _on_parameters(self, changes: list[Parameter]) -> SetParametersResult:

@@ -10,7 +10,7 @@ from artibot_driver.config import ODOMETRY
 from artibot_sim import parameters
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.odometry import metres_per_radian
-from artibot_sim.model import Robot
+from artibot_sim.model import Ground, Robot, load_ground
 from artibot_sim.nodes.common.arbiter import Rules, parse_sources
 from artibot_sim.nodes.common.parameters import declare as declare_spec
 from artibot_sim.nodes.common.profile import Refused
@@ -41,6 +41,7 @@ OTHERS = (
     Spec("start_paused", False, "Start as after ~/pause."),
     Spec("duration", 0.0, "End with status 0 after this much simulated time, s; 0: never.", low=0.0, high=1e9),
     Spec("seed", 0, "Seed of all sensor noise.", low=0, high=2**31 - 1),
+    Spec("ground", "", "Uneven ground: a file (.yaml, .npy with a .yaml beside it, .tif) or random:SEED; empty: flat."),
     Spec("front_mode", "prescribed", "Front motors follow their command exactly (eq. 26), or are driven by a velocity "
          "loop whose torque is limited.", choices=("prescribed", "driven")),
     Spec("start.x", 0.0, "Start of the front module in map, m.", low=-1e6, high=1e6),
@@ -82,9 +83,11 @@ OTHERS = (
     Spec("noise.torque_relative", 0.0, "Sigma of motor torques relative to the torque.", low=0.0, high=1.0),
     Spec("noise.articulation", 0.0, "Sigma of the articulation angles, rad.", low=0.0, high=1.0),
     Spec("imu.enabled", False, "Publish imu/data."),
-    Spec("imu.gyro_noise", 0.0, "Sigma of the yaw rate, rad/s.", low=0.0, high=10.0),
+    Spec("imu.gyro_noise", 0.0, "Sigma of the angular rates, rad/s.", low=0.0, high=10.0),
     Spec("imu.gyro_bias", 0.0, "Constant error of the yaw rate, rad/s.", low=-1.0, high=1.0),
     Spec("imu.acceleration_noise", 0.0, "Sigma of the accelerations, m/s^2.", low=0.0, high=100.0),
+    Spec("imu.orientation", False, "Whether imu/data tells the orientation, or says that none is measured."),
+    Spec("imu.orientation_noise", 0.0, "Sigma of roll, pitch and yaw, rad.", low=0.0, high=1.0),
     Spec("imu.gyro_deviation", 0.0, "Standard deviation of the yaw rate that imu/data states, rad/s; 0: that of its "
          "noise and bias.", low=0.0, high=10.0),
     Spec("imu.acceleration_deviation", 0.0, "The same for the accelerations, m/s^2; 0: that of their noise.", low=0.0,
@@ -169,6 +172,11 @@ def start(settings: Settings) -> Start:
     return Start(*(settings[f"start.{name}"] for name in ("x", "y", "yaw", "articulation_yaw")))
 
 
+def ground(settings: Settings) -> Ground | None:
+    """The ground under the rover; None where it is flat."""
+    return load_ground(settings["ground"]) if settings["ground"] else None
+
+
 def sensor_model(settings: Settings) -> SensorModel:
     """The sensors' errors."""
     return SensorModel(
@@ -180,6 +188,7 @@ def sensor_model(settings: Settings) -> SensorModel:
         gyro=settings["imu.gyro_noise"],
         gyro_bias=settings["imu.gyro_bias"],
         acceleration=settings["imu.acceleration_noise"],
+        orientation=settings["imu.orientation_noise"],
         station=settings["total_station.noise"],
         station_loss=settings["total_station.loss"],
         prism=settings["total_station.prism"],

@@ -15,7 +15,6 @@ from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 
-from artibot_sim.estimation.odometry import UNKNOWN
 from artibot_sim.estimation.odometry import Odometry as Believed
 from artibot_sim.model import Robot
 from artibot_sim.nodes.common.motor_publishers import MotorPublishers, WheelJoints
@@ -26,8 +25,8 @@ from artibot_sim.nodes.sim.engine import Sample
 from artibot_sim.nodes.sim.sensors import Sensors
 from artibot_sim.nodes.sim.transforms import SimulatedTransforms
 
-LEAST_RATE, LEAST_ACCELERATION = 1e-3, 1e-2
-"""Standard deviations (rad/s, m/s²) that imu/data states at least: filters invert covariances."""
+LEAST_RATE, LEAST_ACCELERATION, LEAST_ANGLE = 1e-3, 1e-2, 1e-3
+"""Standard deviations (rad/s, m/s², rad) that imu/data states at least: filters invert covariances."""
 
 LONG_QOS = QoSProfile(depth=2000)
 """For recording at full speed: a reliable subscriber loses nothing while it is less than this behind."""
@@ -46,6 +45,8 @@ class Published:
     frames: Frames
     gyro_deviation: float
     acceleration_deviation: float
+    orientation: bool = False
+    orientation_deviation: float = 0.0
 
 
 class Publishers:
@@ -126,7 +127,8 @@ class Publishers:
         pose.position.x, pose.position.y, pose.position.z = sample.position.tolist()
         q = pose.orientation
         q.x, q.y, q.z, q.w = quaternion(*sample.rpy.tolist())
-        twist.linear.x, twist.linear.y, twist.angular.z = sample.twist
+        twist.linear.x, twist.linear.y, twist.linear.z = sample.velocity.tolist()
+        twist.angular.x, twist.angular.y, twist.angular.z = sample.rates.tolist()
         self._truth.publish(message)
 
     def _publish_joints(
@@ -147,8 +149,12 @@ class Publishers:
     def _publish_imu(self, stamp: tuple[int, int], sample: Sample, sensors: Sensors) -> None:
         message = self._imu_message
         message.header.stamp.sec, message.header.stamp.nanosec = stamp
-        message.angular_velocity.z, felt = sensors.imu(sample.twist[2], sample.acceleration)
-        acceleration = message.linear_acceleration
+        turned, felt = sensors.imu(sample.rates, sample.acceleration)
+        rates, acceleration = message.angular_velocity, message.linear_acceleration
+        rates.x, rates.y, rates.z = turned.tolist()
+        if self.what.orientation:
+            q = message.orientation
+            q.x, q.y, q.z, q.w = quaternion(*sensors.orientation(sample.rpy).tolist())
         acceleration.x, acceleration.y, acceleration.z = felt.tolist()
         self._imu.publish(message)  # type: ignore[union-attr]
 
@@ -164,8 +170,10 @@ class Publishers:
 def _imu(what: Published) -> Imu:
     message = Imu()
     message.header.frame_id = what.frames.base
-    message.orientation_covariance[0] = -1.0  # no orientation is measured (REP-145 way of saying so)
-    message.angular_velocity_covariance[[0, 4]] = UNKNOWN
-    message.angular_velocity_covariance[8] = max(what.gyro_deviation, LEAST_RATE) ** 2
+    if what.orientation:
+        message.orientation_covariance[[0, 4, 8]] = max(what.orientation_deviation, LEAST_ANGLE) ** 2
+    else:
+        message.orientation_covariance[0] = -1.0  # no orientation is measured (REP-145 way of saying so)
+    message.angular_velocity_covariance[[0, 4, 8]] = max(what.gyro_deviation, LEAST_RATE) ** 2
     message.linear_acceleration_covariance[[0, 4, 8]] = max(what.acceleration_deviation, LEAST_ACCELERATION) ** 2
     return message

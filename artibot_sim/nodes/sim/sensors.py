@@ -29,8 +29,8 @@ class SensorModel:
         Counts a turn of the motor; positions are rounded to counts. 0: not rounded.
     velocity, torque, torque_relative, articulation : float
         Of motor velocities (rad/s), motor torques (N·m, and relative to the torque), articulation angles (rad).
-    gyro, gyro_bias, acceleration : float
-        Of the IMU: rad/s, a constant rad/s, m/s².
+    gyro, gyro_bias, acceleration, orientation : float
+        Of the IMU: rad/s about each axis, a constant rad/s about z, m/s², rad.
     station, station_loss : float
         Of each coordinate of the total station's point (m); fraction of its points that are lost.
     prism : (float, float, float)
@@ -48,6 +48,7 @@ class SensorModel:
     station: float = 0.0
     station_loss: float = 0.0
     prism: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    orientation: float = 0.0
 
 
 class Sensors:
@@ -66,8 +67,8 @@ class Sensors:
         self.model, self.errors = model, errors
         self._arm = np.array(model.prism) + np.array([errors.arm_x, errors.arm_y, 0.0])
         self._past: deque[tuple[int, Array]] = deque()
-        streams = np.random.SeedSequence(seed).spawn(4)
-        self._motors, self._joint, self._imu, self._station = (np.random.default_rng(stream) for stream in streams)
+        streams = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(5))
+        self._motors, self._joint, self._imu, self._station, self._attitude = streams
 
     def turned(self, position: Array) -> Array:
         """Motor positions (rad) as encoders turn, not yet counted."""
@@ -96,13 +97,18 @@ class Sensors:
         """Articulation angles (rad) as measured."""
         return _noisy(self._joint, angles, self.model.articulation)
 
-    def imu(self, yaw_rate: float, acceleration: Array) -> tuple[float, Array]:
-        """Yaw rate (rad/s) and specific force (m/s², shape (3,)) as measured."""
-        noise = self._imu.standard_normal(4)
+    def imu(self, rates: Array, acceleration: Array) -> tuple[Array, Array]:
+        """Angular rates (rad/s, shape (3,)) and specific force (m/s², shape (3,)) as measured."""
+        noise, tilting = self._imu.standard_normal(4), self._attitude.standard_normal(2)
+        bias = np.array([0.0, 0.0, self.errors.gyro_bias + self.model.gyro_bias])
         return (
-            yaw_rate + self.errors.gyro_bias + self.model.gyro_bias + self.model.gyro * float(noise[0]),
+            rates + bias + self.model.gyro * np.array([*tilting, noise[0]]),
             acceleration + self.model.acceleration * noise[1:],
         )
+
+    def orientation(self, rpy: Array) -> Array:
+        """Roll, pitch and yaw (rad) as measured."""
+        return _noisy(self._attitude, rpy, self.model.orientation)
 
     def follow(self, t_ns: int, position: Array, attitude: Array) -> Array:
         """Where the prism was when that was measured which is stamped `t_ns`, in `map` (m, shape (3,)).

@@ -1,0 +1,65 @@
+"""How a rover moves as sensors on it see it, which roll and pitch with their module."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.model.equations.kinematics import articulations
+from artibot_sim.model.kernels.layout import ALPHA, BACK, BETA, GAMMA, Z
+
+Array = NDArray[np.float64]
+
+
+def seen_velocity(q: Array, v: Array, module: int = 0) -> Array:
+    """Velocity of a module's origin in its own frame, m/s, shape (…, 3), at states (…, 16)."""
+    s_a, c_a, s_b, c_b, s_g, c_g = _turns(q, module)
+    b = BACK * module
+    forward, left, up = c_g * v[..., b] + s_g * v[..., b + 1], c_g * v[..., b + 1] - s_g * v[..., b], v[..., b + Z]
+    ahead, over = c_b * forward - s_b * up, s_b * forward + c_b * up
+    return np.stack([ahead, c_a * left + s_a * over, c_a * over - s_a * left], axis=-1)
+
+
+def seen_rates(q: Array, v: Array, module: int = 0) -> Array:
+    """Angular velocity of a module in its own frame, from the rates of its angles (eq. 2), rad/s, shape (…, 3)."""
+    s_a, c_a, s_b, c_b, _, _ = _turns(q, module)
+    b = BACK * module
+    roll, pitch, yaw = v[..., b + ALPHA], v[..., b + BETA], v[..., b + GAMMA]
+    return np.stack([roll - s_b * yaw, c_a * pitch + s_a * c_b * yaw, c_a * c_b * yaw - s_a * pitch], axis=-1)
+
+
+def axes_of(q: Array, module: int = 0) -> Array:
+    """R_z R_y R_x (eq. 2), shape (…, 3, 3): a module's axes in `map`, column by column."""
+    s_a, c_a, s_b, c_b, s_g, c_g = _turns(q, module)
+    return np.stack(
+        [
+            np.stack([c_g * c_b, c_g * s_b * s_a - s_g * c_a, c_g * s_b * c_a + s_g * s_a], axis=-1),
+            np.stack([s_g * c_b, s_g * s_b * s_a + c_g * c_a, s_g * s_b * c_a - c_g * s_a], axis=-1),
+            np.stack([-s_b, c_b * s_a, c_b * c_a], axis=-1),
+        ],
+        axis=-2,
+    )
+
+
+def joint_motion(q: Array, v: Array) -> tuple[Array, Array]:
+    """Angles of the joints as encoders in them turn (rad), yaw and roll of each, and their rates, (…, 2 · joints).
+
+    Level modules differ by them in yaw and roll. Where one of two modules is tilted, the joint turns about the z axis
+    of the front one and about the x axis of the back one (eq. 13).
+    """
+    angles, rates = articulations(q), articulations(v)
+    tilts = q[..., [ALPHA, BETA, BACK + ALPHA, BACK + BETA]]
+    if q.shape[-1] != 2 * BACK or not tilts.any():
+        return angles, rates
+    front, back = axes_of(q), axes_of(q, 1)
+    between = np.swapaxes(front, -1, -2) @ back
+    yaw, roll = np.arctan2(between[..., 1, 0], between[..., 0, 0]), np.arctan2(between[..., 2, 1], between[..., 2, 2])
+    turning = (back @ seen_rates(q, v, 1)[..., None] - front @ seen_rates(q, v)[..., None])[..., 0]
+    about = [(turning * front[..., 2]).sum(axis=-1), (turning * back[..., 0]).sum(axis=-1)]
+    return np.stack([yaw, roll], axis=-1), np.stack(about, axis=-1)
+
+
+def _turns(q: Array, module: int) -> tuple[Array, ...]:
+    """Sines and cosines of roll, pitch and yaw."""
+    b = BACK * module
+    return tuple(turn(q[..., b + i]) for i in (ALPHA, BETA, GAMMA) for turn in (np.sin, np.cos))
