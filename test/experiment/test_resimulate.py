@@ -19,9 +19,9 @@ from artibot_sim.estimation.measurements import stretches
 from artibot_sim.estimation.windows import measured_start
 from artibot_sim.experiment import Experiment, read_bag, write_channels, write_experiment
 from artibot_sim.experiment.metrics import UNITS
-from artibot_sim.experiment.resimulate import resimulate, robot_of
+from artibot_sim.experiment.resimulate import ground_of, resimulate, robot_of
 from artibot_sim.experiment.smoothing import fresh, local_fit, noise_of
-from artibot_sim.model import Commands, Robot, Rollout, load_robot, rollout
+from artibot_sim.model import Commands, Robot, Rollout, load_ground, load_robot, rollout
 
 SOILS = {
     "contact.k_l": 2920.7,
@@ -236,6 +236,21 @@ def test_heading_and_velocity_are_found_from_points_gyroscope_and_accelerometer(
     assert "yaw" not in free.metrics
     windows = resimulate(seen, robot, "rotations", horizon=2.0)
     assert windows.metrics["position"].median < 0.02
+
+
+def test_a_recording_over_uneven_ground_is_simulated_over_it(tmp_path: Path) -> None:
+    """The ground that its metadata name gives the run back; flat ground does not."""
+    robot, ground = load_robot("agriq"), load_ground("random:6,rms=0.15,size=12.8")
+    result = rollout(robot, bump(), ground=ground)
+    experiment = read_bag(write_experiment(tmp_path / "run", result, None, robot, commands=bump()))
+    assert experiment.metadata["ground"] == ground.name
+    same = resimulate(experiment, robot, "commands", ground=ground_of(experiment))
+    flat = resimulate(experiment, robot, "commands")
+    assert same.metrics["position"].rmse < 1e-6 < 1e-4 < flat.metrics["position"].rmse
+    same.write(tmp_path / "again")
+    assert read_bag(tmp_path / "again" / "simulated").metadata["ground"] == ground.name
+    with pytest.raises(ArtibotError, match="no such ground file"):
+        ground_of(experiment, "nowhere.yaml")
 
 
 def test_what_is_missing_is_said(tmp_path: Path, agriq: tuple) -> None:

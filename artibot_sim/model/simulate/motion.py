@@ -48,15 +48,17 @@ def joint_motion(q: Array, v: Array) -> tuple[Array, Array]:
     of the front one and about the x axis of the back one (eq. 13).
     """
     angles, rates = articulations(q), articulations(v)
-    tilts = q[..., [ALPHA, BETA, BACK + ALPHA, BACK + BETA]]
-    if q.shape[-1] != 2 * BACK or not tilts.any():
+    tilts = [ALPHA, BETA, BACK + ALPHA, BACK + BETA]
+    tilted = np.asarray(q[..., tilts].any(axis=-1) | v[..., tilts].any(axis=-1))
+    if q.shape[-1] != 2 * BACK or not tilted.any():
         return angles, rates
     front, back = axes_of(q), axes_of(q, 1)
     between = np.swapaxes(front, -1, -2) @ back
     yaw, roll = np.arctan2(between[..., 1, 0], between[..., 0, 0]), np.arctan2(between[..., 2, 1], between[..., 2, 2])
     turning = (back @ seen_rates(q, v, 1)[..., None] - front @ seen_rates(q, v)[..., None])[..., 0]
     about = [(turning * front[..., 2]).sum(axis=-1), (turning * back[..., 0]).sum(axis=-1)]
-    return np.stack([yaw, roll], axis=-1), np.stack(about, axis=-1)
+    exact = np.stack([yaw, roll], axis=-1), np.stack(about, axis=-1)
+    return np.where(tilted[..., None], exact[0], angles), np.where(tilted[..., None], exact[1], rates)
 
 
 def _turns(q: Array, module: int) -> tuple[Array, ...]:
