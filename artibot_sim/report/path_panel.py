@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
+from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import Experiment
+from artibot_sim.experiment.resimulate import ground_of
 from artibot_sim.report import style
-from artibot_sim.report.panels import Arrows, Floats, Line, Outline, Panel
+from artibot_sim.report.panels import Arrows, Floats, Line, Outline, Panel, extent
 from artibot_sim.report.paths import KINDS, TOPICS, Track, broken, find_track, find_truth, outline, size
 from artibot_sim.report.time_panels import CROWD, Source, merged
 
@@ -18,6 +21,9 @@ _APART = 2.5
 """Least distance along the path between drawn rovers, in rover lengths."""
 _SAME_PLACE = 0.01
 """Starts closer than this (m) are one."""
+_CONTOURS = 8
+"""Lines of equal height at most, on a grid of so many points along the longer side of the picture:"""
+_GRID = 160
 
 
 def path_panel(sources: Sequence[Source]) -> tuple[Panel | None, dict[str, str]]:
@@ -34,11 +40,14 @@ def path_panel(sources: Sequence[Source]) -> tuple[Panel | None, dict[str, str]]
         del missing["true path"]
     if not lines:
         return None, missing
+    contours, why = _contours(sources, lines)
+    if why:
+        missing["ground"] = why
     outlines, why = _outlines(sources)
     if why:
         missing["rover outline"] = why
     panel = Panel(
-        "path", "Path of the front module", ("x", "m"), ("y", "m"), tuple(merged(lines)),
+        "path", "Path of the front module", ("x", "m"), ("y", "m"), (*contours, *merged(lines)),
         arrows=tuple(filter(None, map(_arrows, sources))), outlines=outlines, starts=_starts(sources), equal=True,
     )  # fmt: skip
     return panel, missing
@@ -50,6 +59,47 @@ def _line(source: Source, track: Track) -> Line:
         stroke = style.crowded(stroke)
     x, y = (track.x, track.y) if stroke.dash == "points" else broken(track.piece, track.x, track.y)
     return Line(source.named(track.kind), track.kind, source.bag, x, y, stroke)
+
+
+def _contours(sources: Sequence[Source], lines: Sequence[Line]) -> tuple[list[Line], str]:
+    """Lines of equal height of the ground that the first recording which knows any was driven over; or why none."""
+    experiment = next((source.experiment for source in sources if source.experiment.metadata.get("ground")), None)
+    if experiment is None:
+        return [], ""
+    try:
+        ground = ground_of(experiment)
+    except ArtibotError as error:
+        return [], str(error)
+    assert ground is not None
+    from contourpy import contour_generator  # matplotlib's own
+
+    spans = [extent([getattr(line, axis) for line in lines]) for axis in "xy"]
+    margin = 0.1 * max(high - low for low, high in spans) + 0.5
+    longest = max(high - low for low, high in spans) + 2 * margin
+    x, y = (np.linspace(low - margin, high + margin, 2 + int(_GRID * (high - low + 2 * margin) / longest))
+            for low, high in spans)  # fmt: skip
+    height = ground.heights(*np.meshgrid(x, y))
+    low, high = np.nanmin(height), np.nanmax(height)
+    step = _round_step((high - low) / _CONTOURS)
+    if not step > 0:
+        return [], "" if high == low else "its raster does not reach the path"
+    generator = contour_generator(x, y, np.ma.masked_invalid(height))
+    found = []
+    for level in step * np.arange(math.ceil(low / step), math.floor(high / step) + 1):
+        pieces = [np.vstack([np.asarray(piece, float), [[np.nan, np.nan]]]) for piece in generator.lines(level)]
+        if pieces:
+            joined = np.concatenate(pieces)[:-1]
+            name, kind = f"ground at {level:.4g} m", f"ground, every {step:g} m"
+            found.append(Line(name, kind, None, joined[:, 0], joined[:, 1], style.GROUND))
+    return found, ""
+
+
+def _round_step(least: float) -> float:
+    """The smallest of 1, 2 and 5 times a power of ten that is at least `least`."""
+    if not least > 0:
+        return 0.0
+    power = 10.0 ** math.floor(math.log10(least))
+    return next(times * power for times in (1.0, 2.0, 5.0, 10.0) if times * power >= least * (1 - 1e-9))
 
 
 def main_track(experiment: Experiment) -> Track | None:

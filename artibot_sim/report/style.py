@@ -71,6 +71,8 @@ _TRACKS: Final = {
     "true": Stroke(TRUE, 1.9),
     "total station": Stroke(POINTS, 3.0, "points"),
 }
+GROUND: Final = Stroke("#b08d57", 0.7, "solid", 0.8)
+"""Lines of equal height."""
 _SIDES: Final = {"right": RIGHT, "left": LEFT}
 LIMIT: Final = Stroke(INK, 1.0, "dot", 0.8)
 """A bound that a quantity may reach."""

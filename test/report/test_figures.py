@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,9 @@ from bag_helpers import foreign
 from report_helpers import circle, recording
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.experiment import Experiment, read_bag
+from artibot_sim.experiment import Experiment, read_bag, write_experiment
 from artibot_sim.experiment.columns import SEGMENT_GAP
-from artibot_sim.model import MOTORS, Robot, load_robot
+from artibot_sim.model import MOTORS, Commands, Robot, load_ground, load_robot, rollout
 from artibot_sim.report.figures import align, experiment_figure, labels
 from artibot_sim.report.panels import Line
 from artibot_sim.report.style import BAGS
@@ -39,6 +40,26 @@ def test_the_paths_are_the_bags(run: Experiment, agriq: Robot) -> None:
     assert panel.equal
     assert (panel.x_label, panel.y_label) == ("x (m)", "y (m)")
     assert np.allclose(panel.starts, [[0.0, 0.0]])
+
+
+def test_lines_of_equal_height_are_drawn_under_a_path_over_uneven_ground(tmp_path: Path, agriq: Robot) -> None:
+    """Where each line is, the ground has its height; without its file the path is drawn and the reason said."""
+    order = Commands(0.01, np.tile([80.0, 60.0, np.nan, np.nan], (201, 1)))
+    for name in ("random:4,rms=0.1,size=12.8", "elsewhere/hill.yaml"):
+        ground = replace(load_ground("random:4,rms=0.1,size=12.8"), name=name)
+        result = rollout(agriq, order, ground=ground)
+        bag = write_experiment(tmp_path / f"run{len(name)}", result, None, agriq, commands=order)
+        figure = experiment_figure([read_bag(bag)], [agriq])
+        contours = [line for line in figure["path"].lines if line.kind.startswith("ground")]
+        if name.startswith("random"):
+            assert 3 <= len(contours) <= 10 and "ground" not in figure.missing
+            for line in contours:
+                level = float(line.name.split()[2])
+                heights = ground.heights(finite(line.x), finite(line.y))
+                np.testing.assert_allclose(heights, level, rtol=0, atol=2e-3)
+            assert {entry.kind for entry in figure["path"].legend} >= {contours[0].kind, "true"}
+        else:
+            assert not contours and "no such ground file" in figure.missing["ground"]
 
 
 @pytest.mark.parametrize(

@@ -141,6 +141,20 @@ class Ground:
         """Largest factor of k_l and k_t."""
         return 1.0 if self.k is None else float(self.k.max())
 
+    def heights(self, x: Array, y: Array) -> Array:
+        """Height (m) of the raster at points in `map`, linear between nodes; NaN where there is none."""
+        rows, columns = self.height.shape
+        along, across = (np.asarray(x) - self.x) / self.resolution, (np.asarray(y) - self.y) / self.resolution
+        known = self.periodic | ((along >= 0) & (along <= columns - 1) & (across >= 0) & (across <= rows - 1))
+        if not self.periodic:
+            along, across = np.clip(along, 0, columns - 1), np.clip(across, 0, rows - 1)
+        i, j = np.floor(along).astype(int), np.floor(across).astype(int)
+        a, b = along - i, across - j
+        near, far = (self.height[j % rows, i % columns], self.height[j % rows, (i + 1) % columns])
+        near_up, far_up = self.height[(j + 1) % rows, i % columns], self.height[(j + 1) % rows, (i + 1) % columns]
+        found = (1 - b) * ((1 - a) * near + a * far) + b * ((1 - a) * near_up + a * far_up)
+        return np.where(known, found, np.nan)
+
     def under_wheels(self, radius: float) -> Surface:
         """The surface for wheels of a rolling `radius` (m), computed once and kept; `found` is fresh."""
         if radius not in self._surfaces:
