@@ -19,7 +19,18 @@ from numpy.typing import NDArray
 
 from artibot_sim.bench.results import Result, Timing, repeat, thread_waited
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model import Commands, Mode, Robot, Rollout, load_robot, rollout
+from artibot_sim.model import (
+    Commands,
+    Ground,
+    Mode,
+    Robot,
+    Rollout,
+    State,
+    initial_state,
+    load_robot,
+    random_ground,
+    rollout,
+)
 from artibot_sim.model.effects import EFFECTS, LAWS
 from artibot_sim.model.simulate.batch import available_cores, rollout_batch
 from artibot_sim.model.simulate.windows import KINDS, Items, MotorTable, WindowBatch
@@ -47,11 +58,14 @@ class Scenario:
         To be called now and then, so that the progress shows.
     rover : Robot, optional
         In place of Agri.q as shipped.
+    ground : Ground, optional
+        Uneven ground, on which it starts at rest.
     """
 
     quick: bool = False
     tick: Callable[[], None] = lambda: None
     rover: Robot | None = None
+    ground: Ground | None = None
 
     def runs(self, full: int) -> int:
         """How often to measure: `full`, or twice when in a hurry."""
@@ -78,7 +92,15 @@ class Scenario:
 
     def rollout(self, integrator: str, dt: float, every: float = KEPT_EVERY) -> Rollout:
         """One rollout, rows kept each `every` s."""
-        return rollout(self.robot, self.commands, integrator=integrator, dt=dt, every=round(every / dt))
+        return rollout(
+            self.robot, self.commands, integrator=integrator, dt=dt, every=round(every / dt),
+            state=None if self.ground is None else self.rest, ground=self.ground,
+        )  # fmt: skip
+
+    @cached_property
+    def rest(self) -> State:
+        """At rest at the origin, on uneven ground."""
+        return initial_state(self.robot, ground=self.ground)
 
     def steps(self, dt: float) -> int:
         """Integration steps of one rollout."""
@@ -211,6 +233,15 @@ def rollouts(scenario: Scenario) -> list[Result]:
         single(scenario, "rollout_rk4_1ms", "rk4", 1e-3),
         single(scenario, "rollout_semi_implicit", "semi_implicit", 1e-3),
         single(scenario, "rollout_semi_implicit_2ms", "semi_implicit", 2e-3),
+    ]
+
+
+def over_uneven_ground(scenario: Scenario) -> list[Result]:
+    """RK4 and the semi-implicit integrator at 1 ms over ground drawn at random."""
+    over = dataclasses.replace(scenario, ground=random_ground(7))
+    return [
+        single(over, "rollout_rk4_1ms_uneven", "rk4", 1e-3),
+        single(over, "rollout_semi_implicit_uneven", "semi_implicit", 1e-3),
     ]
 
 

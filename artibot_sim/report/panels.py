@@ -145,7 +145,8 @@ class Panel:
             if kind in ("true", "measured"):
                 entries += [Entry(line.side or kind, kind, line.side, line.stroke) for line in lines if not line.bag]
             else:
-                stroke = lines[0].stroke if len(lines) == 1 and not lines[0].bag else shared(lines[0].stroke)
+                alone = len({(line.bag, line.stroke) for line in lines}) == 1 and not lines[0].bag
+                stroke = lines[0].stroke if alone else shared(lines[0].stroke)
                 entries.append(Entry(kind, kind, "", stroke))
         return tuple(replace(entry, stroke=entry.stroke._replace(opacity=1.0)) for entry in entries)
 
