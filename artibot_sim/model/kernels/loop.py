@@ -249,8 +249,8 @@ def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), 
     memory : tuple of no or one array, shape (MEMORY,)
         What wheels remember, see `layout`; advanced in place, too. Where it is empty, at compile time, they remember
         nothing.
-    ground : ground.raster.Surface, or an empty tuple
-        Uneven ground; where it is empty, at compile time, the ground is flat.
+    ground : ground.raster.Surface
+        An empty tuple, at compile time, for flat ground.
 
     Returns
     -------
@@ -275,15 +275,14 @@ def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), 
                 fx.t = start + (dt * step + stage_time(k, dt))
             right_hand_side(q_s, v_s, p, fx, ground, inputs.modes, drive, hold, lags, w)
             if k == 0:
-                if step == steps or step % every == 0 or stopped_by(ground, dt * step):
+                stopped = stopped_by(ground, dt * step)
+                if step == steps or step % every == 0 or stopped:
                     if not sound(q, v):
                         return DIVERGED, row
                     keep_row(q, v, w, e, row, out, out_e)
                     row += 1
-                    if stopped_by(ground, dt * step):
-                        return STOPPED, row
-                if step == steps:
-                    return OK, row
+                if step == steps or stopped:
+                    return (STOPPED if stopped else OK), row
                 feed_back(p, fx, v, w, eta_next, previous)
             if out_e is not None:
                 add_powers(q_s, v_s, p, fx, ground, w, stage_weight(k) * dt, e, pw)
