@@ -28,6 +28,8 @@ LENGTH = 10.0
 """m that the faster side rolls in a window; a segment that is shorter is a window of its own."""
 _LEAST = 0.3
 """Windows of less than so much of `LENGTH`, or of the longest window, are left out."""
+_FEWEST = 5
+"""Nearly straight windows from which a spread is said."""
 _BOUND = float(chi2.ppf(0.95, 3))
 """95 % of the normalised squared errors of three coordinates lie below."""
 
@@ -252,6 +254,31 @@ def fitted_track(found: Sequence[Piece], robot: Robot) -> float:
     track = robot.front.i_y
     best = minimize_scalar(error, bounds=(math.log(0.5 * track), math.log(8.0 * track)), method="bounded")
     return math.exp(float(best.x))
+
+
+STRAIGHT = 0.15
+"""A window is nearly straight where the sides' ways differ by less than this share of the longer one."""
+
+
+def heading_walk(found: Sequence[Piece], track: float) -> tuple[float, int]:
+    """Return by how much the heading goes astray on nearly straight stretches, rad a square root of a metre.
+
+    That is what the sides' grounds differ by: wheels on the same ground slip alike, and go straight on. A constant
+    part (unequal wheels) is left out. The spread is robust (median absolute deviation).
+
+    Returns
+    -------
+    float, int
+        NaN where there are fewer than five such windows; how many there are.
+    """
+    errors = []
+    for each in found:
+        right, left = np.abs(each.sides[-1])
+        if abs(right - left) < STRAIGHT * max(right, left) and max(right, left) > 0.7 * each.rolled:
+            errors.append((each.truth[2] - each.wheels(track)[2]) / math.sqrt(each.rolled))
+    if len(errors) < _FEWEST:
+        return math.nan, len(errors)
+    return 1.4826 * float(np.median(np.abs(errors - np.median(errors)))), len(errors)
 
 
 def fitted_factors(found: Sequence[Piece]) -> dict[str, float]:

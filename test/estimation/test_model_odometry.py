@@ -14,7 +14,7 @@ from artibot_sim.cli import main
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.model_odometry import ModelOdometry, Streams
 from artibot_sim.estimation.odometry import Slip
-from artibot_sim.estimation.odometry_check import Settings, fitted_track, pieces
+from artibot_sim.estimation.odometry_check import Piece, Settings, fitted_track, heading_walk, pieces
 from artibot_sim.experiment import read_bag, write_experiment
 from artibot_sim.model import Robot, Rollout, load_robot, rollout
 from artibot_sim.planning import load_manoeuvre, plan
@@ -198,6 +198,21 @@ def test_the_command_measures_it_beside_wheels(tmp_path: Path, capsys: pytest.Ca
     fitted = next(value for name, value in heading.items() if "fitted" in name)
     assert heading["model"] < 0.5 * fitted < 0.5 * heading["wheels, nominal track"]
     assert main(["odometry", "--fit", str(tmp_path / "slalom")]) == 2
+
+
+def test_a_heading_s_walk_is_that_of_sides_on_grounds_of_their_own() -> None:
+    """Turns and the constant error of unequal wheels are no part of it."""
+    rng, track, walk, way = np.random.default_rng(3), 0.5, 0.03, 2.0
+    found = []
+    for number in range(400):
+        turn = 1.2 if number % 2 else 0.01
+        sides = np.array([[0.0, 0.0], [way + 0.5 * track * turn, way - 0.5 * track * turn]])
+        yaw = turn + 0.02 * way + walk * math.sqrt(way) * rng.standard_normal() + (number % 2) * rng.standard_normal()
+        found.append(Piece(0.0, 1.0, sides, np.array([way, 0.0, yaw]), {}, {}))
+    size, straight = heading_walk(found, track)
+    assert straight == 200
+    assert size == pytest.approx(walk, rel=0.2)
+    assert math.isnan(heading_walk(found[:4], track)[0])
 
 
 def test_windows_that_follow_each_other_keep_the_motion_under_way() -> None:

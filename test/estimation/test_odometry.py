@@ -78,6 +78,15 @@ def test_it_is_a_covariance_and_the_same_whichever_way_the_rover_faces() -> None
     np.testing.assert_allclose(turned.pose_covariance, turn @ covariance @ turn.T, rtol=1e-9, atol=1e-12)
 
 
+def test_sides_that_slip_alike_go_straight_on() -> None:
+    apart, alike = (Odometry(0.01, 0.5, Slip(0.02, 0.1, 0.0), same_ground=same) for same in (False, True))
+    for odometry in (apart, alike):
+        for k in range(1001):
+            odometry.update((k, k), (1.0, 1.0))
+    assert math.sqrt(apart.pose_covariance[2, 2]) == pytest.approx(2 * 0.02 / 0.5 * math.sqrt(10.0), rel=1e-3)
+    assert math.sqrt(alike.pose_covariance[2, 2]) == pytest.approx(1e-3), "the floor"
+
+
 def test_it_grows_only_while_wheels_turn_and_begins_anew_with_a_reset() -> None:
     odometry = driven(SLIP, np.array([[1.0, 1.0]]))
     before = odometry.pose_covariance
@@ -146,7 +155,8 @@ def test_its_errors_are_as_stated_also_where_a_wrong_turn_bends_the_path() -> No
 
 def test_errors_on_other_soils_are_not_larger_than_stated() -> None:
     """Of the Husky, which scrubs most: its turns fall a third short, and headings a radian."""
-    squares = normalised_errors(load_robot("husky"))
+    squares, alike = normalised_errors(load_robot("husky"))
+    assert (alike >= squares).all(), "sides that slip alike leave less unknown"
     assert np.mean(squares > 7.815) < 0.05
     assert 0.3 < squares.mean() < 3.0
 

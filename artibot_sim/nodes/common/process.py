@@ -174,8 +174,8 @@ def ros_process(name: str, ros_args: Sequence[str]) -> Iterator[list[int]]:
 def built(kind: Callable[..., Node], *args: object) -> Node:
     """Make a node; one that refuses a parameter half-way is destroyed before the refusal goes on.
 
-    By then it is a participant of the middleware, and nobody else has it to destroy it. Left behind it does what
-    :func:`destroyed` says: the process has given its refusal, and now and then ends with SIGABRT ("corrupted …").
+    By then it is a participant of the middleware, and nobody else has it to destroy it: left behind, its threads would
+    go on while the process takes itself down, see :func:`destroyed`.
     """
     assert isinstance(kind, type)
     node: Node = kind.__new__(kind)

@@ -127,6 +127,13 @@ def measure(bag: Path, given: dict[str, Any]) -> int:
     rows = check.rows(found, robot, track, factors)
     slip = ModelOdometry.SLIP.times(factors["model"])
     click.echo(check.as_text(rows, len(found), len(fit)))
+    walk, straight = check.heading_walk([*fit, *found], track)
+    if straight:
+        stated = 2.0 * robot.odometry.travel_slip / robot.front.i_y
+        click.echo(
+            f"heading by wheels on {straight} nearly straight windows: {walk:.3g} rad per root metre; "
+            f"odom states {stated:.3g}, for sides that slip on grounds of their own"
+        )
     click.echo(
         f"for the node: odometry.travel_slip {slip.travel:.3g}, odometry.turn_slip {slip.turn:.3g}, "
         f"odometry.side_slip {slip.side:.3g}"
