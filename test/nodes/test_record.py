@@ -246,6 +246,22 @@ def test_latched_messages_are_recorded_once_whoever_joins(
     assert "5 messages of 1 topics" in node.output
 
 
+def test_who_subscribes_with_another_type_does_not_keep_a_topic_from_being_recorded(
+    publishers: Publishers, start_node: NodeStarter, tmp_path: Path
+) -> None:
+    """A plain Twist beside a node that takes TwistStamped: what is published is one type."""
+    from geometry_msgs.msg import Twist
+
+    driven = start_node("sim")
+    driven.wait_for("is ready")
+    recorder = start_node("record", "-o", tmp_path / "run")
+    recorder.wait_for("recording /joint_states")
+    publishers.add("/cmd_vel", Twist)
+    recorder.wait_for("recording /cmd_vel [geometry_msgs/msg/Twist]")
+    assert recorder.stop() == 0
+    assert "several types" not in recorder.output
+
+
 def test_nothing_is_overwritten(start_node: NodeStarter, tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "mine").write_text("keep")

@@ -120,7 +120,7 @@ class Recorder:
 
     def discover(self) -> None:
         """Subscribe to selected topics that have appeared; adapt to publishers that have joined."""
-        for topic, types in self.node.get_topic_names_and_types():
+        for topic, _ in self.node.get_topic_names_and_types():
             if topic not in self.selection or topic in self._refused:
                 continue
             publishers = self.node.get_publishers_info_by_topic(topic)
@@ -129,6 +129,7 @@ class Recorder:
             if topic in self._left_out:
                 self._refuse(topic, f"is not subscribed to: {self._left_out[topic]}")
                 continue
+            types = sorted({each.topic_type for each in publishers})  # what others subscribe with is no matter
             if len(types) != 1:
                 self._refuse(topic, f"is published with several types ({', '.join(types)})")
                 continue
