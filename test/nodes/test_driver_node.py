@@ -576,6 +576,7 @@ def test_what_is_in_the_way_is_said_anew_when_it_has_settled() -> None:
         (["--interface", "socketcan", "--channel", "nocan0"], "nocan0"),
         (["--robot", "husky"], "husky"),
         (["--ros-args", "-p", "max_speeed:=0.3"], "max_speeed: unknown; did you mean max_speed?"),
+        (["--ros-args", "-p", "zzz:=0.3"], "velocity_exponent, and qos_overrides of its topics"),
         (["--kappa", "0.5"], "0.622"),
         (["--command-source", "joystick"], "joystick"),
         (["--ros-args", "-p", "command_timeout:=-1.0"], "command_timeout"),

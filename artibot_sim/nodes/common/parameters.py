@@ -93,4 +93,6 @@ def _unknown(node: Any) -> Iterator[tuple[str, str]]:
     for name in node._parameter_overrides:
         if not node.has_parameter(name):
             near = difflib.get_close_matches(name, known, n=1)
-            yield name, f"did you mean {near[0]}?" if near else f"{node.get_name()} has {', '.join(sorted(known))}"
+            own = sorted(each for each in known if not each.startswith("qos_overrides."))  # those would hide the rest
+            all_of_them = f"{node.get_name()} has {', '.join(own)}, and qos_overrides of its topics"
+            yield name, f"did you mean {near[0]}?" if near else all_of_them
