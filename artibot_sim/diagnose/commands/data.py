@@ -151,19 +151,19 @@ def _parts(number: int, experiment: Experiment, quantity: str) -> Iterator[_Part
     commands, motors = experiment.channels.get("motor_command"), experiment.channels.get("motor_torques")
     if commands is None or motors is None:
         return
+    names = ("position", "velocity", "effort") if quantity == "velocity" else ("", "effort", "")
+    which = [i for i in ((0, 1) if quantity == "velocity" else (2, 3)) if f"{MOTORS[i]}.{quantity}" in commands]
+    measured = {i: [_fresh(motors, f"{MOTORS[i]}.{name}") for name in names] for i in which}
     for t_start, t_end in experiment.segments:
-        for i in (0, 1) if quantity == "velocity" else (2, 3):
+        for i in which:
             motor = MOTORS[i]
-            if f"{motor}.{quantity}" not in commands:
-                continue
             t, speed = commands.between(t_start - 1e-6, t_end + 1e-6).series(f"{motor}.{quantity}")
             breaks = np.flatnonzero(np.diff(t) > GAP) + 1
             for part_t, part_speed in zip(np.split(t, breaks), np.split(speed, breaks), strict=True):
                 if len(part_t) < 4 or part_t[-1] - part_t[0] < _SHORT or not part_speed.any():
                     continue
-                inside = motors.between(part_t[0], part_t[-1])
-                names = ("position", "velocity", "effort") if quantity == "velocity" else ("", "effort", "")
-                yield _Part(number, i, part_t, part_speed, *(_fresh(inside, f"{motor}.{name}") for name in names))
+                seen = [_between(*one, part_t[0], part_t[-1]) for one in measured[i]]
+                yield _Part(number, i, part_t, part_speed, *seen)
 
 
 def _fresh(channel: Channel, name: str) -> tuple[Array, Array]:
@@ -173,6 +173,11 @@ def _fresh(channel: Channel, name: str) -> tuple[Array, Array]:
     t, values = channel.series(name)
     new = fresh(values)
     return t[new], values[new]
+
+
+def _between(t: Array, values: Array, begin: float, end: float) -> tuple[Array, Array]:
+    inside = (t >= begin) & (t <= end)
+    return t[inside], values[inside]
 
 
 def _by_angles(parts: Sequence[_Part]) -> bool:
