@@ -103,7 +103,10 @@ def test_what_a_window_began_with_is_no_force(hidden: Case, remembers: bool) -> 
         problem = problem.with_parameters(ParameterSet(replace(problem.parameters.robot, effects={}), ()))
     point = fitted_starts(problem, 2)
     begun = [np.where(w.plan.t < 0.1, 40.0, one) for w, one in zip(problem.windows, point.residuals, strict=True)]
-    clean, spoiled = remains(problem, point), remains(problem, replace(point, residuals=tuple(begun)))
+    clean, spoiled = (
+        remains(problem, point),
+        remains(problem, replace(point, residuals=problem.parts(np.concatenate(begun)))),
+    )
     assert (spoiled == clean) is remembers
 
 
