@@ -345,8 +345,7 @@ def _robots(
     """
     fits = [(decision.neutral_problem, decision.neutral_fit), decision.whole]
     extends = bool(decision.named) or decision.laws is not None
-    beside = decision.beside if decision.laws is None else ()
-    around = surroundings(fits, tick, beside) if extends else surroundings(fits[:1], tick)
+    around = surroundings(fits, tick, decision.others) if extends else surroundings(fits[:1], tick)
     neutral = judged(*fits[0], around[0], seed)
     baseline = robot_of(decision.neutral_problem, neutral, {}, names)
     if not extends:

@@ -10,6 +10,7 @@ import pytest
 from artibot_sim.diagnose.candidates.hypotheses import with_effect, without_effect
 from artibot_sim.diagnose.intervals import Uncertain, along, combined, surroundings, uncertain
 from artibot_sim.diagnose.records import Found
+from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.estimation.encoder_noise import NoiseShare, noise_share
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import Extension, ParameterSet
@@ -125,6 +126,15 @@ def test_other_ends_of_a_search_count_as_far_as_windows_do_not_tell_them_apart(f
     assert 0.05 < sides(100.0, 120.0) < 0.5
     around = surroundings([(problem, fit)], beside=[fit])[0]
     assert len(around.nodes) > len(surroundings([(problem, fit)])[0].nodes)
+
+
+def test_a_model_that_a_decision_falls_back_to_has_no_other_ends(fitted: tuple[Problem, Fit]) -> None:
+    problem, fit = fitted
+    plain, point = without_effect(problem, fit.loss, fit.point)
+    neutral = replace(fit, point=point)
+    whole = Decision((), 58.0, plain, neutral, problem, fit, (), {}, beside=((problem, fit),))
+    assert whole.others == (fit,)
+    assert replace(whole, problem=plain, fit=neutral).others == ()
 
 
 def scales(sd: float, along: float) -> tuple[ParameterSet, Uncertain]:

@@ -76,8 +76,8 @@ class Decision:
         Share of the windows that the stages searched.
     laws : FittedLaws or None
         The force that no effect explains as a term of the model, beside the named effects.
-    beside : tuple of Fit
-        Other ends of the search for the model with all named effects, beside another soil, about as good as `fit`.
+    beside : tuple of (Problem, Fit)
+        Other ends of the search for the model with all that it found, beside another soil, about as good.
     """
 
     named: tuple[Named, ...]
@@ -98,12 +98,18 @@ class Decision:
     verdict: Verdict = Verdict.NONE
     searched: float = 1.0
     laws: FittedLaws | None = None
-    beside: tuple[Fit, ...] = ()
+    beside: tuple[tuple[Problem, Fit], ...] = ()
 
     @property
     def whole(self) -> tuple[Problem, Fit]:
         """The model with all that was found: named effects and laws."""
         return (self.problem, self.fit) if self.laws is None else (self.laws.problem, self.laws.fit)
+
+    @property
+    def others(self) -> tuple[Fit, ...]:
+        """Other ends of the search for the `whole` model; of what it fell back to there are none."""
+        keys = self.whole[0].parameters.keys
+        return tuple(fit for problem, fit in self.beside if problem.parameters.keys == keys)
 
     @property
     def ordered(self) -> tuple[Named, ...]:
@@ -126,7 +132,7 @@ class Decision:
         gone, (problem, fit) = self.fitted[-1], self.fits[-2]
         named = tuple(one for one in self.named if one is not gone)
         return replace(
-            self, named=named, problem=problem, fit=fit, laws=None, beside=(), refuted=(*self.refuted, gone.effect)
+            self, named=named, problem=problem, fit=fit, laws=None, refuted=(*self.refuted, gone.effect)
         )  # fmt: skip
 
     @property

@@ -452,7 +452,7 @@ class Naming:
         return Decision(
             named, self._options.least, *fits[0], *fits[last], tuple(self._stages),
             other, between=tuple(fits[1:last]), dropped=tuple(self._dropped), refuted=tuple(self._refuted),
-            untried=tuple(self._untried), beside=tuple(fit for _, fit in fits[last + 1 :]),
+            untried=tuple(self._untried), beside=tuple(fits[last + 1 :]),
             searched=1.0 / self._every.times if self._every is not None else 1.0,
         )  # fmt: skip
 
