@@ -227,8 +227,11 @@ def inlined(function: Function) -> Function:
 
 
 def called(function: Function) -> Function:
-    """As `inlined`, but a function of its own: for what is long, asked for in many places and seldom needed."""
-    return _jit(function, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+    """As `inlined`, but a function of its own: for what is long, asked for in many places and seldom needed.
+
+    Numba must be told: what is said of a caller holds for whatever it calls, unless that is said to be otherwise.
+    """
+    return _jit(function, forceinline=False, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 def kernel(function: Function) -> Function:

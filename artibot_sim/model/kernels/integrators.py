@@ -45,7 +45,7 @@ from artibot_sim.model.equations.transmission import (
     motor_equation,
     reflect,
 )
-from artibot_sim.model.kernels.compilation import called, inlined
+from artibot_sim.model.kernels.compilation import inlined
 from artibot_sim.model.kernels.layout import (  # fmt: skip
     ACC,
     ALPHA,
@@ -204,7 +204,7 @@ def motor_acts(p, fx, unit, motor, forces):
     return Acting(M_m, M_r, drag, theta_ddot, motor.theta_dot)
 
 
-@called
+@inlined
 def forces_now(body, fx, pair, soil, motor, rim, angle, kept_f, kept_b):
     """`contact.wheel_forces` of one rover alone at an instant."""
     return wheel_forces(within_friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept_b, None)
