@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 import numpy as np
@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.boosting import boosted
 from artibot_sim.estimation.kinematic import AFTER, BEFORE, FREE, STEP, DrivenWindows, Kinematic, fit_kinematic, ideal
+from artibot_sim.estimation.streams import new_values
 from artibot_sim.experiment import Experiment, read_bag
 from artibot_sim.experiment.blocks import BLOCK, in_turn
-from artibot_sim.experiment.smoothing import fresh
 from artibot_sim.model import MOTORS, Robot, load_robot
 
 if TYPE_CHECKING:
@@ -97,8 +97,8 @@ def windows_of(experiment: Experiment, radius: float) -> tuple[DrivenWindows, in
     rows: list[tuple[float, float, Array, Array, Array]] = []
     leaps = 0
     for first, last in experiment.segments:
-        t_pose, pose = _changes(odometry, ("x", "y", "yaw"), first, last)
-        t_speed, speed = _changes(motors, _SPEEDS, first, last)
+        t_pose, pose = new_values(odometry, ("x", "y", "yaw"), first, last)
+        t_speed, speed = new_values(motors, _SPEEDS, first, last)
         if len(t_pose) < 4 or len(t_speed) < 2:
             continue
         pose = np.column_stack([pose[:, :2], np.unwrap(pose[:, 2])])
@@ -123,17 +123,6 @@ def windows_of(experiment: Experiment, radius: float) -> tuple[DrivenWindows, in
 
 
 _SPEEDS = tuple(f"{motor}.velocity" for motor in MOTORS[:2])
-
-
-def _changes(channel: Any, names: Sequence[str], first: float, last: float) -> tuple[Array, Array]:
-    """Times and values (n, k) of a segment's columns where they change, for a logger repeats messages."""
-    values = np.column_stack([channel[name] for name in names])
-    finite = np.isfinite(values).all(axis=1)
-    t, values = channel.t[finite], values[finite]
-    inside = (t >= first - 1e-6) & (t <= last + 1e-6)
-    t, values, new = t[inside], values[inside], fresh(values)[inside]
-    new[-1:] = True  # what was known last holds to the end
-    return t[new], values[new]
 
 
 def _leaps(t: Array, pose: Array, rim: float) -> bool:

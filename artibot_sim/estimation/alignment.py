@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.estimation.checks.findings import DELAYS, Finding, compare_streams, findings, leaps_of
+from artibot_sim.estimation.checks.findings import DELAYS, Finding, compare_streams, findings, leaps_of, pose_channel
 from artibot_sim.estimation.checks.stream_values import StreamTable, stream_values
 from artibot_sim.estimation.streams import segments_of
 from artibot_sim.experiment import Channel, Experiment
@@ -111,23 +111,18 @@ def known_faults(experiment: Experiment, robot: Robot, told: Mapping[str, Mappin
     told : mapping
         What `stream_values` says of the recording.
     """
-    sensors, pose = robot.sensors, _pose_key(experiment)
+    sensors, pose = robot.sensors, pose_channel(experiment)
     for key, name in DELAYS.items():
         channel, late = experiment.channels.get(key), float(getattr(sensors, name))
         if channel is not None and late and "delay" not in told.get(channel.topic, {}):
             late_words = f"is stamped {abs(late):.2f} s {'late' if late > 0 else 'early'}"
             yield _known(robot, name, channel, late, "s", late_words, f"shift its stamps by {-late:+.2f} s")
-    if pose and sensors.clock_skew and "delay" not in told.get(experiment.channels[pose].topic, {}):
+    if pose is not None and sensors.clock_skew and "delay" not in told.get(pose.topic, {}):
         words = f"has a clock that runs away by {sensors.clock_skew:.0f} ppm"
-        yield _known(robot, SCALED, experiment.channels[pose], sensors.clock_skew, "ppm", words, "scale its stamps")
+        yield _known(robot, SCALED, pose, sensors.clock_skew, "ppm", words, "scale its stamps")
     imu = experiment.channels.get("imu")
     if imu is not None and "yaw_rate" in imu and sensors.gyro_flip and "scale" not in told.get(imu.topic, {}):
         yield _known(robot, FLIPPED, imu, None, "-", "has yaw rates of the wrong sign", "turn its sign")
-
-
-def _pose_key(experiment: Experiment) -> str | None:
-    """The channel whose poses motion is held against."""
-    return next((key for key in ("ground_truth_odom", "total_station") if key in experiment.channels), None)
 
 
 def _known(robot: Robot, name: str, channel: Channel, value: float | None, unit: str, words: str, mend: str) -> Finding:
@@ -165,8 +160,8 @@ def with_faults(robot: Robot, timed: Sequence[Aligned], word: str) -> Robot:
 
 
 def _of_poses(one: Aligned, was: Finding) -> bool:
-    key = _pose_key(one.experiment)
-    return key is not None and one.experiment.channels[key].topic == was.topic
+    pose = pose_channel(one.experiment)
+    return pose is not None and pose.topic == was.topic
 
 
 def _cut_at_leaps(experiment: Experiment, robot: Robot) -> tuple[tuple[float, float], ...]:

@@ -129,8 +129,8 @@ class Sums:
         return Sums(grid, out)
 
 
-def _columns(channel: Channel | None, names: Sequence[str], first: float, last: float) -> tuple[Array, Array]:
-    """Times and values (n, k) of what is new within a segment."""
+def new_values(channel: Channel | None, names: Sequence[str], first: float, last: float) -> tuple[Array, Array]:
+    """Times (n,), s, and values (n, k) of what is new within a segment, and of what was known last there."""
     if channel is None or not set(names) <= set(channel.columns):
         return np.empty(0), np.empty((0, len(names)))
     values = np.column_stack([channel[name] for name in names])
@@ -138,7 +138,7 @@ def _columns(channel: Channel | None, names: Sequence[str], first: float, last: 
     t, values = channel.t[finite], values[finite]
     inside = (t >= first - 1e-6) & (t <= last + 1e-6)
     t, values, new = t[inside], values[inside], fresh(values)[inside]
-    new[-1:] = True  # what was known last holds to the end
+    new[-1:] = True  # it holds to the end
     return t[new], values[new]
 
 
@@ -168,7 +168,7 @@ class Segment:
     def _motors(self, key: str) -> Sums | None:
         channel = self.experiment.channels.get(key)
         for quantity in ("position", "velocity"):
-            t, values = _columns(channel, [f"{motor}.{quantity}" for motor in MOTORS[:2]], self.first, self.last)
+            t, values = new_values(channel, [f"{motor}.{quantity}" for motor in MOTORS[:2]], self.first, self.last)
             if len(t) > 3:
                 return Sums(t, values - values[0] if quantity == "position" else _integral(t, values))
         return None
@@ -176,14 +176,14 @@ class Segment:
     @cached_property
     def heading(self) -> Sums | None:
         """Measured heading, rad, continuous."""
-        t, yaw = _columns(self.experiment.channels.get("ground_truth_odom"), ["yaw"], self.first, self.last)
+        t, yaw = new_values(self.experiment.channels.get("ground_truth_odom"), ["yaw"], self.first, self.last)
         return Sums(t, np.unwrap(yaw, axis=0)) if len(t) > 3 else None
 
     @cached_property
     def points(self) -> Sums | None:
         """Measured positions, m."""
         for key in ("ground_truth_odom", "total_station"):
-            t, place = _columns(self.experiment.channels.get(key), ["x", "y"], self.first, self.last)
+            t, place = new_values(self.experiment.channels.get(key), ["x", "y"], self.first, self.last)
             if len(t) > 3:
                 return Sums(t, place)
         return None
@@ -194,7 +194,7 @@ class Segment:
         channel = self.experiment.channels.get("imu")
         if channel is None or not self.gyro_axes:
             return None
-        t, rate = _columns(channel, self.gyro_axes, self.first, self.last)
+        t, rate = new_values(channel, self.gyro_axes, self.first, self.last)
         return Sums(t, _integral(t, rate)) if len(t) > 3 else None
 
     @cached_property

@@ -24,7 +24,7 @@ from artibot_sim.estimation.streams import (
     segments_of,
     turning,
 )
-from artibot_sim.experiment import Experiment
+from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.model import MOTORS, Robot
 
 Array = NDArray[np.float64]
@@ -136,9 +136,13 @@ class Streams:
     @property
     def pose_topic(self) -> str:
         """Where positions come from."""
-        channels = self.experiment.channels
-        source = channels.get("ground_truth_odom") or channels.get("total_station")
+        source = pose_channel(self.experiment)
         return source.topic if source is not None else ""
+
+
+def pose_channel(experiment: Experiment) -> Channel | None:
+    """Where a recording's positions come from; None where it has none."""
+    return experiment.channels.get("ground_truth_odom") or experiment.channels.get("total_station")
 
 
 def compare_streams(experiment: Experiment, seed: int = 0) -> Streams:

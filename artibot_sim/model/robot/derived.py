@@ -118,9 +118,9 @@ def _pair(robot: Robot, behind: int, effects: Mapping[str, Values]) -> Params:
 
 
 def on_ground(p: Params, ground: Ground | None, radius: float) -> Params:
-    """The same numbers on uneven ground under wheels of a rolling `radius` (m); None is flat ground.
+    """Numbers of a robot on `ground`, under wheels of a rolling `radius` (m); unchanged for None, which is flat.
 
-    The ground's damping adds to the wheels' own. How much stiffer it is than flat ground limits the step.
+    The ground's damping adds to the wheels' own `c_n`. Its stiffest place and its steepest slope limit the step.
     """
     if ground is None:
         return p
