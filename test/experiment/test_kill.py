@@ -24,7 +24,7 @@ from rosbags.rosbag2 import Reader
 from artibot_sim.cli.recover import command
 from artibot_sim.experiment import iter_messages
 
-INSTANTS = 45
+INSTANTS = 27
 TOGETHER = 9
 LONGEST = 2.6
 MOST_LOST_NS = 1_000_000_000
