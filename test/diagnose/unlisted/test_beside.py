@@ -33,7 +33,7 @@ SLOPE = {"grade": 0.002, "heading": 0.5}
 
 def with_slope(*hidden: str) -> tuple[Case, Decision]:
     """A case, and what a search of the lists may come to that names a slope."""
-    found = case(hidden, 1.0, 4, runs=3, held_out=1, duration=12.0)
+    found = case(hidden, 1.0, 4, runs=3, held_out=1, duration=8.0)
     robot = load_robot("agriq")
     problem = problem_of(found.recordings, parameter_set(robot, SOIL), 4.0, 1)
     soil = problem.parameters.coordinates([found.truth.soil[name] for name in SOIL])
