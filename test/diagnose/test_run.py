@@ -50,7 +50,7 @@ def drive(seed: int, kappa: float, sign: float) -> Experiment:
 def few_effects() -> Iterator[None]:
     """What is asked here does not depend on how many effects are on the list."""
     with pytest.MonkeyPatch.context() as monkeypatch:
-        try_only(monkeypatch, *FEW, "pose_delay", "pose_lever_arm")
+        try_only(monkeypatch, *FEW, "joint_friction", "pose_delay", "pose_lever_arm")
         yield
 
 

@@ -72,7 +72,7 @@ def test_hidden_effects_are_as_large_as_the_robot() -> None:
 
 def test_a_light_rovers_small_effect_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of Agri.q it would not be a tenth of a plain one."""
-    try_only(monkeypatch, *FEW)
+    try_only(monkeypatch, *FEW, "joint_friction", "joint_stiffness")
     effect, name, size = "joint_friction", "torque", 0.15
     plain = next(iter(sized(effect, EPIQ).search.sizes.values()))
     found = case((effect,), size / plain, 5, runs=2, duration=10.0, robot="epiq")
