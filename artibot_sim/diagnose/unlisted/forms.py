@@ -156,15 +156,17 @@ def products(variable: str, every: Array, times: str, second: Array) -> Iterator
     every, second : array
         Values of both, to know their usual sizes.
     """
+    if variable not in _RATES or times not in (TIME, *_LEVELS) or _bare(variable) == _bare(times):
+        return
     usual, size = (float(np.quantile(np.abs(one), 0.9)) for one in (every, second))
-    if variable not in _RATES or min(usual, size) <= 1e-6 or _bare(variable) == _bare(times):
+    if min(usual, size) <= 1e-6:
         return
     coulomb = "Coulomb-like", "coulomb", _SHARP * usual
     if times == TIME:
         yield _product(variable, coulomb, times, ("time since the start", "linear", 1.0), "1/s")
         for fades in _FADES:
             yield _product(variable, coulomb, times, (f"what fades within {fades:g} s", "decaying", fades))
-    elif times in _LEVELS:
+    else:
         per = _PER[UNITS[times]][0]
         for first, more in ((coulomb, ""), (("linear", "linear", 1.0), _PER[UNITS[variable]][0])):
             yield _product(variable, first, times, (f"the size of {times}", "magnitude", 1.0), f"{per} {more}".strip())

@@ -142,7 +142,7 @@ class Folds:
         self._kept = (self.of != np.arange(len(kinds))[:, None]).astype(float)
         self.matrix = self.without(beside.matrix) + beside.information
         self.pull = self.without(beside.pull) + beside.slope
-        alone = np.array([solve(*one) for one in zip(self.matrix, self.pull, strict=True)])[self.of]
+        alone = solve(self.matrix, self.pull)[self.of]
         self.alone = _explained(beside.matrix, beside.pull, alone)
 
     def __len__(self) -> int:
@@ -286,10 +286,10 @@ def place(acting: Acting) -> tuple[Array, Array]:
 
 
 def solve(matrix: Array, pull: Array) -> Array:
-    """Of a matrix whose rows have very different units."""
-    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    even = matrix / np.outer(scale, scale) + _RIDGE * np.eye(len(pull))
-    return np.asarray(np.linalg.solve(even, pull / scale) / scale)
+    """Of matrices (…, b, b) whose rows have very different units."""
+    scale = np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), 1e-300))
+    even = matrix / (scale[..., :, None] * scale[..., None, :]) + _RIDGE * np.eye(pull.shape[-1])
+    return np.asarray(np.linalg.solve(even, (pull / scale)[..., None])[..., 0] / scale)
 
 
 def judge(equations: Equations, sums: Sums, form: Form, force: str, parts: Sequence[str]) -> ForceCandidate:
@@ -305,9 +305,8 @@ def proven(equations: Equations, sums: Sums, across: bool) -> float:
     folds, beside, b = equations.between if across else equations.within, equations.among, sums.pull.shape[1]
     if len(folds) < 2:
         return 0.0
-    kept = [folds.without(values) for values in (sums.matrix, sums.cross, sums.pull)]
-    fitted = [solve(*_joined(*one)) for one in zip(*kept, folds.matrix, folds.pull, strict=True)]
-    x = np.array(fitted)[folds.of]
+    kept = (folds.without(values) for values in (sums.matrix, sums.cross, sums.pull))
+    x = solve(*_joined(*kept, folds.matrix, folds.pull))[folds.of]
     mine, others = x[:, :b], x[:, b:]
     joint = ((mine[:, None, :] @ sums.cross)[:, 0] * others).sum(axis=1)
     with_it = _explained(sums.matrix, sums.pull, mine) + _explained(beside.matrix, beside.pull, others) - joint
@@ -315,8 +314,12 @@ def proven(equations: Equations, sums: Sums, across: bool) -> float:
 
 
 def _joined(own: Array, cross: Array, pull: Array, beside: Array, beside_pull: Array) -> tuple[Array, Array]:
-    """Normal equations of columns (b, b) and (b,) together with those beside, (q, q) and (q,)."""
-    return np.block([[own, cross], [cross.T, beside]]), np.concatenate([pull, beside_pull])
+    """Normal equations of columns (…, b, b) and (…, b) together with those beside, (…, q, q) and (…, q)."""
+    b, whole = pull.shape[-1], np.concatenate([pull, beside_pull], axis=-1)
+    matrix = np.empty((*whole.shape, whole.shape[-1]))
+    matrix[..., :b, :b], matrix[..., :b, b:] = own, cross
+    matrix[..., b:, :b], matrix[..., b:, b:] = np.swapaxes(cross, -1, -2), beside
+    return matrix, whole
 
 
 def _explained(matrix: Array, pull: Array, x: Array) -> Array:
