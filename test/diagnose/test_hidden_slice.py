@@ -14,7 +14,7 @@ from diagnose.hidden.score import score
 from diagnose.hidden.work import command_line, in_memory
 from diagnose.searches import FEW, try_only
 
-SMALL = {"runs": 2, "held_out": 1, "duration": 12.0, "manoeuvres": ("eight", "stop_and_go", "slalom")}
+SMALL = {"runs": 2, "held_out": 1, "duration": 8.0, "manoeuvres": ("eight", "stop_and_go", "slalom")}
 
 
 def test_nothing_is_named_where_nothing_is_hidden():
