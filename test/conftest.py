@@ -26,9 +26,11 @@ LONGEST = (
     "nodes/test_record.py",
     "nodes/test_replay.py",
     "diagnose/test_hidden_slice.py",
+    "model/test_fast_equals_plain.py",
+    "driver/test_foreign_drives.py",
+    "model/test_level.py",
     "diagnose/unlisted/test_beside.py",
     "diagnose/test_run.py",
-    "model/test_fast_equals_plain.py",
     "diagnose/test_elsewhere.py",
     "diagnose/selection/test_per_recording.py",
     "diagnose/test_not_on_the_list.py",
@@ -45,14 +47,15 @@ LONGEST = (
     "diagnose/commands/test_mixing.py",
     "diagnose/validation/test_explainable.py",
     "diagnose/test_hidden_cases.py",
-    "model/test_level.py",
     "model/test_batch.py",
     "model/test_effects.py",
     "model/test_lanes.py",
     "experiment/test_kill.py",
     "test_install.py",
 )
-"""Files whose tests take longest together, in `test`: of those that run last what only computes comes first."""
+"""Files whose tests take longest together, in `test`: of those that run last what only computes comes first.
+
+The first ones need other loops than each other, so that none waits for what another compiles."""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

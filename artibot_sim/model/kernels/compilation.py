@@ -11,7 +11,7 @@ import sys
 import time
 import types
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -137,7 +137,7 @@ event.register("numba:compile", _COMPILING)
 
 
 class _Shared(FunctionCache):
-    """Numba's cache of one loop: of several processes that miss it one compiles, the others wait and load.
+    """Numba's cache of one loop: of several processes that miss a version of it one compiles, the others wait and load.
 
     The kernel lets go of the lock of a process that is killed. Within a process numba lets one thread compile at once.
     Numba keeps apart what was compiled from another folder or at another time. Here the sources' contents decide, so
@@ -154,7 +154,7 @@ class _Shared(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """What is on disk, or None where this process is to compile: then it holds the lock."""
         found = super().load_overload(sig, target_context)
-        if found is None and self._held():
+        if found is None and self._held(hashlib.sha256(repr(sig).encode()).hexdigest()[:16]):
             found = super().load_overload(sig, target_context)  # another may have been at it
             if found is not None:
                 self._let_go()
@@ -163,17 +163,30 @@ class _Shared(FunctionCache):
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep what was compiled, and let the others load it."""
         try:
-            super().save_overload(sig, data)
+            with self._index_locked():
+                super().save_overload(sig, data)
         finally:
             self._let_go()
 
-    def _held(self) -> bool:
-        """Take the lock, or wait for it; False where there can be none, or whoever has it takes too long."""
-        if self._lock >= 0:  # of a compilation that failed
-            return True
+    @contextmanager
+    def _index_locked(self) -> Iterator[None]:
+        """The list of all versions, for one process at a time: numba reads it, adds to it and writes it."""
+        with ExitStack() as stack:
+            with suppress(OSError):  # a file system without locks
+                lock = self._opened("index")
+                stack.callback(os.close, lock)
+                fcntl.flock(lock, fcntl.LOCK_EX)
+            yield
+
+    def _opened(self, of: str) -> int:
+        Path(self.cache_path).mkdir(parents=True, exist_ok=True)
+        return os.open(f"{self.cache_path}/{self._py_func.__name__}.{of}.lock", os.O_RDWR | os.O_CREAT, 0o666)
+
+    def _held(self, version: str) -> bool:
+        """Take a version's lock, or wait for it; False where there can be none, or whoever has it takes too long."""
+        self._let_go()  # that of a compilation that failed
         try:
-            Path(self.cache_path).mkdir(parents=True, exist_ok=True)
-            self._lock = os.open(f"{self.cache_path}/{self._py_func.__name__}.lock", os.O_RDWR | os.O_CREAT, 0o666)
+            self._lock = self._opened(version)
             if not self._taken() and not self._waited():
                 self._let_go()
         except OSError:  # a file system without locks
