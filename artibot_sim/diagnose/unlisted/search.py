@@ -305,8 +305,8 @@ def proven(equations: Equations, sums: Sums, across: bool) -> float:
     folds, beside, b = equations.between if across else equations.within, equations.among, sums.pull.shape[1]
     if len(folds) < 2:
         return 0.0
-    kept = (folds.without(values) for values in (sums.matrix, sums.cross, sums.pull))
-    x = solve(*_joined(*kept, folds.matrix, folds.pull))[folds.of]
+    own, cross, pull = (folds.without(values) for values in (sums.matrix, sums.cross, sums.pull))
+    x = solve(*_joined(own, cross, pull, folds.matrix, folds.pull))[folds.of]
     mine, others = x[:, :b], x[:, b:]
     joint = ((mine[:, None, :] @ sums.cross)[:, 0] * others).sum(axis=1)
     with_it = _explained(sums.matrix, sums.pull, mine) + _explained(beside.matrix, beside.pull, others) - joint
