@@ -15,8 +15,8 @@ from artibot_sim.experiment import Experiment
 from artibot_sim.experiment.inputs import MotorInputs, rotations
 from artibot_sim.experiment.measured import Measured
 from artibot_sim.experiment.smoothing import noise_of
-from artibot_sim.model import MOTORS, Robot
-from artibot_sim.model.simulate.windows import KINDS, MotorTable
+from artibot_sim.model import Robot
+from artibot_sim.model.simulate.windows import MotorTable, kind_of
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ CHANNELS = {
     "torque_front": ("torque_front_right", "torque_front_left"),
     "torque_back": ("torque_back_right", "torque_back_left"),
 }
-"""Channel of the contract → what is sampled for it."""
+"""Channel of the contract → what is sampled for it of a robot of two modules; of any number see `sampled`."""
 
 CHANNEL_UNITS = {
     "position": "m", "yaw": "rad", "yaw_rate": "rad/s", "articulation_yaw": "rad", "torque_front": "N m",
@@ -70,7 +70,7 @@ class Series:
     channel : str
         One of CHANNELS.
     kind : int
-        Place in `model.windows.KINDS`.
+        See `model.windows.kind_of`.
     t, value : array, shape (n,)
         s since the recording's start, SI.
     sigma : float
@@ -134,6 +134,8 @@ class Stretch:
     series : tuple of Series
     half_width : float
         s around an instant whose encoder positions gave the inputs.
+    behind : int
+        Joints behind the first.
     """
 
     experiment: Experiment
@@ -141,12 +143,16 @@ class Stretch:
     inputs: MotorInputs
     series: tuple[Series, ...]
     half_width: float = HALF_WIDTH
+    behind: int = 0
 
     @cached_property
     def motion(self) -> tuple[Array, Array]:
-        """Times (m,), PAST s apart, and the motion then, (m, 8) in the order of `MeasuredMotion`."""
+        """Times (m,), PAST s apart, and the motion then, (m, 8) in the order of `MeasuredMotion`.
+
+        Angle and rate of each joint behind the first follow.
+        """
         times = np.arange(self.inputs.t[0], self.inputs.t[-1], PAST)
-        return times, self.measured.along(times)
+        return times, np.hstack([self.measured.along(times), self.measured.behind_along(times, self.behind)])
 
     def table(self, kappa: float | None) -> MotorTable:
         """How the motors turned, as the model takes it."""
@@ -197,7 +203,7 @@ def _every_stretch(experiment: Experiment, robot: Robot, half_width: float) -> I
         for a, b in _unbroken(times):
             if any(((s.t >= a) & (s.t <= b)).sum() >= 2 for s in series if s.channel == "position"):
                 inputs = rotations(experiment, robot, a, b, half_width)
-                yield Stretch(experiment, measured, inputs, tuple(series), half_width)
+                yield Stretch(experiment, measured, inputs, tuple(series), half_width, len(robot.trailing))
 
 
 def _nothing_together(experiment: Experiment) -> ArtibotError:
@@ -219,18 +225,37 @@ def _unbroken(times: Array) -> list[tuple[float, float]]:
 
 def _series(measured: Measured, robot: Robot) -> list[Series]:
     """Everything measured in a segment; noise as its own samples show it, NaN where they are too few."""
-    tables = {"position": measured.position(), "yaw": measured.yaw(), "yaw_rate": measured.yaw_rate()}
-    if robot.articulated:
-        tables["articulation_yaw"] = measured.articulation()
-    motors = measured.motors(robot.articulated)
-    tables |= {name: table for name, table in motors.items() if name in CHANNELS}
-    found = []
-    for channel, (t, values) in tables.items():
-        for column, name in zip(values.T, CHANNELS[channel], strict=True):
-            if len(t):
-                kind = KINDS.index("heading" if name == "yaw" and not measured.late_heading else name)
-                found.append(Series(channel, kind, t, np.ascontiguousarray(column), noise_of(t, column)))
+    tables = {"position": [measured.position()], "yaw": [measured.yaw()], "yaw_rate": [measured.yaw_rate()]}
+    tables["articulation_yaw"] = [measured.articulation(joint) for joint in range(len(robot.modules) - 1)]
+    for channel in ("torque_front", "torque_back"):
+        tables[channel] = [measured.torques(pair) for pair in motor_pairs(robot, channel)]
+    wanted, found = sampled(robot), []
+    for channel, parts in tables.items():
+        names = iter(wanted.get(channel, ()))
+        for t, values in parts:
+            for column, name in zip(values.T, names, strict=False):
+                if len(t):
+                    kind = kind_of("heading" if name == "yaw" and not measured.late_heading else name)
+                    found.append(Series(channel, kind, t, np.ascontiguousarray(column), noise_of(t, column)))
     return found
+
+
+def motor_pairs(robot: Robot, channel: str) -> list[tuple[str, str]]:
+    """The motors of each module whose torques are a channel's: of the front one, or of all driven ones behind it."""
+    motors = robot.motors if robot.articulated else robot.motors[:2]
+    pairs = list(zip(motors[::2], motors[1::2], strict=True))
+    return pairs[:1] if channel == "torque_front" else pairs[1:]
+
+
+def sampled(robot: Robot) -> dict[str, tuple[str, ...]]:
+    """What is sampled for each channel of a robot, see `windows.kind_of`.
+
+    Angles of all its joints are one channel, and so are the torques of all motors behind the front module.
+    """
+    found = dict(CHANNELS)
+    found["articulation_yaw"] = robot.articulation_joints[::2]
+    found["torque_back"] = tuple(f"torque_{motor}" for pair in motor_pairs(robot, "torque_back") for motor in pair)
+    return {channel: names for channel, names in found.items() if names}
 
 
 def with_pooled_noise(found: Sequence[Stretch]) -> list[Stretch]:
@@ -271,9 +296,7 @@ def noise_levels(found: Sequence[Stretch]) -> dict[str, float]:
 def missing(found: Sequence[Stretch], robot: Robot) -> list[str]:
     """Channels that a rover like this could have and that nothing measured."""
     present = {series.channel for stretch in found for series in stretch.series}
-    wanted = [
-        channel for channel in CHANNELS if robot.articulated or channel not in ("articulation_yaw", "torque_back")
-    ]
+    wanted = list(sampled(robot))
     if "position" in present and "yaw" not in present:
         wanted.remove("yaw")
     return [channel for channel in wanted if channel not in present]
@@ -284,6 +307,3 @@ def other_robot(experiment: Experiment, robot: Robot) -> Iterator[str]:
     named = experiment.metadata.get("robot")
     if named and named != robot.name:
         yield f"was recorded with robot '{named}', and is taken for '{robot.name}'"
-
-
-assert all(len(names) <= len(MOTORS) for names in CHANNELS.values())

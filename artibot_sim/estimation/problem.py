@@ -22,6 +22,8 @@ from artibot_sim.estimation.windows import (
     CHANNEL_NAMES,
     Past,
     Window,
+    arms_of,
+    for_starts,
     lagging_forces,
     past_of,
     postures,
@@ -31,7 +33,7 @@ from artibot_sim.estimation.windows import (
 from artibot_sim.model import Robot
 from artibot_sim.model.effects.tyre_relaxation import EFFECT
 from artibot_sim.model.simulate.sensors import measured_starts, sensor_errors, true_starts
-from artibot_sim.model.simulate.windows import KINDS, Items, MotorTable, Plan, WindowBatch, window_step
+from artibot_sim.model.simulate.windows import Items, MotorTable, Plan, WindowBatch, kind_of, window_step
 
 # ----------------------------------------------------------------------
 # How residuals of windows change with parameters and starts.
@@ -112,8 +114,15 @@ def rigid(of: Samples, predicted: Array, starts: Array) -> Array:
 
 Indices = NDArray[np.int64]
 
+
 _START_STEP = np.array([1e-3, 1e-3, 1e-3, 3e-3, 3e-3, 3e-3, 1e-3, 3e-3])
-"""Steps of the differences that give gradients by a window's start, in the order of START."""
+
+
+def start_steps(size: int) -> Array:
+    """Steps of the differences that give gradients by a window's start of `size` numbers."""
+    return for_starts(_START_STEP, size)
+
+
 _RIGID = 3
 """The first starts, x, y and yaw, move a window's prediction as a whole."""
 _LOST = 50.0
@@ -185,10 +194,10 @@ class Problem:
         plans = [window.plan for window in self.windows]
         self._before = predecessors(self.windows)
         after = {before: i for i, before in enumerate(self._before) if before is not None}
-        ends = [
-            _state_at((self.windows[after[i]].first - w.first if i in after else w.knots) * tables[w.stretch].dt)
-            for i, w in enumerate(self.windows)
-        ]
+        ends = []
+        for i, w in enumerate(self.windows):
+            knots = self.windows[after[i]].first - w.first if i in after else w.knots
+            ends.append(_state_at(self.parameters.robot, knots * tables[w.stretch].dt))
         self._batch = WindowBatch(tables, plans + ends, dt, self.workers)
 
     def __len__(self) -> int:
@@ -310,7 +319,7 @@ class Problem:
     @cached_property
     def _past(self) -> Past:
         robot = self.parameters.robot
-        return past_of(self.stretches, self.windows, (robot.front.l, robot.back.l if robot.back else 0.0))
+        return past_of(self.stretches, self.windows, arms_of(robot))
 
     @cached_property
     def _places(self) -> Indices:
@@ -403,20 +412,20 @@ class Problem:
             moved = coordinates.copy()
             moved[i] += self.parameters.steps[i]
             robots.append(self.parameters.candidate(moved))
-        count, p = len(self.windows), len(free)
+        count, p, moves = len(self.windows), len(free), start_steps(self.size)
         whole = range(_RIGID, self.size) if self.parameters.uniform else range(self.size)
         robot = np.repeat([*range(1 + p), *(0 for _ in whole)], count).reshape(-1, count)
         guesses = np.tile(starts, (len(robot), 1, 1))
         for k in range(1, 1 + p):
             guesses[k] = self.held(robots[0], robots[k], starts)
         for k, column in enumerate(whole):
-            guesses[1 + p + k, :, column] += _START_STEP[column]
+            guesses[1 + p + k, :, column] += moves[column]
         flat = self.predictions(robots, robot, guesses)
         table = np.zeros((p + self.size, flat.shape[1]))
         if self.parameters.uniform:
             table[p : p + _RIGID] = rigid(self.samples, flat[0], starts)
         self.compare(flat)
-        steps = np.concatenate([self.parameters.steps[list(free)], _START_STEP[list(whole)]])
+        steps = np.concatenate([self.parameters.steps[list(free)], moves[list(whole)]])
         rows = [*range(p), *(p + column for column in whole)]
         table[rows] = (flat[1:] - flat[0]) / steps[:, None]
         clip(self.samples, table)
@@ -424,12 +433,9 @@ class Problem:
         return self.parts(flat[0].copy()), Sensitivity(table[:p], table[p:])
 
 
-_STATE = np.array([KINDS.index(k) for k in (
-    "origin_x", "origin_y", "heading", "v_x", "v_y", "turn_rate", "articulation_yaw", "articulation_rate"
-)])  # fmt: skip
-"""What `starts.START` is called among KINDS."""
-
-
-def _state_at(t: float) -> Plan:
-    """A look at the whole state `t` s after a window's start."""
-    return Plan(np.full(len(_STATE), t), _STATE)
+def _state_at(robot: Robot, t: float) -> Plan:
+    """The whole state `t` s after a window's start, as `windows.start_names` has it."""
+    first = ("origin_x", "origin_y", "heading", "v_x", "v_y", "turn_rate", "articulation_yaw", "articulation_rate")
+    kinds = [kind_of(name) for name in first]
+    kinds += [kind_of(f"articulation_{what}_{j + 2}") for j in range(len(robot.trailing)) for what in ("yaw", "rate")]
+    return Plan(np.full(len(kinds), t), np.array(kinds))

@@ -13,7 +13,7 @@ from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.parameters import MU_S
 from artibot_sim.estimation.problem import Draw, Problem
 from artibot_sim.estimation.solver import Point, Reduced, again, align, best_of, evaluate, polished, step
-from artibot_sim.estimation.windows import CHANNEL_NAMES, turned
+from artibot_sim.estimation.windows import CHANNEL_NAMES, for_starts, turned
 
 Array = NDArray[np.float64]
 
@@ -311,9 +311,10 @@ def randomized_starts(problem: Problem, loss: Loss, point: Point, number: int = 
     some = problem.part(worst.tolist())
     scale = np.tile([0.15, 0.4, 1.0], -(-tries // 3))[:tries, None, None]
     moves = rng.normal(size=(tries, len(worst), problem.size)) * problem.start_sd[worst] * scale
-    starts = point.starts[worst] + moves * _START_SPREAD[: problem.size]
+    starts = point.starts[worst] + moves * for_starts(_START_SPREAD, problem.size)
     if problem.parameters.extensions:
-        anew = rng.normal(size=(2 * tries, len(worst), problem.size)) * problem.start_sd[worst] * _DRAWN[: problem.size]
+        anew = rng.normal(size=(2 * tries, len(worst), problem.size)) * problem.start_sd[worst]
+        anew *= for_starts(_DRAWN, problem.size)
         anew *= np.tile([0.5, 1.0], tries)[:, None, None]
         starts = np.concatenate([starts, problem.starts[worst] + anew])
     tried = best_of(some, loss, point.coordinates, list(starts))

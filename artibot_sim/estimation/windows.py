@@ -15,10 +15,11 @@ from artibot_sim.experiment.inputs import plausible_motion, start_state
 from artibot_sim.experiment.measured import MeasuredMotion, forward_speed
 from artibot_sim.model import Robot
 from artibot_sim.model.effects.tyre_relaxation import EFFECT, SLOWEST
-from artibot_sim.model.kernels.layout import BACK, GAMMA, MOTOR_COORDINATES, X, Y
-from artibot_sim.model.robot.derived import params
+from artibot_sim.model.kernels.layout import BACK, GAMMA, X, Y
+from artibot_sim.model.robot.derived import params, train
+from artibot_sim.model.simulate.rollout import motor_coordinates
 from artibot_sim.model.simulate.sensors import sensor_errors, true_starts
-from artibot_sim.model.simulate.state import posture_at_rest
+from artibot_sim.model.simulate.state import initial_state, posture_at_rest
 from artibot_sim.model.simulate.windows import KINDS, Plan, by_numbers
 
 # ----------------------------------------------------------------------
@@ -26,10 +27,30 @@ from artibot_sim.model.simulate.windows import KINDS, Plan, by_numbers
 # ----------------------------------------------------------------------
 
 
-_MOTORS = list(MOTOR_COORDINATES)
-
 START = ("x", "y", "yaw", "forward", "left", "yaw_rate", "articulation", "articulation_rate")
-"""What a start is described by: pose in `map` (m, rad), velocity in the front module's frame (m/s, rad/s), joint."""
+"""What a start is described by: pose in `map` (m, rad), velocity in the front module's frame (m/s, rad/s), joint.
+
+Angle and rate of each joint behind the first follow (`start_names`); what is said of START is said of all of these.
+"""
+_RIGID = 6
+"""So many of them describe a robot without joints."""
+
+
+def start_names(robot: Robot) -> tuple[str, ...]:
+    """What a start of a robot of any number of modules is described by."""
+    joints = [f"_{j + 1}" if j else "" for j in range(len(robot.modules) - 1)]
+    return START[:_RIGID] + tuple(f"{what}{number}" for number in joints for what in START[_RIGID:])
+
+
+def for_starts(values: Array, size: int) -> Array:
+    """Values (8,) in the order of START for starts of `size` numbers: those of the first joint for every joint."""
+    return np.append(values[:_RIGID], np.tile(values[_RIGID:], (size - _RIGID) // 2))
+
+
+def _of_first(names: Sequence[str]) -> list[str]:
+    """The names with those of joints behind the first replaced by the first one's: sizes are alike."""
+    return [name if name in START else name.rsplit("_", 1)[0] for name in names]
+
 
 _SD = {
     "x": 0.03, "y": 0.03, "yaw": 0.1, "forward": 0.03, "left": 0.03, "yaw_rate": 0.015, "articulation": 0.01,
@@ -48,12 +69,12 @@ class Start:
     Attributes
     ----------
     mean, sd : array, shape (8,)
-        In the order of START; a rigid robot has the first 6.
+        In the order of START; a rigid robot has the first 6, a train two more for each joint behind the first.
     weight : array, shape (8, 8)
         weight · (start − mean) has unit covariance. What was measured is the velocity in `map`, so a start that heads
         more to the left has its velocity more to the right.
     q, v : array, shape (16,)
-        The model's state at the mean, for sensors without errors.
+        The model's state at the mean, for sensors without errors; (8 modules,) of a train.
     late : bool
         Whether the heading was measured with the positions, and is as late as they may be.
     """
@@ -74,6 +95,7 @@ def start_of(
     poor: frozenset[str] = frozenset(),
     known: Mapping[str, float] | None = None,
     late: bool = False,
+    behind: Array | None = None,
 ) -> Start:
     """A start from measurements.
 
@@ -90,21 +112,25 @@ def start_of(
         Standard deviations of names of START that are measured better or worse than usual.
     late : bool
         See `Start`.
+    behind : array, shape (2, joints), optional
+        Angles and rates of the joints behind the first, rad and rad/s; NaN is unknown.
     """
     c, s = np.cos(np.nan_to_num(motion.yaw)), np.sin(np.nan_to_num(motion.yaw))
     forward, left = c * motion.vx + s * motion.vy, c * motion.vy - s * motion.vx
     mean = np.array(
         [motion.x, motion.y, motion.yaw, forward, left, motion.yaw_rate, motion.articulation, motion.articulation_rate]
     )
-    count = 8 if robot.articulated else 6
-    blind = ~np.isfinite(mean) | np.array([name in poor for name in START])
+    names = start_names(robot)
+    if behind is not None:
+        mean = np.append(mean, behind.T.ravel())
+    mean, sizes = mean[: len(names)], _of_first(names)
+    blind = ~np.isfinite(mean) | np.array([name in poor for name in names])
     usual = _SD | dict(known or {})
-    sd = np.array([_BLIND.get(name, usual[name]) if b else usual[name] for name, b in zip(START, blind, strict=True)])
-    turn = np.eye(8)
+    sd = np.array([_BLIND.get(name, usual[name]) if b else usual[name] for name, b in zip(sizes, blind, strict=True)])
+    turn = np.eye(len(names))
     turn[3, 2], turn[4, 2] = -np.nan_to_num(left), np.nan_to_num(forward)
-    weight = (turn / sd[:, None])[:count, :count]
-    state = start_state(robot, motion, angles, speeds)
-    return Start(np.nan_to_num(mean)[:count], sd[:count], weight, state.q, state.v, late)
+    state = start_state(robot, motion, angles, speeds, behind=behind)
+    return Start(np.nan_to_num(mean), sd, turn / sd[:, None], state.q, state.v, late)
 
 
 def turned(starts: Array, angle: float) -> Array:
@@ -122,33 +148,46 @@ class Postures(NamedTuple):
     Attributes
     ----------
     level : array, shape (r, 16)
-        At rest on their wheels: heights, roll and pitch.
-    arms : array, shape (r, 2)
-        l_f and l_b, m.
+        At rest on their wheels: heights, roll and pitch; (r, 8 modules) of trains.
+    arms : array, shape (r, joints, 2)
+        How far each joint is behind the origin of the module ahead (l_f), and ahead of the next one's (l_b), m.
     sensors : array, shape (r, 6)
         `SensorErrors` of each.
-    articulated : bool
+    motors : list of int
+        Where angles of motors stand in a state.
+    passive : tuple of (int, float, float)
+        Coordinates of each module without motors, its half track and its wheels' radius, m.
     """
 
     level: Array
     arms: Array
     sensors: Array
-    articulated: bool
+    motors: list[int]
+    passive: tuple[tuple[int, float, float], ...]
 
 
 def postures(robots: Sequence[Robot]) -> Postures:
-    """What `states` needs to know of robots, which are all articulated or all rigid."""
+    """What `states` needs to know of robots, which all have as many modules."""
     different, like = by_numbers(robots)
-    level = np.array([posture_at_rest(params(robot)) for robot in different])
-    arms = np.array([(robot.front.l, robot.back.l if robot.back else 0.0) for robot in different])
+    one = robots[0]
+    level = np.array([initial_state(r).q if r.trailing else posture_at_rest(params(r)) for r in different])
+    arms = np.array([arms_of(robot) for robot in different]).reshape(len(different), -1, 2)
     sensors = np.array([sensor_errors(robot) for robot in different])
-    return Postures(level[like], arms[like], sensors[like], robots[0].articulated)
+    passive = tuple(
+        (8 * i, 0.5 * one.modules[i].i_y, one.wheel.r_w) for i, drive in enumerate(one.drives) if drive is None
+    )
+    return Postures(level[like], arms[like], sensors[like], motor_coordinates(one), passive)
+
+
+def arms_of(robot: Robot) -> list[tuple[float, float]]:
+    """How far each joint is behind the origin of the module ahead, and ahead of the next one's, m."""
+    return [(hitch.l, module.l) for hitch, module in zip(robot.hitches, robot.modules[1:], strict=True)]
 
 
 def states(
     of: Postures, robot: NDArray[np.int64], q: Array, v: Array, guesses: Array, late: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """The model's states at guesses of starts: q and v, shape (n, 16) each.
+    """The model's states at guesses of starts: q and v, shape (n, 16) each, or (n, 8 modules) of trains.
 
     Parameters
     ----------
@@ -163,28 +202,32 @@ def states(
 
     Notes
     -----
-    The joint is closed as seen from above (eq. 13), its rates as well; pitch, where there is any, changes that by
+    Joints are closed as seen from above (eq. 13), their rates as well; pitch, where there is any, changes that by
     less than 1e-4 of l, which eq. 25's stabilisation draws in.
     """
     turned = of.sensors[robot, :1]
-    motor_q, motor_v = q[:, _MOTORS] / turned, v[:, _MOTORS] / turned
+    motor_q, motor_v = q[:, of.motors] / turned, v[:, of.motors] / turned
     guesses = true_starts(of.sensors[robot], guesses, late)
     q, v = of.level[robot], np.zeros_like(v)
-    q[:, _MOTORS], v[:, _MOTORS] = motor_q, motor_v
-    x, y, yaw, forward, left, rate = guesses[:, :6].T
+    q[:, of.motors], v[:, of.motors] = motor_q, motor_v
+    x, y, yaw, forward, left, rate = guesses[:, :_RIGID].T
     c, s = np.cos(yaw), np.sin(yaw)
     q[:, 0], q[:, 1], q[:, 5] = x, y, yaw
     v[:, 0], v[:, 1], v[:, 5] = c * forward - s * left, s * forward + c * left, rate
-    if not of.articulated:
-        return q, v
-    bend, bend_rate = guesses[:, 6:].T
-    l_f, l_b = of.arms[robot].T
-    yaw_b, rate_b = yaw + bend, rate + bend_rate
-    c_b, s_b = np.cos(yaw_b), np.sin(yaw_b)
-    q[:, 8], q[:, 9], q[:, 13] = x - l_f * c - l_b * c_b, y - l_f * s - l_b * s_b, yaw_b
-    v[:, 8] = v[:, 0] + l_f * rate * s + l_b * rate_b * s_b
-    v[:, 9] = v[:, 1] - l_f * rate * c - l_b * rate_b * c_b
-    v[:, 13] = rate_b
+    for j in range(of.arms.shape[1]):
+        a, b = 8 * j, 8 * (j + 1)
+        l_f, l_b = of.arms[robot, j].T
+        bend, bend_rate = guesses[:, _RIGID + 2 * j : _RIGID + 2 * j + 2].T
+        yaw_b, rate_b = yaw + bend, rate + bend_rate
+        c_b, s_b = np.cos(yaw_b), np.sin(yaw_b)
+        q[:, b], q[:, b + 1] = q[:, a] - l_f * c - l_b * c_b, q[:, a + 1] - l_f * s - l_b * s_b
+        v[:, b] = v[:, a] + l_f * rate * s + l_b * rate_b * s_b
+        v[:, b + 1] = v[:, a + 1] - l_f * rate * c - l_b * rate_b * c_b
+        q[:, b + 5], v[:, b + 5] = yaw_b, rate_b
+        yaw, rate, c, s = yaw_b, rate_b, c_b, s_b
+    for k, half, radius in of.passive:  # their wheels roll
+        ahead = np.cos(q[:, k + 5]) * v[:, k] + np.sin(q[:, k + 5]) * v[:, k + 1]
+        v[:, k + 6], v[:, k + 7] = (ahead + half * v[:, k + 5]) / radius, (ahead - half * v[:, k + 5]) / radius
     return q, v
 
 
@@ -352,7 +395,12 @@ def measured_start(stretch: Stretch, robot: Robot, knot: int) -> Start:
     poor = frozenset({"forward", "left"} if away > _NEAR_START else set())
     if not len(measured.yaw_rate()[0]):
         poor |= {"yaw_rate"}
-    return start_of(robot, motion, inputs.position[knot], speeds, poor, _known(stretch, motion), measured.late_heading)
+    behind = measured.behind(t, stretch.behind)
+    if not motion.articulation_rate:  # its motors stand, and so does the robot
+        behind[1] = 0.0
+    return start_of(
+        robot, motion, inputs.position[knot], speeds, poor, _known(stretch, motion), measured.late_heading, behind
+    )
 
 
 def _known(stretch: Stretch, motion: MeasuredMotion) -> dict[str, float]:
@@ -387,7 +435,7 @@ class Past(NamedTuple):
     ----------
     way : array, shape (windows, m + 1)
         How far away each of m intervals before the start begins, m, the oldest first; 0 at the start.
-    aside : array, shape (windows, m, 2, 4)
+    aside : array, shape (windows, m, modules, 4)
         By how much each module's lateral velocity (m/s) and turn rate (rad/s) differed in those from what they are
         at the start; last, by how much what the place of the tracked point adds to that velocity did, for a metre
         ahead of the front module's origin and for a metre to its left (m/s).
@@ -397,9 +445,9 @@ class Past(NamedTuple):
     aside: Array
 
 
-def past_of(stretches: Sequence[Stretch], windows: Sequence[Window], arms: tuple[float, float]) -> Past:
-    """The way before every window; before a stretch begins all was as it starts. `arms` are l_f and l_b, m."""
-    way, aside = np.zeros((len(windows), _SAMPLES + 1)), np.zeros((len(windows), _SAMPLES, 2, 4))
+def past_of(stretches: Sequence[Stretch], windows: Sequence[Window], arms: Sequence[tuple[float, float]]) -> Past:
+    """The way before every window; before a stretch begins all was as it starts. `arms` are those of `arms_of`, m."""
+    way, aside = np.zeros((len(windows), _SAMPLES + 1)), np.zeros((len(windows), _SAMPLES, len(arms) + 1, 4))
     for i, window in enumerate(windows):
         times, motion = stretches[window.stretch].motion
         last = int(np.searchsorted(times, window.t, side="right"))
@@ -429,34 +477,41 @@ def time_over(stretch: Stretch, t: float, way: float) -> float:
     return PAST * int(np.searchsorted(np.cumsum(PAST * np.maximum(speed, SLOWEST)), way))
 
 
-def _in_modules(motion: Array, arms: tuple[float, float]) -> tuple[Array, Array]:
-    """Forward speed (n,) of the tracked point; both modules' lateral velocities, turn rates and leverage (n, 2, 4)."""
+def _in_modules(motion: Array, arms: Sequence[tuple[float, float]]) -> tuple[Array, Array]:
+    """Forward speed (n,) of the tracked point; modules' lateral velocities, turn rates and leverage (n, modules, 4)."""
     motion = np.nan_to_num(motion)
-    _, _, yaw, vx, vy, rate, bend, bend_rate = motion.T
+    _, _, yaw, vx, vy, rate, *bends = motion.T
     forward, left = forward_speed(motion), np.cos(yaw) * vy - np.sin(yaw) * vx
-    c, s, rate_b = np.cos(bend), np.sin(bend), rate + bend_rate
-    behind = -s * forward + c * (left - arms[0] * rate) - arms[1] * rate_b
-    front = np.column_stack([left, rate, rate, np.zeros_like(rate)])
-    return forward, np.stack([front, np.column_stack([behind, rate_b, c * rate, s * rate])], axis=1)
+    ahead, aside, along, across = forward, left, np.ones_like(rate), np.zeros_like(rate)
+    found, front = [np.column_stack([left, rate, rate, np.zeros_like(rate)])], rate
+    for (l_f, l_b), bend, bend_rate in zip(arms, bends[::2], bends[1::2], strict=False):
+        c, s, rate_b = np.cos(bend), np.sin(bend), rate + bend_rate
+        beside = aside - l_f * rate
+        behind = -s * ahead + c * beside - l_b * rate_b
+        along, across = c * along - s * across, c * across + s * along
+        found.append(np.column_stack([behind, rate_b, along * front, across * front]))
+        ahead, aside, rate = c * ahead + s * beside, behind, rate_b
+    return forward, np.stack(found, axis=1)
 
 
 def lagging_forces(robots: Sequence[Robot], robot: Indices, window: Indices, q: Array, v: Array, past: Past) -> Array:
-    """Lateral forces (n, 8) at starts q and v (n, 16): what the starts ask for, less what has yet to build up.
+    """Lateral forces (n, 4 modules) at starts q and v: what the starts ask for, less what has yet to build up.
 
     dF/dt = (F_steady − F) |p_x| / length is a mean over the way that the wheel came, the last `length` weighing most.
     """
-    found = np.zeros((len(robot), 8))
+    found = np.zeros((len(robot), 4 * max(2, len(robots[0].modules))))
     for r, one in enumerate(robots):
         rows = np.flatnonzero(robot == r)
         length = relaxation_length(one)
         if not length or not len(rows):
             continue
-        p, seen = params(one), sensor_errors(one)
+        seen = sensor_errors(one)
         left = np.exp(-past.way[window[rows]] / length)
         weight = np.diff(left, axis=1)
         weight[:, 0] += left[:, 0]
         behind = np.einsum("wm,wmab->wab", weight, past.aside[window[rows]])
-        for module, body in enumerate((p.front, p.back) if one.articulated else (p.front,)):
+        for module, p in enumerate(train(one).modules if one.articulated else (params(one),)):
+            body = p.front
             b = BACK * module
             c, s = np.cos(q[rows, b + GAMMA]), np.sin(q[rows, b + GAMMA])
             aside = c * v[rows, b + Y] - s * v[rows, b + X] + behind[:, module, 0]

@@ -310,12 +310,19 @@ class Measured:
                     return found
         return _nothing(1)
 
-    def articulation(self) -> tuple[Floats, Floats]:
-        """Return times (n,) and articulation angles (n, 1), rad."""
+    def articulation(self, joint: int = 0) -> tuple[Floats, Floats]:
+        """Return times (n,) and angles (n, 1), rad, of the first articulation or of one behind it."""
         channel = self.experiment.channels.get("joint_states")
-        if channel is None or "articulation_yaw.position" not in channel:
+        name = f"articulation_yaw{f'_{joint + 1}' if joint else ''}.position"
+        if channel is None or name not in channel:
             return _nothing(1)
-        return _samples(channel, ("articulation_yaw.position",), self.t_start, self.t_end)
+        return _samples(channel, (name,), self.t_start, self.t_end)
+
+    def torques(self, motors: tuple[str, ...]) -> tuple[Floats, Floats]:
+        """Return times (n,) and torques (n, k) of these motors, N·m."""
+        channel = self.experiment.channels.get("motor_torques")
+        names = tuple(f"{motor}.effort" for motor in motors)
+        return _samples(channel, names, self.t_start, self.t_end) if channel else _nothing(len(motors))
 
     def motors(self, articulated: bool) -> dict[str, tuple[Floats, Floats]]:
         """Return times (n,) and values (n, 2) of `front_velocity` (rad/s), `torque_front` and `torque_back` (N·m)."""
@@ -336,13 +343,15 @@ class Measured:
 
     def behind(self, t: float, joints: int) -> Floats:
         """Return angles and rates (2, joints) of so many joints behind the first at `t`; NaN where not recorded."""
-        found = np.full((2, joints), np.nan)
-        channel = self.experiment.channels.get("joint_states")
+        return self.behind_along(np.array([t]), joints)[0].reshape(joints, 2).T
+
+    def behind_along(self, times: Floats, joints: int) -> Floats:
+        """Return angle and rate of each of so many joints behind the first, (n, 2 joints), at times (n,)."""
+        found = np.full((len(times), 2 * joints), np.nan)
         for j in range(joints):
-            name = f"articulation_yaw_{j + 2}.position"
-            if channel is not None and name in channel:
-                local = Local(*_samples(channel, (name,), self.t_start, self.t_end))
-                found[:, j] = np.concatenate(local.at(np.array([t]), RATE_HALF_WIDTH)).ravel()
+            table = self.articulation(j + 1)
+            if len(table[0]):
+                found[:, 2 * j : 2 * j + 2] = np.column_stack(Local(*table).at(times, RATE_HALF_WIDTH))
         return found
 
     def along(self, times: Floats) -> Floats:

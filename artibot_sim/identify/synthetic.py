@@ -12,7 +12,7 @@ from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.inputs import recorded_motors
 from artibot_sim.model import MOTORS, Robot, Rollout, rollout
-from artibot_sim.model.analysis.stability import largest_step
+from artibot_sim.model.simulate.rollout import integrator_for
 from artibot_sim.model.simulate.sensors import sensor_errors, tracked_point
 from artibot_sim.planning import Arc, Dwell, Eight, Manoeuvre, Plan, Ramp, Segment, Slalom, Stop, Straight, plan
 
@@ -121,19 +121,16 @@ def synthetic(
 
 def _drive(robot: Robot, planned: Plan, duration: float, kappa: float) -> Rollout:
     from artibot_sim.model import initial_state
-    from artibot_sim.model.robot.derived import params
     from artibot_sim.model.simulate.commands import as_executed
-    from artibot_sim.model.simulate.rollout import default_modes
 
     state = initial_state(robot, *planned.start)
-    integrator = "rk4" if largest_step(params(robot), "rk4", default_modes(robot))[0] >= _EVERY else "semi_implicit"
     return rollout(
         robot,
         as_executed(robot, planned.commands()),
         dt=_EVERY,
         every=1,
         kappa=kappa,
-        integrator=integrator,
+        integrator=integrator_for(robot, _EVERY),
         duration=duration,
         state=state,
     )
@@ -151,7 +148,7 @@ def observed(
         "total_station": _station(robot, result, noise, rng, end, start_ns),
     }
     if robot.articulated:
-        channels["joint_states"] = _joint(result, noise, rng, end, start_ns)
+        channels["joint_states"] = _joints(robot, result, noise, rng, end, start_ns)
     return Experiment(name, Path(name), metadata, start_ns, channels, ((0.0, end),))
 
 
@@ -174,11 +171,11 @@ def _channel(topic: str, t: Array, start_ns: int, columns: dict[str, Array]) -> 
 
 def _motors(robot: Robot, result: Rollout, noise: Noise, rng: np.random.Generator, end: float, ns: int) -> Channel:
     t, stamps = _times(rng, noise.motor_rate, end, noise.jitter)
-    count = 4 if robot.articulated else 2
-    angle, speed, torque = (_at(result, v, t)[:, :count] for v in recorded_motors(result, robot))
+    motors = robot.motors if robot.articulated else MOTORS[:2]
+    angle, speed, torque = (_at(result, v, t) for v in recorded_motors(result, robot))
     step = 2 * np.pi / noise.counts
     columns: dict[str, Array] = {}
-    for i, motor in enumerate(MOTORS[:count]):
+    for i, motor in enumerate(motors):
         columns[f"{motor}.position"] = np.round(angle[:, i] / step) * step
         columns[f"{motor}.velocity"] = speed[:, i] + noise.velocity * rng.standard_normal(len(t))
         sd = np.hypot(noise.torque, noise.torque_share * torque[:, i])
@@ -192,14 +189,16 @@ def _command(robot: Robot, result: Rollout, planned: Plan, noise: Noise, seed: i
     columns = {f"{motor}.velocity": planned.at(t).velocity[:, i] for i, motor in enumerate(MOTORS[:2])}
     if robot.articulated:
         torque = _at(result, result.motor_torque, t)
-        columns |= {f"{motor}.effort": torque[:, i] for i, motor in enumerate(MOTORS) if i >= 2}
+        columns |= {f"{motor}.effort": torque[:, i] for i, motor in enumerate(robot.motors) if i >= 2}
     return _channel("/motor_command", stamps, ns, columns)
 
 
-def _joint(result: Rollout, noise: Noise, rng: np.random.Generator, end: float, ns: int) -> Channel:
+def _joints(robot: Robot, result: Rollout, noise: Noise, rng: np.random.Generator, end: float, ns: int) -> Channel:
     t, stamps = _times(rng, noise.articulation_rate, end, noise.jitter)
-    angle = _at(result, result.articulation_yaw, t)[:, 0] + noise.articulation * rng.standard_normal(len(t))
-    return _channel("/joint_states", stamps, ns, {"articulation_yaw.position": angle})
+    columns = {}
+    for name, bend in zip(robot.articulation_joints[::2], result.articulations[:, :, 0].T, strict=True):
+        columns[f"{name}.position"] = _at(result, bend, t)[:, 0] + noise.articulation * rng.standard_normal(len(t))
+    return _channel("/joint_states", stamps, ns, columns)
 
 
 def _imu(result: Rollout, bias: float, noise: Noise, rng: np.random.Generator, end: float, ns: int) -> Channel:

@@ -11,19 +11,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.estimation.measurements import CHANNELS
+from artibot_sim.estimation.measurements import sampled
 from artibot_sim.estimation.windows import postures, states
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.inputs import recorded_motors
 from artibot_sim.model import MOTORS, Mode, Robot, Rollout, Status, initial_state, rollout
-from artibot_sim.model.analysis.stability import largest_step
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.effects.base import Choice
-from artibot_sim.model.robot.derived import params
 from artibot_sim.model.simulate.commands import as_executed
-from artibot_sim.model.simulate.rollout import default_modes
+from artibot_sim.model.simulate.rollout import integrator_for
 from artibot_sim.model.simulate.sensors import measured_starts, sensor_errors
-from artibot_sim.model.simulate.windows import KINDS, Items, MotorTable, Plan, WindowBatch, window_step
+from artibot_sim.model.simulate.windows import KINDS, Items, MotorTable, Plan, WindowBatch, kind_of, window_step
 from artibot_sim.planning import Arc, Dwell, Eight, Manoeuvre, Ramp, Repeat, Segment, Slalom, Stop, Straight, plan
 from artibot_sim.planning import Plan as Planned
 
@@ -163,9 +161,9 @@ class TriedManoeuvre:
     def table(self) -> MotorTable:
         """How the motors turned, as recorded."""
         position, velocity, _ = recorded_motors(self.result, self.robot)
-        count = 4 if self.robot.articulated else 2
-        modes = tuple(Mode.PRESCRIBED if i < count else Mode.TORQUE for i in range(4))
-        turned = np.arange(4) < count
+        motors = len(self.robot.motors)
+        turned = np.arange(motors) < (motors if self.robot.articulated else 2)
+        modes = tuple(Mode.PRESCRIBED if own else Mode.TORQUE for own in turned)
         return MotorTable(
             _KNOT, np.where(turned, position, 0.0), np.where(turned, velocity, 0.0), np.full(position.shape, np.nan),
             modes, KAPPA,
@@ -185,15 +183,15 @@ class TriedManoeuvre:
             length, times, kinds = (b - a) * _KNOT, [], []
             for channel in self.channels:
                 t = np.arange(LEAD if k else 0.05, length - 1e-6, 1.0 / RATES[channel])
-                for name in CHANNELS[channel]:
+                for name in sampled(self.robot)[channel]:
                     times.append(t)
-                    kinds.append(np.full(len(t), KINDS.index(name)))
+                    kinds.append(np.full(len(t), kind_of(name)))
             found.append(Plan(np.concatenate(times), np.concatenate(kinds).astype(np.int64)))
         return found
 
     def sigma(self, noise: Mapping[str, float]) -> list[Array]:
         """Noise of each sample, window by window."""
-        level = {KINDS.index(name): noise[c] for c in self.channels for name in CHANNELS[c]}
+        level = {kind_of(name): noise[c] for c in self.channels for name in sampled(self.robot)[c]}
         return [np.array([level[int(kind)] for kind in plan.kind]) for plan in self.plans]
 
     @cached_property
@@ -203,8 +201,9 @@ class TriedManoeuvre:
         pose, twist = self.result.pose[rows], self.result.twist[rows]
         columns = [pose, twist]
         if self.robot.articulated:
-            rate = self.result["gamma_b_dot"][rows] - self.result["gamma_f_dot"][rows]
-            columns.append(np.column_stack([self.result.articulation_yaw[rows], rate]))
+            yaws = self.result.v[rows, 5::8]
+            bends = self.result.articulations[rows, :, 0], np.diff(yaws, axis=1)
+            columns.append(np.stack(bends, axis=2).reshape(len(rows), -1))
         errors = np.array([sensor_errors(self.robot)])
         return measured_starts(errors, np.hstack(columns), np.zeros(len(rows), bool))
 
@@ -217,9 +216,8 @@ class TriedManoeuvre:
         """What robots' sensors see in windows that begin as `starts` say; rows of (which robot, window, start)."""
         rows, late = self.edges[window], np.zeros(len(window), bool)
         scale = sensor_errors(self.robot).encoder_scale
-        motors = np.zeros((2, len(window), 16))
-        motors[0], motors[1] = scale * self.result.q[rows], scale * self.result.v[rows]
-        q, v = states(postures(robots), robot, motors[0], motors[1], starts, late)
+        q, v = scale * self.result.q[rows], scale * self.result.v[rows]
+        q, v = states(postures(robots), robot, q, v, starts, late)
         knots = np.diff(self.edges)[window]
         zero = np.zeros(len(window), np.int64)
         return self.batch.run(robots, Items(robot, zero, window, rows, knots, q, v, self.result.t[rows]))
@@ -234,14 +232,13 @@ class TriedManoeuvre:
     def recording(self) -> Experiment:
         """Commands and motors as they are recorded, for the command view."""
         position, velocity, torque = recorded_motors(self.result, self.robot)
-        t, count = self.result.t, 4 if self.robot.articulated else 2
+        t, motors = self.result.t, self.robot.motors if self.robot.articulated else MOTORS[:2]
         columns: dict[str, Array] = {}
-        for i, motor in enumerate(MOTORS[:count]):
+        for i, motor in enumerate(motors):
             columns |= {f"{motor}.position": position[:, i], f"{motor}.velocity": velocity[:, i]}
             columns[f"{motor}.effort"] = torque[:, i]
         stated = {f"{motor}.velocity": self.planned.at(t).velocity[:, i] for i, motor in enumerate(MOTORS[:2])}
-        if count == 4:
-            stated |= {f"{motor}.effort": self.result.motor_torque[:, i] for i, motor in enumerate(MOTORS) if i >= 2}
+        stated |= {f"{motor}.effort": self.result.motor_torque[:, i] for i, motor in enumerate(motors) if i >= 2}
         stamps = np.round(t * 1e9).astype(np.int64)
         channels = {
             "motor_torques": Channel("/motor_torques", stamps, t, stamps, columns),
@@ -253,15 +250,13 @@ class TriedManoeuvre:
 def trial(robot: Robot, entry: Entry, place: tuple[float, float], channels: Sequence[str]) -> TriedManoeuvre | None:
     """A manoeuvre driven by a robot from a place in `map` (m); None where it cannot be simulated."""
     planned = plan(entry.manoeuvre, robot, start=(*place, entry.yaw))
-    modes = default_modes(robot)
-    integrator = "rk4" if largest_step(params(robot), "rk4", modes)[0] >= _STEP else "semi_implicit"
     result = rollout(
         robot, as_executed(robot, planned.commands()), dt=_STEP, every=round(_KNOT / _STEP), kappa=KAPPA,
-        integrator=integrator, state=initial_state(robot, *planned.start),
+        integrator=integrator_for(robot, _STEP), state=initial_state(robot, *planned.start),
     )  # fmt: skip
     if result.status is not Status.OK:
         return None
-    known = [c for c in channels if c in RATES and (robot.articulated or c not in ("articulation_yaw", "torque_back"))]
+    known = [c for c in channels if c in RATES and c in sampled(robot)]
     return TriedManoeuvre(robot, planned, result, tuple(known))
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from artibot_sim.diagnose.sizes import scale_of
 from artibot_sim.estimation.kernels import Parts
 from artibot_sim.estimation.loss import Loss, spread
-from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.problem import Problem, start_steps
 from artibot_sim.estimation.windows import CHANNEL_NAMES, Window, window_at
 from artibot_sim.model import MOTORS, Robot
 from artibot_sim.model.effects.residual_force import FORCES
@@ -43,7 +43,6 @@ _WIDE_TORQUE = 0.15
 """Standard deviation of the motors' torques beforehand for Agri.q, N m."""
 _PROBE = np.array([6.0, 6.0, 3.0, 3.0])
 """Changes of FORCES for their finite differences, for Agri.q."""
-_START_STEP = np.array([1e-3, 1e-3, 1e-3, 3e-3, 3e-3, 3e-3, 1e-3, 3e-3])
 _PARAMETER_STEP = 0.04
 _ROUNDS = 3
 _TALLEST = 3.0
@@ -153,13 +152,13 @@ def _linearised(problem: Problem, coordinates: Array, state: _State, free: Seque
     robots = [robot for mine in variants for robot in mine]
     robot = each * np.arange(count) + np.concatenate([np.arange(each), np.zeros(size, int)])[:, None]
     starts = np.repeat(state.starts[None], each + size, axis=0)
-    starts[each:] += _START_STEP[:size, None, None] * np.eye(size)[:, None]
+    starts[each:] += start_steps(size)[:, None, None] * np.eye(size)[:, None]
     flat = problem.compare(problem.predictions(robots, robot, starts))
     steps = np.concatenate(
         [
             np.repeat(_PROBE * force_scale(problem.parameters.robot), KNOTS),
             np.full(len(others), -_PARAMETER_STEP),
-            _START_STEP[:size],
+            start_steps(size),
         ]
     )
     table, n = (flat[1:] - flat[0]) / steps[:, None], MOTOR * KNOTS

@@ -71,6 +71,13 @@ def default_modes(robot: Robot) -> tuple[Mode, ...]:
     return *front, *behind
 
 
+def integrator_for(robot: Robot, dt: float) -> str:
+    """The more exact integrator that is stable at steps of `dt` (s), modes being the default ones; RK4 cuts trains'."""
+    if robot.trailing:
+        return "rk4"
+    return "rk4" if largest_step(params(robot), "rk4", default_modes(robot))[0] >= dt else "semi_implicit"
+
+
 def chosen_modes(robot: Robot, commands: Commands, modes: Mode | Sequence[Mode] | None) -> tuple[Mode, ...]:
     """The modes asked for, or the default ones; those moved by speed must have speeds in `commands`."""
     motors = robot.motors

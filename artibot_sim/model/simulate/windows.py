@@ -30,6 +30,7 @@ from artibot_sim.model.robot.robot import Robot
 from artibot_sim.model.simulate.batch import available_cores
 from artibot_sim.model.simulate.rollout import unlimited_beside_prescribed
 from artibot_sim.model.simulate.sensors import sensor_errors
+from artibot_sim.model.simulate.train_windows import OF_MODULE, OF_TWO, TrainWindows, train_step
 
 if TYPE_CHECKING:
     from artibot_sim.model.kernels.window_lanes import Work
@@ -70,11 +71,11 @@ class Knots:
     def of(cls, tables: Sequence[MotorTable], dt: float) -> Knots:
         """Of tables, whose `dt` are whole multiples of the step `dt`, s."""
         position, velocity, torque = (
-            _real(np.concatenate([np.empty((0, 4)), *(getattr(table, name) for table in tables)]))
+            _real(np.concatenate([getattr(table, name) for table in tables] or [np.empty((0, 4))]))
             for name in ("position", "velocity", "torque")
         )
         lengths = [len(table.position) for table in tables]
-        modes = np.array([table.modes for table in tables], dtype=np.int64).reshape(-1, 4)
+        modes = np.array([table.modes for table in tables], dtype=np.int64).reshape(len(tables), position.shape[1])
         begin, steps = np.cumsum([0, *lengths])[:-1], np.array([round(table.dt / dt) for table in tables], np.int64)
         return cls(position, velocity, torque, begin, steps, modes, (modes != Mode.PRESCRIBED).any(axis=1))
 
@@ -311,6 +312,21 @@ velocity and acceleration of its origin (m/s, m/s²); its origin, heading and tu
 wheel i of WHEELS, as eq. 16 had it at the row before), and the largest share of its normal force that a wheel holds
 without sliding."""
 
+
+def kind_of(name: str) -> int:
+    """The number of what can be sampled, by its name: of KINDS, or of a module or joint behind the first two.
+
+    These are ``articulation_yaw_2``, ``articulation_rate_2``, …, ``torque_module_3_right``, ….
+    """
+    if name in KINDS:
+        return KINDS.index(name)
+    if name.startswith("torque_module_"):
+        number, side = name.removeprefix("torque_module_").split("_")
+        return OF_TWO + len(OF_MODULE) * (int(number) - 3) + OF_MODULE.index(f"torque_{side}")
+    what, number = name.rsplit("_", 1)
+    return OF_TWO + len(OF_MODULE) * (int(number) - 2) + OF_MODULE.index(what)
+
+
 _STEPS = (5e-3, 2.5e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1e-4, 5e-5)
 _MARGIN = 0.8  # of the longest stable step: at the limit itself errors do not decay
 
@@ -324,10 +340,11 @@ class MotorTable:
     dt : float, s
     position, velocity : array, shape (n, 4)
         Motor-side as recorded, rad and rad/s; zeros for motors that do not exist. A robot whose encoders have a scale
-        turned by as much less.
+        turned by as much less. A column for each of `Robot.motors`, of which a train may have more than four.
     torque : array, shape (n, 4)
         N m, for motors under torque, recorded likewise; NaN is eq. 30.
-    modes : tuple of 4 Mode
+    modes : tuple of Mode
+        Of each motor.
     kappa : float or None
         Front share of eq. 29, where a motor is under eq. 30's torque; None is the robot's own.
     """
@@ -349,7 +366,7 @@ class Plan:
     t : array, shape (m,)
         s after the window's first knot, at most its length.
     kind : array, shape (m,)
-        Which of KINDS.
+        Which of KINDS, or what `kind_of` says.
     """
 
     t: Array
@@ -367,7 +384,7 @@ class Items:
     first, knots : array of int, shape (n,)
         First knot of the table, and how many intervals follow.
     q, v : array, shape (n, 16)
-        Start states: the rover's own, motors included, not as its sensors show them.
+        Start states: the rover's own, motors included, not as its sensors show them; (n, 8 modules) of trains.
     t : array, shape (n,)
         When they are, s since the recording's start: some effects change with time.
     lateral : array, shape (n, 8), optional
@@ -394,14 +411,15 @@ class WindowBatch:
 
     Rovers that stay on a plane run side by side in the processor's vector units (`window_lanes`); the others, those
     with laws and those of which it is asked how wheels slide or grip, one by one. Both give what `rollout` would, to
-    rounding, and neither depends on what else runs.
+    rounding, and neither depends on what else runs. So do robots of three modules or more, of which all that run at
+    once have as many (`train_windows`).
 
     Parameters
     ----------
     tables : sequence of MotorTable
     plans : sequence of Plan
     dt : float
-        Integration step of RK4, s; it divides every table's `dt`.
+        Integration step, s; it divides every table's `dt`.
     workers : int, optional
         Threads; as many as cores by default. Results do not depend on it.
     """
@@ -431,9 +449,12 @@ class WindowBatch:
 
     def run_flat(self, robots: Sequence[Robot], items: Items) -> Array:
         """Run all items; what their plans ask for, item after item, shape (sum of the plans' lengths,)."""
-        fleet = Fleet.of(robots, self.tables, bool(self._knots.free.any()))
         ends = np.cumsum(self._looks.sizes[items.plan])
         out = np.full(int(ends[-1]) if len(ends) else 0, math.nan)
+        if robots[0].trailing:
+            self._run_trains(robots, items, ends, out)
+            return out
+        fleet = Fleet.of(robots, self.tables, bool(self._knots.free.any()))
         together = level(fleet, items) & ~self._looks.wheels[items.plan]
         groups = list(self._groups(fleet, items, np.flatnonzero(together)))
         alone = np.flatnonzero(~together)
@@ -447,6 +468,16 @@ class WindowBatch:
 
         in_threads(run, self.workers or available_cores())
         return out
+
+    def _run_trains(self, robots: Sequence[Robot], items: Items, ends: Indices, out: Array) -> None:
+        """All items of robots of three modules or more, one by one."""
+        trains = TrainWindows(robots, self.tables, self.plans, items, self.dt)
+
+        def run(part: int, parts: int) -> None:
+            for i in range(part, len(items), parts):
+                trains.run(i, out[ends[i] - len(self.plans[items.plan[i]].t) : ends[i]])
+
+        in_threads(run, self.workers or available_cores())
 
     def _groups(self, fleet: Fleet, items: Items, rows: Indices) -> Iterator[_Group]:
         """Items that can share a block: those with most knots first."""
@@ -526,11 +557,15 @@ def in_threads(run: Callable[[int, int], None], workers: int) -> None:
 def window_step(robot: Robot, tables: Sequence[MotorTable]) -> float:
     """The longest of a few steps (s) that divides the tables' spacing and that RK4 takes with some margin.
 
+    Of a robot of three modules or more, that of `train_step`.
+
     Raises
     ------
     ArtibotError
         If none does.
     """
+    if robot.trailing:
+        return train_step(robot, tables)
     driven = {(table.modes, back_torque_factor(robot, table.kappa)) for table in tables}
     limits = [largest_step(params(robot), "rk4", modes, share)[0] for modes, share in driven]
     longest = _MARGIN * min(limits, default=math.inf)

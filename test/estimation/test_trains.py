@@ -1,0 +1,192 @@
+"""Robots of more than two modules in fits: windows are rollouts, starts close every joint, a soil is found."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from artibot_sim.estimation.parameters import SOIL
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.windows import (
+    CHANNEL_NAMES,
+    START,
+    _in_modules,
+    arms_of,
+    lagging_forces,
+    postures,
+    start_names,
+    states,
+)
+from artibot_sim.identify import Effort, identify
+from artibot_sim.identify.requested import parameter_set
+from artibot_sim.identify.run import problem_of
+from artibot_sim.identify.synthetic import Noise, synthetic
+from artibot_sim.model import Commands, Mode, Robot, load_robot, rollout
+from artibot_sim.model.kernels.layout import BACK
+from artibot_sim.model.simulate.train_windows import TrainWindows
+from artibot_sim.model.simulate.windows import KINDS, Items, MotorTable, Plan, WindowBatch, kind_of
+from artibot_sim.planning import Dwell, Manoeuvre, Ramp, Slalom, Stop
+
+WAVES = Manoeuvre(
+    "waves", (Dwell(0.3), Ramp(speed=0.6), Slalom(curvature=0.45, wavelength=3.5, periods=1.0), Stop()), a_max=0.5,
+    blend=0.3,
+)  # fmt: skip
+EXACT = Noise(
+    counts=1 << 30, velocity=0.0, torque=0.0, torque_share=0.0, articulation=0.0, gyro=0.0, acceleration=0.0,
+    station=0.0, lost=0.0, station_rate=50.0,
+)  # fmt: skip
+
+
+def bent_table(robot: Robot, duration: float = 2.0) -> MotorTable:
+    """Motors of an accelerating turn that goes to the other side, those behind as fast at the rim as in front."""
+    t = np.arange(0.0, duration + 1e-9, 0.01)
+    rim = np.column_stack([0.4 + 0.3 * np.sin(2 * t), 0.4 - 0.3 * np.sin(2 * t)]) / robot.wheel.r_w
+    drives = [drive for drive in robot.drives if drive is not None]
+    speed = np.hstack([rim / drive.tau for drive in drives])
+    angle = np.vstack([np.zeros(speed.shape[1]), np.cumsum(0.005 * (speed[1:] + speed[:-1]), axis=0)])
+    return MotorTable(0.01, angle, speed, np.full_like(speed, np.nan), (Mode.PRESCRIBED,) * speed.shape[1])
+
+
+def one_item(q: np.ndarray, v: np.ndarray, knots: int) -> Items:
+    zero = np.zeros(1, np.int64)
+    return Items(zero, zero, zero, zero, zero + knots, q[None], v[None], np.zeros(1))
+
+
+def test_samples_are_those_of_a_rollout_for_every_module_and_joint() -> None:
+    """Of five modules, a passive one and driven ones behind the second among them, with an effect in every joint."""
+    robot = load_robot("train5")
+    robot = Robot(**{**vars(robot), "effects": {"joint_damping": {"coefficient": 30.0}}})
+    table, t = bent_table(robot), np.arange(0.0, 1.95, 0.05)
+    commands = Commands(0.01, table.velocity, position=table.position)
+    result = rollout(robot, commands, modes=table.modes, integrator="semi_implicit")
+    names = ["x", "yaw", "sliding", *(f"torque_{motor}" for motor in robot.motors), *robot.articulation_joints[::2]]
+    names += ["articulation_rate", "articulation_rate_2", "articulation_rate_4"]
+    plan = Plan(np.tile(t, len(names)), np.repeat([kind_of(name) for name in names], len(t)))
+    seen = WindowBatch([table], [plan], 1e-3).run([robot], one_item(result.q[0], result.v[0], 200))[0]
+    found, rows = dict(zip(names, seen.reshape(len(names), -1), strict=True)), np.round(t / 0.01).astype(int)
+    np.testing.assert_allclose(found["x"], result.pose[rows, 0], atol=1e-12)
+    np.testing.assert_allclose(found["yaw"], result.pose[rows, 2], atol=1e-12)
+    rates = np.diff(result.v[:, 5::8], axis=1)
+    for j, name in enumerate(robot.articulation_joints[::2]):
+        np.testing.assert_allclose(found[name], result.articulations[rows, j, 0], atol=1e-12)
+        rate = f"articulation_rate_{j + 1}".removesuffix("_1")
+        if rate in found:
+            np.testing.assert_allclose(found[rate], rates[rows, j], atol=1e-12)
+    for i, motor in enumerate(robot.motors):
+        np.testing.assert_allclose(found[f"torque_{motor}"], result.motor_torque[rows, i], atol=1e-9)
+    assert np.abs(result.articulations[:, -1, 0]).max() > 0.01, "the last joint must bend for this to mean anything"
+
+
+def test_names_of_what_is_sampled_have_numbers_of_their_own() -> None:
+    behind = [f"{what}_{j}" for j in (2, 3, 4) for what in ("articulation_yaw", "articulation_rate")]
+    behind += [f"torque_module_{i}_{side}" for i in (3, 4, 5) for side in ("right", "left")]
+    numbers = [kind_of(name) for name in (*KINDS, *behind)]
+    assert len(set(numbers)) == len(numbers)
+    assert sorted(numbers)[: len(KINDS)] == list(range(len(KINDS)))
+
+
+def test_two_modules_as_a_train_see_what_they_see_by_their_own_kernels() -> None:
+    """Within a millimetre and a hundredth of the largest torque, and half of that with half the step."""
+    robot = load_robot("agriq")
+    table, t = bent_table(robot), np.arange(0.1, 1.95, 0.05)
+    kinds = [0, 1, 3, *range(10, 14)]
+    plan = Plan(np.tile(t, len(kinds)), np.repeat(kinds, len(t)))
+    start = rollout(robot, Commands(0.01, table.velocity[:2]), modes=table.modes, duration=0.0).final_state
+    assert start is not None
+    items = one_item(start.q, start.v, 200)
+    own = WindowBatch([table], [plan], 1e-3).run([robot], items)[0].reshape(7, -1)
+    worst = []
+    for dt in (1e-3, 5e-4):
+        out = np.full(len(plan.t), np.nan)
+        TrainWindows([robot], [table], [plan], items, dt).run(0, out)
+        chain = out.reshape(7, -1)
+        assert np.sqrt(np.mean((chain[3:] - own[3:]) ** 2)) < 0.01 * np.abs(own[3:]).max()
+        worst.append(np.abs(chain[:3] - own[:3]).max())
+    assert worst[0] < 1e-3
+    assert worst[1] == pytest.approx(0.5 * worst[0], rel=0.2)
+
+
+@pytest.mark.parametrize("name", ["agriq", "train5"])
+def test_starts_close_every_joint_and_modules_move_as_these_say(name: str) -> None:
+    """The states of random starts: ends of joints meet and stay so, and wheels behind go where the past says."""
+    robot, rng = load_robot(name), np.random.default_rng(3)
+    names, modules = start_names(robot), len(robot.modules)
+    assert names[:8] == START and len(names) == 6 + 2 * (modules - 1)
+    guesses = rng.normal(size=(20, len(names))) * 0.3
+    zeros = np.zeros((20, 8 * modules))
+    q, v = states(postures([robot]), np.zeros(20, np.int64), zeros, zeros, guesses, np.zeros(20, bool))
+    for j, (l_f, l_b) in enumerate(arms_of(robot)):
+        a, b = 8 * j, 8 * j + BACK
+        for c, turn, side in ((0, np.cos, -np.sin(q[:, [a + 5, b + 5]])), (1, np.sin, np.cos(q[:, [a + 5, b + 5]]))):
+            gap = q[:, a + c] - l_f * turn(q[:, a + 5]) - q[:, b + c] - l_b * turn(q[:, b + 5])
+            rate = v[:, a + c] - l_f * v[:, a + 5] * side[:, 0] - v[:, b + c] - l_b * v[:, b + 5] * side[:, 1]
+            assert np.abs(gap).max() < 1e-12 and np.abs(rate).max() < 1e-12
+    x, y, yaw, forward, left, rate = guesses[:, :6].T
+    c, s = np.cos(yaw), np.sin(yaw)
+    motion = np.column_stack([x, y, yaw, c * forward - s * left, s * forward + c * left, rate, guesses[:, 6:]])
+    _, aside = _in_modules(motion, arms_of(robot))
+    for i in range(modules):
+        k = 8 * i
+        lateral = np.cos(q[:, k + 5]) * v[:, k + 1] - np.sin(q[:, k + 5]) * v[:, k]
+        np.testing.assert_allclose(aside[:, i, 0], lateral, atol=1e-12)
+        np.testing.assert_allclose(aside[:, i, 1], v[:, k + 5], atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def exact() -> Problem:
+    """Windows of two seconds of a recording of train3 without noise."""
+    recording = synthetic(load_robot("train3"), WAVES, noise=EXACT)
+    return problem_of([recording], parameter_set(load_robot("train3"), SOIL, None), 2.0, 1)
+
+
+def test_a_train_without_noise_is_predicted_and_one_window_leads_to_the_next(exact: Problem) -> None:
+    middle = np.zeros(len(exact.parameters))
+    predicted = exact.predictions([exact.parameters.robot], np.zeros((1, len(exact)), np.int64), exact.starts[None])[0]
+    value, channel = exact.samples.value, exact.samples.channel
+    worst = {c: float(np.sqrt(np.mean((predicted - value)[channel == c] ** 2))) for c in np.unique(channel)}
+    position, articulation = CHANNEL_NAMES.index("position"), CHANNEL_NAMES.index("articulation_yaw")
+    assert worst[position] < 3e-3 and worst[articulation] < 3e-3
+    joints = {s.kind for stretch in exact.stretches for s in stretch.series if s.channel == "articulation_yaw"}
+    assert joints == {kind_of("articulation_yaw"), kind_of("articulation_yaw_2")}
+    carried = exact.carried(middle, exact.starts)
+    assert np.abs(carried - exact.starts)[1:, [0, 1, 2, 6, 8]].max() < 5e-3
+
+
+def test_a_second_joint_is_a_start_of_its_own(exact: Problem) -> None:
+    """Its sensitivity is that of central differences of residuals, and another than the first joint's."""
+    middle, step = np.zeros(len(exact.parameters)), 1e-3
+    _, found = exact.linearised(middle, exact.starts, [])
+    sides = []
+    for sign in (1.0, -1.0):
+        moved = exact.starts.copy()
+        moved[:, 8] += sign * step
+        sides.append(exact.flat_residuals([middle], moved)[0])
+    central = (sides[0] - sides[1]) / (2 * step)
+    rows = exact.samples.channel == CHANNEL_NAMES.index("articulation_yaw")
+    close = np.abs(found.starts[8] - central)[rows] < 0.05 * np.abs(central[rows]).max()
+    assert close.mean() > 0.95
+    assert np.abs(found.starts[8] - found.starts[6])[rows].max() > 0.5 * np.abs(central[rows]).max()
+
+
+def test_lagging_forces_of_a_steady_turn_are_those_that_starts_ask_for(exact: Problem) -> None:
+    """Of every module: nothing has changed on the way, so each wheel's force is its side slip times k_t."""
+    robot = Robot(**{**vars(load_robot("train3")), "effects": {"tyre_relaxation": {"length": 0.3}}})
+    first, rest = np.zeros(1, np.int64), np.zeros((1, 24))
+    q, v = states(postures([robot]), first, rest, rest, exact.starts[1:2], np.zeros(1, bool))
+    past = exact._past._replace(aside=np.zeros_like(exact._past.aside))
+    found = lagging_forces([robot], first, first + 1, q, v, past)[0].reshape(3, 4)
+    for i, module in enumerate(robot.modules):
+        k = 8 * i
+        lateral = np.cos(q[0, k + 5]) * v[0, k + 1] - np.sin(q[0, k + 5]) * v[0, k]
+        sweep = 0.5 * module.i_x * v[0, k + 5]
+        assert found[i] == pytest.approx(-robot.contact.k_t * np.array([lateral + sweep, lateral - sweep] * 2))
+
+
+def test_a_trains_soil_is_found() -> None:
+    truth = load_robot("train3").replace({"contact.k_t": 2300.0})
+    recording = synthetic(truth, WAVES, seed=4)
+    result = identify([recording], load_robot("train3"), fit=["k_t"], effort=Effort(starts=1, finalists=1)).result
+    (k_t,) = result.estimates
+    assert k_t.value == pytest.approx(2300.0, rel=0.03)
+    assert k_t.ci95[0] < 2300.0 < k_t.ci95[1]
+    assert result.channels["articulation_yaw"].excess == pytest.approx(1.0, abs=0.2)
