@@ -62,8 +62,7 @@ class Scale:
 
 def scale_of(robot: Robot) -> Scale:
     """A robot's size."""
-    modules = [module for module in (robot.front, robot.back) if module is not None]
-    mass = sum(module.m + 4.0 * robot.wheel.m_w for module in modules) / _MASS
+    mass = sum(module.m + 4.0 * robot.wheel.m_w for module in robot.modules) / _MASS
     return Scale(mass, robot.front.i_y / _TRACK, _GEARED / (robot.wheel.r_w * robot.drive.front.tau))
 
 

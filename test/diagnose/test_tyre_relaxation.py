@@ -64,7 +64,7 @@ def test_where_the_tracked_point_sits_is_taken_off() -> None:
         motion = np.column_stack(
             [*zero, zero[0], forward - arm_y * rate, left + arm_x * rate, rate, bend + zero[0], zero[0]]
         )
-        _, aside = _in_modules(motion, (0.4, 0.4))
+        _, aside = _in_modules(motion, [(0.4, 0.4)])
         past = Past(0.03 * np.arange(len(t), -1, -1)[None], (aside - aside[-1])[None])
         robot = replace(ROBOT, effects=dict(ROBOT.effects) | {"pose_lever_arm": {"x": arm_x, "y": arm_y}})
         none = np.zeros(1, np.int64)

@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from artibot_sim.estimation.parameters import SOIL
+from artibot_sim.estimation.loss import Loss
+from artibot_sim.estimation.parameters import SOIL, Extension, ParameterSet
 from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import converge
+from artibot_sim.estimation.solver import evaluate
 from artibot_sim.estimation.windows import (
     CHANNEL_NAMES,
     START,
@@ -184,9 +187,21 @@ def test_lagging_forces_of_a_steady_turn_are_those_that_starts_ask_for(exact: Pr
 
 def test_a_trains_soil_is_found() -> None:
     truth = load_robot("train3").replace({"contact.k_t": 2300.0})
-    recording = synthetic(truth, WAVES, seed=4)
+    recording = synthetic(truth, WAVES, seed=4, duration=7.0)
     result = identify([recording], load_robot("train3"), fit=["k_t"], effort=Effort(starts=1, finalists=1)).result
     (k_t,) = result.estimates
     assert k_t.value == pytest.approx(2300.0, rel=0.03)
     assert k_t.ci95[0] < 2300.0 < k_t.ci95[1]
     assert result.channels["articulation_yaw"].excess == pytest.approx(1.0, abs=0.2)
+
+
+def test_what_acts_in_every_joint_is_found() -> None:
+    """Damping in both joints of train3, from a recording without noise and starting at none."""
+    real = Robot(**{**vars(load_robot("train3")), "effects": {"joint_damping": {"coefficient": 30.0}}})
+    recording = synthetic(real, WAVES, noise=EXACT)
+    parameters = ParameterSet(load_robot("train3"), (), (Extension("joint_damping", {}),))
+    problem, loss = problem_of([recording], parameters, 2.0, 1), Loss(1.0, np.ones(len(CHANNEL_NAMES)))
+    point = evaluate(problem, loss, [np.zeros(1)], problem.starts)[0]
+    found = converge(problem, point, loss, 3)
+    robot = problem.parameters.robot_at(found.point.coordinates)
+    assert robot.effects["joint_damping"]["coefficient"] == pytest.approx(30.0, rel=0.1)

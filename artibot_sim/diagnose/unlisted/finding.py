@@ -114,7 +114,8 @@ def unexplained_of(found: ForceFinding) -> Unexplained:
 def search_forces(problem: Problem, coordinates: Array, most: int = _MOST, windows: int = WINDOWS) -> ForceFinding:
     """What forces explain at `coordinates` (p,), with all that was weighed; so many forces and windows at most."""
     few = short(problem, windows)
-    if not len(few):  # too little is measured to tell within tenths of a second which force acts
+    # too little is measured to tell within tenths of a second which force acts; or forces have no names for where
+    if not len(few) or problem.parameters.robot.trailing:
         return ForceFinding((), (), 0.0, (), coordinates)
     equations, of = regression(few, coordinates)
     chosen: list[ForceCandidate] = []

@@ -118,7 +118,7 @@ def _load(experiment: Experiment, robot: Robot, t: Array) -> Array:
     """Sum of absolute motor torques, N m; NaN where none is measured."""
     motors = experiment.channels.get("motor_torques")
     total = np.zeros(len(t))
-    for motor in MOTORS[: 4 if robot.articulated else 2]:
+    for motor in robot.motors if robot.articulated else MOTORS[:2]:
         name = f"{motor}.effort"
         times, values = motors.series(name) if motors is not None and name in motors else (np.empty(0), np.empty(0))
         if not len(times):

@@ -81,15 +81,15 @@ def simulated(
     """A recording simulated again as `identify` does it, so that both have the same figures.
 
     Where rotations are given, stamps that are late or early are shifted beforehand, and windows are cut, begun and
-    counted as the predictions of a held-out recording. Trains and drives over uneven ground, which `identify` does not
-    fit, begin as measured.
+    counted as the predictions of a held-out recording. Drives over uneven ground, which `identify` does not fit, begin
+    as measured.
 
     Raises
     ------
     ArtibotError
         As `resimulate`.
     """
-    if drive != "rotations" or robot.trailing or ground is not None or not _has_both(experiment):
+    if drive != "rotations" or ground is not None or not _has_both(experiment):
         return resimulate(experiment, robot, drive, horizon=horizon, back=back, ground=ground, progress=progress)
     (timed,) = on_one_clock([experiment], robot, poses="pose_delay" not in robot.effects)
     said = tuple(what_was_mended([timed]))
