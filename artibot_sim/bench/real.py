@@ -208,7 +208,7 @@ def predict_artibot(robot: Robot, part: Part, rolling: Kinematic) -> Array:
     from artibot_sim.estimation.parameters import ParameterSet
     from artibot_sim.estimation.problem import Problem
     from artibot_sim.estimation.windows import window_at
-    from artibot_sim.model.simulate.windows import KINDS, Plan
+    from artibot_sim.model.simulate.window_inputs import KINDS, Plan
 
     found, windows = stretches(part.experiments[0], robot), part.windows
     rows, chosen, ends = [], [], []

@@ -16,7 +16,7 @@ from artibot_sim.experiment.inputs import MotorInputs, rotations
 from artibot_sim.experiment.measured import Measured
 from artibot_sim.experiment.smoothing import noise_of
 from artibot_sim.model import Robot
-from artibot_sim.model.simulate.windows import MotorTable, kind_of
+from artibot_sim.model.simulate.window_inputs import MotorTable, kind_of
 
 Array = NDArray[np.float64]
 
@@ -70,7 +70,7 @@ class Series:
     channel : str
         One of CHANNELS.
     kind : int
-        See `model.windows.kind_of`.
+        See `window_inputs.kind_of`.
     t, value : array, shape (n,)
         s since the recording's start, SI.
     sigma : float
@@ -248,7 +248,7 @@ def motor_pairs(robot: Robot, channel: str) -> list[tuple[str, str]]:
 
 
 def sampled(robot: Robot) -> dict[str, tuple[str, ...]]:
-    """What is sampled for each channel of a robot, see `windows.kind_of`.
+    """What is sampled for each channel of a robot, see `window_inputs.kind_of`.
 
     Angles of all its joints are one channel, and so are the torques of all motors behind the front module.
     """

@@ -33,7 +33,8 @@ from artibot_sim.estimation.windows import (
 from artibot_sim.model import Robot
 from artibot_sim.model.effects.tyre_relaxation import EFFECT
 from artibot_sim.model.simulate.sensors import measured_starts, sensor_errors, true_starts
-from artibot_sim.model.simulate.windows import Items, MotorTable, Plan, WindowBatch, kind_of, window_step
+from artibot_sim.model.simulate.window_inputs import Items, MotorTable, Plan, kind_of
+from artibot_sim.model.simulate.windows import WindowBatch, window_step
 
 # ----------------------------------------------------------------------
 # How residuals of windows change with parameters and starts.

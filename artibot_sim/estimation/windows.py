@@ -20,7 +20,8 @@ from artibot_sim.model.robot.derived import params, train
 from artibot_sim.model.simulate.rollout import motor_coordinates
 from artibot_sim.model.simulate.sensors import sensor_errors, true_starts
 from artibot_sim.model.simulate.state import initial_state, posture_at_rest
-from artibot_sim.model.simulate.windows import KINDS, Plan, by_numbers
+from artibot_sim.model.simulate.window_inputs import KINDS, Plan
+from artibot_sim.model.simulate.windows import by_numbers
 
 # ----------------------------------------------------------------------
 # Where windows start: the measured state and its uncertainty, and the model's state at many guesses of it.

@@ -13,7 +13,7 @@ from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.solver import Point
 from artibot_sim.estimation.uncertainty import Spread
 from artibot_sim.identify.result import Estimate, Status
-from artibot_sim.model.simulate.windows import KINDS, Plan
+from artibot_sim.model.simulate.window_inputs import KINDS, Plan
 
 Array = NDArray[np.float64]
 

@@ -23,7 +23,7 @@ from artibot_sim.experiment.resimulate import Begun
 from artibot_sim.experiment.smoothing import fresh
 from artibot_sim.identify.result import ChannelFit, Prediction, spaced
 from artibot_sim.model import Robot, initial_state
-from artibot_sim.model.simulate.windows import KINDS, Plan
+from artibot_sim.model.simulate.window_inputs import KINDS, Plan
 
 # ----------------------------------------------------------------------
 # How far predictions are from measurements, channel by channel.

@@ -27,7 +27,8 @@ from artibot_sim.identify.synthetic import Noise, synthetic
 from artibot_sim.model import Commands, Mode, Robot, load_robot, rollout
 from artibot_sim.model.kernels.layout import BACK
 from artibot_sim.model.simulate.train_windows import TrainWindows
-from artibot_sim.model.simulate.windows import KINDS, Items, MotorTable, Plan, WindowBatch, kind_of
+from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable, Plan, kind_of
+from artibot_sim.model.simulate.windows import WindowBatch
 from artibot_sim.planning import Dwell, Manoeuvre, Ramp, Slalom, Stop
 
 WAVES = Manoeuvre(

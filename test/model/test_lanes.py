@@ -15,7 +15,8 @@ from artibot_sim.model.effects import EFFECTS, LAWS, has_laws
 from artibot_sim.model.kernels.lane_layout import EXTENDED, extension
 from artibot_sim.model.kernels.layout import BACK, GAMMA, MOTOR_COORDINATES
 from artibot_sim.model.simulate import windows as windows_module
-from artibot_sim.model.simulate.windows import KINDS, Fleet, Items, MotorTable, Plan, WindowBatch, level
+from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable, Plan
+from artibot_sim.model.simulate.windows import Fleet, WindowBatch, level
 
 PRESCRIBED = (Mode.PRESCRIBED,) * 4
 SHARED = (Mode.PRESCRIBED, Mode.PRESCRIBED, Mode.TORQUE, Mode.TORQUE)

@@ -13,7 +13,8 @@ from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.robot.parameters import NO_SENSOR_ERRORS, SensorErrors
 from artibot_sim.model.simulate.commands import Commands
 from artibot_sim.model.simulate.sensors import measured_starts, sensor_errors, true_starts
-from artibot_sim.model.simulate.windows import KINDS, Items, MotorTable, Plan, WindowBatch
+from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable, Plan
+from artibot_sim.model.simulate.windows import WindowBatch
 
 ALL = (Mode.PRESCRIBED,) * 4
 MEASURED = tuple(KINDS.index(k) for k in (

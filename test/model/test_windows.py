@@ -12,7 +12,8 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, Robot, load_robot, rollout
 from artibot_sim.model.effects.residual_force import FORCES
 from artibot_sim.model.robot.robot import unchecked
-from artibot_sim.model.simulate.windows import KINDS, Items, MotorTable, Plan, WindowBatch, by_numbers, window_step
+from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable, Plan
+from artibot_sim.model.simulate.windows import WindowBatch, by_numbers, window_step
 
 ALL = (Mode.PRESCRIBED,) * 4
 

@@ -21,7 +21,8 @@ from artibot_sim.model.effects.base import Choice
 from artibot_sim.model.simulate.commands import as_executed
 from artibot_sim.model.simulate.rollout import integrator_for
 from artibot_sim.model.simulate.sensors import measured_starts, sensor_errors
-from artibot_sim.model.simulate.windows import KINDS, Items, MotorTable, Plan, WindowBatch, kind_of, window_step
+from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable, Plan, kind_of
+from artibot_sim.model.simulate.windows import WindowBatch, window_step
 from artibot_sim.planning import Arc, Dwell, Eight, Manoeuvre, Ramp, Repeat, Segment, Slalom, Stop, Straight, plan
 from artibot_sim.planning import Plan as Planned
 

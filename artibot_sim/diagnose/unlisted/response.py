@@ -22,7 +22,7 @@ from artibot_sim.estimation.windows import CHANNEL_NAMES, Window, window_at
 from artibot_sim.model import MOTORS, Robot
 from artibot_sim.model.effects.residual_force import FORCES
 from artibot_sim.model.robot.robot import unchecked
-from artibot_sim.model.simulate.windows import KINDS
+from artibot_sim.model.simulate.window_inputs import KINDS
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from artibot_sim.model import MOTORS, WHEELS, Robot
 from artibot_sim.model.effects import gear_no_load, motor_drag
 from artibot_sim.model.effects.force_law import SLOW
 from artibot_sim.model.robot.robot import Drive, Module
-from artibot_sim.model.simulate.windows import KINDS, Plan
+from artibot_sim.model.simulate.window_inputs import KINDS, Plan
 
 Array = NDArray[np.float64]
 

@@ -28,7 +28,7 @@ from artibot_sim.estimation.windows import CHANNEL_NAMES, HEADINGS, Window
 from artibot_sim.experiment.blocks import HELD_OUT
 from artibot_sim.identify.validation import Held
 from artibot_sim.model import Robot
-from artibot_sim.model.simulate.windows import KINDS, Plan
+from artibot_sim.model.simulate.window_inputs import KINDS, Plan
 
 Array = NDArray[np.float64]
 

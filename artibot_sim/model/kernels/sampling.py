@@ -1,4 +1,4 @@
-"""What sensors see of a rollout at their own instants, compiled: see `windows.KINDS` for the order.
+"""What sensors see of a rollout at their own instants, compiled: see `window_inputs.KINDS` for the order.
 
 A rollout's rows stand in one flat array, whether it ran alone or side by side with others (`lanes`): column c of row i
 of lane e at ``rows[(i * COLUMNS + c) * lanes + e]``.
@@ -164,7 +164,7 @@ def sample(rows, h, count, two, t, kind, sensors, r, out):
     t : array, shape (m,)
         s after the first row.
     kind : array of int, shape (m,)
-        Positions in `windows.KINDS`.
+        Positions in `window_inputs.KINDS`.
     sensors : array, shape (robots, 6)
         `SensorErrors` in their order, in row `r`: a lever arm and a delay of kinds 0 to 2, a bias of kind 4, a scale of
         kinds 10 to 13. (The scale of encoders has acted before, on what turned the motors.)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,15 +51,10 @@ from artibot_sim.model.robot.parameters import Train
 from artibot_sim.model.robot.robot import Robot
 from artibot_sim.model.simulate import trains
 from artibot_sim.model.simulate.sensors import sensor_errors
-
-if TYPE_CHECKING:
-    from artibot_sim.model.simulate.windows import Items, MotorTable, Plan
+from artibot_sim.model.simulate.window_inputs import OF_MODULE, OF_TWO, Items, MotorTable, Plan
 
 Array = NDArray[np.float64]
 
-OF_TWO = 20
-"""Kinds of a robot of two modules (`windows.KINDS`); behind them stand OF_MODULE for each module more."""
-OF_MODULE = ("articulation_yaw", "articulation_rate", "torque_right", "torque_left")
 _AS_BACK = np.array([3, 9, 12, 13])
 """Which kinds they are of the module that stands in the back one's place."""
 _STEPS = (1e-3, 5e-4, 2.5e-4, 1e-4, 5e-5)

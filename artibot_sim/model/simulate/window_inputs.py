@@ -1,0 +1,118 @@
+"""What windows are made of: how motors turned, what is sampled when, and which robot runs from which state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from artibot_sim.model.equations.transmission import Mode
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+KINDS = (
+    "x", "y", "yaw", "articulation_yaw", "yaw_rate", "v_x", "v_y", "a_x", "a_y", "articulation_rate",
+    "torque_front_right", "torque_front_left", "torque_back_right", "torque_back_left", "sliding", "grip",
+    "origin_x", "origin_y", "heading", "turn_rate",
+)  # fmt: skip
+"""What can be sampled, by its name.
+
+As sensors see it, their errors included (`sensors.SensorErrors`): position of the tracked point in `map` and the yaw
+that comes with it, yaw rate, motor torques (N·m). Without such errors: articulation, and in the front module's frame
+velocity and acceleration of its origin (m/s, m/s²); its origin, heading and turn rate; which wheels slide (bit i for
+wheel i of WHEELS, as eq. 16 had it at the row before), and the largest share of its normal force that a wheel holds
+without sliding."""
+
+OF_TWO = len(KINDS)
+"""Kinds of a robot of two modules; behind them stand OF_MODULE for each module more."""
+OF_MODULE = ("articulation_yaw", "articulation_rate", "torque_right", "torque_left")
+
+
+def kind_of(name: str) -> int:
+    """The number of what can be sampled, by its name: of KINDS, or of a module or joint behind the first two.
+
+    These are ``articulation_yaw_2``, ``articulation_rate_2``, …, ``torque_module_3_right``, ….
+    """
+    if name in KINDS:
+        return KINDS.index(name)
+    if name.startswith("torque_module_"):
+        number, side = name.removeprefix("torque_module_").split("_")
+        return OF_TWO + len(OF_MODULE) * (int(number) - 3) + OF_MODULE.index(f"torque_{side}")
+    what, number = name.rsplit("_", 1)
+    return OF_TWO + len(OF_MODULE) * (int(number) - 2) + OF_MODULE.index(what)
+
+
+@dataclass(frozen=True)
+class MotorTable:
+    """How the motors turned through one stretch of a recording: knots `dt` apart, cubic between them.
+
+    Attributes
+    ----------
+    dt : float, s
+    position, velocity : array, shape (n, 4)
+        Motor-side as recorded, rad and rad/s; zeros for motors that do not exist. A robot whose encoders have a scale
+        turned by as much less. A column for each of `Robot.motors`, of which a train may have more than four.
+    torque : array, shape (n, 4)
+        N m, for motors under torque, recorded likewise; NaN is eq. 30.
+    modes : tuple of Mode
+        Of each motor.
+    kappa : float or None
+        Front share of eq. 29, where a motor is under eq. 30's torque; None is the robot's own.
+    """
+
+    dt: float
+    position: Array
+    velocity: Array
+    torque: Array
+    modes: tuple[Mode, ...]
+    kappa: float | None = None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Where a window is looked at.
+
+    Attributes
+    ----------
+    t : array, shape (m,)
+        s after the window's first knot, at most its length.
+    kind : array, shape (m,)
+        Which of KINDS, or what `kind_of` says.
+    """
+
+    t: Array
+    kind: Indices
+
+
+@dataclass(frozen=True)
+class Items:
+    """What to run, one row each: all arrays have the same length n.
+
+    Attributes
+    ----------
+    robot, table, plan : array of int, shape (n,)
+        Indices into what the batch was given.
+    first, knots : array of int, shape (n,)
+        First knot of the table, and how many intervals follow.
+    q, v : array, shape (n, 16)
+        Start states: the rover's own, motors included, not as its sensors show them; (n, 8 modules) of trains.
+    t : array, shape (n,)
+        When they are, s since the recording's start: some effects change with time.
+    lateral : array, shape (n, 8), optional
+        Lateral forces that lag (N, in the order of WHEELS) as they are then; zero by default.
+    """
+
+    robot: Indices
+    table: Indices
+    plan: Indices
+    first: Indices
+    knots: Indices
+    q: Array
+    v: Array
+    t: Array
+    lateral: Array | None = None
+
+    def __len__(self) -> int:
+        return len(self.robot)
