@@ -13,8 +13,10 @@ from artibot_sim.estimation.parameters import SOIL, Parameter, ParameterSet, Pri
 from artibot_sim.model import Robot
 from artibot_sim.model.effects import EFFECTS
 
-_SPREAD = {"contact": 0.4, "wheel.r_w": 0.05, "front.m": 0.3, "back.m": 0.3}
+_SPREAD = {"contact": 0.4, "wheel.r_w": 0.05}
 """Standard deviation of the prior over its middle, by key or by section; a guess in a robot file is a wide prior."""
+_MASS_SPREAD = 0.3
+"""The same of a module's mass."""
 _GEOMETRY_SPREAD = 0.15
 _BEFOREHAND = ("assumed", "inferred", "datasheet", "stated")
 """Sources of numbers that no recording was asked for yet."""
@@ -135,4 +137,5 @@ def _prior(robot: Robot, key: str, value: float) -> Prior:
 
 
 def _spread(key: str) -> float:
-    return _SPREAD.get(key, _SPREAD.get(key.partition(".")[0], _GEOMETRY_SPREAD))
+    section, _, name = key.partition(".")
+    return _MASS_SPREAD if name == "m" else _SPREAD.get(key, _SPREAD.get(section, _GEOMETRY_SPREAD))

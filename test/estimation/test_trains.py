@@ -136,6 +136,16 @@ def test_starts_close_every_joint_and_modules_move_as_these_say(name: str) -> No
         np.testing.assert_allclose(aside[:, i, 1], v[:, k + 5], atol=1e-12)
 
 
+def test_trains_that_differ_behind_are_different() -> None:
+    """A length of the third module can be fitted, so its robots are not taken for one; its mass has a mass's prior."""
+    robot = load_robot("train3")
+    longer = robot.replace({"module_3.l": 1.2})
+    arms = postures([robot, longer]).arms
+    assert arms[:, 1, 1].tolist() == [robot.modules[2].l, 1.2]
+    masses = parameter_set(robot, ["front.m", "module_3.m"], None).parameters
+    assert masses[0].spread == masses[1].spread
+
+
 @pytest.fixture(scope="module")
 def exact() -> Problem:
     """Windows of two seconds of a recording of train3 without noise."""

@@ -184,7 +184,8 @@ def by_numbers(robots: Sequence[Robot]) -> tuple[list[Robot], Indices]:
     different: list[Robot] = []
     like = np.empty(len(robots), np.int64)
     for i, robot in enumerate(robots):
-        parts = (robot.front, robot.back, robot.wheel, robot.contact, robot.drive, robot.control, robot.readings)
+        bodies = robot.front, robot.back, robot.trailing
+        parts = (*bodies, robot.wheel, robot.contact, robot.drive, robot.control, robot.readings)
         changing = [values for name, values in robot.effects.items() if name in _CHANGING]
         key = (*map(id, parts), *map(id, changing))
         if key not in places:
