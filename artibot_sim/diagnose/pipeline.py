@@ -17,7 +17,7 @@ from artibot_sim.diagnose.candidates.patches import disc_place
 from artibot_sim.diagnose.commands.view import CommandView, command_view, view_with
 from artibot_sim.diagnose.conclusion import Conclusion, HeldOut, Without, concluded, shows_forces
 from artibot_sim.diagnose.extended import found_parameters, robot_of, with_effects_of
-from artibot_sim.diagnose.intervals import Uncertain, judged, surroundings
+from artibot_sim.diagnose.intervals import Uncertain, judged
 from artibot_sim.diagnose.next_experiment.choice import next_experiment, next_for_force, one_by_one, repeated
 from artibot_sim.diagnose.policy import THRESHOLDS, TRUST, Thresholds
 from artibot_sim.diagnose.records import (
@@ -74,6 +74,7 @@ from artibot_sim.estimation.parallel import TimeIsUp, side_by_side, until
 from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Effort, Fit, Tick
+from artibot_sim.estimation.surroundings import surroundings
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.judgement import excitation
 from artibot_sim.identify.requested import parameter_set
@@ -347,12 +348,12 @@ def _robots(
     fits = [(decision.neutral_problem, decision.neutral_fit), decision.whole]
     extends = bool(decision.named) or decision.laws is not None
     around = surroundings(fits, tick, decision.others) if extends else surroundings(fits[:1], tick)
-    neutral = judged(*fits[0], around[0], seed)
+    neutral = judged(*fits[0], around[0])
     baseline = robot_of(decision.neutral_problem, neutral, {}, names)
     if not extends:
         return baseline, baseline, {}
     from_commands = {effect: other.found for effect, other in decision.other.items()}
-    after = judged(*fits[1], around[1], seed, from_commands)
+    after = judged(*fits[1], around[1], from_commands)
     effects = dict(_parameters(decision, after, seed))
     return baseline, robot_of(fits[1][0], after, effects, names), effects
 

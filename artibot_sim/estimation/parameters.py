@@ -327,6 +327,12 @@ class ParameterSet:
         ends = np.cumsum([len(self.parameters), *(len(extension) for extension in self.extensions)]).tolist()
         return [slice(a, b) for a, b in zip(ends, ends[1:], strict=False)]
 
+    @property
+    def beside_soil(self) -> list[slice]:
+        """Where the coordinates of what is no soil stand: of each other parameter of the robot, and of each effect."""
+        own = [slice(i, i + 1) for i, p in enumerate(self.parameters) if not p.key.startswith("contact.")]
+        return own + self.places
+
     def extended(self, coordinates: Array) -> list[Array]:
         """The coordinates of each effect."""
         return [coordinates[place] for place in self.places]

@@ -111,6 +111,8 @@ class Fit:
     converged : bool
     report : SearchReport or None
         Of the search from several starts that it comes from.
+    others : tuple of Point
+        Other ends of that search, about as good.
     """
 
     point: Point
@@ -119,6 +121,7 @@ class Fit:
     free: tuple[int, ...]
     converged: bool
     report: SearchReport | None = None
+    others: tuple[Point, ...] = ()
 
 
 Tick = Callable[[], None]
@@ -139,8 +142,9 @@ def search(problem: Problem, effort: Effort, tick: Tick = lambda: None, effects:
     near = [fit for fit in ends[: effort.finalists] if fit.point.cost <= _CLOSE * ends[0].point.cost]
     finals = side_by_side(lambda fit: converge(problem, fit.point, fit.loss, effort.last), near, problem.workers, tick)
     finals.sort(key=lambda fit: fit.point.cost)
-    best = finals[0]
-    return replace(best, report=SearchReport.of(len(tasks), [fit.point.cost for fit in finals]))
+    best, *others = finals
+    report = SearchReport.of(len(tasks), [fit.point.cost for fit in finals])
+    return replace(best, report=report, others=tuple(fit.point for fit in others))
 
 
 def first_guesses(problem: Problem, effort: Effort, effects: Array | None = None) -> list[Array]:

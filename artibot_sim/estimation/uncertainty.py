@@ -176,9 +176,12 @@ def mixture(weight: Array, means: Array, covariances: Array) -> Spread:
 
 
 def from_bootstrap(problem: Problem, nodes: Sequence[Node], free: Sequence[int], noise: NoiseShare) -> Spread:
-    """What windows drawn anew, with replacement, would have given, `noise` taken off: the best node, and one step."""
-    rng, count = problem.generator(Draw.BOOTSTRAP), len(problem)
-    weights = (np.bincount(rng.integers(0, count, count), minlength=count).astype(float) for _ in range(_DRAWS))
+    """What windows weighted at random would have given, `noise` taken off: the best node, and one step (Rubin 1981).
+
+    No window is left out, as in draws with replacement some are: something may act in few of them.
+    """
+    rng = problem.generator(Draw.BOOTSTRAP)
+    weights = (rng.exponential(size=len(problem)) for _ in range(_DRAWS))
     table = np.array([problem.parameters.mixing @ one for one in reweighted(problem, nodes, free, noise, weights)])
     low, high = np.quantile(table, _TAILS, axis=0)
     return Spread(table.mean(axis=0), np.atleast_2d(np.cov(table.T)), low, high)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,11 +25,22 @@ from artibot_sim.estimation.measurements import (
     stretches,
     with_pooled_noise,
 )
+from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.parameters import SOIL, ParameterSet, Prior
 from artibot_sim.estimation.problem import Problem
-from artibot_sim.estimation.search import Effort, Fit, Tick, converge, restarted_windows, search, thinned
-from artibot_sim.estimation.solver import evaluate
-from artibot_sim.estimation.uncertainty import Node, from_bootstrap, from_curvature, profile
+from artibot_sim.estimation.search import (
+    Effort,
+    Fit,
+    SearchReport,
+    Tick,
+    converge,
+    restarted_windows,
+    search,
+    thinned,
+)
+from artibot_sim.estimation.solver import Point, evaluate
+from artibot_sim.estimation.surroundings import Surroundings, surroundings
+from artibot_sim.estimation.uncertainty import from_bootstrap, from_curvature, profile
 from artibot_sim.estimation.windows import CHANNEL_NAMES, cut
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.judgement import FittedMotion, estimates, motion_of, overall, weakest
@@ -61,8 +73,9 @@ _FOREIGN = 4.0
 window is an exception."""
 _PATIENCE = 3
 """Further rounds for a fit that still falls, and moves along its profile."""
+_MOVES = 2
 _BETTER = 10.0
-"""Fall of the loss that makes another place on the profile worth going on from."""
+"""How often at most a fit goes on from a better place around it, and the fall of the loss that makes that worth it."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +88,8 @@ class Work:
     problem : Problem
         Windows with the noise levels that the fit ended with.
     fit : Fit
-    nodes : tuple of Node
-        The profile over mu_s.
+    around : Surroundings
+        Where the search could have ended as well.
     held : tuple of Held
     shifts : mapping of str to float
         s by which stamps were shifted before anything was fitted, in the mean over the recordings, by finding.
@@ -85,7 +98,7 @@ class Work:
     result: Identification
     problem: Problem
     fit: Fit
-    nodes: tuple[Node, ...]
+    around: Surroundings
     held: tuple[Held, ...]
     shifts: Mapping[str, float] = field(default_factory=dict)
 
@@ -135,8 +148,8 @@ def identify(
     ArtibotError
         For recordings that lack what is needed, or parameters that do not exist.
     """
-    begun, ticks = time.perf_counter(), _Ticks(progress, (effort or Effort()), len(holdout))
-    parameters = parameter_set(robot, fit, priors)
+    begun, parameters = time.perf_counter(), parameter_set(robot, fit, priors)
+    ticks = _Ticks(progress, (effort or Effort()), len(parameters.beside_soil), len(holdout))
     for experiment in (*recordings, *holdout):
         require_usable([experiment], robot)
     in_model = "pose_delay" in parameters.robot.effects  # a late pose is the model's own matter then
@@ -147,9 +160,9 @@ def identify(
     problem, fewer = enough_of(problem)
     ticks()
     problem, found = best_fit(problem, effort or Effort(), ticks)
-    found, nodes = _profiled(problem, found, 2, ticks)
+    found, around = explored(problem, *all_ends(problem, found), _MOVES, ticks)
     motion = motion_of(problem, found.point.coordinates, found.point.starts, _has_torques(problem))
-    result = _result(recordings, holdout, problem, found, nodes, motion)
+    result = _result(recordings, holdout, problem, found, around, motion)
     held = []
     rivals = kinematic_models(problem) if holdout and not robot.articulated else {}
     for experiment in holdout:
@@ -162,15 +175,15 @@ def identify(
         streams=stream_table([*timed, *later]), remarks=(*fewer, *result.remarks), predictions=predictions,
         seconds=seconds,
     )  # fmt: skip
-    return Work(result, problem, found, nodes, tuple(held), mean_shifts(timed))
+    return Work(result, problem, found, around, tuple(held), mean_shifts(timed))
 
 
 class _Ticks:
     """Counts parts of the work of about equal length; how many there will be is known well enough."""
 
-    def __init__(self, report: Report | None, effort: Effort, holdouts: int) -> None:
+    def __init__(self, report: Report | None, effort: Effort, sizes: int, holdouts: int) -> None:
         self._report = report or (lambda _: None)
-        self._expected = 2 + effort.starts + 4 * effort.finalists + 12 + holdouts
+        self._expected = 5 + effort.starts + 2 * effort.finalists + 2 * sizes + holdouts
         self._count = 0
         self._report(0.0)
 
@@ -246,7 +259,7 @@ def best_fit(problem: Problem, effort: Effort, tick: Tick, trust: Trust | None =
     encoders'. Only at a good fit may channels be distinguished by their residuals. Whoever does not `trust` residuals
     to be noise, for something may be missing in the model, keeps all windows in the end.
     """
-    every = list(range(0, len(problem), -(-len(problem) // _FEW)))
+    every = _searched(problem)
     part = problem.part(every)
     some = search(part, effort, tick)
     loss = Loss(1.0, some.loss.thinning)
@@ -259,33 +272,83 @@ def best_fit(problem: Problem, effort: Effort, tick: Tick, trust: Trust | None =
         part, problem, before = part.rescaled(levels), problem.rescaled(levels), before * levels
         loss = trust.loss(thinned(part, some))
         point = evaluate(part, loss, [some.point.coordinates], some.point.starts)[0]
-        some = replace(converge(part, point, loss, 3), report=some.report)
+        some = replace(converge(part, point, loss, 3), report=some.report, others=some.others)
     if poor:
-        some, _ = _profiled(part, some, _PATIENCE)
+        some = _profiled(part, some, _PATIENCE)
     tick()
-    starts = problem.starts.copy()
-    starts[every] = some.point.starts
-    point = evaluate(problem, loss, [some.point.coordinates], starts)[0]
-    found = converge(problem, restarted_windows(problem, loss, point), loss, _SETTLE)
+    found = _of_all_windows(problem, loss, some.point)
     for _ in range(_PATIENCE):
         if found.converged:
             break
         found = converge(problem, found.point, loss, _SETTLE)  # far from its end: not yet the time to dismiss windows
     found = converge(problem, found.point, replace(loss, firm=not foreign), _SETTLE)
     tick()
-    return problem, replace(found, report=some.report)
+    return problem, replace(found, report=some.report, others=some.others)
 
 
-def _profiled(problem: Problem, found: Fit, moves: int, tick: Tick = lambda: None) -> tuple[Fit, tuple[Node, ...]]:
-    """The fit and its profile over mu_s; where that finds a better place, both are made anew, at most `moves` times."""
-    nodes = profile(problem, found, tick)
+def _searched(problem: Problem) -> list[int]:
+    """Windows that the search from several starts takes."""
+    return list(range(0, len(problem), -(-len(problem) // _FEW)))
+
+
+def _of_all_windows(problem: Problem, loss: Loss, point: Point) -> Fit:
+    """A fit of all windows that begins where that of the searched ones ended."""
+    starts = problem.starts.copy()
+    starts[_searched(problem)] = point.starts
+    begun = evaluate(problem, loss, [point.coordinates], starts)[0]
+    return converge(problem, restarted_windows(problem, loss, begun), loss, _SETTLE)
+
+
+def all_ends(problem: Problem, found: Fit) -> tuple[Fit, list[Fit]]:
+    """The best of the search's ends, each fitted to all windows, and the others; its report is of these.
+
+    Parameters
+    ----------
+    problem : Problem
+    found : Fit
+        Of all windows, from the end that explains the searched ones best.
+    """
+    ends = [found, *side_by_side(partial(_of_all_windows, problem, found.loss), found.others, problem.workers)]
+    best, *others = sorted(ends, key=lambda fit: fit.point.cost)
+    restarts = found.report.restarts if found.report else len(ends)
+    return replace(best, report=SearchReport.of(restarts, [fit.point.cost for fit in ends])), others
+
+
+def explored(
+    problem: Problem, found: Fit, others: Sequence[Fit], moves: int, tick: Tick = lambda: None
+) -> tuple[Fit, Surroundings]:
+    """The fit and what is around it; where that holds a better place, the fit goes on from there.
+
+    Parameters
+    ----------
+    problem : Problem
+    found : Fit
+    others : sequence of Fit
+        Other ends of the search.
+    moves : int
+        How often at most.
+    tick : callable
+        Called when a part of the work is done.
+    """
+    around = surroundings([(problem, found)], tick, others)[0]
     for _ in range(moves):
-        best = min(nodes, key=lambda node: node.point.cost)
-        if best.point.cost > found.point.cost - _BETTER:
+        best = around.best
+        if best.cost > found.point.cost - _BETTER:
             break
-        found = replace(converge(problem, best.point, found.loss, 3), report=found.report)
-        nodes = profile(problem, found, tick)
-    return found, nodes
+        found = replace(converge(problem, best, found.loss, 3), report=found.report)
+        own, noise = profile(problem, found), noise_share(problem, found)
+        around = Surroundings(own, (*around.beside, *around.profile), noise)
+    return found, around
+
+
+def _profiled(problem: Problem, found: Fit, moves: int) -> Fit:
+    """The fit; where its profile over mu_s finds a better place, it goes on from there, at most `moves` times."""
+    for _ in range(moves):
+        best = min((node.point for node in profile(problem, found)), key=lambda point: point.cost)
+        if best.cost > found.point.cost - _BETTER:
+            break
+        found = replace(converge(problem, best, found.loss, 3), report=found.report, others=found.others)
+    return found
 
 
 def _has_torques(problem: Problem) -> bool:
@@ -297,13 +360,12 @@ def _result(
     held: Sequence[Experiment],
     problem: Problem,
     found: Fit,
-    nodes: Sequence[Node],
+    around: Surroundings,
     motion: FittedMotion,
 ) -> Identification:
     parameters = problem.parameters
-    noise = noise_share(problem, found)
-    curvature = from_curvature(problem, nodes, found.free, noise)
-    bootstrap = from_bootstrap(problem, nodes, found.free, noise)
+    curvature = from_curvature(problem, around.profile, found.free, around.noise)
+    bootstrap = from_bootstrap(problem, around.nodes, found.free, around.noise)
     text, share, _ = weakest(parameters, curvature.covariance)
     all_ = estimates(parameters, found.point.coordinates, curvature, bootstrap, motion)
     status, message = overall(all_, found.converged, text, share)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose.candidates.hypotheses import with_effect, without_effect
-from artibot_sim.diagnose.intervals import Uncertain, along, combined, surroundings, uncertain
+from artibot_sim.diagnose.intervals import Uncertain, combined, uncertain
 from artibot_sim.diagnose.records import Found
 from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.estimation.encoder_noise import NoiseShare, noise_share
@@ -17,6 +17,7 @@ from artibot_sim.estimation.parameters import Extension, ParameterSet
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge, free_parameters
 from artibot_sim.estimation.solver import evaluate, reduce
+from artibot_sim.estimation.surroundings import along, surroundings
 from artibot_sim.estimation.uncertainty import Node, reweighted
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.requested import parameter_set
@@ -64,7 +65,7 @@ def test_what_only_a_sensor_says_answers_no_noise(fitted: tuple[Problem, Fit]) -
 def test_what_the_noise_has_bent_is_straightened(fitted: tuple[Problem, Fit]) -> None:
     problem, fit = fitted
     bent = fit.point.coordinates[-1]
-    found = uncertain(problem, fit, seed=0)
+    found = uncertain(problem, fit)
     own, sd = found.coordinates[-1], np.sqrt(found.covariance[-1, -1])
     assert bent < -0.1  # wheels that are all alike seem to grip less at the back
     assert abs(own) < 0.4 * abs(bent)
@@ -78,8 +79,8 @@ def test_the_walk_goes_along_each_effect(fitted: tuple[Problem, Fit]) -> None:
     free = free_parameters(both)
     residuals, sensitivity = both.linearised(point.coordinates, point.starts, free)
     stands = Fit(point, fit.loss, reduce(both, fit.loss, residuals, sensitivity, point.starts), free, False)
-    for which, place in enumerate((5, 6)):
-        nodes = [node for line in along(both, stands, which) for node in line()]
+    for place in (5, 6):
+        nodes = [node for line in along(both, stands, slice(place, place + 1)) for node in line()]
         nodes.sort(key=lambda node: float(node.point.coordinates[place]))
         sizes = np.array([node.point.coordinates[place] for node in nodes]) - point.coordinates[place]
         assert (sizes < -0.01).any() and (sizes > 0.01).any() and np.abs(sizes).min() > 0.01
@@ -124,7 +125,7 @@ def test_other_ends_of_a_search_count_as_far_as_windows_do_not_tell_them_apart(f
 
     assert sides(100.0, 1000.0) == 0.0
     assert 0.05 < sides(100.0, 120.0) < 0.5
-    around = surroundings([(problem, fit)], beside=[fit])[0]
+    around = surroundings([(problem, fit)], others=[fit])[0]
     assert len(around.nodes) > len(surroundings([(problem, fit)])[0].nodes)
 
 

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.candidates.hypotheses import with_effect
 from artibot_sim.estimation.loss import Loss
-from artibot_sim.estimation.parameters import MU_S, Extension
+from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge, free_parameters
 from artibot_sim.estimation.solver import Point, evaluate, reduce, step
+from artibot_sim.estimation.surroundings import beside
 
 Array = NDArray[np.float64]
 
@@ -31,8 +32,6 @@ _FAR = (0.5, 1.7, 3.0)
 """Factors on an effect's coordinates for far sizes,"""
 _WIDE = np.linspace(-0.3, 0.3, 13)
 """and changes of mu_s beside."""
-_FARTHEST = 0.5
-"""Largest change of a soil's logarithm."""
 _TRIED = 2
 """So many places are polished by a step before they are compared."""
 
@@ -42,9 +41,10 @@ def along_ridge(problem: Problem, loss: Loss, fit: Fit, which: int = -1) -> Poin
     parameters, point, free = problem.parameters, fit.point, list(fit.free)
     if not parameters.extensions:
         return point
-    own = point.coordinates[parameters.places[which]]
+    mine = parameters.places[which]
+    own = point.coordinates[mine]
     grips = _FINE if parameters.extensions[which].search.ridge else _GRIPS
-    places = [place for move in _moves(own) for place in beside(problem, loss, fit, move, grips, which)]
+    places = [place for move in _moves(own) for place in beside(problem, loss, fit, mine, move, grips)]
     found = sorted(places, key=lambda p: p.cost)
     ends = [step(problem, loss, place, free)[0] for place in found[:_TRIED]]
     return min([point, *ends], key=lambda p: p.cost)
@@ -67,13 +67,13 @@ def from_far_sizes(problem: Problem, loss: Loss, fit: Fit, steps: int) -> Fit:
 
     Where the loss is jagged no place on the way is better, and none of the far ones before it has been fitted.
     """
-    extensions = problem.parameters.extensions
-    if not extensions:
+    if not problem.parameters.extensions:
         return fit
-    own = fit.point.coordinates[-len(extensions[-1]) :]
+    last = problem.parameters.places[-1]
+    own = fit.point.coordinates[last]
     fits = [fit]
     for factor in _FAR:
-        places = beside(problem, loss, fit, (factor - 1.0) * own, _WIDE)
+        places = beside(problem, loss, fit, last, (factor - 1.0) * own, _WIDE)
         fits.append(converge(problem, min(places, key=lambda p: p.cost), loss, steps))
     return min(fits, key=lambda one: one.point.cost)
 
@@ -103,52 +103,5 @@ def at_size(problem: Problem, fit: Fit, extension: Extension, own: Array, steps:
     free = free_parameters(more)
     residuals, sensitivity = more.linearised(point.coordinates, point.starts, free)
     neutral = Fit(point, fit.loss, reduce(more, fit.loss, residuals, sensitivity, point.starts), free, False)
-    begun = min(beside(more, fit.loss, neutral, own, _FINE), key=lambda place: place.cost)
+    begun = min(beside(more, fit.loss, neutral, more.parameters.places[-1], own, _FINE), key=lambda place: place.cost)
     return more, converge(more, begun, fit.loss, steps)
-
-
-def beside(problem: Problem, loss: Loss, fit: Fit, move: Array, grips: Array, which: int = -1) -> list[Point]:
-    """The fit with one effect's coordinates moved (k,), the soil that goes with it, and some changes of mu_s."""
-    there, starts = _by_declared_ridge(problem, fit, move, which) or _by_normal_equations(problem, fit, move, which)
-    grip = problem.parameters.index(MU_S)
-    places = []
-    for change in grips if grip is not None else np.zeros(1):
-        place = there.copy()
-        if grip is not None:
-            place[grip] += change
-        places.append(problem.parameters.inside(place))
-    return evaluate(problem, loss, places, starts)
-
-
-def _by_normal_equations(problem: Problem, fit: Fit, move: Array, which: int) -> tuple[Array, Array]:
-    """Coordinates and starts after a move, by the fit's normal equations; mu_s, of which they know nothing, stays."""
-    parameters, free, place = problem.parameters, list(fit.free), problem.parameters.places[which]
-    mine = np.array([place.start <= i < place.stop for i in free])
-    H = fit.reduced.matrix + parameters.prior_information[np.ix_(free, free)]
-    follow = -np.linalg.solve(H[np.ix_(~mine, ~mine)], H[np.ix_(~mine, mine)])
-    taken = np.empty(len(free))
-    taken[mine], taken[~mine] = move, np.clip(follow @ move, -_FARTHEST, _FARTHEST)
-    there = fit.point.coordinates.copy()
-    there[free] += taken
-    moved = fit.reduced.back[:, :, :-1] @ taken
-    return there, fit.point.starts - np.clip(moved, -problem.start_sd, problem.start_sd)
-
-
-def _by_declared_ridge(problem: Problem, fit: Fit, move: Array, which: int) -> tuple[Array, Array] | None:
-    """A step along the ridge that an effect declares (`Search.ridge`): soil and mu_s follow it, starts stay."""
-    parameters = problem.parameters
-    extension, place = parameters.extensions[which], parameters.places[which]
-    if not extension.search.ridge:
-        return None
-    own = fit.point.coordinates[place]
-    name = next(iter(extension.search.sizes))
-    after = extension.nearest(own + move)
-    ratio = float(extension.values(after)[name]) / float(extension.values(own)[name])
-    soil = parameters.values(fit.point.coordinates)
-    for key, power in extension.search.ridge.items():
-        i = parameters.index(key)
-        if i is not None:
-            soil[i] *= ratio**power
-    moved = fit.point.coordinates.copy()
-    moved[place] = after
-    return parameters.coordinates(soil, moved[len(parameters.parameters) :]), fit.point.starts

@@ -58,7 +58,7 @@ def values(decision: Decision, seed: int) -> list[str]:
     """Lines with each effect's values as fitted, and as they are given, with their intervals."""
     parameters = decision.problem.parameters
     from_commands = {effect: other.found for effect, other in decision.other.items()}
-    what, lines = uncertain(decision.problem, decision.fit, seed, from_commands), []
+    what, lines = uncertain(decision.problem, decision.fit, from_commands), []
     for which, (extension, part) in enumerate(zip(parameters.extensions, parameters.places, strict=True)):
         places = disc_place(decision.problem, decision.fit, which, seed)
         given = found_parameters(extension, what.coordinates[part], what.covariance[part, part], places)
