@@ -17,7 +17,7 @@ from artibot_sim.estimation.parameters import Extension, ParameterSet
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge, free_parameters
 from artibot_sim.estimation.solver import evaluate, reduce
-from artibot_sim.estimation.surroundings import along, surroundings
+from artibot_sim.estimation.surroundings import along
 from artibot_sim.estimation.uncertainty import Node, reweighted
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.requested import parameter_set
@@ -102,31 +102,6 @@ def test_draws_stay_within_bounds_where_the_loss_is_flat(fitted: tuple[Problem, 
     (drawn,) = reweighted(problem, [Node(fit.point, flat)], fit.free, silent, [np.ones(count)])
     assert np.allclose(drawn, problem.parameters.inside(drawn))
     problem.parameters.robot_at(drawn)
-
-
-def test_other_ends_of_a_search_count_as_far_as_windows_do_not_tell_them_apart(fitted: tuple[Problem, Fit]) -> None:
-    problem, fit = fitted
-    place, count = len(problem.parameters) - 1, len(problem)
-    silent = NoiseShare(fit.point.coordinates, np.zeros((count, len(CHANNEL_NAMES))), np.zeros((6, len(CHANNEL_NAMES))))
-    own = reweighted(problem, [Node(fit.point, fit.reduced)], fit.free, silent, [np.ones(count)])
-    (here,) = own
-
-    def sides(gain: float, cost: float) -> float:
-        """Share of the draws nearer to an optimum that gains in half of the windows and costs in the others."""
-        moved = fit.point.coordinates.copy()
-        moved[place] += 10.0
-        change = np.where(np.arange(count) % 2, cost, -gain)
-        other = replace(fit.point, coordinates=moved, losses=fit.point.losses + change)
-        rng = np.random.default_rng(3)
-        weights = (rng.exponential(size=count) for _ in range(200))
-        nodes = [Node(fit.point, fit.reduced), Node(other, fit.reduced)]
-        table = np.array(list(reweighted(problem, nodes, fit.free, silent, weights)))
-        return float(np.mean(np.abs(table[:, place] - here[place]) > 1.0))
-
-    assert sides(100.0, 1000.0) == 0.0
-    assert 0.05 < sides(100.0, 120.0) < 0.5
-    around = surroundings([(problem, fit)], others=[fit])[0]
-    assert len(around.nodes) > len(surroundings([(problem, fit)])[0].nodes)
 
 
 def test_a_model_that_a_decision_falls_back_to_has_no_other_ends(fitted: tuple[Problem, Fit]) -> None:

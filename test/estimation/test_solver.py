@@ -181,6 +181,23 @@ def test_intervals_of_linear_problems_cover(problem: Problem) -> None:
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.25)
 
 
+@pytest.mark.parametrize(("gain", "cost", "held"), [(60.0, 60.0, True), (60.0, 600.0, False)])
+def test_an_interval_holds_every_optimum_that_the_windows_do_not_tell_apart(
+    problem: Problem, gain: float, cost: float, held: bool
+) -> None:
+    """Another optimum explains half of the windows better and the others worse: as much, or ten times as much."""
+    soft = problem.with_parameters(parameter_set(ROBOT, ("k_l", "k_t", "u_w")))
+    of = linear(soft, np.zeros(3), np.random.default_rng(7))
+    here, count = fitted(of), len(of)
+    away = here.point.coordinates + 0.3
+    losses = here.point.losses + np.where(np.arange(count) % 2, cost, -gain)
+    there = Node(replace(here.point, coordinates=away, losses=losses), here.reduced)
+    none = NoiseShare(np.zeros(3), np.zeros((count, len(CHANNEL_NAMES))), np.zeros((3, len(CHANNEL_NAMES))))
+    spread = from_bootstrap(of, [here, there], free_parameters(of), none)
+    assert (spread.low < 0.1).all()
+    assert (spread.high > 0.2).all() if held else (spread.high < 0.1).all()
+
+
 def test_draws_depend_on_the_seed_alone(problem: Problem) -> None:
     """Not on the data, nor on where a fit stands; another seed draws others."""
     even = evaluate(problem, EVEN, [np.full(len(problem.parameters), 0.1)], problem.starts)[0]
