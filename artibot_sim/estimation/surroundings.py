@@ -33,6 +33,8 @@ _FARTHEST = 0.3
 """The largest, as a share of the size; that of a parameter, which has no zero of its own, is its prior's width."""
 _GRIPS = np.array([-0.03, -0.02, -0.012, -0.006, 0.0, 0.006, 0.012, 0.02, 0.03])
 """Changes of mu_s's coordinate beside each."""
+_PREFERRED = 6.0
+"""Standard deviations of its lead by which the best fit may lose it: what is around another end is better still."""
 _FARTHEST_SOIL = 0.5
 """Largest change of a soil's logarithm that goes along."""
 
@@ -77,16 +79,17 @@ def surroundings(
         Called when a part of the work is done.
     others : sequence of Fit
         Other ends of the search for the last one: where the loss is jagged a search ends at one of several optima,
-        and which of them is the best depends on the windows that were recorded.
+        and which of them is the best depends on the windows that were recorded. What no other windows of this kind
+        would make the best is left out.
     """
     works: list[tuple[int, Callable[[], Sequence[Node] | NoiseShare]]] = []
     for number, (problem, fit) in enumerate(fits):
         works += [(number, partial(profile, problem, fit)), (number, partial(noise_share, problem, fit))]
         for place in problem.parameters.beside_soil:
             works += [(number, work) for work in along(problem, fit, place)]
-    works += [(len(fits) - 1, partial(profile, fits[-1][0], other)) for other in others]
-    workers = fits[0][0].workers if fits else None
-    done = side_by_side(lambda work: work[1](), works, workers, tick)
+    last, best = fits[-1]
+    works += [(len(fits) - 1, partial(profile, last, other)) for other in others if _could_be_best(other, best)]
+    done = side_by_side(lambda work: work[1](), works, last.workers, tick)
     found = []
     for number in range(len(fits)):
         mine = [result for (whose, _), result in zip(works, done, strict=True) if whose == number]
@@ -94,6 +97,12 @@ def surroundings(
         own, *beside_it = (result for result in mine if not isinstance(result, NoiseShare))
         found.append(Surroundings(tuple(own), tuple(node for nodes in beside_it for node in nodes), noise))
     return found
+
+
+def _could_be_best(other: Fit, best: Fit) -> bool:
+    """Whether windows weighted at random, each by 1 ± 1, may prefer another fit to the best one."""
+    behind = other.point.losses - best.point.losses
+    return float(behind.sum()) < _PREFERRED * float(np.sqrt(np.sum(behind**2)))
 
 
 def along(problem: Problem, fit: Fit, place: slice) -> list[Callable[[], list[Node]]]:
