@@ -365,7 +365,9 @@ def _result(
 ) -> Identification:
     parameters = problem.parameters
     curvature = from_curvature(problem, around.profile, found.free, around.noise)
-    bootstrap = from_bootstrap(problem, around.nodes, found.free, around.noise)
+    # what lies between two optima is none: values are of the best one, intervals hold all
+    own, every = (from_bootstrap(problem, nodes, found.free, around.noise) for nodes in (around.profile, around.nodes))
+    bootstrap = replace(every, mean=own.mean)
     text, share, _ = weakest(parameters, curvature.covariance)
     all_ = estimates(parameters, found.point.coordinates, curvature, bootstrap, motion)
     status, message = overall(all_, found.converged, text, share)
