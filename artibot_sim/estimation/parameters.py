@@ -174,7 +174,6 @@ SOIL = ("k_l", "k_t", "mu_s", "mu_d", "u_w")
 
 MU_S = "contact.mu_s"
 MU_D = "contact.mu_d"
-RESISTANCE = "effects.wheel_resistance.share"
 
 PARAMETER_STEP = 4e-3
 """Change of a logarithm for its finite difference: about what data leave open, so that switches that such a change
@@ -290,19 +289,13 @@ class ParameterSet:
 
         A wheel breaks away at a slip of mu_s F_n over k_l and k_t. So mu_s goes along when they change, and its own
         coordinate is that slip: what moves by its gradient leaves the instants of breaking away nearly as they are.
-        The ground resists a wheel by a share of mu_s F_n: the coordinate of that share is its force over the load, so
-        that mu_s can be scanned while the resistance stays.
         """
         matrix = np.eye(len(self))
-        row, share = self.index(MU_S), self.index(RESISTANCE)
-        if row is None:
-            return matrix
+        row = self.index(MU_S)
         for key in ("contact.k_l", "contact.k_t"):
             column = self.index(key)
-            if column is not None:
+            if row is not None and column is not None:
                 matrix[row, column] = 0.5
-        if share is not None and share < len(self.parameters):
-            matrix[share] -= matrix[row]
         return matrix
 
     @cached_property

@@ -61,11 +61,6 @@ class Surroundings:
         """All fits: places where the search could have ended had other windows been recorded."""
         return self.profile + self.beside
 
-    @property
-    def best(self) -> Point:
-        """Where the loss is least."""
-        return min((node.point for node in self.nodes), key=lambda point: point.cost)
-
 
 def surroundings(
     fits: Sequence[tuple[Problem, Fit]], tick: Tick = lambda: None, others: Sequence[Fit] = ()

@@ -31,7 +31,6 @@ from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import (
     Effort,
     Fit,
-    SearchReport,
     Tick,
     converge,
     restarted_windows,
@@ -75,7 +74,7 @@ _PATIENCE = 3
 """Further rounds for a fit that still falls, and moves along its profile."""
 _MOVES = 2
 _BETTER = 10.0
-"""How often at most a fit goes on from a better place around it, and the fall of the loss that makes that worth it."""
+"""How often at most a fit goes on from a better place on its profile, and the fall of the loss that is worth it."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +159,7 @@ def identify(
     problem, fewer = enough_of(problem)
     ticks()
     problem, found = best_fit(problem, effort or Effort(), ticks)
-    found, around = explored(problem, *all_ends(problem, found), _MOVES, ticks)
+    found, around = explored(problem, found, other_ends(problem, found), _MOVES, ticks)
     motion = motion_of(problem, found.point.coordinates, found.point.starts, _has_torques(problem))
     result = _result(recordings, holdout, problem, found, around, motion)
     held = []
@@ -299,25 +298,15 @@ def _of_all_windows(problem: Problem, loss: Loss, point: Point) -> Fit:
     return converge(problem, restarted_windows(problem, loss, begun), loss, _SETTLE)
 
 
-def all_ends(problem: Problem, found: Fit) -> tuple[Fit, list[Fit]]:
-    """The best of the search's ends, each fitted to all windows, and the others; its report is of these.
-
-    Parameters
-    ----------
-    problem : Problem
-    found : Fit
-        Of all windows, from the end that explains the searched ones best.
-    """
-    ends = [found, *side_by_side(partial(_of_all_windows, problem, found.loss), found.others, problem.workers)]
-    best, *others = sorted(ends, key=lambda fit: fit.point.cost)
-    restarts = found.report.restarts if found.report else len(ends)
-    return replace(best, report=SearchReport.of(restarts, [fit.point.cost for fit in ends])), others
+def other_ends(problem: Problem, found: Fit) -> list[Fit]:
+    """The search's other ends, each fitted to all windows as the best one was."""
+    return side_by_side(partial(_of_all_windows, problem, found.loss), found.others, problem.workers)
 
 
 def explored(
     problem: Problem, found: Fit, others: Sequence[Fit], moves: int, tick: Tick = lambda: None
 ) -> tuple[Fit, Surroundings]:
-    """The fit and what is around it; where that holds a better place, the fit goes on from there.
+    """The fit and what is around it; where the profile over mu_s holds a better place, the fit goes on from there.
 
     Parameters
     ----------
@@ -332,7 +321,7 @@ def explored(
     """
     around = surroundings([(problem, found)], tick, others)[0]
     for _ in range(moves):
-        best = around.best
+        best = min((node.point for node in around.profile), key=lambda point: point.cost)
         if best.cost > found.point.cost - _BETTER:
             break
         found = replace(converge(problem, best, found.loss, 3), report=found.report)
