@@ -202,8 +202,21 @@ def predict_artibot(robot: Robot, part: Part, rolling: Kinematic) -> Array:
     """Ends of a part's windows by a robot's model, seen from their starts.
 
     Every window starts at the pose that is measured there, with the velocity that `rolling` gives to its wheels:
-    nothing that is measured after the start is used.
+    nothing that is measured after the start is used. A pose that is stamped late is one from before: the model starts
+    as much earlier, with the wheels as they turned then. Where a recording begins later than that, the robot is taken
+    to have moved evenly over the delay.
     """
+    effects = {name: dict(values) for name, values in robot.effects.items()}
+    late = float(effects.pop("pose_delay", {}).get("delay", 0.0))
+    ends = _simulated_ends(replace(robot, effects=effects), part, rolling, late)
+    too_early = np.isnan(ends[:, 0])
+    if late > 0.0 and too_early.any():
+        ends[too_early] = _simulated_ends(robot, part, rolling, 0.0)[too_early]
+    return ends
+
+
+def _simulated_ends(robot: Robot, part: Part, rolling: Kinematic, earlier: float) -> Array:
+    """Ends of windows (n, 3) by a model that starts so much earlier, s; NaN where no wheels are recorded then."""
     from artibot_sim.estimation.measurements import stretches
     from artibot_sim.estimation.parameters import ParameterSet
     from artibot_sim.estimation.problem import Problem
@@ -212,7 +225,7 @@ def predict_artibot(robot: Robot, part: Part, rolling: Kinematic) -> Array:
 
     found, windows = stretches(part.experiments[0], robot), part.windows
     rows, chosen, ends = [], [], []
-    for i, (t, length) in enumerate(zip(windows.t.tolist(), windows.length.tolist(), strict=True)):
+    for i, (t, length) in enumerate(zip((windows.t - earlier).tolist(), windows.length.tolist(), strict=True)):
         where = next((n for n, s in enumerate(found) if s.inputs.t[0] - 0.11 <= t and t < s.inputs.t[-1] - 0.5), None)
         if where is None:
             continue
@@ -222,15 +235,17 @@ def predict_artibot(robot: Robot, part: Part, rolling: Kinematic) -> Array:
         chosen.append(window_at(found[where], where, robot, first, knots))
         ends.append(knots * inputs.dt)
         rows.append(i)
+    every = np.full((len(windows), 3), np.nan)
+    if not rows:
+        return every
     problem = Problem(ParameterSet(robot, ()), found, chosen)
     starts = problem.starts.copy()
     starts[:, :3] = windows.start[rows]
-    now = round((BEFORE - rolling.delay) / STEP)
+    now = round((BEFORE - (earlier or rolling.delay)) / STEP)
     starts[:, 3:6] = rolling.rates(windows.speed[rows, now])
     kinds = np.array([KINDS.index(name) for name in ("x", "y", "yaw")])
     seen = problem.look(np.empty(0), starts, [Plan(np.full(3, end), kinds) for end in ends])
     moved = replace(windows[np.array(rows)], end=np.array(seen)).moved
-    every = np.full((len(windows), 3), np.nan)
     every[rows] = moved
     return every
 

@@ -15,11 +15,11 @@ from artibot_sim.bench import real
 from artibot_sim.bench.real import Ground, Part
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.kinematic import FREE, Kinematic, driven_windows, fit_kinematic, kinematic_models
-from artibot_sim.experiment import read_bag, write_channels, write_experiment
+from artibot_sim.experiment import Experiment, read_bag, write_channels, write_experiment
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.validation import deviations, kinematic_residuals
-from artibot_sim.model import Commands, load_robot, rollout
+from artibot_sim.model import Commands, Rollout, load_robot, rollout
 
 ROBOT = load_robot("husky_driven")
 TRUTH = Kinematic(ROBOT.wheel.r_w, 1.1, 0.8, 0.1, 0.12)
@@ -135,21 +135,50 @@ def test_a_regressor_predicts_at_least_what_its_base_does(folder: Path) -> None:
     assert np.sqrt(np.mean(mine**2)) < np.sqrt(np.mean(simple**2))
 
 
-def test_the_models_own_simulation_is_predicted_from_nothing_but_wheel_speeds(tmp_path: Path) -> None:
-    """Windows that start at a measured pose and roll: what slips is left to the model, which is the right one here."""
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[Experiment, Rollout]:
+    """A recording of a simulation whose wheels turn at speeds drawn at random, and the simulation."""
     rng = np.random.default_rng(5)
     knots = np.repeat(rng.uniform(-3.0, 4.0, (12, 2)), 400, axis=0)
     smooth = np.column_stack([np.convolve(np.pad(c, 50, mode="edge"), np.ones(101) / 101, "valid") for c in knots.T])
     commands = Commands(0.01, np.column_stack([smooth, np.full_like(smooth, np.nan)]))
     run = rollout(ROBOT, commands)
-    write_experiment(tmp_path / "run", run, None, ROBOT, commands=commands)
-    experiment = read_bag(tmp_path / "run")
+    path = tmp_path_factory.mktemp("driven") / "run"
+    write_experiment(path, run, None, ROBOT, commands=commands)
+    return read_bag(path), run
+
+
+def test_the_models_own_simulation_is_predicted_from_nothing_but_wheel_speeds(
+    driven: tuple[Experiment, Rollout],
+) -> None:
+    """Windows that start at a measured pose and roll: what slips is left to the model, which is the right one here."""
+    experiment, _ = driven
     windows, leaps = real.windows_of(experiment, ROBOT.wheel.r_w)
     rolling = fit_kinematic(windows, ROBOT, FREE["ICR"])
     own = real.errors_of(real.predict_artibot(ROBOT, Part((experiment,), windows), rolling), windows)
     simple = real.errors_of(rolling(windows), windows)
     assert leaps == 0
     assert np.median(own["position"]) < 0.5 * np.median(simple["position"])
+
+
+def test_where_poses_are_late_the_model_starts_as_much_earlier(driven: tuple[Experiment, Rollout]) -> None:
+    """It then predicts as well as without a delay, and not as if the robot had moved evenly over it."""
+    (experiment, run), delay = driven, 0.4
+    windows, _ = real.windows_of(experiment, ROBOT.wheel.r_w)
+    rolling = fit_kinematic(windows, ROBOT, FREE["ICR"])
+    pose = np.column_stack([run.pose[:, :2], np.unwrap(run.pose[:, 2])])
+
+    def measured(t: np.ndarray) -> np.ndarray:
+        return np.column_stack([np.interp(t - delay, run.t, column) for column in pose.T])
+
+    late = replace(windows, start=measured(windows.t), end=measured(windows.t + windows.length))
+    robot = replace(ROBOT, effects={**ROBOT.effects, "pose_delay": {"delay": delay}})
+    on_time = real.errors_of(real.predict_artibot(ROBOT, Part((experiment,), windows), rolling), windows)
+    part = Part((experiment,), late)
+    own = real.errors_of(real.predict_artibot(robot, part, rolling), late)
+    evenly = real.errors_of(real._simulated_ends(robot, part, rolling, 0.0), late)
+    assert np.median(own["position"]) < 2.0 * np.median(on_time["position"])
+    assert np.median(own["position"]) < 0.1 * np.median(evenly["position"])
 
 
 def test_absent_data_is_said(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
