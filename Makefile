@@ -7,7 +7,7 @@ export VENV
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-run demo test lint types bench bench-can real growth mutants faults faults-live fuzz eq30 diagnose-campaign steadiness bags pictures colcon tables map clean
+.PHONY: help setup setup-run demo test test-long lint types bench bench-can real growth mutants faults faults-live fuzz eq30 diagnose-campaign steadiness bags pictures colcon tables map clean
 
 help: ## this list
 	@echo "make TARGET, of which:"
@@ -22,8 +22,11 @@ setup-run:
 demo: setup-run ## plan, simulate, record, replay and plot the paper's trajectory (ARGS=... for options)
 	@$(PY) -m artibot_sim.cli demo $(ARGS)
 
-test: setup lint ## everything: lint, types, and all tests (ARGS="-k planner" for some of them)
+test: setup lint ## lint, types, and all tests but the long ones (ARGS="-k planner" for some of them)
 	@scripts/test.sh $(PY) $(ARGS)
+
+test-long: setup ## the long tests: whole diagnoses, each of something else (ten minutes more)
+	@OPENBLAS_NUM_THREADS=1 $(PY) -m pytest -m long -n 2 --dist loadfile
 
 lint: setup ## ruff: rules and format
 	@$(PY) -m ruff check .

@@ -6,6 +6,7 @@
 # a session of its own, where its priority cannot be raised again. They and the types are one long row that keeps one
 # processor at most: it goes before what computes, which takes the rest, so that no processor waits for the row at the end.
 # The summaries come last.
+# Whole diagnoses and what else takes long is left to `make test-long`, but for a slice.
 # What watches the clock fails where the machine stands still for a moment: a few tests are tried again, one by one, and
 # those that fail then in slow motion (in_uml.sh), where no machine stands still. Who fails there, too, has failed.
 # With arguments they are pytest's, and it is one part.
@@ -81,7 +82,7 @@ watched() {
 
 failed=0
 set -m # a process group of its own
-priority low nice -n 5 "$python" -m pytest -n 3 "${files[@]}" -o "cache_dir=$reports/cache-3" "${rest[@]}" >"$reports/3" 2>&1 </dev/null &
+priority low nice -n 5 "$python" -m pytest -n 3 -m "not long" "${files[@]}" -o "cache_dir=$reports/cache-3" "${rest[@]}" >"$reports/3" 2>&1 </dev/null &
 others=$!
 set +m
 trap 'kill -- "-$others"; kill -CONT -- "-$others"; end' EXIT
@@ -95,7 +96,7 @@ tail -n +1 -f --pid="$others" "$reports/3"
 wait "$others" && passed=yes || passed=no
 wait "$row" || failed=1
 trap end EXIT
-[ "$passed" = yes ] || again 3 "${rest[@]}" || failed=1
+[ "$passed" = yes ] || again 3 -m "not long" "${rest[@]}" || failed=1
 [ ! -e "$reports/2-can" ] || cat "$reports/2-can"
 cat "$reports/types"
 grep -hE '^=+ .* in [0-9.]+s' "$reports"/[0-9]*

@@ -9,6 +9,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from ros_helpers import ROOT
 
 TRIAL = """
@@ -38,6 +40,7 @@ assert errors[0].rmse > 3 * errors[0].noise > 2.0 * errors[1].rmse, errors
 """
 
 
+@pytest.mark.long
 def test_an_effect_of_ones_own_is_one_file(tmp_path: Path) -> None:
     shutil.copytree(ROOT / "artibot_sim", tmp_path / "artibot_sim", ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(ROOT / "config", tmp_path / "config")

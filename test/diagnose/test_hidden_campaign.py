@@ -45,6 +45,7 @@ def start(folder: Path, *words: str) -> subprocess.Popen:
     return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
+@pytest.mark.long
 def test_killed_again_and_again_it_comes_to_the_same_end(tmp_path):
     journal, deadline = tmp_path / "cases.jsonl", time.monotonic() + 240.0
     for _ in range(3):

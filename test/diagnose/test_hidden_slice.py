@@ -30,6 +30,7 @@ def test_what_is_hidden_is_named():
     assert all(error < 0.15 for error in result.errors.values()), result
 
 
+@pytest.mark.long
 def test_a_limit_of_commands_and_a_wheel_out_of_round_are_both_named(monkeypatch: pytest.MonkeyPatch):
     """One shows between commands and speeds, the other between rotations and motion: neither takes from the other."""
     try_only(monkeypatch, *FEW, "wheel_runout", "motor_drag", "wheel_resistance", "encoder_scale")
@@ -41,6 +42,7 @@ def test_a_limit_of_commands_and_a_wheel_out_of_round_are_both_named(monkeypatch
     assert all(result.covered.values()), result
 
 
+@pytest.mark.long
 def test_errors_of_two_sensors_are_named_beside_each_other(monkeypatch: pytest.MonkeyPatch):
     """What the first one leaves in the yaw rates is as slow as a bias is: taken for noise, nothing would be named."""
     try_only(monkeypatch, *FEW, "encoder_scale", "torque_scale", "pose_delay", "pose_lever_arm", "wheel_runout")

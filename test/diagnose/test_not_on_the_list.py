@@ -26,6 +26,7 @@ def test_what_no_effect_and_no_force_explains_is_said_to_be_there(monkeypatch: p
     assert found.next_experiment is not None
 
 
+@pytest.mark.long
 def test_what_leaves_far_more_than_noise_is_not_named_and_a_delay_of_commands_is(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -39,6 +40,7 @@ def test_what_leaves_far_more_than_noise_is_not_named_and_a_delay_of_commands_is
     assert found.extended.effects.keys() == {"command_delay"}
 
 
+@pytest.mark.long
 def test_a_ceiling_of_the_speeds_is_on_no_list(monkeypatch: pytest.MonkeyPatch) -> None:
     """Drives that turn no faster than 110 rad/s: the speeds are tens of times their noise off.
 

@@ -158,6 +158,7 @@ def test_what_commands_show_falls_where_held_out_recordings_speak_against_it(par
     assert found.decision.verdict is (Verdict.UNEXPLAINED if late else Verdict.NONE)
 
 
+@pytest.mark.long
 def test_what_acts_in_the_fitted_recordings_only_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
     try_only(monkeypatch, *FEW)
     rng = np.random.default_rng(3)

@@ -180,6 +180,7 @@ def late(one: Experiment) -> Experiment:
         (late, {"joint_friction", "pose_delay"}, ""),
     ],
 )
+@pytest.mark.long
 def test_poor_recordings_still_tell(
     drives: list[Experiment], spoilt: Callable[[Experiment], Experiment], allowed: set[str], warned: str
 ) -> None:
@@ -191,6 +192,7 @@ def test_poor_recordings_still_tell(
     assert warned in " ".join(result.warnings)
 
 
+@pytest.mark.long
 def test_what_only_commands_show_is_fitted_beside_each_other() -> None:
     """Alone a delay stands for the lag as well, and a held-out recording would speak against it."""
     hidden = {"command_delay": {"delay": 0.15}, "speed_loop_lag": {"time_constant": 0.25}}

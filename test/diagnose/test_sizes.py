@@ -70,6 +70,7 @@ def test_hidden_effects_are_as_large_as_the_robot() -> None:
     assert put_in["external_force"]["force"] == pytest.approx(35.0 * scale_of(EPIQ).mass)
 
 
+@pytest.mark.long
 def test_a_light_rovers_small_effect_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of Agri.q it would not be a tenth of a plain one."""
     try_only(monkeypatch, *FEW, "joint_friction", "joint_stiffness")

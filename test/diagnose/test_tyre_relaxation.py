@@ -111,6 +111,7 @@ def test_what_a_window_began_with_is_no_force(hidden: Case, remembers: bool) -> 
     assert (spoiled == clean) is remembers
 
 
+@pytest.mark.long
 def test_it_is_named(hidden: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     """Among what acts between wheels and ground, too."""
     try_only(monkeypatch, *FEW, "tyre_relaxation", "slip_ratio", "stribeck", "bulldozing", "friction_anisotropy")

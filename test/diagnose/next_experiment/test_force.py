@@ -131,6 +131,7 @@ def test_what_wandered_in_one_recording_alone_is_not_known_beforehand() -> None:
     assert next_for_force(problem, replace(found, chosen=(wandering,)), LEVELS) is None
 
 
+@pytest.mark.long
 def test_what_wanders_alike_in_every_recording_is_told_from_others() -> None:
     hidden = case(("wandering_moment",), 1.0, 2, runs=3, held_out=0, duration=45.0)
     problem = problem_of(hidden.recordings, parameter_set(AGRIQ, SOIL), 5.0, 2)

@@ -54,6 +54,7 @@ def test_both_of_two_that_are_there_are_needed(problem: Problem) -> None:
         assert superfluous(*fitted(problem, *both), EVEN, LEAST, Rounds()) is None
 
 
+@pytest.mark.long
 def test_what_is_not_there_is_spare_wherever_it_stands_but_last(problem: Problem) -> None:
     for which, three in ((0, (PAYLOAD, FRICTION, DAMPING)), (1, (FRICTION, PAYLOAD, DAMPING))):
         beside, fit = fitted(problem, *three)

@@ -29,6 +29,7 @@ from artibot_sim.model import load_robot
 DRIVE = {"runs": 2, "held_out": 0, "duration": 20.0, "manoeuvres": ("eight", "stop_and_go")}
 
 
+@pytest.mark.long
 def test_what_half_of_the_windows_are_too_few_for_is_named_by_all(monkeypatch: pytest.MonkeyPatch) -> None:
     """An effect is asked for more nats than half of the windows give, and less than all of them do."""
     remember_stages(monkeypatch)

@@ -24,6 +24,7 @@ def driven(hidden: tuple[str, ...], seed: int, duration: float = 20.0) -> Case:
     return case(hidden, 1.0, seed, runs=2, duration=duration)
 
 
+@pytest.mark.long
 def test_the_ground_is_said_to_differ() -> None:
     found = driven((OTHER_GROUND,), 31, duration=9.0)
     answer = diagnose(found.recordings, load_robot("agriq"), holdout=found.holdout)
@@ -47,6 +48,7 @@ def test_each_soil_is_found() -> None:
         assert values == pytest.approx([soil[name], other], rel=0.05), name
 
 
+@pytest.mark.long
 def test_a_compromise_is_no_place_to_be_stuck_at() -> None:
     """From the fit of both, steps alone end at a soil that leaves seven times the noise in the first one's torques."""
     found = case((OTHER_GROUND,), 1.0, 4021737138, runs=2, duration=30.0)
@@ -66,6 +68,7 @@ def test_a_single_recording_agrees_with_itself() -> None:
     assert disagreement(*baseline(driven((), 36).recordings[:1], load_robot("agriq"), Options())) == 0.0
 
 
+@pytest.mark.long
 def test_effects_are_named_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """One in the motion, one that only commands show. With one soil for two the first one's size is a compromise.
 

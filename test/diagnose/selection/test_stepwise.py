@@ -32,6 +32,7 @@ from artibot_sim.model import load_robot
 DRIVE = {"runs": 2, "held_out": 0, "duration": 10.0, "manoeuvres": ("eight", "stop_and_go")}
 
 
+@pytest.mark.long
 def test_an_effect_that_the_next_one_makes_up_for_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first choice is made to be the best of the others; all that follows is the search's own.
 
@@ -97,6 +98,7 @@ def test_what_commands_asked_for_is_taken_back_beside_what_explains_it(monkeypat
     assert [one.effect for one in none_fitted.named] == [truth]
 
 
+@pytest.mark.long
 def test_a_search_goes_on_without_what_held_out_recordings_refute(monkeypatch: pytest.MonkeyPatch) -> None:
     try_only(monkeypatch, "slope", "gyro_bias")
     hidden = case(("slope", "gyro_bias"), seed=5, **DRIVE | {"runs": 1})

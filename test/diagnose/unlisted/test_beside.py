@@ -48,6 +48,7 @@ def with_slope(*hidden: str) -> tuple[Case, Decision]:
     return found, Decision((Named("slope", 1000.0, ()),), 58.0, problem, neutral, larger, fit, (), {}, left)
 
 
+@pytest.mark.long
 def test_a_force_is_found_beside_an_effect_and_both_are_in_the_extended_model() -> None:
     found, searched = with_slope("slope", "joint_preload")
     robot, options = load_robot("agriq"), Options(workers=1, horizon=4.0)

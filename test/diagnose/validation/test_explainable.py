@@ -51,6 +51,7 @@ def test_a_model_of_level_ground_could_be_much_better_on_a_slope(tilted: list[Ex
     assert "yaw" not in found  # only points are measured, no heading
 
 
+@pytest.mark.long
 def test_what_was_learned_mends_a_simulation_of_a_recording_that_it_never_saw(tmp_path: Path) -> None:
     """Headings are measured here; one that comes from the course over ground has taken in a part of what is missing."""
     pytest.importorskip("sklearn")
