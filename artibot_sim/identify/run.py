@@ -73,8 +73,9 @@ window is an exception."""
 _PATIENCE = 3
 """Further rounds for a fit that still falls, and moves along its profile."""
 _MOVES = 2
+"""How often at most a fit goes on from a better place on its profile,"""
 _BETTER = 10.0
-"""How often at most a fit goes on from a better place on its profile, and the fall of the loss that is worth it."""
+"""and the fall of the loss that is worth it."""
 
 
 @dataclass(frozen=True)

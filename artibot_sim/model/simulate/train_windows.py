@@ -51,7 +51,7 @@ from artibot_sim.model.robot.parameters import Train
 from artibot_sim.model.robot.robot import Robot
 from artibot_sim.model.simulate import trains
 from artibot_sim.model.simulate.sensors import sensor_errors
-from artibot_sim.model.simulate.window_inputs import OF_MODULE, OF_TWO, Items, MotorTable, Plan
+from artibot_sim.model.simulate.window_inputs import OF_MODULE, OF_TWO, Items, MotorTable, Plan, longest_step
 
 Array = NDArray[np.float64]
 
@@ -231,9 +231,9 @@ def train_step(robot: Robot, tables: Sequence[MotorTable]) -> float:
     for modes, kappa in {(table.modes, table.kappa) for table in tables}:
         sides, factors = trains.by_side(robot, modes), torque_factors(robot, kappa)
         limit = min(limit, largest_step(train(robot), "semi_implicit", sides, factors)[0])
-    for dt in _STEPS:
-        if dt <= limit and all(abs(table.dt / dt - round(table.dt / dt)) < 1e-6 for table in tables):
-            return dt
+    dt = longest_step(_STEPS, limit, tables)
+    if dt is not None:
+        return dt
     raise ArtibotError(
         f"robot '{robot.name}': the integrator is stable up to {limit:.2g} s only, too little for fitting; "
         "check its masses, inertias and slip coefficients"

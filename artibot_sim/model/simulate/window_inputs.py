@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,6 +69,14 @@ class MotorTable:
     torque: Array
     modes: tuple[Mode, ...]
     kappa: float | None = None
+
+
+def longest_step(steps: Sequence[float], limit: float, tables: Sequence[MotorTable]) -> float | None:
+    """The first of some steps (s) that is no longer than the limit and divides the tables' spacing; None if none is."""
+    for dt in steps:
+        if dt <= limit and all(abs(table.dt / dt - round(table.dt / dt)) < 1e-6 for table in tables):
+            return dt
+    return None
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from artibot_sim.model.simulate.batch import available_cores
 from artibot_sim.model.simulate.rollout import unlimited_beside_prescribed
 from artibot_sim.model.simulate.sensors import sensor_errors
 from artibot_sim.model.simulate.train_windows import TrainWindows, train_step
-from artibot_sim.model.simulate.window_inputs import Items, MotorTable, Plan
+from artibot_sim.model.simulate.window_inputs import Items, MotorTable, Plan, longest_step
 
 if TYPE_CHECKING:
     from artibot_sim.model.kernels.window_lanes import Work
@@ -469,9 +469,9 @@ def window_step(robot: Robot, tables: Sequence[MotorTable]) -> float:
     driven = {(table.modes, back_torque_factor(robot, table.kappa)) for table in tables}
     limits = [largest_step(params(robot), "rk4", modes, share)[0] for modes, share in driven]
     longest = _MARGIN * min(limits, default=math.inf)
-    for dt in _STEPS:
-        if dt <= longest and all(abs(table.dt / dt - round(table.dt / dt)) < 1e-6 for table in tables):
-            return dt
+    dt = longest_step(_STEPS, longest, tables)
+    if dt is not None:
+        return dt
     raise ArtibotError(
         f"robot '{robot.name}': RK4 is stable up to {longest / _MARGIN:.2g} s only, too little for fitting; "
         "check its masses, inertias and slip coefficients"
