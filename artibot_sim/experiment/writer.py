@@ -128,8 +128,8 @@ _DATA_END, _FOOTER = 0x0F, 0x02
 # the shortest valid end of a file: no index, so readers go through it from the start
 _END = struct.pack("<BQI", _DATA_END, 4, 0) + struct.pack("<BQQQI", _FOOTER, 20, 0, 0, 0) + _MAGIC
 
-RESERVE_BYTES = 1 << 18
-"""Space that is kept for the end of a recording: a metadata.yaml of some 300 topics and the file's last records."""
+RESERVE_BYTES = 1 << 21
+"""Space that is kept for the end of a recording: a chunk, the index of an hour, a metadata.yaml of some 300 topics."""
 
 
 class Reserve:
@@ -189,6 +189,11 @@ class Sink:
             rest = rest[os.write(self._file, rest) :]
         self.committed += len(self._waiting)
         self._waiting.clear()
+
+    def rewind(self) -> None:
+        """Take what a commit that failed has written of its bytes out of the file; they go on waiting."""
+        os.ftruncate(self._file, self.committed)
+        os.lseek(self._file, self.committed, os.SEEK_SET)
 
     def abandon(self) -> bool:
         """Cut the file back to `committed` and end it validly without an index; say whether that succeeded."""
@@ -484,6 +489,10 @@ class BagWriter:
             return
         self._mcap.flush()
         self._sink.commit()
+        self._count_chunk()
+
+    def _count_chunk(self) -> None:
+        """Count the messages of the chunk that was in hand: they are in the file."""
         for topic, count in self._waiting.items():
             self._entries[topic].count += count
         self._span = _widen(self._span, self._waiting_span)
@@ -521,26 +530,41 @@ class BagWriter:
         try:
             yield
         except OSError as error:
-            if self._failure is None:
-                self._end_early(error)
+            with self._lock:
+                if self._failure is None:
+                    self._end_early(error)
 
     def _end_early(self, error: OSError) -> None:
-        """Cut the file back to its last whole chunk, end it and bring metadata.yaml up to date; keep what to say."""
+        """End the file with the space that was kept, bring metadata.yaml up to date; keep what to say."""
         self._reserve.release()
-        whole = self._sink.abandon()
+        indexed = self._finished()
+        whole = indexed or self._sink.abandon()
         self._waiting.clear()
         try:
             self._put_yaml()
         except OSError:
-            whole = False
+            indexed = whole = False
         recover = f"`artibot recover {self.folder}`"
-        mend = (
-            f"readable as they are ({recover} gives them an index, too)" if whole else f"{recover} makes them readable"
-        )
+        mend = f"{recover} makes them readable"
+        if indexed:
+            mend = "readable as they are, with an index"
+        elif whole:
+            mend = f"readable as they are, without the index that some readers ask for: {recover} makes it"
         self._failure = ArtibotError(
             f"{self.file}: writing failed: {error.strerror}; the {self.message_count} messages "
             f"({self._sink.committed / 1e6:.1f} MB) up to then are kept, {mend}; free some space and record anew"
         )
+
+    def _finished(self) -> bool:
+        """Whether the chunk in hand and the index had room."""
+        try:
+            self._sink.rewind()
+            self._mcap.finish()
+            self._sink.commit()
+        except OSError:
+            return False
+        self._count_chunk()
+        return True
 
     def _raise_failure(self) -> None:
         if self._failure is not None:
