@@ -19,6 +19,7 @@ from pathlib import Path
 from artibot_sim.cli import main
 
 status = main(sys.argv[1:])
+gc.unfreeze()  # what a loop froze is not listed
 held = {f"{type(one).__module__}.{type(one).__name__}" for one in gc.get_objects()}
 print("held:", *(name for name in held if name.startswith("rclpy.")))
 print("python:", *(one.name for one in threading.enumerate()))
