@@ -104,8 +104,8 @@ def _guard(run: Callable[[], Any]) -> int:
         return EXIT_INTERRUPTED
     finally:
         if "rclpy" in sys.modules:
-            # nodes, executors and contexts refer to each other, and what a loop froze is never collected by itself: left
-            # to the process's own end the middleware takes its participant down while its threads still read there
+            # nodes, executors and contexts refer to each other, and what a loop froze is never collected by itself:
+            # left to the process's end the middleware takes its participant down while its threads still read there
             gc.unfreeze()
             gc.collect()
     return status if isinstance(status, int) else 0
