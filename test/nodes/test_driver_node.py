@@ -456,6 +456,8 @@ def test_the_lifecycle_opens_enables_disables_and_closes(
     assert state() == State.PRIMARY_STATE_UNCONFIGURED
     assert not probe.call_driver("enable").success
     assert change(Transition.TRANSITION_CONFIGURE) and state() == State.PRIMARY_STATE_INACTIVE
+    assert not change(Transition.TRANSITION_CONFIGURE) and not change(Transition.TRANSITION_DEACTIVATE)
+    assert state() == State.PRIMARY_STATE_INACTIVE, "what a state does not have is refused, and changes nothing"
     probe.until(lambda: probe.part("driver").get("phase") == "READY", "drives that are set up")
     assert change(Transition.TRANSITION_ACTIVATE)
     probe.until(lambda: probe.part("driver")["phase"] == "ENABLED", "drives that are enabled")

@@ -18,6 +18,7 @@ from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 
@@ -82,6 +83,7 @@ class DriverNode(LifecycleNode):
         self._server = Server()
         self._serve_at = 0.0
         self._requests = Services(self, self._request)
+        self._refuse_wrong_transitions()
         keep_types(self)
         self.add_on_set_parameters_callback(self._on_parameters)
 
@@ -91,6 +93,24 @@ class DriverNode(LifecycleNode):
     def label(self) -> str:
         """The lifecycle's state."""
         return str(self._state_machine.current_state[1])
+
+    def _refuse_wrong_transitions(self) -> None:
+        """Answer a transition that the state does not have with a refusal: rclpy raises, which ended the process."""
+        change = self._service_change_state.callback
+
+        def answer(request: Any, response: Any) -> Any:
+            try:
+                return change(request, response)
+            except rclpy_implementation.RCLError:
+                wanted = request.transition.label or request.transition.id
+                name = self.get_fully_qualified_name()
+                self.get_logger().warning(
+                    f"transition {wanted} refused: '{self.label}' has none such; ros2 lifecycle list {name} shows which"
+                )
+                response.success = False
+                return response
+
+        self._service_change_state.callback = answer
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Open the bus."""
