@@ -171,8 +171,9 @@ _SIDES = (
     ("wheel.r_w", ""),
     ("effects.wheel_radius_mismatch.relative", "0±0.02"),
     ("effects.pose_lever_arm.y", "0±0.15"),
+    ("effects.pose_heading_offset.angle", "0±0.05"),
 )
-"""What loaded tyres and a tracked point beside the middle make of a robot's geometry."""
+"""What loaded tyres, and a tracked body beside the middle or at an angle, make of a robot's geometry."""
 ARTIBOT: dict[str, tuple[tuple[str, str], ...]] = {
     "artibot, soil only": (),
     "artibot, wheels resisted": _RESISTED,
@@ -198,20 +199,20 @@ def fit_artibot(part: Part, robot: Robot, beside: Sequence[tuple[str, str]], rol
     return identify(list(part.experiments), robot, fit=fit, priors=parse_priors(given), window=HORIZON)
 
 
-def predict_artibot(robot: Robot, part: Part, rolling: Kinematic) -> Array:
-    """Ends of a part's windows by a robot's model, seen from their starts.
+def predict_artibot(robot: Robot, late: float, part: Part, rolling: Kinematic) -> Array:
+    """Ends of a part's windows by the model of a robot whose poses are `late` (s), seen from their starts.
 
     Every window starts at the pose that is measured there, with the velocity that `rolling` gives to its wheels:
     nothing that is measured after the start is used. A pose that is stamped late is one from before: the model starts
-    as much earlier, with the wheels as they turned then. Where a recording begins later than that, the robot is taken
-    to have moved evenly over the delay.
+    as much earlier, with the wheels as they turned then; where rotations are stamped late it starts later. Where a
+    recording begins after that or ends before it does, the robot is taken to have moved evenly over the delay, and
+    late rotations to be on time.
     """
-    effects = {name: dict(values) for name, values in robot.effects.items()}
-    late = float(effects.pop("pose_delay", {}).get("delay", 0.0))
-    ends = _simulated_ends(replace(robot, effects=effects), part, rolling, late)
-    too_early = np.isnan(ends[:, 0])
-    if late > 0.0 and too_early.any():
-        ends[too_early] = _simulated_ends(robot, part, rolling, 0.0)[too_early]
+    ends = _simulated_ends(robot, part, rolling, late)
+    outside = np.isnan(ends[:, 0])
+    if late and outside.any():
+        delayed = replace(robot, effects={**robot.effects, "pose_delay": {"delay": max(late, 0.0)}})
+        ends[outside] = _simulated_ends(delayed, part, rolling, 0.0)[outside]
     return ends
 
 
@@ -226,7 +227,8 @@ def _simulated_ends(robot: Robot, part: Part, rolling: Kinematic, earlier: float
     found, windows = stretches(part.experiments[0], robot), part.windows
     rows, chosen, ends = [], [], []
     for i, (t, length) in enumerate(zip((windows.t - earlier).tolist(), windows.length.tolist(), strict=True)):
-        where = next((n for n, s in enumerate(found) if s.inputs.t[0] - 0.11 <= t and t < s.inputs.t[-1] - 0.5), None)
+        least = length - 0.11 if earlier < 0.0 else 0.5
+        where = next((n for n, s in enumerate(found) if s.inputs.t[0] - 0.11 <= t < s.inputs.t[-1] - least), None)
         if where is None:
             continue
         inputs = found[where].inputs
@@ -359,19 +361,19 @@ def fit_model(model: str, part: Part, robot: Robot) -> Fitted:
     rolling = fit_kinematic(windows, robot, FREE["ICR with timing"])
     work = fit_artibot(part, robot, ARTIBOT[model], rolling)
     values = ", ".join(f"{e.name} {e.value:.3g} ({e.ci95[0]:.3g} … {e.ci95[1]:.3g})" for e in work.result.estimates)
-    late = as_recorded(work.result.robot, work.shifts)
-    return lambda other: predict_artibot(late, other, rolling), values
+    identified, late = as_recorded(work.result.robot, work.shifts)
+    return lambda other: predict_artibot(identified, late, other, rolling), values
 
 
-def as_recorded(robot: Robot, shifts: Mapping[str, float]) -> Robot:
-    """A robot identified with stamps that were shifted, as recordings see it whose stamps are as they came.
+def as_recorded(robot: Robot, shifts: Mapping[str, float]) -> tuple[Robot, float]:
+    """A robot identified with stamps that were shifted, and by how much poses are later than rotations as they came, s.
 
-    What counts is by how much poses are later than rotations; poses that are earlier are taken to be on time.
+    Less than 0 where rotations are the later ones. The robot is left without the delay of its poses.
     """
-    effects = {name: dict(values) for name, values in robot.effects.items()}
+    effects = dict(robot.effects)
     delay = float(effects.pop("pose_delay", {}).get("delay", 0.0))
     delay += shifts.get("rotation_delay", 0.0) - shifts.get("pose_delay", 0.0)
-    return replace(robot, effects=effects | ({"pose_delay": {"delay": delay}} if delay > 0.0 else {}))
+    return replace(robot, effects=effects), delay
 
 
 MODELS = ("ideal", *FREE, "regressor", *ARTIBOT)

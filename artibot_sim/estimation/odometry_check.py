@@ -115,6 +115,7 @@ class Reference:
         there = np.flatnonzero(np.isfinite(pose).all(axis=1))
         there = there[fresh(pose[there])]
         pose, t = pose[there], channel.t[there] - delay - errors.delay
+        pose[:, 2] -= errors.heading
         c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
         pose[:, 0] -= c * errors.arm_x - s * errors.arm_y
         pose[:, 1] -= s * errors.arm_x + c * errors.arm_y

@@ -436,10 +436,11 @@ class Past(NamedTuple):
     ----------
     way : array, shape (windows, m + 1)
         How far away each of m intervals before the start begins, m, the oldest first; 0 at the start.
-    aside : array, shape (windows, m, modules, 4)
+    aside : array, shape (windows, m, modules, 5)
         By how much each module's lateral velocity (m/s) and turn rate (rad/s) differed in those from what they are
-        at the start; last, by how much what the place of the tracked point adds to that velocity did, for a metre
-        ahead of the front module's origin and for a metre to its left (m/s).
+        at the start; then, by how much what the place of the tracked point adds to that velocity did, for a metre
+        ahead of the front module's origin and for a metre to its left (m/s); last, the same of what a radian adds by
+        which the measured heading is too large (m/s).
     """
 
     way: Array
@@ -448,7 +449,7 @@ class Past(NamedTuple):
 
 def past_of(stretches: Sequence[Stretch], windows: Sequence[Window], arms: Sequence[tuple[float, float]]) -> Past:
     """The way before every window; before a stretch begins all was as it starts. `arms` are those of `arms_of`, m."""
-    way, aside = np.zeros((len(windows), _SAMPLES + 1)), np.zeros((len(windows), _SAMPLES, len(arms) + 1, 4))
+    way, aside = np.zeros((len(windows), _SAMPLES + 1)), np.zeros((len(windows), _SAMPLES, len(arms) + 1, 5))
     for i, window in enumerate(windows):
         times, motion = stretches[window.stretch].motion
         last = int(np.searchsorted(times, window.t, side="right"))
@@ -458,6 +459,7 @@ def past_of(stretches: Sequence[Stretch], windows: Sequence[Window], arms: Seque
             continue
         _, here = _in_modules(motion[np.abs(times - window.t) <= _NEAR_PAST], arms)
         side = side - here.mean(axis=0)
+        side[..., 4] *= stretches[window.stretch].measured.late_heading
         steps = PAST * np.maximum(np.abs(speed), SLOWEST)
         way[i, :] = steps.sum()
         way[i, _SAMPLES - n : -1] = np.cumsum(steps[::-1])[::-1]
@@ -479,18 +481,20 @@ def time_over(stretch: Stretch, t: float, way: float) -> float:
 
 
 def _in_modules(motion: Array, arms: Sequence[tuple[float, float]]) -> tuple[Array, Array]:
-    """Forward speed (n,) of the tracked point; modules' lateral velocities, turn rates and leverage (n, modules, 4)."""
+    """Forward speed (n,) of the tracked point; modules' lateral velocities, turn rates and leverage (n, modules, 5)."""
     motion = np.nan_to_num(motion)
     _, _, yaw, vx, vy, rate, *bends = motion.T
     forward, left = forward_speed(motion), np.cos(yaw) * vy - np.sin(yaw) * vx
     ahead, aside, along, across = forward, left, np.ones_like(rate), np.zeros_like(rate)
-    found, front = [np.column_stack([left, rate, rate, np.zeros_like(rate)])], rate
+    turned, astray = -left, forward
+    found, front = [np.column_stack([left, rate, rate, np.zeros_like(rate), astray])], rate
     for (l_f, l_b), bend, bend_rate in zip(arms, bends[::2], bends[1::2], strict=False):
         c, s, rate_b = np.cos(bend), np.sin(bend), rate + bend_rate
         beside = aside - l_f * rate
         behind = -s * ahead + c * beside - l_b * rate_b
         along, across = c * along - s * across, c * across + s * along
-        found.append(np.column_stack([behind, rate_b, along * front, across * front]))
+        turned, astray = c * turned + s * astray, c * astray - s * turned
+        found.append(np.column_stack([behind, rate_b, along * front, across * front, astray]))
         ahead, aside, rate = c * ahead + s * beside, behind, rate_b
     return forward, np.stack(found, axis=1)
 
@@ -517,6 +521,7 @@ def lagging_forces(robots: Sequence[Robot], robot: Indices, window: Indices, q: 
             c, s = np.cos(q[rows, b + GAMMA]), np.sin(q[rows, b + GAMMA])
             aside = c * v[rows, b + Y] - s * v[rows, b + X] + behind[:, module, 0]
             aside -= seen.arm_x * behind[:, module, 2] + seen.arm_y * behind[:, module, 3]
+            aside += seen.heading * behind[:, module, 4]
             sweep = body.half_x * (v[rows, b + GAMMA] + behind[:, module, 1])
             ends = -body.k_t * np.column_stack([aside + sweep, aside - sweep])
             found[rows, 4 * module : 4 * module + 4] = np.tile(ends, 2)

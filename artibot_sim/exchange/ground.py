@@ -13,7 +13,7 @@ from artibot_sim.model.robot.robot import sides_of
 EXPRESSED = ("back_friction", "wheel_radius_mismatch", "payload")
 """Effects that are in the numbers of masses, radii and friction which are written."""
 
-SENSORS = ("encoder_scale", "torque_scale", "gyro_bias", "pose_lever_arm", "pose_delay")
+SENSORS = ("encoder_scale", "torque_scale", "gyro_bias", "pose_lever_arm", "pose_heading_offset", "pose_delay")
 """Effects of sensors, which are no part of a robot's body."""
 
 

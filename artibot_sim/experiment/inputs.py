@@ -236,8 +236,8 @@ def recorded_point(result: Rollout, robot: Robot) -> dict[str, Floats]:
 
 
 def sees_itself(errors: SensorErrors) -> bool:
-    """Whether the tracked point is the front module's origin, at once."""
-    return errors.arm_x == errors.arm_y == errors.delay == 0.0
+    """Whether the tracked pose is the front module's own, at once."""
+    return errors.arm_x == errors.arm_y == errors.delay == errors.heading == 0.0
 
 
 def true_motion(errors: SensorErrors, motion: MeasuredMotion, late: bool) -> MeasuredMotion:

@@ -205,7 +205,7 @@ def _joined_parts(window: list[_Part]) -> _Part:
 
 _SIMULATED: dict[str, Callable[[Rollout, SensorErrors], Floats]] = {
     "position": lambda result, errors: tracked_point(errors, result.pose),
-    "yaw": lambda result, errors: result.pose[:, 2:],
+    "yaw": lambda result, errors: result.pose[:, 2:] + errors.heading,
     "yaw_rate": lambda result, errors: result.twist[:, 2:] + errors.gyro_bias,
     "articulation_yaw": lambda result, errors: result.articulation_yaw[:, None],
     "front_velocity": lambda result, errors: errors.encoder_scale * result.motor_velocity[:, :2],
@@ -272,16 +272,17 @@ def _part_of_columns(key: str, piece: Pieces, t: Floats, robot: Robot, tracked: 
         late = piece.at(t, errors.delay)
         x, y = tracked_point(errors, late.pose).T
         columns |= {"x": x, "y": y, "z": late["z_f"]}
-        columns |= {"yaw": late.pose[:, 2]} if key == "ground_truth_odom" else {}
+        columns |= {"yaw": late.pose[:, 2] + errors.heading} if key == "ground_truth_odom" else {}
     return columns
 
 
 def compare(experiment: Experiment, robot: Robot, pieces: list[Pieces]) -> dict[str, list[Compared]]:
     """Return what was measured and simulated, channel by channel, one part per simulated segment."""
     parts: dict[str, list[Compared]] = {}
-    errors = sensor_errors(robot)
+    own = sensor_errors(robot)
     for piece in pieces:
         measured = Measured(experiment, piece.t_start, piece.t_end)
+        errors = own if measured.late_heading else own._replace(heading=0.0)
         recorded = {"position": measured.position(), "yaw": measured.yaw(), "yaw_rate": measured.yaw_rate()}
         if robot.articulated:
             recorded["articulation_yaw"] = measured.articulation()

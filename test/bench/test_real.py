@@ -155,16 +155,20 @@ def test_the_models_own_simulation_is_predicted_from_nothing_but_wheel_speeds(
     experiment, _ = driven
     windows, leaps = real.windows_of(experiment, ROBOT.wheel.r_w)
     rolling = fit_kinematic(windows, ROBOT, FREE["ICR"])
-    own = real.errors_of(real.predict_artibot(ROBOT, Part((experiment,), windows), rolling), windows)
+    own = real.errors_of(real.predict_artibot(ROBOT, 0.0, Part((experiment,), windows), rolling), windows)
     simple = real.errors_of(rolling(windows), windows)
     assert leaps == 0
     assert np.median(own["position"]) < 0.5 * np.median(simple["position"])
 
 
-def test_where_poses_are_late_the_model_starts_as_much_earlier(driven: tuple[Experiment, Rollout]) -> None:
-    """It then predicts as well as without a delay, and not as if the robot had moved evenly over it."""
-    (experiment, run), delay = driven, 0.4
+@pytest.mark.parametrize("delay", [0.4, -0.3])
+def test_where_poses_are_late_the_model_starts_as_much_earlier(
+    driven: tuple[Experiment, Rollout], delay: float
+) -> None:
+    """It then predicts as well as without a delay, and later where rotations are late."""
+    experiment, run = driven
     windows, _ = real.windows_of(experiment, ROBOT.wheel.r_w)
+    windows = windows[np.flatnonzero(windows.t + windows.length - delay <= run.t[-1])]
     rolling = fit_kinematic(windows, ROBOT, FREE["ICR"])
     pose = np.column_stack([run.pose[:, :2], np.unwrap(run.pose[:, 2])])
 
@@ -172,13 +176,11 @@ def test_where_poses_are_late_the_model_starts_as_much_earlier(driven: tuple[Exp
         return np.column_stack([np.interp(t - delay, run.t, column) for column in pose.T])
 
     late = replace(windows, start=measured(windows.t), end=measured(windows.t + windows.length))
-    robot = replace(ROBOT, effects={**ROBOT.effects, "pose_delay": {"delay": delay}})
-    on_time = real.errors_of(real.predict_artibot(ROBOT, Part((experiment,), windows), rolling), windows)
+    on_time = real.errors_of(real.predict_artibot(ROBOT, 0.0, Part((experiment,), windows), rolling), windows)
     part = Part((experiment,), late)
-    own = real.errors_of(real.predict_artibot(robot, part, rolling), late)
-    evenly = real.errors_of(real._simulated_ends(robot, part, rolling, 0.0), late)
-    assert np.median(own["position"]) < 2.0 * np.median(on_time["position"])
-    assert np.median(own["position"]) < 0.1 * np.median(evenly["position"])
+    own, unaware = (real.errors_of(real.predict_artibot(ROBOT, d, part, rolling), late) for d in (delay, 0.0))
+    assert np.median(own["position"]) < 1e-3 + np.median(on_time["position"])
+    assert np.median(own["position"]) < 0.1 * np.median(unaware["position"])
 
 
 def test_absent_data_is_said(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -223,8 +225,8 @@ def test_what_stamps_were_shifted_by_is_in_the_predicting_robot() -> None:
     for effects, shifts, delay in (
         ({}, {"rotation_delay": -0.14, "pose_delay": -0.26}, 0.12),
         ({"pose_delay": {"delay": 0.26}}, {"rotation_delay": -0.14}, 0.12),
-        ({}, {"rotation_delay": -0.2}, None),
-        ({}, {"gyro_delay": 0.17}, None),
+        ({}, {"rotation_delay": -0.2}, -0.2),
+        ({}, {"gyro_delay": 0.17}, 0.0),
     ):
-        found = real.as_recorded(replace(ROBOT, effects=effects), shifts).effects.get("pose_delay")
-        assert found == (None if delay is None else {"delay": pytest.approx(delay)})
+        robot, late = real.as_recorded(replace(ROBOT, effects=effects), shifts)
+        assert late == pytest.approx(delay) and "pose_delay" not in robot.effects

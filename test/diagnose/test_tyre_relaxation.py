@@ -42,7 +42,7 @@ def known(hidden: Case) -> Problem:
 def test_forces_are_a_mean_over_the_way_that_wheels_came() -> None:
     """Of a wheel that drifted aside until `way` before the start, exp(−way / length) is left."""
     way = 0.2
-    past = Past(np.array([[5.0, way, 0.0]]), np.zeros((1, 2, 2, 4)))
+    past = Past(np.array([[5.0, way, 0.0]]), np.zeros((1, 2, 2, 5)))
     past.aside[0, 0, 0, 0] = 0.1
     q, v = np.zeros((1, 16)), np.zeros((1, 16))
     zero = np.zeros(1, np.int64)
@@ -52,29 +52,31 @@ def test_forces_are_a_mean_over_the_way_that_wheels_came() -> None:
     assert forces[4:] == pytest.approx(np.zeros(4))
 
 
-def test_where_the_tracked_point_sits_is_taken_off() -> None:
-    """Of the same way, measured at the origin and beside it, the same forces are left."""
-    x, y, bend = 0.3, -0.2, 0.4
+def test_where_the_tracked_point_sits_and_how_it_is_turned_is_taken_off() -> None:
+    """Of the same way, measured at the origin and beside it, at an angle, the same forces are left."""
+    x, y, angle, bend = 0.3, -0.2, 1e-3, 0.4
     rng = np.random.default_rng(1)
     t = np.arange(0.0, 1.0, PAST)
     rate, forward, left = 0.3 * np.sin(3.0 * t), 0.5 + 0.1 * t, 0.05 * rng.standard_normal(len(t))
     zero = np.zeros((2, len(t)))
     forces = []
-    for arm_x, arm_y in ((0.0, 0.0), (x, y)):
+    for arm_x, arm_y, turned in ((0.0, 0.0, 0.0), (x, y, angle)):
         motion = np.column_stack(
-            [*zero, zero[0], forward - arm_y * rate, left + arm_x * rate, rate, bend + zero[0], zero[0]]
+            [*zero, zero[0] + turned, forward - arm_y * rate, left + arm_x * rate, rate, bend + zero[0], zero[0]]
         )
         _, aside = _in_modules(motion, [(0.4, 0.4)])
         past = Past(0.03 * np.arange(len(t), -1, -1)[None], (aside - aside[-1])[None])
-        robot = replace(ROBOT, effects=dict(ROBOT.effects) | {"pose_lever_arm": {"x": arm_x, "y": arm_y}})
+        robot = replace(ROBOT, effects=dict(ROBOT.effects) | {
+            "pose_lever_arm": {"x": arm_x, "y": arm_y}, "pose_heading_offset": {"angle": turned},
+        })  # fmt: skip
         none = np.zeros(1, np.int64)
         forces.append(lagging_forces([robot], none, none, np.zeros((1, 16)), np.zeros((1, 16)), past)[0])
     assert np.abs(forces[0]).min() > 1.0
-    assert forces[1] == pytest.approx(forces[0])
+    assert forces[1] == pytest.approx(forces[0], rel=1e-4)  # to first order in the angle
 
 
 def test_without_the_effect_nothing_lags() -> None:
-    past = Past(np.array([[1.0, 0.0]]), np.ones((1, 1, 2, 4)))
+    past = Past(np.array([[1.0, 0.0]]), np.ones((1, 1, 2, 5)))
     zero = np.zeros(1, np.int64)
     assert not lagging_forces([load_robot("agriq")], zero, zero, np.zeros((1, 16)), np.ones((1, 16)), past).any()
 

@@ -14,6 +14,8 @@ from artibot_sim.experiment.resimulate import resimulate
 from artibot_sim.model import Commands, Robot, initial_state, load_robot, rollout
 from artibot_sim.model.simulate.commands import as_executed
 
+SHOWN = sorted({*SENSORS_1} - {"pose_heading_offset"})
+"""What a bag of a simulation shows: a total station sees no heading, and a ground truth is true."""
 ON_THE_WAY = {
     "command_delay": {"delay": 0.15},
     "speed_loop_lag": {"time_constant": 0.25},
@@ -74,7 +76,7 @@ def test_a_bag_says_what_the_sensors_say(tmp_path: Path, plain, name: str) -> No
 
 
 @pytest.mark.parametrize("drive", ["rotations", "commands"])
-@pytest.mark.parametrize("name", sorted(SENSORS_1))
+@pytest.mark.parametrize("name", sorted(SHOWN))
 def test_a_robot_with_such_sensors_gives_its_recording_back(tmp_path: Path, name: str, drive: str) -> None:
     robot = robot_with({name: SENSORS_1[name]})
     bag = written(tmp_path / "run", robot)
@@ -86,6 +88,16 @@ def test_a_robot_with_such_sensors_gives_its_recording_back(tmp_path: Path, name
     }.get(name, "position")  # fmt: skip
     assert own[channel].median < 0.1 * other[channel].median
     assert own["position"].rmse < 2e-3
+
+
+def test_headings_at_an_angle_are_given_back_at_that_angle(plain) -> None:
+    truth, angle = plain.channels["ground_truth_odom"], 0.05
+    turned = replace(truth, columns={**truth.columns, "yaw": truth["yaw"] + angle})
+    recording = replace(plain, channels={**plain.channels, "ground_truth_odom": turned})
+    robot = robot_with({"pose_heading_offset": {"angle": angle}})
+    own, other = (resimulate(recording, one, "rotations").metrics for one in (robot, load_robot("agriq")))
+    assert own["position"].median < 0.1 * other["position"].median
+    assert own["yaw"].median < 1e-3  # of either, for a simulation starts at the measured heading
 
 
 def test_the_bag_of_a_resimulation_is_of_what_was_recorded(tmp_path: Path) -> None:

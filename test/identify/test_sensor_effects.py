@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnose.hidden.logged import recordings
 from model.effects import SENSORS_1
 
 from artibot_sim.estimation.loss import channel_levels
@@ -13,11 +14,13 @@ from artibot_sim.estimation.measurements import stretches
 from artibot_sim.estimation.parameters import Extension, ParameterSet
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.windows import CHANNEL_NAMES, cut
+from artibot_sim.identify import Effort, Prior, identify
 from artibot_sim.identify.synthetic import synthetic
 from artibot_sim.identify.validation import fitted_starts
 from artibot_sim.model import Robot, load_robot
 from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop
 
+QUICK = Effort(starts=1, finalists=1)
 TURNS = Manoeuvre(
     "turns",
     (Dwell(0.5), Ramp(speed=0.6), Slalom(curvature=0.45, wavelength=5.0, periods=1.5),
@@ -35,7 +38,7 @@ def seen_by(robot: Robot, recording) -> Problem:
     return Problem(ParameterSet(robot, ()), found, cut(found, robot, 4.0, 0.3))
 
 
-@pytest.mark.parametrize("name", sorted(SENSORS_1))
+@pytest.mark.parametrize("name", sorted(SHOWN))
 def test_the_robot_that_has_the_errors_explains_them(name: str) -> None:
     plain = load_robot("agriq")
     robot = replace(plain, effects={name: SENSORS_1[name]})
@@ -51,6 +54,19 @@ def test_the_robot_that_has_the_errors_explains_them(name: str) -> None:
     carried = own.carried(np.empty(0), best.starts)
     followed = [i for i, before in enumerate(own._before) if before is not None]
     assert np.abs((carried - best.starts)[followed][:, :3]).max() < 0.08
+
+
+def test_an_angle_of_the_tracked_body_is_found_beside_where_it_sits() -> None:
+    """Of a rigid robot with a logger's poses, whose wheels say nothing about either."""
+    (drive,), truth, _ = recordings(("pose_heading_offset", "pose_lever_arm"), 1.0, 3, ["drive"], 40.0, "husky_driven")
+    angle, arm = "effects.pose_heading_offset.angle", "effects.pose_lever_arm.x"
+    priors = {angle: Prior(0.0, 0.05), arm: Prior(0.0, 0.15)}
+    result = identify(
+        [drive], load_robot("husky_driven"), fit=["k_l", "k_t", angle, arm], priors=priors, window=2.0, effort=QUICK
+    ).result
+    low, high = result[angle].ci95
+    assert low < truth["pose_heading_offset"]["angle"] < high
+    assert low * high > 0.0, "the angle is told from none"
 
 
 ARM = Extension("pose_lever_arm")

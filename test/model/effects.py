@@ -53,6 +53,7 @@ SENSORS_1 = {
     "encoder_scale": {"scale": 1.02},
     "torque_scale": {"scale": 0.85},
     "pose_lever_arm": {"x": 0.12, "y": -0.08},
+    "pose_heading_offset": {"angle": 0.03},
     "pose_delay": {"delay": 0.12},
     "gyro_bias": {"bias": -0.01},
 }

@@ -234,7 +234,7 @@ def test_sensor_errors_act_in_lanes_as_alone(agriq, monkeypatch) -> None:
     """Scales of what turned the motors, and what sensors make of the motion, also before its first row."""
     errors = {
         "encoder_scale": {"scale": 1.03}, "torque_scale": {"scale": 0.9}, "pose_lever_arm": {"x": 0.2, "y": -0.1},
-        "pose_delay": {"delay": 0.08}, "gyro_bias": {"bias": 0.02},
+        "pose_delay": {"delay": 0.08}, "pose_heading_offset": {"angle": 0.05}, "gyro_bias": {"bias": 0.02},
     }  # fmt: skip
     robots = [dataclasses.replace(agriq, effects=errors), agriq]
     motors = table(agriq)

@@ -84,6 +84,13 @@ def test_a_lever_arm_turns_with_the_front_module(agriq: Robot, yaw: float) -> No
         np.testing.assert_array_equal(seen[kind], origin[kind])
 
 
+def test_an_offset_of_headings_is_in_nothing_else(agriq: Robot, plain: dict) -> None:
+    seen = predicted(with_effects(agriq, "pose_heading_offset"))
+    np.testing.assert_allclose(seen[2] - plain[2], SENSORS_1["pose_heading_offset"]["angle"], atol=1e-12)
+    for kind in {*MEASURED} - {2}:
+        np.testing.assert_array_equal(seen[kind], plain[kind])
+
+
 @pytest.mark.parametrize("delay", [0.12, 0.1037])
 def test_a_delay_is_a_shift_of_positions_in_time(agriq: Robot, plain: dict, delay: float) -> None:
     late = predicted(with_effects(agriq, pose_delay={"delay": delay}))
@@ -128,7 +135,7 @@ small = st.floats(-0.3, 0.3)
 
 
 @given(
-    errors=st.tuples(small, small, st.floats(0.0, 0.4), small), late=st.booleans(),
+    errors=st.tuples(small, small, st.floats(0.0, 0.4), small, small), late=st.booleans(),
     start=st.tuples(*[st.floats(-3.0, 3.0)] * 3, *[st.floats(-1.0, 1.0)] * 5),
 )  # fmt: skip
 def test_starts_go_there_and_back(errors: tuple, late: bool, start: tuple) -> None:
@@ -140,13 +147,16 @@ def test_starts_go_there_and_back(errors: tuple, late: bool, start: tuple) -> No
     np.testing.assert_array_equal(true_starts(np.array([NO_SENSOR_ERRORS]), begun, flag), begun)
 
 
-@given(arm_x=small, arm_y=small, delay=st.floats(0.0, 0.4), rate=st.floats(-1.0, 1.0), yaw=st.floats(-3.0, 3.0))
+@given(
+    arm_x=small, arm_y=small, delay=st.floats(0.0, 0.4), offset=small, rate=st.floats(-1.0, 1.0),
+    yaw=st.floats(-3.0, 3.0),
+)  # fmt: skip
 def test_a_start_seen_on_a_circle_is_the_rovers_own(
-    arm_x: float, arm_y: float, delay: float, rate: float, yaw: float
+    arm_x: float, arm_y: float, delay: float, offset: float, rate: float, yaw: float
 ) -> None:
     """A tracked point on a circle about the origin, seen late, belongs to a module on its own circle, now."""
     forward, left, bias = 0.5, 0.05, 0.02
-    errors = SensorErrors(arm_x=arm_x, arm_y=arm_y, delay=delay, gyro_bias=bias)
+    errors = SensorErrors(arm_x=arm_x, arm_y=arm_y, delay=delay, gyro_bias=bias, heading=offset)
 
     def module(t: float) -> np.ndarray:
         """Pose at `t` of a module that passes the origin at 0 at a constant twist."""
@@ -160,7 +170,9 @@ def test_a_start_seen_on_a_circle_is_the_rovers_own(
     c, s = np.cos(heading), np.sin(heading)
     point = [x + c * arm_x - s * arm_y, y + s * arm_x + c * arm_y]
     velocity = [forward - rate * arm_y, left + rate * arm_x]
-    seen = np.array([[*point, heading, *velocity, rate + bias]])
+    c, s = np.cos(offset), np.sin(offset)
+    along = [c * velocity[0] + s * velocity[1], c * velocity[1] - s * velocity[0]]  # of the measured heading
+    seen = np.array([[*point, heading + offset, *along, rate + bias]])
     true = true_starts(np.array([errors]), seen, np.array([True]))[0]
     np.testing.assert_allclose(true, [0.0, 0.0, yaw, forward, left, rate], atol=1e-7)
     c, s = np.cos(heading - yaw), np.sin(heading - yaw)

@@ -82,6 +82,7 @@ def why_unseen(effect: Effect, robot: Robot, stretches: Sequence[Stretch]) -> st
     if not robot.articulated and (search.back or effect.acts == "joint"):
         return "the robot has no back module"
     measured = {series.channel for stretch in stretches for series in stretch.series}
+    measured |= {"pose"} if any(stretch.measured.late_heading for stretch in stretches) else set()
     if search.channels and measured.isdisjoint(search.channels):
         return f"nothing measures {' or '.join(search.channels)}"
     if search.reference == "articulation" and not largest_bend(stretches) > _STRAIGHT:

@@ -6,7 +6,7 @@ No soil is fitted for it: the streams are held against each other (`estimation.s
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -517,37 +517,46 @@ def _delays(of: Streams) -> Iterator[Finding]:
     imu = of.experiment.channels.get("imu")
     wheels_topic, gyro_topic = motors.topic if motors else "", imu.topic if imu else ""
     if pose_gyro is not None and (gyro_wheels is not None or pose_wheels is not None):
-        late_gyro = gyro_wheels.value if gyro_wheels else pose_wheels.value - pose_gyro.value  # type: ignore[union-attr]
-        apart = [abs(late_gyro + pose_gyro.value), *([abs(pose_wheels.value)] if pose_wheels else [])]
+        # Pose and gyroscope see one body. A rover that turns later than its wheels, and how much later is unknown,
+        # leaves wide intervals where it turns; how it advances may tell more, and the gyroscope's part follows.
+        pose_wheels, gyro_wheels = (
+            surest(pose_wheels, _sum(pose_gyro, gyro_wheels)),
+            surest(gyro_wheels, _sum(pose_wheels, _negative(pose_gyro))),
+        )
+        assert pose_wheels is not None and gyro_wheels is not None
         if abs(pose_gyro.value) <= LATE_SAID_POSE:
-            both = surest(gyro_wheels, pose_wheels)  # of one body
-            assert both is not None
-            yield from _late("rotation_delay", wheels_topic, _negative(both), "pose and gyroscope", LATE_SAID)
-            return
-        if abs(late_gyro) <= TOGETHER:
+            yield from _late_rotations(wheels_topic, surest(gyro_wheels, pose_wheels), "pose and gyroscope")
+        elif abs(gyro_wheels.value) <= TOGETHER:
             yield from _late("pose_delay", of.pose_topic, pose_gyro, gyro_topic, LATE_SAID_POSE)
-        elif min(apart) <= TOGETHER:
+        elif abs(pose_wheels.value) <= TOGETHER:
             beside = " and rotations; or these are late together" if pose_gyro.value > 0 else " and rotations"
             yield from _late("gyro_delay", gyro_topic, _negative(pose_gyro), of.pose_topic + beside, LATE_SAID_POSE)
         else:
             yield from _late("pose_delay", of.pose_topic, pose_gyro, gyro_topic, LATE_SAID_POSE)
-            if gyro_wheels is not None:
-                yield from _late("rotation_delay", wheels_topic, _negative(gyro_wheels), gyro_topic, LATE_SAID)
+            yield from _late_rotations(wheels_topic, gyro_wheels, gyro_topic)
     elif pose_wheels is not None and gyro_wheels is not None:
         yield from _by_wheels(of, pose_wheels, gyro_wheels, wheels_topic, gyro_topic)
     elif pose_wheels is not None:
         if pose_wheels.value >= 0:
             yield from _late("pose_delay", of.pose_topic, pose_wheels, wheels_topic, TOGETHER)
         else:
-            # no rover moves before its wheels turn
-            yield from _late("rotation_delay", wheels_topic, _negative(pose_wheels), of.pose_topic, LATE_SAID_POSE)
+            yield from _late_rotations(wheels_topic, pose_wheels, of.pose_topic)
+
+
+def _late_rotations(topic: str, body: Delay | None, against: str) -> Iterator[Finding]:
+    """Rotations that are late or early beside what the body does, which is so much later than its wheels.
+
+    No rover moves before its wheels turn, but every rover may move later.
+    """
+    if body is not None:
+        least = LATE_SAID_POSE if body.value < 0 else LATE_SAID
+        yield from _late("rotation_delay", topic, _negative(body), against, least)
 
 
 def _by_wheels(of: Streams, pose: Delay, gyro: Delay, wheels_topic: str, gyro_topic: str) -> Iterator[Finding]:
     """Pose (a point without heading) and gyroscope, each against the wheels."""
     if abs(pose.value - gyro.value) <= TOGETHER and min(pose.value, gyro.value) < 0:
-        surer = min(pose, gyro, key=_width)
-        yield from _late("rotation_delay", wheels_topic, _negative(surer), "pose and gyroscope", LATE_SAID)
+        yield from _late_rotations(wheels_topic, surest(pose, gyro), "pose and gyroscope")
         return
     yield from _late("pose_delay", of.pose_topic, pose, wheels_topic, TOGETHER if pose.value > 0 else LATE_SAID)
     yield from _late("gyro_delay", gyro_topic, gyro, wheels_topic, TOGETHER if gyro.value > 0 else LATE_SAID)
@@ -563,12 +572,22 @@ def _width(delay: Delay) -> float:
     return delay.interval[1] - delay.interval[0]
 
 
-def _negative(delay: Delay) -> Delay:
-    low, high = delay.interval
-    return Delay(
-        -delay.value, (-high, -low), delay.agreement, delay.coefficients, delay.spread, -delay.skew,
-        (-delay.skew_interval[1], -delay.skew_interval[0]), delay.blocks,
+def _sum(first: Delay | None, then: Delay | None) -> Delay | None:
+    """By how much one stream is later than another, by way of a third: `first` than that, and that `then` the other."""
+    if first is None or then is None:
+        return None
+    below = np.hypot(first.value - first.interval[0], then.value - then.interval[0])
+    above = np.hypot(first.interval[1] - first.value, then.interval[1] - then.value)
+    value = first.value + then.value
+    return replace(
+        first, value=value, interval=(value - float(below), value + float(above)),
+        agreement=min(first.agreement, then.agreement), blocks=min(first.blocks, then.blocks),
     )  # fmt: skip
+
+
+def _negative(delay: Delay) -> Delay:
+    (low, high), (falls, rises) = delay.interval, delay.skew_interval
+    return replace(delay, value=-delay.value, interval=(-high, -low), skew=-delay.skew, skew_interval=(-rises, -falls))
 
 
 DELAYS = {

@@ -80,7 +80,8 @@ class Search:
     least : float
         Coordinate up to which the effect cannot be simulated or distinguished from neutral.
     channels : tuple of str
-        What is measured of it, where it does not change how the rover moves: without any of these it is not looked for.
+        What is measured of it, where it does not change how the rover moves: without any of these it is not looked
+        for. ``"pose"`` is a heading that comes with positions.
     back : bool
         Whether it acts on the back module alone: like what acts in the joint it is not looked for without one.
     views : tuple of str

@@ -24,7 +24,7 @@ Python's integers, for each of whose values numba would compile every function a
 
 COLUMNS = 16
 
-ENCODER_SCALE, TORQUE_SCALE, ARM_X, ARM_Y, DELAY, GYRO_BIAS = range(6)
+ENCODER_SCALE, TORQUE_SCALE, ARM_X, ARM_Y, DELAY, GYRO_BIAS, HEADING = range(7)
 """Places in `sensors.SensorErrors`."""
 LAST_LATE = 2
 """The first three kinds are stamped when positions are."""
@@ -119,7 +119,7 @@ def seen(rows, at, lanes, h, two, share, kind, sensors, r):
     if kind <= 1:
         return point_at(rows, at, lanes, kind, share, h, sensors, r)
     if kind == 2:
-        return pose_at(rows, at, lanes, kind, share, h)
+        return pose_at(rows, at, lanes, kind, share, h) + sensors[r, HEADING]
     if kind == 3:
         front = hermite_at(rows, at, lanes, YAW_AT, TURN_AT, share, h)
         return hermite_at(rows, at, lanes, YAW_BACK_AT, TURN_BACK_AT, share, h) - front if two else 0.0
@@ -165,8 +165,9 @@ def sample(rows, h, count, two, t, kind, sensors, r, out):
         s after the first row.
     kind : array of int, shape (m,)
         Positions in `window_inputs.KINDS`.
-    sensors : array, shape (robots, 6)
-        `SensorErrors` in their order, in row `r`: a lever arm and a delay of kinds 0 to 2, a bias of kind 4, a scale of
-        kinds 10 to 13. (The scale of encoders has acted before, on what turned the motors.)
+    sensors : array, shape (robots, 7)
+        `SensorErrors` in their order, in row `r`: a lever arm of kinds 0 and 1, a delay of kinds 0 to 2, an offset of
+        kind 2, a bias of kind 4, a scale of kinds 10 to 13. (The scale of encoders has acted before, on what turned
+        the motors.)
     """
     sample_lane(rows, 0, 1, h, count, two, t, kind, 0, t.shape[0], sensors, r, out, 0)

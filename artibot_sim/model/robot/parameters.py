@@ -102,6 +102,8 @@ class SensorErrors(NamedTuple):
         By which positions are stamped late, s.
     gyro_bias : float
         Recorded less true yaw rate, rad/s.
+    heading : float
+        Recorded less true heading where it comes with positions, rad.
     """
 
     encoder_scale: float = 1.0
@@ -110,6 +112,7 @@ class SensorErrors(NamedTuple):
     arm_y: float = 0.0
     delay: float = 0.0
     gyro_bias: float = 0.0
+    heading: float = 0.0
 
 
 NO_SENSOR_ERRORS = SensorErrors()

@@ -1,4 +1,4 @@
-"""What a robot's own sensors make of the truth, where effects say so: scales, a bias, a lever arm, a delay.
+"""What a robot's own sensors make of the truth, where effects say so: scales, a bias, a lever arm, an angle, a delay.
 
 The rover itself knows nothing of them. They act where something is measured: in `sampling` (predictions of a fit), in
 what a rollout is written as, in the simulator's sensors; and, the other way round, on measurements that go into the
@@ -38,7 +38,7 @@ def true_starts(errors: Array, starts: Array, late: NDArray[np.bool_]) -> Array:
 
     Parameters
     ----------
-    errors : array, shape (n, 6) or (1, 6)
+    errors : array, shape (n, 7) or (1, 7)
         Rows of SensorErrors.
     starts : array, shape (n, k), k ≥ 6
         Measured: x, y, yaw in `map` (m, rad), forward and leftward velocity (m/s) of the tracked point, yaw rate
@@ -49,14 +49,14 @@ def true_starts(errors: Array, starts: Array, late: NDArray[np.bool_]) -> Array:
     Notes
     -----
     Over the delay d the twist (v, ω) of the front module is taken as constant, so that with yaw' its heading d
-    earlier, p = P − R(yaw') arm + R(yaw') ∫ R(ω t) v dt over d, P being the tracked point. `measured_starts` is the
-    inverse, to rounding.
+    earlier (measured less the heading's offset, where both come together), p = P − R(yaw') arm + R(yaw') ∫ R(ω t) v dt
+    over d, P being the tracked point. `measured_starts` is the inverse, to rounding.
     """
-    _, _, arm_x, arm_y, delay, bias = errors.T
+    _, _, arm_x, arm_y, delay, bias, offset = errors.T
     x, y, yaw, u, w, rate = starts[:, :6].T
     omega = rate - bias
     turned = omega * delay
-    before = np.where(late, yaw, yaw - turned)
+    before = np.where(late, yaw - offset, yaw - turned)
     c, s = np.cos(yaw - before), np.sin(yaw - before)
     forward, left = c * u - s * w + omega * arm_y, s * u + c * w - omega * arm_x
     ahead, aside = _way(turned, delay, forward, left)
@@ -70,7 +70,7 @@ def true_starts(errors: Array, starts: Array, late: NDArray[np.bool_]) -> Array:
 
 def measured_starts(errors: Array, starts: Array, late: NDArray[np.bool_]) -> Array:
     """What sensors with errors make of the rover's motion: the inverse of `true_starts`, shapes as there."""
-    _, _, arm_x, arm_y, delay, bias = errors.T
+    _, _, arm_x, arm_y, delay, bias, offset = errors.T
     x, y, yaw, forward, left, omega = starts[:, :6].T
     turned = omega * delay
     before = yaw - turned
@@ -79,7 +79,7 @@ def measured_starts(errors: Array, starts: Array, late: NDArray[np.bool_]) -> Ar
     seen = starts.copy()
     seen[:, 0] = x - (c * (ahead - arm_x) - s * (aside - arm_y))
     seen[:, 1] = y - (s * (ahead - arm_x) + c * (aside - arm_y))
-    seen[:, 2] = np.where(late, before, yaw)
+    seen[:, 2] = np.where(late, before + offset, yaw)
     u, w = forward - omega * arm_y, left + omega * arm_x
     c, s = np.cos(before - seen[:, 2]), np.sin(before - seen[:, 2])
     seen[:, 3], seen[:, 4], seen[:, 5] = c * u - s * w, s * u + c * w, omega + bias

@@ -26,6 +26,7 @@ from artibot_sim.model.kernels.lane_layout import EXTENDED, extension, flat
 from artibot_sim.model.kernels.layout import MEMORY, ROW, Grid, MotorInputs, Rows, RunState
 from artibot_sim.model.kernels.sampling import COLUMNS, gather, sample
 from artibot_sim.model.robot.derived import PARAMS_DTYPE, params
+from artibot_sim.model.robot.parameters import NO_SENSOR_ERRORS
 from artibot_sim.model.robot.robot import Robot
 from artibot_sim.model.simulate.batch import available_cores
 from artibot_sim.model.simulate.rollout import unlimited_beside_prescribed
@@ -169,7 +170,9 @@ class Fleet:
         if free:
             share[:] = [[back_torque_factor(robot, table.kappa) for table in tables] for robot in different]
         eta = np.array([[front.eta_d] * 2 + [back.eta_d] * 2 for front, back in drives]).reshape(-1, 4)
-        sensors = np.array([sensor_errors(robot) for robot in different], dtype=float).reshape(-1, 6)
+        sensors = np.array([sensor_errors(robot) for robot in different], dtype=float).reshape(
+            -1, len(NO_SENSOR_ERRORS)
+        )
         records = np.array(every, dtype=PARAMS_DTYPE)
         return cls(robots, records[like], eta[like], effects, laws, extended, share[like], sensors[like])
 

@@ -34,6 +34,9 @@ SPREAD = 0.12
 RECIPES: dict[str, Recipe] = {
     "wheel_resistance": Recipe(lambda rng, s, track: {"share": 0.15 * s}, lambda machine, values: machine),
     "pose_lever_arm": LISTED["pose_lever_arm"],
+    "pose_heading_offset": Recipe(
+        lambda rng, s, track: {"angle": float(rng.choice((-0.03, 0.03))) * s}, lambda machine, values: machine
+    ),
 }
 """Of effects that act on such robots' paths; the sizes are those found on real ones."""
 
@@ -81,5 +84,5 @@ def _drawn(name: str, severity: float, rng: np.random.Generator, robot: Robot) -
 def _seen(of: Drive, robot: Robot) -> Drive:
     """A drive as sensors with the robot's own errors would have it."""
     errors = sensor_errors(robot)
-    pose = np.column_stack([tracked_point(errors, of.pose), of.pose[:, 2]])
+    pose = np.column_stack([tracked_point(errors, of.pose), of.pose[:, 2] + errors.heading])
     return replace(of, pose=pose, speed=of.speed * errors.encoder_scale)
