@@ -40,6 +40,9 @@ class Noise:
         Share of its points that are lost.
     jitter : float
         Of every stamp, s.
+    heading : float or None
+        Of a heading that comes with each point, rad, as a localisation has it: then the points are those of
+        `ground_truth_odom`. None: of points alone, of a total station.
     """
 
     counts: int = 2048
@@ -58,6 +61,7 @@ class Noise:
     imu_rate: float = 100.0
     station_rate: float = 10.0
     command_rate: float = 100.0
+    heading: float | None = None
 
 
 def random_soil(robot: Robot, rng: np.random.Generator, spread: float = 0.12) -> Robot:
@@ -145,7 +149,9 @@ def observed(
     channels = {
         "motor_torques": _motors(robot, result, noise, rng, end, start_ns),
         "imu": _imu(result, sensor_errors(robot).gyro_bias, noise, rng, end, start_ns),
-        "total_station": _station(robot, result, noise, rng, end, start_ns),
+        "total_station" if noise.heading is None else "ground_truth_odom": _points(
+            robot, result, noise, rng, end, start_ns
+        ),
     }
     if robot.articulated:
         channels["joint_states"] = _joints(robot, result, noise, rng, end, start_ns)
@@ -217,14 +223,18 @@ def _imu(result: Rollout, bias: float, noise: Noise, rng: np.random.Generator, e
     })  # fmt: skip
 
 
-def _station(robot: Robot, result: Rollout, noise: Noise, rng: np.random.Generator, end: float, ns: int) -> Channel:
+def _points(robot: Robot, result: Rollout, noise: Noise, rng: np.random.Generator, end: float, ns: int) -> Channel:
     t, stamps = _times(rng, noise.station_rate, end, noise.jitter)
     white = noise.station * rng.standard_normal((len(t), 2))
     error = white.copy()
     for k in range(1, len(t)):
         error[k] = noise.colour * error[k - 1] + np.sqrt(1.0 - noise.colour**2) * white[k]
     errors = sensor_errors(robot)
-    point = tracked_point(errors, _at(result, result.pose, np.maximum(t - errors.delay, 0.0))) + error
+    pose = _at(result, result.pose, np.maximum(t - errors.delay, 0.0))
+    point = tracked_point(errors, pose) + error
     kept = rng.random(len(t)) >= noise.lost
     columns = {"x": point[kept, 0], "y": point[kept, 1], "z": np.zeros(int(kept.sum()))}
-    return _channel("/total_station/point", stamps[kept], ns, columns)
+    if noise.heading is None:
+        return _channel("/total_station/point", stamps[kept], ns, columns)
+    heading = pose[:, 2] + errors.heading + noise.heading * rng.standard_normal(len(t))
+    return _channel("/ground_truth/odom", stamps[kept], ns, columns | {"yaw": heading[kept]})

@@ -20,6 +20,7 @@ from artibot_sim.diagnose.validation.residuals import places
 from artibot_sim.diagnose.words import channel_words, effect_words, is_wrong
 from artibot_sim.errors import ArtibotError
 from artibot_sim.identify.result import spaced
+from artibot_sim.identify.synthetic import Noise, synthetic
 from artibot_sim.model import MOTORS, Robot, load_robot
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.effects.base import Effect, Search
@@ -42,6 +43,8 @@ DRIVE = Manoeuvre(
 )  # fmt: skip
 HORIZON = 5.0
 _KAPPA = 0.8
+_LOCALISED = Noise(heading=0.003)
+"""Of effects that show only where headings come with positions, which those of a total station do not."""
 _HEADING = 1.2
 """rad: where a slope leads and a wind blows in the pictures."""
 _RADIUS = 1.6
@@ -118,7 +121,8 @@ def seen(effect: Effect, robot: Robot, free: Experiment) -> Seen:
 
     values = plain_values(effect, free)
     rover = replace(robot, effects={effect.id: values})
-    recording = _record(rover, effect.id.replace("_", " "))
+    noise = _LOCALISED if "pose" in searched(effect).channels else None
+    recording = _record(rover, effect.id.replace("_", " "), noise)
     if "rotation" not in searched(effect).views:
         return Seen(effect, values, (_overview(recording, free), _speeds(recording)), ())
     pair = predict(recording, False, robot, rover, HORIZON, None)
@@ -131,10 +135,8 @@ def seen(effect: Effect, robot: Robot, free: Experiment) -> Seen:
     return Seen(effect, values, (path, replace(channel, title=f"error of the {channel_words(worst)}")), said)
 
 
-def _record(rover: Robot, name: str) -> Experiment:
-    from artibot_sim.identify.synthetic import synthetic
-
-    return synthetic(rover, DRIVE, duration=60.0, kappa=_KAPPA, seed=1, name=name)
+def _record(rover: Robot, name: str, noise: Noise | None = None) -> Experiment:
+    return synthetic(rover, DRIVE, duration=60.0, kappa=_KAPPA, seed=1, name=name, noise=noise)
 
 
 def _overview(recording: Experiment, free: Experiment) -> Panel:
