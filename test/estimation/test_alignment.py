@@ -176,3 +176,17 @@ def test_what_is_wrong_with_several_recordings_alike_is_said_once() -> None:
     size = timed[1].mended[0].value
     assert alike.startswith("a: ") and f"; likewise b {size:.2f} s (" in alike
     assert other.startswith("c: ") and "likewise" not in other
+
+
+@pytest.mark.parametrize("length", [0.0, 0.05])
+def test_tyres_that_answer_a_turn_early_do_not_move_the_wheels_stamps(length: float) -> None:
+    """How the rover advances tells when its wheels turned, whatever lateral forces make of its turning."""
+    husky = load_robot("husky_driven")
+    robot = replace(husky, effects={**husky.effects, "tyre_relaxation": {"length": length}})
+    rotations, poses = 0.27, 0.18
+    _, raw = logged(Logger(polled=0.0, delays={"motor_torques": rotations, "ground_truth_odom": poses}), 2, robot)
+    late = {one.name: one for one in aligned(raw, robot).mended}
+    assert set(late) == {"rotation_delay", "pose_delay"}
+    assert late["pose_delay"].value == pytest.approx(poses, abs=0.01)
+    low, high = late["rotation_delay"].interval
+    assert low < rotations < high and late["rotation_delay"].value == pytest.approx(rotations, abs=0.05)

@@ -511,24 +511,16 @@ def _other_axis(of: Streams, topic: str) -> Iterator[Finding]:
 
 def _delays(of: Streams) -> Iterator[Finding]:
     """Which stream is late, by all comparisons together."""
-    pose_wheels = surest(agreeing(of.turn), agreeing(of.forward))
-    gyro_wheels, pose_gyro = agreeing(of.gyro_wheels), agreeing(of.gyro)
+    pose_wheels, pose_gyro, gyro_wheels = body_after_wheels(of)
     motors = of.experiment.channels.get("motor_torques")
     imu = of.experiment.channels.get("imu")
     wheels_topic, gyro_topic = motors.topic if motors else "", imu.topic if imu else ""
-    if pose_gyro is not None and (gyro_wheels is not None or pose_wheels is not None):
-        # Pose and gyroscope see one body. A rover that turns later than its wheels, and how much later is unknown,
-        # leaves wide intervals where it turns; how it advances may tell more, and the gyroscope's part follows.
-        pose_wheels, gyro_wheels = (
-            surest(pose_wheels, _sum(pose_gyro, gyro_wheels)),
-            surest(gyro_wheels, _sum(pose_wheels, _negative(pose_gyro))),
-        )
-        assert pose_wheels is not None and gyro_wheels is not None
+    if pose_gyro is not None and pose_wheels is not None and gyro_wheels is not None:
         if abs(pose_gyro.value) <= LATE_SAID_POSE:
-            yield from _late_rotations(wheels_topic, surest(gyro_wheels, pose_wheels), "pose and gyroscope")
-        elif abs(gyro_wheels.value) <= TOGETHER:
+            yield from _late_rotations(wheels_topic, pose_wheels, "pose and gyroscope")
+        elif _together(gyro_wheels):
             yield from _late("pose_delay", of.pose_topic, pose_gyro, gyro_topic, LATE_SAID_POSE)
-        elif abs(pose_wheels.value) <= TOGETHER:
+        elif _together(pose_wheels):
             beside = " and rotations; or these are late together" if pose_gyro.value > 0 else " and rotations"
             yield from _late("gyro_delay", gyro_topic, _negative(pose_gyro), of.pose_topic + beside, LATE_SAID_POSE)
         else:
@@ -543,11 +535,31 @@ def _delays(of: Streams) -> Iterator[Finding]:
             yield from _late_rotations(wheels_topic, pose_wheels, of.pose_topic)
 
 
-def _late_rotations(topic: str, body: Delay | None, against: str) -> Iterator[Finding]:
-    """Rotations that are late or early beside what the body does, which is so much later than its wheels.
+def body_after_wheels(of: Streams) -> tuple[Delay | None, Delay | None, Delay | None]:
+    """By how much poses are later than wheels, poses than the gyroscope, and this than wheels.
 
-    No rover moves before its wheels turn, but every rover may move later.
+    Pose and gyroscope see one body. How it advances tells when its wheels turned; how it turns goes through lateral
+    forces, with lags and leads that nobody knows beforehand (tyres that relax lead by 0.1 s), and counts where there is
+    nothing else.
     """
+    turn, forward = agreeing(of.turn), agreeing(of.forward)
+    pose_gyro, gyro_wheels = agreeing(of.gyro), agreeing(of.gyro_wheels)
+    if pose_gyro is None:
+        return forward or turn, None, gyro_wheels
+    if forward is not None:
+        return forward, pose_gyro, _sum(forward, _negative(pose_gyro))
+    return (
+        surest(turn, _sum(pose_gyro, gyro_wheels)), pose_gyro, surest(gyro_wheels, _sum(turn, _negative(pose_gyro)))
+    )  # fmt: skip
+
+
+def _together(body: Delay) -> bool:
+    """Whether wheels count as on time beside a body that is so much later: it may move later, but not before them."""
+    return body.value <= TOGETHER and body.interval[1] >= -LATE_SAID_POSE
+
+
+def _late_rotations(topic: str, body: Delay | None, against: str) -> Iterator[Finding]:
+    """Rotations that are late, or early, where the body is so much later than its wheels: it moves later by itself."""
     if body is not None:
         least = LATE_SAID_POSE if body.value < 0 else LATE_SAID
         yield from _late("rotation_delay", topic, _negative(body), against, least)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from artibot_sim.estimation.checks.findings import COLUMNS, DELAYS, Finding, Streams, agreeing, surest
+from artibot_sim.estimation.checks.findings import COLUMNS, DELAYS, Finding, Streams, agreeing, body_after_wheels
 from artibot_sim.estimation.streams import Delay, holding
 
 StreamTable = Mapping[str, Mapping[str, Mapping[str, Any]]]
@@ -70,7 +70,7 @@ def _delay(of: Streams, key: str, mine: Mapping[str, Finding], found: Sequence[F
     names, channels = {one.name for one in found}, of.experiment.channels
     topics = {key: channels[key].topic for key in ("imu", "motor_torques") if key in channels}
     topics["pose"] = of.pose_topic
-    gyro, wheels, pose = agreeing(of.gyro), agreeing(of.gyro_wheels), surest(agreeing(of.turn), agreeing(of.forward))
+    pose, gyro, wheels = body_after_wheels(of)
     against = {
         "imu": ((gyro, -1.0, "pose"), (wheels, 1.0, "motor_torques")),
         "motor_torques": ((wheels, -1.0, "imu"), (pose, -1.0, "pose")),
