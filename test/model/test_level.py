@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from model.effects import SEVERITY_1, with_effects
 from model.helpers import front_commands, ramp
-from model.test_fast_equals_plain import DT, MODES, commands, plain_run
+from model.test_fast_equals_plain import DT, MODES, accounted, commands, plain_run
 
 from artibot_sim.model import Mode, Robot, State, Status, initial_state, load_robot, rollout
 from artibot_sim.model.effects import EFFECTS, record
@@ -74,7 +74,9 @@ def test_effects_on_a_plane_equal_plain_ones(agriq, effect: str, integrator: str
     remembered = {"lateral": 20.0 * rng.normal(size=8), "bristles": 1e-4 * rng.normal(size=16)}
     start = dataclasses.replace(moving(robot, rng), **remembered)
     order = commands(robot, rng, False, dt)
-    fast = rollout(robot, order, dt=dt, modes=modes, kappa=0.7, state=start, integrator=integrator).final_state
+    energy = accounted(robot)
+    run = rollout(robot, order, dt=dt, modes=modes, kappa=0.7, state=start, integrator=integrator, energy=energy)
+    fast = run.final_state
     got, want = np.concatenate([fast.q, fast.v, fast.eta, fast.torque]), plain_run(
         robot, start, order, modes, 0.7, integrator
     )  # fmt: skip

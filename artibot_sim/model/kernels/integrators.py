@@ -72,7 +72,6 @@ from artibot_sim.model.kernels.layout import (  # fmt: skip
     Y,
     Z,
 )
-from artibot_sim.model.kernels.steps import semi_implicit
 
 D, D_DOT, D_DDOT = 0, 4, 8
 """Where `drive` holds angles, speeds and accelerations."""
@@ -479,20 +478,3 @@ def accelerations(q, v, p, fx, ground, modes, drive, hold, lags, dt, w):
     if fx is not None:
         back_to_origin(fx, v, sg_f, cg_f, FRONT, w)
         back_to_origin(fx, v, sg_b, cg_b, BEHIND, w)
-
-
-@inlined
-def right_hand_side(q, v, p, fx, ground, modes, drive, hold, lags, w):
-    """Accelerations of all coordinates at (q, v), with every contribution, into the row."""
-    accelerations(q, v, p, fx, ground, modes, drive, hold, lags, None, w)
-
-
-@inlined
-def semi_implicit_step(q, v, p, fx, ground, modes, drive, hold, lags, dt, w):
-    """Advance (q, v) in place by `dt`; the row then holds the contributions that acted.
-
-    ``drive[D_DDOT:]`` holds the mean acceleration of the commands over the step.
-    """
-    accelerations(q, v, p, fx, ground, modes, drive, hold, lags, dt, w)
-    for i in range(16):
-        q[i], v[i] = semi_implicit(dt, q[i], v[i], w[ACC + i], Z <= i % 8 <= BETA)

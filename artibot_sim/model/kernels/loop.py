@@ -19,15 +19,14 @@ from artibot_sim.model.kernels.integrators import (
     D_DOT,
     TORQUE_D,
     D,
+    accelerations,
     coordinate_of,
     hold_efficiencies,
     motor_count,
     motor_of,
-    right_hand_side,
-    semi_implicit_step,
 )
-from artibot_sim.model.kernels.layout import ACC, BEHIND, ENERGIES, FRONT, M_D, M_M, MEMORY, ROW
-from artibot_sim.model.kernels.steps import next_stage, next_stage_of_lag, stage_time, stage_weight
+from artibot_sim.model.kernels.layout import ACC, BEHIND, BETA, ENERGIES, FRONT, M_D, M_M, MEMORY, ROW, Z
+from artibot_sim.model.kernels.steps import next_stage, next_stage_of_lag, semi_implicit, stage_time, stage_weight
 
 OK, DIVERGED = 0, 1
 STOPPED = 3
@@ -273,7 +272,7 @@ def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), 
                 command_at(cubic, s + stage_time(k, dt), inputs.modes, drive)
             if fx is not None:
                 fx.t = start + (dt * step + stage_time(k, dt))
-            right_hand_side(q_s, v_s, p, fx, ground, inputs.modes, drive, hold, lags, w)
+            accelerations(q_s, v_s, p, fx, ground, inputs.modes, drive, hold, lags, None, w)
             if k == 0:
                 stopped = stopped_by(ground, dt * step)
                 if step == steps or step % every == 0 or stopped:
@@ -312,7 +311,9 @@ def integrate_semi_implicit(state, p, inputs, grid, work, out, out_e, fx=None, m
             q_old[i], v_old[i] = q[i], v[i]
         if fx is not None:
             fx.t = start + dt * step
-        semi_implicit_step(q, v, p, fx, ground, inputs.modes, drive, hold, lags, dt, w)
+        accelerations(q, v, p, fx, ground, inputs.modes, drive, hold, lags, dt, w)
+        for i in range(16):
+            q[i], v[i] = semi_implicit(dt, q[i], v[i], w[ACC + i], Z <= i % 8 <= BETA)
         if step == steps or step % every == 0 or stopped_by(ground, dt * step):
             if not sound(q_old, v_old):
                 return DIVERGED, row

@@ -290,9 +290,9 @@ def level_accelerations(at, p, fx, q, v, trig, modes, drive, hold, lags, dt, tor
     one, two, three, four = p.right_front, p.left_front, p.right_back, p.left_back
     if fx is not None:
         turned, soils = (q[6], q[7], v[6], v[7]), (soil_rf, soil_lf)
-        r_f, l_f = loaded(at.front, p, fx, (one, two), (r_f, l_f), soils, MOTOR[0], turned, lags, 8, 0)
+        r_f, l_f = loaded(at.front, p, fx, (one, two), (r_f, l_f), soils, MOTOR[0], turned, lags, 8, 2 * MOTOR[0])
         turned, soils = (q[8], q[9], v[8], v[9]), (soil_rb, soil_lb)
-        r_b, l_b = loaded(at.back, p, fx, (three, four), (r_b, l_b), soils, MOTOR[2], turned, lags, 8, 4)
+        r_b, l_b = loaded(at.back, p, fx, (three, four), (r_b, l_b), soils, MOTOR[2], turned, lags, 8, 2 * MOTOR[2])
     # all motors one step ahead first: they know nothing of each other, and the processor takes them side by side
     T_0 = side_ahead(at.front, p, fx, one, modes, MOTOR[0], q[6], v[6], r_f, soil_rf, drive, hold, lags, dt)
     T_1 = side_ahead(at.front, p, fx, two, modes, MOTOR[1], q[7], v[7], l_f, soil_lf, drive, hold, lags, dt)
