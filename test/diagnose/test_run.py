@@ -105,6 +105,7 @@ def test_order_workers_and_a_break_do_not_matter(drives: list[Experiment], found
     assert {**again.as_dict(), "seconds": 0} == {**found.as_dict(), "seconds": 0}
 
 
+@pytest.mark.long
 def test_positions_alone_are_enough_to_say_something(drives: list[Experiment]) -> None:
     """Without torques, IMU and articulation nothing is named that is not there."""
     bare = []

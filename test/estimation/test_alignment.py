@@ -178,11 +178,10 @@ def test_what_is_wrong_with_several_recordings_alike_is_said_once() -> None:
     assert other.startswith("c: ") and "likewise" not in other
 
 
-@pytest.mark.parametrize("length", [0.0, 0.05])
-def test_tyres_that_answer_a_turn_early_do_not_move_the_wheels_stamps(length: float) -> None:
+def test_tyres_that_answer_a_turn_early_do_not_move_the_wheels_stamps() -> None:
     """How the rover advances tells when its wheels turned, whatever lateral forces make of its turning."""
     husky = load_robot("husky_driven")
-    robot = replace(husky, effects={**husky.effects, "tyre_relaxation": {"length": length}})
+    robot = replace(husky, effects={**husky.effects, "tyre_relaxation": {"length": 0.05}})
     rotations, poses = 0.27, 0.18
     _, raw = logged(Logger(polled=0.0, delays={"motor_torques": rotations, "ground_truth_odom": poses}), 2, robot)
     late = {one.name: one for one in aligned(raw, robot).mended}

@@ -539,18 +539,26 @@ def body_after_wheels(of: Streams) -> tuple[Delay | None, Delay | None, Delay | 
     """By how much poses are later than wheels, poses than the gyroscope, and this than wheels.
 
     Pose and gyroscope see one body. How it advances tells when its wheels turned; how it turns goes through lateral
-    forces, with lags and leads that nobody knows beforehand (tyres that relax lead by 0.1 s), and counts where there is
-    nothing else.
+    forces, with lags and leads that nobody knows beforehand (tyres that relax lead by 0.1 s), and counts where it does
+    not contradict, or where there is nothing else.
     """
     turn, forward = agreeing(of.turn), agreeing(of.forward)
     pose_gyro, gyro_wheels = agreeing(of.gyro), agreeing(of.gyro_wheels)
     if pose_gyro is None:
-        return forward or turn, None, gyro_wheels
-    if forward is not None:
-        return forward, pose_gyro, _sum(forward, _negative(pose_gyro))
+        return _borne_out(forward, turn), None, gyro_wheels
+    before = _negative(pose_gyro)
     return (
-        surest(turn, _sum(pose_gyro, gyro_wheels)), pose_gyro, surest(gyro_wheels, _sum(turn, _negative(pose_gyro)))
+        _borne_out(forward, turn, _sum(pose_gyro, gyro_wheels)), pose_gyro,
+        _borne_out(_sum(forward, before), gyro_wheels, _sum(turn, before)),
     )  # fmt: skip
+
+
+def _borne_out(advance: Delay | None, *turning: Delay | None) -> Delay | None:
+    """The surest of delays: of those by turning, which lie in the interval of that by advance, if there is one."""
+    if advance is None:
+        return surest(*turning)
+    low, high = advance.interval
+    return surest(advance, *(one for one in turning if one is not None and low <= one.value <= high))
 
 
 def _together(body: Delay) -> bool:

@@ -28,6 +28,8 @@ from artibot_sim.model import MOTORS, load_robot
 SEED = 2
 SLOW = ("wandering_moment",)
 """Half a minute does not show these."""
+SHORT = ("air_drag", "ridges", "yaw_drag")
+"""What other tests here look for as well."""
 WORDS = ACTS_ON | {"wheel_out_of_round": {"variable": "wheel angle", "form": "periodic, once a turn"}}
 """What an answer must say. A wheel's longitudinal force is nearly all torque to the sensors, and may be called that."""
 
@@ -56,7 +58,9 @@ def settled(problem: Problem, coordinates: np.ndarray) -> Point:
     return point
 
 
-@pytest.mark.parametrize("name", sorted(UNLISTED))
+@pytest.mark.parametrize(
+    "name", [pytest.param(one, marks=() if one in SHORT else pytest.mark.long) for one in sorted(UNLISTED)]
+)
 def test_force_and_variable_are_named(name):
     _, found = seen(name)
     assert found.chosen
