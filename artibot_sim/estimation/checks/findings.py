@@ -517,7 +517,7 @@ def _delays(of: Streams) -> Iterator[Finding]:
     wheels_topic, gyro_topic = motors.topic if motors else "", imu.topic if imu else ""
     if pose_gyro is not None and pose_wheels is not None and gyro_wheels is not None:
         if abs(pose_gyro.value) <= LATE_SAID_POSE:
-            yield from _late_rotations(wheels_topic, pose_wheels, "pose and gyroscope")
+            yield from _late_rotations(wheels_topic, gyro_wheels, "pose and gyroscope")
         elif _together(gyro_wheels):
             yield from _late("pose_delay", of.pose_topic, pose_gyro, gyro_topic, LATE_SAID_POSE)
         elif _together(pose_wheels):
@@ -548,7 +548,7 @@ def body_after_wheels(of: Streams) -> tuple[Delay | None, Delay | None, Delay | 
         return _borne_out(forward, turn), None, gyro_wheels
     before = _negative(pose_gyro)
     return (
-        _borne_out(forward, turn, _sum(pose_gyro, gyro_wheels)), pose_gyro,
+        forward or surest(turn, _sum(pose_gyro, gyro_wheels)), pose_gyro,
         _borne_out(_sum(forward, before), gyro_wheels, _sum(turn, before)),
     )  # fmt: skip
 
