@@ -104,7 +104,7 @@ def test_a_line_that_is_no_result_is_named(tmp_path):
 
 
 def test_rigid_robots_have_kinds_of_their_own():
-    counts = dict.fromkeys(RIGID, 2)
+    counts = dict.fromkeys(RIGID, len(RECIPES))
     found = jobs(1, counts, (1.0,), 1.0, robot="husky_driven")
     assert {job.effects for job in found if job.kind == "varying"} == {(VARYING,)}
     assert {job.effects[1:] for job in found if job.kind == "beside"} == {(VARYING,)}
