@@ -114,18 +114,39 @@ def _leaps(window: Window) -> bool:
 def kinematic_residuals(model: Kinematic, problem: Problem, starts: Array) -> list[Array]:
     """Residuals of position and yaw of every window by a kinematic model, in units of noise; 0 of other channels."""
     every = []
+    for window, (at, pose) in zip(problem.windows, _kinematic_paths(model, problem, starts), strict=True):
+        predicted = window.value.copy()
+        for column, kinds in zip(pose, ((0,), (1,), HEADINGS), strict=True):
+            mine = np.isin(window.plan.kind, kinds)
+            predicted[mine] = np.interp(window.plan.t[mine], at, column)
+        every.append(predicted)
+    return list(problem.parts(problem.compare(np.concatenate(every)[None])[0]))
+
+
+def _kinematic_paths(model: Kinematic, problem: Problem, starts: Array) -> list[tuple[Array, Array]]:
+    """Times (n,) after each window's start, s, and poses (3, n) from its start on, m and rad."""
+    found = []
     for window, start in zip(problem.windows, starts, strict=True):
         inputs = problem.stretches[window.stretch].inputs
         at = inputs.t[window.first : window.first + window.knots + 1]
         forward, left, turned = model.path(at, inputs.t, inputs.velocity[:, :2]).T
         c, s = np.cos(start[2]), np.sin(start[2])
         pose = start[0] + c * forward - s * left, start[1] + s * forward + c * left, start[2] + turned
-        predicted = window.value.copy()
-        for column, kinds in zip(pose, ((0,), (1,), HEADINGS), strict=True):
-            mine = np.isin(window.plan.kind, kinds)
-            predicted[mine] = np.interp(window.plan.t[mine], at - at[0], column)
-        every.append(predicted)
-    return list(problem.parts(problem.compare(np.concatenate(every)[None])[0]))
+        found.append((at - at[0], np.array(pose)))
+    return found
+
+
+def _kinematic_starts(model: Kinematic, problem: Problem) -> Array:
+    """Starts whose poses are what a kinematic model says that fits the window before: where there is one."""
+    residuals = np.concatenate(kinematic_residuals(model, problem, problem.starts))
+    (fitted,), _ = problem.aligned(residuals[None], problem.starts[None])
+    paths, starts = _kinematic_paths(model, problem, fitted), problem.starts.copy()
+    for i, before in enumerate(predecessors(problem.windows)):
+        if before is not None:
+            at, pose = paths[before]
+            t = problem.windows[i].t - problem.windows[before].t
+            starts[i, :3] = [np.interp(t, at, column) for column in pose]
+    return starts
 
 
 # ----------------------------------------------------------------------
@@ -203,11 +224,12 @@ def hold_out(
 ) -> Held:
     """Predict a recording with a robot as it is; kinematic `rivals` predict it as well.
 
-    Every window of `horizon` s starts from what the window before it measured: the start of that one is estimated
-    from its own samples, and the model carries it to its end. Where there is none before (the first of a stretch,
-    or a stretch no longer than a window) a prediction starts from the measured pose, rolling as its wheels say.
-    Starts are estimated by so many `steps`, motors smoothed over `half_width` s, unless the recording's stretches were
-    `seen` already.
+    Every window of `horizon` s starts from the pose that was measured there, where headings were measured with the
+    positions. All else of a start is what the window before it says: the start of that one is estimated from its own
+    samples, and the model carries it to its end; a rival carries poses, too, where they were not measured. So no model
+    begins where another one led. Where there is no window before (the first of a stretch, or a stretch no longer than
+    a window) a prediction starts from the measured pose, rolling as its wheels say. Starts are estimated by so many
+    `steps`, motors smoothed over `half_width` s, unless the recording's stretches were `seen` already.
     """
     found = list(seen) or stretches(experiment, robot, half_width)
     ahead = _begin(found, robot, horizon, workers, steps)
@@ -219,7 +241,10 @@ def hold_out(
     free = _free_runs(problem, ahead.point, found, robot, workers)
     predicted = [windows[i] for i in chosen]
     errors = [residuals[i] for i in chosen]
-    rolled = {name: kinematic_residuals(rival, problem, carried) for name, rival in rivals.items()}
+    rolled = {
+        name: kinematic_residuals(rival, problem, np.where(ahead.measured, carried, _kinematic_starts(rival, problem)))
+        for name, rival in rivals.items()
+    }
     others = {name: [own[i] for i in chosen] for name, own in rolled.items()}
     left = next((run.left for run in free if run.left is not None), None)
     summary = Prediction(
@@ -245,6 +270,8 @@ class _Ahead:
         Starts that explain the windows themselves best.
     starts : array, shape (windows, 8 or 6)
         What predictions begin with.
+    measured : array of bool, shape (windows, 8 or 6)
+        What of that is as measured, and not what the window before says.
     counted : array of bool, shape (windows,)
         Whether a window is a prediction to be counted.
     separate : bool
@@ -254,6 +281,7 @@ class _Ahead:
     problem: Problem
     point: Point
     starts: Array
+    measured: NDArray[np.bool_]
     counted: NDArray[np.bool_]
     separate: bool
 
@@ -266,8 +294,10 @@ def _begin(found: Sequence[Stretch], robot: Robot, horizon: float, workers: int 
     carried = problem.carried(np.empty(0), point.starts)
     followed = np.array([before is not None for before in predecessors(windows)])
     separate = int((~followed).sum()) > len(windows) // 2
-    carried[~followed] = problem.starts[~followed]
-    return _Ahead(problem, point, carried, followed | separate, separate)
+    measured = np.repeat(~followed[:, None], problem.size, axis=1)
+    measured[:, :3] |= np.array([window.start.late for window in windows])[:, None]
+    carried[measured] = problem.starts[measured]
+    return _Ahead(problem, point, carried, measured, followed | separate, separate)
 
 
 def begun_windows(experiment: Experiment, robot: Robot, horizon: float) -> tuple[list[Begun], dict[str, float]]:

@@ -24,7 +24,7 @@ from artibot_sim.identify.judgement import FittedMotion, estimates, open_reason,
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.result import Estimate, number
 from artibot_sim.identify.run import Work, enough_of, problem_of
-from artibot_sim.identify.synthetic import Noise, synthetic
+from artibot_sim.identify.synthetic import Noise, random_manoeuvre, synthetic
 from artibot_sim.identify.validation import hold_out
 from artibot_sim.model import Robot, load_robot, save_robot
 from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop, Straight
@@ -306,6 +306,19 @@ def test_separate_windows_that_are_predicted_worst_are_named() -> None:
         0.165 * 3.0 * 1.95 + 0.5
     )  # the first sample is the start
     assert np.allclose(drawn["leap_wheels"].lines[0].x, 3.0, atol=0.01)
+
+
+@pytest.mark.parametrize("heading", [0.01, None], ids=["poses", "points"])
+def test_no_model_begins_where_another_one_led(heading: float | None) -> None:
+    """What kinematic models predict of a recording in one piece is the same whatever stands beside them."""
+    husky = load_robot("husky")
+    made = random_manoeuvre(np.random.default_rng(5), 12.0)
+    drive = synthetic(husky, made, noise=Noise(heading=heading), seed=5, duration=12.0)
+    rivals = {"ideal": ideal(husky), "slow": replace(ideal(husky), scale=0.9)}
+    beside = [husky, husky.replace({"contact.k_t": 100.0, "wheel.r_w": 0.9 * husky.wheel.r_w})]
+    one, other = (hold_out(drive, robot, 2.0, rivals=rivals).summary for robot in beside)
+    assert one.final["position"].rmse < 0.5 * other.final["position"].rmse
+    assert one.rivals == other.rivals
 
 
 def _stamps(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

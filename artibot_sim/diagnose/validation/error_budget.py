@@ -136,8 +136,8 @@ class Variation:
     def _started(self, held: Held, problem: Problem) -> Array:
         """Standard deviations (n,) of held-out predictions for what their starts are off by, SI.
 
-        A start that is not the measured one comes of the window before, whose samples say as much of it as the window's
-        own do.
+        What of a start is not the measured one comes of the window before, whose samples say as much of it as the
+        window's own do.
         """
         _, sensitivity = problem.linearised(self._fit.point.coordinates, held.starts, ())
         edges, found = problem.samples.begin.tolist(), np.empty(len(problem.samples.sigma))
@@ -145,8 +145,8 @@ class Variation:
         for k, (a, b) in enumerate(zip(edges, edges[1:], strict=False)):
             rows = sensitivity.starts[:, a:b]
             known = problem.start_information[k]
-            if not np.array_equal(held.starts[k], problem.starts[k]):
-                known = known + (rows * worth[a:b]) @ rows.T
+            carried = held.starts[k] != problem.starts[k]
+            known = known + np.outer(carried, carried) * ((rows * worth[a:b]) @ rows.T)
             found[a:b] = np.sqrt(np.einsum("kn,kn->n", rows, np.linalg.solve(known, rows)))
         return found * problem.samples.sigma
 
