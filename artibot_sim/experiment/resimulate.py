@@ -31,7 +31,7 @@ from artibot_sim.experiment.smoothing import hermite
 from artibot_sim.model import MOTORS, Ground, Mode, Robot, Rollout, State, Status, load_ground, load_robot, rollout
 from artibot_sim.model.analysis.stability import largest_step
 from artibot_sim.model.equations.transmission import back_torque_factor
-from artibot_sim.model.kernels.layout import GAMMA, X, Y
+from artibot_sim.model.kernels.layout import F_L, GAMMA, SAT, X, Y
 from artibot_sim.model.robot.derived import on_ground, params
 from artibot_sim.model.robot.parameters import SensorErrors
 from artibot_sim.model.simulate.rollout import torque_columns, unlimited_beside_prescribed
@@ -52,7 +52,7 @@ class _Part(NamedTuple):
     t: Floats
     q: Floats
     v: Floats
-    torque: Floats
+    kept: Floats
 
 
 class Pieces:
@@ -61,11 +61,13 @@ class Pieces:
     Parameters
     ----------
     t_start, t_end : s; instants outside have no simulation.
+    forces : whether forces on the wheels are kept beside motor torques; of a robot of two modules at most.
     """
 
-    def __init__(self, t_start: float, t_end: float) -> None:
+    def __init__(self, t_start: float, t_end: float, forces: bool = False) -> None:
         self.t_start = t_start
         self.t_end = t_end
+        self._forces = forces
         self._windows: list[list[_Part]] = []
         self._counted: list[bool] = []
         self._robot: Robot | None = None
@@ -85,7 +87,13 @@ class Pieces:
             self._windows.append([])
             self._counted.append(counted)
         self._robot, self._modes = result.robot, result.modes
-        self._windows[-1].append(_Part(result.t, result.q, result.v, result.motor_torque.copy()))
+        kept = result.row[:, self._columns(result.robot)[0]]
+        self._windows[-1].append(_Part(result.t, result.q, result.v, kept))
+
+    def _columns(self, robot: Robot) -> tuple[list[int], int]:
+        """Where a rollout's row has what is kept of it, and how long that is."""
+        torques, width = torque_columns(robot)
+        return (torques + list(range(F_L, SAT + 8)) if self._forces and not robot.trailing else torques), width
 
     def covers(self, t: Floats) -> NDArray[np.bool_]:
         """Say at which times (n,) there is a simulation."""
@@ -117,11 +125,11 @@ class Pieces:
 
         What was before a window's start goes on from there with the rates that the front module has then, which turn
         with it, as where windows are fitted. Coordinates are interpolated by the cubics that their rates give, rates
-        and motor torques linearly; other contributions are NaN.
+        and what is kept of the contributions linearly; others are NaN.
         """
         assert self._robot is not None, "nothing was simulated"
         q, v = np.full((2, len(t), 8 * max(2, len(self._robot.modules))), np.nan)
-        torques, width = torque_columns(self._robot)
+        kept, width = self._columns(self._robot)
         row = np.full((len(t), width), np.nan)
         number = self._window(t)
         order = np.argsort(number, kind="stable")
@@ -139,7 +147,7 @@ class Pieces:
             share = ((at - times[i]) / (times[i + 1] - times[i]))[:, None]
             v[rows] = all_v[i] + share * (all_v[i + 1] - all_v[i])
             _go_back(q, rows[late < times[0] - _EPSILON], late[late < times[0] - _EPSILON] - times[0], all_v[0])
-            row[rows[:, None], np.array(torques)] = all_m[i] + share * (all_m[i + 1] - all_m[i])
+            row[rows[:, None], np.array(kept)] = all_m[i] + share * (all_m[i + 1] - all_m[i])
         return Rollout(self._robot, Status.OK, "interpolated", np.array(t), q, v, row, None, None, self._modes)
 
     def moved(self, by: Callable[[Rollout, Rollout], Floats]) -> Pieces:
@@ -148,7 +156,7 @@ class Pieces:
         `by` gives, from a window's rollout and the one of the window before it, by how much the front module's pose is
         moved: x, y (m) and yaw (rad), (n, 3), a row each of the window's. Rates change with it.
         """
-        found = Pieces(self.t_start, self.t_end)
+        found = Pieces(self.t_start, self.t_end, self._forces)
         found._robot, found._modes, found._counted = self._robot, self._modes, self._counted
         joined = [_joined_parts(window) for window in self._windows]
         runs = [self._rollout(part) for part in joined]
@@ -186,7 +194,7 @@ def _moved(part: _Part, offset: Floats) -> _Part:
         v[:, b : b + 2] = part.v[:, :2] + rate[:, :2] + going + swept
         q[:, b + GAMMA] += offset[:, 2]
         v[:, b + GAMMA] += rate[:, 2]
-    return _Part(part.t, q, v, part.torque)
+    return _Part(part.t, q, v, part.kept)
 
 
 def _joined_parts(window: list[_Part]) -> _Part:
@@ -425,6 +433,7 @@ def resimulate(
     back: str = "auto",
     begun: Sequence[Begun] = (),
     ground: Ground | None = None,
+    forces: bool = False,
     progress: Report | None = None,
 ) -> Resimulation:
     """Simulate a recording again and compare.
@@ -440,6 +449,7 @@ def resimulate(
     begun : windows of `horizon` s to simulate by their rotations, with what they begin with; by default windows are
         cut here and begin as measured.
     ground : uneven ground; flat if None.
+    forces : whether `Pieces.at` knows the forces on the wheels, too.
     progress : is called now and then with the share that is simulated.
 
     Returns
@@ -459,7 +469,7 @@ def resimulate(
         raise ArtibotError(f"resimulate: '{drive}'; expected one of {', '.join(DRIVES)}")
     if horizon is not None and not (np.isfinite(horizon) and horizon >= 0.1):
         raise ArtibotError(f"horizon: {horizon} s; expected at least 0.1 s")
-    run = _Run(experiment, robot, drive, horizon, back, ground, progress or (lambda _: None))
+    run = _Run(experiment, robot, drive, horizon, back, ground, forces, progress or (lambda _: None))
     if begun:
         run.begun(begun)
     else:
@@ -482,7 +492,7 @@ class _Run:
 
     def __init__(
         self, experiment: Experiment, robot: Robot, drive: str, horizon: float | None, back: str,
-        ground: Ground | None, progress: Report,
+        ground: Ground | None, forces: bool, progress: Report,
     ) -> None:  # fmt: skip
         self.experiment = experiment
         self.robot = robot
@@ -490,6 +500,7 @@ class _Run:
         self.horizon = horizon
         self.back = back
         self.ground = ground
+        self.forces = forces
         self.progress = progress
         self.simulated = 0.0
         self.pieces: list[Pieces] = []
@@ -514,7 +525,7 @@ class _Run:
         else:
             inputs = executed_inputs(commands(self.experiment, self.robot, *span, back=self.back), self.robot)
         inputs = true_inputs(inputs, self.errors, recorded=self.drive == "rotations")
-        pieces = Pieces(span[0], span[1])
+        pieces = Pieces(span[0], span[1], self.forces)
         knots = len(inputs.t) - 1
         window = knots if self.horizon is None else max(1, round(self.horizon / inputs.dt))
         for first in range(0, knots, window):
@@ -533,7 +544,7 @@ class _Run:
             stretches.setdefault(id(window.inputs), []).append(window)
         for some in stretches.values():
             inputs = true_inputs(some[0].inputs, self.errors, recorded=True)
-            pieces = Pieces(float(inputs.t[0]), float(inputs.t[-1]))
+            pieces = Pieces(float(inputs.t[0]), float(inputs.t[-1]), self.forces)
             for window in some:
                 self._roll(inputs, pieces, window, np.zeros(inputs.position.shape[1]))
             self.pieces.append(pieces)

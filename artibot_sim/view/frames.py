@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,10 +14,9 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import Experiment
 from artibot_sim.experiment.measured import Measured
 from artibot_sim.experiment.resimulate import Pieces, resimulate
-from artibot_sim.model import MOTORS, Robot, initial_state
-from artibot_sim.model.kernels.layout import ALPHA, BACK, BETA, GAMMA, MOTOR_COORDINATES, Z
-from artibot_sim.model.reference.contact import contact_forces
-from artibot_sim.model.simulate.rollout import side_gears
+from artibot_sim.model import MOTORS, Commands, Mode, Robot, Rollout, initial_state, rollout
+from artibot_sim.model.kernels.layout import ALPHA, BACK, BETA, F_L, F_T, GAMMA, MOTOR_COORDINATES, SAT, Z
+from artibot_sim.model.simulate.rollout import default_modes, side_gears
 from artibot_sim.progress import Report
 from artibot_sim.report.paths import find_track
 
@@ -33,8 +32,8 @@ MOST = 6000
 """Instants at most; longer recordings have fewer a second."""
 HORIZON = 5.0
 """s after which a simulation is started anew from what was measured."""
-_SLIDING = 0.999
-"""A wheel slides where eq. 16 leaves less than this of eq. 15's force."""
+_INSTANT = 1e-3
+"""s that are simulated to have the forces at their beginning."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +112,7 @@ def film_of(
             advance((begun + share) / len(models))
 
         try:
-            run = resimulate(experiment, model, horizon=HORIZON, progress=part)
+            run = resimulate(experiment, model, horizon=HORIZON, forces=True, progress=part)
             simulated[name] = _simulated(run.pieces, model, t)
         except ArtibotError as error:
             notes.append(f"without forces: {error}")
@@ -193,15 +192,32 @@ def _simulated(pieces: Sequence[Pieces], robot: Robot, t: Floats) -> Poses:
             modules[rows, i] = run.q[:, [8 * i, 8 * i + 1, 8 * i + GAMMA]]
         wheels[rows] = run.wheel_position[:, :count]
         if not robot.trailing:
-            for row, q, v in zip(rows, run.q, run.v, strict=True):
-                forces[row], sliding[row] = wheel_forces(robot, q, v)
+            forces[rows], sliding[rows] = _forces_in(run, count)
     return Poses(modules, wheels, forces, sliding)
 
 
 def wheel_forces(robot: Robot, q: Floats, v: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     """Forces (wheels, 2) of the ground on the wheels, N, and which of them slide, at a state (16,), (16,)."""
-    found = contact_forces(robot, q, v)
-    return np.column_stack([found.F_l, found.F_t]), found.held < _SLIDING
+    count = 4 if robot.articulated else 2
+    speeds = np.full((2, 4), np.nan)
+    speeds[:, :count] = v[list(MOTOR_COORDINATES)[:count]]
+    modes = (*(Mode.PRESCRIBED,) * count, *default_modes(robot)[count:])
+    run = rollout(
+        robot,
+        Commands(_INSTANT, speeds),
+        dt=_INSTANT,
+        every=1,
+        modes=modes,
+        state=replace(initial_state(robot), q=q, v=v),
+    )
+    forces, sliding = _forces_in(run, 4 * len(robot.modules))
+    return forces[0], sliding[0]
+
+
+def _forces_in(run: Rollout, wheels: int) -> tuple[Floats, NDArray[np.bool_]]:
+    """Forces (n, wheels, 2) of the ground, N, and which wheels slide, of a rollout of two modules at most."""
+    along, across = run.row[:, F_L : F_L + wheels], run.row[:, F_T : F_T + wheels]
+    return np.stack([along, across], axis=-1), run.row[:, SAT : SAT + wheels] > 0.5
 
 
 def state_of(
