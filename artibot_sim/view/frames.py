@@ -86,6 +86,19 @@ class Film:
     notes: Sequence[str] = ()
 
 
+def measured_film(experiment: Experiment, robot: Robot) -> Film:
+    """What a recording shows before anything is simulated: the measured rover, without forces, and the paths.
+
+    Raises
+    ------
+    ArtibotError
+        Where the recording has no pose.
+    """
+    first, last = experiment.segments[0][0], experiment.segments[-1][1]
+    t = np.linspace(first, last, int(np.clip((last - first) * RATE, 2, MOST)))
+    return Film(experiment.name, robot, t, {MEASURED: _measured(experiment, robot, t)}, _paths(experiment))
+
+
 def film_of(
     experiment: Experiment, robot: Robot, diagnosis: Diagnosis | None = None, progress: Report | None = None
 ) -> Film:
@@ -99,9 +112,7 @@ def film_of(
     ArtibotError
         Where the recording has no pose.
     """
-    advance = progress or (lambda _: None)
-    first, last = experiment.segments[0][0], experiment.segments[-1][1]
-    t = np.linspace(first, last, int(np.clip((last - first) * RATE, 2, MOST)))
+    advance, bare = progress or (lambda _: None), measured_film(experiment, robot)
     models = {PAPER: robot} if diagnosis is None else {PAPER: diagnosis.baseline_robot, EXTENDED: diagnosis.extended}
     if diagnosis is not None and not diagnosis.causes:
         models.pop(EXTENDED)
@@ -113,19 +124,27 @@ def film_of(
 
         try:
             run = resimulate(experiment, model, horizon=HORIZON, forces=True, progress=part)
-            simulated[name] = _simulated(run.pieces, model, t)
+            simulated[name] = _simulated(run.pieces, model, bare.t)
         except ArtibotError as error:
             notes.append(f"without forces: {error}")
-    shown = _measured(experiment, robot, t, simulated.get(PAPER))
+    shown = _with_forces(bare.rovers[MEASURED], simulated.get(PAPER))
     rovers = {MEASURED: shown} | (simulated if diagnosis is not None else {})
     if diagnosis is not None:
         notes.append(f"{', '.join(simulated)}: started anew from what was measured every {HORIZON:g} s")
     pushes = {} if diagnosis is None else _pushes(diagnosis)
-    return Film(experiment.name, robot, t, rovers, _paths(experiment), pushes, notes)
+    return replace(bare, rovers=rovers, pushes=pushes, notes=notes)
 
 
-def _measured(experiment: Experiment, robot: Robot, t: Floats, model: Poses | None) -> Poses:
+def _with_forces(measured: Poses, model: Poses | None) -> Poses:
     """The rover as measured, with what the model says of its wheels."""
+    if model is None:
+        return measured
+    wheels = np.where(np.isfinite(measured.wheels), measured.wheels, model.wheels)
+    return replace(measured, wheels=wheels, forces=model.forces, sliding=model.sliding)
+
+
+def _measured(experiment: Experiment, robot: Robot, t: Floats) -> Poses:
+    """The rover as measured, without forces."""
     pose = np.full((len(t), 3), np.nan)
     bends = np.full((len(t), len(robot.hitches)), np.nan)
     for begin, end in experiment.segments:
@@ -140,10 +159,8 @@ def _measured(experiment: Experiment, robot: Robot, t: Floats, model: Poses | No
     if not np.isfinite(pose).any():
         raise ArtibotError(f"{experiment.path}: no pose is recorded, so there is nothing to place a rover by")
     wheels, count = _turned(experiment, robot, t), 4 * len(robot.modules)
-    if model is None:
-        return Poses(chain(robot, pose, bends), wheels, np.zeros((len(t), count, 2)), np.zeros((len(t), count), bool))
-    wheels = np.where(np.isfinite(wheels), wheels, model.wheels)
-    return Poses(chain(robot, pose, np.where(np.isfinite(bends), bends, 0.0)), wheels, model.forces, model.sliding)
+    bends = np.where(np.isfinite(bends), bends, 0.0)
+    return Poses(chain(robot, pose, bends), wheels, np.zeros((len(t), count, 2)), np.zeros((len(t), count), bool))
 
 
 def chain(robot: Robot, pose: Floats, bends: Floats) -> Floats:

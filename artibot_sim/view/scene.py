@@ -94,7 +94,7 @@ class Scene:
         server.scene.set_up_direction("+z")
         self._ground(extent)
         for name in rovers:
-            self._add(name)
+            self.add(name)
 
     def _ground(self, extent: Floats) -> None:
         known = extent[np.isfinite(extent).all(axis=1)]
@@ -111,8 +111,10 @@ class Scene:
         camera.position = (float(middle[0]), float(middle[1] - 0.6 * size), 0.5 * size)
         camera.up = (0.0, 0.0, 1.0)
 
-    def _add(self, name: str) -> None:
-        """One rover: boxes and wheels, solid where it is measured."""
+    def add(self, name: str) -> None:
+        """One rover more, unless it is there: boxes and wheels, solid where it is measured."""
+        if name in self._modules:
+            return
         scene, robot = self.server.scene, self.robot
         r_w, opacity = robot.wheel.r_w, None if name == MEASURED else _GHOST
         colour = rgb(BODIES.get(name, style.MUTED))

@@ -5,13 +5,16 @@ from __future__ import annotations
 import contextlib
 import html
 import io
+import threading
 import time
 import webbrowser
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from artibot_sim.errors import ArtibotError
 from artibot_sim.progress import Report
 from artibot_sim.view.frames import Film
 from artibot_sim.view.scene import BODIES, HOLDS, PATHS, SLIDES, Scene
@@ -87,19 +90,54 @@ class Player:
     ----------
     server : viser.ViserServer
     film : Film
+    more : callable, optional
+        Gives the film with what takes a while to be simulated; it is called beside the playing, and told whom to report
+        its progress.
     """
 
-    def __init__(self, server: Any, film: Film) -> None:
+    def __init__(self, server: Any, film: Film, more: Callable[[Report], Film] | None = None) -> None:
         self.film, self.scene = film, staged(server, film)
         gui, t = server.gui, film.t
         gui.configure_theme(show_share_button=False, show_logo=False)
-        gui.add_markdown(legend(film))
+        self._legend = gui.add_markdown(legend(film))
+        self._bar = None if more is None else gui.add_progress_bar(0.0)
+        self._more: list[Film | ArtibotError] = []
         step = max(float(t[-1] - t[0]) / 2000.0, 1e-3)
         self._time = gui.add_slider("time (s)", float(t[0]), float(t[-1]), step, float(t[0]))
         self._playing = gui.add_checkbox("play", True)
         self._speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
         self._row = -1
         self._time.on_update(lambda _: self.show(self._time.value))
+        if more is not None:
+            threading.Thread(target=self._simulate, args=(more,), name="simulation", daemon=True).start()
+
+    def _simulate(self, more: Callable[[Report], Film]) -> None:
+        """Have a film made and kept for the playing thread."""
+        try:
+            self._more.append(more(self._report))
+        except ArtibotError as error:
+            self._more.append(error)
+
+    def _report(self, share: float) -> None:
+        """Show how far the simulation is, in whole percents: each setting is a message to every browser."""
+        percents = float(int(100.0 * share))
+        if self._bar is not None and percents != self._bar.value:
+            self._bar.value = percents
+
+    def _take(self, found: Film | ArtibotError) -> None:
+        """Go on with what has been simulated."""
+        if self._bar is not None:
+            self._bar.remove()
+            self._bar = None
+        if isinstance(found, ArtibotError):
+            found = replace(self.film, notes=[*self.film.notes, str(found)])
+        for name in found.rovers:
+            self.scene.add(name)
+        for name, force in found.pushes.items():
+            self.scene.push(name, force)
+        self.film, self._row = found, -1
+        self._legend.content = legend(found)
+        self.show(self._time.value)
 
     def show(self, t: float) -> None:
         """Show the instant next to `t`, s since the recording's start."""
@@ -114,6 +152,8 @@ class Player:
         while not ended():
             time.sleep(_PERIOD)
             now = time.monotonic()
+            if self._more:
+                self._take(self._more.pop())
             if self._playing.value:
                 t = self._time.value + float(self._speed.value) * (now - last)
                 self._time.value = float(self.film.t[0]) if t > self.film.t[-1] else t

@@ -7,8 +7,10 @@ import io
 import re
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +21,19 @@ from browser import Browser, browser
 from artibot_sim.cli import main
 from artibot_sim.experiment import read_bag
 from artibot_sim.model import Commands, Robot, load_robot, rollout
+from artibot_sim.progress import Report
 from artibot_sim.report.paths import outline
-from artibot_sim.view.frames import MEASURED, Film, chain, film_of, state_of, wheel_forces, wheels_of
+from artibot_sim.view.frames import (
+    MEASURED,
+    PAPER,
+    Film,
+    chain,
+    film_of,
+    measured_film,
+    state_of,
+    wheel_forces,
+    wheels_of,
+)
 from artibot_sim.view.scene import wheel_mesh
 from ros_helpers import ROOT, NodeStarter, skip, spin_until
 
@@ -176,6 +189,39 @@ def test_the_page_of_a_recording_has_a_time_slider_that_moves_the_rover(page: Br
         assert front.position[0] == pytest.approx(
             np.interp(20.0, film.t, film.rovers[MEASURED].modules[:, 0, 0]), abs=0.1
         )
+    finally:
+        stopped(server)
+
+
+def test_a_rover_is_shown_before_its_forces_are_simulated(film: Film) -> None:
+    """Paths and poses at once; forces, models and a diagnosis' pushes at the instant that is shown when they come."""
+    need_viser()
+    from artibot_sim.view.server import Player, started, stopped
+
+    experiment = read_bag(BAG)
+    early = measured_film(experiment, film.robot)
+    np.testing.assert_array_equal(early.rovers[MEASURED].modules, film.rovers[MEASURED].modules)
+    assert early.paths.keys() == film.paths.keys() and not early.rovers[MEASURED].forces.any()
+    later = replace(film, rovers={**film.rovers, PAPER: film.rovers[MEASURED]}, pushes={"slope": (30.0, 0.0)})
+    go, asked = threading.Event(), []
+
+    def more(report: Report) -> Film:
+        report(0.5)
+        assert go.wait(30.0)
+        return later
+
+    server = started(0)
+    try:
+        player = Player(server, early, more)
+        player.run(lambda: asked.append(1) or len(asked) > 3)
+        assert player.film is early and PAPER not in player.scene._modules
+        go.set()
+        end = time.monotonic() + 30.0
+        player.run(lambda: player.film is later or time.monotonic() > end)
+        assert player.film is later and len(player.scene._modules[PAPER]) == len(film.robot.modules)
+        row = player._row
+        points, _ = player.scene.arrows(film.rovers[MEASURED], row)
+        np.testing.assert_allclose(player.scene._forces[MEASURED].points, points)
     finally:
         stopped(server)
 

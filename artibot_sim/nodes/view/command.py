@@ -15,6 +15,10 @@ from artibot_sim.nodes.common.process import node_main
 from artibot_sim.report.files import OutputFile
 
 if TYPE_CHECKING:
+    from artibot_sim.diagnose.result import Diagnosis
+    from artibot_sim.experiment import Experiment
+    from artibot_sim.model import Robot
+    from artibot_sim.progress import Bar, Report
     from artibot_sim.view.frames import Film
 
 PORT = 8080
@@ -58,52 +62,64 @@ def command(ros_args: list[str] | None, bag: Path | None, live: bool, **given: A
 
         return run(given["robot"] or "agriq", given["port"], given["browser"], ros_args or [])
     assert bag is not None
-    return show(film_of_bag(bag, given), given)
+    return show(bag, given)
 
 
-def film_of_bag(bag: Path, given: dict[str, Any]) -> Film:
-    """Read and simulate what is to be shown."""
+def read(bag: Path, given: dict[str, Any], bar: Bar) -> tuple[Experiment, Robot, Diagnosis | None]:
+    """The recording, the robot that it is shown as, and the diagnosis that is shown with it."""
     from artibot_sim.experiment import parse_renames, read_bag
     from artibot_sim.experiment.resimulate import robot_of
-    from artibot_sim.progress import Bar
-    from artibot_sim.view.frames import film_of
 
     found = None
     if given["diagnosis"] is not None:
         from artibot_sim.report.diagnosis.files import load  # 1 s, with all that a diagnosis is made of
 
         found = load(given["diagnosis"])
-    with Bar() as bar:
-        stage = bar.stage(f"reading {bag.name}", 0.3)
-        experiment = read_bag(bag, parse_renames(given["renames"]), namespace=given["namespace"], progress=stage)
-        robot = found.robot if found is not None and given["robot"] is None else robot_of(experiment, given["robot"])
-        return film_of(experiment, robot, found, bar.stage("simulating", 0.7))
+    stage = bar.stage(f"reading {bag.name}", 0.3)
+    experiment = read_bag(bag, parse_renames(given["renames"]), namespace=given["namespace"], progress=stage)
+    robot = found.robot if found is not None and given["robot"] is None else robot_of(experiment, given["robot"])
+    return experiment, robot, found
 
 
-def show(film: Film, given: dict[str, Any]) -> int:
+def show(bag: Path, given: dict[str, Any]) -> int:
     """Write the file, or serve the page until the process is asked to end."""
     from artibot_sim.progress import Bar
-    from artibot_sim.report.files import write_files
-    from artibot_sim.view.server import Player, announced, saved, started, stopped
+    from artibot_sim.view.frames import film_of, measured_film
+    from artibot_sim.view.server import Player, announced, started, stopped
 
-    if given["save"] is not None:
-        with Bar() as bar:
-            page = saved(film, bar.stage("writing", 1.0))
-        write_files({given["save"]: page})
-        click.echo(f"wrote {given['save']}")
-        return 0
+    with Bar() as bar:
+        experiment, robot, found = read(bag, given, bar)
+        if given["save"] is not None:
+            return save(film_of(experiment, robot, found, bar.stage("simulating", 0.4)), given["save"], bar)
+        film = measured_film(experiment, robot)
+
+    def simulated(report: Report) -> Film:
+        whole = film_of(experiment, robot, found, report)
+        for note in whole.notes:
+            click.echo(note, err=True)
+        return whole
+
     server = _served(started, given["port"])
     asked = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: asked.set())
     try:
-        player = Player(server, film)
+        player = Player(server, film, simulated)
         click.echo(announced(server, given["browser"]))
-        for note in film.notes:
-            click.echo(note, err=True)
         player.run(asked.is_set)
     finally:
         stopped(server)
+    return 0
+
+
+def save(film: Film, path: Path, bar: Bar) -> int:
+    """Write a film as one file."""
+    from artibot_sim.report.files import write_files
+    from artibot_sim.view.server import saved
+
+    page = saved(film, bar.stage("writing", 0.3))
+    write_files({path: page})
+    click.echo(f"wrote {path}")
     return 0
 
 
