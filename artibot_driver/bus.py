@@ -21,6 +21,7 @@ from can.interfaces.socketcan.socketcan import build_can_frame, capture_message
 from can_remote.websocket import WebsocketClosed
 
 from artibot_driver.frames import Frame
+from artibot_driver.relay import RelayedBus
 from artibot_sim.errors import ArtibotError
 
 # ----------------------------------------------------------------------
@@ -336,7 +337,7 @@ def open_bus(interface: str = "socketcan", channel: str = "vcan0", bitrate: int 
     if interface not in _NO_BITRATE:
         options = {"bitrate": bitrate, **options}
     try:
-        raw = can.Bus(interface=interface, channel=channel, **options)
+        raw = RelayedBus(channel) if interface == "remote" else can.Bus(interface=interface, channel=channel, **options)
     except ConnectionError as error:
         raise ArtibotError(
             f"bus {channel}: nobody answers there ({error.strerror}); start a loopback bus: "

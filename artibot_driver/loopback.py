@@ -1,4 +1,4 @@
-"""A CAN bus between processes where the kernel has none: python-can-remote's server, on this machine only.
+"""A CAN bus between processes where the kernel has none: over python-can-remote's protocol, on this machine only.
 
 ``python -m artibot_driver.loopback`` serves until it is interrupted and prints the channel to use with the interface
 ``remote``; :func:`loopback_bus` does so for the length of a ``with`` block.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import logging
 import os
 import select
 import signal
@@ -17,11 +16,9 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
-
-from can_remote import RemoteServer
 
 from artibot_driver.priority import take_priority
+from artibot_driver.relay import RelayServer
 from artibot_sim.errors import ArtibotError
 
 HOST = "127.0.0.1"
@@ -31,31 +28,6 @@ PRIORITY = 60
 """Above the driver's: a bus does not wait for its nodes."""
 
 _START_TIMEOUT, _END_TIMEOUT = 20.0, 5.0
-
-
-class BusServer(RemoteServer):
-    """python-can-remote's server, which keeps nothing of nodes that were killed.
-
-    It would hold on to the bus of a node that went without a word: every frame since would be copied for that one, too,
-    and kept.
-    """
-
-    said = False
-    """Whether such an end is printed on standard error."""
-
-    def finish_request(self, request: Any, address: Any) -> None:
-        """Serve one node until it goes, however it does."""
-        try:
-            super().finish_request(request, address)
-        finally:
-            for client in [each for each in self.clients if each._ws.socket is request]:
-                self.clients.remove(client)
-                client.bus.shutdown()
-
-    def handle_error(self, request: Any, address: Any) -> None:
-        """In place of socketserver's traceback."""
-        if self.said:
-            print(f"{address}: has gone without leaving the bus", file=sys.stderr)
 
 
 @contextlib.contextmanager
@@ -123,15 +95,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--port", type=int, default=0, help="TCP port on 127.0.0.1 [any free one]")
     parser.add_argument("--while-stdin", action="store_true", help="end with the end of standard input")
     options = parser.parse_args(argv)
-    for name in ("can", "can_remote"):  # a node that was killed leaves its end open: no news for whoever has the bus
-        logging.getLogger(name).setLevel(logging.ERROR)
     try:
-        server = BusServer(HOST, options.port, interface="virtual", channel=f"artibot-{os.getpid()}")
+        server = RelayServer(HOST, options.port)
     except (OSError, OverflowError) as error:
         print(f"port {options.port} on {HOST}: {error}", file=sys.stderr)
         return 2
     server.said = not options.while_stdin  # else nobody reads it, and a full pipe is waited for
-    threading.excepthook = unless_gone
     # Waited for by the main thread, blocked in all: a handler may be kept waiting while the main thread sleeps
     ends = {signal.SIGTERM} if options.while_stdin else {signal.SIGTERM, signal.SIGINT}
     signal.pthread_sigmask(signal.SIG_BLOCK, ends)
@@ -146,12 +115,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     server.shutdown()
     server.server_close()
     return 0
-
-
-def unless_gone(args: threading.ExceptHookArgs) -> None:
-    """No traceback where a thread ends because the node that it sent frames to is gone."""
-    if not issubclass(args.exc_type, OSError):
-        threading.__excepthook__(args)
 
 
 def _end_with_input() -> None:

@@ -13,7 +13,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -137,6 +137,50 @@ def pause(seconds: float, scenario: Scenario) -> None:
 
 
 # ----------------------------------------------------------------------
+# What a rover that drives costs, with all of its processes.
+# ----------------------------------------------------------------------
+
+
+CHAIN_STARTS = {"sim": " is ready ", "driver": "[driver]: enabled", "record": "recording /motor_command"}
+"""What the processes say that are waited for, in the order of their starts."""
+
+
+def chain(scenario: Scenario) -> list[Result]:
+    """Planner, driver, bus, drives, simulator and recorder in real time along Table 6: processor time of each."""
+    seconds = 4.0 if scenario.quick else 20.0
+    with (
+        tempfile.TemporaryDirectory(prefix="artibot-bench-") as folder,
+        ExitStack() as running,
+        _bus_and_server(folder, scenario) as (channel, server),
+    ):
+        given = {
+            "sim": ["--with-driver", "--channel", channel],
+            "driver": ["--channel", channel, "--enable"],
+            "record": ["--robot", "agriq", "--out", str(Path(folder) / "recorded")],
+        }
+        pids = {} if server is None else {"bus": server.pid}
+        for word, said in CHAIN_STARTS.items():
+            process = running.enter_context(started(word, given[word], folder))
+            _wait_for(Path(folder) / f"{word}.log", said, process, scenario)
+            pids[word] = process.pid
+        planner = running.enter_context(started("planner", ["table6_agriq", "--keep", "--start-delay", "2"], folder))
+        pids["planner"] = planner.pid
+        pause(2.0 * PLANNER_READY, scenario)
+        before, began = {name: processor_time(pid) for name, pid in pids.items()}, time.monotonic()
+        pause(seconds, scenario)
+        after, took = {name: processor_time(pid) for name, pid in pids.items()}, time.monotonic() - began
+    shares = {name: (after[name] - before[name]) / took for name in pids}
+    note = f"{', '.join(shares)} on {_kind(channel)}, driving Table 6 in real time for {took:.0f} s"
+    return [Result("chain_cpu_share", sum(shares.values()), "cores", note, shares | load())]
+
+
+def processor_time(pid: int) -> float:
+    """What a process has used so far, s."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+# ----------------------------------------------------------------------
 # How much the record node takes with everything in it: the middleware, its queue, the writer, the disk.
 # ----------------------------------------------------------------------
 
@@ -202,7 +246,7 @@ WAITING: Final = "waiting for the driver"
 TPDOS: Final = (0x181, 0x182, 0x183, 0x184, 0x281, 0x282, 0x283, 0x284)
 """What four drives answer to a SYNC."""
 
-__all__ = ["driver", "missing", "replay_can", "replay_missing"]
+__all__ = ["chain", "driver", "missing", "replay_can", "replay_missing"]
 
 
 def driver(scenario: Scenario) -> list[Result]:
@@ -307,13 +351,20 @@ def _kind(channel: str) -> str:
 @contextmanager
 def _bus(folder: str, scenario: Scenario) -> Iterator[str]:
     """The channel of vcan0 where this kernel has it, up; else of a loopback bus."""
+    with _bus_and_server(folder, scenario) as (channel, _):
+        yield channel
+
+
+@contextmanager
+def _bus_and_server(folder: str, scenario: Scenario) -> Iterator[tuple[str, subprocess.Popen[bytes] | None]]:
+    """As `_bus`, with the process that serves a loopback bus."""
     flags = Path("/sys/class/net") / VCAN / "flags"
     if flags.exists() and int(flags.read_text(encoding="ascii"), 0) & 1:
-        yield VCAN
+        yield VCAN, None
         return
     with started("can", ["loopback"], folder) as server:
         said = _wait_for(Path(folder) / "can.log", "ws://", server, scenario)
-        yield next(word for word in said.split() if word.startswith("ws://"))
+        yield next(word for word in said.split() if word.startswith("ws://")), server
 
 
 def _wait_for(

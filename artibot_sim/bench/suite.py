@@ -84,6 +84,7 @@ SUITE: dict[str, Benchmark] = {
         ("driver_late_p99", "driver_sync_jitter_p99", "driver_callback_longest"),
         nodes.driver, 45, nodes.missing, in_quick=False,
     ),
+    "chain": Benchmark(("chain_cpu_share",), nodes.chain, 60, nodes.missing, in_quick=False),
     "replay_can": Benchmark(
         ("replay_can_late_p99",), nodes.replay_can, 40, nodes.replay_missing, in_quick=False,
     ),

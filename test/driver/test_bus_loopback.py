@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator
 
+import can
 import pytest
 from bus_contract import BusAddress, BusContract, received, wait_for
-from can.interfaces.virtual import channels
 
 from artibot_driver.bus import BusState, open_bus
 from artibot_driver.frames import Frame
-from artibot_driver.loopback import HOST, BusServer, loopback_bus, unless_gone
+from artibot_driver.loopback import HOST, loopback_bus
+from artibot_driver.relay import RelayServer
 from artibot_sim.errors import ArtibotError
 from ros_helpers import ROOT
 
@@ -82,9 +84,8 @@ def test_a_server_that_hangs_holds_nobody_up_for_long() -> None:
         server.communicate(timeout=10)
 
 
-def test_nothing_is_kept_of_nodes_that_were_killed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(threading, "excepthook", unless_gone)
-    server = BusServer(HOST, 0, interface="virtual", channel="killed nodes")
+def test_nothing_is_kept_of_nodes_that_were_killed() -> None:
+    server = RelayServer(HOST, 0)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     channel = f"ws://{HOST}:{server.server_port}/"
     hangs = "from artibot_driver.bus import open_bus\nimport sys, time\nbus = open_bus('remote', sys.argv[1])\n"
@@ -93,14 +94,53 @@ def test_nothing_is_kept_of_nodes_that_were_killed(monkeypatch: pytest.MonkeyPat
         for _ in range(3):
             with subprocess.Popen([sys.executable, "-c", hangs, channel], cwd=ROOT, stdout=subprocess.PIPE) as node:
                 assert node.stdout is not None and node.stdout.readline()
-                assert len(channels["killed nodes"]) == 2
+                assert len(server.nodes) == 2
                 for number in range(50):
                     bus.send(Frame(number, b""))
                 node.kill()
-            assert wait_for(lambda: bus.send(Frame(1, b"")) and len(channels["killed nodes"]) == 1, 10.0)
-            assert wait_for(lambda: len(server.clients) == 1)
+            assert wait_for(lambda: bus.send(Frame(1, b"")) and len(server.nodes) == 1, 10.0)
     server.shutdown()
     server.server_close()
+
+
+def test_a_node_that_does_not_read_holds_up_nobody_and_misses_nothing() -> None:
+    server = RelayServer(HOST, 0)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    channel = f"ws://{HOST}:{server.server_port}/"
+    numbers = [number.to_bytes(4, "big") for number in range(20_000)]
+    with open_bus("remote", channel) as idle:
+        (its,) = server.nodes
+        its.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 14)
+        idle.raw.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 16)
+        with open_bus("remote", channel) as one, open_bus("remote", channel) as other:
+            for begin in range(0, len(numbers), 500):
+                for number in numbers[begin : begin + 500]:
+                    assert one.send(Frame(1, number))
+                assert [received(other, 30.0).data for _ in range(500)] == numbers[begin : begin + 500]
+            assert its.unsent, "what the kernel has no room for is the server's to keep"
+            assert [received(idle, 30.0).data for _ in numbers] == numbers
+            assert not its.unsent
+    server.shutdown()
+    server.server_close()
+
+
+@pytest.mark.parametrize("plain", ["sender", "receiver"])
+def test_python_can_s_own_nodes_are_served(address: BusAddress, plain: str) -> None:
+    """Frames of either side of python-can-remote, masked as its clients do, and sent again and again by the server."""
+    with open_bus(*address) as own, can.Bus(interface="remote", channel=address[1]) as theirs:
+        sender, receiver = (theirs, own.raw) if plain == "sender" else (own.raw, theirs)
+        for size in range(9):
+            sender.send(can.Message(arbitration_id=0x100 + size, data=bytes(range(size)), is_extended_id=False))
+            found = receiver.recv(5.0)
+            assert found is not None and abs(found.timestamp - time.time()) < 60.0
+            assert (found.arbitration_id, bytes(found.data)) == (0x100 + size, bytes(range(size)))
+        task = sender.send_periodic(can.Message(arbitration_id=0x80, data=b"s", is_extended_id=False), 0.01)
+        for _ in range(3):
+            found = receiver.recv(5.0)
+            assert found is not None and bytes(found.data) == b"s"
+        task.stop()
+        while receiver.recv(0.5) is not None:
+            pass
 
 
 def test_the_server_ends_with_the_process_that_started_it() -> None:
