@@ -132,9 +132,10 @@ def run(robot_name: str, port: int, browser: bool, ros_args: list[str]) -> int:
 
 def _follow(node: LiveRover, scene: Scene, asked: list[int]) -> None:
     """Draw what comes in, at a steady pace."""
-    shown, paths_at = -1, 0.0
+    shown, paths_at, due = -1, 0.0, time.monotonic()
     while not asked:
-        time.sleep(_PERIOD)
+        due = max(due + _PERIOD, time.monotonic())
+        time.sleep(max(0.0, due - time.monotonic()))
         node.take()
         poses = node.poses() if node.seen != shown else None
         shown = node.seen
