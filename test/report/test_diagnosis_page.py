@@ -229,6 +229,18 @@ def test_the_page_says_all_that_was_found(every: dict[Verdict, Diagnosis]) -> No
         assert not re.search(r'(?:src|href)="(?!#)', text)
 
 
+def test_many_findings_leave_the_verdict_in_sight(named: Diagnosis) -> None:
+    many = tuple(f"run{number}: /imu/data is stamped {number} s late" for number in range(5))
+    text = markup(replace(named, findings=many))
+    assert all(finding in text for finding in many)
+    first, folded, verdict = (
+        text.index(many[0]),
+        text.index('<details class="findings">'),
+        text.index('<p class="verdict'),
+    )
+    assert first < folded < text.index(many[1]) < text.index(many[-1]) < verdict
+
+
 def test_names_cannot_break_the_page(named: Diagnosis) -> None:
     nasty = '</script><b>@CHARTS@ & "run"'
     comparisons = tuple(replace(comparison, name=nasty) for comparison in named.comparisons)

@@ -52,6 +52,9 @@ p.next { color: inherit; font-weight: 600; }
 ul { padding-left: 1.2em; margin: 6px 0; } li { margin: 4px 0; overflow-wrap: anywhere; }
 ul.said li::first-letter { text-transform: uppercase; }
 header ul.findings { max-width: 84ch; margin-bottom: 14px; }
+header ul.findings:has(+ details) { margin-bottom: 4px; }
+header details.findings { margin-bottom: 14px; }
+header details.findings summary { cursor: pointer; color: var(--good); }
 ul.warnings li, ul.findings li { list-style: none; border-left: 4px solid var(--tie); padding-left: 10px;
   margin-left: -1.2em; }
 details details { margin: 8px 0; } details details summary { cursor: pointer; padding: 4px 0; color: var(--good); }
@@ -86,7 +89,8 @@ drawParts();
 function fit(width) {  // a sheet of paper has room for two columns of this, px; null is as wide as the screen has room
   for (const place of shown.keys()) Plotly.relayout(place, {width: width, autosize: width === null});
 }
-window.addEventListener("beforeprint", () => fit(340));
+function unfold() { for (const rest of document.querySelectorAll("header details")) rest.open = true; }
+window.addEventListener("beforeprint", () => { unfold(); fit(340); });
 window.addEventListener("afterprint", () => fit(null));
 """
 
@@ -286,7 +290,7 @@ def page_of(found: Diagnosis, version: str) -> bytes:
         _next(found), _free_runs(page), _excluded(found),
     )  # fmt: skip
     head = (
-        f"{listed(found.findings, 'findings')}"
+        f"{_findings(found.findings)}"
         f'<p class="verdict {found.verdict.value}">{html.escape(_answer(found))}</p>'
         f"<h1>{html.escape(result.headline(found))}</h1>"
         f'<p class="sure">{html.escape(result.sureness(found))}</p>'
@@ -303,6 +307,14 @@ def _answer(found: Diagnosis) -> str:
     if found.verdict is Verdict.AMBIGUOUS and any(not cause.ties for cause in found.causes):
         return "cause found, another one ties"
     return _VERDICTS[found.verdict]
+
+
+def _findings(lines: Sequence[str]) -> str:
+    """What is wrong with recordings: the first open, the rest folded; a phone's first screen has the verdict, too."""
+    if len(lines) <= 2:
+        return listed(lines, "findings")
+    rest = f"<summary>{len(lines) - 1} more about the recordings</summary>{listed(lines[1:], 'findings')}"
+    return f'{listed(lines[:1], "findings")}<details class="findings">{rest}</details>'
 
 
 def _more(found: Diagnosis) -> str:
