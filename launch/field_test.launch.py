@@ -14,12 +14,15 @@ from launch.actions import DeclareLaunchArgument, Shutdown
 from launch.conditions import IfCondition, UnlessCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription
 
 
 def generate_launch_description():
     robot, manoeuvre = LaunchConfiguration("robot"), LaunchConfiguration("manoeuvre")
+    # launch reads the text of a parameter as YAML unless its type is stated: a file's name may look like a number
+    robot_text, manoeuvre_text = ParameterValue(robot, value_type=str), ParameterValue(manoeuvre, value_type=str)
     channel, driver_params = LaunchConfiguration("channel"), LaunchConfiguration("driver_params")
     simulated, enable = LaunchConfiguration("simulated"), LaunchConfiguration("enable")
     namespace = LaunchConfiguration("namespace")
@@ -62,12 +65,12 @@ def generate_launch_description():
                 output="screen",
                 condition=IfCondition(simulated),
                 arguments=["--driver-params", driver_params, "--channel", channel],
-                parameters=[{"robot": robot, "with_driver": True}],
+                parameters=[{"robot": robot_text, "with_driver": True}],
             ),
             Node(
                 **driver,
                 condition=IfCondition(simulated),
-                parameters=[{"robot": robot, "enable_on_start": enable}],
+                parameters=[{"robot": robot_text, "enable_on_start": enable}],
             ),
             # a default of this file must not change whose motors a real rover's driver believes to drive
             Node(**driver, condition=UnlessCondition(simulated), parameters=[{"enable_on_start": enable}]),
@@ -76,7 +79,7 @@ def generate_launch_description():
                 executable="planner",
                 namespace=namespace,
                 output="screen",
-                parameters=[{"robot": robot, "manoeuvre": manoeuvre, "subscriber_timeout": 600.0}],
+                parameters=[{"robot": robot_text, "manoeuvre": manoeuvre_text, "subscriber_timeout": 600.0}],
                 on_exit=Shutdown(reason="the manoeuvre is over"),
             ),
         ]

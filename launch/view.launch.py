@@ -19,6 +19,7 @@ from launch import LaunchDescription
 def generate_launch_description():
     namespace, sim_time = LaunchConfiguration("namespace"), LaunchConfiguration("use_sim_time")
     urdf = Command(["ros2 run artibot_sim urdf ", LaunchConfiguration("robot")])
+    prefix = LaunchConfiguration("frame_prefix")
     rviz = Node(
         package="rviz2",
         executable="rviz2",
@@ -41,7 +42,7 @@ def generate_launch_description():
                 parameters=[
                     {
                         "robot_description": ParameterValue(urdf, value_type=str),
-                        "frame_prefix": LaunchConfiguration("frame_prefix"),
+                        "frame_prefix": ParameterValue(prefix, value_type=str),
                         "use_sim_time": sim_time,
                     }
                 ],

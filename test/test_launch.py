@@ -121,11 +121,27 @@ def nodes_of(entities: list[Any], **given: str) -> list[Node]:
             return resolve(value.value)
         return resolve(values[value.variable_name]) if isinstance(value, LaunchConfiguration) else value
 
+    def parameter(value: Any) -> Any:
+        """As launch_ros has it: text of a substitution is read as YAML, unless it is empty or a type is stated."""
+        text = resolve(value)
+        return (yaml.safe_load(text) if text else "") if isinstance(value, LaunchConfiguration) else text
+
     nodes = [e for e in entities if isinstance(e, Node)]
     for node in nodes:
         node.arguments = [resolve(a) for a in node.arguments]
-        node.parameters = [{key: resolve(value) for key, value in group.items()} for group in node.parameters]
+        node.parameters = [{key: parameter(value) for key, value in group.items()} for group in node.parameters]
+        node.namespace = resolve(node.namespace)
     return nodes
+
+
+def launched(node: Node, folder: Path) -> list[str]:
+    """Arguments with which launch_ros starts a node: its own, its namespace made absolute, its parameters in files."""
+    words = [*node.arguments, "--ros-args", "-r", f"__ns:=/{str(node.namespace).strip('/')}"]
+    for number, group in enumerate(node.parameters):
+        file = folder / f"launch_params_{node.executable}_{number}"
+        file.write_text(yaml.dump({"/**": {"ros__parameters": group}}))
+        words += ["--params-file", str(file)]
+    return words
 
 
 def test_the_launch_files_are_there() -> None:
@@ -142,7 +158,8 @@ def test_arguments_are_declared_described_and_used(path: Path, monkeypatch: pyte
     for node in (e for e in entities if isinstance(e, Node)):
         values = [*node.arguments, *(value for group in node.parameters for value in group.values()), node.namespace]
         values += [node.condition.predicate_expression] if node.condition else []
-        values += [part for value in values if isinstance(value, ParameterValue) for part in value.value.command]
+        inner = [value.value for value in values if isinstance(value, ParameterValue)]
+        values += inner + [part for value in inner if isinstance(value, Command) for part in value.command]
         used |= {value.variable_name for value in values if isinstance(value, LaunchConfiguration)}
         assert node.namespace == LaunchConfiguration("namespace")
     assert used == declared
@@ -163,12 +180,20 @@ def test_executables_and_their_options_exist(path: Path, monkeypatch: pytest.Mon
         assert done.returncode == 0, done.stderr
 
 
+def test_what_looks_like_a_number_stays_text(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Names and files are anybody's: launch would make a number of one, and a node refuse the parameter's type."""
+    field = next(path for path in LAUNCH_FILES if path.name.startswith("field_test"))
+    for node in nodes_of(described(field, monkeypatch), robot="2024", manoeuvre="1e3", simulated="true"):
+        given = {key: value for group in node.parameters for key, value in group.items()}
+        assert given.get("robot", "2024") == "2024" and given.get("manoeuvre", "1e3") == "1e3"
+
+
 def test_a_real_rover_is_the_one_of_its_driver_s_parameters_and_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     """What this file has for a default changes neither polarity nor gears of motors that really turn, nor enables."""
     path = next(path for path in LAUNCH_FILES if path.name.startswith("field_test"))
     drivers = [n for n in nodes_of(described(path, monkeypatch), simulated="false") if n.executable == "driver"]
     (real,) = [node for node in drivers if isinstance(node.condition, UnlessCondition)]
-    assert real.parameters == [{"enable_on_start": "false"}]
+    assert real.parameters == [{"enable_on_start": False}]
     assert "--robot" not in real.arguments and "--enable" not in real.arguments
 
 
@@ -180,8 +205,9 @@ def bus_channel() -> Iterator[str]:
 
 @pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda path: path.name)
 def test_parameters_exist(
-    path: Path, monkeypatch: pytest.MonkeyPatch, start_node: NodeStarter, ros_context: object, bus_channel: str
-) -> None:
+    path: Path, monkeypatch: pytest.MonkeyPatch, start_node: NodeStarter, ros_context: object, bus_channel: str,
+    tmp_path: Path,
+) -> None:  # fmt: skip
     import rclpy.node
     from rcl_interfaces.srv import ListParameters
 
@@ -192,8 +218,7 @@ def test_parameters_exist(
     probe = rclpy.node.Node("probe", context=ros_context)
     for node in nodes.values():
         given = {key: value for group in node.parameters for key, value in group.items()}
-        settings = [word for key, value in given.items() for word in ("-p", f"{key}:={value}")]
-        process = start_node(node.executable, *node.arguments, "--ros-args", *settings)
+        process = start_node(node.executable, *launched(node, tmp_path))
         client = probe.create_client(ListParameters, f"{node.executable}/list_parameters")
         spin_until(probe, client.service_is_ready, timeout=60, what=f"{node.executable}'s parameter service")
         answer = client.call_async(ListParameters.Request())
@@ -209,7 +234,7 @@ def test_the_view_gives_robot_state_publisher_the_urdf_and_rviz_its_file(monkeyp
         state, rviz = nodes_of(described(path, patch), robot="epiq", frame_prefix="rover1/", use_sim_time="true")
     assert (state.package, rviz.package) == ("robot_state_publisher", "rviz2")
     (given,) = state.parameters
-    assert given["frame_prefix"] == "rover1/" and given["use_sim_time"] == rviz.parameters[0]["use_sim_time"] == "true"
+    assert given["frame_prefix"] == "rover1/" and given["use_sim_time"] == rviz.parameters[0]["use_sim_time"] is True
     words = "".join(given["robot_description"].command).split()
     assert words[:3] == ["ros2", "run", "artibot_sim"] and words[3] in COMMANDS
     command = [sys.executable, "-m", "artibot_sim.cli", *words[3:]]
@@ -262,8 +287,8 @@ def test_launch_arguments_that_are_left_empty_are_not_given(
     file = tmp_path / "mine.yaml"
     file.write_text("/**:\n  ros__parameters: {robot: epiq, rate: 2.0, kappa: 0.7}\n")
     with monkeypatch.context() as patch:
-        (sim,) = nodes_of(described(path, patch), params=str(file), kappa="0.9")
-    process = start_node(sim.executable, *sim.arguments, "--ros-args", "-r", "__ns:=/rover1")
+        (sim,) = nodes_of(described(path, patch), params=str(file), kappa="0.9", namespace="rover1")
+    process = start_node(sim.executable, *launched(sim, tmp_path))
     probe = rclpy.node.Node("probe", context=ros_context)
     client = probe.create_client(GetParameters, "/rover1/sim/get_parameters")
     spin_until(probe, client.service_is_ready, timeout=60, what="the simulator's parameter service")
