@@ -83,7 +83,9 @@ def test_who_listens_already_misses_nothing(
     """Also where nobody wants the other topics, and without --wait."""
     listener = Listener(ros_context, topics)
     with listener.listening():
-        assert start_node("replay", counted).wait() == 0
+        replay = start_node("replay", counted)
+        assert replay.wait() == 0
+    assert "nobody listens" not in replay.output
     expected = recorded(counted)
     for topic in topics:
         assert listener.bytes_of(topic) == expected[topic]
@@ -323,9 +325,11 @@ def test_signals_end_it_with_status_0(start_node: NodeStarter, counted: Path) ->
         assert "Traceback" not in node.output
 
 
-def test_an_empty_stretch_does_not_spin(start_node: NodeStarter, tmp_path: Path) -> None:
+def test_an_empty_stretch_does_not_spin_and_nobody_is_waited_for_in_vain(
+    start_node: NodeStarter, tmp_path: Path
+) -> None:
     stamps = START_NS + np.array([0, 1_000_000_000])
     bag = write_channels(tmp_path / "two", {"motor_torques": (stamps, {"front_right.velocity": np.zeros(2)})})
     node = start_node("replay", bag, "--start", 0.4, "--end", 0.6, "--loop")
     assert node.wait() == 0
-    assert "0 messages" in node.output
+    assert "0 messages" in node.output and "nobody listens" in node.output

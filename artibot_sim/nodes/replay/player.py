@@ -191,8 +191,8 @@ class Player:
         """Recorded seconds since the beginning of the first pass."""
         return self._held if self._held is not None else (time.monotonic() - self._origin) * self.pace.rate
 
-    def wait_for_discovery(self) -> None:
-        """Wait until all subscribers that are there already have been found.
+    def wait_for_discovery(self) -> int:
+        """Wait until all subscribers that are there already have been found; return how many they are, of all topics.
 
         One that was found at once says nothing of others: the answer to a new participant gets lost now and then, and
         the other announces itself again only after its period. So the whole period is waited for.
@@ -205,6 +205,7 @@ class Player:
             if (count := sum(publisher.get_subscription_count() for publisher in publishers)) != found:
                 found, changed = count, time.monotonic()
         time.sleep(MATCHED)
+        return max(found, 0)
 
     def _lacking(self, count: int) -> list[str]:
         """Topics with fewer subscribers."""

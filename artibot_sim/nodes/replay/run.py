@@ -60,7 +60,8 @@ def _play(
         node.get_logger().info(
             f"finding who listens already takes {DISCOVERY:g} s (--wait 1: begin when all topics have one)"
         )
-        player.wait_for_discovery()
+        if not player.wait_for_discovery() and outlets and not asked:
+            node.get_logger().warning("nobody listens to its topics: played all the same (--wait 1 waits for somebody)")
     else:
         player.wait_for_subscribers(given["wait"], given["wait_timeout"])
     length = (stretch.end_ns - stretch.begin_ns) / 1e9
