@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
 import sys
 from pathlib import Path
 
@@ -72,6 +74,16 @@ def test_a_node_that_refuses_a_parameter_leaves_none_either(start_node: NodeStar
     node = start_node.run([sys.executable, "-c", LISTED, word, *REFUSED[word]], name=word)
     assert node.wait() == 2
     assert not threads_of_the_middleware(node.output)
+
+
+def test_ends_among_neighbours_that_come_and_go_are_counted_by_their_status() -> None:
+    """The command with which the page's figures are found."""
+    words = [sys.executable, "-m", "artibot_sim.nodes.driver.ends", "2", "--at-once", "1"]
+    done = subprocess.run(
+        [*words, "--situation", "parameter refused"], capture_output=True, text=True, timeout=900, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == {"situation": "parameter refused", "ends": {"status 2": 2}, "crashes": []}
 
 
 def threads_of_the_middleware(output: str) -> set[str]:
