@@ -66,6 +66,9 @@ class Aligned:
 def aligned(experiment: Experiment, robot: Robot, seed: int = 0, poses: bool | None = True) -> Aligned:
     """Shift the stamps of streams that are late or early, as the streams themselves show.
 
+    Rotations that are late stay so where the robot has a low-pass in front of its velocities (`velocity_filter`): that
+    is what makes them late then.
+
     Parameters
     ----------
     experiment : Experiment
@@ -85,6 +88,8 @@ def aligned(experiment: Experiment, robot: Robot, seed: int = 0, poses: bool | N
         poses = any(one.name == "rotation_delay" for one in mended)
     if not poses:
         mended = tuple(one for one in mended if not _late_pose(one))
+    if "velocity_filter" in robot.effects:
+        mended = tuple(one for one in mended if one.name != "rotation_delay" or (one.value or 0.0) < 0.0)
     mended += tuple(one for one in found if one.name in (LEAPS, FLIPPED))
     mended += tuple(one for one in known_faults(experiment, robot, values) if poses or one.name != "pose_delay")
     channels = dict(experiment.channels)

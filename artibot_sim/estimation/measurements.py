@@ -161,7 +161,7 @@ class Stretch:
             self.inputs.dt,
             np.ascontiguousarray(np.where(turned, self.inputs.position, 0.0)),
             np.ascontiguousarray(np.where(turned, self.inputs.velocity, 0.0)),
-            np.ascontiguousarray(self.inputs.torque), self.inputs.modes, kappa,
+            np.ascontiguousarray(self.inputs.torque), self.inputs.modes, kappa, self.inputs.from_speeds,
         )  # fmt: skip
 
 

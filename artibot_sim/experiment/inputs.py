@@ -14,7 +14,8 @@ from artibot_sim.model import MOTORS, Commands, Ground, Mode, Robot, Rollout, St
 from artibot_sim.model.robot.parameters import SensorErrors
 from artibot_sim.model.simulate.commands import as_executed
 from artibot_sim.model.simulate.rollout import default_modes, motor_coordinates
-from artibot_sim.model.simulate.sensors import sensor_errors, tracked_point, true_starts
+from artibot_sim.model.simulate.sensors import low_passed, sensor_errors, tracked_point, true_starts
+from artibot_sim.model.simulate.window_inputs import behind
 
 # ----------------------------------------------------------------------
 # What turns the motors when a recording is simulated again: measured rotations, or recorded commands.
@@ -40,6 +41,7 @@ class MotorInputs:
     torque : (n, 4) N·m, held from its knot on; NaN for eq. 30.
     modes : of the motors.
     measured_position, measured_velocity : (n, 4) what the encoders say, for start states; NaN where nothing is known.
+    from_speeds : whether nothing but its speed was recorded of a motor; none by default.
     """
 
     t: Floats
@@ -50,6 +52,7 @@ class MotorInputs:
     modes: tuple[Mode, ...]
     measured_position: Floats
     measured_velocity: Floats
+    from_speeds: tuple[bool, ...] = ()
 
     def commands(self, first: int, last: int, offset: Floats) -> Commands:
         """Return the commands from knot `first` to knot `last`, with `offset` (4,) rad added to the angles."""
@@ -92,7 +95,7 @@ def rotations(
     for i in np.flatnonzero(~turned).tolist():
         torque[:, i] = _held(motors, f"{robot.motors[i]}.effort", t)
     modes = tuple(Mode.PRESCRIBED if given else Mode.TORQUE for given in turned)
-    return MotorInputs(t, _KNOT, position, velocity, torque, modes, position, velocity)
+    return MotorInputs(t, _KNOT, position, velocity, torque, modes, position, velocity, _from_speeds(motors, robot))
 
 
 def commands(experiment: Experiment, robot: Robot, t_start: float, t_end: float, back: str = "auto") -> MotorInputs:
@@ -130,7 +133,14 @@ def commands(experiment: Experiment, robot: Robot, t_start: float, t_end: float,
     mean = 0.5 * (velocity[1:, :2] + velocity[:-1, :2])
     position[:, :2] = np.vstack([np.zeros((1, 2)), np.cumsum(dt * mean, axis=0)])
     modes = default_modes(robot)  # front motors that an effect limits are driven
-    return MotorInputs(t, dt, position, velocity, torque, modes, measured[0], measured[1])
+    return MotorInputs(t, dt, position, velocity, torque, modes, measured[0], measured[1], _from_speeds(motors, robot))
+
+
+def _from_speeds(motors: Channel | None, robot: Robot) -> tuple[bool, ...]:
+    """Of which motors nothing but the speed is recorded."""
+    recorded = motors.columns if motors is not None else {}
+    alone = [f"{motor}.velocity" in recorded and f"{motor}.position" not in recorded for motor in _motors(robot)]
+    return (*alone, *(False for _ in robot.motors[len(alone) :]))
 
 
 def _motors(robot: Robot) -> tuple[str, ...]:
@@ -170,7 +180,7 @@ def _rotation(
         if len(times) > 3:
             if quantity == "position":
                 return _from_positions(times, values, t, half_width)
-            return _from_speeds(times, values, t)
+            return _integrated(times, values, t)
     return None
 
 
@@ -182,7 +192,7 @@ def _from_positions(times: Floats, values: Floats, t: Floats, half_width: float)
     return value[:, 0], rate[:, 0]
 
 
-def _from_speeds(times: Floats, values: Floats, t: Floats) -> tuple[Floats, Floats]:
+def _integrated(times: Floats, values: Floats, t: Floats) -> tuple[Floats, Floats]:
     """Return the integral of recorded speeds, smoothed where they are dense enough for it, and the speeds."""
     if float(np.median(np.diff(times))) <= HALF_WIDTH / 2:
         values, _ = local_fit(times, values, times, HALF_WIDTH)
@@ -219,7 +229,8 @@ def recorded_motors(result: Rollout, robot: Robot) -> tuple[Floats, Floats, Floa
     """Return motor positions, velocities and torques (n, 4) as recorded, rad, rad/s, N·m."""
     errors = sensor_errors(robot)
     turned, pulled = errors.encoder_scale, errors.torque_scale
-    return turned * result.motor_position, turned * result.motor_velocity, pulled * result.motor_torque
+    speed = low_passed(result.t, result.motor_velocity, errors.velocity_filter)
+    return turned * result.motor_position, turned * speed, pulled * result.motor_torque
 
 
 def recorded_point(result: Rollout, robot: Robot) -> dict[str, Floats]:
@@ -255,16 +266,22 @@ def true_motion(errors: SensorErrors, motion: MeasuredMotion, late: bool) -> Mea
 
 def true_inputs(inputs: MotorInputs, errors: SensorErrors, recorded: bool) -> MotorInputs:
     """What turns the motors, from encoders and torques with errors: all of it if `recorded`, else the start alone."""
-    turned, pulled = errors.encoder_scale, errors.torque_scale
-    if turned == pulled == 1.0:
+    trailing = errors.velocity_filter if any(inputs.from_speeds) else 0.0
+    if errors.encoder_scale == errors.torque_scale == 1.0 and not trailing:
         return inputs
-    angle, speed = inputs.measured_position / turned, inputs.measured_velocity / turned
+
+    def true(angle: Floats, speed: Floats) -> tuple[Floats, Floats]:
+        if trailing:
+            late = trailing * behind(speed, inputs.dt, inputs.from_speeds)
+            angle, speed = angle + late[:, : angle.shape[1]], speed + late[:, angle.shape[1] :]
+        return angle / errors.encoder_scale, speed / errors.encoder_scale
+
+    angle, speed = true(inputs.measured_position, inputs.measured_velocity)
     start = replace(inputs, measured_position=angle, measured_velocity=speed)
     if not recorded:
         return start
-    return replace(
-        start, position=inputs.position / turned, velocity=inputs.velocity / turned, torque=inputs.torque / pulled
-    )
+    angle, speed = true(inputs.position, inputs.velocity)
+    return replace(start, position=angle, velocity=speed, torque=inputs.torque / errors.torque_scale)
 
 
 def executed_inputs(inputs: MotorInputs, robot: Robot) -> MotorInputs:

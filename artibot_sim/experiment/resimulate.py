@@ -35,7 +35,7 @@ from artibot_sim.model.kernels.layout import F_L, GAMMA, SAT, X, Y
 from artibot_sim.model.robot.derived import on_ground, params
 from artibot_sim.model.robot.parameters import SensorErrors
 from artibot_sim.model.simulate.rollout import torque_columns, unlimited_beside_prescribed
-from artibot_sim.model.simulate.sensors import sensor_errors, tracked_point
+from artibot_sim.model.simulate.sensors import low_passed, sensor_errors, tracked_point
 from artibot_sim.progress import Report
 
 # ----------------------------------------------------------------------
@@ -216,7 +216,9 @@ _SIMULATED: dict[str, Callable[[Rollout, SensorErrors], Floats]] = {
     "yaw": lambda result, errors: result.pose[:, 2:] + errors.heading,
     "yaw_rate": lambda result, errors: result.twist[:, 2:] + errors.gyro_bias,
     "articulation_yaw": lambda result, errors: result.articulation_yaw[:, None],
-    "front_velocity": lambda result, errors: errors.encoder_scale * result.motor_velocity[:, :2],
+    "front_velocity": lambda result, errors: (
+        errors.encoder_scale * low_passed(result.t, result.motor_velocity[:, :2], errors.velocity_filter)
+    ),
     "torque_front": lambda result, errors: errors.torque_scale * result.motor_torque[:, :2],
     "torque_back": lambda result, errors: errors.torque_scale * result.motor_torque[:, 2:4],
 }

@@ -16,7 +16,7 @@ from artibot_sim.experiment.measured import dead_reckon
 from artibot_sim.experiment.messages import encoder, path_message, trajectory_message
 from artibot_sim.experiment.topics import BY_KEY, LATCHED, STATE
 from artibot_sim.experiment.writer import BagWriter, whole_folder
-from artibot_sim.model.simulate.sensors import sensor_errors
+from artibot_sim.model.simulate.sensors import low_passed, sensor_errors
 from artibot_sim.progress import Report
 
 if TYPE_CHECKING:
@@ -219,10 +219,11 @@ def _odometry(result: Rollout, robot: Robot) -> dict[str, Floats]:
 def _joint_states(result: Rollout, robot: Robot) -> dict[str, Floats]:
     from artibot_sim.model.simulate.motion import joint_motion
 
-    columns, scale = {}, sensor_errors(robot).encoder_scale
+    columns, errors = {}, sensor_errors(robot)
+    speed = low_passed(result.t, result.wheel_velocity, errors.velocity_filter)
     for i, wheel in enumerate(robot.wheel_joints):
-        columns[f"{wheel}.position"] = scale * result.wheel_position[:, i]
-        columns[f"{wheel}.velocity"] = scale * result.wheel_velocity[:, i]
+        columns[f"{wheel}.position"] = errors.encoder_scale * result.wheel_position[:, i]
+        columns[f"{wheel}.velocity"] = errors.encoder_scale * speed[:, i]
     angle, rate = joint_motion(result.q, result.v)
     for i, joint in enumerate(robot.articulation_joints):
         columns[f"{joint}.position"], columns[f"{joint}.velocity"] = angle[:, i], rate[:, i]

@@ -153,7 +153,7 @@ def identify(
     for experiment in (*recordings, *holdout):
         require_usable([experiment], robot)
     in_model = "pose_delay" in parameters.robot.effects  # a late pose is the model's own matter then
-    timed, later = (on_one_clock(some, robot, seed, poses=not in_model) for some in (recordings, holdout))
+    timed, later = (on_one_clock(some, parameters.robot, seed, poses=not in_model) for some in (recordings, holdout))
     recordings, holdout = [one.experiment for one in timed], [one.experiment for one in later]
     wrong = what_is_wrong(timed, later)
     problem = problem_of(recordings, parameters, window, workers, seed=seed)

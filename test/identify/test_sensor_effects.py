@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnose.hidden.logged import recordings
+from experiment.test_recorded_as import with_speeds_alone
 from model.effects import SENSORS_1
 
 from artibot_sim.estimation.loss import channel_levels
@@ -29,7 +30,7 @@ TURNS = Manoeuvre(
 )  # fmt: skip
 SHOWN = {
     "encoder_scale": "position", "torque_scale": "torque_back", "pose_lever_arm": "position", "pose_delay": "position",
-    "pose_heading_offset": "position", "gyro_bias": "yaw_rate",
+    "pose_heading_offset": "position", "gyro_bias": "yaw_rate", "velocity_filter": "articulation_yaw",
 }  # fmt: skip
 
 
@@ -42,8 +43,11 @@ def seen_by(robot: Robot, recording) -> Problem:
 def test_the_robot_that_has_the_errors_explains_them(name: str) -> None:
     plain = load_robot("agriq")
     robot = replace(plain, effects={name: SENSORS_1[name]})
-    noise = Noise(heading=0.002) if name == "pose_heading_offset" else None  # a total station tells no headings
+    quiet = Noise(velocity=0.01)  # what is taken off a low-pass's noise makes more of it in torques
+    noise = {"pose_heading_offset": Noise(heading=0.002), "velocity_filter": quiet}.get(name)
     recording = synthetic(robot, TURNS, kappa=0.7, seed=1, start=(3.0, -2.0, 2.0), noise=noise)
+    if name == "velocity_filter":
+        recording = with_speeds_alone(recording)
     own, other = seen_by(robot, recording), seen_by(plain, recording)
     best, worse = fitted_starts(own, 3), fitted_starts(other, 3)
     assert best.cost < worse.cost - 500.0
@@ -106,3 +110,18 @@ def test_sensitivities_with_the_motion_held_are_those_of_starts_that_stay(turns:
         away = np.abs(found.parameters[k] - plainly)
         assert np.median(away) < 0.02 * np.sqrt(np.mean(plainly**2))
         assert np.corrcoef(found.parameters[k], np.clip(plainly, -100.0, 100.0))[0, 1] > 0.9
+
+
+def test_a_low_pass_before_speeds_is_found_and_told_from_none() -> None:
+    plain, key = load_robot("husky_driven"), "effects.velocity_filter.time_constant"
+    noise = Noise(velocity=0.01, heading=0.002)
+    found = []
+    for true in (0.15, 0.0):
+        robot = replace(plain, effects={"velocity_filter": {"time_constant": true}})
+        drive = with_speeds_alone(synthetic(robot, TURNS, noise=noise, seed=4))
+        result = identify(
+            [drive], plain, fit=["k_l", "k_t", key], priors={key: Prior(0.1, 0.1)}, window=3.0, effort=QUICK
+        )
+        found.append(result.result[key])
+    assert found[0].ci95[0] < 0.15 < found[0].ci95[1]
+    assert found[1].ci95[1] < found[0].ci95[0]

@@ -56,6 +56,7 @@ SENSORS_1 = {
     "pose_heading_offset": {"angle": 0.03},
     "pose_delay": {"delay": 0.12},
     "gyro_bias": {"bias": -0.01},
+    "velocity_filter": {"time_constant": 0.1},
 }
 """The same of those that act on measurements."""
 

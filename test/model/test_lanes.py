@@ -235,9 +235,10 @@ def test_sensor_errors_act_in_lanes_as_alone(agriq, monkeypatch) -> None:
     errors = {
         "encoder_scale": {"scale": 1.03}, "torque_scale": {"scale": 0.9}, "pose_lever_arm": {"x": 0.2, "y": -0.1},
         "pose_delay": {"delay": 0.08}, "pose_heading_offset": {"angle": 0.05}, "gyro_bias": {"bias": 0.02},
+        "velocity_filter": {"time_constant": 0.04},
     }  # fmt: skip
     robots = [dataclasses.replace(agriq, effects=errors), agriq]
-    motors = table(agriq)
+    motors = dataclasses.replace(table(agriq), from_speeds=(True,) * 4)
     items = items_of(robots, motors, 11, each=3)
     kinds = [*SHOWN, *range(KINDS.index("grip") + 1, len(KINDS))]
     plan = Plan(np.tile([0.03, 0.111, 0.15], len(kinds)), np.repeat(kinds, 3))

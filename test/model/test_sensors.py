@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,7 +14,7 @@ from artibot_sim.model import Mode, Robot, initial_state, load_robot, rollout
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.robot.parameters import NO_SENSOR_ERRORS, SensorErrors
 from artibot_sim.model.simulate.commands import Commands
-from artibot_sim.model.simulate.sensors import measured_starts, sensor_errors, true_starts
+from artibot_sim.model.simulate.sensors import low_passed, measured_starts, sensor_errors, true_starts
 from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable, Plan
 from artibot_sim.model.simulate.windows import WindowBatch
 
@@ -99,6 +101,23 @@ def test_a_delay_is_a_shift_of_positions_in_time(agriq: Robot, plain: dict, dela
         np.testing.assert_allclose(late[kind], early[kind], rtol=0, atol=1e-12)
     for kind in MEASURED[3:]:
         np.testing.assert_array_equal(late[kind], plain[kind])
+
+
+def test_a_low_pass_of_speeds_is_taken_off_motors_whose_angles_were_not_recorded(agriq: Robot, plain: dict) -> None:
+    """What is seen is what was seen of the rover whose speeds came out of it; recorded angles need no mending."""
+    smooth, true = 0.05, table()
+    t = 0.01 * np.arange(len(true.velocity))
+    seen = low_passed(t, true.velocity, smooth)
+    angle = np.vstack([np.zeros(4), np.cumsum(0.005 * (seen[1:] + seen[:-1]), axis=0)])
+    robot = with_effects(agriq, velocity_filter={"time_constant": smooth})
+    filtered = dataclasses.replace(true, position=angle, velocity=seen, from_speeds=(True,) * 4)
+    found, ignored = predicted(robot, filtered), predicted(agriq, filtered)
+    for kind in MEASURED[:4]:
+        off = np.abs(ignored[kind] - plain[kind]).max()
+        assert off > 1e-4
+        np.testing.assert_allclose(found[kind], plain[kind], rtol=0, atol=0.05 * off)
+    for kind, value in predicted(robot).items():
+        np.testing.assert_array_equal(value, plain[kind])
 
 
 def test_before_a_window_the_rover_went_on_as_it_starts(agriq: Robot) -> None:

@@ -162,8 +162,9 @@ def test_quaternion_and_matrix_are_the_same_rotation(roll: float, pitch: float, 
 def test_ideal_sensors_pass_the_truth_through_to_the_bit() -> None:
     sensors = Sensors(SensorModel(), 3)
     values = np.array([0.1, -2.0, 3.0, 4.0])
-    for read in (sensors.encoders, sensors.velocities, sensors.torques, sensors.articulation):
+    for read in (sensors.encoders, sensors.torques, sensors.articulation):
         np.testing.assert_array_equal(read(values), values)
+    np.testing.assert_array_equal(sensors.velocities(0, values), values)
     rates, felt = sensors.imu(values[1:], values[:3])
     np.testing.assert_array_equal(rates, values[1:])
     np.testing.assert_array_equal(sensors.orientation(values[:3]), values[:3])
@@ -178,7 +179,7 @@ def readings(seed: int, model: SensorModel = NOISY, n: int = 4000) -> dict[str, 
     truth = np.array([10.0, -20.0, 0.5, 0.0])
     station = [sensors.station(sensors.follow(0, np.zeros(3), np.eye(3))) for _ in range(n)]
     return {
-        "velocity": np.array([sensors.velocities(truth) for _ in range(n)]) - truth,
+        "velocity": np.array([sensors.velocities(k, truth) for k in range(n)]) - truth,
         "torque": np.array([sensors.torques(truth) for _ in range(n)]) - truth,
         "articulation": np.array([sensors.articulation(truth[:2]) for _ in range(n)]) - truth[:2],
         "gyro": np.array([sensors.imu(truth[1:], truth[:3])[0][2] for _ in range(n)]) - truth[3],

@@ -72,7 +72,7 @@ def load_lot(S, lot, fx):
             S[AT.PREVIOUS + motor * LANES + e] = lot.torque[i, motor]
         for k in range(MEMORY):
             S[AT.LAG + k * LANES + e] = S[AT.LAG_S + k * LANES + e] = lot.memory[i, k]
-        next_knot(S, e, lot.position, lot.velocity, lot.first[i], 1.0)
+        next_knot(S, e, lot.position, lot.velocity, lot.position, 0, lot.first[i], 1.0, 0.0)
 
 
 @inlined
@@ -82,7 +82,7 @@ def load_knot(S, lot, knot, h):
     for e in range(LANES):
         i = e if e < lot.share.shape[0] else 0
         here, ahead = min(lot.first[i] + knot, lot.last[i]), min(lot.first[i] + knot + 1, lot.last[i])
-        next_knot(S, e, lot.position, lot.velocity, ahead, 1.0)
+        next_knot(S, e, lot.position, lot.velocity, lot.position, 0, ahead, 1.0, 0.0)
         for motor in range(4):
             S[AT.GIVEN + motor * LANES + e] = lot.torque_d[here, motor]
             S[AT.GOING + motor * LANES + e] = 1.0 / h if ahead > here else 0.0

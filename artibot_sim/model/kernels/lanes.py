@@ -142,14 +142,21 @@ def feed_back(S, fx):
 
 
 @inlined
-def next_knot(S, e, position, velocity, row, turned):
-    """A lane's commands at the knot in `row`; recorded rotations are `turned` times the true ones."""
+def next_knot(S, e, position, velocity, behind, first, row, turned, filtered):
+    """A lane's commands at the knot in `row`.
+
+    Recorded rotations are `turned` times the true ones, and trail them by what is `behind` (n, 8: angles and speeds)
+    for each second of a low-pass of `filtered` s; angles count from the knot in `first`, where both are the same.
+    """
     for motor in range(4):
         j = motor * LANES + e
+        p, v = position[row, motor], velocity[row, motor]
+        if filtered != 0.0:
+            p += filtered * (behind[row, motor] - behind[first, motor])
+            v += filtered * behind[row, 4 + motor]
         if turned != 1.0:
-            S[AT.P_1 + j], S[AT.V_1 + j] = position[row, motor] / turned, velocity[row, motor] / turned
-        else:
-            S[AT.P_1 + j], S[AT.V_1 + j] = position[row, motor], velocity[row, motor]
+            p, v = p / turned, v / turned
+        S[AT.P_1 + j], S[AT.V_1 + j] = p, v
 
 
 @inlined

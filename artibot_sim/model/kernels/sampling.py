@@ -24,7 +24,7 @@ Python's integers, for each of whose values numba would compile every function a
 
 COLUMNS = 16
 
-ENCODER_SCALE, TORQUE_SCALE, ARM_X, ARM_Y, DELAY, GYRO_BIAS, HEADING = range(7)
+ENCODER_SCALE, TORQUE_SCALE, ARM_X, ARM_Y, DELAY, GYRO_BIAS, HEADING, VELOCITY_FILTER = range(8)
 """Places in `sensors.SensorErrors`."""
 LAST_LATE = 2
 """The first three kinds are stamped when positions are."""
@@ -165,9 +165,9 @@ def sample(rows, h, count, two, t, kind, sensors, r, out):
         s after the first row.
     kind : array of int, shape (m,)
         Positions in `window_inputs.KINDS`.
-    sensors : array, shape (robots, 7)
+    sensors : array, shape (robots, 8)
         `SensorErrors` in their order, in row `r`: a lever arm of kinds 0 and 1, a delay of kinds 0 to 2, an offset of
-        kind 2, a bias of kind 4, a scale of kinds 10 to 13. (The scale of encoders has acted before, on what turned
-        the motors.)
+        kind 2, a bias of kind 4, a scale of kinds 10 to 13. (Scale and low-pass of encoders have acted before, on
+        what turned the motors.)
     """
     sample_lane(rows, 0, 1, h, count, two, t, kind, 0, t.shape[0], sensors, r, out, 0)

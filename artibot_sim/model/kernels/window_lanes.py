@@ -30,6 +30,7 @@ from artibot_sim.model.kernels.sampling import (
     TORQUE_AT,
     TORQUE_SCALE,
     TURN_BACK_AT,
+    VELOCITY_FILTER,
     YAW_BACK_AT,
     sample_lane,
 )
@@ -52,10 +53,12 @@ class Work(NamedTuple):
         Efficiencies of a first step.
     effects : array, shape (r, EFFECT_VALUES)
         Empty where none is at work.
-    sensors : array, shape (r, 6)
+    sensors : array, shape (r, 8)
         Rows of SensorErrors.
     position, velocity, torque : array, shape (k, 4)
         Knots of all tables, one after the other.
+    behind : array, shape (k, 8)
+        By how much angles and speeds there trail for each second of a low-pass: see `MotorTable.behind`.
     modes : array of int, shape (n, 4)
     share : array, shape (n,)
         Eq. 30's factor.
@@ -78,6 +81,7 @@ class Work(NamedTuple):
     position: Array
     velocity: Array
     torque: Array
+    behind: Array
     modes: Indices
     share: Array
     robot: Indices
@@ -120,7 +124,7 @@ def load_block(S, work, order, block, fx):
         load_lane(S, e, work.records[r], effects_at(S, fx, e, 0.0), work.q, work.v, i)
         for k in range(8):
             S[AT.LAG + k * LANES + e] = S[AT.LAG_S + k * LANES + e] = work.lateral[i, k]
-        next_knot(S, e, work.position, work.velocity, work.first[i], work.sensors[r, ENCODER_SCALE])
+        load_motion(S, e, work, i, 0)
 
 
 @inlined
@@ -131,15 +135,23 @@ def item_of(order, block, e):
 
 
 @inlined
+def load_motion(S, e, work, i, knot):
+    """Rotations of item `i` at one of its knots, as they were where the sensors of its robot have recorded them."""
+    first, sensors = work.first[i], work.sensors[work.robot[i]]
+    next_knot(
+        S, e, work.position, work.velocity, work.behind, first, first + knot, sensors[ENCODER_SCALE],
+        sensors[VELOCITY_FILTER],
+    )  # fmt: skip
+
+
+@inlined
 def load_knot(S, work, order, block, knot, h):
     """All lanes' commands from a knot to the next, `h` seconds later; lanes that have ended stay at their last."""
     leave_knot(S)
     for e in range(LANES):
         i = item_of(order, block, e)
         r, last = work.robot[i], work.knots[i]
-        next_knot(
-            S, e, work.position, work.velocity, work.first[i] + min(knot + 1, last), work.sensors[r, ENCODER_SCALE]
-        )
+        load_motion(S, e, work, i, min(knot + 1, last))
         going = 1.0 / h if knot < last else 0.0
         for motor in range(4):
             S[AT.GOING + motor * LANES + e] = going

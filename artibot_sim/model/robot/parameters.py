@@ -104,6 +104,8 @@ class SensorErrors(NamedTuple):
         Recorded less true yaw rate, rad/s.
     heading : float
         Recorded less true heading where it comes with positions, rad.
+    velocity_filter : float
+        Time constant of the low-pass that recorded motor velocities have been through, s.
     """
 
     encoder_scale: float = 1.0
@@ -113,6 +115,7 @@ class SensorErrors(NamedTuple):
     delay: float = 0.0
     gyro_bias: float = 0.0
     heading: float = 0.0
+    velocity_filter: float = 0.0
 
 
 NO_SENSOR_ERRORS = SensorErrors()

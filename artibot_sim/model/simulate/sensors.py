@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model.effects import at_work
+from artibot_sim.model.effects.speed_loop_lag import weights
 from artibot_sim.model.robot.parameters import NO_SENSOR_ERRORS, SensorErrors
 from artibot_sim.model.robot.robot import Robot
 
@@ -33,12 +34,24 @@ def tracked_point(errors: SensorErrors, pose: Array) -> Array:
     return np.column_stack([pose[:, 0] + (c * x - s * y), pose[:, 1] + (s * x + c * y)])
 
 
+def low_passed(t: Array, values: Array, time_constant: float) -> Array:
+    """What comes out of a first-order low-pass, shape as `values` (n, k), whose instants `t` (n,) increase, s.
+
+    Exact for values that are linear in between; at the first instant it has settled.
+    """
+    found = np.array(values, dtype=float)
+    for i, h in enumerate(np.diff(t).tolist() if time_constant > 0.0 else (), 1):
+        now, before, kept = weights(time_constant, h)
+        found[i] = now * values[i] + before * values[i - 1] + kept * found[i - 1]
+    return found
+
+
 def true_starts(errors: Array, starts: Array, late: NDArray[np.bool_]) -> Array:
     """The rover's own motion at an instant, from what sensors with errors make of it then.
 
     Parameters
     ----------
-    errors : array, shape (n, 7) or (1, 7)
+    errors : array, shape (n, 8) or (1, 8)
         Rows of SensorErrors.
     starts : array, shape (n, k), k ≥ 6
         Measured: x, y, yaw in `map` (m, rad), forward and leftward velocity (m/s) of the tracked point, yaw rate
@@ -52,7 +65,7 @@ def true_starts(errors: Array, starts: Array, late: NDArray[np.bool_]) -> Array:
     earlier (measured less the heading's offset, where both come together), p = P − R(yaw') arm + R(yaw') ∫ R(ω t) v dt
     over d, P being the tracked point. `measured_starts` is the inverse, to rounding.
     """
-    _, _, arm_x, arm_y, delay, bias, offset = errors.T
+    _, _, arm_x, arm_y, delay, bias, offset, _ = errors.T
     x, y, yaw, u, w, rate = starts[:, :6].T
     omega = rate - bias
     turned = omega * delay
@@ -70,7 +83,7 @@ def true_starts(errors: Array, starts: Array, late: NDArray[np.bool_]) -> Array:
 
 def measured_starts(errors: Array, starts: Array, late: NDArray[np.bool_]) -> Array:
     """What sensors with errors make of the rover's motion: the inverse of `true_starts`, shapes as there."""
-    _, _, arm_x, arm_y, delay, bias, offset = errors.T
+    _, _, arm_x, arm_y, delay, bias, offset, _ = errors.T
     x, y, yaw, forward, left, omega = starts[:, :6].T
     turned = omega * delay
     before = yaw - turned

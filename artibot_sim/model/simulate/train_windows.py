@@ -37,12 +37,15 @@ from artibot_sim.model.kernels.layout import (
 )
 from artibot_sim.model.kernels.sampling import (
     COLUMNS,
+    ENCODER_SCALE,
     GRIP_AT,
     POSE_AT,
     PUSH_AT,
     SLIDING_AT,
     SPEED_AT,
     TORQUE_AT,
+    TORQUE_SCALE,
+    VELOCITY_FILTER,
     sample,
 )
 from artibot_sim.model.kernels.train_layout import KEPT
@@ -76,7 +79,7 @@ class Prepared:
         Efficiencies of a first step.
     fx : record or None
         Effects.
-    sensors : array, shape (1, 6)
+    sensors : array, shape (1, 8)
         A row of SensorErrors.
     parts : int
         Of a step.
@@ -134,16 +137,18 @@ class TrainWindows:
         self._sides = trains.sides(robots[0])
         self._laid_out = [self._by_module(table) for table in tables]
 
-    def _by_module(self, table: MotorTable) -> tuple[Array, Array, Array]:
-        """Position, velocity and torque of a table by module, (modules, knots, 2) each."""
+    def _by_module(self, table: MotorTable) -> tuple[Array, ...]:
+        """Position, velocity and torque of a table, and its `behind`, by module, (modules, knots, 2) each."""
         modules, knots = len(self._robots[0].modules), len(table.position)
         found = []
-        for values, none in ((table.position, 0.0), (table.velocity, 0.0), (table.torque, np.nan)):
+        late = np.hsplit(table.behind, 2)
+        for values, none in zip(
+            (table.position, table.velocity, table.torque, *late), (0.0, 0.0, np.nan, 0.0, 0.0), strict=True
+        ):
             laid = np.full((2 * modules, knots), none)
             laid[self._sides] = values.T
             found.append(np.ascontiguousarray(laid.reshape(modules, 2, knots).swapaxes(1, 2)))
-        position, velocity, torque = found
-        return position, velocity, torque
+        return tuple(found)
 
     def run(self, i: int, out: Array) -> None:
         """Item `i`: what its plan asks for, into `out` (m,), left as it is from where the rollout diverged."""
@@ -152,10 +157,13 @@ class TrainWindows:
         items, table = self._items, self._tables[self._items.table[i]]
         of, plan = self._prepared[int(items.robot[i]), int(items.table[i])], self._plans[items.plan[i]]
         first, knots, modules = int(items.first[i]), int(items.knots[i]), len(of.modules)
-        turned, pulled = of.sensors[0, :2]
-        position, velocity, torque = (
+        turned, pulled, trailing = of.sensors[0, [ENCODER_SCALE, TORQUE_SCALE, VELOCITY_FILTER]]
+        position, velocity, torque, *late = (
             np.ascontiguousarray(array[:, first : first + knots + 1]) for array in self._laid_out[items.table[i]]
         )
+        if trailing:
+            angle, speed = late
+            position, velocity = position + trailing * (angle - angle[:, :1]), velocity + trailing * speed
         inputs = MotorInputs(
             of.modes.reshape(modules, 2), position / turned, velocity / turned, torque / pulled, np.array(of.factors)
         )

@@ -61,6 +61,9 @@ class MotorTable:
         Of each motor.
     kappa : float or None
         Front share of eq. 29, where a motor is under eq. 30's torque; None is the robot's own.
+    from_speeds : tuple of bool
+        Of each motor whether nothing but its speed was recorded, so that a low-pass of it moves its angle, too. None
+        is by default.
     """
 
     dt: float
@@ -69,6 +72,34 @@ class MotorTable:
     torque: Array
     modes: tuple[Mode, ...]
     kappa: float | None = None
+    from_speeds: tuple[bool, ...] = ()
+
+    @property
+    def behind(self) -> Array:
+        """By how much its angles, then its speeds trail for each second of a low-pass, shape (n, 4 + 4)."""
+        return behind(self.velocity, self.dt, self.from_speeds)
+
+
+def behind(speed: Array, dt: float, from_speeds: Sequence[bool]) -> Array:
+    """By how much angles (rad), then speeds (rad/s) trail for each second of a low-pass that `speed` (n, 4) came from.
+
+    What comes out of a low-pass of time constant T is T times its own rate behind what goes in; the rate is that of
+    parabolas over `_SLOPE` s, for speeds are noisy, and angles, counted from the first knot, are its integral. Motors
+    of which angles were recorded turned as these say: zero where not `from_speeds`. Shape (n, 4 + 4).
+    """
+    alone, found = np.flatnonzero(from_speeds), np.zeros((len(speed), 2 * speed.shape[1]))
+    if len(alone):
+        from scipy.integrate import cumulative_trapezoid  # half a second to import both, which few robots ask for
+        from scipy.signal import savgol_filter
+
+        size = min(2 * round(0.5 * _SLOPE / dt) + 1, len(speed) - (len(speed) + 1) % 2)
+        rate = savgol_filter(speed[:, alone], size, min(2, size - 1), 1, dt, axis=0)
+        found[:, alone] = cumulative_trapezoid(rate, dx=dt, axis=0, initial=0.0)
+        found[:, speed.shape[1] + alone] = rate
+    return found
+
+
+_SLOPE = 0.2
 
 
 def longest_step(steps: Sequence[float], limit: float, tables: Sequence[MotorTable]) -> float | None:

@@ -24,7 +24,14 @@ from artibot_sim.model.kernels import loop
 from artibot_sim.model.kernels.advance import advance
 from artibot_sim.model.kernels.lane_layout import EXTENDED, extension, flat
 from artibot_sim.model.kernels.layout import MEMORY, ROW, Grid, MotorInputs, Rows, RunState
-from artibot_sim.model.kernels.sampling import COLUMNS, gather, sample
+from artibot_sim.model.kernels.sampling import (
+    COLUMNS,
+    ENCODER_SCALE,
+    TORQUE_SCALE,
+    VELOCITY_FILTER,
+    gather,
+    sample,
+)
 from artibot_sim.model.robot.derived import PARAMS_DTYPE, params
 from artibot_sim.model.robot.parameters import NO_SENSOR_ERRORS
 from artibot_sim.model.robot.robot import Robot
@@ -54,6 +61,7 @@ class Knots:
     Attributes
     ----------
     position, velocity, torque : array, shape (k, 4)
+    behind : array, shape (k, 8)
     begin, steps : array of int, shape (tables,)
         First row of each table, and integration steps from a knot to the next.
     modes : array of int, shape (tables, 4)
@@ -64,6 +72,7 @@ class Knots:
     position: Array
     velocity: Array
     torque: Array
+    behind: Array
     begin: Indices
     steps: Indices
     modes: Indices
@@ -72,14 +81,14 @@ class Knots:
     @classmethod
     def of(cls, tables: Sequence[MotorTable], dt: float) -> Knots:
         """Of tables, whose `dt` are whole multiples of the step `dt`, s."""
-        position, velocity, torque = (
+        position, velocity, torque, behind = (
             _real(np.concatenate([getattr(table, name) for table in tables] or [np.empty((0, 4))]))
-            for name in ("position", "velocity", "torque")
+            for name in ("position", "velocity", "torque", "behind")
         )
         lengths = [len(table.position) for table in tables]
         modes = np.array([table.modes for table in tables], dtype=np.int64).reshape(len(tables), position.shape[1])
         begin, steps = np.cumsum([0, *lengths])[:-1], np.array([round(table.dt / dt) for table in tables], np.int64)
-        return cls(position, velocity, torque, begin, steps, modes, (modes != Mode.PRESCRIBED).any(axis=1))
+        return cls(position, velocity, torque, behind, begin, steps, modes, (modes != Mode.PRESCRIBED).any(axis=1))
 
 
 @dataclass(frozen=True)
@@ -133,7 +142,7 @@ class Fleet:
         Which need the extended model: 0 for none, else which of EXTENDED, from 1.
     share : array, shape (r, tables)
         Eq. 30's factor.
-    sensors : array, shape (r, 6)
+    sensors : array, shape (r, 8)
         Rows of SensorErrors.
     """
 
@@ -222,7 +231,7 @@ def lane_work(fleet: Fleet, items: Items, knots: Knots, looks: Looks, ends: Indi
     sizes, begin = looks.sizes[items.plan], looks.begin[items.plan]
     return Work(
         fleet.records, fleet.eta, flat(fleet.effects), fleet.sensors, knots.position, knots.velocity, knots.torque,
-        knots.modes[items.table], fleet.share[items.robot, items.table], _whole(items.robot),
+        knots.behind, knots.modes[items.table], fleet.share[items.robot, items.table], _whole(items.robot),
         knots.begin[items.table] + items.first, _whole(items.knots), _real(items.q), _real(items.v), _real(items.t),
         lagging(items), begin, begin + sizes, looks.t, looks.kind, ends - sizes,
     )  # fmt: skip
@@ -266,15 +275,27 @@ def single_buffers(rows: int) -> SingleBuffers:
     )
 
 
+def turned_motors(table: MotorTable, part: slice, sensors: Array) -> tuple[Array, Array]:
+    """Angles and speeds (n, 4) of motors whose rotations a robot's `sensors` (8,) have recorded so.
+
+    Angles count from the first knot, where both are the same.
+    """
+    position, velocity, trailing = table.position[part], table.velocity[part], sensors[VELOCITY_FILTER]
+    if trailing:
+        angle, speed = np.hsplit(table.behind[part], 2)
+        position, velocity = position + trailing * (angle - angle[0]), velocity + trailing * speed
+    turned = sensors[ENCODER_SCALE]
+    return np.ascontiguousarray(position / turned), np.ascontiguousarray(velocity / turned)
+
+
 def run_window(
     fleet: Fleet, items: Items, i: int, table: MotorTable, plan: Plan, dt: float, room: SingleBuffers, out: Array
 ) -> None:
     """Item `i`: what its plan asks for, into `out` (m,), which is left as it is from where the rollout diverged."""
     r, first, knots = int(items.robot[i]), int(items.first[i]), int(items.knots[i])
     part, knot_steps = slice(first, first + knots + 1), round(table.dt / dt)
-    position, velocity, torque = (
-        np.ascontiguousarray(array[part]) for array in (table.position, table.velocity, table.torque)
-    )  # as `rollout` has them: another order would be compiled for anew
+    torque = np.ascontiguousarray(table.torque[part])  # as `rollout` has it: another order would be compiled for anew
+    position, velocity = turned_motors(table, part, fleet.sensors[r])
     extra: tuple[Any, ...] = ()
     if fleet.extended[r]:
         fx = (fleet.laws[r] if r in fleet.laws else fleet.effects[r]).copy()
@@ -282,10 +303,10 @@ def run_window(
         lags = np.append(lagging(items)[i], np.zeros(MEMORY - 8))
         extra = fx, (lags,) if has_memory(fleet.robots[r].effects) else ()
     work, q, v, w, rows = room
-    turned, pulled = fleet.sensors[r, :2]
+    pulled = fleet.sensors[r, TORQUE_SCALE]
     state = RunState(items.q[i].copy(), items.v[i].copy(), fleet.eta[r].copy(), np.zeros(4))
     inputs = MotorInputs(
-        np.array(table.modes, dtype=np.int64), position / turned, velocity / turned, torque / pulled,
+        np.array(table.modes, dtype=np.int64), position, velocity, torque / pulled,
         fleet.share[r, items.table[i]],
     )  # fmt: skip
     grid = Grid(dt, knots * knot_steps, knot_steps, knot_steps)

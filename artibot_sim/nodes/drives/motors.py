@@ -162,7 +162,8 @@ class RoverShafts:
     def _measure(self) -> None:
         velocity, torque = self._stepper.v[_MOTORS], self._stepper.torque
         position = self._sensors.turned(self._counted + self._stepper.q[_MOTORS])
-        velocity, torque = self._sensors.velocities(velocity), self._sensors.torques(torque)
+        velocity = self._sensors.velocities(round(1e9 * self._stepper.t), velocity)
+        torque = self._sensors.torques(torque)
         values = zip(position.tolist(), velocity.tolist(), torque.tolist(), strict=True)
         for motor, (angle, speed, effort) in zip(self._motors, values, strict=True):
             motor.measure(angle, speed, effort)

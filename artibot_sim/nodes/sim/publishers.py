@@ -103,7 +103,7 @@ class Publishers:
         stamp = divmod(t_ns, 1_000_000_000)
         self.clock(t_ns)
         self._publish_truth(stamp, sample)
-        position, velocity = sensors.encoders(sample.motor_position), sensors.velocities(sample.motor_velocity)
+        position, velocity = sensors.encoders(sample.motor_position), sensors.velocities(t_ns, sample.motor_velocity)
         if self._motors:
             believed.update((float(position[0]), float(position[1])), (float(velocity[0]), float(velocity[1])))
             self._motors.torques(t_ns, position, velocity, sensors.torques(sample.motor_torque))

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.model.effects.speed_loop_lag import weights
 from artibot_sim.model.robot.parameters import NO_SENSOR_ERRORS, SensorErrors
 
 Array = NDArray[np.float64]
@@ -67,6 +68,7 @@ class Sensors:
         self.model, self.errors = model, errors
         self._arm = np.array(model.prism) + np.array([errors.arm_x, errors.arm_y, 0.0])
         self._past: deque[tuple[int, Array]] = deque()
+        self._smoothed: tuple[int, Array, Array] | None = None
         streams = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(5))
         self._motors, self._joint, self._imu, self._station, self._attitude = streams
 
@@ -82,9 +84,23 @@ class Sensors:
         count = 2.0 * math.pi / self.model.encoder_counts
         return np.floor(position / count + 0.5) * count
 
-    def velocities(self, velocity: Array) -> Array:
-        """Motor velocities (rad/s) as measured."""
-        return _noisy(self._motors, self.errors.encoder_scale * velocity, self.model.velocity)
+    def velocities(self, t_ns: int, velocity: Array) -> Array:
+        """Motor velocities (rad/s) at an instant as measured: smoothed where the robot's drives do so.
+
+        At the first instant, and where time goes back, what smooths them has settled.
+        """
+        return _noisy(self._motors, self.errors.encoder_scale * self._smooth(t_ns, velocity), self.model.velocity)
+
+    def _smooth(self, t_ns: int, velocity: Array) -> Array:
+        if not self.errors.velocity_filter:
+            return velocity
+        smoothed = velocity
+        if self._smoothed is not None and t_ns > self._smoothed[0]:
+            before, came, went = self._smoothed
+            now, last, kept = weights(self.errors.velocity_filter, 1e-9 * (t_ns - before))
+            smoothed = now * velocity + last * came + kept * went
+        self._smoothed = t_ns, velocity.copy(), smoothed
+        return smoothed
 
     def torques(self, torque: Array) -> Array:
         """Motor torques (N·m) as measured."""
