@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -239,6 +240,18 @@ class Parameter:
         return float(self.middle * np.exp(logarithm) - self.offset)
 
 
+INERTIAS = (".J_x", ".J_y", ".J_z")
+"""How keys of a module's moments of inertia end."""
+
+
+def sum_of_others(robot: Robot, key: str, changes: Mapping[str, float] = MappingProxyType({})) -> float:
+    """The sum of a module's other two moments of inertia, kg m², for the one with this key; some may be changed."""
+    module = key.rpartition(".")[0]
+    others = [module + name for name in INERTIAS if module + name != key]
+    stated = {one: value for one, _, value in robot.quantities() if one in others}
+    return sum(changes.get(one, stated[one]) for one in others)
+
+
 @dataclass(frozen=True)
 class ParameterSet:
     """The parameters of a fit in their order, the robot that they change, and effects whose coordinates follow them."""
@@ -390,13 +403,19 @@ class ParameterSet:
         return all(EFFECTS[name].uniform for name in at_work)
 
     def robot_with(self, values: Array) -> Robot:
-        """The robot with values (p,); mu_d gives way to a smaller mu_s that is fitted, else mu_s to it."""
+        """The robot with values (p,); what no robot can have together gives way.
+
+        mu_d to a smaller mu_s that is fitted, else mu_s to it; a moment of inertia that is fitted to the sum of the
+        other two, which no body exceeds.
+        """
         own = [parameter.key for parameter in self.parameters]
         changes = dict(zip(own, np.asarray(values, float).tolist(), strict=True))
         mu_s = changes.get(MU_S, self.robot.contact.mu_s)
         mu_d = changes.get(MU_D, self.robot.contact.mu_d)
         if mu_d > mu_s:
             changes |= {MU_D: mu_s} if MU_S in changes else {MU_S: mu_d}
+        for key in (key for key in own if key.endswith(INERTIAS)):
+            changes[key] = min(changes[key], sum_of_others(self.robot, key, changes))
         return self.robot.replace(changes)
 
     def index(self, key: str) -> int | None:

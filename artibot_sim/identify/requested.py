@@ -9,7 +9,7 @@ import numpy as np
 
 from artibot_sim.documents import did_you_mean
 from artibot_sim.errors import ArtibotError
-from artibot_sim.estimation.parameters import SOIL, Parameter, ParameterSet, Prior
+from artibot_sim.estimation.parameters import INERTIAS, SOIL, Parameter, ParameterSet, Prior, sum_of_others
 from artibot_sim.model import Robot
 from artibot_sim.model.effects import EFFECTS
 
@@ -67,6 +67,8 @@ def parameter_set(robot: Robot, fit: Sequence[str] = SOIL, priors: Mapping[str, 
             )
         one = Parameter(key, _short(key), quantity.unit, prior, quantity.low, quantity.high, signed)
         low, high = max(one.at(-_WIDEST * one.spread), one.low), min(one.at(_WIDEST * one.spread), one.high)
+        if key.endswith(INERTIAS):
+            high = min(high, sum_of_others(robot, key))
         parameters.append(replace(one, low=low, high=high))
     return ParameterSet(robot, tuple(parameters))
 

@@ -185,6 +185,18 @@ def test_a_bound_is_said(real: Robot) -> None:
     assert result["k_t"].value == pytest.approx(1950.0 * np.exp(5 * 15.0 / 1950.0), rel=1e-3)
 
 
+def test_inertias_of_a_fit_are_those_of_a_body() -> None:
+    """None exceeds the sum of the other two: alone it ends there, and where all are fitted every place is a robot."""
+    husky = load_robot("husky_driven")
+    (one,) = parameter_set(husky, ("front.J_z",)).parameters
+    assert one.high == pytest.approx(husky.front.J_x + husky.front.J_y)
+    every = parameter_set(husky, ("front.J_x", "front.J_y", "front.J_z"))
+    for coordinates in np.random.default_rng(0).normal(0.0, 1.5, (200, 3)):
+        front = every.candidate(every.inside(coordinates)).front
+        least, middle, most = sorted((front.J_x, front.J_y, front.J_z))
+        assert most <= (least + middle) * (1.0 + 1e-9)
+
+
 def _judged(mu_s: float, mu_d: float, fit: tuple[str, ...] = ("mu_s", "mu_d")) -> dict[str, Estimate]:
     """Estimates of a fit that ended at these values, whose curvature alone would let mu_d go to twice as much."""
     parameters = parameter_set(load_robot("agriq"), fit)
