@@ -241,10 +241,7 @@ def hold_out(
     free = _free_runs(problem, ahead.point, found, robot, workers)
     predicted = [windows[i] for i in chosen]
     errors = [residuals[i] for i in chosen]
-    rolled = {
-        name: kinematic_residuals(rival, problem, np.where(ahead.measured, carried, _kinematic_starts(rival, problem)))
-        for name, rival in rivals.items()
-    }
+    rolled = {name: kinematic_residuals(rival, problem, _rival_starts(rival, ahead)) for name, rival in rivals.items()}
     others = {name: [own[i] for i in chosen] for name, own in rolled.items()}
     left = next((run.left for run in free if run.left is not None), None)
     summary = Prediction(
@@ -298,6 +295,13 @@ def _begin(found: Sequence[Stretch], robot: Robot, horizon: float, workers: int 
     measured[:, :3] |= np.array([window.start.late for window in windows])[:, None]
     carried[measured] = problem.starts[measured]
     return _Ahead(problem, point, carried, measured, followed | separate, separate)
+
+
+def _rival_starts(rival: Kinematic, ahead: _Ahead) -> Array:
+    """What a kinematic model's predictions begin with: poses are its own where they are not measured."""
+    if ahead.measured[:, :3].all():
+        return ahead.starts
+    return np.where(ahead.measured, ahead.starts, _kinematic_starts(rival, ahead.problem))
 
 
 def begun_windows(experiment: Experiment, robot: Robot, horizon: float) -> tuple[list[Begun], dict[str, float]]:

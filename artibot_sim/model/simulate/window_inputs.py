@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,7 +75,7 @@ class MotorTable:
     kappa: float | None = None
     from_speeds: tuple[bool, ...] = ()
 
-    @property
+    @cached_property
     def behind(self) -> Array:
         """By how much its angles, then its speeds trail for each second of a low-pass, shape (n, 4 + 4)."""
         return behind(self.velocity, self.dt, self.from_speeds)

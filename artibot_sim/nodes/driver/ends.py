@@ -318,7 +318,7 @@ def frames(of: Sequence[str]) -> list[str]:
 
 
 class Process:
-    """A driver.
+    """A driver. No `child_processes.Child`: that runs code between fork and exec, and here several threads fork.
 
     Parameters
     ----------
