@@ -7,7 +7,7 @@ import signal
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -111,8 +111,9 @@ node.destroy_node()
 """A program of somebody else's that subscribes with the default quality of service."""
 
 
+@pytest.mark.parametrize("wait", [(), ("--wait", 1)], ids=["default", "given"])
 def test_one_that_is_found_late_misses_nothing_though_every_topic_has_a_subscriber(
-    start_node: NodeStarter, ros_context: Context, counted: Path
+    start_node: NodeStarter, ros_context: Context, counted: Path, wait: tuple[Any, ...]
 ) -> None:
     """As where the answer to the replay's first announcement gets lost: the other is found seconds later."""
     listener = Listener(ros_context, TWO)
@@ -120,7 +121,7 @@ def test_one_that_is_found_late_misses_nothing_though_every_topic_has_a_subscrib
     late.wait_for("listening")
     with listener.listening():
         late.send(signal.SIGSTOP)
-        replay = start_node("replay", counted)
+        replay = start_node("replay", counted, *wait)
         replay.wait_for("finding who listens")
         time.sleep(1.5)
         late.send(signal.SIGCONT)
@@ -129,6 +130,28 @@ def test_one_that_is_found_late_misses_nothing_though_every_topic_has_a_subscrib
     late.send(signal.SIGINT)
     late.wait_for("got 300 300")
     assert [len(listener.bytes_of(topic)) for topic in TWO] == [300, 300]
+
+
+def test_as_many_as_were_asked_for_are_waited_for(start_node: NodeStarter, ros_context: Context, counted: Path) -> None:
+    """The second listens only once all who were there have been found."""
+    listener = Listener(ros_context, TWO)
+    with listener.listening():
+        replay = start_node("replay", counted, "--wait", 2)
+        replay.wait_for("finding who listens")
+        time.sleep(5.0)
+        assert "playing" not in replay.output
+        second = start_node.run([sys.executable, "-c", COUNTING], name="second")
+        assert replay.wait() == 0
+    time.sleep(0.5)
+    second.send(signal.SIGINT)
+    second.wait_for("got 300 300")
+    assert [len(listener.bytes_of(topic)) for topic in TWO] == [300, 300]
+
+
+def test_without_waiting_nobody_is_looked_for(start_node: NodeStarter, counted: Path) -> None:
+    node = start_node("replay", counted, "--wait", 0, "--end", 0.1)
+    assert node.wait() == 0
+    assert "finding who listens" not in node.output and "nobody listens" not in node.output
 
 
 def test_rate_start_end_topics_and_remapping(start_node: NodeStarter, ros_context: Context, counted: Path) -> None:

@@ -19,7 +19,8 @@ _POSITIVE = Number(min=0, min_open=True)
 _NOT_NEGATIVE = Number(min=0)
 _TOPICS_HELP = "Topic to publish, * and ? allowed; repeat, or separate by commas.  [default: all that move no rover]"
 _WAIT_HELP = (
-    "Begin when every topic has so many subscribers.  [default: 3.5 s, in which all who listen already are found]"
+    "Begin when all who listen already are found and every topic has so many subscribers; 0: at once.  "
+    "[default: 1, and topics that nobody wants hold nothing up]"
 )
 _DRIVE_HELP = "Move a rover: publish the recorded inputs with new stamps, and the planner's sign of life."
 
@@ -50,7 +51,7 @@ _FRAMES_HELP = "With --can: what the drives sent, or commands, which MOVE MOTORS
 @click.option("--pause", is_flag=True, help="Begin paused; the services ~/pause and ~/step go on.")
 @click.option("--wait", type=click.IntRange(min=0), help=_WAIT_HELP)
 @click.option(
-    "--wait-timeout", type=_POSITIVE, default=30.0, show_default=True, help="With --wait: at most so long, s."
+    "--wait-timeout", type=_POSITIVE, default=30.0, show_default=True, help="With --wait: for them at most so long, s."
 )
 @click.option("--stats", type=OutputFile(), help="Write counts and lateness to this JSON file.")
 @click.option(

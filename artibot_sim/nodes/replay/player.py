@@ -221,11 +221,13 @@ class Player:
             If they do not come within `timeout` seconds.
         """
         deadline = time.monotonic() + timeout
-        while count and not self.asked:
+        lacked = False
+        while not self.asked:
             lacking = self._lacking(count)
             if not lacking:
-                time.sleep(MATCHED)
+                time.sleep(MATCHED if lacked else 0.0)
                 return
+            lacked = True
             if time.monotonic() > deadline:
                 raise ArtibotError(
                     f"{', '.join(lacking)}: fewer than {count} subscribers within {timeout:g} s; start them in "

@@ -56,14 +56,14 @@ def _play(
     latched = [topic for topic, outlet in outlets.items() if outlet.latched]
     source = Source(info.path, outlets, latched, stretch, given["loop"], frames.admits if frames else None)
     player = Player(node, source, outlets, recorded, pace, asked)
-    if given["wait"] is None:
-        node.get_logger().info(
-            f"finding who listens already takes {DISCOVERY:g} s (--wait 1: begin when all topics have one)"
-        )
-        if not player.wait_for_discovery() and outlets and not asked:
-            node.get_logger().warning("nobody listens to its topics: played all the same (--wait 1 waits for somebody)")
-    else:
-        player.wait_for_subscribers(given["wait"], given["wait_timeout"])
+    if given["wait"] != 0:
+        log = node.get_logger()
+        log.info(f"finding who listens already takes {DISCOVERY:g} s (--wait 0: begin at once)")
+        found = player.wait_for_discovery()
+        if given["wait"]:
+            player.wait_for_subscribers(given["wait"], given["wait_timeout"])
+        elif not found and outlets and not asked:
+            log.warning("nobody listens to its topics: played all the same (--wait 1 waits for somebody)")
     length = (stretch.end_ns - stretch.begin_ns) / 1e9
     node.get_logger().info(f"playing {info.path}: {len(outlets)} topics, {length:.1f} s at {pace.rate:g} x")
     with undisturbed(frames.PRIORITY if frames else 0):
