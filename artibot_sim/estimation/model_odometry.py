@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.odometry import FLOOR, PoseError, Slip, metres_per_radian
 from artibot_sim.exchange.turning import placeless
-from artibot_sim.model import Commands, Mode, Robot, State, initial_state, rollout
-from artibot_sim.model.simulate.rollout import Status
+from artibot_sim.model import Commands, Mode, Robot, State, initial_state
+from artibot_sim.model.simulate.rollout import INTEGRATORS, Setup, Status, prepare, simulate
 from artibot_sim.model.simulate.sensors import sensor_errors
 
 Array = NDArray[np.float64]
@@ -145,8 +145,10 @@ class Rotations:
 
     def _mean_speed(self, elapsed: float, speed: Array) -> Array:
         """Of the speeds at both ends; over a gap the robot is not taken to have gone on."""
-        both = np.nanmean(np.stack([self._speed, np.where(np.isfinite(speed), speed, self._speed)]), axis=0)
-        return both if elapsed <= self._streams.longest_gap else np.zeros(self._n)
+        if elapsed > self._streams.longest_gap:
+            return np.zeros(self._n)
+        before = np.where(np.isfinite(self._speed), self._speed, speed)
+        return 0.5 * (before + np.where(np.isfinite(speed), speed, before))
 
     def _is_held(self, elapsed: float, where: Array, speed: Array) -> bool:
         same = np.array_equal(where, self._position, equal_nan=True)
@@ -261,7 +263,7 @@ class ModelOdometry:
         self._tau = np.array(tau)
         self._rotations = Rotations(motors, self._streams.fastest_wheel / min(tau), self._streams)
         self._back_seen = self._begun = False
-        self._step = _stable_step(self.robot)
+        self._ways = {seen: _way(self.robot, seen, self._kappa, self._streams.fastest_wheel) for seen in (False, True)}
         self.reset(0.0, 0.0, 0.0)
 
     @property
@@ -375,18 +377,17 @@ class ModelOdometry:
         """Turn the model's motors for `elapsed` s from the speeds before to these; say whether it could follow."""
         slices = max(1, round(elapsed / SLICE))
         width = elapsed / slices
-        steps = max(1, math.ceil(width / self._step - 1e-9))
+        way = self._ways[self._back_seen or not self.robot.articulated]
+        steps = max(1, math.ceil(width / way.step - 1e-9))
         knots = np.repeat(speeds[None], slices + 1, axis=0)
         knots[0] = self._speeds
         angle = np.concatenate([np.zeros((1, 4)), np.cumsum(0.5 * width * (knots[1:] + knots[:-1]), axis=0)])
         first = self._state
         angle += first.q[[6, 7, 14, 15]]
-        modes = [Mode.PRESCRIBED] * 4 if self._back_seen or not self.robot.articulated else None
         origin = State(0.0, first.q, first.v, first.eta, first.torque, first.lateral, first.bristles)
-        result = rollout(
-            self.robot, Commands(width, knots, position=angle), dt=width / steps, every=10**9, modes=modes,
-            kappa=self._kappa, state=origin,
-        )  # fmt: skip
+        commands = Commands(width, knots, position=angle)
+        setup = way.setup._replace(commands=commands, start=origin, steps=slices * steps)
+        result = simulate(setup, width / steps, way.integrator, 10**9, energy=False)
         self._speeds = speeds.copy()
         if result.status is not Status.OK or result.final_state is None:
             return False
@@ -452,12 +453,30 @@ class ModelOdometry:
         return np.diag(np.square((slip.travel * speed, slip.side * speed, turned)) + np.square(FLOOR))
 
 
-def _stable_step(robot: Robot) -> float:
-    """Return the longest of `STEPS` with which the robot's prescribed motion can be integrated."""
-    for step in STEPS[:-1]:
+@dataclass(frozen=True)
+class _Way:
+    """How the model goes on: checked once, for any command up to the fastest wheel, and not for each message."""
+
+    setup: Setup
+    integrator: str
+    step: float
+
+
+def _way(robot: Robot, back_seen: bool, kappa: float | None, fastest: float) -> _Way:
+    """Return the longest of `STEPS` with which the robot's motion can be integrated, explicitly if any.
+
+    Motors behind whose rotations are not measured share the front ones' torque, and their spin wants shorter steps.
+    """
+    modes = [Mode.PRESCRIBED] * 4 if back_seen or not robot.articulated else None
+    tau = np.array([robot.drive.front.tau] * 2 + [(robot.drive.back or robot.drive.front).tau] * 2)
+    commands = Commands(SLICE, np.tile(fastest / tau, (2, 1)))
+    ways = [(integrator, step) for integrator in INTEGRATORS for step in STEPS]
+    for integrator, step in ways:
         try:
-            rollout(robot, Commands(SLICE, np.zeros((2, 4))), dt=step, modes=[Mode.PRESCRIBED] * 4)
+            setup = prepare(robot, commands, step, integrator, 10**9, modes, kappa, None, None)
         except ArtibotError:
+            if (integrator, step) == ways[-1]:
+                raise
             continue
-        return step
-    return STEPS[-1]
+        return _Way(setup, integrator, step)
+    raise AssertionError

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,13 @@ from scipy.stats import chi2
 
 from artibot_sim.cli import main
 from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation import model_odometry
 from artibot_sim.estimation.model_odometry import ModelOdometry, Streams
 from artibot_sim.estimation.odometry import Slip
 from artibot_sim.estimation.odometry_check import Piece, Settings, fitted_track, heading_walk, pieces
 from artibot_sim.experiment import read_bag, write_experiment
-from artibot_sim.model import Robot, Rollout, load_robot, rollout
+from artibot_sim.model import Mode, Robot, Rollout, load_robot, rollout
+from artibot_sim.model.simulate.rollout import Setup
 from artibot_sim.planning import load_manoeuvre, plan
 from artibot_sim.resources import config_names
 
@@ -236,3 +239,46 @@ def test_a_train_is_refused_by_name() -> None:
     train = next(robot for name in config_names("robots") if len((robot := load_robot(name)).modules) > 2)
     with pytest.raises(ArtibotError, match=f"'{train.name}'.* one or two"):
         ModelOdometry(train)
+
+
+@pytest.mark.parametrize("back_seen", [True, False], ids=["all", "front"])
+@pytest.mark.parametrize("name", [name for name in config_names("robots") if len(load_robot(name).modules) < 3])
+def test_it_turns_the_model_as_a_rollout_does_to_the_bit(
+    monkeypatch: pytest.MonkeyPatch, name: str, back_seen: bool
+) -> None:
+    robot, seen, simulate = load_robot(name), [], model_odometry.simulate
+
+    def beside(setup: Setup, dt: float, integrator: str, every: int, energy: bool) -> Rollout:
+        found = simulate(setup, dt, integrator, every, energy)
+        modes = [Mode.PRESCRIBED] * 4 if back_seen or not robot.articulated else None
+        expected = rollout(
+            setup.robot, setup.commands, dt=dt, integrator=integrator, every=every, modes=modes, state=setup.start,
+        )  # fmt: skip
+        seen.append(bits(found) == bits(expected))
+        return found
+
+    monkeypatch.setattr(model_odometry, "simulate", beside)
+    odometry = ModelOdometry(robot)
+    fast = 4.0 / (robot.wheel.r_w * robot.drive.front.tau * 10.0)
+    for i in range(100):
+        speeds = fast * np.array([1.0, 0.8 - 0.4 * math.sin(0.1 * i), 1.0, 0.9])
+        assert odometry.update(0.02 * i, (), speeds[: 4 if back_seen else 2]) or not i
+    assert len(seen) == 100 and all(seen)
+    assert not odometry.remarks
+
+
+def bits(result: Rollout) -> bytes:
+    """All of the state that a rollout ended with."""
+    state = result.final_state
+    assert state is not None
+    return b"".join(one.tobytes() for one in (state.q, state.v, state.eta, state.torque, state.memory))
+
+
+def test_tyres_that_relax_are_followed_at_any_speed() -> None:
+    """What wheels remember wants shorter steps the faster they turn."""
+    robot = replace(load_robot("husky"), effects={"tyre_relaxation": {"length": 0.005}})
+    odometry = ModelOdometry(robot)
+    for i in range(50):
+        odometry.update(0.02 * i, (), (30.0 + 0.01 * i, 28.0))  # the same twice would be a held sample
+    assert np.isfinite(odometry.pose).all() and odometry.pose[0] > 1.0
+    assert not odometry.remarks
