@@ -46,7 +46,8 @@ def command(
 
     \b
     csv, parquet           of a recording: one table a topic with its own stamps, or one joined at --rate.
-                           SI units, said in the header or the columns' metadata. `artibot import` reads them.
+                           SI units, said in the header or the columns' metadata. `artibot import` makes a
+                           recording of the former again, by the columns.yaml beside them.
     diff_drive_controller  of robot files: effective track and radii, a section for each ground, with intervals
     robot_localization     of a robot file: parameters of its ekf_node
     ros2_control           of a robot file: URDF with the motors as joints, and beside it the controllers' parameters

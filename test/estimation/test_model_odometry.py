@@ -203,6 +203,14 @@ def test_the_command_measures_it_beside_wheels(tmp_path: Path, capsys: pytest.Ca
     assert main(["odometry", "--fit", str(tmp_path / "slalom")]) == 2
 
 
+def test_what_too_few_windows_tell_is_left_out(capsys: pytest.CaptureFixture[str]) -> None:
+    """A recording of a single nearly straight window."""
+    assert main(["odometry", str(BAG), "--robot", "agriq"]) == 0
+    said = capsys.readouterr().out
+    assert "for the node" in said
+    assert "nan" not in said and "straight" not in said
+
+
 def test_a_heading_s_walk_is_that_of_sides_on_grounds_of_their_own() -> None:
     """Turns and the constant error of unequal wheels are no part of it."""
     rng, track, walk, way = np.random.default_rng(3), 0.5, 0.03, 2.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -128,7 +129,7 @@ def measure(bag: Path, given: dict[str, Any]) -> int:
     slip = ModelOdometry.SLIP.times(factors["model"])
     click.echo(check.as_text(rows, len(found), len(fit)))
     walk, straight = check.heading_walk([*fit, *found], track)
-    if straight:
+    if math.isfinite(walk):  # else there are too few such windows
         stated = 2.0 * robot.odometry.travel_slip / robot.front.i_y
         click.echo(
             f"heading by wheels on {straight} nearly straight windows: {walk:.3g} rad per root metre; "
