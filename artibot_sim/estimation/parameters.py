@@ -364,6 +364,20 @@ class ParameterSet:
         unchanged = (clipped == values).all() and all((a == b).all() for a, b in zip(nearest, parts, strict=True))
         return coordinates if unchanged else self.coordinates(clipped, np.concatenate([np.empty(0), *nearest]))
 
+    def along_ridge(self, values: Array, extension: Extension, before: Array, after: Array) -> Array:
+        """The robot's own `values` where an effect's coordinates change along the ridge that it declares.
+
+        See `Search.ridge`: soil that hides most of the change.
+        """
+        search, name = extension.search, next(iter(extension.search.sizes))
+        first, last = (float(extension.values(own)[name]) + search.ridge_from for own in (before, after))
+        moved = values.copy()
+        for key, power in search.ridge.items():
+            i = self.index(key)
+            if i is not None:
+                moved[i] *= (last / first) ** power
+        return moved
+
     def at_bound(self, coordinates: Array) -> list[bool]:
         """Which of the robot's own parameters stand at a bound."""
         values = self.values(coordinates)

@@ -23,6 +23,7 @@ from artibot_sim.estimation.windows import (
     Past,
     Window,
     arms_of,
+    bent_bristles,
     for_starts,
     lagging_forces,
     past_of,
@@ -31,7 +32,7 @@ from artibot_sim.estimation.windows import (
     states,
 )
 from artibot_sim.model import Robot
-from artibot_sim.model.effects.tyre_relaxation import EFFECT
+from artibot_sim.model.effects import has_memory, stiction, tyre_relaxation
 from artibot_sim.model.simulate.sensors import measured_starts, sensor_errors, true_starts
 from artibot_sim.model.simulate.window_inputs import Items, MotorTable, Plan, kind_of
 from artibot_sim.model.simulate.windows import WindowBatch, window_step
@@ -313,9 +314,20 @@ class Problem:
         q, v = self._motors
         q, v = states(postures(robots), robot, q[window], v[window], guesses, self._late[window])
         stretch, first, knots = (column[window] for column in self._places)
-        late = any(EFFECT.id in one.effects for one in robots)
-        lateral = lagging_forces(robots, robot, window, q, v, self._past) if late else None
-        return Items(robot, stretch, plan, first, knots, q, v, self._times[window], lateral)
+        memory = self._remembered(robots, robot, window, q, v)
+        return Items(robot, stretch, plan, first, knots, q, v, self._times[window], memory)
+
+    def _remembered(self, robots: Sequence[Robot], robot: Indices, window: Indices, q: Array, v: Array) -> Array | None:
+        """What wheels remember at starts q and v, see `Items.memory`; None where none of the robots' does."""
+        if not any(has_memory(one.effects) for one in robots):
+            return None
+        wheels = q.shape[1] // 2
+        found = np.zeros((len(q), 3 * wheels))
+        if any(tyre_relaxation.EFFECT.id in one.effects for one in robots):
+            found[:, :wheels] = lagging_forces(robots, robot, window, q, v, self._past)
+        if any(stiction.EFFECT.id in one.effects for one in robots):
+            found[:, wheels:] = bent_bristles(robots, robot, q, v)
+        return found
 
     @cached_property
     def _past(self) -> Past:

@@ -195,14 +195,8 @@ def _by_declared_ridge(problem: Problem, fit: Fit, place: slice, move: Array) ->
     if extension is None or not extension.search.ridge:
         return None
     own = fit.point.coordinates[place]
-    name = next(iter(extension.search.sizes))
     after = extension.nearest(own + move)
-    ratio = float(extension.values(after)[name]) / float(extension.values(own)[name])
-    soil = parameters.values(fit.point.coordinates)
-    for key, power in extension.search.ridge.items():
-        i = parameters.index(key)
-        if i is not None:
-            soil[i] *= ratio**power
+    soil = parameters.along_ridge(parameters.values(fit.point.coordinates), extension, own, after)
     moved = fit.point.coordinates.copy()
     moved[place] = after
     return parameters.coordinates(soil, moved[len(parameters.parameters) :]), fit.point.starts

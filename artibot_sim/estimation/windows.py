@@ -14,9 +14,10 @@ from artibot_sim.estimation.measurements import CHANNELS, PAST, Stretch
 from artibot_sim.experiment.inputs import plausible_motion, start_state
 from artibot_sim.experiment.measured import MeasuredMotion, forward_speed
 from artibot_sim.model import Robot
+from artibot_sim.model.effects import stiction
 from artibot_sim.model.effects.tyre_relaxation import EFFECT, SLOWEST
-from artibot_sim.model.kernels.layout import BACK, GAMMA, X, Y
-from artibot_sim.model.robot.derived import params, train
+from artibot_sim.model.kernels.layout import BACK, GAMMA, THETA_L, THETA_R, X, Y
+from artibot_sim.model.robot.derived import mean_load, params, train
 from artibot_sim.model.simulate.rollout import motor_coordinates
 from artibot_sim.model.simulate.sensors import sensor_errors, true_starts
 from artibot_sim.model.simulate.state import initial_state, posture_at_rest
@@ -525,4 +526,36 @@ def lagging_forces(robots: Sequence[Robot], robot: Indices, window: Indices, q: 
             sweep = body.half_x * (v[rows, b + GAMMA] + behind[:, module, 1])
             ends = -body.k_t * np.column_stack([aside + sweep, aside - sweep])
             found[rows, 4 * module : 4 * module + 4] = np.tile(ends, 2)
+    return found
+
+
+def bent_bristles(robots: Sequence[Robot], robot: Indices, q: Array, v: Array) -> Array:
+    """How far bristles are bent along wheels and then across (n, 8 modules), m, at starts q and v.
+
+    They are taken to have come to where they stay at these speeds, under static loads (`equations.contact.bending`).
+    """
+    wheels = q.shape[1] // 2
+    found = np.zeros((len(robot), 2 * wheels))
+    for r, one in enumerate(robots):
+        rows = np.flatnonzero(robot == r)
+        values = one.effects.get(stiction.EFFECT.id, {})
+        if not values.get("length") or not len(rows):
+            continue
+        holds = one.contact.mu_s * mean_load(one) * stiction.TIME
+        for module, p in enumerate(train(one).modules if one.articulated else (params(one),)):
+            body, b = p.front, BACK * module
+            c, s = np.cos(q[rows, b + GAMMA]), np.sin(q[rows, b + GAMMA])
+            ahead = c * v[rows, b + X] + s * v[rows, b + Y]
+            aside = c * v[rows, b + Y] - s * v[rows, b + X]
+            rate = v[rows, b + GAMMA]
+            units = (p.right_front, THETA_R, body.half_y), (p.left_front, THETA_L, -body.half_y)
+            for side, (unit, motor, beside) in enumerate(units):
+                rim = unit.r_w * unit.tau * v[rows, b + motor]
+                for end, before in enumerate((body.half_x, -body.half_x)):
+                    slip = np.column_stack([rim - ahead - beside * rate, -(aside + before * rate)])
+                    pull = np.hypot(*(slip * (body.k_l, body.k_t)).T)
+                    release = np.abs(rim) / values["length"] + pull / holds
+                    bent = slip / np.maximum(release, 1e-9)[:, None]
+                    wheel = 4 * module + 2 * side + end
+                    found[rows, wheel], found[rows, wheels + wheel] = bent.T
     return found

@@ -23,6 +23,7 @@ from artibot_sim.experiment.resimulate import Begun
 from artibot_sim.experiment.smoothing import fresh
 from artibot_sim.identify.result import ChannelFit, Prediction, spaced
 from artibot_sim.model import Robot, initial_state
+from artibot_sim.model.simulate.state import from_memory
 from artibot_sim.model.simulate.window_inputs import KINDS, Plan
 
 # ----------------------------------------------------------------------
@@ -322,8 +323,9 @@ def begun_windows(experiment: Experiment, robot: Robot, horizon: float) -> tuple
     rest, windows = initial_state(robot), []
     for i, window in enumerate(ahead.problem.windows):
         state = replace(rest, t=window.t, q=items.q[i], v=items.v[i])
-        if items.lateral is not None:
-            state = replace(state, lateral=items.lateral[i])
+        if items.memory is not None:
+            lateral, bristles = from_memory(items.memory[i])
+            state = replace(state, lateral=lateral, bristles=bristles)
         stretch, last = found[window.stretch], window.first + window.knots
         windows.append(Begun(stretch.inputs, window.first, last, state, bool(ahead.counted[i])))
     return windows, noise_levels(found)

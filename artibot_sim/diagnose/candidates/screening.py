@@ -229,17 +229,11 @@ def _guesses(
         moved = own.copy()
         moved[list(base.free)] += np.clip(follow(probe), -_FARTHEST, _FARTHEST)
         guesses.append(parameters.inside(np.concatenate([moved, probe])))
-    ridge = hypothesis.extension.search.ridge
-    if not ridge:
+    extension = hypothesis.extension
+    if not extension.search.ridge:
         return guesses
     first = guesses[0]
-    values = hypothesis.extension.values(probe)
-    size = float(values[next(iter(hypothesis.extension.search.sizes))])
-    soil = parameters.values(first)
-    for key, power in ridge.items():
-        i = parameters.index(key)
-        if i is not None:
-            soil[i] *= size**power
+    soil = parameters.along_ridge(parameters.values(first), extension, np.zeros(len(extension)), probe)
     return [*guesses, parameters.inside(parameters.coordinates(soil, first[len(parameters.parameters) :]))]
 
 

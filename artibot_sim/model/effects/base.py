@@ -77,6 +77,8 @@ class Search:
         Parameters that say where on the ground the effect is: centre (x, y) and radius.
     ridge : mapping of str to float
         Soil parameters that hide the effect best: key to the power of the value with which they change along.
+    ridge_from : float
+        What is added to the value there: the size that does as much as what the effect stands beside.
     least : float
         Coordinate up to which the effect cannot be simulated or distinguished from neutral.
     channels : tuple of str
@@ -96,6 +98,7 @@ class Search:
     reference: str = ""
     disc: tuple[str, ...] = ()
     ridge: Mapping[str, float] = field(default_factory=dict)
+    ridge_from: float = 0.0
     least: float = 0.0
     channels: tuple[str, ...] = ()
     back: bool = False

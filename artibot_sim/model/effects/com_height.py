@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from artibot_sim.model.effects.base import Effect, number
+from artibot_sim.model.effects.base import Effect, Search, number
 from artibot_sim.model.kernels.compilation import inlined
 
 
@@ -20,4 +20,5 @@ EFFECT = Effect(
     "force, a push on a module and what laws add are taken to act at the centre's height.",
     parameters={"height": number("m", 0.0, 5.0, "over the ground; 0: every wheel keeps its static load")},
     hooks={"height": above_ground},
+    search=Search({"height": 0.3}, ((0.5,), (1.5,))),
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from artibot_sim.model.effects.base import Effect, Values, number
+from artibot_sim.model.effects.base import Effect, Search, Values, number
 from artibot_sim.model.kernels.compilation import inlined
 
 if TYPE_CHECKING:
@@ -37,4 +37,11 @@ EFFECT = Effect(
     parameters={"length": number("m", 0.0, math.inf, "way of rolling over which bristles are renewed")},
     adapt=_adapt,
     hooks={"bristle": bristle},
+    search=Search(
+        {"length": 0.01},
+        ((0.5,), (2.0,), (8.0,)),
+        least=0.1,
+        ridge={"contact.k_l": -1.0, "contact.k_t": -1.0},
+        ridge_from=TIME * 0.5,  # a wheel that rolls at half a metre per second meets k_l (1 + length/ridge_from)
+    ),
 )

@@ -21,6 +21,7 @@ from artibot_sim.model.kernels.lanes import (
     sound_rows,
     stage,
 )
+from artibot_sim.model.kernels.layout import MEMORY
 from artibot_sim.model.kernels.sampling import (
     COLUMNS,
     ENCODER_SCALE,
@@ -66,7 +67,7 @@ class Work(NamedTuple):
         First knot in `position`, and how many intervals follow.
     q, v : array, shape (n, 16)
     t : array, shape (n,)
-    lateral : array, shape (n, 8)
+    memory : array, shape (n, MEMORY)
     plan_first, plan_last : array of int, shape (n,)
         Where an item's samples stand in `at` and `kind`.
     at, kind : array, shape (m,)
@@ -90,7 +91,7 @@ class Work(NamedTuple):
     q: Array
     v: Array
     t: Array
-    lateral: Array
+    memory: Array
     plan_first: Indices
     plan_last: Indices
     at: Array
@@ -122,8 +123,8 @@ def load_block(S, work, order, block, fx):
             S[AT.EFFECTS + e] = work.t[i]
         load_motors(S, e, work.records[r], work.modes, i, work.eta, r, work.share[i])
         load_lane(S, e, work.records[r], effects_at(S, fx, e, 0.0), work.q, work.v, i)
-        for k in range(8):
-            S[AT.LAG + k * LANES + e] = S[AT.LAG_S + k * LANES + e] = work.lateral[i, k]
+        for k in range(MEMORY):
+            S[AT.LAG + k * LANES + e] = S[AT.LAG_S + k * LANES + e] = work.memory[i, k]
         load_motion(S, e, work, i, 0)
 
 

@@ -172,8 +172,8 @@ class TrainWindows:
         if of.fx is not None:
             fx, memory = of.fx.copy(), np.zeros((modules, MEMORY // 2))
             fx["t"] = items.t[i]
-            if items.lateral is not None:
-                memory[:, :4] = items.lateral[i].reshape(modules, 4)
+            if items.memory is not None:
+                memory = np.hstack(list(items.memory[i].reshape(3, modules, 4)))
             effects = fx, memory
         steps = round(table.dt / self._dt) * of.parts
         grid = Grid(self._dt / of.parts, knots * steps, steps, steps)

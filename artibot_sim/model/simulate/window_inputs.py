@@ -141,8 +141,8 @@ class Items:
         Start states: the rover's own, motors included, not as its sensors show them; (n, 8 modules) of trains.
     t : array, shape (n,)
         When they are, s since the recording's start: some effects change with time.
-    lateral : array, shape (n, 8), optional
-        Lateral forces that lag (N, in the order of WHEELS) as they are then; zero by default.
+    memory : array, shape (n, 24), optional
+        What wheels remember then, see `layout.MEMORY`; (n, 12 modules) of trains, all zero by default.
     """
 
     robot: Indices
@@ -153,7 +153,7 @@ class Items:
     q: Array
     v: Array
     t: Array
-    lateral: Array | None = None
+    memory: Array | None = None
 
     def __len__(self) -> int:
         return len(self.robot)

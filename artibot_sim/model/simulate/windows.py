@@ -233,13 +233,13 @@ def lane_work(fleet: Fleet, items: Items, knots: Knots, looks: Looks, ends: Indi
         fleet.records, fleet.eta, flat(fleet.effects), fleet.sensors, knots.position, knots.velocity, knots.torque,
         knots.behind, knots.modes[items.table], fleet.share[items.robot, items.table], _whole(items.robot),
         knots.begin[items.table] + items.first, _whole(items.knots), _real(items.q), _real(items.v), _real(items.t),
-        lagging(items), begin, begin + sizes, looks.t, looks.kind, ends - sizes,
+        remembered(items), begin, begin + sizes, looks.t, looks.kind, ends - sizes,
     )  # fmt: skip
 
 
-def lagging(items: Items) -> Array:
-    """Lateral forces that lag, (n, 8), at the starts of all items."""
-    return np.zeros((len(items), 8)) if items.lateral is None else _real(items.lateral)
+def remembered(items: Items) -> Array:
+    """What wheels remember at the starts of all items, (n, MEMORY)."""
+    return np.zeros((len(items), MEMORY)) if items.memory is None else _real(items.memory)
 
 
 def _whole(values: Indices) -> Indices:
@@ -300,7 +300,7 @@ def run_window(
     if fleet.extended[r]:
         fx = (fleet.laws[r] if r in fleet.laws else fleet.effects[r]).copy()
         fx["t"] = items.t[i]
-        lags = np.append(lagging(items)[i], np.zeros(MEMORY - 8))
+        lags = np.zeros(MEMORY) if items.memory is None else _real(items.memory[i])
         extra = fx, (lags,) if has_memory(fleet.robots[r].effects) else ()
     work, q, v, w, rows = room
     pulled = fleet.sensors[r, TORQUE_SCALE]
