@@ -33,6 +33,8 @@ SPREAD = 0.12
 """Of the mean soil's parameters about the robot file's, in logarithms."""
 RECIPES: dict[str, Recipe] = {
     "wheel_resistance": Recipe(lambda rng, s, track: {"share": 0.15 * s}, lambda machine, values: machine),
+    "stiction": Recipe(lambda rng, s, track: {"length": 0.02 * s}, lambda machine, values: machine),
+    "com_height": Recipe(lambda rng, s, track: {"height": 0.35 * s}, lambda machine, values: machine),
     "pose_lever_arm": LISTED["pose_lever_arm"],
     "pose_heading_offset": Recipe(
         lambda rng, s, track: {"angle": float(rng.choice((-0.03, 0.03))) * s}, lambda machine, values: machine
