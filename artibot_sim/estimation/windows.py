@@ -17,7 +17,9 @@ from artibot_sim.model import Robot
 from artibot_sim.model.effects import stiction
 from artibot_sim.model.effects.tyre_relaxation import EFFECT, SLOWEST
 from artibot_sim.model.kernels.layout import BACK, GAMMA, THETA_L, THETA_R, X, Y
-from artibot_sim.model.robot.derived import mean_load, params, train
+from artibot_sim.model.robot.derived import params, train
+from artibot_sim.model.robot.environment import STANDARD_GRAVITY
+from artibot_sim.model.robot.parameters import ModuleParams
 from artibot_sim.model.simulate.rollout import motor_coordinates
 from artibot_sim.model.simulate.sensors import sensor_errors, true_starts
 from artibot_sim.model.simulate.state import initial_state, posture_at_rest
@@ -428,6 +430,8 @@ _SAMPLES = round(6.0 / PAST)
 """So many before a window's start are remembered."""
 _NEAR_PAST = 0.25
 """s around a start whose motion, in the mean, is the start's: single rates are noisy."""
+_BENDINGS = 6
+"""Times that bristles and friction are found in turn: within a per cent of each other."""
 
 
 class Past(NamedTuple):
@@ -538,24 +542,34 @@ def bent_bristles(robots: Sequence[Robot], robot: Indices, q: Array, v: Array) -
     found = np.zeros((len(robot), 2 * wheels))
     for r, one in enumerate(robots):
         rows = np.flatnonzero(robot == r)
-        values = one.effects.get(stiction.EFFECT.id, {})
-        if not values.get("length") or not len(rows):
+        length = float(one.effects.get(stiction.EFFECT.id, {}).get("length", 0.0))
+        if not length or not len(rows):
             continue
-        holds = one.contact.mu_s * mean_load(one) * stiction.TIME
         for module, p in enumerate(train(one).modules if one.articulated else (params(one),)):
-            body, b = p.front, BACK * module
+            b = BACK * module
             c, s = np.cos(q[rows, b + GAMMA]), np.sin(q[rows, b + GAMMA])
-            ahead = c * v[rows, b + X] + s * v[rows, b + Y]
-            aside = c * v[rows, b + Y] - s * v[rows, b + X]
+            ahead, aside = c * v[rows, b + X] + s * v[rows, b + Y], c * v[rows, b + Y] - s * v[rows, b + X]
             rate = v[rows, b + GAMMA]
-            units = (p.right_front, THETA_R, body.half_y), (p.left_front, THETA_L, -body.half_y)
-            for side, (unit, motor, beside) in enumerate(units):
+            sides = (p.right_front, THETA_R, p.front.half_y), (p.left_front, THETA_L, -p.front.half_y)
+            for side, (unit, motor, right) in enumerate(sides):
                 rim = unit.r_w * unit.tau * v[rows, b + motor]
-                for end, before in enumerate((body.half_x, -body.half_x)):
-                    slip = np.column_stack([rim - ahead - beside * rate, -(aside + before * rate)])
-                    pull = np.hypot(*(slip * (body.k_l, body.k_t)).T)
-                    release = np.abs(rim) / values["length"] + pull / holds
-                    bent = slip / np.maximum(release, 1e-9)[:, None]
+                for end, before in enumerate((p.front.half_x, -p.front.half_x)):
+                    slip = np.column_stack([rim - ahead - right * rate, -(aside + before * rate)])
                     wheel = 4 * module + 2 * side + end
-                    found[rows, wheel], found[rows, wheels + wheel] = bent.T
+                    found[rows, wheel], found[rows, wheels + wheel] = _bent(p.front, slip, np.abs(rim) / length).T
     return found
+
+
+def _bent(body: ModuleParams, slip: Array, renewal: Array) -> Array:
+    """Bristles' steady bending (n, 2) at wheels that slip (n, 2), m/s, renewed by rolling at `renewal` (n,), 1/s.
+
+    Where a wheel slides eq. 16 leaves a share of its slip, which depends on how far they are bent: found in turn.
+    """
+    load, pull = body.m * STANDARD_GRAVITY / 4.0, np.hypot(body.k_l * slip[:, 0], body.k_t * slip[:, 1])
+    share, stay = np.ones(len(slip)), np.zeros(len(slip))
+    for _ in range(_BENDINGS):
+        release = renewal + share * pull / (stiction.TIME * body.mu_s * load)
+        stay = share / np.maximum(release, 1e-9)
+        force = pull * (1.0 + stay / stiction.TIME)
+        share = np.where(force > body.mu_s * load, body.mu_d * load / np.maximum(force, 1e-9), 1.0)
+    return slip * stay[:, None]
