@@ -79,6 +79,18 @@ def moving(robot, rng):
         {"tyre_relaxation": {"length": 0.3}, "wheel_runout": {"relative": 0.03}, "back_friction": {"scale": 0.6}},
         {"motor_drag": {"torque": 0.2, "motor": "back_left"}, "external_force": {"force": 35.0}},
         {"gear_no_load": {"torque": 0.1}, "slope": {"grade": 0.1, "heading": 0.3}},
+        {"motion_resistance": {"force": 30.0}, "payload": {"mass": 9.0, "module": "module_3"}},
+        {"wheel_runout": {"relative": 0.03, "wheel": "module_3_left_back"}, "joint_damping": {"coefficient": 30.0}},
+        {
+            "force_law": {"size": 20.0, "where": "module_3_yaw", "variable": "module_3_right_angle", "form": "linear"},
+            "force_law_2": {"size": 5.0, "where": "joint_2", "variable": "articulation_rate", "form": "linear"},
+            "force_law_3": {
+                "size": 90.0,
+                "where": "module_3_wheels_lateral",
+                "variable": "articulation_angle",
+                "form": "linear",
+            },
+        },
     ],
 )
 def test_right_hand_side_is_that_of_the_plain_equations(robot, effects):
@@ -110,6 +122,28 @@ def test_right_hand_side_is_that_of_the_plain_equations(robot, effects):
         np.testing.assert_allclose(M_m, plain.torque, rtol=1e-10, atol=1e-9)
         multipliers = [result[f"lambda_{k + 1}"][0] for k in range(len(plain.multiplier))]
         np.testing.assert_allclose(multipliers, plain.multiplier, rtol=1e-9, atol=1e-9 * np.abs(multipliers).max())
+
+
+def test_a_moment_in_a_joint_is_two_opposite_ones_on_its_modules():
+    """Of the second joint: on the module ahead of it and on the one behind, by laws of different places."""
+    robot = load_robot("train3")
+    moment = {"size": 30.0, "variable": "time", "form": "linear"}
+    inside = {"force_law": moment | {"where": "joint_2"}}
+    outside = {
+        "force_law": moment | {"where": "back_yaw"}, "force_law_2": moment | {"where": "module_3_yaw", "size": -30.0},
+    }  # fmt: skip
+    one, other, none = (rollout(dataclasses.replace(robot, effects=e), bend(robot, 3.0), dt=DT, every=20)
+                        for e in (inside, outside, {}))  # fmt: skip
+    np.testing.assert_allclose(one.q, other.q, atol=1e-9)
+    assert np.abs(one.q - none.q).max() > 1e-2
+
+
+def test_a_part_that_a_robot_does_not_have_is_refused(agriq):
+    with pytest.raises(ArtibotError, match=r"effects.payload.module: 'module_3': the robot has 2 modules"):
+        dataclasses.replace(agriq, effects={"payload": {"mass": 5.0, "module": "module_3"}})
+    with pytest.raises(ArtibotError, match=r"effects.force_law.variable: 'back_left_angle' means nothing to the"):
+        law = {"size": 1.0, "where": "module_3_yaw", "variable": "back_left_angle", "form": "linear"}
+        dataclasses.replace(load_robot("train3"), effects={"force_law": law})
 
 
 def is_position(name):

@@ -18,6 +18,8 @@ from artibot_sim.estimation.solver import Point, evaluate
 from artibot_sim.model import Robot
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.effects.base import Choice, Effect, Search
+from artibot_sim.model.effects.parts import names_of, of_pair
+from artibot_sim.model.robot.robot import sides_of
 
 Array = NDArray[np.float64]
 
@@ -93,7 +95,7 @@ def why_unseen(effect: Effect, robot: Robot, stretches: Sequence[Stretch]) -> st
 def _choices(effect: Effect, robot: Robot, bend: float) -> list[Hypothesis]:
     assert effect.search is not None
     names = [name for name, parameter in effect.parameters.items() if isinstance(parameter.quantity, Choice)]
-    options = [[n for n in _names(effect, name) if robot.articulated or not n.startswith("back")] for name in names]
+    options = [_names(effect, name, robot) for name in names]
     combinations = list(itertools.product(*options))
     reference = bend if effect.search.reference == "articulation" else 1.0
     return [
@@ -111,10 +113,13 @@ def _corners(search: Search) -> list[tuple[float, ...]]:
     return list(itertools.product((1.0, -1.0), repeat=len(search.sizes))) if several else []
 
 
-def _names(effect: Effect, name: str) -> tuple[str, ...]:
-    quantity = effect.parameters[name].quantity
+def _names(effect: Effect, name: str, robot: Robot) -> list[str]:
+    """Names that a parameter may be in a robot; how wheels turned that no motor turns is not measured."""
+    quantity, modules = effect.parameters[name].quantity, len(robot.modules)
     assert isinstance(quantity, Choice)
-    return quantity.names
+    passive = tuple(side for side in sides_of(modules) if side not in robot.motors)
+    known = [one for one in names_of(quantity.names, modules) if of_pair(one)[1] < modules]
+    return [one for one in known if not one.startswith(passive)]
 
 
 def largest_bend(stretches: Sequence[Stretch]) -> float:

@@ -40,11 +40,17 @@ class _Chain(NamedTuple):
     hinges: tuple[tuple[float, float], ...]
 
 
+_STEEP = ("stiffening", "forward_damping", "lateral_damping", "joint_damping", "joint_stiffness")
+"""What effects add in some modules or joints: the steepest limits the step as if all had it."""
+
+
 def _chain(p: Params | Train) -> _Chain:
     if isinstance(p, Train):
         motors = tuple(motor for module in p.modules for motor in (module.right_front, module.left_front))
         hinges = tuple((joint.front.O_x, joint.back.O_x) for joint in p.joints)
-        return _Chain(p.modules[0], p.modules, tuple(module.front for module in p.modules), motors, hinges)
+        steepest = {name: max(getattr(module, name) for module in p.modules) for name in _STEEP}
+        shared = p.modules[0]._replace(**steepest)
+        return _Chain(shared, p.modules, tuple(module.front for module in p.modules), motors, hinges)
     if p.two:
         motors = (p.right_front, p.left_front, p.right_back, p.left_back)
         return _Chain(p, (p, p), (p.front, p.back), motors, ((p.front.O_x, p.back.O_x),))

@@ -13,13 +13,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from artibot_sim.documents import did_you_mean
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.effects import force_law
+from artibot_sim.model.effects import force_law, parts
 from artibot_sim.model.effects.base import Effect, Values
 
-_NOT_EFFECTS = ("base", "files", "hooks")
+_NOT_EFFECTS = ("base", "files", "hooks", "parts")
 
 
 def _found() -> dict[str, Effect]:
@@ -104,10 +105,39 @@ def has_memory(effects: Mapping[str, Values]) -> bool:
 
 def record(effects: Mapping[str, Values], t: float) -> np.void | None:
     """A robot's effects for the extended kernel at the time `t` (s); None where the paper's model does."""
-    working = {name: (effect, values) for name, (effect, values) in at_work(effects).items() if effect.hooks}
-    if not working:
+    working = _asked(at_work(effects))
+    return _filled(working, any(name in LAWS for name in working), t) if working else None
+
+
+def in_pair(effects: Mapping[str, Values], behind: int) -> dict[str, tuple[Effect, Values]]:
+    """As `at_work`, what acts in the pair of a robot's front module and the module `behind` (see `parts`)."""
+    found: dict[str, tuple[Effect, Values]] = {}
+    for name, (effect, values) in at_work(effects).items():
+        seen = parts.seen_by(values, behind)
+        if seen is not None and effect.active(seen):
+            found[name] = effect, seen
+    return found
+
+
+def records(effects: Mapping[str, Values], t: float, modules: int) -> NDArray[np.void] | None:
+    """As `record`, of a robot of so many modules: each with what acts in its pair, the front one with the first."""
+    pairs = [_asked(in_pair(effects, max(i, 1))) for i in range(modules)]
+    if not any(pairs):
         return None
-    fx: np.void = (_NEUTRAL_LAWS if any(name in LAWS for name in working) else _NEUTRAL).copy()
+    laws = any(name in LAWS for working in pairs for name in working)
+    found = np.empty(modules, dtype=LAW_DTYPE if laws else RECORD_DTYPE)
+    for i, working in enumerate(pairs):
+        found[i] = _filled(working, laws, t)
+    return found
+
+
+def _asked(working: Mapping[str, tuple[Effect, Values]]) -> dict[str, tuple[Effect, Values]]:
+    """Those of the effects at work that compiled code asks."""
+    return {name: one for name, one in working.items() if one[0].hooks}
+
+
+def _filled(working: Mapping[str, tuple[Effect, Values]], laws: bool, t: float) -> np.void:
+    fx: np.void = (_NEUTRAL_LAWS if laws else _NEUTRAL).copy()
     fx["t"] = t
     for name, (effect, values) in working.items():
         fx[name] = _numbers(effect, values)

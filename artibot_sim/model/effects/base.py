@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.model.effects import parts
 from artibot_sim.model.robot.quantity import Quantity
 
 if TYPE_CHECKING:
@@ -27,7 +28,10 @@ Values = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Choice:
-    """A parameter that is one of several names; compiled code knows it by its place among them."""
+    """A parameter that is one of several names; compiled code knows it by its place among them.
+
+    Names of parts are those of a pair of modules; a longer robot has more of them (see `parts`).
+    """
 
     names: tuple[str, ...]
     doc: str
@@ -36,9 +40,13 @@ class Choice:
         """The name, checked."""
         if isinstance(entry, Mapping):
             entry = entry.get("value")
-        if entry not in self.names:
+        if not isinstance(entry, str) or parts.of_pair(entry)[0] not in self.names:
             raise ArtibotError(f"{key}: found {entry!r}, expected one of {', '.join(self.names)} ({self.doc})")
         return str(entry)
+
+    def number(self, name: str) -> float:
+        """What compiled code knows a name by, in the pair of its module."""
+        return float(self.names.index(parts.of_pair(name)[0]))
 
 
 @dataclass(frozen=True)
@@ -50,7 +58,7 @@ class EffectParameter:
 
     def number(self, value: float | str) -> float:
         """`value` as compiled code takes it."""
-        return float(self.quantity.names.index(str(value)) if isinstance(self.quantity, Choice) else value)
+        return self.quantity.number(str(value)) if isinstance(self.quantity, Choice) else float(value)
 
 
 @dataclass(frozen=True)
@@ -174,8 +182,9 @@ class Effect:
 
     def active(self, values: Values) -> bool:
         """Whether these values make a difference."""
-        strengths = list(self.parameters.items())[: self.sizes]
-        return any(values[name] != parameter.neutral for name, parameter in strengths)
+        strengths = list(self.parameters)[: self.sizes]
+        known = ((parts.of_pair(key)[0], value) for key, value in values.items())
+        return any(value != self.parameters[name].neutral for name, value in known if name in strengths)
 
 
 def number(

@@ -27,7 +27,8 @@ from artibot_sim.documents import did_you_mean
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.effects.base import Choice, Effect, EffectParameter, Search, Values, number
-from artibot_sim.model.effects.force_law import PARAMETERS, VARIABLES, check, unit_of
+from artibot_sim.model.effects.force_law import PARAMETERS, check, unit_of, variable_words
+from artibot_sim.model.effects.parts import of_pair
 
 SUFFIX = ".yaml"
 
@@ -111,9 +112,7 @@ def effect_of(document: Any, path: str) -> Effect:
         parameters=parameters,
         law=law,
         uniform=not {"place", "heading"} & {fixed["variable"], fixed["times"]},
-        search=Search(
-            {"size": typical}, ((0.3,), (1.0,), (2.5,)), back=str(fixed["where"]).startswith(("back", "joint"))
-        ),
+        search=Search({"size": typical}, ((0.3,), (1.0,), (2.5,)), back=of_pair(str(fixed["where"]))[1] > 0),
     )
 
 
@@ -163,7 +162,7 @@ def _unit(key: str, law: Values) -> str:
         return unit_of(str(law["where"]))
     followed = {"scale": "variable", "times_scale": "times"}
     if key in followed:
-        return VARIABLES[str(law[followed[key]])][1] or "-"
+        return variable_words(str(law[followed[key]]))[1] or "-"
     return str(PARAMETERS[key].quantity.unit)  # type: ignore[union-attr]  # of _NUMBERS, none is a choice
 
 

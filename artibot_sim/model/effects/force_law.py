@@ -20,6 +20,7 @@ from numba.core import types
 from numba.extending import overload
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.model.effects import parts
 from artibot_sim.model.effects.base import Effect, EffectParameter, Values, choice, number
 from artibot_sim.model.kernels.compilation import called, inlined
 from artibot_sim.model.kernels.elementary import exp, log, sincos, tanh, whole
@@ -370,8 +371,27 @@ _ANYWHERE = ("nothing", "time", "yaw_rate", "curvature", "heading", "place", "sp
 _WHEEL = (*_ANYWHERE, "lateral_speed", "slip", "angle")
 
 
+def place_words(where: str) -> str:
+    """What people call a place where a law acts, of any module."""
+    own, behind = parts.of_pair(where)
+    if behind < 2:
+        return PLACES[own]
+    return f"yaw moment in joint {behind}" if own == "joint" else _of_module(PLACES[own], behind)
+
+
+def variable_words(name: str) -> tuple[str, str]:
+    """What people call a variable, of any module, and its unit."""
+    own, behind = parts.of_pair(name)
+    words, unit = VARIABLES[own]
+    return (_of_module(words, behind) if behind > 1 else words), unit
+
+
+def _of_module(words: str, behind: int) -> str:
+    return words.replace("back", parts.in_robot("back", behind), 1)
+
+
 def follows(where: str) -> tuple[str, ...]:
-    """The variables that a law can follow at a place, in the order of VARIABLES."""
+    """The variables that a law can follow at a place of a pair of modules, in the order of VARIABLES."""
     known = (*_ANYWHERE, "lateral_speed")
     if where.endswith("_lateral"):
         known = (*_WHEEL, "load")
@@ -384,13 +404,13 @@ def follows(where: str) -> tuple[str, ...]:
 
 def unit_of(where: str) -> str:
     """Unit of a law's size."""
-    return "N m" if where.endswith(("_yaw", "_torque", "joint")) else "N"
+    return "N m" if parts.of_pair(where)[0].endswith(("_yaw", "_torque", "joint")) else "N"
 
 
 def formula(values: Values) -> str:
     """A law in words and numbers: ``lateral force of each wheel = 14 N · cos(2π · place along 0° in map / 1.1 m)``."""
     where = str(values["where"])
-    said = f"{PLACES[where]} = {float(values['size']):.3g} {unit_of(where)}"
+    said = f"{place_words(where)} = {float(values['size']):.3g} {unit_of(where)}"
     for variable, form, scale in (("variable", "form", "scale"), ("times", "times_form", "times_scale")):
         if values[variable] != "nothing" and values[form] != "constant":
             said += f" · {_factor(values, str(values[variable]), str(values[form]), float(values[scale]))}"
@@ -398,7 +418,7 @@ def formula(values: Values) -> str:
 
 
 def _factor(values: Values, variable: str, form: str, scale: float) -> str:
-    words, unit = VARIABLES[variable]
+    words, unit = variable_words(variable)
     if variable == "place":
         words = f"place along {math.degrees(float(values['direction'])):.0f}° in map"
     u = words if scale == 1.0 else f"{words} / {scale:.3g} {unit}".rstrip()
@@ -412,12 +432,14 @@ def _factor(values: Values, variable: str, form: str, scale: float) -> str:
 
 def check(values: Values, path: str) -> None:
     """Refuse a law whose parts do not go together."""
-    where = values["where"]
+    where, behind = parts.of_pair(str(values["where"]))
     for key in ("variable", "times"):
-        if values[key] not in follows(where):
+        variable, of = parts.of_pair(str(values[key]))
+        if variable not in follows(where) or (of != behind and (behind if of == 1 else of)):
+            known = [parts.in_robot(name, max(behind, 1)) for name in follows(where)]
             raise ArtibotError(
-                f"{path}.{key}: '{values[key]}' means nothing to the {PLACES[where]}; it can follow "
-                f"{', '.join(follows(where))}"
+                f"{path}.{key}: '{values[key]}' means nothing to the {place_words(str(values['where']))}; it can "
+                f"follow {', '.join(known)}"
             )
     if values["variable"] == "nothing" and values["form"] != "constant":
         raise ArtibotError(f"{path}.form: '{values['form']}' needs a variable; expected one beside 'constant'")

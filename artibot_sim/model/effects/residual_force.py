@@ -5,10 +5,16 @@ from __future__ import annotations
 import math
 
 from artibot_sim.model.effects.base import Effect, number
+from artibot_sim.model.effects.parts import names_of
 from artibot_sim.model.kernels.compilation import inlined
 
 FORCES = ("front_surge", "front_sway", "front_turn", "back_turn")
 """Forces at the front module's origin along and across its own frame, N, and moments about both modules', N m."""
+
+
+def forces_of(modules: int) -> tuple[str, ...]:
+    """FORCES, and the moments about each module behind these two: all that can move so many modules on a plane."""
+    return names_of(FORCES, modules)
 
 
 @inlined

@@ -13,9 +13,11 @@ the number of modules.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba.core import types
+from numba.extending import overload
 from numpy.typing import NDArray
 
 from artibot_sim.model.effects import hooks
@@ -159,7 +161,7 @@ def workspace(modules: int) -> TrainWork:
 
 @inlined
 def side_forces(p, fx, unit, side, i, q, v, modes, pair, soil, drive, hold, lag, lag_rate, dt, w):
-    """A motor of module `i` and its wheels, into the module's row; returns `contact.PairForces`."""
+    """A motor of a module (0 for the front one, else 1) and its wheels, into its row; returns `contact.PairForces`."""
     a, c = 2 * side, THETA_R + side
     local = turning(p, modes, side, q[c], v[c], drive, hold)
     motor = Turning(
@@ -179,7 +181,10 @@ def side_forces(p, fx, unit, side, i, q, v, modes, pair, soil, drive, hold, lag,
 
 @inlined
 def module_alone(p, fx, i, q, v, modes, trig, drive, hold, lag, lag_rate, dt, w, free):
-    """Module `i` without its joints (eqs 15 to 28): contributions into its row, accelerations into `free` (6,)."""
+    """A module without its joints (eqs 15 to 28): contributions into its row, accelerations into `free` (6,).
+
+    For effects it is number `i` of a pair, see `effects.parts`: 0 for the front one, else 1.
+    """
     s_a, c_a, s_g, c_g = trig[0], trig[1], trig[2], trig[3]
     body = p.front
     v_x, v_y = c_g * v[X] + s_g * v[Y], c_g * v[Y] - s_g * v[X]
@@ -218,7 +223,7 @@ def joint_rows(p, fx, j, q, v, trig, chain):
     A2 = p.A_joint * p.A_joint
     held = bias[0] + A2 * phi[0], bias[1] + A2 * phi[1], bias[2] + A2 * phi[2], bias[3] + A2 * phi[3]
     if fx is not None and j == 0:  # the front module is the only one whose mass can be off its origin
-        held, gamma = joint_from_mass_centre(p, fx, v, held, front[2], FRONT, attitude[2], attitude[3])
+        held, gamma = joint_from_mass_centre(p, fx[0], v, held, front[2], FRONT, attitude[2], attitude[3])
         front = (front[0], front[1], gamma)
     ahead, behind, right = chain.ahead[j], chain.behind[j], chain.right[j]
     for r in range(4):
@@ -372,22 +377,49 @@ def held_by_joints(body, i, joints, rows, chain, w):
 
 
 @inlined
-def note_angles(modules, fx, q, v):
-    """With effects: the wheels' angles of the first two modules and the yaw of their joint, for laws to see."""
-    front, back = modules[0], modules[1]
+def note_pair(fx, i, modules, q, v, trig):
+    """With effects: what laws of module `i` see: it and the front one, and the joint ahead, of the front one behind."""
+    seen, k = seen_in(fx[i]), max(i, 1)
+    front, back = modules[0], modules[k]
+    for place in range(2):
+        m = 0 if place == 0 else k
+        s_g, c_g = trig[m, 2], trig[m, 3]
+        forward, left = c_g * v[m, X] + s_g * v[m, Y], c_g * v[m, Y] - s_g * v[m, X]
+        note_module(seen, place, q[m, X], q[m, Y], q[m, GAMMA], forward, left, v[m, GAMMA])
     note_whole(
-        seen_in(fx), front.right_front.tau * q[0, THETA_R], front.left_front.tau * q[0, THETA_L],
-        back.right_front.tau * q[1, THETA_R], back.left_front.tau * q[1, THETA_L], q[1, GAMMA] - q[0, GAMMA],
-        v[1, GAMMA] - v[0, GAMMA],
+        seen, front.right_front.tau * q[0, THETA_R], front.left_front.tau * q[0, THETA_L],
+        back.right_front.tau * q[k, THETA_R], back.left_front.tau * q[k, THETA_L], q[k, GAMMA] - q[k - 1, GAMMA],
+        v[k, GAMMA] - v[k - 1, GAMMA],
     )  # fmt: skip
 
 
+def of_one(fx: Any, i: int) -> Any:
+    """The effects of one module's pair; None, at compile time, where there are none."""
+    return None if fx is None else fx[i]
+
+
+@overload(of_one, jit_options={"forceinline": True}, strict=False)
+def _of_one(fx: Any, i: int) -> Any:
+    return (lambda fx, i: fx[i]) if isinstance(fx, types.Array) else (lambda fx, i: None)
+
+
 @inlined
-def note_one(fx, i, q, v, trig):
-    """With effects: module `i` for laws to see; those behind the first take turns, for each asks about itself."""
-    s_g, c_g = trig[2], trig[3]
-    forward, left = c_g * v[X] + s_g * v[Y], c_g * v[Y] - s_g * v[X]
-    note_module(seen_in(fx), min(i, 1), q[X], q[Y], q[GAMMA], forward, left, v[GAMMA])
+def begin_effects(fx, memory, lag):
+    """What wheels remember into `lag`; the time of the start (s), and how many numbers of a module change."""
+    start, count = 0.0, 0
+    if fx is not None:
+        start = fx[0].t
+        copy_rows(memory, lag)
+        for i in range(len(fx)):
+            count = max(count, remembered(fx[i], 4))
+    return start, count
+
+
+@inlined
+def set_time(fx, t):
+    """With effects: the time of the instant, s."""
+    for i in range(len(fx)):
+        fx[i].t = t
 
 
 @inlined
@@ -400,23 +432,22 @@ def accelerations(q, v, modules, joints_p, fx, modes, drive, hold, lag, lag_rate
     joints, rows = count - 1, 4
     if fx is not None:
         rows = 5
-    if fx is not None:
-        note_angles(modules, fx, q, v)
     for i in range(count):
         trig = chain.trig[i]
         trig[0], trig[1] = sincos_small(q[i, ALPHA])
         trig[2], trig[3] = sincos(q[i, GAMMA])
+    for i in range(count):
         if fx is not None:
-            note_one(fx, i, q[i], v[i], trig)
+            note_pair(fx, i, modules, q, v, chain.trig)
         module_alone(
-            modules[i], fx, i, q[i], v[i], modes[i], trig, drive[i], hold[i], lag[i], lag_rate[i], dt, w[i],
-            chain.free[i],
+            modules[i], of_one(fx, i), min(i, 1), q[i], v[i], modes[i], chain.trig[i], drive[i], hold[i], lag[i],
+            lag_rate[i], dt, w[i], chain.free[i],
         )  # fmt: skip
     flat_q, flat_v, flat_trig = q.reshape(8 * count), v.reshape(8 * count), chain.trig.reshape(4 * count)
     if fx is not None:
         for j in range(joints):
             p, q_j, v_j = joints_p[j], flat_q[8 * j : 8 * j + 16], flat_v[8 * j : 8 * j + 16]
-            torque, c = yaw_torque(fx, j, q_j, v_j, dt, w[j], chain)
+            torque, c = yaw_torque(fx[j + 1], j, q_j, v_j, dt, w[j], chain)
             chain.right[j, 4] = torque
             chain.diagonal[j, 4, 4] = c
             if c == 0.0:
@@ -440,7 +471,7 @@ def accelerations(q, v, modules, joints_p, fx, modes, drive, hold, lag, lag_rate
                 w[i, M_J] = chain.right[i, 4]
         held_by_joints(modules[i].front, i, joints, rows, chain, w[i])
     if fx is not None:
-        back_to_origin(fx, v[0], chain.trig[0, 2], chain.trig[0, 3], FRONT, w[0])
+        back_to_origin(fx[0], v[0], chain.trig[0, 2], chain.trig[0, 3], FRONT, w[0])
 
 
 # ----------------------------------------------------------------------
@@ -526,8 +557,9 @@ def add_powers(q, v, modules, fx, w, weight, e, pw):
     """Accumulate `weight` (s) times the power of every contribution, module by module."""
     for i in range(len(modules)):
         p, power = modules[i], pw[i]
-        motor_powers(v[i], p, fx, w[i], power)
-        wheel_powers(p.front, p, fx, q[i], v[i], 0, 0, i, w[i], power)
+        own = of_one(fx, i)
+        motor_powers(v[i], p, own, w[i], power)
+        wheel_powers(p.front, p, own, q[i], v[i], 0, 0, min(i, 1), w[i], power)
         work, push = 0.0, 0.0
         for k in range(6):
             work += w[i, Q_J + k] * v[i, k]
@@ -602,8 +634,8 @@ def train_rk4(state, modules, joints, inputs, grid, work, out, out_e, fx=None, m
         Of n modules: q and v (rows, 8 n), and the contributions of `train_layout.KEPT` for each module.
     out_e : array or None
         None leaves the energies out, at compile time.
-    fx : record, optional
-        Effects' parameters, with the time of the start in ``fx.t``.
+    fx : array of n records, optional
+        Parameters of the effects in each module's pair (`effects.records`), with the time of the start.
     memory : array, shape (n, 12), where there is `fx`
         What each module's wheels remember, as `layout.MEMORY` has it; advanced in place, too.
 
@@ -614,11 +646,7 @@ def train_rk4(state, modules, joints, inputs, grid, work, out, out_e, fx=None, m
     """
     (q, v, eta, previous), (dt, steps, every, knot_steps) = state, grid
     w, drive, cubic, hold, eta_next, q_s, v_s, first, total, e, pw, lag, lag_rate, sum_lag, chain = work
-    start, count = 0.0, 0
-    if fx is not None:
-        start = fx.t
-        copy_rows(memory, lag)
-        count = remembered(fx, 4)
+    start, count = begin_effects(fx, memory, lag)
     for i in range(len(modules)):
         module_gravity(modules[i].front, modules[i], FRONT, w[i])
         for c in range(8):
@@ -633,7 +661,7 @@ def train_rk4(state, modules, joints, inputs, grid, work, out, out_e, fx=None, m
             if k != 2:
                 commands_at(cubic, phase * dt + stage_time(k, dt), inputs.modes, drive)
             if fx is not None:
-                fx.t = start + (dt * step + stage_time(k, dt))
+                set_time(fx, start + (dt * step + stage_time(k, dt)))
             accelerations(q_s, v_s, modules, joints, fx, inputs.modes, drive, hold, lag, lag_rate, None, w, chain)
             if k == 0:
                 if step == steps or step % every == 0:
@@ -659,11 +687,7 @@ def train_semi_implicit(state, modules, joints, inputs, grid, work, out, out_e, 
     """As `train_rk4`; a row's contributions are those that act from its state to the next."""
     (q, v, eta, previous), (dt, steps, every, knot_steps) = state, grid
     w, drive, cubic, hold, _, q_old, v_old, _, _, e, pw, lag, lag_rate, _, chain = work
-    start, count = 0.0, 0
-    if fx is not None:
-        start = fx.t
-        copy_rows(memory, lag)
-        count = remembered(fx, 4)
+    start, count = begin_effects(fx, memory, lag)
     for i in range(len(modules)):
         module_gravity(modules[i].front, modules[i], FRONT, w[i])
     row = 0
@@ -680,7 +704,7 @@ def train_semi_implicit(state, modules, joints, inputs, grid, work, out, out_e, 
             for c in range(8):
                 q_old[i, c], v_old[i, c] = q[i, c], v[i, c]
         if fx is not None:
-            fx.t = start + dt * step
+            set_time(fx, start + dt * step)
         accelerations(q, v, modules, joints, fx, inputs.modes, drive, hold, lag, lag_rate, dt, w, chain)
         if step == steps or step % every == 0:
             if not sound(q, v):

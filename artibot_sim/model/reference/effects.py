@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.model.effects import EFFECTS, LAWS, at_work
+from artibot_sim.model.effects import EFFECTS, LAWS, at_work, in_pair
 from artibot_sim.model.effects.base import Values
 from artibot_sim.model.effects.force_law import SEEN
 from artibot_sim.model.effects.hooks import PLACES
@@ -85,26 +85,25 @@ class PlainEffects:
         bodies = [_motion(q[k : k + 8], v[k : k + 8]) for k in (0, 8)[: 2 if p.two else 1]]
         return replace(self, seen=_noted(bodies, wheels, bend))
 
-    def seeing_train(self, p: Train, q: Array, v: Array) -> PlainEffects:
-        """These effects where laws see the first two of n modules at q and v (8 n,)."""
-        wheels = [
-            motor.tau * q[8 * i + 6 + k]
-            for i, module in enumerate(p.modules[:2])
-            for k, motor in enumerate((module.right_front, module.left_front))
-        ]
-        bodies = [_motion(q[k : k + 8], v[k : k + 8]) for k in (0, 8)]
-        return replace(self, seen=_noted(bodies, wheels, (q[13] - q[5], v[13] - v[5])))
+    def in_pair(self, behind: int) -> PlainEffects:
+        """Of these what acts in the pair of the front module and the module `behind`, see `effects.parts`."""
+        return replace(self, values={name: values for name, (_, values) in in_pair(self.values, behind).items()})
 
-    def seeing_module(self, i: int, q: Array, v: Array) -> PlainEffects:
-        """These effects where module `i` of a train, at q and v (8,), asks about itself."""
-        seen = {name: values.copy() for name, values in self.seen.items()}
-        for name, number in zip(_POSE, _motion(q, v), strict=True):
-            seen[name][min(i, 1)] = number
-        return replace(self, seen=seen)
+    def seeing_pair(self, behind: int, p: Train, q: Array, v: Array) -> PlainEffects:
+        """As `in_pair`, where laws see the pair and its joint in n modules at q and v (8 n,)."""
+        k, places = 8 * behind, (0, behind)
+        wheels = [
+            motor.tau * q[8 * i + 6 + side]
+            for i in places
+            for side, motor in enumerate((p.modules[i].right_front, p.modules[i].left_front))
+        ]
+        bodies = [_motion(q[8 * i : 8 * i + 8], v[8 * i : 8 * i + 8]) for i in places]
+        bend = q[k + 5] - q[k - 3], v[k + 5] - v[k - 3]
+        return replace(self.in_pair(behind), seen=_noted(bodies, wheels, bend))
 
     def of_module(self, module: int) -> PlainEffects:
-        """These effects as a module computes that stands for itself, in the place of the front one."""
-        return _OfModule(self.values, self.t, self.seen, module) if module else self
+        """As one module of a pair computes, which stands for itself in the place of the front one."""
+        return _OfModule(self.values, self.t, self.seen, min(module, 1)) if module else self
 
     def ask(self, place: str, *about: Any) -> Any:
         """What the effects answer at a place (`effects.hooks`), from what follows the record there."""
@@ -131,7 +130,7 @@ _NUMBERED = {
 
 @dataclass(frozen=True)
 class _OfModule(PlainEffects):
-    """The effects for one module of many: its parts' numbers are counted on from those of the modules ahead."""
+    """The effects for one module of a pair: its parts' numbers are counted on from those of the module ahead."""
 
     module: int = 0
 

@@ -64,15 +64,15 @@ def solve_train(
     Solution
         Multipliers joint by joint; wheels in the order of the modules.
     """
-    count, fx = len(p.modules), fx.seeing_train(p, q, v)
+    count = len(p.modules)
+    pairs = [fx.seeing_pair(max(i, 1), p, q, v) for i in range(count)]
     kept = np.zeros((3, 4 * count)) if memory is None else memory.reshape(3, 4 * count)
     mass, n, wheels = np.zeros((8 * count, 8 * count)), np.zeros(8 * count), []
     M_m, prescribed = np.zeros(2 * count), []
     turned = [(8 * i + 6 + side, 2 * i + side) for i in range(count) for side in (0, 1)]
     for i, module in enumerate(p.modules):
         own = slice(8 * i, 8 * i + 8)
-        fx = fx.seeing_module(i, q[own], v[own])
-        here = fx.of_module(i)
+        here = pairs[i].of_module(i)
         at, moving = np.append(q[own], np.zeros(8)), np.append(v[own], np.zeros(8))
         met = contact(module, at, moving, here, np.pad(kept[:, 4 * i : 4 * i + 4], ((0, 0), (0, 4))).ravel())
         wheels.append(met)
@@ -85,7 +85,7 @@ def solve_train(
             n[c] = -motor.tau / eta[k] * M_r - dragging(here, motor, side, q[c], v[c])
     for j in range(count - 1):
         pair = slice(8 * j, 8 * j + 16)
-        add_joint_torque(mass[pair, pair], n[pair], q[pair], v[pair], fx, 0.0)
+        add_joint_torque(mass[pair, pair], n[pair], q[pair], v[pair], pairs[j + 1], 0.0)
     phi, jacobian, bias = train_constraint(p, q, v)
     A = p.joints[0].A_joint
     right = -bias - 2 * A * (jacobian @ v) - A**2 * phi

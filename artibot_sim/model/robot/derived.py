@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.effects import EFFECTS, at_work
-from artibot_sim.model.effects.base import Choice, Values
+from artibot_sim.model.effects import at_work, in_pair
+from artibot_sim.model.effects.base import Effect, Values
 from artibot_sim.model.ground.raster import STEEPEST, Ground
 from artibot_sim.model.robot.environment import STANDARD_GRAVITY, gravity
 from artibot_sim.model.robot.parameters import ModuleParams, MotorParams, Params, Train
@@ -80,11 +80,11 @@ def params(robot: Robot) -> Params:
             f"robot '{robot.name}': it has {len(robot.modules)} modules; what was asked for is computed for robots of "
             "one or two so far"
         )
-    return _pair(robot, 1, robot.effects)
+    return _pair(robot, 1, at_work(robot.effects))
 
 
-def _pair(robot: Robot, behind: int, effects: Mapping[str, Values]) -> Params:
-    """The front module and the one `behind` as an articulated rover, with what effects change in its numbers."""
+def _pair(robot: Robot, behind: int, working: Mapping[str, tuple[Effect, Values]]) -> Params:
+    """The front module and the one `behind` as an articulated rover, with what effects at work change in it."""
     modules, drives = robot.modules, robot.drives
     back = behind if len(modules) > 1 else 0
     first, second = _motor(robot, drives[0]), _motor(robot, drives[back])
@@ -111,7 +111,7 @@ def _pair(robot: Robot, behind: int, effects: Mapping[str, Values]) -> Params:
         load=mean_load(robot),
         pitching=1.0 if robot.suspended == "rigid" else 0.0,
     )
-    for effect, values in at_work(effects).values():
+    for effect, values in working.values():
         if effect.adapt is not None:
             p = effect.adapt(p, values)
     return p
@@ -135,12 +135,11 @@ def on_ground(p: Params, ground: Ground | None, radius: float) -> Params:
 def train(robot: Robot) -> Train:
     """The numbers of an articulated robot, module by module and joint by joint.
 
-    What an effect changes in the back module, it changes in every module behind the front one, unless a parameter of
-    it names the part (`payload`, `motor_drag`), which is of the first two modules.
+    What an effect changes in the back module, it changes in every module behind the front one, unless it names the
+    part: see `effects.parts`.
     """
-    general = {name: v for name, v in robot.effects.items() if not _names_a_part(name)}
-    first = _pair(robot, 1, robot.effects)
-    pairs = [first, first, *(_pair(robot, i, general) for i in range(2, len(robot.modules)))]
+    pairs = [_pair(robot, i, in_pair(robot.effects, i)) for i in range(1, len(robot.modules))]
+    first, pairs = pairs[0], pairs[:1] + pairs
     modules = [first._replace(two=False)]
     for i, pair in enumerate(pairs[1:], 1):
         right, left = pair.right_back, pair.left_back
@@ -157,10 +156,6 @@ def train(robot: Robot) -> Train:
 def front_params(robot: Robot) -> Params:
     """The front module's numbers, and those common to all modules, of a robot of any number of them."""
     return train(robot).modules[0] if robot.trailing else params(robot)
-
-
-def _names_a_part(effect: str) -> bool:
-    return any(isinstance(parameter.quantity, Choice) for parameter in EFFECTS[effect].parameters.values())
 
 
 def _dtype(cls: type) -> np.dtype:

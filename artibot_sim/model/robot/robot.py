@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.effects import EFFECTS, effects_from_dict
 from artibot_sim.model.effects.base import Values
+from artibot_sim.model.effects.parts import of_pair
 from artibot_sim.model.robot.quantity import Quantity, not_negative, positive, quantity
 
 MOTORS = ("front_right", "front_left", "back_right", "back_left")
@@ -416,6 +417,10 @@ def _check_together(robot: Robot) -> None:
             f"drive.trailing: {len(robot.drive.trailing)} entries for {len(robot.trailing)} modules behind `back`; "
             "give one each, None for a passive module"
         )
+    for name, values in robot.effects.items():
+        for key, value in values.items():
+            if isinstance(value, str) and robot.articulated and of_pair(value)[1] >= len(robot.modules):
+                raise ArtibotError(f"effects.{name}.{key}: '{value}': the robot has {len(robot.modules)} modules")
     for i, module in enumerate(robot.modules):
         J = sorted((module.J_x, module.J_y, module.J_z))
         if J[2] > (J[0] + J[1]) * (1 + 1e-9):

@@ -256,7 +256,7 @@ def _train_at_rest(robot: Robot, pose: tuple[float, float, float], bends: Array,
     eta = [eta for module in p.modules for eta in (module.right_front.eta_d, module.left_front.eta_d)]
     bristles = np.zeros((2, 4 * modules))
     for i, module in enumerate(p.modules if p.modules[0].bristle > 0.0 else ()):
-        at, fx = np.append(q[i], np.zeros(8)), PlainEffects(robot.effects, t).of_module(i)
+        at, fx = np.append(q[i], np.zeros(8)), PlainEffects(robot.effects, t).in_pair(max(i, 1)).of_module(i)
         bristles[:, 4 * i : 4 * i + 4] = _bent_at_rest(module, at, fx)
     return State(
         t, q.reshape(-1), np.zeros(8 * modules), np.array(eta), np.zeros(2 * modules), bristles=bristles.ravel()

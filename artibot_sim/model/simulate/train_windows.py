@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.analysis.stability import largest_step, parts
-from artibot_sim.model.effects import record
+from artibot_sim.model.effects import records
 from artibot_sim.model.equations.transmission import torque_factors
 from artibot_sim.model.kernels.layout import (
     ACC,
@@ -77,8 +77,8 @@ class Prepared:
         Eq. 30's of each module.
     eta : array, shape (modules, 2)
         Efficiencies of a first step.
-    fx : record or None
-        Effects.
+    fx : array of records or None
+        Effects, module by module.
     sensors : array, shape (1, 8)
         A row of SensorErrors.
     parts : int
@@ -103,7 +103,8 @@ class Prepared:
         eta = np.array([[m.right_front.eta_d, m.left_front.eta_d] for m in p.modules])
         return cls(
             p, packed_all(p.modules), packed_all(p.joints), np.array(modes, dtype=np.int64), factors, eta,
-            record(robot.effects, 0.0), np.array([sensor_errors(robot)], dtype=float), parts(p, dt, factors),
+            records(robot.effects, 0.0, len(p.modules)), np.array([sensor_errors(robot)], dtype=float),
+            parts(p, dt, factors),
         )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.analysis.stability import largest_step, parts
-from artibot_sim.model.effects import record
+from artibot_sim.model.effects import records
 from artibot_sim.model.equations.transmission import Mode
 from artibot_sim.model.kernels.layout import Grid, MotorInputs, Rows, RunState
 from artibot_sim.model.kernels.train_layout import KEPT, KEPT_ENERGIES
@@ -125,7 +125,7 @@ def run(
     q, v = start.q.reshape(modules, 8).copy(), start.v.reshape(modules, 8).copy()
     eta, torque = start.eta.reshape(modules, 2).copy(), start.torque.reshape(modules, 2).copy()
     memory = np.hstack(list(start.memory.reshape(3, modules, 4)))
-    fx = record(robot.effects, start.t)
+    fx = records(robot.effects, start.t, modules)
     effects: tuple[Any, ...] = () if fx is None else (fx, memory)
     loop = train_loop.train_semi_implicit if integrator == "semi_implicit" else train_loop.train_rk4
     cut_grid = Grid(dt / cut, steps * cut, every * cut, knot_steps * cut)

@@ -13,7 +13,7 @@ from artibot_sim.diagnose.validation.residuals import Samples, gather, sizes
 from artibot_sim.diagnose.words import channel_words, effect_words, is_wrong
 from artibot_sim.experiment.columns import SEGMENT_GAP
 from artibot_sim.identify.result import number, spaced
-from artibot_sim.model.effects.force_law import PARAMETERS, PLACES, VARIABLES, shape, unit_of
+from artibot_sim.model.effects.force_law import PARAMETERS, place_words, shape, unit_of, variable_words
 from artibot_sim.model.reference.effects import plain
 from artibot_sim.report import style
 from artibot_sim.report.panels import Floats, Level, Line, Panel
@@ -314,9 +314,9 @@ def law_curve(what: Unexplained, name: str) -> Panel | None:
     force = [
         number["size"] * law(number["form"], u / number["scale"], number["exponent"], number["phase"]) for u in over
     ]
-    words, unit = VARIABLES[variable]
+    words, unit = variable_words(variable)
     line = Line("the law", "true", None, over, np.array(force), AFTER)
-    return Panel(f"law_{name}", PLACES[where], (words, spaced(unit)), ("force", spaced(unit_of(where))), (line,))
+    return Panel(f"law_{name}", place_words(where), (words, spaced(unit)), ("force", spaced(unit_of(where))), (line,))
 
 
 def _role(effect: str, named: set[str], tied: set[str]) -> str:
