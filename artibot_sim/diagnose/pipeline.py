@@ -267,7 +267,6 @@ def result_of(
             *_untried(decision),
             *map(_fallen, found.without),
             *_contradiction(decision),
-            *_without_a_place(decision, robot),
             *_besides(found),
             *([] if view.theirs else [view.why]),
             *data_warnings(fitted, robot, held, ()),
@@ -407,14 +406,6 @@ def _contradiction(decision: Decision) -> list[str]:
         own = f"; by themselves they ask for {alone.size_words}" if alone.sizes else ""
         return [f"{differing(alone.words)}; one soil was fitted to all of them, so sizes are a compromise{own}"]
     return partly(alone.names, alone.unexplained_alone)
-
-
-def _without_a_place(decision: Decision, robot: Robot) -> list[str]:
-    """That no force was looked for where none of the list explains a train: places of forces are of two modules."""
-    if decision.verdict is not Verdict.UNEXPLAINED or not robot.trailing:
-        return []
-    said = f"robot '{robot.name}' has {len(robot.modules)} modules, and forces on no list have places on one or two"
-    return [f"which force it is was not looked for: {said}"]
 
 
 def _besides(found: Conclusion) -> list[str]:

@@ -114,8 +114,7 @@ def unexplained_of(found: ForceFinding) -> Unexplained:
 def search_forces(problem: Problem, coordinates: Array, most: int = _MOST, windows: int = WINDOWS) -> ForceFinding:
     """What forces explain at `coordinates` (p,), with all that was weighed; so many forces and windows at most."""
     few = short(problem, windows)
-    # too little is measured to tell within tenths of a second which force acts; or forces have no names for where
-    if not len(few) or problem.parameters.robot.trailing:
+    if not len(few):  # too little is measured to tell within tenths of a second which force acts
         return ForceFinding((), (), 0.0, (), coordinates)
     equations, of = regression(few, coordinates)
     chosen: list[ForceCandidate] = []
@@ -158,7 +157,7 @@ def regression(few: Problem, coordinates: Array) -> tuple[Equations, Scene]:
 
 
 def acting(equations: Equations, of: Scene, candidate: ForceCandidate) -> Array:
-    """A force as it was found, in the components' terms, shape (windows, 16)."""
+    """A force as it was found, in the components' terms, shape (windows, f)."""
     return np.asarray(_columns(equations, of, candidate.parts, candidate.form) @ candidate.coefficients)
 
 
@@ -178,7 +177,7 @@ def _law_of_contact(of: Scene) -> Iterator[tuple[str, Form]]:
 
 
 def _columns(equations: Equations, of: Scene, parts: Sequence[str], form: Form) -> Array:
-    """A form of a family of forces in the components' terms, shape (windows, 16, b)."""
+    """A form of a family of forces in the components' terms, shape (windows, f, b)."""
     inside = InForce(equations, of, parts)
     return np.asarray(inside.T @ inside.basis(form))
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -25,12 +26,11 @@ from artibot_sim.estimation.search import Fit, converge, restarted_windows
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.model.effects import LAWS
 from artibot_sim.model.effects.base import Search
-from artibot_sim.model.effects.force_law import PARAMETERS, PLACES, VARIABLES
+from artibot_sim.model.effects.force_law import PARAMETERS, PLACES, VARIABLES, place_words, variable_words
+from artibot_sim.model.effects.parts import names_of
 
 Array = NDArray[np.float64]
 
-_PLACE_OF = {words: name for name, words in PLACES.items()}
-_VARIABLE_OF = {words.removeprefix("own "): name for name, (words, _) in VARIABLES.items()}
 _TURNS = {"periodic, once a turn": 1, "periodic, twice a turn": 2}
 _SHARES = (0.25, 0.5, 0.75, 1.0)
 """Shares of what the regression says, from which a fit is begun: in the soil that is there it may be too much."""
@@ -58,15 +58,33 @@ class FittedLaws:
     spans: Mapping[str, tuple[float, float]]
 
 
-def law_of(found: ForceCandidate) -> tuple[dict[str, Any], Array] | None:
-    """A force that was found as what is fixed of a law, and its size, or its size's cosine and sine of the phase.
+@cache
+def _places(modules: int) -> dict[str, str]:
+    """Words for where a law acts on so many modules → its name there."""
+    return {place_words(name): name for name in names_of(tuple(PLACES), modules)}
+
+
+@cache
+def _variables(modules: int) -> dict[str, str]:
+    """The same of what it follows."""
+    return {variable_words(name)[0].removeprefix("own "): name for name in names_of(tuple(VARIABLES), modules)}
+
+
+def law_of(found: ForceCandidate, modules: int = 2) -> tuple[dict[str, Any], Array] | None:
+    """A force that was found on a robot of so many modules, as a law: what is fixed of it, and its size.
+
+    Of what is periodic, the size's cosine and sine of the phase.
 
     None for what the model has no term for: forces towards a point, and those that wander or begin anew in every
     recording.
     """
-    form, where = found.form, _PLACE_OF.get(found.force)
+    form, where = found.form, _places(modules).get(found.force)
     if where is None:
         return None
+
+    def variable(words: str) -> str:
+        return "nothing" if words == NOTHING else _variables(modules)[words.removeprefix("own ")]
+
     law: dict[str, Any] = {"where": where}
     if form.wave is not None:
         along, across = form.wave
@@ -74,17 +92,13 @@ def law_of(found: ForceCandidate) -> tuple[dict[str, Any], Array] | None:
         return law | {"direction": math.atan2(across, along)}, _cosine_and_sine(found.coefficients)
     if form.name in _TURNS and len(found.coefficients) == 2:
         law |= {"form": "periodic", "scale": 2.0 * math.pi / _TURNS[form.name]}
-        return law | {"variable": _variable(form.variable)}, _cosine_and_sine(found.coefficients)
+        return law | {"variable": variable(form.variable)}, _cosine_and_sine(found.coefficients)
     if not form.law:
         return None
-    law |= {"variable": _variable(form.variable), "form": form.law, "scale": form.scale}
+    law |= {"variable": variable(form.variable), "form": form.law, "scale": form.scale}
     if form.times:
-        law |= {"times": _variable(form.times), "times_form": form.times_law, "times_scale": form.times_scale}
+        law |= {"times": variable(form.times), "times_form": form.times_law, "times_scale": form.times_scale}
     return law, found.coefficients
-
-
-def _variable(words: str) -> str:
-    return "nothing" if words == NOTHING else _VARIABLE_OF[words.removeprefix("own ")]
 
 
 def _cosine_and_sine(coefficients: Array) -> Array:
@@ -113,7 +127,7 @@ def fitted_laws(
     now, spans = (problem, fit), dict[str, tuple[float, float]]()
     free = [name for name in LAWS if name not in problem.parameters.robot.effects]
     for candidate, span in zip(found.chosen, found.spans, strict=True):
-        translated = law_of(candidate)
+        translated = law_of(candidate, len(problem.parameters.robot.modules))
         if translated is not None and len(spans) < len(free):
             name = free[len(spans)]
             more = _with_law(*now, extension_of(name, *translated), translated[1], found.soil)

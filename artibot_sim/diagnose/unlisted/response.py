@@ -19,10 +19,10 @@ from artibot_sim.estimation.kernels import Parts
 from artibot_sim.estimation.loss import Loss, spread
 from artibot_sim.estimation.problem import Problem, start_steps
 from artibot_sim.estimation.windows import CHANNEL_NAMES, Window, window_at
-from artibot_sim.model import MOTORS, Robot
-from artibot_sim.model.effects.residual_force import FORCES
+from artibot_sim.model import Robot
+from artibot_sim.model.effects.residual_force import forces_of
 from artibot_sim.model.robot.robot import unchecked
-from artibot_sim.model.simulate.window_inputs import KINDS
+from artibot_sim.model.simulate.window_inputs import kind_of
 
 Array = NDArray[np.float64]
 
@@ -34,20 +34,25 @@ WINDOWS = 150
 """Windows, at most."""
 KNOTS = 2
 """Where forces of a window are given: at its beginning and its end."""
-MOTOR = len(FORCES)
-"""Where the motors' torques stand among the components of a force."""
-COMPONENTS = MOTOR + len(MOTORS)
-_WIDE = np.array([80.0, 80.0, 40.0, 40.0])
-"""Standard deviations of FORCES beforehand for Agri.q, N and N m; other robots' are as their `sizes.Scale`."""
-_WIDE_TORQUE = 0.15
-"""Standard deviation of the motors' torques beforehand for Agri.q, N m."""
-_PROBE = np.array([6.0, 6.0, 3.0, 3.0])
-"""Changes of FORCES for their finite differences, for Agri.q."""
+_WIDE_FORCE, _WIDE_MOMENT, _WIDE_TORQUE = 80.0, 40.0, 0.15
+"""Standard deviations of forces, moments and motors' torques beforehand for Agri.q, N and N m; other robots' are as
+their `sizes.Scale`."""
+_PROBE_FORCE, _PROBE_MOMENT = 6.0, 3.0
+"""Changes of forces and moments for their finite differences, for Agri.q."""
 _PARAMETER_STEP = 0.04
 _ROUNDS = 3
 _TALLEST = 3.0
 """Largest column that counts, over what nine of ten have."""
-_TORQUES = tuple(KINDS.index(f"torque_{motor}") for motor in MOTORS)
+
+
+def components_of(robot: Robot) -> tuple[str, ...]:
+    """What a force on a robot is made of: `residual_force.forces_of`, then its motors, whose torques they are."""
+    return (*forces_of(len(robot.modules)), *robot.motors)
+
+
+def moved_by(robot: Robot) -> int:
+    """How many of the components move the robot; the motors' torques stand behind them."""
+    return len(forces_of(len(robot.modules)))
 
 
 @dataclass(frozen=True)
@@ -56,22 +61,20 @@ class Answers:
 
     Attributes
     ----------
-    matrix : array, shape (windows, 16 + p, 16 + p)
-        Information about the forces (component by component, KNOTS values each) and the parameters.
-    pull : array, shape (windows, 16 + p)
+    matrix : array, shape (windows, f + p, f + p)
+        Information about the f forces (component by component, KNOTS values each) and the parameters.
+    pull : array, shape (windows, f + p)
         matrix · x = pull where a window is explained best; forces are counted from zero, parameters from the fit.
     misfit : array, shape (windows,)
         Weighted sum of squares without any force: misfit − 2 pull · x + x · matrix · x with x.
+    forces : int
+        How many unknowns are forces.
     """
 
     matrix: Array
     pull: Array
     misfit: Array
-
-    @property
-    def forces(self) -> int:
-        """How many unknowns are forces."""
-        return COMPONENTS * KNOTS
+    forces: int
 
 
 def short(problem: Problem, most: int = WINDOWS) -> Problem:
@@ -95,14 +98,23 @@ def ends(problem: Problem) -> Array:
 
 
 def force_scale(robot: Robot) -> Array:
-    """Sizes of a robot's FORCES over Agri.q's, shape (4,)."""
-    scale = scale_of(robot)
-    return np.array([scale.mass, scale.mass, scale.torque, scale.torque])
+    """Sizes of the forces that move a robot over Agri.q's, shape (c,)."""
+    return np.where(_moments(robot), scale_of(robot).torque, scale_of(robot).mass)
+
+
+def _moments(robot: Robot) -> NDArray[np.bool_]:
+    """Which of the forces that move a robot are moments, shape (c,)."""
+    return np.array([name.endswith("turn") for name in forces_of(len(robot.modules))])
+
+
+def _probe(robot: Robot) -> Array:
+    """Changes of forces for their finite differences, shape (c,)."""
+    return np.asarray(np.where(_moments(robot), _PROBE_MOMENT, _PROBE_FORCE) * force_scale(robot))
 
 
 @dataclass
 class _State:
-    """Where the windows' fits stand: starts (windows, 8 or 6), forces (windows, 4, KNOTS), torques (windows, 8)."""
+    """Where the windows' fits stand: starts (windows, s), forces (windows, c, KNOTS), torques (windows, m · KNOTS)."""
 
     starts: Array
     forces: Array
@@ -111,9 +123,9 @@ class _State:
 
 def answers(problem: Problem, coordinates: Array) -> Answers:
     """Fit starts and forces of every short window, and the normal equations there."""
-    count = len(problem)
+    count, robot = len(problem), problem.parameters.robot
     state = _State(
-        problem.starts.copy(), np.zeros((count, MOTOR, KNOTS)), np.zeros((count, len(MOTORS) * KNOTS))
+        problem.starts.copy(), np.zeros((count, moved_by(robot), KNOTS)), np.zeros((count, len(robot.motors) * KNOTS))
     )  # fmt: skip
     for _ in range(_ROUNDS):
         linear = _linearised(problem, coordinates, state, ())
@@ -123,7 +135,7 @@ def answers(problem: Problem, coordinates: Array) -> Answers:
 
 @dataclass(frozen=True)
 class _Linear:
-    """Residuals of the windows, and their columns by forces (n, 4 · KNOTS), starts and parameters."""
+    """Residuals of the windows, and their columns by forces (n, c · KNOTS), starts and parameters."""
 
     residuals: list[Array]
     forces: list[Array]
@@ -132,10 +144,10 @@ class _Linear:
 
 
 def pushed(robot: Robot, forces: Array, t: Array) -> Robot:
-    """A robot with `forces` (4, KNOTS) at the times `t` (KNOTS,), linear between."""
-    rate = (forces[:, 1] - forces[:, 0]) / (t[1] - t[0])
-    values = dict(zip(FORCES, forces[:, 0].tolist(), strict=True))
-    values |= {f"{name}_rate": r for name, r in zip(FORCES, rate.tolist(), strict=True)}
+    """A robot with `forces` (c, KNOTS) at the times `t` (KNOTS,), linear between."""
+    rate, names = (forces[:, 1] - forces[:, 0]) / (t[1] - t[0]), forces_of(len(robot.modules))
+    values = dict(zip(names, forces[:, 0].tolist(), strict=True))
+    values |= {f"{name}_rate": r for name, r in zip(names, rate.tolist(), strict=True)}
     return unchecked(robot, dict(robot.effects) | {"residual_force": values | {"since": float(t[0])}})
 
 
@@ -156,12 +168,12 @@ def _linearised(problem: Problem, coordinates: Array, state: _State, free: Seque
     flat = problem.compare(problem.predictions(robots, robot, starts))
     steps = np.concatenate(
         [
-            np.repeat(_PROBE * force_scale(problem.parameters.robot), KNOTS),
+            np.repeat(_probe(plain), KNOTS),
             np.full(len(others), -_PARAMETER_STEP),
             start_steps(size),
         ]
     )
-    table, n = (flat[1:] - flat[0]) / steps[:, None], MOTOR * KNOTS
+    table, n = (flat[1:] - flat[0]) / steps[:, None], moved_by(plain) * KNOTS
     forces, parameters, moves = (
         [part.T for part in np.split(table[a:b], problem.samples.begin[1:-1], axis=1)]
         for a, b in ((0, n), (n, n + len(others)), (n + len(others), None))
@@ -174,8 +186,8 @@ def _linearised(problem: Problem, coordinates: Array, state: _State, free: Seque
 
 def _variants(plain: Robot, others: Sequence[Robot], forces: Array, t: Array) -> list[Robot]:
     """A robot with its forces, with each of them changed at each knot, and other robots with the same forces."""
-    changed, probe = [], _PROBE * force_scale(plain)
-    for c in range(MOTOR):
+    changed, probe = [], _probe(plain)
+    for c in range(len(probe)):
         for k in range(KNOTS):
             more = forces.copy()
             more[c, k] += probe[c]
@@ -206,7 +218,7 @@ def _explained(problem: Problem, state: _State, linear: _Linear) -> list[Array]:
     """Residuals once the motors' torques are taken off: what samples are trusted by."""
     t = ends(problem)
     return [
-        residual + _torques(window, t[w]) @ state.torques[w]
+        residual + _torques(problem.parameters.robot, window, t[w]) @ state.torques[w]
         for w, (window, residual) in enumerate(zip(problem.windows, linear.residuals, strict=True))
     ]
 
@@ -217,18 +229,19 @@ def _moved(problem: Problem, state: _State, linear: _Linear) -> _State:
     weights, t = _weights(problem, trusted), ends(problem)
     new = _State(state.starts.copy(), state.forces.copy(), state.torques.copy())
     robot = problem.parameters.robot
-    wide, torque = np.repeat(_WIDE * force_scale(robot), KNOTS), _WIDE_TORQUE * scale_of(robot).motor
-    n, m = len(wide), len(wide) + len(MOTORS) * KNOTS
+    widths = np.where(_moments(robot), _WIDE_MOMENT, _WIDE_FORCE) * force_scale(robot)
+    wide, torque = np.repeat(widths, KNOTS), _WIDE_TORQUE * scale_of(robot).motor
+    n, m = len(wide), len(wide) + len(robot.motors) * KNOTS
     for w, (residual, G, S) in enumerate(zip(linear.residuals, linear.forces, linear.starts, strict=True)):
         weight = weights[w]
-        J = np.hstack([G, _torques(problem.windows[w], t[w]), S])
+        J = np.hstack([G, _torques(robot, problem.windows[w], t[w]), S])
         known = np.zeros((J.shape[1], J.shape[1]))
         known[:m, :m] = np.diag(np.concatenate([wide, np.full(m - n, torque)]) ** -2.0)
         known[m:, m:] = problem.start_weight[w].T @ problem.start_weight[w]
         away = np.concatenate([state.forces[w].ravel(), np.zeros(m - n), state.starts[w] - problem.starts[w]])
         H = (J.T * weight) @ J + known
         move = -np.linalg.solve(H + 1e-3 * np.diag(np.diag(H)), J.T @ (weight * residual) + known @ away)
-        new.forces[w] += np.clip(move[:n], -wide, wide).reshape(MOTOR, KNOTS)
+        new.forces[w] += np.clip(move[:n], -wide, wide).reshape(-1, KNOTS)
         new.torques[w] = move[n:m]
         limit = 2.0 * problem.start_sd[w]
         new.starts[w] += np.clip(move[m:], -limit, limit)
@@ -239,10 +252,10 @@ def _eliminated(problem: Problem, state: _State, linear: _Linear) -> Answers:
     trusted = _explained(problem, state, linear)
     weights = _weights(problem, trusted)
     matrices, pulls, misfits = [], [], []
-    t = ends(problem)
+    t, robot = ends(problem), problem.parameters.robot
     for w, window in enumerate(problem.windows):
         weight = weights[w]
-        G = np.hstack([linear.forces[w], _torques(window, t[w])])
+        G = np.hstack([linear.forces[w], _torques(robot, window, t[w])])
         X, S, r = np.hstack([G, linear.parameters[w]]), linear.starts[w], linear.residuals[w]
         known = problem.start_weight[w].T @ problem.start_weight[w]
         away = state.starts[w] - problem.starts[w]
@@ -251,20 +264,20 @@ def _eliminated(problem: Problem, state: _State, linear: _Linear) -> Answers:
         solved = np.linalg.solve(A, np.column_stack([B, g]))
         matrix = (X.T * weight) @ X - B.T @ solved[:, :-1]
         pull = -(X.T @ (weight * r) - B.T @ solved[:, -1])
-        n, f = MOTOR * KNOTS, state.forces[w].ravel()
+        n, f = state.forces[w].size, state.forces[w].ravel()
         misfit = float(weight @ r**2 + away @ known @ away - g @ solved[:, -1])
         misfits.append(misfit + 2.0 * pull[:n] @ f + f @ matrix[:n, :n] @ f)
         pull += matrix[:, :n] @ f
         matrices.append(matrix)
         pulls.append(pull)
-    return Answers(np.array(matrices), np.array(pulls), np.array(misfits))
+    return Answers(np.array(matrices), np.array(pulls), np.array(misfits), KNOTS * len(components_of(robot)))
 
 
-def _torques(window: Window, t: Array) -> Array:
-    """Columns (n, 4 · KNOTS) of torques in the motors, which nothing but their own sensors notice."""
-    columns = np.zeros((len(window), len(MOTORS), KNOTS))
+def _torques(robot: Robot, window: Window, t: Array) -> Array:
+    """Columns (n, m · KNOTS) of torques in the motors, which nothing but their own sensors notice."""
+    columns = np.zeros((len(window), len(robot.motors), KNOTS))
     share = (window.t + window.plan.t - t[0]) / (t[1] - t[0])
-    for m, kind in enumerate(_TORQUES):
-        mine = window.plan.kind == kind
+    for m, motor in enumerate(robot.motors):
+        mine = window.plan.kind == kind_of(f"torque_{motor}")
         columns[mine, m] = np.column_stack([1.0 - share, share])[mine] / window.sigma[mine, None]
     return columns.reshape(len(window), -1)

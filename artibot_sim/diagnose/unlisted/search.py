@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from artibot_sim.diagnose.policy import FORCE_PRICE, FORCE_WINDOW
 from artibot_sim.diagnose.sizes import scale_of
 from artibot_sim.diagnose.unlisted.forms import Form, forms, products
-from artibot_sim.diagnose.unlisted.response import COMPONENTS, KNOTS, Answers, force_scale
-from artibot_sim.diagnose.unlisted.variables import PLACE, Acting, Scene
+from artibot_sim.diagnose.unlisted.response import KNOTS, Answers, force_scale
+from artibot_sim.diagnose.unlisted.variables import PLACE, SURGE, Acting, Scene
 from artibot_sim.diagnose.words import NOTHING
-from artibot_sim.model import MOTORS, Robot
+from artibot_sim.model import Robot
+from artibot_sim.model.effects.parts import of_pair
+from artibot_sim.model.effects.residual_force import forces_of
 
 # ----------------------------------------------------------------------
 # Which force following which variable explains what a fit leaves: every pair is tried, each with all its forms.
@@ -36,14 +38,14 @@ class Equations:
 
     Attributes
     ----------
-    matrix, pull : array, shape (windows, 16 + p, 16 + p) and (windows, 16 + p)
+    matrix, pull : array, shape (windows, f + p, f + p) and (windows, f + p)
         Of forces and parameters, see `response.Answers`; forces scatter from window to window.
     misfit : array, shape (windows,)
     recording : array of int, shape (windows,)
         Which recording each window is of.
     information, slope : array, shape (p, p) and (p,)
         Of the parameters' prior, at the fit.
-    beside : array, shape (windows, 16 + p, q)
+    beside : array, shape (windows, f + p, q)
         Columns fitted beside: the parameters, then what was found already.
     """
 
@@ -61,7 +63,7 @@ class Equations:
         return self.matrix.shape[1] - len(self.slope)
 
     def with_columns(self, columns: Array) -> Equations:
-        """Equations with columns (windows, 16, b) that are fitted beside every candidate from now on."""
+        """Equations with columns (windows, f, b) that are fitted beside every candidate from now on."""
         p = len(self.slope)
         tall = np.concatenate([columns, np.zeros((len(columns), p, columns.shape[2]))], axis=1)
         return replace(self, beside=np.concatenate([self.beside, tall], axis=2))
@@ -75,7 +77,7 @@ class Equations:
 
     @cached_property
     def across(self) -> Array:
-        """What of the matrix joins forces to the columns beside, shape (windows, 16 + p, q)."""
+        """What of the matrix joins forces to the columns beside, shape (windows, f + p, q)."""
         return np.asarray(self.matrix @ self.beside)
 
     @cached_property
@@ -210,14 +212,13 @@ class Sums:
 def families(of: Scene) -> dict[str, tuple[str, ...]]:
     """Forces that are tried: each alone, and groups that follow one law."""
     found: dict[str, tuple[str, ...]] = {name: (name,) for name in of if PLACE not in of[name].follows}
+    modules = [name.removesuffix(SURGE) for name in of if name.endswith(SURGE)]
     groups = {
         "lateral force of each wheel": "lateral force at ",
-        "lateral force of each front wheel": "lateral force at front_",
-        "lateral force of each back wheel": "lateral force at back_",
+        **{f"lateral force of each {module} wheel": f"lateral force at {module}_" for module in modules},
         "longitudinal force of each wheel": "longitudinal force of the ",
         "torque of each motor": "torque of motor ",
-        "front horizontal force": "front force along ",
-        "back horizontal force": "back force along ",
+        **{f"{module} horizontal force": f"{module} force along " for module in modules},
     }
     for name, beginning in groups.items():
         parts = tuple(other for other in of if other.startswith(beginning))
@@ -254,13 +255,13 @@ class InForce:
 
 
 def components(acting: Sequence[Acting]) -> Array:
-    """From values of forces at the knots to the components' values, shape (windows, 16, parts · k)."""
+    """From values of forces at the knots to the components' values, shape (windows, f, parts · k)."""
     windows = acting[0].make.shape[1]
-    T = np.zeros((windows, COMPONENTS, KNOTS, len(acting), KNOTS))
+    T = np.zeros((windows, len(acting[0].make), KNOTS, len(acting), KNOTS))
     for j, part in enumerate(acting):
         for k in range(KNOTS):
             T[:, :, k, j, k] = part.make[:, :, k].T
-    return T.reshape(windows, COMPONENTS * KNOTS, len(acting) * KNOTS)
+    return T.reshape(windows, -1, len(acting) * KNOTS)
 
 
 def basis(acting: Sequence[Acting], form: Form, recording: NDArray[np.int64]) -> Array:
@@ -361,9 +362,10 @@ def _forms(acting: Sequence[Acting], names: Sequence[str], recordings: int) -> I
 
 Array = NDArray[np.float64]
 
-SCATTER = (6.0, 8.0, 2.5, 4.0, 0.02, 0.02, 0.02, 0.02)
-"""Standard deviations of the components of a force (N, N m) from window to window in recordings of Agri.q with nothing
-hidden."""
+SCATTER = {"front_surge": 6.0, "front_sway": 8.0, "front_turn": 2.5, "back_turn": 4.0}
+SCATTER_TORQUE = 0.02
+"""Standard deviations of the components of a force (N, N m), and of motors' torques (N m), from window to window in
+recordings of Agri.q with nothing hidden."""
 ALIKE = 2.0
 """How many windows in a row err alike there."""
 
@@ -373,9 +375,11 @@ def scattered(
 ) -> Equations:
     """The normal equations of what forces follow, once each window's own scatter is eliminated."""
     n, p = found.forces, len(slope)
-    sizes = np.concatenate([force_scale(robot), np.full(len(MOTORS), scale_of(robot).motor)])
+    scatter = [SCATTER[of_pair(name)[0]] for name in forces_of(len(robot.modules))]
+    torques = np.full(len(robot.motors), SCATTER_TORQUE * scale_of(robot).motor)
+    sizes = np.concatenate([scatter * force_scale(robot), torques])
     towards = found.matrix[:, :, :n]
-    A = found.matrix[:, :n, :n] + np.diag(np.repeat(SCATTER * sizes, KNOTS) ** -2.0)
+    A = found.matrix[:, :n, :n] + np.diag(np.repeat(sizes, KNOTS) ** -2.0)
     solved = np.linalg.solve(A, np.concatenate([towards.transpose(0, 2, 1), found.pull[:, :n, None]], axis=2))
     misfit = (found.misfit - np.einsum("wi,wi->w", found.pull[:, :n], solved[:, :, -1])) / ALIKE
     matrix = (found.matrix - towards @ solved[:, :, :-1]) / ALIKE

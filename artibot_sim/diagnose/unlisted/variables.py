@@ -8,22 +8,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.unlisted.response import COMPONENTS, KNOTS, MOTOR, ends
+from artibot_sim.diagnose.unlisted.response import KNOTS, components_of, ends, moved_by
 from artibot_sim.estimation.checks.common_map import experiments_of, in_common_map
 from artibot_sim.estimation.problem import Problem
-from artibot_sim.model import MOTORS, WHEELS, Robot
+from artibot_sim.model import Robot
 from artibot_sim.model.effects import gear_no_load, motor_drag
-from artibot_sim.model.effects.force_law import SLOW
-from artibot_sim.model.robot.robot import Drive, Module
-from artibot_sim.model.simulate.window_inputs import KINDS, Plan
+from artibot_sim.model.effects.force_law import SLOW, place_words
+from artibot_sim.model.effects.parts import in_robot
+from artibot_sim.model.robot.robot import Drive, Module, module_name, sides_of, wheels_of
+from artibot_sim.model.simulate.window_inputs import Plan, kind_of
 
 Array = NDArray[np.float64]
 
-_SURGE, _SWAY, _FRONT_TURN, _BACK_TURN = range(4)
-_SAMPLED = (
-    "x", "y", "yaw", "articulation_yaw", "yaw_rate", "v_x", "v_y", "articulation_rate",
-    *(f"torque_{motor}" for motor in MOTORS),
-)  # fmt: skip
+_SURGE, _SWAY, _TURN = range(3)
+"""Where a force's components stand: the front module's along and across, the moments about each module's origin."""
+_SAMPLED = ("x", "y", "yaw", "yaw_rate", "v_x", "v_y")
+SURGE = " surge force"
+"""How the names of forces along modules end."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Acting:
 
     Attributes
     ----------
-    make : array, shape (8, windows, k)
+    make : array, shape (c, windows, k)
         Of the components, per N or N m of the force.
     follows : mapping of str to array, shape (windows, k) or (windows, k, …)
         Variables by name, at the windows' knots.
@@ -54,12 +55,13 @@ def scene(problem: Problem, coordinates: Array) -> Scene:
     """Every force at every window's instants, as the fitted model moves."""
     robot = problem.parameters.robot_at(coordinates)
     at = ends(problem)
-    kinds = np.array([KINDS.index(name) for name in _SAMPLED])
-    each = np.repeat(kinds, KNOTS)
-    plans = [Plan(np.tile(t - w.t, len(kinds)), each) for w, t in zip(problem.windows, at, strict=True)]
-    seen = np.array(problem.look(coordinates, problem.starts, plans)).reshape(len(at), len(kinds), KNOTS)
-    motion = dict(zip(_SAMPLED, np.nan_to_num(seen).transpose(1, 0, 2), strict=True))
-    for m, motor in enumerate(MOTORS):
+    joints, torques = _joints(robot), [f"torque_{motor}" for motor in robot.motors]
+    names = (*_SAMPLED, *(name for joint in joints for name in joint), *torques)
+    each = np.repeat([kind_of(name) for name in names], KNOTS)
+    plans = [Plan(np.tile(t - w.t, len(names)), each) for w, t in zip(problem.windows, at, strict=True)]
+    seen = np.array(problem.look(coordinates, problem.starts, plans)).reshape(len(at), len(names), KNOTS)
+    motion = dict(zip(names, np.nan_to_num(seen).transpose(1, 0, 2), strict=True))
+    for m, motor in enumerate(robot.motors):
         for name, quantity in (("angle", "position"), ("rate", "velocity")):
             motion[f"{name}_{motor}"] = np.array([
                 np.interp(t, problem.stretches[w.stretch].inputs.t,
@@ -79,44 +81,54 @@ def _movable(of: Scene) -> Scene:
     }
 
 
+def _joints(robot: Robot) -> list[tuple[str, str]]:
+    """What is sampled of each joint: its angle and its rate."""
+    return [(name, name.replace("_yaw", "_rate", 1)) for name in robot.articulation_joints[::2]]
+
+
 def _forces(robot: Robot, t: Array, motion: dict[str, Array]) -> dict[str, Acting]:
     places = _places(robot, motion)
-    common = {"time since the start": t} | _shared(robot, motion)
+    common = [{"time since the start": t} | _shared(robot, max(i, 1), motion) for i in range(len(places))]
     found: dict[str, Acting] = {}
-    for end, place in places.items():
-        follows = common | place.follows()
+    for i, place in enumerate(places):
+        end, follows = module_name(i), common[i] | place.follows()
         for component in ("surge force", "sway force", "yaw moment"):
             found[f"{end} {component}"] = Acting(place.force(*(float(component.startswith(c)) for c in
                                                                ("surge", "sway", "yaw"))), follows)  # fmt: skip
         for axis in ("x", "y"):
             found[f"{end} force along {axis} of map"] = place.in_map(axis)
-    if robot.articulated:
-        opposed = np.zeros((COMPONENTS, *t.shape))
-        opposed[_FRONT_TURN], opposed[_BACK_TURN] = 1.0, -1.0
-        found["yaw moment in the joint"] = Acting(opposed, common | places["front"].follows())
-    for wheel in WHEELS if robot.articulated else WHEELS[:4]:
-        _add_wheel(found, wheel, robot, places, motion, common)
-    for m, motor in enumerate(MOTORS if robot.articulated else MOTORS[:2]):
-        make = np.zeros((COMPONENTS, *t.shape))
-        make[MOTOR + m] = 1.0
+    for behind in range(1, len(places)):
+        opposed = np.zeros((len(components_of(robot)), *t.shape))
+        opposed[_TURN + behind - 1], opposed[_TURN + behind] = 1.0, -1.0
+        found[place_words(in_robot("joint", behind))] = Acting(opposed, common[behind] | places[0].follows())
+    for number, wheel in enumerate(wheels_of(len(places))):
+        _add_wheel(found, wheel, robot, places[number // 4], motion, common[number // 4])
+    for side, motor in enumerate(sides_of(len(places))):
+        if motor not in robot.motors:
+            continue
+        make = np.zeros((len(components_of(robot)), *t.shape))
+        make[moved_by(robot) + robot.motors.index(motor)] = 1.0
+        turned = _drive(robot, side).tau
         own = {
-            f"wheel angle {motor}": _drive(robot, m).tau * motion[f"angle_{motor}"],
-            "own speed": robot.wheel.r_w * _drive(robot, m).tau * motion[f"rate_{motor}"],
+            f"wheel angle {motor}": turned * motion[f"angle_{motor}"],
+            "own speed": robot.wheel.r_w * turned * motion[f"rate_{motor}"],
         }
-        found[f"torque of motor {motor}"] = Acting(make, common | own)
+        found[f"torque of motor {motor}"] = Acting(make, common[side // 2] | own)
     return found
 
 
-def _shared(robot: Robot, motion: dict[str, Array]) -> dict[str, Array]:
-    """What everything may follow: the wheels' angles, the joint."""
-    found = {
-        f"wheel angle {motor}": _drive(robot, m).tau * motion[f"angle_{motor}"]
-        for m, motor in enumerate(MOTORS if robot.articulated else MOTORS[:2])
-    }
+def _shared(robot: Robot, behind: int, motion: dict[str, Array]) -> dict[str, Array]:
+    """What every part of a pair of modules may follow: their wheels' angles, the joint ahead of the one `behind`.
+
+    How wheels turned that no motor turns is not measured.
+    """
+    sides, found = sides_of(len(robot.modules)), {}
+    for side in (0, 1, 2 * behind, 2 * behind + 1):
+        if side < len(sides) and sides[side] in robot.motors:
+            found[f"wheel angle {sides[side]}"] = _drive(robot, side).tau * motion[f"angle_{sides[side]}"]
     if robot.articulated:
-        found |= {
-            "articulation angle": motion["articulation_yaw"], "articulation rate": motion["articulation_rate"],
-        }  # fmt: skip
+        angle, rate = _joints(robot)[behind - 1]
+        found |= {"articulation angle": motion[angle], "articulation rate": motion[rate]}
     return found
 
 
@@ -124,10 +136,12 @@ def _shared(robot: Robot, motion: dict[str, Array]) -> dict[str, Array]:
 class _Place:
     """A module as it moves: pose of its origin, velocity in its own frame; and how forces there are made of components.
 
-    `bend` is its heading less the front module's; `arms` is l_f of the front module and l_b (0 for the front one).
+    `bend` is its heading less the front module's; `ahead` holds its heading less that of each module ahead, with how
+    far the joints of that module are apart, and `arm` is its distance to the joint ahead of it (0 of the front one).
     """
 
     module: Module
+    components: int
     x: Array
     y: Array
     yaw: Array
@@ -135,8 +149,8 @@ class _Place:
     left: Array
     turn: Array
     bend: Array
-    arms: tuple[float, float]
-    behind: bool
+    ahead: tuple[tuple[Array, float], ...] = ()
+    arm: float = 0.0
 
     def follows(self) -> dict[str, Array]:
         return {
@@ -153,74 +167,75 @@ class _Place:
         return Acting(make, {PLACE: np.stack(field, axis=-1)})
 
     def force(self, surge: Array | float, sway: Array | float, turn: Array | float) -> Array:
-        """The components (8, k) of a force at the origin in the module's own frame, and of a moment.
+        """The components (c, k) of a force at the origin in the module's own frame, and of a moment.
 
-        Of the back module in the coordinates x, y and yaw of the front module, and yaw of the back one.
+        Coordinates are x and y of the front module and the yaws of all: what is behind a joint moves across a module
+        ahead of it as that turns.
         """
         c, s = np.cos(self.bend), np.sin(self.bend)
-        l_f, l_b = self.arms
-        make = np.zeros((COMPONENTS, *self.x.shape))
+        make, own = np.zeros((self.components, *self.x.shape)), _TURN + len(self.ahead)
         make[_SURGE], make[_SWAY] = c * surge - s * sway, s * surge + c * sway
-        if self.behind:
-            make[_FRONT_TURN] = -l_f * make[_SWAY]
-            make[_BACK_TURN] = turn - l_b * np.asarray(sway)
-        else:
-            make[_FRONT_TURN] = turn
+        for i, (bend, length) in enumerate(self.ahead):
+            make[_TURN + i] = -length * (np.sin(bend) * surge + np.cos(bend) * sway)
+        make[own] = turn - self.arm * np.asarray(sway) if self.ahead else turn
         return make
 
 
-def _places(robot: Robot, motion: dict[str, Array]) -> dict[str, _Place]:
-    x, y, yaw, bend = (motion[name] for name in ("x", "y", "yaw", "articulation_yaw"))
+def _places(robot: Robot, motion: dict[str, Array]) -> list[_Place]:
+    """Every module, from the front."""
+    x, y, yaw = (motion[name] for name in ("x", "y", "yaw"))
     forward, left, rate = motion["v_x"], motion["v_y"], motion["yaw_rate"]
-    none = np.zeros_like(x)
-    front = _Place(robot.front, x, y, yaw, forward, left, rate, none, (0.0, 0.0), False)
-    if robot.back is None:
-        return {"front": front}
-    l_f, l_b = robot.front.l, robot.back.l
-    c, s = np.cos(bend), np.sin(bend)
-    at_joint = left - l_f * rate
-    turn = rate + motion["articulation_rate"]
-    back = _Place(
-        robot.back, x - l_f * np.cos(yaw) - l_b * np.cos(yaw + bend), y - l_f * np.sin(yaw) - l_b * np.sin(yaw + bend),
-        yaw + bend, c * forward + s * at_joint, c * at_joint - s * forward - l_b * turn, turn, bend, (l_f, l_b), True,
-    )  # fmt: skip
-    return {"front": front, "back": back}
+    components = len(components_of(robot))
+    places = [_Place(robot.front, components, x, y, yaw, forward, left, rate, np.zeros_like(x))]
+    for module, hitch, (angle, turning) in zip(robot.modules[1:], robot.hitches, _joints(robot), strict=True):
+        before, bend = places[-1], motion[angle]
+        c, s = np.cos(bend), np.sin(bend)
+        at_joint, yaw = before.left - hitch.l * before.turn, before.yaw + bend
+        turn = before.turn + motion[turning]
+        ahead = tuple((bend + more, length) for more, length in before.ahead)
+        places.append(_Place(
+            module, components, before.x - hitch.l * np.cos(before.yaw) - module.l * np.cos(yaw),
+            before.y - hitch.l * np.sin(before.yaw) - module.l * np.sin(yaw), yaw,
+            c * before.forward + s * at_joint, c * at_joint - s * before.forward - module.l * turn, turn,
+            bend + before.bend, (*ahead, (bend, hitch.l + before.arm)), module.l,
+        ))  # fmt: skip
+    return places
 
 
 def _add_wheel(
-    found: dict[str, Acting], wheel: str, robot: Robot, places: Mapping[str, _Place], motion: dict[str, Array],
+    found: dict[str, Acting], wheel: str, robot: Robot, place: _Place, motion: dict[str, Array],
     common: dict[str, Array],
 ) -> None:  # fmt: skip
     """The lateral force at a wheel; and once for the two wheels of a motor, whose difference nothing shows, their
-    longitudinal force, which the motor feels as well (eqs 21, 22)."""
+    longitudinal force, which the motor feels as well (eqs 21, 22). Wheels without a motor give way to such a force."""
     motor, _, end = wheel.rpartition("_")
-    m = MOTORS.index(motor)
-    place = places[motor.partition("_")[0]]
     x_w = place.module.i_x / 2 * (1.0 if end == "front" else -1.0)
     y_w = place.module.i_y / 2 * (1.0 if motor.endswith("left") else -1.0)
     c, s = np.cos(place.yaw), np.sin(place.yaw)
-    rolled = robot.wheel.r_w * _drive(robot, m).tau * motion[f"rate_{motor}"]
     own = common | {
         "own speed": place.forward - y_w * place.turn,
         "own lateral speed": place.left + x_w * place.turn,
-        "own slip": rolled - (place.forward - y_w * place.turn),
-        "own x": place.x + x_w * c - y_w * s,
-        "own y": place.y + x_w * s + y_w * c,
-        "own angle": _drive(robot, m).tau * motion[f"angle_{motor}"],
     }
-    found[f"lateral force at {wheel}"] = Acting(place.force(0.0, 1.0, x_w + robot.contact.u_w), own)
+    at = {"own x": place.x + x_w * c - y_w * s, "own y": place.y + x_w * s + y_w * c}
+    lateral = place.force(0.0, 1.0, x_w + robot.contact.u_w)
+    if motor not in robot.motors:
+        found[f"lateral force at {wheel}"] = Acting(lateral, own | at)
+        return
+    m, drive = robot.motors.index(motor), _drive(robot, sides_of(len(robot.modules)).index(motor))
+    own["own slip"] = robot.wheel.r_w * drive.tau * motion[f"rate_{motor}"] - (place.forward - y_w * place.turn)
+    own |= at | {"own angle": drive.tau * motion[f"angle_{motor}"]}
+    found[f"lateral force at {wheel}"] = Acting(lateral, own)
     if end == "front":
         along = place.force(1.0, 0.0, -y_w)
         driving = through_gear(robot, m, motion) * motion[f"rate_{motor}"] >= 0.0
-        drive = _drive(robot, m)
-        along[MOTOR + m] = robot.wheel.r_w * drive.tau * np.where(driving, 1.0 / drive.eta_d, drive.eta_r)
+        along[moved_by(robot) + m] = robot.wheel.r_w * drive.tau * np.where(driving, 1.0 / drive.eta_d, drive.eta_r)
         middle = {"own x": place.x - y_w * s, "own y": place.y + y_w * c}
         found[f"longitudinal force of the {motor} wheels"] = Acting(along, own | middle)
 
 
 def through_gear(robot: Robot, motor: int, motion: Mapping[str, Array]) -> Array:
     """What of a motor's torque reaches its gear, which is what eq. 23 goes by: not what drags at the motor itself."""
-    name = MOTORS[motor]
+    name = robot.motors[motor]
     rate, through = motion[f"rate_{name}"], motion[f"torque_{name}"]
     own = robot.effects.get(motor_drag.EFFECT.id, {})
     if own.get("motor") == name:
@@ -231,5 +246,8 @@ def through_gear(robot: Robot, motor: int, motion: Mapping[str, Array]) -> Array
     return np.asarray(through, float)
 
 
-def _drive(robot: Robot, motor: int) -> Drive:
-    return robot.drive.back if motor > 1 and robot.drive.back is not None else robot.drive.front
+def _drive(robot: Robot, side: int) -> Drive:
+    """What drives a side, by its place in `sides_of`."""
+    drive = robot.drives[side // 2]
+    assert drive is not None
+    return drive
