@@ -17,7 +17,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from artibot_sim.diagnose import Diagnosis, diagnose
+from artibot_sim.diagnose import Diagnosis, Options, diagnose
 from artibot_sim.diagnose.selection.evidence import DECADE
 from artibot_sim.experiment import Channel, Experiment, read_bag
 from artibot_sim.identify.synthetic import random_manoeuvre, random_soil, synthetic
@@ -221,7 +221,8 @@ def outcomes(case: Case, robot: Robot, quick: bool) -> Iterator[VariantOutcome]:
     """What each variant comes to."""
     for variant in variants(quick):
         changed = variant.change(case.recordings)
-        yield VariantOutcome.of(variant.name, diagnose(changed, robot, seed=variant.seed, workers=variant.workers))
+        options = Options(seed=variant.seed, workers=variant.workers)
+        yield VariantOutcome.of(variant.name, diagnose(changed, robot, options=options))
 
 
 @click.command()

@@ -91,7 +91,7 @@ def command(
 
     from artibot_sim.checkpoints import Checkpoints
     from artibot_sim.cluster import check_address
-    from artibot_sim.diagnose import diagnose
+    from artibot_sim.diagnose import Options, diagnose
     from artibot_sim.diagnose.records import FALSE_ALARM_RATE, PRIOR_ODDS
     from artibot_sim.estimation.boosting import MISSING, can_grow
     from artibot_sim.experiment.blocks import without_share
@@ -106,18 +106,18 @@ def command(
     if holdout and holdout_share is not None:
         raise ArtibotError("--holdout and --holdout-share: give one of them")
     rover, parts = load_robot(robot), Checkpoints(out.with_name(f"{out.name}.unfinished"))
+    options = Options(
+        horizon=horizon, seed=seed, workers=workers, prior_odds=prior_odds or PRIOR_ODDS,
+        false_alarm_rate=false_alarms or FALSE_ALARM_RATE, scheduler=scheduler and check_address(scheduler),
+        budget=budget or float("inf"), residual=residual, parts=parts,
+    )  # fmt: skip
     with _kept(parts), Bar(total=1.0 + _READING * (len(recordings) + len(holdout))) as bar:
         naming = {"topics": topics, "joints": joints, "namespace": namespace}
         used = [_read(path, rover, naming, bar) for path in recordings]
         held = [_read(path, rover, naming, bar) for path in holdout]
         if holdout_share is not None:
             used, held = without_share(used, holdout_share)
-        found = diagnose(
-            used, rover, holdout=held, horizon=horizon, seed=seed, workers=workers,
-            progress=bar.stages(1.0), prior_odds=prior_odds or PRIOR_ODDS,
-            false_alarm_rate=false_alarms or FALSE_ALARM_RATE, scheduler=scheduler and check_address(scheduler),
-            budget=budget or float("inf"), residual=residual, parts=parts,
-        )  # fmt: skip
+        found = diagnose(used, rover, holdout=held, options=options, progress=bar.stages(1.0))
     write_folder(out, files_of(found, page_of(found, __version__)))
     parts.done()
     if parts.taken:

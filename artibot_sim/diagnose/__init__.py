@@ -7,7 +7,7 @@
 """
 
 from artibot_sim.diagnose.pipeline import diagnose
-from artibot_sim.diagnose.records import Verdict
+from artibot_sim.diagnose.records import Options, Verdict
 from artibot_sim.diagnose.result import Diagnosis
 
-__all__ = ["Diagnosis", "Verdict", "diagnose"]
+__all__ = ["Diagnosis", "Options", "Verdict", "diagnose"]

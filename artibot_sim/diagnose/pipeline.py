@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.checkpoints import Checkpoints
 from artibot_sim.cluster import identity
 from artibot_sim.diagnose.candidates.patches import disc_place
 from artibot_sim.diagnose.commands.view import CommandView, command_view, view_with
@@ -19,16 +18,13 @@ from artibot_sim.diagnose.conclusion import Conclusion, HeldOut, Without, conclu
 from artibot_sim.diagnose.extended import found_parameters, robot_of, with_effects_of
 from artibot_sim.diagnose.intervals import Uncertain, judged
 from artibot_sim.diagnose.next_experiment.choice import next_experiment, next_for_force, one_by_one, repeated
-from artibot_sim.diagnose.policy import THRESHOLDS, TRUST, Thresholds
+from artibot_sim.diagnose.policy import TRUST
 from artibot_sim.diagnose.records import (
     BASELINE,
     EXTENDED,
-    FALSE_ALARM_RATE,
     GIVEN,
     HALF_WIDTH,
-    HORIZON,
     LAST_THIRD,
-    PRIOR_ODDS,
     UNNAMED,
     Cause,
     ChannelBaseline,
@@ -281,7 +277,7 @@ def result_of(
     )
 
 
-def with_explainable(result: Diagnosis, assessed: Assessment, residual: bool, options: Options) -> Diagnosis:
+def with_explainable(result: Diagnosis, assessed: Assessment, options: Options) -> Diagnosis:
     """Add to a result how much is explainable at all, and what was learned where `residual` asks for it."""
     noise = {name: one.noise for name, one in assessed.channels.items()}
     try:
@@ -290,7 +286,7 @@ def with_explainable(result: Diagnosis, assessed: Assessment, residual: bool, op
     except TimeIsUp:
         return _without(result, "how much any model could explain")
     model = None
-    if residual and any(one.better for one in found.values()):
+    if options.residual and any(one.better for one in found.values()):
         model = model_of(some, assessed.predicted, assessed.extended, result.horizon, result.seed)
     return replace(result, explainable=found, residual=model)
 
@@ -483,17 +479,8 @@ def diagnose(
     robot: Robot,
     *,
     holdout: Sequence[Experiment] = (),
-    horizon: float = HORIZON,
-    seed: int = 0,
-    workers: int | None = None,
+    options: Options | None = None,
     progress: StageReport | None = None,
-    prior_odds: float = PRIOR_ODDS,
-    false_alarm_rate: float = FALSE_ALARM_RATE,
-    thresholds: Thresholds = THRESHOLDS,
-    scheduler: str | None = None,
-    budget: float = np.inf,
-    residual: bool = False,
-    parts: Checkpoints | None = None,
 ) -> Diagnosis:
     """What the simulation of these recordings gets wrong, and why.
 
@@ -510,41 +497,18 @@ def diagnose(
     holdout : sequence of Experiment
         Recordings that take no part in the fit; without any the last of several recordings is held out, or the last
         third of a single one.
-    horizon : float
-        Length of the predictions that fits, evidence and gains rest on, s.
-    seed : int
-        The same data and seed give the same diagnosis.
-    workers : int, optional
-        Threads; as many as cores by default. The result does not depend on it.
+    options : Options, optional
+        Horizon, seed, thresholds, time and the like.
     progress : callable
         Called with the share that is done, as far as it is known, and with what is being done.
-    prior_odds : float
-        Of some effect being there beforehand.
-    false_alarm_rate : float
-        Share of the cases with nothing hidden in which something may be named.
-    scheduler : str, optional
-        Address of a Dask scheduler (:mod:`artibot_sim.cluster`) whose workers fit one effect each; the rest of the
-        work stays here, and the result is the same.
-    budget : float
-        s that all of it is to take, about: as many windows are searched as there is time for, what is not over in
-        time is given up, and the warnings say what was not tried. Then the result depends on how fast the machine is.
-        A search of a few windows, what commands say, and predictions of all recordings are made in any case.
-    residual : bool
-        Whether what a model without physics learns is kept, where it surely makes predictions better.
-    parts : Checkpoints, optional
-        What an earlier call with the same arguments had finished, and where finished parts are kept.
 
     Raises
     ------
     ArtibotError
         For recordings that lack what is needed.
     """
-    ticks, parts = Timetable(progress), parts or Checkpoints()
-    if not budget > 0.0:
-        raise ArtibotError(f"budget: {budget} s; expected more than 0 s")
-    if residual and not can_grow():
-        raise ArtibotError(f"residual: {MISSING}, or do without")
-    options = Options(horizon, seed, workers, prior_odds, false_alarm_rate, thresholds, scheduler, budget, parts)
+    ticks, options = Timetable(progress), options or Options()
+    parts, seed = options.parts, options.seed
     _check([*recordings, *holdout], robot, options)
     named = distinctly_named(recordings, holdout)
     timed, later = (on_one_clock(some, robot, seed, poses="pose_delay" in robot.effects or None) for some in named)
@@ -572,7 +536,7 @@ def diagnose(
     ticks.begin(Task.MODELS)
     result = _with_predictors(result, held, _models(robot, result, decision), decision, known, options)
     ticks.begin(Task.EXPLAINABLE)
-    result = with_explainable(result, assessed, residual, options)
+    result = with_explainable(result, assessed, options)
     ticks.begin(Task.ERRORS)
     result = with_budget(result, found.decision, assessed, options)
     fewer = _fewer(len(every.rows), usual)
@@ -655,6 +619,10 @@ def _without(result: Diagnosis, what: str) -> Diagnosis:
 
 
 def _check(recordings: Sequence[Experiment], robot: Robot, options: Options) -> None:
+    if not options.budget > 0.0:
+        raise ArtibotError(f"budget: {options.budget} s; expected more than 0 s")
+    if options.residual and not can_grow():
+        raise ArtibotError(f"residual: {MISSING}, or do without")
     require_usable(recordings, robot)
     if not (np.isfinite(options.horizon) and options.horizon >= 0.5):
         raise ArtibotError(f"horizon: {options.horizon} s; expected at least 0.5 s")

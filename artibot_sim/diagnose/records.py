@@ -65,7 +65,36 @@ predicted torques, which back wheels with less friction seem to mend; wider, the
 
 @dataclass(frozen=True)
 class Options:
-    """How a diagnosis is made; see `diagnose`."""
+    """How a diagnosis is made.
+
+    Attributes
+    ----------
+    horizon : float
+        Length of the predictions that fits, evidence and gains rest on, s.
+    seed : int
+        The same data and seed give the same diagnosis.
+    workers : int, optional
+        Threads; as many as cores by default. The result does not depend on it.
+    prior_odds : float
+        Of some effect being there beforehand.
+    false_alarm_rate : float
+        Share of the cases with nothing hidden in which something may be named.
+    thresholds : Thresholds
+    scheduler : str, optional
+        Address of a Dask scheduler (:mod:`artibot_sim.cluster`) whose workers fit one effect each; the rest of the
+        work stays here, and the result is the same.
+    budget : float
+        s that all of it is to take, about, from when `parts` was made: as many windows are searched as there is time
+        for, what is not over in time is given up, and the warnings say what was not tried. Then the result depends on
+        how fast the machine is. A search of a few windows, what commands say, and predictions of all recordings are
+        made in any case.
+    residual : bool
+        Whether what a model without physics learns is kept, where it surely makes predictions better.
+    parts : Checkpoints
+        What an earlier call with the same arguments had finished, and where finished parts are kept.
+    reserve : float
+        s of the budget that intervals and predictions take, which follow the search.
+    """
 
     horizon: float = HORIZON
     seed: int = 0
@@ -75,12 +104,9 @@ class Options:
     thresholds: Thresholds = THRESHOLDS
     scheduler: str | None = None
     budget: float = np.inf
-    """s that all of it is to take at most, about."""
+    residual: bool = False
     parts: Checkpoints = field(default_factory=Checkpoints, compare=False)
-    """What is finished."""
-
     reserve: float = 0.0
-    """s of the budget that intervals and predictions take, which follow the search."""
 
     @property
     def left(self) -> float:

@@ -61,7 +61,7 @@ def drives() -> list[Experiment]:
 
 @pytest.fixture(scope="module")
 def found(drives: list[Experiment]) -> Diagnosis:
-    return diagnose(drives, ROBOT, workers=2)
+    return diagnose(drives, ROBOT, options=Options(workers=2))
 
 
 def test_what_is_hidden_is_named_with_its_size(found: Diagnosis) -> None:
@@ -97,10 +97,11 @@ def test_order_workers_and_a_break_do_not_matter(drives: list[Experiment], found
         if (tmp_path / "kept" / "005").exists():
             raise KeyboardInterrupt
 
+    options = Options(workers=1, parts=Checkpoints(tmp_path / "kept"))
     with pytest.raises(KeyboardInterrupt):
-        diagnose(drives[::-1], ROBOT, workers=1, parts=Checkpoints(tmp_path / "kept"), progress=stop)
+        diagnose(drives[::-1], ROBOT, options=options, progress=stop)
     parts = Checkpoints(tmp_path / "kept")
-    again = diagnose(drives[::-1], ROBOT, workers=1, parts=parts)
+    again = diagnose(drives[::-1], ROBOT, options=Options(workers=1, parts=parts))
     assert parts.taken >= 4
     assert {**again.as_dict(), "seconds": 0} == {**found.as_dict(), "seconds": 0}
 
@@ -121,7 +122,7 @@ def test_positions_alone_are_enough_to_say_something(drives: list[Experiment]) -
 
 def test_what_there_was_no_time_for_is_said(drives: list[Experiment]) -> None:
     """The first search is made whatever the time, and what it finds is named."""
-    result = diagnose(drives, ROBOT, workers=2, budget=1e-3)
+    result = diagnose(drives, ROBOT, options=Options(workers=2, budget=1e-3))
     assert {cause.effect for cause in result.causes} == {"joint_friction"}
     for what in ("further effects beside joint friction", "how much any model could explain", "held-out errors"):
         assert any(said.startswith("not tried in the time given: ") and what in said for said in result.warnings)
@@ -186,7 +187,7 @@ def test_poor_recordings_still_tell(
     drives: list[Experiment], spoilt: Callable[[Experiment], Experiment], allowed: set[str], warned: str
 ) -> None:
     # beside the friction a search of thirteen seconds finds the delay from one seed in three only: this is one
-    result = diagnose([spoilt(one) for one in drives], ROBOT, workers=2, seed=2)
+    result = diagnose([spoilt(one) for one in drives], ROBOT, options=Options(workers=2, seed=2))
     assert {cause.effect for cause in result.causes} == allowed
     torque = next(cause for cause in result.causes if cause.effect == "joint_friction").parameters["torque"]
     assert torque.value == pytest.approx(TORQUE, rel=0.2)
@@ -283,7 +284,7 @@ def test_what_is_fitted_to_is_not_held_out(drives: list[Experiment]) -> None:
 )
 def test_wrong_options_are_refused(drives: list[Experiment], options: dict[str, float], said: str) -> None:
     with pytest.raises(ArtibotError, match=said):
-        diagnose(drives, ROBOT, **options)
+        diagnose(drives, ROBOT, options=Options(**options))
 
 
 def test_no_recording_is_refused() -> None:

@@ -35,12 +35,11 @@ Diagnose = Callable[[Case], Mapping[str, Any]]
 
 def in_memory(found: Case) -> dict[str, Any]:
     """The diagnosis as a library, in this process, on one core."""
-    from artibot_sim.diagnose import diagnose
+    from artibot_sim.diagnose import Options, diagnose
     from artibot_sim.model import load_robot
 
-    answer = diagnose(
-        found.recordings, load_robot(found.robot), holdout=found.holdout, horizon=found.horizon, seed=0, workers=1
-    )
+    options = Options(horizon=found.horizon, seed=0, workers=1)
+    answer = diagnose(found.recordings, load_robot(found.robot), holdout=found.holdout, options=options)
     soils = {
         name: vars(robot.contact) for name, robot in (("before", answer.baseline_robot), ("after", answer.extended))
     }
