@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from artibot_sim.diagnose.candidates.hypotheses import _names
+from artibot_sim.diagnose.candidates.hypotheses import _names, why_unseen
 from artibot_sim.model import MOTORS, WHEELS, load_robot
 from artibot_sim.model.effects import EFFECTS, in_pair
+from artibot_sim.model.effects.files import effect_of
 from artibot_sim.model.effects.force_law import PLACES, VARIABLES, place_words, variable_words
 from artibot_sim.model.effects.parts import in_robot, names_of, of_pair
 from artibot_sim.model.robot.robot import sides_of, wheels_of
@@ -35,6 +36,15 @@ def test_an_effect_that_names_a_part_acts_in_its_pair_alone():
     assert list(first) == ["joint_damping", "residual_force"]
     assert second["payload"][1] == {"mass": 5.0, "module": "back"} and "residual_force" not in second
     assert third["residual_force"][1] == {"back_turn": 2.0, "since": 0.5}
+
+
+def test_a_law_with_a_name_is_of_robots_that_have_its_part():
+    law = {"where": "module_3_yaw", "variable": "speed", "form": "linear"}
+    size = {"unit": "N m", "low": -50.0, "high": 50.0, "typical": 5.0}
+    document = {"id": "hose", "description": "A hose pulls.", "law": law, "parameters": {"size": size}}
+    effect = effect_of(document, "hose.yaml")
+    assert not why_unseen(effect, load_robot("train3"), [])
+    assert why_unseen(effect, load_robot("agriq"), []) == "the robot has 2 modules"
 
 
 def test_a_diagnosis_tries_every_module_and_every_motor():

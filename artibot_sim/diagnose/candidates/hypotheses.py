@@ -83,6 +83,10 @@ def why_unseen(effect: Effect, robot: Robot, stretches: Sequence[Stretch]) -> st
         return "it shows between commands and speeds only, and no commands are recorded"
     if not robot.articulated and (search.back or effect.acts == "joint"):
         return "the robot has no back module"
+    if effect.law is not None:
+        law = effect.law({name: parameter.neutral for name, parameter in effect.parameters.items()})
+        if of_pair(str(law["where"]))[1] >= max(len(robot.modules), 2):
+            return f"the robot has {len(robot.modules)} modules"
     measured = {series.channel for stretch in stretches for series in stretch.series}
     measured |= {"pose"} if any(stretch.measured.late_heading for stretch in stretches) else set()
     if search.channels and measured.isdisjoint(search.channels):

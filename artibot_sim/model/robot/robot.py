@@ -418,7 +418,8 @@ def _check_together(robot: Robot) -> None:
             "give one each, None for a passive module"
         )
     for name, values in robot.effects.items():
-        for key, value in values.items():
+        law = EFFECTS[name].law
+        for key, value in (values if law is None else law(values)).items():
             if isinstance(value, str) and robot.articulated and of_pair(value)[1] >= len(robot.modules):
                 raise ArtibotError(f"effects.{name}.{key}: '{value}': the robot has {len(robot.modules)} modules")
     for i, module in enumerate(robot.modules):
