@@ -11,7 +11,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -272,6 +272,9 @@ class Score:
         The same over those of the three-parameter ICR on the same windows; empty for itself.
     seconds : float
         For fitting and predicting.
+    turns : mapping of str to (float, int)
+        RMSE of the heading (rad) in windows at whose end the robot turns the other way than at their start
+        (`reversed`) and in the others (`kept`), and how many there are.
     values : tuple of str
         What was fitted, a part each.
     """
@@ -284,6 +287,7 @@ class Score:
     yaw: Mapping[str, tuple[float, float, float]]
     against: Mapping[str, tuple[float, float, float]]
     seconds: float
+    turns: Mapping[str, tuple[float, int]] = field(default_factory=dict)
     values: tuple[str, ...] = ()
 
 
@@ -341,6 +345,14 @@ def errors_of(predicted: Array, windows: DrivenWindows) -> dict[str, Array]:
     return {"position": np.hypot(off[:, 0], off[:, 1]), "yaw": turned}
 
 
+def turned_back(windows: DrivenWindows) -> NDArray[np.bool_]:
+    """Windows (n,) whose faster side at the end is not that of the start: what turns late or winds up shows there."""
+    rows, first = np.arange(len(windows)), round(BEFORE / STEP)
+    last = first + np.round(windows.length / STEP).astype(int)
+    right, left = windows.speed[..., 0], windows.speed[..., 1]
+    return np.asarray((right - left)[rows, first] * (right - left)[rows, last] < 0.0)
+
+
 Fitted = tuple[Callable[[Part], Array], str]
 """A model fitted to one part: what predicts another, and its values in words."""
 
@@ -385,6 +397,7 @@ def judge(ground: Ground, folder: Path, models: Sequence[str] = MODELS) -> Itera
     parts = parts_of(ground, folder, robot)
     drawn, leaps = draws(blocks_of(parts)), sum(part.leaps for part in parts)
     base: dict[str, Array] = {}
+    back = np.concatenate([turned_back(part.windows) for part in parts])
     for model in sorted(models, key=lambda name: name != BASE) if BASE in models else models:
         begun = time.perf_counter()
         every, said = [], []
@@ -399,7 +412,12 @@ def judge(ground: Ground, folder: Path, models: Sequence[str] = MODELS) -> Itera
         base = base or (errors if model == BASE else {})
         yield Score(
             ground.name, model, len(lost), leaps, _figures(errors["position"], drawn), _figures(errors["yaw"], drawn),
-            _ratios(errors, base, drawn) if base and model != BASE else {}, time.perf_counter() - begun, tuple(said),
+            _ratios(errors, base, drawn) if base and model != BASE else {}, time.perf_counter() - begun,
+            {
+                name: (FIGURES["rmse"](errors["yaw"][some]), int(some.sum()))
+                for name, some in (("kept", ~back), ("reversed", back)) if some.any()
+            },
+            tuple(said),
         )  # fmt: skip
 
 
@@ -429,6 +447,17 @@ def table_of(scores: Sequence[Score]) -> str:
         lines.append(
             "| " + " | ".join([score.ground, count, score.model, *cells, *beside, f"{score.seconds:.0f}"]) + " |"
         )
+    return "\n".join(lines)
+
+
+def turns_table(scores: Sequence[Score]) -> str:
+    """Scores' errors of heading where robots go on turning one way, and where they turn back, in Markdown."""
+    lines = ["| ground | model | heading RMSE where a turn is kept, rad | where it is reversed |", "|---|---|---|---|"]
+    for score in scores:
+        cells = [
+            f"{score.turns[k][0]:.3f} ({score.turns[k][1]})" if k in score.turns else "" for k in ("kept", "reversed")
+        ]
+        lines.append("| " + " | ".join([score.ground, score.model, *cells]) + " |")
     return "\n".join(lines)
 
 
@@ -490,7 +519,7 @@ def command(data: Path | None, only: tuple[str, ...], models: tuple[str, ...], a
                 for values in score.values:
                     print(f"    {values}", file=sys.stderr)
     finally:  # what is judged is kept where a later model fails, or somebody stops it
-        print(table_of(scores))
+        print(table_of(scores) + "\n\n" + turns_table(scores))
         if as_json is not None:
             write_files({as_json: (json.dumps([asdict(score) for score in scores], indent=1) + "\n").encode()})
 

@@ -122,8 +122,12 @@ def test_scores_compare_models_on_the_same_windows(folder: Path) -> None:
         for error in (score.position, score.yaw):
             assert all(low <= value <= high for value, low, high in error.values())
             assert error["median"][0] <= error["p90"][0]
+        kept, reversed_ = (score.turns[name] for name in ("kept", "reversed"))
+        both = np.hypot(kept[0] * np.sqrt(kept[1]), reversed_[0] * np.sqrt(reversed_[1])) / np.sqrt(score.windows)
+        assert kept[1] + reversed_[1] == score.windows and both == pytest.approx(score.yaw["rmse"][0])
     assert scores["ICR with timing"].against["position median"][2] < 1.0 < scores["ideal"].against["position median"][1]
     assert "| made |" in real.table_of(list(scores.values()))
+    assert "| made |" in real.turns_table(list(scores.values()))
 
 
 def test_a_regressor_predicts_at_least_what_its_base_does(folder: Path) -> None:
