@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from artibot_sim.checkpoints import Checkpoints
 from artibot_sim.cli import main
-from artibot_sim.diagnose import result
+from artibot_sim.diagnose import Options, result
 from artibot_sim.experiment import write_channels
 from artibot_sim.identify.synthetic import synthetic
 from artibot_sim.model import load_robot
@@ -100,9 +99,9 @@ def test_ctrl_c_says_that_the_same_command_goes_on(
 ) -> None:
     """Once something is finished; what was broken off leaves no folder of results."""
 
-    def interrupted(*_args: object, parts: Checkpoints, **_options: object) -> None:
-        parts.begin("key")
-        parts.once("soil identified", lambda: 1)
+    def interrupted(*_args: object, options: Options, **_rest: object) -> None:
+        options.parts.begin("key")
+        options.parts.once("soil identified", lambda: 1)
         raise KeyboardInterrupt
 
     monkeypatch.setattr("artibot_sim.diagnose.diagnose", interrupted)
