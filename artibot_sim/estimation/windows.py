@@ -431,7 +431,7 @@ _SAMPLES = round(6.0 / PAST)
 _NEAR_PAST = 0.25
 """s around a start whose motion, in the mean, is the start's: single rates are noisy."""
 _BENDINGS = 6
-"""Times that bristles and friction are found in turn: within a per cent of each other."""
+"""Times that bristles and friction are found in turn: within a few per cent of what a simulation comes to."""
 
 
 class Past(NamedTuple):
