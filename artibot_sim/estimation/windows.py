@@ -537,6 +537,7 @@ def bent_bristles(robots: Sequence[Robot], robot: Indices, q: Array, v: Array) -
     """How far bristles are bent along wheels and then across (n, 8 modules), m, at starts q and v.
 
     They are taken to have come to where they stay at these speeds, under static loads (`equations.contact.bending`).
+    What other effects make of stiffness and friction is left out: rolling mends it within `length`.
     """
     wheels = q.shape[1] // 2
     found = np.zeros((len(robot), 2 * wheels))
