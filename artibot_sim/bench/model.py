@@ -273,6 +273,7 @@ ALL_EFFECTS: dict[str, dict[str, Any]] = {
     "tyre_relaxation": {"length": 0.1},
     "wheel_radius_mismatch": {"relative": 0.003},
     "wheel_resistance": {"share": 0.01},
+    "wheel_windup": {"way": 0.01},
     "slip_ratio": {"exponent": 0.95},
     "load_sensitivity": {"exponent": 0.05},
     "friction_anisotropy": {"ratio": 0.95},

@@ -384,7 +384,7 @@ class ModelOdometry:
         angle = np.concatenate([np.zeros((1, 4)), np.cumsum(0.5 * width * (knots[1:] + knots[:-1]), axis=0)])
         first = self._state
         angle += first.q[[6, 7, 14, 15]]
-        origin = State(0.0, first.q, first.v, first.eta, first.torque, first.lateral, first.bristles)
+        origin = State(0.0, first.q, first.v, first.eta, first.torque, first.lateral, first.bristles, first.windup)
         commands = Commands(width, knots, position=angle)
         setup = way.setup._replace(commands=commands, start=origin, steps=slices * steps)
         result = simulate(setup, width / steps, way.integrator, 10**9, energy=False)

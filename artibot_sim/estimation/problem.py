@@ -30,9 +30,10 @@ from artibot_sim.estimation.windows import (
     postures,
     predecessors,
     states,
+    wound_wheels,
 )
 from artibot_sim.model import Robot
-from artibot_sim.model.effects import has_memory, stiction, tyre_relaxation
+from artibot_sim.model.effects import has_memory, stiction, tyre_relaxation, wheel_windup
 from artibot_sim.model.simulate.sensors import measured_starts, sensor_errors, true_starts
 from artibot_sim.model.simulate.window_inputs import Items, MotorTable, Plan, kind_of
 from artibot_sim.model.simulate.windows import WindowBatch, window_step
@@ -322,11 +323,13 @@ class Problem:
         if not any(has_memory(one.effects) for one in robots):
             return None
         wheels = q.shape[1] // 2
-        found = np.zeros((len(q), 3 * wheels))
+        found = np.zeros((len(q), 4 * wheels))
         if any(tyre_relaxation.EFFECT.id in one.effects for one in robots):
             found[:, :wheels] = lagging_forces(robots, robot, window, q, v, self._past)
         if any(stiction.EFFECT.id in one.effects for one in robots):
-            found[:, wheels:] = bent_bristles(robots, robot, q, v)
+            found[:, 2 * wheels :] = bent_bristles(robots, robot, q, v)
+        if any(wheel_windup.EFFECT.id in one.effects for one in robots):
+            found[:, wheels : 2 * wheels] = wound_wheels(robots, robot, q, v)
         return found
 
     @cached_property

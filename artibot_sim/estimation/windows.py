@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from artibot_sim.estimation.measurements import CHANNELS, PAST, Stretch
 from artibot_sim.experiment.inputs import plausible_motion, start_state
 from artibot_sim.experiment.measured import MeasuredMotion, forward_speed
 from artibot_sim.model import Robot
-from artibot_sim.model.effects import stiction
+from artibot_sim.model.effects import stiction, wheel_windup
 from artibot_sim.model.effects.tyre_relaxation import EFFECT, SLOWEST
 from artibot_sim.model.kernels.layout import BACK, GAMMA, THETA_L, THETA_R, X, Y
 from artibot_sim.model.robot.derived import params, train
@@ -432,6 +432,8 @@ _NEAR_PAST = 0.25
 """s around a start whose motion, in the mean, is the start's: single rates are noisy."""
 _BENDINGS = 6
 """Times that bristles and friction are found in turn: within a few per cent of what a simulation comes to."""
+_WINDING = 3.0
+"""s for which wheels have slipped before a window as they do at its start: most turns take longer."""
 
 
 class Past(NamedTuple):
@@ -533,6 +535,33 @@ def lagging_forces(robots: Sequence[Robot], robot: Indices, window: Indices, q: 
     return found
 
 
+def _slipping(robot: Robot, q: Array, v: Array) -> Iterator[tuple[int, ModuleParams, Array, Array]]:
+    """Its wheels at starts q and v: number, module, speed of the rim (n,) and slip along and across (n, 2), m/s."""
+    for module, p in enumerate(train(robot).modules if robot.articulated else (params(robot),)):
+        b = BACK * module
+        c, s = np.cos(q[:, b + GAMMA]), np.sin(q[:, b + GAMMA])
+        ahead, aside = c * v[:, b + X] + s * v[:, b + Y], c * v[:, b + Y] - s * v[:, b + X]
+        rate = v[:, b + GAMMA]
+        sides = (p.right_front, THETA_R, p.front.half_y), (p.left_front, THETA_L, -p.front.half_y)
+        for side, (unit, motor, right) in enumerate(sides):
+            rim = unit.r_w * unit.tau * v[:, b + motor]
+            for end, before in enumerate((p.front.half_x, -p.front.half_x)):
+                slip = np.column_stack([rim - ahead - right * rate, -(aside + before * rate)])
+                yield 4 * module + 2 * side + end, p.front, rim, slip
+
+
+def wound_wheels(robots: Sequence[Robot], robot: Indices, q: Array, v: Array) -> Array:
+    """How far wheels are wound up (n, 4 modules), −1 to 1, at starts q and v: as after `_WINDING` at these speeds."""
+    found = np.zeros((len(robot), q.shape[1] // 2))
+    for r, one in enumerate(robots):
+        rows = np.flatnonzero(robot == r)
+        way = float(one.effects.get(wheel_windup.EFFECT.id, {}).get("way", 0.0))
+        if way and len(rows):
+            for wheel, _, _, slip in _slipping(one, q[rows], v[rows]):
+                found[rows, wheel] = np.sign(slip[:, 0]) * -np.expm1(-np.abs(slip[:, 0]) * _WINDING / way)
+    return found
+
+
 def bent_bristles(robots: Sequence[Robot], robot: Indices, q: Array, v: Array) -> Array:
     """How far bristles are bent along wheels and then across (n, 8 modules), m, at starts q and v.
 
@@ -544,20 +573,9 @@ def bent_bristles(robots: Sequence[Robot], robot: Indices, q: Array, v: Array) -
     for r, one in enumerate(robots):
         rows = np.flatnonzero(robot == r)
         length = float(one.effects.get(stiction.EFFECT.id, {}).get("length", 0.0))
-        if not length or not len(rows):
-            continue
-        for module, p in enumerate(train(one).modules if one.articulated else (params(one),)):
-            b = BACK * module
-            c, s = np.cos(q[rows, b + GAMMA]), np.sin(q[rows, b + GAMMA])
-            ahead, aside = c * v[rows, b + X] + s * v[rows, b + Y], c * v[rows, b + Y] - s * v[rows, b + X]
-            rate = v[rows, b + GAMMA]
-            sides = (p.right_front, THETA_R, p.front.half_y), (p.left_front, THETA_L, -p.front.half_y)
-            for side, (unit, motor, right) in enumerate(sides):
-                rim = unit.r_w * unit.tau * v[rows, b + motor]
-                for end, before in enumerate((p.front.half_x, -p.front.half_x)):
-                    slip = np.column_stack([rim - ahead - right * rate, -(aside + before * rate)])
-                    wheel = 4 * module + 2 * side + end
-                    found[rows, wheel], found[rows, wheels + wheel] = _bent(p.front, slip, np.abs(rim) / length).T
+        if length and len(rows):
+            for wheel, body, rim, slip in _slipping(one, q[rows], v[rows]):
+                found[rows, wheel], found[rows, wheels + wheel] = _bent(body, slip, np.abs(rim) / length).T
     return found
 
 

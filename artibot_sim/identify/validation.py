@@ -324,8 +324,8 @@ def begun_windows(experiment: Experiment, robot: Robot, horizon: float) -> tuple
     for i, window in enumerate(ahead.problem.windows):
         state = replace(rest, t=window.t, q=items.q[i], v=items.v[i])
         if items.memory is not None:
-            lateral, bristles = from_memory(items.memory[i])
-            state = replace(state, lateral=lateral, bristles=bristles)
+            lateral, bristles, windup = from_memory(items.memory[i])
+            state = replace(state, lateral=lateral, bristles=bristles, windup=windup)
         stretch, last = found[window.stretch], window.first + window.knots
         windows.append(Begun(stretch.inputs, window.first, last, state, bool(ahead.counted[i])))
     return windows, noise_levels(found)

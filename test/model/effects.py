@@ -17,6 +17,7 @@ SEVERITY_1 = {
     "soil_softening": {"rate": 0.008},
     "back_friction": {"scale": 0.6},
     "stiction": {"length": 0.005},
+    "wheel_windup": {"way": 0.02},
     "stribeck": {"velocity": 0.08},
     "bulldozing": {"coefficient": 900.0},
     "tyre_relaxation": {"length": 0.3},

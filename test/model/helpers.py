@@ -69,6 +69,12 @@ def mirrored_state(state):
     return State(state.t, mirrored(state.q), mirrored(state.v), state.eta[swap], state.torque[swap])
 
 
+def what_wheels_remember(rng):
+    """Lateral forces, bristles and windup of a `State` of two modules, drawn at random."""
+    lateral, bristles = 20.0 * rng.normal(size=8), 1e-4 * rng.normal(size=16)
+    return {"lateral": lateral, "bristles": bristles, "windup": rng.uniform(-1.0, 1.0, 8)}
+
+
 def relative_poses(q, module=0):
     """x, y, yaw of a module as seen from where the front module was in the first row, shape (n, 3)."""
     x0, y0, yaw = q[0, 0], q[0, 1], q[0, 5]

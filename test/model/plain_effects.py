@@ -89,6 +89,10 @@ class Transcribed:
         length = self._of("stiction", "length")
         return (200.0, abs(rim) / length) if length else (0.0, 0.0)
 
+    def windup(self) -> float:
+        """Way of slip over which a longitudinal force builds up, m."""
+        return self._of("wheel_windup", "way")
+
     def centre(self, module: int) -> tuple[float, float]:
         """Centre of mass of a module in its frame, m."""
         return (self._of("com_offset", "x"), self._of("com_offset", "y")) if module == 0 else (0.0, 0.0)

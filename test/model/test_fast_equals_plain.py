@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from model.effects import SEVERITY_1, with_effects
+from model.helpers import what_wheels_remember
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, Robot, State, initial_state, load_robot, rollout
@@ -126,7 +127,7 @@ def gap_with(robot: Robot, modes, integrator: str, dt: float, steps: int = STEPS
     rng = np.random.default_rng(11)
     robot = robot.replace({"front.O_z": 0.03, "back.O_z": 0.02, "contact.c_n": 40.0})
     moving, order = moving_state(robot, rng), commands(robot, rng, modes[0] == Mode.TORQUE, dt, steps)
-    start = dataclasses.replace(moving, lateral=20.0 * rng.normal(size=8), bristles=1e-4 * rng.normal(size=16))
+    start = dataclasses.replace(moving, **what_wheels_remember(rng))
     run = rollout(
         robot, order, dt=dt, modes=modes, kappa=0.7, state=start, integrator=integrator, energy=accounted(robot)
     )

@@ -28,6 +28,7 @@ ABOUT = {
     "lead": lambda: (0.5 * N(), 0.2 * N()),
     "follow_rate": lambda: (0.2 * N(),),
     "radius": lambda: (int(RNG.integers(8)), 5.0 * N()),
+    "windup": lambda: (),
     "bristle": lambda: (0.3 * N(),),
     "drag": lambda: (int(RNG.integers(4)), N()),
     "gear": lambda: (N(),),

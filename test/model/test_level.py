@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 from model.effects import SEVERITY_1, with_effects
-from model.helpers import front_commands, ramp
+from model.helpers import front_commands, ramp, what_wheels_remember
 from model.test_fast_equals_plain import DT, MODES, accounted, commands, plain_run
 
 from artibot_sim.model import Mode, Robot, State, Status, initial_state, load_robot, rollout
@@ -71,8 +71,7 @@ def test_effects_on_a_plane_equal_plain_ones(agriq, effect: str, integrator: str
         MODES["driven" if effect != "all" and EFFECTS[effect].drives_front else "as in the paper"],
     )
     robot = with_effects(agriq, *(SEVERITY_1 if effect == "all" else [effect]))
-    remembered = {"lateral": 20.0 * rng.normal(size=8), "bristles": 1e-4 * rng.normal(size=16)}
-    start = dataclasses.replace(moving(robot, rng), **remembered)
+    start = dataclasses.replace(moving(robot, rng), **what_wheels_remember(rng))
     order = commands(robot, rng, False, dt)
     energy = accounted(robot)
     run = rollout(robot, order, dt=dt, modes=modes, kappa=0.7, state=start, integrator=integrator, energy=energy)

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from model.helpers import front_commands, mirrored, mirrored_commands, ramp, standstill
+from model.helpers import front_commands, mirrored, mirrored_commands, ramp, standstill, what_wheels_remember
 from model.test_fast_equals_plain import KNOT, MODES, commands, cubic, moving_state
 
 from artibot_sim.errors import ArtibotError
@@ -297,13 +297,14 @@ def test_a_height_of_the_centre_of_mass_moves_loads_as_on_flat_ground(husky) -> 
 def test_effects_act_on_uneven_ground_as_the_plain_equations_say(agriq) -> None:
     effects = {
         "com_offset": {"x": 0.03, "y": -0.02}, "com_height": {"height": 0.2}, "stiction": {"length": 0.005},
+        "wheel_windup": {"way": 0.01},
         "tyre_relaxation": {"length": 0.2}, "slip_ratio": {"exponent": 0.8}, "load_sensitivity": {"exponent": 0.3},
         "friction_patch": {"scale": 0.5, "x": 0.6, "y": 0.0, "radius": 0.5}, "joint_friction": {"torque": 5.0},
         "wheel_resistance": {"share": 0.1}, "bulldozing": {"coefficient": 300.0}, "soil_softening": {"rate": 0.01},
     }  # fmt: skip
     robot, rng, ground = dataclasses.replace(agriq, effects=effects), np.random.default_rng(3), hills()
     start, order = tilted_start(robot, ground, rng), commands(robot, rng, False, 2e-4, 2 * KNOT)
-    start = dataclasses.replace(start, lateral=20.0 * rng.normal(size=8), bristles=1e-4 * rng.normal(size=16))
+    start = dataclasses.replace(start, **what_wheels_remember(rng))
     end = rollout(robot, order, dt=2e-4, kappa=0.7, state=start, ground=ground).final_state
     want = plain_run(robot, start, order, MODES["as in the paper"], ground, "rk4", 2e-4)
     got = np.concatenate([end.q, end.v, end.eta, end.torque])

@@ -99,8 +99,8 @@ def has_laws(effects: Mapping[str, Values]) -> bool:
 
 
 def has_memory(effects: Mapping[str, Values]) -> bool:
-    """Whether the wheels of a robot remember anything: lateral forces that lag, bristles (see `layout.MEMORY`)."""
-    return any({"follow_rate", "bristle"} & effect.hooks.keys() for effect, _ in at_work(effects).values())
+    """Whether the wheels of a robot remember anything: forces that lag, bristles (see `layout.MEMORY`)."""
+    return any({"follow_rate", "windup", "bristle"} & effect.hooks.keys() for effect, _ in at_work(effects).values())
 
 
 def record(effects: Mapping[str, Values], t: float) -> np.void | None:

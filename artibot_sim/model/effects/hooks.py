@@ -74,8 +74,8 @@ class Place(NamedTuple):
         What its answers take, by which versions of the loops over rovers side by side ask here
         (`lane_layout.VERSIONS`): "" little, so that every version asks; "resistance" a root and a quotient for every
         wheel, which most robots that are skid-steered have in all their fits; "speed" and "slip" exponentials and roots
-        for every wheel; "seldom" the same, of effects that are tried seldom; "bristles" what wheels remember;
-        "transfer" the wheels' forces three times over.
+        for every wheel; "seldom" the same, of effects that are tried seldom; "windup" and "bristles" what wheels
+        remember; "transfer" the wheels' forces three times over.
     """
 
     combine: Callable[[Hook, Hook], Hook]
@@ -133,6 +133,10 @@ bristle = _place("bristle", _vector_sum, "bristles")
 """(fx, rim) → stiffness of a wheel's bristles over its k_l and k_t, and the rate at which they are renewed, both 1/s.
 
 Its rim moves at `rim` (m/s). Zero without bristles.
+"""
+
+windup = _place("windup", _sum, "windup")
+"""(fx) → way of slip over which a wheel's longitudinal force builds up after a change of its sign, m; zero for at once.
 """
 
 radius = _place("radius", _product, "seldom")

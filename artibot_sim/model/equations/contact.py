@@ -42,7 +42,8 @@ class PairForces(NamedTuple):
     F_lf and F_lb are the single wheels' (N), held_f and held_b what eq. 16 has left of eq. 15's, 1 where they hold.
     R_l, R_tf and R_tb are forces on the wheels' centres beside (N), which the motor does not feel: their sum along, and
     those across.
-    bent_f and bent_b are how fast bristles bend along and across the wheels, m/s. F_nf and F_nb are the normal forces
+    wound_f and wound_b are how fast the wheels wind up (1/s), bent_f and bent_b how fast bristles bend along and across
+    them, m/s. F_nf and F_nb are the normal forces
     under which all this is, N; more_f and more_b are what each newton of them adds to the forces along and across.
     """
 
@@ -63,6 +64,8 @@ class PairForces(NamedTuple):
     R_l: float
     R_tf: float
     R_tb: float
+    wound_f: float
+    wound_b: float
     bent_f: tuple[float, float]
     bent_b: tuple[float, float]
     F_nf: float
@@ -297,6 +300,23 @@ def bending(stiff, renewal, k_l, k_t, slip_l, slip_t, narrow, friction, z_l, z_t
     return slip_l - release * z_l, slip_t - release * z_t
 
 
+@inlined
+def unwound(way, F, wound):
+    """With effects: the share of a force along a wheel (N) that is there while it is `wound` up (−1 to 1)."""
+    return 0.5 * (1.0 + (wound if F > 0.0 else -wound)) if way > 0.0 else 1.0
+
+
+@inlined
+def winding(way, slip, wound, dt):
+    """With effects: how fast a wheel that slips (m/s) winds up, 1/s, now or as a step `dt` takes it: Dahl's law."""
+    if way <= 0.0:
+        return 0.0
+    rate = (slip - abs(slip) * wound) / way
+    if dt is not None:
+        return rate / (1.0 + dt * abs(slip) / way)
+    return rate
+
+
 LIGHT = 1e-9
 """A load that is none, N: what wheels that are lifted carry, so that quotients by it are none of rounding errors."""
 
@@ -321,9 +341,9 @@ def wheel_forces(friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept
     motor : int
     rim, angle : float
         Speed of the wheels' rims, m/s, and their angle, rad.
-    kept_f, kept_b : tuple of 3 floats, or of none
-        With effects: what the wheels remember, a lateral force that lags (N) and how far bristles are bent along and
-        across (m). Empty, at compile time, where no effect has them remember anything.
+    kept_f, kept_b : tuple of 4 floats, or of none
+        With effects: what the wheels remember, a lateral force that lags (N), how far they are wound up, and how far
+        bristles are bent along and across (m). Empty, at compile time, where no effect has them remember anything.
     dt : float or None
         A step at whose end lagging forces are taken, s; None for the instant.
 
@@ -340,14 +360,14 @@ def wheel_forces(friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept
         F_lf, F_lb = s_f * (soil.k_l * slip_f), s_b * (soil.k_l * slip_b)
         F_tf, F_tb, wide = s_f * F_tf, s_b * F_tb, hooks.lateral_grip(fx)
         narrow, rate_f, rate_b = 1.0 / wide, 0.0, 0.0
-        if len(kept_f) == 3:
+        if len(kept_f) == 4:
             F_tf, rate_f = relaxed(fx, F_tf, pair.p_xf, kept_f[0], dt)
             F_tb, rate_b = relaxed(fx, F_tb, pair.p_xb, kept_b[0], dt)
             stiff_f, renewal_f = hooks.bristle(fx, r_f * rim)
             stiff_b, renewal_b = hooks.bristle(fx, r_b * rim)
             k_lf, k_tf, k_lb, k_tb = s_f * soil.k_l, s_f * soil.k_t, s_b * soil.k_l, s_b * soil.k_t
-            F_lf, F_lb = held_by(F_lf, stiff_f, k_lf, kept_f[1]), held_by(F_lb, stiff_b, k_lb, kept_b[1])
-            F_tf, F_tb = held_by(F_tf, stiff_f, k_tf, kept_f[2]), held_by(F_tb, stiff_b, k_tb, kept_b[2])
+            F_lf, F_lb = held_by(F_lf, stiff_f, k_lf, kept_f[2]), held_by(F_lb, stiff_b, k_lb, kept_b[2])
+            F_tf, F_tb = held_by(F_tf, stiff_f, k_tf, kept_f[3]), held_by(F_tb, stiff_b, k_tb, kept_b[3])
     else:
         r_f = r_b = wide = narrow = 1.0
         s_f, s_b = times(1.0, soil.stiffness_f), times(1.0, soil.stiffness_b)
@@ -363,35 +383,41 @@ def wheel_forces(friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept
         body, fx, F_lb, narrow * F_tb, pair.F_nb, pair.N_b, soil.mu_sb, soil.mu_db, slip_b, pair.p_yb,
         soil.stiffness_b,
     )  # fmt: skip
-    more_f = more_b = 0.0, 0.0
+    more_f = more_b = bent_f = bent_b = 0.0, 0.0
+    wound_f = wound_b = 0.0
+    slope_f, slope_b = s_f * held_f, s_b * held_b
     if fx is not None:
+        if len(kept_f) == 4:
+            way = hooks.windup(fx)
+            there_f, there_b = unwound(way, F_lf, kept_f[1]), unwound(way, F_lb, kept_b[1])
+            F_lf, F_lb, slope_f, slope_b = there_f * F_lf, there_b * F_lb, there_f * slope_f, there_b * slope_b
+            wound_f, wound_b = winding(way, slip_f, kept_f[1], dt), winding(way, slip_b, kept_b[1], dt)
         more_f = by_load(F_lf, wide * F_tf, held_f, pair.F_nf)
         more_b = by_load(F_lb, wide * F_tb, held_b, pair.F_nb)
     F_l = F_lf + F_lb
-    at_rim, slope = F_l, soil.k_l * (s_f * held_f + s_b * held_b)
+    at_rim, slope = F_l, soil.k_l * (slope_f + slope_b)
     R_lf = R_lb = R_tf = R_tb = 0.0
-    bent_f = bent_b = 0.0, 0.0
     if fx is not None:
-        if len(kept_f) == 3:
+        if len(kept_f) == 4:
             bent_f = bending(
                 stiff_f, renewal_f, k_lf, k_tf, held_f * slip_f, -held_f * pair.p_yf, narrow, soil.mu_sf * pair.F_nf,
-                kept_f[1], kept_f[2], dt,
+                kept_f[2], kept_f[3], dt,
             )  # fmt: skip
             bent_b = bending(
                 stiff_b, renewal_b, k_lb, k_tb, held_b * slip_b, -held_b * pair.p_yb, narrow, soil.mu_sb * pair.F_nb,
-                kept_b[1], kept_b[2], dt,
+                kept_b[2], kept_b[3], dt,
             )  # fmt: skip
         R_lf, R_tf = hooks.wheel_resist(fx, soil.mu_sf * pair.F_nf, pair.p_xf, pair.p_yf)
         R_lb, R_tb = hooks.wheel_resist(fx, soil.mu_sb * pair.F_nb, pair.p_xb, pair.p_yb)
         more_f = more_f[0] + R_lf / max(pair.F_nf, LIGHT), more_f[1] + R_tf / max(pair.F_nf, LIGHT)
         more_b = more_b[0] + R_lb / max(pair.F_nb, LIGHT), more_b[1] + R_tb / max(pair.F_nb, LIGHT)
-        at_rim, slope = r_f * F_lf + r_b * F_lb, soil.k_l * (r_f * r_f * s_f * held_f + r_b * r_b * s_b * held_b)
+        at_rim, slope = r_f * F_lf + r_b * F_lb, soil.k_l * (r_f * r_f * slope_f + r_b * r_b * slope_b)
         F_tf = wide * F_tf + hooks.lateral(fx, pair.p_yf)
         F_tb = wide * F_tb + hooks.lateral(fx, pair.p_yb)
     u_F_n = soil.u_f * pair.F_nf + soil.u_b * pair.F_nb
     return PairForces(
         F_l, at_rim, slope, u_F_n, F_tf, F_tb, soil.u_f, soil.u_b, rate_f, rate_b, F_lf, F_lb, held_f, held_b,
-        R_lf + R_lb, R_tf, R_tb, bent_f, bent_b, pair.F_nf, pair.F_nb, more_f, more_b,
+        R_lf + R_lb, R_tf, R_tb, wound_f, wound_b, bent_f, bent_b, pair.F_nf, pair.F_nb, more_f, more_b,
     )  # fmt: skip
 
 
@@ -408,8 +434,8 @@ def pair_forces(friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept_
     f = forces
     return PairForces(
         f.F_l + 2.0 * half, f.at_rim + radii * half, f.slope, f.u_F_n, f.F_tf + on_f, f.F_tb + on_b, f.u_f, f.u_b,
-        f.rate_f, f.rate_b, f.F_lf + half, f.F_lb + half, f.held_f, f.held_b, f.R_l, f.R_tf, f.R_tb, f.bent_f, f.bent_b,
-        f.F_nf, f.F_nb, f.more_f, f.more_b,
+        f.rate_f, f.rate_b, f.F_lf + half, f.F_lb + half, f.held_f, f.held_b, f.R_l, f.R_tf, f.R_tb,
+        f.wound_f, f.wound_b, f.bent_f, f.bent_b, f.F_nf, f.F_nb, f.more_f, f.more_b,
     )  # fmt: skip
 
 

@@ -300,7 +300,7 @@ def kept_by(lags, wheels, wheel):
     if len(lags) == 0:
         return ()
     lag = lags[0]
-    return lag[wheel], lag[wheels + wheel], lag[2 * wheels + wheel]
+    return lag[wheel], lag[wheels + wheel], lag[2 * wheels + wheel], lag[3 * wheels + wheel]
 
 
 @inlined
@@ -314,10 +314,11 @@ def write_rates(fx, forces, wheels, wheel, lags, first):
     out = lags[0]
     i = first + wheel
     out[i], out[i + 1] = forces.rate_f, forces.rate_b
+    out[wheels + i], out[wheels + i + 1] = forces.wound_f, forces.wound_b
     stiff, _ = hooks.bristle(fx, 0.0)
     if stiff > 0.0:
-        out[wheels + i], out[2 * wheels + i] = forces.bent_f
-        out[wheels + i + 1], out[2 * wheels + i + 1] = forces.bent_b
+        out[2 * wheels + i], out[3 * wheels + i] = forces.bent_f
+        out[2 * wheels + i + 1], out[3 * wheels + i + 1] = forces.bent_b
 
 
 @inlined

@@ -39,8 +39,8 @@ VERSIONS: tuple[frozenset[str], ...] = tuple(
     frozenset({"", *kinds.split()})
     for kinds in (
         "", "resistance", "speed", "resistance speed", "resistance seldom", "resistance slip", "resistance transfer",
-        "resistance speed seldom slip", "resistance speed seldom slip bristles",
-        "resistance speed seldom slip bristles transfer",
+        "resistance speed seldom slip", "resistance windup", "resistance speed seldom slip windup bristles",
+        "resistance speed seldom slip windup bristles transfer",
     )
 )  # fmt: skip
 """Which kinds of places (`effects.hooks.Place`) are asked by each version of the extended model.
@@ -52,8 +52,8 @@ much has a version to itself and costs the others nothing.
 EXTENDED: tuple[tuple[float, ...], ...] = tuple((1.0,) * (k + 1) for k in range(len(VERSIONS)))
 """Stand for the versions as `fx` of lanes: the compiler knows their lengths."""
 
-LAGGING, BRISTLED = 6, 9
-"""Lengths of `fx` from which on normal forces may move or lateral forces lag, and wheels may have bristles."""
+LAGGING, WOUND, BRISTLED = 6, 9, 10
+"""Lengths of `fx` from which on normal forces may move or lateral forces lag, wheels may wind up, and have bristles."""
 
 
 def _kinds(effect: Effect) -> set[str]:
@@ -168,7 +168,7 @@ def _line_up_stack(typing_context: Any) -> Any:
 line_up_stack: Any = intrinsic(_line_up_stack)
 
 
-_read_1, _read_2, _read_3, _read_4, _read_5, _read_6, _read_7, _read_8, _read_9, _read_10 = (
+_read_1, _read_2, _read_3, _read_4, _read_5, _read_6, _read_7, _read_8, _read_9, _read_10, _read_11 = (
     reader(LANES, asked) for asked in VERSIONS
 )
 
@@ -196,7 +196,9 @@ def effects_at(S, fx, e, t):
             return _read_8(S, at, S[at] + t)
         if len(fx) == 9:
             return _read_9(S, at, S[at] + t)
-        return _read_10(S, at, S[at] + t)
+        if len(fx) == 10:
+            return _read_10(S, at, S[at] + t)
+        return _read_11(S, at, S[at] + t)
     return None
 
 

@@ -39,6 +39,7 @@ from artibot_sim.model.kernels.lane_layout import (
     LIMIT_V,
     MOTORS,
     SIZE,
+    WOUND,
     effects_at,
     four,
     put4,
@@ -265,18 +266,23 @@ def begin_stage(S, s):
 @inlined
 def kept_of(S, at):
     """What the four wheels of a module remember (see `layout.MEMORY`)."""
-    lags, along, across = four(S, at), four(S, at + 8 * LANES), four(S, at + 16 * LANES)
+    lags, wound = four(S, at), four(S, at + 8 * LANES)
+    along, across = four(S, at + 16 * LANES), four(S, at + 24 * LANES)
     return (
-        (lags[0], along[0], across[0]), (lags[1], along[1], across[1]), (lags[2], along[2], across[2]),
-        (lags[3], along[3], across[3]),
+        (lags[0], wound[0], along[0], across[0]), (lags[1], wound[1], along[1], across[1]),
+        (lags[2], wound[2], along[2], across[2]), (lags[3], wound[3], along[3], across[3]),
     )  # fmt: skip
 
 
 @inlined
-def put_bending(S, at, right, left):
-    """How fast the bristles of a module's wheels bend."""
-    put4(S, at, right.bent_f[0], right.bent_b[0], left.bent_f[0], left.bent_b[0])
-    put4(S, at + 8 * LANES, right.bent_f[1], right.bent_b[1], left.bent_f[1], left.bent_b[1])
+def put_rates(S, fx, at, right, left):
+    """How fast what the wheels of a module remember changes."""
+    put4(S, at, right.rate_f, right.rate_b, left.rate_f, left.rate_b)
+    if len(fx) >= WOUND:
+        put4(S, at + 8 * LANES, right.wound_f, right.wound_b, left.wound_f, left.wound_b)
+    if len(fx) >= BRISTLED:
+        put4(S, at + 16 * LANES, right.bent_f[0], right.bent_b[0], left.bent_f[0], left.bent_b[0])
+        put4(S, at + 24 * LANES, right.bent_f[1], right.bent_b[1], left.bent_f[1], left.bent_b[1])
 
 
 @inlined
@@ -329,12 +335,8 @@ def move_modules(S, fx, t):
         put4(S, AT.AT_RIM + e, right_f.at_rim, left_f.at_rim, right_b.at_rim, left_b.at_rim)
         if fx is not None and len(fx) >= LAGGING:
             put4(S, AT.U_F_N + e, right_f.u_F_n, left_f.u_F_n, right_b.u_F_n, left_b.u_F_n)
-            lag = AT.LAG_RATE + e
-            put4(S, lag, right_f.rate_f, right_f.rate_b, left_f.rate_f, left_f.rate_b)
-            put4(S, lag + 4 * LANES, right_b.rate_f, right_b.rate_b, left_b.rate_f, left_b.rate_b)
-        if fx is not None and len(fx) >= BRISTLED:
-            put_bending(S, AT.LAG_RATE + 8 * LANES + e, right_f, left_f)
-            put_bending(S, AT.LAG_RATE + 12 * LANES + e, right_b, left_b)
+            put_rates(S, fx, AT.LAG_RATE + e, right_f, left_f)
+            put_rates(S, fx, AT.LAG_RATE + 4 * LANES + e, right_b, left_b)
 
 
 @inlined
@@ -356,9 +358,7 @@ def move_rigid(S, fx, t):
         S[AT.AT_RIM + e], S[AT.AT_RIM + LANES + e] = right.at_rim, left.at_rim
         if fx is not None and len(fx) >= LAGGING:
             S[AT.U_F_N + e], S[AT.U_F_N + LANES + e] = right.u_F_n, left.u_F_n
-            put4(S, AT.LAG_RATE + e, right.rate_f, right.rate_b, left.rate_f, left.rate_b)
-        if fx is not None and len(fx) >= BRISTLED:
-            put_bending(S, AT.LAG_RATE + 8 * LANES + e, right, left)
+            put_rates(S, fx, AT.LAG_RATE + e, right, left)
 
 
 @inlined
@@ -441,7 +441,7 @@ def end_stage(S, fx, k, dt):
     """To the next stage, and after the last one to the next step."""
     next_state(S, k, dt)
     if fx is not None and len(fx) >= LAGGING:
-        next_lag(S, MEMORY if len(fx) >= BRISTLED else 8, k, dt)
+        next_lag(S, MEMORY if len(fx) >= BRISTLED else 16 if len(fx) >= WOUND else 8, k, dt)
 
 
 @inlined

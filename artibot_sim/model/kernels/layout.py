@@ -35,9 +35,9 @@ COORDINATES = tuple(
 MOTOR_COORDINATES = (6, 7, 14, 15)
 """Where the motors' angles stand in ``q``, in the order of MOTORS."""
 
-MEMORY = 24
-"""What eight wheels remember, in the order of WHEELS: lateral forces that lag (N), how far bristles are bent along the
-wheels and then across them (m). Some effects alone know it."""
+MEMORY = 32
+"""What eight wheels remember, in the order of WHEELS: lateral forces that lag (N), how far they are wound up (−1 to 1),
+how far bristles are bent along the wheels and then across them (m). Some effects alone know it."""
 
 _POSE = tuple(f"{symbol}_{module}" for module in "fb" for symbol in ("x", "y", "z", "alpha", "beta", "gamma"))
 

@@ -170,11 +170,13 @@ def next_lag(k, count, memory, dt, lag, sum_lag):
 
 @inlined
 def remembered(fx, wheels):
-    """How many numbers so many `wheels` remember by the effects at work: none, lateral forces, or bristles as well."""
+    """How many numbers so many `wheels` remember by the effects at work, of the first of `layout.MEMORY`."""
     if fx is not None:
         _, renewal = hooks.bristle(fx, 1.0)
         if renewal > 0.0:
-            return 3 * wheels
+            return 4 * wheels
+        if hooks.windup(fx) > 0.0:
+            return 2 * wheels
         return wheels if hooks.follow_rate(fx, 1.0) > 0.0 else 0
     return 0
 

@@ -636,7 +636,7 @@ def train_rk4(state, modules, joints, inputs, grid, work, out, out_e, fx=None, m
         None leaves the energies out, at compile time.
     fx : array of n records, optional
         Parameters of the effects in each module's pair (`effects.records`), with the time of the start.
-    memory : array, shape (n, 12), where there is `fx`
+    memory : array, shape (n, 16), where there is `fx`
         What each module's wheels remember, as `layout.MEMORY` has it; advanced in place, too.
 
     Returns

@@ -59,9 +59,10 @@ class Wheels:
     """Contact of eight (or four) wheels.
 
     Velocities (m/s), forces (N), their distance ahead of the centres (m), what eq. 16 left of eq. 15's forces, the
-    longitudinal slip coefficients (N s/m), the radii that the wheels roll on (m), rates of what they remember (n, 3:
-    N/s of lateral forces that lag, m/s along and across of bristles), generalised forces (n, 16), those of the effects'
-    resistance beside eq. 16 (n, 16), and what each newton of load adds to a wheel's forces across and along (n, 2).
+    longitudinal slip coefficients and F_l's secant slopes by slip (N s/m), the radii that the wheels roll on (m), rates
+    of what they remember (n, 4: N/s of lateral forces that lag, 1/s of windup, m/s along and across of bristles),
+    generalised forces (n, 16), those of the effects' resistance beside eq. 16 (n, 16), and what each newton of load
+    adds to a wheel's forces across and along (n, 2).
     """
 
     p_x: Array
@@ -72,6 +73,7 @@ class Wheels:
     u: Array
     held: Array
     k_l: Array
+    slope: Array
     radius: Array
     rate: Array
     Q: Array
@@ -81,7 +83,7 @@ class Wheels:
     @property
     def memory_rate(self) -> Array:
         """`rate` as `layout.MEMORY` has it, of eight wheels, of which a rigid rover lacks four."""
-        rate = np.zeros((3, 8))
+        rate = np.zeros((4, 8))
         rate[:, : len(self.rate)] = self.rate.T
         return rate.ravel()
 
@@ -107,10 +109,10 @@ def contact(
 ) -> Wheels:  # fmt: skip
     """`contact_forces` from the kernel's parameters, on flat ground or on uneven one.
 
-    `memory` (24,) is what wheels remember now, see `layout.MEMORY`; lateral forces that lag are those at the end of a
+    `memory` (32,) is what wheels remember now, see `layout.MEMORY`; lateral forces that lag are those at the end of a
     step `dt`, and loads have moved as at the rates `begun` (16,), without which those are `v`.
     """
-    kept = np.zeros((8, 3)) if memory is None else memory.reshape(3, 8).T
+    kept = np.zeros((8, 4)) if memory is None else memory.reshape(4, 8).T
     places = [(body, b, side, end) for body, b in modules_of(p) for side in (-1, 1) for end in (1, -1)]
 
     def wheels(effects: PlainEffects, rates: Array, loads: Loads, step: float) -> Wheels:
@@ -281,7 +283,7 @@ def _wheel(
     F_t, F_rate = _built_up(fx, steady, kept[0], v_x, dt)
     stiff, renewal = fx.ask("bristle", slip + v_x)
     k = stiffness * np.array([body.k_l, body.k_t])
-    F_l, F_t = np.array([F_l, F_t]) + stiff * k * kept[1:]
+    F_l, F_t = np.array([F_l, F_t]) + stiff * k * kept[2:]
     narrow, held, sliding = 1.0 / fx.ask("lateral_grip"), 1.0, np.zeros(2)
     F_h = math.hypot(F_l, narrow * F_t)
     if F_h > grip * body.mu_s * deciding:
@@ -291,13 +293,18 @@ def _wheel(
     own = Own(v_x, v_y, omega_rim - v_x, motor.tau * q[c], place[0], place[1], F_n)
     middle = 0.5 * (place + other.place)
     shared = Own(both_x, math.nan, omega_rim - both_x, own.angle, middle[0], middle[1], math.nan)  # no law takes NaNs
-    F_l = held * F_l + fx.ask("along", motor_number, shared) / 2  # half of what acts at both wheels of the motor
+    way, there, winding = fx.ask("windup"), 1.0, 0.0
+    if way > 0:
+        there = 0.5 * (1 + (kept[1] if F_l > 0 else -kept[1]))
+        winding = (slip - abs(slip) * kept[1]) / (way + dt * abs(slip))
+    sliding[1] *= there
+    F_l = there * held * F_l + fx.ask("along", motor_number, shared) / 2  # half of what acts at both of its wheels
     F_t = held * F_t + fx.ask("lateral", v_y) + fx.ask("across", wheel, own)
     bending = np.zeros(2)
     if stiff > 0:
         left = held * np.array([slip, -v_y])
         release = renewal + stiff * math.hypot(*(k * left * [1.0, narrow])) / max(grip * body.mu_s * F_n, LIGHT)
-        bending = (left - release * kept[1:]) / (1 + dt * release)
+        bending = (left - release * kept[2:]) / (1 + dt * release)
     u = p.u_w * fx.ask("lead", v_x, v_y)
     ahead = _partials(p, b, q, np.array([u, 0.0, -stand.below]), p.pitching if ground else 0.0)  # eq. 20
     if ground is not None:
@@ -309,7 +316,8 @@ def _wheel(
     flat = R_z @ np.array([*resisted, 0.0])
     R = np.zeros(16)
     R[[b, b + 1]], R[b + 5] = flat[:2], flat @ stand.partials[:, b + 5]
-    return v_x, v_y, F_n, F_l, F_t, u, held, stiffness * body.k_l, radius, np.append(F_rate, bending), Q, R, more
+    rates, k_l = np.array([F_rate, winding, *bending]), stiffness * body.k_l
+    return v_x, v_y, F_n, F_l, F_t, u, held, k_l, there * held * k_l, radius, rates, Q, R, more
 
 
 def _built_up(fx: PlainEffects, steady: float, now: float, p_x: float, dt: float) -> tuple[float, float]:

@@ -109,7 +109,7 @@ def solve(
         Commanded angles, speeds and accelerations of the motors.
     eta, torque : array, shape (4,)
         Efficiencies and commanded torques held through the step.
-    memory : array, shape (24,), optional
+    memory : array, shape (32,), optional
         What wheels remember, see `layout.MEMORY`.
     ground : Surface, optional
         Flat ground without.

@@ -159,7 +159,7 @@ def _next_speed(
     if mode == Mode.PRESCRIBED:
         return theta_dot + dt * follow(p, theta, theta_dot, drive), 0.0
     eta, pair, drag = state.eta[i], slice(2 * i, 2 * i + 2), dragged(fx, motor, i, theta_dot)
-    slope = wheels.k_l[pair] @ (wheels.held[pair] * wheels.radius[pair] ** 2)  # of the torque on the axle
+    slope = wheels.slope[pair] @ wheels.radius[pair] ** 2  # of the torque on the axle
     inertia = motor.J_m + motor.J_w * motor.tau**2 / eta + dt * motor.tau / eta * slope * motor.tau
     inertia += dt * drag / theta_dot if theta_dot != 0 else 0.0
     load = motor.tau / eta * load_torque(p, wheels, i, motor.tau * theta_dot)

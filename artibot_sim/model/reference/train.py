@@ -56,7 +56,7 @@ def solve_train(
         Commanded angles, speeds and accelerations of the motors.
     eta, torque : array, shape (2 n,)
         Efficiencies and commanded torques held through the step.
-    memory : array, shape (12 n,), optional
+    memory : array, shape (16 n,), optional
         What wheels remember, see `State.memory`.
 
     Returns
@@ -66,7 +66,7 @@ def solve_train(
     """
     count = len(p.modules)
     pairs = [fx.seeing_pair(max(i, 1), p, q, v) for i in range(count)]
-    kept = np.zeros((3, 4 * count)) if memory is None else memory.reshape(3, 4 * count)
+    kept = np.zeros((4, 4 * count)) if memory is None else memory.reshape(4, 4 * count)
     mass, n, wheels = np.zeros((8 * count, 8 * count)), np.zeros(8 * count), []
     M_m, prescribed = np.zeros(2 * count), []
     turned = [(8 * i + 6 + side, 2 * i + side) for i in range(count) for side in (0, 1)]

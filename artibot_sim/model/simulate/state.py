@@ -45,6 +45,9 @@ class State:
     bristles : array, shape (16,)
         How far bristles between wheels and ground are bent along the wheels and then across them (m), both in the
         order of WHEELS; only the effect `stiction` knows them. None are by default.
+    windup : array, shape (8,)
+        How far wheels are wound up, from −1 to 1 (forwards), in the order of WHEELS; only the effect `wheel_windup`
+        knows it. By default they are not.
     """
 
     t: float
@@ -54,15 +57,15 @@ class State:
     torque: Array
     lateral: Array = None  # type: ignore[assignment]  # filled in by __post_init__
     bristles: Array = None  # type: ignore[assignment]
+    windup: Array = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         modules = max(2, round(np.size(self.q) / 8))
-        if self.lateral is None:
-            object.__setattr__(self, "lateral", np.zeros(4 * modules))
-        if self.bristles is None:
-            object.__setattr__(self, "bristles", np.zeros(8 * modules))
-        for name, share in (("q", 8), ("v", 8), ("eta", 2), ("torque", 2), ("lateral", 4), ("bristles", 8)):
+        remembered = {"lateral": 4, "bristles": 8, "windup": 4}
+        for name, share in {"q": 8, "v": 8, "eta": 2, "torque": 2, **remembered}.items():
             size = share * modules
+            if getattr(self, name) is None and name in remembered:
+                object.__setattr__(self, name, np.zeros(size))
             array = np.array(getattr(self, name), dtype=float)
             if array.shape != (size,) or not np.isfinite(array).all():
                 raise ArtibotError(f"state.{name}: found {array!r}, expected {size} finite numbers")
@@ -72,13 +75,13 @@ class State:
     @property
     def memory(self) -> Array:
         """A copy of what the wheels remember as the kernels take it (`layout.MEMORY`), of any number of modules."""
-        return np.concatenate((self.lateral, self.bristles))
+        return np.concatenate((self.lateral, self.windup, self.bristles))
 
 
-def from_memory(memory: Array) -> tuple[Array, Array]:
-    """`State.lateral` and `State.bristles` of a `State.memory`."""
-    lateral = len(memory) // 3
-    return memory[:lateral], memory[lateral:]
+def from_memory(memory: Array) -> tuple[Array, Array, Array]:
+    """`State.lateral`, `State.bristles` and `State.windup` of a `State.memory`."""
+    lateral, windup, along, across = np.split(memory, 4)
+    return lateral, np.concatenate((along, across)), windup
 
 
 def initial_state(
@@ -134,7 +137,7 @@ def initial_state(
     if p.bristle > 0.0 and ground is None:
         bent = _bent_at_rest(p, q, PlainEffects(robot.effects, t))
         bristles[:, : bent.shape[1]] = bent
-    return State(t, q, np.zeros(16), eta, np.zeros(4), bristles=bristles.ravel())
+    return State(t, q, np.zeros(16), eta, np.zeros(4), bristles=bristles.ravel(), windup=np.sign(bristles[0]))
 
 
 def posture_at_rest(
@@ -259,7 +262,8 @@ def _train_at_rest(robot: Robot, pose: tuple[float, float, float], bends: Array,
         at, fx = np.append(q[i], np.zeros(8)), PlainEffects(robot.effects, t).in_pair(max(i, 1)).of_module(i)
         bristles[:, 4 * i : 4 * i + 4] = _bent_at_rest(module, at, fx)
     return State(
-        t, q.reshape(-1), np.zeros(8 * modules), np.array(eta), np.zeros(2 * modules), bristles=bristles.ravel()
+        t, q.reshape(-1), np.zeros(8 * modules), np.array(eta), np.zeros(2 * modules), bristles=bristles.ravel(),
+        windup=np.sign(bristles[0]),
     )  # fmt: skip
 
 

@@ -174,7 +174,7 @@ class TrainWindows:
             fx, memory = of.fx.copy(), np.zeros((modules, MEMORY // 2))
             fx["t"] = items.t[i]
             if items.memory is not None:
-                memory = np.hstack(list(items.memory[i].reshape(3, modules, 4)))
+                memory = np.hstack(list(items.memory[i].reshape(4, modules, 4)))
             effects = fx, memory
         steps = round(table.dt / self._dt) * of.parts
         grid = Grid(self._dt / of.parts, knots * steps, steps, steps)

@@ -23,7 +23,7 @@ from artibot_sim.model.robot.derived import packed_all
 from artibot_sim.model.robot.parameters import Train
 from artibot_sim.model.robot.robot import Robot, sides_of
 from artibot_sim.model.simulate.commands import Commands
-from artibot_sim.model.simulate.state import State
+from artibot_sim.model.simulate.state import State, from_memory
 
 Array = NDArray[np.float64]
 
@@ -124,7 +124,7 @@ def run(
     )  # fmt: skip
     q, v = start.q.reshape(modules, 8).copy(), start.v.reshape(modules, 8).copy()
     eta, torque = start.eta.reshape(modules, 2).copy(), start.torque.reshape(modules, 2).copy()
-    memory = np.hstack(list(start.memory.reshape(3, modules, 4)))
+    memory = np.hstack(list(start.memory.reshape(4, modules, 4)))
     fx = records(robot.effects, start.t, modules)
     effects: tuple[Any, ...] = () if fx is None else (fx, memory)
     loop = train_loop.train_semi_implicit if integrator == "semi_implicit" else train_loop.train_rk4
@@ -135,6 +135,6 @@ def run(
     )  # fmt: skip
     if status != train_loop.OK:
         return tables, kept, None
-    by_kind = memory.reshape(modules, 3, 4).transpose(1, 0, 2)
-    ends = (array.reshape(-1) for array in (q, v, eta, torque, by_kind[0], by_kind[1:]))
-    return tables, kept, State(start.t + steps * dt, *ends)
+    ends = (array.reshape(-1) for array in (q, v, eta, torque))
+    by_kind = memory.reshape(modules, 4, 4).transpose(1, 0, 2).reshape(-1)
+    return tables, kept, State(start.t + steps * dt, *ends, *from_memory(by_kind))

@@ -141,8 +141,8 @@ class Items:
         Start states: the rover's own, motors included, not as its sensors show them; (n, 8 modules) of trains.
     t : array, shape (n,)
         When they are, s since the recording's start: some effects change with time.
-    memory : array, shape (n, 24), optional
-        What wheels remember then, see `layout.MEMORY`; (n, 12 modules) of trains, all zero by default.
+    memory : array, shape (n, 32), optional
+        What wheels remember then, see `layout.MEMORY`; (n, 16 modules) of trains, all zero by default.
     """
 
     robot: Indices
