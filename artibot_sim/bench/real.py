@@ -167,6 +167,7 @@ def fit_regressor(windows: DrivenWindows, robot: Robot) -> Predictor:
 
 _RESISTED = (("effects.wheel_resistance.share", "0.2±0.2"), ("effects.pose_lever_arm.x", "0±0.15"))
 _LATE = ("effects.pose_delay.delay", "")
+_WOUND = ("effects.wheel_windup.way", "0.02±0.02")
 _SIDES = (
     ("wheel.r_w", ""),
     ("effects.wheel_radius_mismatch.relative", "0±0.02"),
@@ -180,6 +181,7 @@ ARTIBOT: dict[str, tuple[tuple[str, str], ...]] = {
     "artibot, wheels resisted, timing": (*_RESISTED, _LATE),
     "artibot, wheels resisted, sides": (*_RESISTED, *_SIDES),
     "artibot, wheels resisted, sides, timing": (*_RESISTED, *_SIDES, _LATE),
+    "artibot, wheels resisted, sides, timing, windup": (*_RESISTED, *_SIDES, _LATE, _WOUND),
 }
 """Artibot's own model → what is fitted beside the soil, with its prior.
 

@@ -157,11 +157,11 @@ def test_energy_only_ever_leaves(agriq):
         v[[2, 3, 4, 10, 11, 12]] = 0.0
         v[[6, 7, 14, 15]] *= 100.0
         bristles = rng.normal(size=(2, 8)) * 1e-4
-        met = contact(p, q, v, fx, np.concatenate((np.zeros(8), bristles.ravel())))
+        met = contact(p, q, v, fx, np.concatenate((np.zeros(16), bristles.ravel())))
         rims = np.repeat([0.2 * d.tau for d in (agriq.drive.front, agriq.drive.back) for _ in (0, 1)], 2)
         slip = rims * np.repeat(v[[6, 7, 14, 15]], 2) - met.p_x
         taken = met.F_l * slip - met.F_t * met.p_y
-        stored = (k[:, None] * bristles * met.rate[:, 1:].T).sum(axis=0)
+        stored = (k[:, None] * bristles * met.rate[:, 2:].T).sum(axis=0)
         assert (taken - stored >= -1e-9 * np.abs(taken).max()).all()
         slid += (met.held < 1).sum()
     assert 200 < slid < 2100

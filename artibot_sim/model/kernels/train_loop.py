@@ -2,7 +2,7 @@
 
 One and two modules are cases of it, for which `loop` and `plane_loop` have the joint's 4×4 system written out and keep
 all of a step in registers. Arrays hold a row a module: ``q`` and ``v`` (n, 8), efficiencies and torques (n, 2), what
-its four wheels remember (n, 12). A module computes with a row of contributions of its own, in which it stands in the
+its four wheels remember (n, 16). A module computes with a row of contributions of its own, in which it stands in the
 place of the front one (see `train_layout`).
 
 The joints' multipliers solve S lambda = Phi_x M⁻¹ n + …, whose matrix couples only joints of one module: it is
@@ -147,7 +147,7 @@ def workspace(modules: int) -> TrainWork:
     shapes = [(n, 4), (n, 6), (n, ROWS, 3), (n, ROWS, 3), (n, ROWS, ROWS), (n, ROWS, ROWS), (n, ROWS)]
     chain = Chain(*map(np.zeros, shapes))
     w, drive, cubic, hold, eta_next, q, v, first, total, e, power, lag, lag_rate, sum_lag = (
-        np.zeros((n, width)) for width in (ROW, 12, 16, 20, 2, 8, 8, 8, 8, ENERGIES, ENERGIES, 12, 12, 12)
+        np.zeros((n, width)) for width in (ROW, 12, 16, 20, 2, 8, 8, 8, 8, ENERGIES, ENERGIES, 16, 16, 16)
     )
     return TrainWork(
         w, drive, cubic, hold, eta_next, q, v, first, total, e, power, lag, lag_rate, sum_lag, chain,

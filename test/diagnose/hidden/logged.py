@@ -34,6 +34,7 @@ SPREAD = 0.12
 RECIPES: dict[str, Recipe] = {
     "wheel_resistance": Recipe(lambda rng, s, track: {"share": 0.15 * s}, lambda machine, values: machine),
     "stiction": Recipe(lambda rng, s, track: {"length": 0.02 * s}, lambda machine, values: machine),
+    "wheel_windup": Recipe(lambda rng, s, track: {"way": 0.025 * s}, lambda machine, values: machine),
     "com_height": Recipe(lambda rng, s, track: {"height": 0.35 * s}, lambda machine, values: machine),
     "pose_lever_arm": LISTED["pose_lever_arm"],
     "pose_heading_offset": Recipe(
