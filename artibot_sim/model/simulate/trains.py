@@ -135,6 +135,6 @@ def run(
     )  # fmt: skip
     if status != train_loop.OK:
         return tables, kept, None
-    ends = (array.reshape(-1) for array in (q, v, eta, torque))
     by_kind = memory.reshape(modules, 4, 4).transpose(1, 0, 2).reshape(-1)
-    return tables, kept, State(start.t + steps * dt, *ends, *from_memory(by_kind))
+    ends = [*(array.reshape(-1) for array in (q, v, eta, torque)), *from_memory(by_kind)]
+    return tables, kept, State(start.t + steps * dt, *ends)
