@@ -82,7 +82,7 @@ watched() {
 
 failed=0
 set -m # a process group of its own
-priority low nice -n 5 "$python" -m pytest -n 3 -m "not long" "${files[@]}" -o "cache_dir=$reports/cache-3" "${rest[@]}" >"$reports/3" 2>&1 </dev/null &
+priority low nice -n 5 "$python" -m pytest -n 3 -m "not long" --durations=25 --durations-min=2 "${files[@]}" -o "cache_dir=$reports/cache-3" "${rest[@]}" >"$reports/3" 2>&1 </dev/null &
 others=$!
 set +m
 trap 'kill -- "-$others"; kill -CONT -- "-$others"; end' EXIT
