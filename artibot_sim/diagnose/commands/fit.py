@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.commands.data import CommandData
-from artibot_sim.diagnose.commands.limit import Limit, excluded_limit, torque_limit
+from artibot_sim.diagnose.commands.limit import LIMIT, SAG, Limit, excluded_limit, limited, torque_limit, torque_line
 from artibot_sim.diagnose.commands.mixing import Mixing, mixing
 from artibot_sim.diagnose.commands.model import PARAMETERS, WayOfCommands, followed, known_way, ramped, seen, way_of
 from artibot_sim.diagnose.commands.noise import SpeedNoise, noise_in, sensor_noise
 from artibot_sim.diagnose.commands.series import CommandedLevel, level_of, series_of
-from artibot_sim.diagnose.policy import SMALLEST_DEADBAND, SMALLEST_DELAY, SMALLEST_SCALE, THRESHOLDS
+from artibot_sim.diagnose.policy import SMALLEST_DEADBAND, SMALLEST_DELAY, SMALLEST_SAG, SMALLEST_SCALE, THRESHOLDS
 from artibot_sim.diagnose.records import FALSE_ALARM_RATE, PRIOR_ODDS, Left, Series
 from artibot_sim.experiment import Experiment
 from artibot_sim.model import Robot
@@ -243,9 +243,9 @@ class Fitter:
 # ----------------------------------------------------------------------
 
 
-LIMIT, SCALE, RATE = "torque_limit", "torque_scale", "command_rate_limit"
-EFFECTS = (*PARAMETERS, LIMIT, SCALE)
-"""What the view knows about, by id."""
+SCALE, RATE = "torque_scale", "command_rate_limit"
+EFFECTS = (*PARAMETERS, LIMIT, SAG, SCALE)
+"""What the view knows about, by id; the simpler before what it is a case of."""
 _WORTH = 20.0
 """Nats that an effect gains to be taken for part of what happens while the noise is estimated."""
 _MOST = 3
@@ -347,8 +347,8 @@ class CommandFits:
             starts += [self.fit([one]).best.way for one in ways]
         best = self.fitter.best(ways, starts)
         limit, value = None, best.value
-        if LIMIT in effects:
-            best, limit = self._limited(ways, best)
+        if LIMIT in effects or SAG in effects:
+            best, limit = self._limited(ways, best, SAG in effects)
             value = best.value + (limit.nats if limit else 0.0)
         pulled = None
         if self.puller is not None:
@@ -356,13 +356,14 @@ class CommandFits:
             value += pulled.value
         return CommandFit(value, best, limit, pulled)
 
-    def _limited(self, ways: Sequence[str], best: Best) -> tuple[Best, Limit | None]:
-        """The way fitted without the samples that a limit explains, and the limit that is left with it."""
-        limit = torque_limit(self.data, self.noise, self.data.speed - seen(self.data, best.way))
+    def _limited(self, ways: Sequence[str], best: Best, line: bool) -> tuple[Best, Limit | None]:
+        """The way fitted without the samples that a limit explains, and the limit, or line, that is left with it."""
+        find = torque_line if line else torque_limit
+        limit = find(self.data, self.noise, self.data.speed - seen(self.data, best.way))
         if limit is None or limit.nats <= 0.0 or not ways:
             return best, limit if limit is not None and limit.nats > 0.0 else None
         free = replace(self.fitter, used=~limit.held).best(ways, [best.way])
-        again = torque_limit(self.data, self.noise, self.data.speed - seen(self.data, free.way))
+        again = find(self.data, self.noise, self.data.speed - seen(self.data, free.way))
         value = self.fitter.value(free.way)
         if again is not None and value + again.nats > best.value + limit.nats:
             return replace(free, value=value), again
@@ -406,8 +407,8 @@ class CommandFits:
         """
         way, data = self.fitter.with_clock(way_of(robot.effects)), self.data
         error = data.speed - seen(data, way)
-        limit = torque_limit(data, self.noise, error) if LIMIT in robot.effects else None
-        used = data.counts if limit is None or limit.nats <= 0.0 else data.counts & ~limit.held
+        limit = limited(robot.effects, data, self.noise, error)
+        used = data.counts if limit is None else data.counts & ~limit.held
         rows = np.column_stack([data.recording, data.motor, data.middle // WINDOW, data.middle // BIN])[used]
         scaled = np.clip(error[used] / sensor_noise(data).sigma, -MOST, MOST)
         bins, where = np.unique(rows, axis=0, return_inverse=True)
@@ -427,12 +428,19 @@ class CommandFits:
         return ViewEvidence(nats, values, sd, note, self._excluded(effect, fit), self._excluded_limit(effect, base))
 
     def nats(self, effect: str, given: Collection[str] = ()) -> float:
-        """Log-likelihood that one effect gains on top of others."""
+        """Log-likelihood that one effect gains on top of others.
+
+        A line gains what its slope does only where that is surely there; else it is worth as much as a level limit.
+        """
         base, fit = self.fit(given), self.fit((*given, effect))
-        return max(fit.value - base.value, 0.0) if self._matters(effect, fit) else 0.0
+        if effect == SAG and fit.limit is not None and not fit.limit.falls:
+            fit = self.fit((*given, LIMIT))
+        return max(fit.value - base.value, 0.0) if self._matters(effect, self.fit((*given, effect))) else 0.0
 
     def _matters(self, effect: str, fit: CommandFit) -> bool:
         """Whether an effect is as large as to be told from what stamps and encoders leave open."""
+        if effect == SAG:
+            return fit.limit is not None and fit.limit.lost(fit.limit.steepest) >= SMALLEST_SAG
         if effect in (LIMIT, SCALE):
             return True
         field_, known = PARAMETERS[effect][1], self.fitter.known
@@ -457,6 +465,8 @@ class CommandFits:
                 return {}, {}
             scale = fit.pulled.way.scale if fit.pulled else 1.0  # recorded over true torque
             return {"front_max": fit.limit.torque / scale}, {"front_max": fit.limit.sd / scale}
+        if effect == SAG:
+            return self._line(fit)
         if effect == SCALE:
             pulled = fit.pulled
             return ({"scale": pulled.way.scale}, {"scale": pulled.sd["scale"]}) if pulled else ({}, {})
@@ -465,10 +475,29 @@ class CommandFits:
             return {}, {}
         return {name: float(getattr(fit.best.way, field_))}, {name: fit.best.sd[field_]}
 
+    def _line(self, fit: CommandFit) -> tuple[dict[str, float], dict[str, float]]:
+        """Stall torque and no-load speed at the voltage of the recordings, and their standard deviations.
+
+        Of a line that may be level, as steep as it may be; beside that slope its torque is as sure as a level one's.
+        """
+        limit, scale = fit.limit, fit.pulled.way.scale if fit.pulled else 1.0
+        if limit is None:
+            return {}, {}
+        slope = limit.slope if limit.falls else limit.steepest
+        stall, turning = limit.at_rest(slope), fit.best.way.scale * slope  # recorded over true speed
+        found = {"stall": stall / scale, "no_load_speed": stall / turning}
+        if not limit.falls:
+            level = self.fit((*(e for e in fit.best.effects if e != SAG), LIMIT)).limit
+            relative = level.sd / level.torque if level else 1.0
+            return found, {"stall": relative * found["stall"], "no_load_speed": np.inf}
+        relative = np.array([limit.sd / limit.torque, limit.slope_sd / limit.slope])
+        both = float(np.sqrt(relative @ relative - 2.0 * limit.correlation * relative.prod()))
+        return found, {"stall": relative[0] * found["stall"], "no_load_speed": both * found["no_load_speed"]}
+
     def _note(self, effect: str, nats: float) -> str:
         if effect == SCALE and self.puller is None:
             return "no torque of a back motor is commanded and measured"
-        if effect == LIMIT and not np.isfinite(self.data.torque).any():
+        if effect in (LIMIT, SAG) and not np.isfinite(self.data.torque).any():
             return "no torque of a front motor is recorded"
         if effect == LIMIT and nats == 0.0:
             return "no front motor falls short of its command at a torque that it does not exceed"
@@ -481,7 +510,7 @@ class CommandFits:
 
     def _excluded(self, effect: str, fit: CommandFit) -> dict[str, float]:
         """From which departure from neutral an effect would have been seen, stamps as it wants them."""
-        if effect in (LIMIT, RATE) or (effect == SCALE and self.puller is None):
+        if effect in (LIMIT, SAG, RATE) or (effect == SCALE and self.puller is None):
             return {}
         fitter, name, field_ = self.fitter, *PARAMETERS.get(effect, ("scale", "scale"))
         if effect == SCALE and self.puller is not None:
@@ -518,9 +547,8 @@ class CommandFits:
         """Log-likelihood that a robot's effects gain as they are."""
         way = way_of(robot.effects)
         value = self.fitter.at(way)
-        if LIMIT in robot.effects:
-            limit = torque_limit(self.data, self.noise, self.data.speed - seen(self.data, way))
-            value += max(limit.nats, 0.0) if limit else 0.0
+        limit = limited(robot.effects, self.data, self.noise, self.data.speed - seen(self.data, way))
+        value += limit.nats if limit else 0.0
         if self.puller is not None:
             value += self.puller.at(WayOfCommands(scale=float(robot.effects.get(SCALE, {}).get("scale", 1.0))))
         return value - self.fit(()).value
@@ -528,9 +556,7 @@ class CommandFits:
     def shown_by(self, robot: Robot) -> tuple[dict[str, CommandedLevel], dict[str, Series]]:
         """Levels and series: as commanded, and with a robot's effects."""
         way = way_of(robot.effects)
-        limited = LIMIT in robot.effects
-        limit = torque_limit(self.data, self.noise, self.data.speed - seen(self.data, way)) if limited else None
-        return self.shown(way, limit if limit is not None and limit.nats > 0.0 else None)
+        return self.shown(way, limited(robot.effects, self.data, self.noise, self.data.speed - seen(self.data, way)))
 
     def shown(self, way: WayOfCommands, limit: Limit | None) -> tuple[dict[str, CommandedLevel], dict[str, Series]]:
         """Levels and series: as commanded, and with a way."""

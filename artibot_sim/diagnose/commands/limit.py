@@ -1,8 +1,12 @@
-"""A torque limit as the command view shows it: speeds that fall short of the command while the torque is at its end."""
+"""A torque limit as the command view shows it: speeds that fall short of the command while the torque is at its end.
+
+The limit is the same at any speed (`torque_limit`), or falls with it along a line (`battery_sag`).
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +15,13 @@ from scipy.special import log_ndtr
 from artibot_sim.diagnose.commands.data import CommandData
 from artibot_sim.diagnose.commands.noise import SpeedNoise, log_density
 from artibot_sim.experiment.smoothing import noise_of
+from artibot_sim.model.effects import Values
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+LIMIT, SAG = "torque_limit", "battery_sag"
+"""Effects that limit the front motors' torques, by id."""
 _AFTER = 3
 """Samples after one at the limit in which the velocity loop (gain 40 /s) catches up."""
 _LEFT = (0.4, 0.3)
@@ -25,6 +32,15 @@ _SHARE = 0.5
 """Probability beforehand that a motor near the limit is at it."""
 _RELATIVE = 0.01
 """Noise of torques relative to them, and of a limit found."""
+_SLOPES = (0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.3, 3.0, 4.0)
+"""Slopes that are tried, over that of a line on which the largest torque is lost at the fastest speed. The last is for
+limits reached at high speeds only: four fifths of the torque at rest are lost there, so a ceiling of speeds is none."""
+_FINER = (0.5, 0.25)
+"""Steps of the search around the best of these, over the distance to the next ones."""
+_ROUNDS = 12
+"""Of reweighted least squares."""
+_SURE = 1.96
+"""Standard deviations of an interval of 95 %."""
 
 
 @dataclass(frozen=True)
@@ -34,17 +50,46 @@ class Limit:
     Attributes
     ----------
     torque, sd : float
-        N m.
+        N m, at rest.
     nats : float
         Gained over errors that are the sensors' alone.
     held : array of bool, shape (n,)
         Samples at the limit, or catching up after.
+    slope, slope_sd : float
+        N m s/rad by which it falls with the speed of a motor that drives; 0 of one that is the same at any speed.
+    correlation : float
+        Of torque and slope.
+    middle, fastest : float
+        Speeds of motors that are at it, rad/s: in the mean, and of those that drive fastest.
     """
 
     torque: float
     sd: float
     nats: float
     held: Flags
+    slope: float = 0.0
+    slope_sd: float = 0.0
+    correlation: float = 0.0
+    middle: float = 0.0
+    fastest: float = 0.0
+
+    @property
+    def falls(self) -> bool:
+        """Whether it surely falls with speed: the slope's interval is above 0."""
+        return self.slope > _SURE * self.slope_sd
+
+    @property
+    def steepest(self) -> float:
+        """The upper end of the slope's interval, N m s/rad."""
+        return max(self.slope, 0.0) + _SURE * self.slope_sd
+
+    def at_rest(self, slope: float) -> float:
+        """Torque at rest of a line with another slope through the same torques, N m."""
+        return self.torque + (slope - self.slope) * self.middle
+
+    def lost(self, slope: float) -> float:
+        """Share of the torque at rest that such a line has lost at the fastest speed."""
+        return min(slope * self.fastest / max(self.at_rest(slope), 1e-12), 1.0)
 
 
 def torque_limit(data: CommandData, noise: SpeedNoise, error: Array) -> Limit | None:
@@ -55,15 +100,47 @@ def torque_limit(data: CommandData, noise: SpeedNoise, error: Array) -> Limit | 
     """
     if not _driven(data):
         return None
-    size = np.abs(np.nan_to_num(data.torque))
-    top, spread = _top(data, size)
-    plain = -error * np.sign(data.torque) > 4.0 * _level(noise, error)
-    found = None
-    for limit in top + spread * np.linspace(-7.0, 1.5, 18):
-        nats, held, at = _at(data, noise, error, size, float(limit), spread)
-        if found is None or nats > found.nats:
-            found = Limit(*_refined(size, at, plain, spread, float(limit)), nats, held)
-    return found
+    return _scanned(data, noise, error, _spread(data))
+
+
+def torque_line(data: CommandData, noise: SpeedNoise, error: Array) -> Limit | None:
+    """The same of a limit that falls with the speed of a motor that drives, along the line that explains them best."""
+    if not _driven(data):
+        return None
+    spread, fastest = _spread(data), float(_driving(data).max())
+    unit = _top(np.abs(np.nan_to_num(data.torque))) / max(fastest, 1e-9)
+    tried = {slope: _scanned(data, noise, error, spread, unit * slope) for slope in _SLOPES}
+    best = max(tried, key=lambda slope: tried[slope].nats)
+    for finer in _FINER:
+        i = min(int(np.searchsorted(_SLOPES, best)), len(_SLOPES) - 2)
+        step = finer * (_SLOPES[i + 1] - _SLOPES[i])
+        for slope in (best - step, best + step):
+            if 0.0 <= slope <= _SLOPES[-1]:
+                tried[slope] = _scanned(data, noise, error, spread, unit * slope)
+        best = max(tried, key=lambda slope: tried[slope].nats)
+    return tried[best]
+
+
+def limited(effects: Mapping[str, Values], data: CommandData, noise: SpeedNoise, error: Array) -> Limit | None:
+    """The limit of the kind that a robot's effects have, where it explains most; None where there is none.
+
+    Its size is not theirs: that of the recordings tells which samples are at it.
+    """
+    if LIMIT not in effects and SAG not in effects:
+        return None
+    found = (torque_line if SAG in effects else torque_limit)(data, noise, error)
+    return found if found is not None and found.nats > 0.0 else None
+
+
+def allowed(effects: Mapping[str, Values], data: CommandData) -> Array:
+    """The most torque (n,) that a robot's effects leave a front motor at the measured speeds, N m."""
+    most = np.full(len(data), float(effects.get(LIMIT, {}).get("front_max", np.inf)))
+    if SAG in effects:
+        line = effects[SAG]
+        stall = float(line["stall"])
+        lost = stall / float(line.get("no_load_speed", np.inf)) * _driving(data)
+        most = np.minimum(most, float(line.get("supply", 1.0)) * stall - lost)
+    return most
 
 
 def excluded_limit(data: CommandData, noise: SpeedNoise, error: Array, enough: float) -> float:
@@ -73,8 +150,8 @@ def excluded_limit(data: CommandData, noise: SpeedNoise, error: Array, enough: f
     """
     if not _driven(data):
         return 0.0
-    size = np.abs(np.nan_to_num(data.torque))
-    top, spread = _top(data, size)
+    size, spread = np.abs(np.nan_to_num(data.torque)), _spread(data)
+    top = _top(size)
     found = 0.0
     for limit in np.linspace(0.5 * top, top, 51):
         if _at(data, noise, error, size, float(limit), spread)[0] > -enough:
@@ -89,10 +166,39 @@ def _driven(data: CommandData) -> bool:
     return bool(known.any()) and float(np.abs(data.torque[known]).max()) > 0.0
 
 
-def _top(data: CommandData, size: Array) -> tuple[float, float]:
-    """The largest torque, N m, and how sure a single one is."""
-    top = float(np.sort(size)[-10:].mean()) if len(size) > 50 else float(size.max())
-    return top, float(np.hypot(_noise_of_torques(data), _RELATIVE * top))
+def _driving(data: CommandData) -> Array:
+    """Speeds (n,) of motors whose torque drives them, rad/s; 0 of those that brake: they lose nothing with speed."""
+    return np.maximum(np.sign(np.nan_to_num(data.torque)) * data.speed, 0.0)
+
+
+def _top(size: Array) -> float:
+    """The largest torque, N m."""
+    return float(np.sort(size)[-10:].mean()) if len(size) > 50 else float(size.max())
+
+
+def _spread(data: CommandData) -> float:
+    """How sure a single torque is at its largest, N m."""
+    return float(np.hypot(_noise_of_torques(data), _RELATIVE * _top(np.abs(np.nan_to_num(data.torque)))))
+
+
+def _scanned(
+    data: CommandData, noise: SpeedNoise, error: Array, spread: float, slope: float | None = None
+) -> Limit:
+    """The best limit that falls by `slope`, or is level; what speeds take of it is added to the torques."""
+    size = np.abs(np.nan_to_num(data.torque))
+    if slope:
+        size, spread = size + slope * _driving(data), float(np.hypot(spread, slope * noise.sigma))
+    plain = -error * np.sign(data.torque) > 4.0 * _level(noise, error)
+    best = None
+    for limit in _top(size) + spread * np.linspace(-7.0, 1.5, 18):
+        nats, held, at = _at(data, noise, error, size, float(limit), spread)
+        if best is None or nats > best[0]:
+            best = nats, held, at, float(limit)
+    assert best is not None
+    nats, held, at, limit = best
+    if slope is None:
+        return Limit(*_refined(size, at, plain, spread, limit), nats, held)
+    return _line(data, at & plain, spread, Limit(limit, spread, nats, held, slope))
 
 
 def _at(
@@ -114,6 +220,31 @@ def _refined(size: Array, at: Flags, plain: Flags, spread: float, limit: float) 
         return limit, spread
     middle = float(np.median(size[rows]))
     return middle, float(np.hypot(1.25 * spread / np.sqrt(count), _RELATIVE * middle))
+
+
+def _line(data: CommandData, rows: Flags, spread: float, found: Limit) -> Limit:
+    """The line as the torques of motors that plainly fall short (`rows`) have it: least absolute deviations.
+
+    Too few of them, or all at one speed, leave the slope open.
+    """
+    speed, torque = _driving(data)[rows], np.abs(data.torque[rows])
+    if not len(speed):
+        return replace(found, slope_sd=np.inf)
+    middle, fastest = float(speed.mean()), float(np.quantile(speed, 0.95))
+    design, line = np.column_stack([np.ones(len(speed)), -speed]), np.array([found.torque, found.slope])
+    open_ = found.torque / max(fastest, 1e-9)  # a slope of which nothing is known
+    known = np.diag([0.0, (1.25 * spread / open_) ** 2])
+    for _ in range(_ROUNDS):
+        weight = spread / np.maximum(np.abs(torque - design @ line), 0.1 * spread)
+        line = np.linalg.solve((design.T * weight) @ design + known, (design.T * weight) @ torque)
+    rest, slope = line.tolist()
+    covariance = (1.25 * spread) ** 2 * np.linalg.inv(design.T @ design + known)
+    covariance += np.diag([_RELATIVE * rest, _RELATIVE * rest / max(fastest, 1e-9)]) ** 2
+    sd = np.sqrt(np.diag(covariance))
+    correlation = float(covariance[0, 1] / sd.prod())
+    return Limit(
+        rest, float(sd[0]), found.nats, found.held, max(slope, 0.0), float(sd[1]), correlation, middle, fastest
+    )
 
 
 def _gain(data: CommandData, at: Flags, short: Array, error: Array, sigma: float) -> tuple[Flags, float]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.commands.data import command_data
 from artibot_sim.diagnose.commands.fit import Fitter
-from artibot_sim.diagnose.commands.limit import torque_limit
+from artibot_sim.diagnose.commands.limit import allowed, limited
 from artibot_sim.diagnose.commands.model import PARAMETERS, WayOfCommands, seen, way_of
 from artibot_sim.diagnose.commands.noise import SpeedNoise, least_noise
 from artibot_sim.diagnose.next_experiment.simulation import (
@@ -207,13 +207,11 @@ def by_commands(driven: TriedManoeuvre, robot: Robot, noise: Mapping[str, float]
     fitter = Fitter(data, sensors, way_of(robot.effects), np.ones(len(data), bool))
     best = fitter.best(own)
     lost = sensors.log_likelihood(data, np.zeros(len(data))) - best.value
-    if "torque_limit" in robot.effects:
-        limit = torque_limit(data, sensors, data.speed - seen(data, best.way))
-        lost -= max(limit.nats, 0.0) if limit else 0.0
-        torque_noise = noise.get("torque_front", USUAL["torque_front"])
-        over = np.abs(data.torque) - float(robot.effects["torque_limit"]["front_max"])
-        over = np.maximum(np.nan_to_num(over) / torque_noise, 0.0)
-        lost += 0.5 * float(np.minimum(over**2, 25.0).sum())
+    limit = limited(robot.effects, data, sensors, data.speed - seen(data, best.way))
+    lost -= limit.nats if limit else 0.0
+    over = np.nan_to_num(np.abs(data.torque) - allowed(robot.effects, data), nan=0.0, neginf=0.0)
+    over = np.maximum(over / noise.get("torque_front", USUAL["torque_front"]), 0.0)
+    lost += 0.5 * float(np.minimum(over**2, 25.0).sum())
     return max(lost, 0.0) + _by_back_torques(driven, robot, noise)
 
 

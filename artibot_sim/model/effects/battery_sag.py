@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from artibot_sim.model.effects.base import Effect, Values, number
+from artibot_sim.model.effects.base import Effect, Search, Values, number
 from artibot_sim.model.kernels.compilation import inlined
 
 if TYPE_CHECKING:
@@ -56,4 +56,5 @@ EFFECT = Effect(
     adapt=_adapt,
     hooks={"limits": limits},
     drives_front=True,
+    search=Search({"stall": 0.2, "no_load_speed": 0.2}, logarithmic=True, views=("command",)),
 )

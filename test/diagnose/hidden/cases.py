@@ -202,7 +202,8 @@ def scaled(name: str, values: Mapping[str, Any], numbers: Robot) -> dict[str, An
     if name in KNOWN:
         by = {
             **factors(name, numbers),
-            "front_max": scale.motor,
+            **dict.fromkeys(("front_max", "stall"), scale.motor),
+            "no_load_speed": scale.speed,
             "rate": scale.speed if name in ADDED else 1.0,
             "radius": scale.length,
         }

@@ -178,7 +178,16 @@ def _runout(machine: Machine, values: Values) -> Machine:
     return machine.hiding(runout=values["relative"], runout_wheel=wheel, runout_phase=values["phase"])
 
 
+def _sag(machine: Machine, values: Values) -> Machine:
+    return machine.hiding(stall=values["stall"], no_load=values["no_load_speed"])
+
+
+def _draw_sag(rng: Rng, s: float, track: np.ndarray) -> Values:
+    return {"stall": 0.6 * s**-0.2, "no_load_speed": 250.0 * s**-0.2}
+
+
 ADDED: dict[str, Recipe] = {
+    "battery_sag": Recipe(_draw_sag, _sag),
     "command_rate_limit": Recipe(lambda rng, s, track: {"rate": 150.0 * s**-0.4}, _way("ramp", "rate")),
     "wheel_runout": Recipe(_draw_runout, _runout),
 }

@@ -44,6 +44,8 @@ class Hidden(NamedTuple):
     """What acts besides the paper's model; SI units, in the order of the contract, then what is on no list."""
 
     front_max: float = inf
+    stall: float = inf
+    no_load: float = inf
     drag_motor: float = 0.0
     drag: float = 0.0
     drag_fades: float = inf  # s, time constant

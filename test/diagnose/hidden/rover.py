@@ -204,6 +204,9 @@ def _motors(t, state, rover, eta, held, wish, wish_rate, out, rates, torque):
         else:
             torque[i] = J * (wish_rate[i] + 40.0 * (wish[i] - state[SPEED + i])) + load
             torque[i] = min(max(torque[i], -h.front_max), h.front_max)
+            if h.stall < inf:  # two lines of a motor at full voltage, and the current at rest
+                lost = h.stall * state[SPEED + i] / h.no_load
+                torque[i] = min(max(torque[i], -h.stall - lost, -h.stall), h.stall - lost, h.stall)
         rates[SPEED + i] = (torque[i] - load) / J
 
 
@@ -234,7 +237,7 @@ def drive(row, t, h, every, wish, rover):
     rows = np.zeros((steps // every + 1, ROW))
     state, eta, before = row[:24].copy(), row[ETA : ETA + 4].copy(), row[BEFORE : BEFORE + 2].copy()
     first, second, torque, unused, out = np.zeros(24), np.zeros(24), np.zeros(4), np.zeros(4), np.zeros(10)
-    free = rover.hidden.front_max < inf
+    free = rover.hidden.front_max < inf or rover.hidden.stall < inf
     for k in range(steps + 1):
         j = min(k, steps - 1)
         slope = (wish[j + 1] - wish[j]) / h

@@ -12,7 +12,7 @@ from diagnose.hidden.unlisted import ACTS_ON
 LONGEST_TIE = 3
 NEUTRAL_ONE = ("scale",)
 """Parameters that are neutral at 1; others are so at 0, limits at infinity."""
-LIMITS = ("front_max", "angle")
+LIMITS = ("front_max", "angle", "stall", "no_load_speed")
 ANGLES = ("heading", "phase")
 LEAST_GAIN = 0.1
 """Of the true model, in the noise's mean square: less is not worth comparing."""
