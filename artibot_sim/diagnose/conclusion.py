@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
+from artibot_sim.diagnose.commands.model import FILTER
 from artibot_sim.diagnose.commands.view import CommandView
 from artibot_sim.diagnose.policy import MINOR_COMMANDS, MOST_EFFECTS
 from artibot_sim.diagnose.records import ChannelGain, Left
@@ -176,6 +177,7 @@ def concluded(
     kept = about_commands.kept(commands.then)
     fallen = [facts.without(row.reason) for facts, row in _fallen(about_motion, motion, about_commands, commands)]
     facts = {
+        "encoders": "named" if _recorded(kept) else "nothing",
         "motion": motion.then.name.lower(), "commands": commands.then.name.lower(),
         "tie": "yes" if kept.named and kept.ordered[0].ties else "no",
     }  # fmt: skip
@@ -358,7 +360,7 @@ class CommandFacts:
     def kept(self, outcome: object) -> Decision:
         """What is left of the names, and what is left in the front motors' speeds."""
         named = outcome is Outcome.NAMED or not _commanded(self._found)
-        kept = self._found if named else replace(self._found, named=self._found.fitted)
+        kept = self._found if named else replace(self._found, named=_uncommanded(self._found))
         left = self._with if named else self._none
         return kept if left is None or not self._view.theirs else replace(kept, left={**kept.left, COMMANDED: left})
 
@@ -381,7 +383,7 @@ class CommandFacts:
 
     @cached_property
     def _none(self) -> Left | None:
-        return self._view.remainder(self._robot(self._found.fitted))
+        return self._view.remainder(self._robot(_uncommanded(self._found)))
 
     def _robot(self, named: tuple[Named, ...]) -> Robot:
         """The model with these."""
@@ -440,11 +442,22 @@ def own_ties(found: Decision) -> Decision:
 
 
 def on_no_list(found: Decision) -> Decision:
-    """The paper's model: of what is named only what commands alone show stays."""
+    """The paper's model: of what is named only what was not fitted to the motion stays."""
     problem, fit = found.neutral_problem, found.neutral_fit
-    return replace(found, named=_commanded(found), problem=problem, fit=fit, apart=None)
+    named = tuple(one for one in found.named if one.found)
+    return replace(found, named=named, problem=problem, fit=fit, apart=None)
 
 
 def _commanded(found: Decision) -> tuple[Named, ...]:
     """What only commands show."""
-    return tuple(one for one in found.named if one.found)
+    return tuple(one for one in found.named if one.found and one.effect != FILTER)
+
+
+def _uncommanded(found: Decision) -> tuple[Named, ...]:
+    """What else is named."""
+    return tuple(one for one in found.named if not one.found or one.effect == FILTER)
+
+
+def _recorded(found: Decision) -> tuple[Named, ...]:
+    """What recorded angles show of the speeds recorded beside them."""
+    return tuple(one for one in found.named if one.effect == FILTER)

@@ -124,7 +124,9 @@ MIXED = Number(
 SMALLEST_DELAY = Number(0.004, "s", "a lag or delay of commands, at least: no stamps are as exact as that", COMMANDS)
 SMALLEST_SCALE = Number(0.001, "–", "a scale of recorded speeds, at least", COMMANDS)
 SMALLEST_SAG = Number(
-    0.1, "–", "share of the torque at rest that a line may lose at the fastest speed, at least, or a limit is level",
+    0.1,
+    "–",
+    "share of the torque at rest that a line may lose at the fastest speed, at least, or a limit is level",
     COMMANDS,
 )
 SMALLEST_DEADBAND = Number(0.01, "–", "a dead band over the largest commanded speed, at least", COMMANDS)

@@ -193,6 +193,10 @@ VERDICT: Table[Verdict] = Table(
     {
         "motion": ("what became of the effects fitted to the motion?", _ALL),
         "commands": ("what became of the effects that only commands show?", _ALL),
+        "encoders": (
+            "do recorded angles show a low-pass on the speeds that are recorded beside them?",
+            ("nothing", "named"),
+        ),
         "tie": ("does another effect explain as much as the named one with the most evidence?", ("no", "yes")),
     },
     (
@@ -205,7 +209,14 @@ VERDICT: Table[Verdict] = Table(
             Verdict.UNEXPLAINED,
         ),
         Row({"motion": _outcomes(Outcome.NOTHING), "commands": _outcomes(Outcome.UNEXPLAINED)}, Verdict.UNEXPLAINED),
-        Row({"motion": _outcomes(Outcome.NOTHING), "commands": _outcomes(Outcome.NOTHING)}, Verdict.NONE),
+        Row(
+            {
+                "motion": _outcomes(Outcome.NOTHING),
+                "commands": _outcomes(Outcome.NOTHING),
+                "encoders": ("nothing",),
+            },
+            Verdict.NONE,
+        ),
         Row({"tie": _SOME}, Verdict.AMBIGUOUS),
         Row({}, Verdict.NAMED),
     ),

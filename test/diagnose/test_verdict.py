@@ -156,8 +156,10 @@ def test_the_ways_to_each_verdict(
     motion: dict[str, str], commands: dict[str, str], tie: str, verdict: Verdict, reasons: tuple[str, str]
 ) -> None:
     first, second = MOTION.first(motion.__getitem__), COMMANDS.first(commands.__getitem__)
-    facts = {"motion": first.then.name.lower(), "commands": second.then.name.lower(), "tie": tie}
+    facts = {"motion": first.then.name.lower(), "commands": second.then.name.lower(), "tie": tie, "encoders": "nothing"}
     assert VERDICT.first(facts.__getitem__).then is verdict
+    smoothed = VERDICT.first((facts | {"encoders": "named"}).__getitem__).then  # speeds, as angles show
+    assert smoothed is (Verdict.NAMED if verdict is Verdict.NONE and tie == "no" else verdict)
     wanted = tuple(Reason[one] if one else Reason.NO_REASON for one in reasons)
     assert (first.reason, second.reason) == wanted
 

@@ -79,6 +79,8 @@ def why_unseen(effect: Effect, robot: Robot, stretches: Sequence[Stretch]) -> st
     search = effect.search
     if search is None:
         return "no diagnosis looks for it"
+    if search.views == ("encoder",):
+        return "it shows between angles and speeds of a motor only, and not both are recorded"
     if "rotation" not in search.views:
         return "it shows between commands and speeds only, and no commands are recorded"
     if not robot.articulated and (search.back or effect.acts == "joint"):

@@ -153,7 +153,7 @@ def _parts(number: int, experiment: Experiment, quantity: str) -> Iterator[_Part
         return
     names = ("position", "velocity", "effort") if quantity == "velocity" else ("", "effort", "")
     which = [i for i in ((0, 1) if quantity == "velocity" else (2, 3)) if f"{MOTORS[i]}.{quantity}" in commands]
-    measured = {i: [_fresh(motors, f"{MOTORS[i]}.{name}") for name in names] for i in which}
+    measured = {i: [fresh_column(motors, f"{MOTORS[i]}.{name}") for name in names] for i in which}
     for t_start, t_end in experiment.segments:
         for i in which:
             motor = MOTORS[i]
@@ -166,7 +166,7 @@ def _parts(number: int, experiment: Experiment, quantity: str) -> Iterator[_Part
                 yield _Part(number, i, part_t, part_speed, *seen)
 
 
-def _fresh(channel: Channel, name: str) -> tuple[Array, Array]:
+def fresh_column(channel: Channel, name: str) -> tuple[Array, Array]:
     """Times and values of a column, held samples left out; empty where it is not recorded."""
     if name not in channel:
         return np.empty(0), np.empty(0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
@@ -13,7 +14,16 @@ from numpy.typing import NDArray
 from artibot_sim.diagnose.commands.data import CommandData
 from artibot_sim.diagnose.commands.limit import LIMIT, SAG, Limit, excluded_limit, limited, torque_limit, torque_line
 from artibot_sim.diagnose.commands.mixing import Mixing, mixing
-from artibot_sim.diagnose.commands.model import PARAMETERS, WayOfCommands, followed, known_way, ramped, seen, way_of
+from artibot_sim.diagnose.commands.model import (
+    FILTER,
+    PARAMETERS,
+    WayOfCommands,
+    followed,
+    known_way,
+    ramped,
+    seen,
+    way_of,
+)
 from artibot_sim.diagnose.commands.noise import SpeedNoise, noise_in, sensor_noise
 from artibot_sim.diagnose.commands.series import CommandedLevel, level_of, series_of
 from artibot_sim.diagnose.policy import SMALLEST_DEADBAND, SMALLEST_DELAY, SMALLEST_SAG, SMALLEST_SCALE, THRESHOLDS
@@ -264,6 +274,11 @@ NEEDED = THRESHOLDS.least(PRIOR_ODDS, FALSE_ALARM_RATE)
 """Nats that an effect has to gain to be named, unless something else is asked for."""
 
 
+def lost(needed: float) -> float:
+    """Nats that a size of an effect has to lose to be excluded: had it been there, it would have been named."""
+    return 0.5 * (float(np.sqrt(2.0 * (needed + _OCCAM))) + _MARGIN) ** 2
+
+
 @dataclass(frozen=True)
 class ViewEvidence:
     """What the commands say about one effect.
@@ -369,6 +384,10 @@ class CommandFits:
             return replace(free, value=value), again
         return best, limit
 
+    def _way(self, robot: Robot) -> WayOfCommands:
+        """The way that a robot's effects make; a low-pass on recorded speeds is known whether or not it has one."""
+        return way_of({FILTER: self.robot.effects.get(FILTER, {}), **robot.effects})
+
     def plain(self) -> tuple[str, ...]:
         """Effects added one after the other while each gains plainly."""
         found: tuple[str, ...] = ()
@@ -405,7 +424,7 @@ class CommandFits:
 
         Means over BIN against the sensors' white noise, window by window, as `remains` has it of other channels.
         """
-        way, data = self.fitter.with_clock(way_of(robot.effects)), self.data
+        way, data = self.fitter.with_clock(self._way(robot)), self.data
         error = data.speed - seen(data, way)
         limit = limited(robot.effects, data, self.noise, error)
         used = data.counts if limit is None else data.counts & ~limit.held
@@ -490,9 +509,9 @@ class CommandFits:
             level = self.fit((*(e for e in fit.best.effects if e != SAG), LIMIT)).limit
             relative = level.sd / level.torque if level else 1.0
             return found, {"stall": relative * found["stall"], "no_load_speed": np.inf}
-        relative = np.array([limit.sd / limit.torque, limit.slope_sd / limit.slope])
-        both = float(np.sqrt(relative @ relative - 2.0 * limit.correlation * relative.prod()))
-        return found, {"stall": relative[0] * found["stall"], "no_load_speed": both * found["no_load_speed"]}
+        one, other = limit.sd / limit.torque, limit.slope_sd / limit.slope
+        both = math.sqrt(one**2 + other**2 - 2.0 * limit.correlation * one * other)
+        return found, {"stall": one * found["stall"], "no_load_speed": both * found["no_load_speed"]}
 
     def _note(self, effect: str, nats: float) -> str:
         if effect == SCALE and self.puller is None:
@@ -505,8 +524,7 @@ class CommandFits:
 
     @property
     def _lost(self) -> float:
-        """Nats that a size of an effect has to lose to be excluded: had it been there, it would have been named."""
-        return 0.5 * (float(np.sqrt(2.0 * (self.needed + _OCCAM))) + _MARGIN) ** 2
+        return lost(self.needed)
 
     def _excluded(self, effect: str, fit: CommandFit) -> dict[str, float]:
         """From which departure from neutral an effect would have been seen, stamps as it wants them."""
@@ -545,7 +563,7 @@ class CommandFits:
 
     def gained(self, robot: Robot) -> float:
         """Log-likelihood that a robot's effects gain as they are."""
-        way = way_of(robot.effects)
+        way = self._way(robot)
         value = self.fitter.at(way)
         limit = limited(robot.effects, self.data, self.noise, self.data.speed - seen(self.data, way))
         value += limit.nats if limit else 0.0
@@ -555,7 +573,7 @@ class CommandFits:
 
     def shown_by(self, robot: Robot) -> tuple[dict[str, CommandedLevel], dict[str, Series]]:
         """Levels and series: as commanded, and with a robot's effects."""
-        way = way_of(robot.effects)
+        way = self._way(robot)
         return self.shown(way, limited(robot.effects, self.data, self.noise, self.data.speed - seen(self.data, way)))
 
     def shown(self, way: WayOfCommands, limit: Limit | None) -> tuple[dict[str, CommandedLevel], dict[str, Series]]:

@@ -181,9 +181,7 @@ def _spread(data: CommandData) -> float:
     return float(np.hypot(_noise_of_torques(data), _RELATIVE * _top(np.abs(np.nan_to_num(data.torque)))))
 
 
-def _scanned(
-    data: CommandData, noise: SpeedNoise, error: Array, spread: float, slope: float | None = None
-) -> Limit:
+def _scanned(data: CommandData, noise: SpeedNoise, error: Array, spread: float, slope: float | None = None) -> Limit:
     """The best limit that falls by `slope`, or is level; what speeds take of it is added to the torques."""
     size = np.abs(np.nan_to_num(data.torque))
     if slope:

@@ -39,6 +39,8 @@ class WayOfCommands(NamedTuple):
     clock : float
         s by which the stamps of measurements are late compared with those of commands: no effect, for nobody knows
         stamps better than that.
+    filter : float
+        Time constant of a low-pass on recorded speeds, s; angles know nothing of it.
     """
 
     rate: float = math.inf
@@ -47,8 +49,11 @@ class WayOfCommands(NamedTuple):
     delay: float = 0.0
     scale: float = 1.0
     clock: float = 0.0
+    filter: float = 0.0
 
 
+FILTER = "velocity_filter"
+"""Effect that smooths recorded speeds, by id: what angles say of it is not sought on the way of commands."""
 PARAMETERS = {
     "command_rate_limit": ("rate", "rate"),
     "deadband": ("threshold", "threshold"),
@@ -66,7 +71,7 @@ def way_of(effects: Mapping[str, Values]) -> WayOfCommands:
         for effect, (parameter, field) in PARAMETERS.items()
         if effect in effects and EFFECTS[effect].active(effects[effect])
     }
-    return WayOfCommands(**values)
+    return WayOfCommands(**values, filter=float(effects.get(FILTER, {}).get("time_constant", 0.0)))
 
 
 def known_way(robot: Robot) -> WayOfCommands:
@@ -83,11 +88,16 @@ def followed(command: Array, way: WayOfCommands, begins: Iterable[int] = (0,)) -
     speed = ramped(command, way.rate, begins)
     if way.threshold > 0.0:
         speed = outside(speed, way.threshold)
-    if way.lag > 1e-4:
-        fresh, last, kept = weights(way.lag, H)
-        settled = np.array([(last + kept) * speed[0]])
-        speed = lfilter([fresh, last], [1.0, -kept], speed, zi=settled)[0]
-    return np.asarray(speed)
+    return lagging(speed, way.lag)
+
+
+def lagging(speed: Array, time_constant: float) -> Array:
+    """Speeds (g,) on a grid H apart through a first-order low-pass that has settled at the first."""
+    if time_constant <= 1e-4:
+        return speed
+    fresh, last, kept = weights(time_constant, H)
+    settled = np.array([(last + kept) * speed[0]])
+    return np.asarray(lfilter([fresh, last], [1.0, -kept], speed, zi=settled)[0])
 
 
 def ramped(command: Array, rate: float, begins: Iterable[int] = (0,)) -> Array:
@@ -111,6 +121,7 @@ def _on_ramps(wanted: Array, most: float, edges: NDArray[np.int64], now: Array, 
 def seen(data: CommandData, way: WayOfCommands, speed: Array | None = None) -> Array:
     """Speeds that are measured if the motors follow `way`, rad/s, shape (n,); `speed` is what `followed` gave."""
     speed = followed(data.command, way, data.begins) if speed is None else speed
+    speed = speed if data.rise else lagging(speed, way.filter)
     at = np.clip(data.at - (way.delay + way.clock) / H, 0.0, len(speed) - 1.000001)
     i = at.astype(np.int64)
     share = at - i

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.commands.data import GUARD, CommandData, H
 from artibot_sim.diagnose.commands.limit import Limit
-from artibot_sim.diagnose.commands.model import WayOfCommands, followed
+from artibot_sim.diagnose.commands.model import WayOfCommands, followed, lagging
 from artibot_sim.diagnose.records import Series
 from artibot_sim.experiment import Experiment
 from artibot_sim.experiment.inputs import GAP
@@ -62,8 +62,11 @@ def series_of(
             t, command = commands.series(f"{motor}.velocity")
             if len(t) < 4 or speed is None:
                 continue
-            before[:, i] = predicted(t, command, known, motors.t) - speed
-            after[:, i] = predicted(t, command, way, motors.t) - speed
+            smoothed = f"{motor}.velocity" in motors
+            before[:, i], after[:, i] = (
+                predicted(t, command, one if smoothed else one._replace(filter=0.0), motors.t) - speed
+                for one in (known, way)
+            )
             if limit is not None:
                 after[_held(data, limit, number, i, motors.t), i] = np.nan
             noise.append(noise_of(motors.t, speed))
@@ -87,7 +90,8 @@ def predicted(t: Array, command: Array, way: WayOfCommands, at: Array) -> Array:
     """Speeds recorded at `at` (m,) of a motor that was commanded at `t` (n,), rad/s; NaN in silences."""
     first = t[0] - GUARD
     grid = first + H * np.arange(int(np.ceil((t[-1] - first) / H)) + 2)
-    speed = way.scale * np.interp(at - way.delay, grid, followed(np.interp(grid, t, command), way))
+    done = lagging(followed(np.interp(grid, t, command), way), way.filter)
+    speed = way.scale * np.interp(at - way.delay, grid, done)
     after = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
     silent = (at < t[0] - 1e-6) | (at > t[-1] + 1e-6) | (t[after] - t[after - 1] > GAP)
     return np.where(silent, np.nan, speed)

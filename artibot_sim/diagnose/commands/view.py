@@ -3,6 +3,7 @@
 Rotations that were measured have delays, lags, dead bands and torque limits behind them, so a model that is turned by
 them knows nothing of these effects; what encoders and torque sensors say is held here against what was commanded. The
 evidence of both views adds up. It takes the stamps of commands and measurements to agree to a few milliseconds only.
+What recorded angles say of the speeds recorded beside them needs no commands, and is known before these are asked.
 """
 
 from __future__ import annotations
@@ -12,9 +13,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from artibot_sim.diagnose.commands.data import command_data
-from artibot_sim.diagnose.commands.fit import EFFECTS, NEEDED, CommandFits, ViewEvidence
+from artibot_sim.diagnose.commands.encoders import encoder_evidence
+from artibot_sim.diagnose.commands.fit import EFFECTS, NEEDED, CommandFits, ViewEvidence, lost
 from artibot_sim.diagnose.commands.mixing import Mixing, unlike
-from artibot_sim.diagnose.commands.model import known_way
+from artibot_sim.diagnose.commands.model import FILTER, known_way
 from artibot_sim.diagnose.commands.noise import sensor_noise
 from artibot_sim.diagnose.commands.series import CommandedLevel
 from artibot_sim.diagnose.policy import UNFOLLOWED
@@ -41,6 +43,8 @@ class CommandView:
         Whether motors do what they are commanded, but for what these effects explain. Otherwise commands say nothing.
     mixing : Mixing or None
         Whether each side follows its own command alone; None where not both sides are commanded.
+    encoders : ViewEvidence or None
+        What recorded angles and speeds say of a low-pass on the speeds; None where they say nothing.
     """
 
     found: tuple[str, ...] = ()
@@ -48,17 +52,19 @@ class CommandView:
     series: Mapping[str, Series] = field(default_factory=dict)
     followed: bool = False
     mixing: Mixing | None = None
+    encoders: ViewEvidence | None = None
     _work: CommandFits | None = field(default=None, repr=False, compare=False)
     _left: float = 0.0
 
     @cached_property
     def evidence(self) -> Mapping[str, ViewEvidence]:
         """By effect, each alone; made when it is first asked for, for who predicts with what is named needs none."""
+        found = {} if self.encoders is None else {FILTER: self.encoders}
         if self._work is None:
-            return {}
+            return found
         if self.followed:
-            return {effect: self._work.evidence(effect) for effect in EFFECTS}
-        return {effect: ViewEvidence(0.0, {}, {}, self.why) for effect in EFFECTS}
+            return {effect: self._work.evidence(effect) for effect in EFFECTS} | found
+        return {effect: ViewEvidence(0.0, {}, {}, self.why) for effect in EFFECTS} | found
 
     @property
     def theirs(self) -> bool:
@@ -78,11 +84,11 @@ class CommandView:
 
     def given(self, *effects: str) -> dict[str, ViewEvidence]:
         """Evidence of every other effect on top of `effects`, all at their best together."""
-        if self._work is None:
-            return {}
-        if not self.followed:
-            return {e: self.evidence[e] for e in EFFECTS if e not in effects}
-        return {e: self._work.evidence(e, effects) for e in EFFECTS if e not in effects}
+        if self._work is None or not self.followed:
+            return {effect: one for effect, one in self.evidence.items() if effect not in effects}
+        found = {} if self.encoders is None or FILTER in effects else {FILTER: self.encoders}
+        beside = tuple(effect for effect in effects if effect != FILTER)
+        return {e: self._work.evidence(e, beside) for e in EFFECTS if e not in effects} | found
 
     def nats(self, robot: Robot) -> float:
         """Log-likelihood that a robot's effects gain as they are, negative where commands speak against them.
@@ -112,9 +118,10 @@ def command_view(recordings: Sequence[Experiment], robot: Robot, *, needed: floa
     needed : float
         Nats that an effect has to gain to be named, for the sizes that are excluded.
     """
-    work = _work(recordings, robot, needed)
+    encoders = encoder_evidence(recordings, robot, lost(needed))
+    work = _work(recordings, robot, needed, encoders)
     if work is None:
-        return CommandView()
+        return CommandView(encoders=encoders)
     for _ in range(2):  # the noise that is left beside what was found changes what is found
         found = work.plain()
         noise = work.noise_beside(found)
@@ -123,9 +130,9 @@ def command_view(recordings: Sequence[Experiment], robot: Robot, *, needed: floa
         work = replace(work, noise=noise)
     left, mixing = work.left(found), work.mixing(found)
     if left > UNFOLLOWED or (mixing is not None and mixing.mixed):
-        return CommandView((), *work.shown(known_way(robot), None), False, mixing, work, left)
+        return CommandView((), *work.shown(known_way(work.robot), None), False, mixing, encoders, work, left)
     best = work.fit(found)
-    return CommandView(found, *work.shown(best.best.way, best.limit), True, mixing, work, left)
+    return CommandView(found, *work.shown(best.best.way, best.limit), True, mixing, encoders, work, left)
 
 
 def view_with(found: CommandView, recordings: Sequence[Experiment], robot: Robot) -> CommandView:
@@ -135,18 +142,27 @@ def view_with(found: CommandView, recordings: Sequence[Experiment], robot: Robot
     """
     if found._work is None:
         return command_view(recordings, robot)
-    work = _work(recordings, robot, found._work.needed)
+    work = _work(recordings, robot, found._work.needed, found.encoders)
     if work is None:
-        return CommandView()
+        return CommandView(encoders=found.encoders)
     work = replace(work, noise=work.noise_beside(found.found))
     left = work.left(found.found)
     followed = found.followed and left <= UNFOLLOWED
     best = work.fit(found.found)
-    return CommandView(found.found, *work.shown(best.best.way, best.limit), followed, found.mixing, work, left)
+    return CommandView(
+        found.found, *work.shown(best.best.way, best.limit), followed, found.mixing, found.encoders, work, left
+    )
 
 
-def _work(recordings: Sequence[Experiment], robot: Robot, needed: float) -> CommandFits | None:
-    """Fits of these recordings, whatever their order; None where nothing is commanded and measured."""
+def _work(
+    recordings: Sequence[Experiment], robot: Robot, needed: float, encoders: ViewEvidence | None
+) -> CommandFits | None:
+    """Fits of these recordings, whatever their order; None where nothing is commanded and measured.
+
+    A low-pass that angles show (`encoders`) is known then: no command can be blamed for it.
+    """
+    if encoders is not None and encoders.nats >= needed:
+        robot = replace(robot, effects={**robot.effects, FILTER: dict(encoders.values)})
     ordered = sorted(recordings, key=lambda r: (r.name, len(r.channels.get("motor_torques") or ())))
     data = command_data(ordered)
     if data is None:

@@ -96,7 +96,7 @@ class Search:
         Whether it acts on the back module alone: like what acts in the joint it is not looked for without one.
     views : tuple of str
         Where it shows: ``"rotation"`` (measured rotations in, motion and torques out), ``"command"`` (commands in,
-        motor speeds out).
+        motor speeds out), ``"encoder"`` (recorded angles in, recorded speeds out).
     """
 
     sizes: Mapping[str, float]

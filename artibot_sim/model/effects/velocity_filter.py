@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from artibot_sim.model.effects.base import Effect, Values, number
+from artibot_sim.model.effects.base import Effect, Search, Values, number
 
 if TYPE_CHECKING:
     from artibot_sim.model.robot.parameters import SensorErrors
@@ -24,4 +24,5 @@ EFFECT = Effect(
     "inside a drive, know nothing of it.",
     parameters={"time_constant": number("s", 0.0, 10.0, "of the low-pass")},
     sensor=_sensor,
+    search=Search({"time_constant": 0.1}, views=("encoder",)),
 )

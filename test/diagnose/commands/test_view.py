@@ -11,16 +11,21 @@ from bag_helpers import foreign
 from artibot_sim.diagnose.commands.data import H, command_data
 from artibot_sim.diagnose.commands.fit import EFFECTS, NEEDED
 from artibot_sim.diagnose.commands.model import WayOfCommands, followed, seen
-from artibot_sim.diagnose.commands.view import command_view, view_with
+from artibot_sim.diagnose.commands.view import CommandView, command_view, view_with
+from artibot_sim.diagnose.policy import THRESHOLDS
+from artibot_sim.diagnose.selection.evidence import others
+from artibot_sim.diagnose.selection.stepwise import best_of
 from artibot_sim.experiment import Experiment, read_bag
 from artibot_sim.identify.synthetic import Noise, random_manoeuvre, random_soil, synthetic
 from artibot_sim.model import Commands, Robot, load_robot
 from artibot_sim.model.simulate.commands import as_executed
+from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Straight
 
 AGRIQ = load_robot("agriq")
 HIDDEN = {
     "command_rate_limit": {"rate": 60.0},
     "torque_limit": {"front_max": 0.4},
+    "battery_sag": {"stall": 0.6, "no_load_speed": 250.0},
     "speed_loop_lag": {"time_constant": 0.1},
     "command_delay": {"delay": 0.06},
     "deadband": {"threshold": 25.0},
@@ -110,6 +115,40 @@ def test_an_effect_is_found_with_its_size(name: str, sensors: str) -> None:
         assert abs(one.values[parameter] - value) < 4.0 * one.sd[parameter]
     assert max(other.nats for other in view.given(name).values()) < 20.0
     assert view.nats(robot_with(**{name: HIDDEN[name]})) > 0.8 * one.nats
+
+
+def said_of_limits(view: CommandView) -> tuple[str, tuple[str, ...]]:
+    """Which of a level limit and a line is named, and what ties with it."""
+    both = {name: one for name, one in others(view).items() if name in ("torque_limit", "battery_sag")}
+    best = best_of({}, {}, both, NEEDED, THRESHOLDS)
+    assert best is not None
+    return best.effect, best.ties
+
+
+def test_the_voltage_and_the_motor_are_not_told_apart() -> None:
+    """Two numbers of a line are seen: what is named is the motor that would have it at full supply."""
+    weak = {"stall": 0.75, "no_load_speed": 312.5, "supply": 0.8}
+    one, other = (command_view(driven(robot_with(battery_sag=line), seed=1), AGRIQ).evidence["battery_sag"]
+                  for line in (weak, HIDDEN["battery_sag"]))  # fmt: skip
+    assert one.values == pytest.approx(other.values, rel=1e-6) and set(one.values) == {"stall", "no_load_speed"}
+
+
+def test_a_level_limit_is_no_line_where_it_is_met_at_many_speeds() -> None:
+    view = command_view(driven(robot_with(torque_limit={"front_max": 0.36}), seed=1), AGRIQ)
+    assert said_of_limits(view) == ("torque_limit", ())
+    assert view.evidence["battery_sag"].nats == 0.0
+
+
+def test_a_limit_that_is_met_at_one_speed_may_be_a_line() -> None:
+    """Motors that come to their limit at one speed alone do not say what they would have left at another."""
+    bends = Manoeuvre(
+        "bends", (Dwell(0.5), Ramp(speed=0.6), Straight(length=2.0), Arc(radius=2.0, angle=3.0), Straight(length=2.0)),
+        a_max=0.3, blend=0.3,
+    )  # fmt: skip
+    run = synthetic(robot_with(torque_limit={"front_max": 0.3}), bends, duration=25.0, kappa=0.8, seed=1, name="bends")
+    view = command_view([run], AGRIQ)
+    assert said_of_limits(view) == ("torque_limit", ("battery_sag",))
+    assert view.evidence["battery_sag"].sd["no_load_speed"] == np.inf
 
 
 @pytest.mark.parametrize(("true", "close"), [("command_delay", "speed_loop_lag"), ("speed_loop_lag", "command_delay")])
@@ -207,8 +246,9 @@ AGRIQ_NEUTRAL = {"command_delay": 0.0, "encoder_scale": 1.0, "torque_scale": 1.0
 def test_without_commands_there_is_nothing_to_say() -> None:
     silent = [replace(r, channels={k: c for k, c in r.channels.items() if k != "motor_command"}) for r in driven(AGRIQ)]
     view = command_view(silent, AGRIQ)
-    assert not view.evidence and not view.found and not view.levels and not view.series
-    assert view.given() == {} and view.nats(AGRIQ) == 0.0
+    assert not view.found and not view.levels and not view.series
+    assert set(view.evidence) == set(view.given()) == {"velocity_filter"}, "of which angles beside speeds tell"
+    assert view.evidence["velocity_filter"].nats == view.nats(AGRIQ) == 0.0
 
 
 def test_without_torques_and_at_kappa_1_the_others_are_still_found() -> None:
@@ -295,7 +335,7 @@ def test_motors_that_do_something_else_are_no_evidence() -> None:
     swapped = [replace(one, channels=dict(one.channels) | {"motor_command": other.channels["motor_command"]})]
     view = command_view(swapped, AGRIQ)
     assert not view.followed and view.found == ()
-    assert all(e.nats == 0.0 and "do not follow" in e.note for e in view.evidence.values())
+    assert all(view.evidence[e].nats == 0.0 and "do not follow" in view.evidence[e].note for e in EFFECTS)
     assert view.nats(robot_with(command_delay={"delay": 0.1})) == 0.0
     assert view.levels["front_velocity"].rmse > 10.0
 

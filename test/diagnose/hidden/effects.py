@@ -189,6 +189,7 @@ def _draw_sag(rng: Rng, s: float, track: np.ndarray) -> Values:
 ADDED: dict[str, Recipe] = {
     "battery_sag": Recipe(_draw_sag, _sag),
     "command_rate_limit": Recipe(lambda rng, s, track: {"rate": 150.0 * s**-0.4}, _way("ramp", "rate")),
+    "velocity_filter": Recipe(_sized("time_constant", 0.1), _sensor(smoothed="time_constant")),
     "wheel_runout": Recipe(_draw_runout, _runout),
 }
 """Effects that came to the contract's 27 later; they take nothing from the cases that are drawn of those."""

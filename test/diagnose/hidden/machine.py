@@ -36,6 +36,7 @@ class Sensing:
     lever_y: float = 0.0
     pose_delay: float = 0.0
     gyro_bias: float = 0.0
+    smoothed: float = 0.0  # s, time constant of the low-pass on recorded motor speeds
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import numpy as np
 from diagnose.hidden import rover as at
 from diagnose.hidden.effects import MOTORS
 from diagnose.hidden.machine import Sensing
+from scipy.signal import lfilter
 
 from artibot_sim.diagnose.sizes import scale_of
 from artibot_sim.model import Robot
@@ -117,8 +118,10 @@ def _motors(grid: Array, rows: Array, sensing: Sensing, noise: Noise, rng: Rng, 
     t, stamps = _clock(rng, end, noise.motor_rate, noise)
     count = 2 * np.pi / noise.counts
     columns = {}
+    kept = np.exp(-(grid[1] - grid[0]) / sensing.smoothed) if sensing.smoothed else 0.0
     for i, motor in enumerate(MOTORS):
-        angle, speed, torque = (_column(t, rows, grid, c + i) for c in (at.ANGLE, at.SPEED, at.TORQUE))
+        angle, torque = (_column(t, rows, grid, c + i) for c in (at.ANGLE, at.TORQUE))
+        speed = np.interp(t, grid, lfilter([1.0 - kept], [1.0, -kept], rows[:, at.SPEED + i]))
         columns[f"{motor}.position"] = count * np.floor(sensing.encoder_scale * angle / count + 0.5)
         columns[f"{motor}.velocity"] = sensing.encoder_scale * speed + noise.velocity * rng.standard_normal(len(t))
         sd = noise.torque + noise.torque_share * np.abs(torque)
