@@ -126,7 +126,8 @@ SMALLEST_SCALE = Number(0.001, "–", "a scale of recorded speeds, at least", CO
 SMALLEST_SAG = Number(
     0.1,
     "–",
-    "share of the torque at rest that a line may lose at the fastest speed, at least, or a limit is level",
+    "share of the torque at rest that a line may lose at the fastest speed, at least, or a limit is level: of level "
+    "limits the steepest line within the interval loses 0.03 to 0.06",
     COMMANDS,
 )
 SMALLEST_DEADBAND = Number(0.01, "–", "a dead band over the largest commanded speed, at least", COMMANDS)

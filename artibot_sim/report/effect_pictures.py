@@ -49,7 +49,7 @@ _HEADING = 1.2
 """rad: where a slope leads and a wind blows in the pictures."""
 _RADIUS = 1.6
 _LIMITED = 0.75
-"""A limit in the pictures is so much of the most that is reached without it."""
+"""A limit in the pictures is so much of the most that is reached without it, and that so much of a no-load speed."""
 _SIZE = (9.4, 3.1)
 _DPI = 72
 _EXCERPT = 6.0
@@ -84,7 +84,9 @@ def plain_values(effect: Effect, free: Experiment) -> dict[str, float | str]:
     values: dict[str, float | str] = {name: p.neutral for name, p in effect.parameters.items()}
     for name, size in search.sizes.items():
         neutral = float(effect.parameters[name].neutral)
-        if math.isinf(neutral):
+        if math.isinf(neutral) and getattr(effect.parameters[name].quantity, "unit", "") == "rad/s":
+            values[name] = _fastest(free) / _LIMITED
+        elif math.isinf(neutral):
             values[name] = _LIMITED * _most(free, search.reference)
         else:
             values[name] = neutral * math.exp(-size) if search.logarithmic else neutral + size
@@ -114,6 +116,12 @@ def _most(free: Experiment, reference: str) -> float:
     return max(float(np.nanquantile(np.abs(motors[f"{motor}.effort"]), 0.995)) for motor in MOTORS[:2])
 
 
+def _fastest(free: Experiment) -> float:
+    """The largest speed of a front motor that was recorded, rad/s."""
+    motors = free.channels["motor_torques"]
+    return max(float(np.nanquantile(np.abs(motors[f"{motor}.velocity"]), 0.995)) for motor in MOTORS[:2])
+
+
 def seen(effect: Effect, robot: Robot, free: Experiment) -> Seen:
     """Simulate a rover with an effect, and predict its recording without."""
     from artibot_sim.diagnose.validation.predictions import baseline_levels, predict
@@ -124,7 +132,7 @@ def seen(effect: Effect, robot: Robot, free: Experiment) -> Seen:
     noise = _LOCALISED if "pose" in searched(effect).channels else None
     recording = _record(rover, effect.id.replace("_", " "), noise)
     if "rotation" not in searched(effect).views:
-        return Seen(effect, values, (_overview(recording, free), _speeds(recording)), ())
+        return Seen(effect, values, (_overview(recording, free), _speeds(recording, effect.acts)), ())
     pair = predict(recording, False, robot, rover, HORIZON, None)
     shown, levels = comparison(pair, robot), baseline_levels([pair])
     worst = max(levels, key=lambda c: (is_wrong(c, levels[c]), levels[c].over_noise))
@@ -148,8 +156,8 @@ def _overview(recording: Experiment, free: Experiment) -> Panel:
     return Panel("path", "path", ("x", "m"), ("y", "m"), tuple(lines), equal=True)
 
 
-def _speeds(recording: Experiment) -> Panel:
-    """Commanded and measured speed of a front motor, where they differ most."""
+def _speeds(recording: Experiment, acts: str) -> Panel:
+    """Commanded and measured speed of a front motor, where they differ most by an effect that acts there."""
     motor = f"{MOTORS[0]}.velocity"
     t, speed = recording.channels["motor_torques"].series(motor)
     t_c, command = recording.channels["motor_command"].series(motor)
@@ -158,7 +166,8 @@ def _speeds(recording: Experiment) -> Panel:
     first = int(np.argmax(np.convolve(apart, np.ones(width), "valid"))) if len(t) > width else 0
     begin, end = t[first], t[min(first + width, len(t) - 1)]
     lines = []
-    for name, x, y, stroke in (("turned", t, speed, panels.MEASURED), ("commanded", t_c, command, panels.BEFORE)):
+    measured = "recorded" if acts == "sensor" else "turned"
+    for name, x, y, stroke in ((measured, t, speed, panels.MEASURED), ("commanded", t_c, command, panels.BEFORE)):
         inside = (x >= begin) & (x <= end)
         lines.append(Line(name, name, None, x[inside], y[inside], stroke))
     return Panel("speed", "front right motor", ("time", "s"), ("speed", "rad/s"), tuple(lines))

@@ -188,7 +188,8 @@ def findings(experiment: Experiment, robot: Robot, streams: Streams | None = Non
     found = [*_held(of), *_air(of, robot)]
     if not any(one.name == "in_air" for one in found):
         found += [*_signs(of), *_units(of, robot), *_unrelated(of)]
-    found += [*_gyro(of), *_delays(of), *_skews(of), *_leaps(of, robot), *_set_points(of)]
+    found += [*_gyro(of), *(_or_smoothed(of, one) for one in _delays(of)), *_skews(of)]
+    found += [*_leaps(of, robot), *_set_points(of)]
     return sorted(found, key=lambda one: not one.serious)
 
 
@@ -571,6 +572,16 @@ def _late_rotations(topic: str, body: Delay | None, against: str) -> Iterator[Fi
     if body is not None:
         least = LATE_SAID_POSE if body.value < 0 else LATE_SAID
         yield from _late("rotation_delay", topic, _negative(body), against, least)
+
+
+def _or_smoothed(of: Streams, found: Finding) -> Finding:
+    """Late rotations where nothing but speeds is recorded: a low-pass on these (`velocity_filter`) looks the same."""
+    motors = of.experiment.channels.get("motor_torques")
+    recorded = motors is not None and any(f"{motor}.position" in motors for motor in MOTORS)
+    if found.name != "rotation_delay" or (found.value or 0.0) < 0.0 or recorded:
+        return found
+    either = "or smoothed by a low-pass of that time constant (velocity_filter), which recorded angles would tell"
+    return replace(found, text=f"{found.text}, {either}")
 
 
 def _by_wheels(of: Streams, pose: Delay, gyro: Delay, wheels_topic: str, gyro_topic: str) -> Iterator[Finding]:

@@ -16,7 +16,7 @@ from artibot_sim.diagnose.policy import LEFT_OF_COMMANDS, MINOR_COMMANDS, MIXED
 from artibot_sim.model import load_robot
 
 KINDS = (
-    "none", "torque_limit", "speed_loop_lag", "command_delay", "deadband", "encoder_scale",
+    "none", "torque_limit", "battery_sag", "speed_loop_lag", "command_delay", "deadband", "encoder_scale",
     "command_rate_limit", "command_delay+torque_limit", "command_ceiling",
 )  # fmt: skip
 
@@ -24,7 +24,7 @@ KINDS = (
 def main(cases: str = "2") -> None:
     """Print every case, and the limits that they are for."""
     robot = load_robot("agriq")
-    print(f"{'hidden':28} {'severity':>8} {'left without':>14} {'left with':>12} {'turning':>16} found")
+    print(f"{'hidden':28} {'severity':>8} {'left without':>14} {'left with':>12} {'turning':>16} {'no load':>8} found")
     for kind in KINDS:
         for severity in (1.0, 0.3):
             for seed in range(1, int(cases) + 1):
@@ -35,7 +35,8 @@ def main(cases: str = "2") -> None:
                 before, after = ("–" if one is None else f"{one.worst:.2f}" for one in sizes)
                 low, high = view.mixing.interval if view.mixing else (nan, nan)
                 turning = f"{low:.3f} … {high:.3f}"
-                print(f"{kind:28} {severity:8g} {before:>14} {after:>12} {turning:>16} {told}", flush=True)
+                line = view.evidence["battery_sag"].values.get("no_load_speed", nan)  # the steepest, of a level limit
+                print(f"{kind:28} {severity:8g} {before:>14} {after:>12} {turning:>16} {line:8.0f} {told}", flush=True)
     print(f"limits: {float(LEFT_OF_COMMANDS):g}, and {float(MINOR_COMMANDS):g} of what is left without;", end=" ")
     print(f"turning 1 ± {float(MIXED):g}")
 
