@@ -41,10 +41,11 @@ def _seen(rows: Array, sensing: Sensing, noise: Noise) -> list[tuple[float, Arra
     torque = rows[:, rover.TORQUE : rover.TORQUE + 4]
     sd = noise.torque + noise.torque_share * np.abs(torque)
     late = sensors.prism(rows, sensing) - sensing.pose_delay * sensors.map_velocity(rows)
+    speed = sensors.smoothed(rows[:, rover.SPEED : rover.SPEED + 4], 1e-3, sensing)
     return [
         (noise.station_rate, late / np.hypot(noise.station, noise.drift)),
         (noise.imu_rate, (rows[:, rover.R] + sensing.gyro_bias) / noise.gyro),
         (noise.articulation_rate, (rows[:, rover.YAW_B] - rows[:, rover.YAW_F]) / noise.articulation),
-        (noise.motor_rate, sensing.encoder_scale * rows[:, rover.SPEED : rover.SPEED + 4] / noise.velocity),
+        (noise.motor_rate, sensing.encoder_scale * speed / noise.velocity),
         (noise.motor_rate, sensing.torque_scale * torque / sd),
     ]

@@ -86,6 +86,12 @@ def map_velocity(rows: Array) -> Array:
     return np.column_stack([c * u - s * v, s * u + c * v])
 
 
+def smoothed(speed: Array, h: float, sensing: Sensing) -> Array:
+    """Speeds (n, k), `h` s apart, through the low-pass in front of what is recorded; it has settled at the first."""
+    kept = np.exp(-h / sensing.smoothed) if sensing.smoothed else 0.0
+    return lfilter([1.0 - kept], [1.0, -kept], speed, axis=0, zi=kept * speed[:1])[0]
+
+
 def prism(rows: Array, sensing: Sensing) -> Array:
     """Where the tracked point is (n, 2), m."""
     c, s = np.cos(rows[:, at.YAW_F]), np.sin(rows[:, at.YAW_F])
@@ -118,10 +124,10 @@ def _motors(grid: Array, rows: Array, sensing: Sensing, noise: Noise, rng: Rng, 
     t, stamps = _clock(rng, end, noise.motor_rate, noise)
     count = 2 * np.pi / noise.counts
     columns = {}
-    kept = np.exp(-(grid[1] - grid[0]) / sensing.smoothed) if sensing.smoothed else 0.0
+    speeds = smoothed(rows[:, at.SPEED : at.SPEED + 4], float(grid[1] - grid[0]), sensing)
     for i, motor in enumerate(MOTORS):
         angle, torque = (_column(t, rows, grid, c + i) for c in (at.ANGLE, at.TORQUE))
-        speed = np.interp(t, grid, lfilter([1.0 - kept], [1.0, -kept], rows[:, at.SPEED + i]))
+        speed = np.interp(t, grid, speeds[:, i])
         columns[f"{motor}.position"] = count * np.floor(sensing.encoder_scale * angle / count + 0.5)
         columns[f"{motor}.velocity"] = sensing.encoder_scale * speed + noise.velocity * rng.standard_normal(len(t))
         sd = noise.torque + noise.torque_share * np.abs(torque)
