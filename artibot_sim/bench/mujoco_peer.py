@@ -14,7 +14,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model import Commands, initial_state
+from artibot_sim.model import Commands, Ground, initial_state
 from artibot_sim.model.equations.transmission import back_torque_factor
 from artibot_sim.model.robot.derived import params
 from artibot_sim.model.robot.parameters import ModuleParams, Params
@@ -262,14 +262,55 @@ def law_model(robot: Robot, dt: float, integrator: str) -> str:
 </mujoco>"""
 
 
-def native_model(robot: Robot, dt: float, integrator: str) -> str:
-    """MJCF as a user of MuJoCo would write it: eight wheels that touch a plane under MuJoCo's own friction.
+@dataclass(frozen=True)
+class Heightfield:
+    """A part of uneven ground as MuJoCo takes it: heights at nodes (ny, nx), m, between two corners of `map`."""
 
-    The wheels of a motor turn together: the front ones as both are led, the back ones by a joint equality.
+    heights: Array
+    corners: tuple[float, float, float, float]
+
+    @classmethod
+    def of(cls, ground: Ground, x: tuple[float, float], y: tuple[float, float]) -> Heightfield:
+        """The ground between these coordinates (m), at its own resolution."""
+        across, along = (np.arange(low, high + 0.5 * ground.resolution, ground.resolution) for low, high in (x, y))
+        heights = np.asarray(ground.heights(*np.meshgrid(across, along)))
+        return cls(heights, (float(across[0]), float(across[-1]), float(along[0]), float(along[-1])))
+
+    @property
+    def asset(self) -> str:
+        """MJCF of the field; its data come later (`data`)."""
+        x_0, x_1, y_0, y_1 = self.corners
+        size = f"{0.5 * (x_1 - x_0)!r} {0.5 * (y_1 - y_0)!r} {float(np.ptp(self.heights))!r} 0.1"
+        rows, columns = self.heights.shape
+        return f'<asset><hfield name="ground" nrow="{rows}" ncol="{columns}" size="{size}"/></asset>'
+
+    @property
+    def geom(self) -> str:
+        """MJCF of the ground."""
+        x_0, x_1, y_0, y_1 = self.corners
+        at = f"{0.5 * (x_0 + x_1)!r} {0.5 * (y_0 + y_1)!r} {float(self.heights.min())!r}"
+        return f'<geom name="ground" type="hfield" hfield="ground" pos="{at}" conaffinity="1"/>'
+
+    @property
+    def data(self) -> Array:
+        """Heights over their range, row by row."""
+        low = self.heights.min()
+        return np.asarray((self.heights - low) / np.ptp(self.heights)).ravel()
+
+
+PLANE = '<geom name="ground" type="plane" size="0 0 1" conaffinity="1"/>'
+
+
+def native_model(robot: Robot, dt: float, integrator: str, field: Heightfield | None = None) -> str:
+    """MJCF as a user of MuJoCo would write it: eight wheels that touch the ground under MuJoCo's own friction.
+
+    The wheels of a motor turn together: the front ones as both are led, the back ones by a joint equality. On a
+    heightfield wheels are spheres, as artibot's are on uneven ground.
     """
     p = _params(robot)
+    ball = field is not None
     modules = [
-        _inertial(m.m, (m.J_x, m.J_y, m.J_z)) + "".join(_wheel(robot, p, body, 4 * k + i) for i in range(4))
+        _inertial(m.m, (m.J_x, m.J_y, m.J_z)) + "".join(_wheel(robot, p, body, 4 * k + i, ball) for i in range(4))
         for k, (m, body) in enumerate(_bare(robot, p))
     ]
     actuators = "".join(
@@ -280,8 +321,9 @@ def native_model(robot: Robot, dt: float, integrator: str) -> str:
     return f"""<mujoco model="{robot.name}, contacts of MuJoCo">
   <option timestep="{dt!r}" integrator="{integrator}" gravity="{p.g_x!r} {p.g_y!r} {p.g_z!r}"/>
   <default><geom friction="{p.front.mu_s!r} 0.005 0.0001" contype="0" conaffinity="0"/></default>
+  {field.asset if field is not None else ""}
   <worldbody>
-    <geom name="ground" type="plane" size="0 0 1" conaffinity="1"/>
+    {field.geom if field is not None else PLANE}
     {_articulated(p, modules[0], modules[1], (p.right_front.r_w, p.right_back.r_w))}
   </worldbody>
   <equality>{pairs}</equality>
@@ -303,7 +345,7 @@ def _bare(robot: Robot, p: Params) -> list[tuple[Module, ModuleParams]]:
     return [(robot.front, p.front), (robot.back, p.back)]
 
 
-def _wheel(robot: Robot, p: Params, body: ModuleParams, i: int) -> str:
+def _wheel(robot: Robot, p: Params, body: ModuleParams, i: int, ball: bool) -> str:
     x = body.half_x if i % 2 == 0 else -body.half_x
     y = -body.half_y if i % 4 < 2 else body.half_y
     drive = p.right_front if i < 4 else p.right_back
@@ -313,7 +355,7 @@ def _wheel(robot: Robot, p: Params, body: ModuleParams, i: int) -> str:
       <body name="{WHEELS[i]}" pos="{x!r} {y!r} 0">
         <joint name="{WHEELS[i]}" type="hinge" axis="0 1 0" armature="{rotor!r}"/>
         {_inertial(wheel.m_w, (wheel.J_wx, wheel.J_wy, wheel.J_wx))}
-        <geom type="ellipsoid" size="{drive.r_w!r} 0.03 {drive.r_w!r}" contype="1"/>
+        <geom type="ellipsoid" size="{drive.r_w!r} {drive.r_w if ball else 0.03!r} {drive.r_w!r}" contype="1"/>
       </body>"""
 
 
@@ -322,17 +364,23 @@ def _wheel(robot: Robot, p: Params, body: ModuleParams, i: int) -> str:
 # ----------------------------------------------------------------------
 
 
+SETTLING = 2.0
+"""s in which a rover that was let go over uneven ground comes to rest on it."""
 STAGES = {"RK4": 4, "Euler": 1, "implicitfast": 1}
 """Evaluations of the forces in a step of each integrator of MuJoCo."""
 
 
 @dataclass(frozen=True)
 class MujocoRun:
-    """A rollout: times (n,), poses x, y, yaw of the front module (n, 3), m and rad."""
+    """A rollout: times (n,), poses x, y, yaw of the front module (n, 3), m and rad.
+
+    Where it was kept, `stance` is that module's height, roll and pitch (n, 3), m and rad.
+    """
 
     t: Array
     pose: Array
     steps: int
+    stance: Array | None = None
 
 
 def _kept(steps: int, every: int) -> int:
@@ -410,14 +458,21 @@ class NativeRun:
     Equivalent: masses, geometry, joint, wheel inertias, commanded front speeds, the torque sharing (here at 100 Hz
     from the ground's torque on the front wheels). Different: MuJoCo's regularised Coulomb friction with the one
     coefficient mu_s instead of eqs 15 and 16, forces at the ground instead of the wheel centres, MuJoCo's contact
-    softness instead of k_n.
+    softness instead of k_n. On uneven ground it settles for `SETTLING` first.
     """
 
-    def __init__(self, robot: Robot, commands: Commands, dt: float = 1e-3, integrator: str = "RK4") -> None:
+    def __init__(
+        self, robot: Robot, commands: Commands, dt: float = 1e-3, integrator: str = "RK4",
+        field: Heightfield | None = None,
+    ) -> None:  # fmt: skip
         import mujoco
 
         self._mujoco = mujoco
-        self.model = mujoco.MjModel.from_xml_string(native_model(robot, dt, integrator))
+        self.model = mujoco.MjModel.from_xml_string(native_model(robot, dt, integrator, field))
+        self._settling = 0
+        if field is not None:
+            self.model.hfield_data[:] = field.data
+            self._settling = round(SETTLING / dt)
         self.data = mujoco.MjData(self.model)
         self.steps = round(commands.duration / dt)
         self._every = round(commands.dt / dt)
@@ -430,6 +485,9 @@ class NativeRun:
         """One rollout from rest."""
         mujoco, model, data = self._mujoco, self.model, self.data
         mujoco.mj_resetData(model, data)
+        if self._settling:
+            data.qpos[2] = float(model.hfield_size[0, 2])  # above the highest place
+            mujoco.mj_step(model, data, self._settling)
         mujoco.mj_forward(model, data)
         every, rows = self._every, _kept(self.steps, self._every)
         qpos, qvel = np.empty((rows + 1, model.nq)), np.empty((rows + 1, model.nv))
@@ -439,7 +497,11 @@ class NativeRun:
             data.ctrl[4:] = self._back_torques()
             mujoco.mj_step(model, data, every)
             qpos[row], qvel[row] = data.qpos, data.qvel
-        return MujocoRun(np.arange(rows + 1) * every * model.opt.timestep, qpos[:, [0, 1, 3]], self.steps)
+        t, stance = (
+            np.arange(rows + 1) * every * model.opt.timestep,
+            qpos[:, [2, 5, 4]] + [self._p.right_front.r_w, 0.0, 0.0],
+        )
+        return MujocoRun(t, qpos[:, [0, 1, 3]], self.steps, stance)
 
     def _back_torques(self) -> list[float]:
         """Torques on the four back wheels (N m): eq. 30 from what the ground does to the front wheels."""

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from artibot_sim.bench.model import Scenario
 from artibot_sim.bench.results import Peer, Result, repeat
-from artibot_sim.model import Commands, rollout
+from artibot_sim.model import Commands, initial_state, load_ground, load_robot, rollout
+from artibot_sim.planning import Dwell, Manoeuvre, Ramp, Stop, Straight, plan
 
 if TYPE_CHECKING:
     from artibot_sim.bench.other_peers import LawOnBodies
@@ -47,13 +51,51 @@ def mujoco(scenario: Scenario) -> list[Result]:
     return results
 
 
+STIFFER = 30.0
+"""By which wheels' springs are stiffened to see what they do on uneven ground."""
+_STRAIGHT = Manoeuvre("straight", (Dwell(1.0), Ramp(speed=0.5), Straight(length=7.0), Stop()), a_max=0.5, blend=0.3)
+
+
+def mujoco_heightfield(scenario: Scenario) -> list[Result]:
+    """How heights and tilts over random ground differ from those on MuJoCo's heightfield, with soft wheels and stiff.
+
+    Straight ahead, by place, so that laws of friction hardly count. MuJoCo's contacts hardly give, eq. 15's springs do.
+    """
+    from artibot_sim.bench.mujoco_peer import Heightfield, NativeRun
+
+    soft = replace(load_robot("agriq"), suspension="rigid")
+    ground, commands = load_ground("random:7,k=0,mu=0"), plan(_STRAIGHT, soft).commands()
+    field = Heightfield.of(ground, (-3.0, 11.0), (-4.0, 4.0))
+    theirs = NativeRun(soft, commands, 1e-3, "implicitfast", field)()
+    assert theirs.stance is not None
+    scenario.tick()
+    found = []
+    for robot in (soft, soft.replace({"contact.k_n": STIFFER * soft.contact.k_n})):
+        start = initial_state(robot, ground=ground)
+        ours = rollout(robot, commands, dt=2.5e-4, every=40, state=start, ground=ground)
+        own = np.column_stack([ours["z_f"], ours["alpha_f"], ours["beta_f"]])
+        at = np.linspace(0.5, 6.5, 200)  # places that both come by
+        apart = [
+            np.interp(at, ours.pose[:, 0], mine) - np.interp(at, theirs.pose[:, 0], other)
+            for mine, other in zip(own.T, theirs.stance.T, strict=True)
+        ]
+        found.append([float(np.sqrt(np.mean(each**2))) for each in apart])
+        scenario.tick()
+    results = []
+    for name, unit, scale, places in (("height", "mm", 1e3, [0]), ("tilt", "mrad", 1e3, [1, 2])):
+        as_it_is, stiff = (scale * float(np.hypot.reduce([one[i] for i in places])) for one in found)
+        note = (
+            f"front module over random:7, rms against MuJoCo's heightfield, with k_n {STIFFER:g} times as stiff; "
+            f"{as_it_is:.2g} {unit} with the robot's own springs, which give where a wheel is pressed"
+        )
+        results.append(Result(f"mujoco_heightfield_{name}", stiff, unit, note, {"own_springs": as_it_is}))
+    return results
+
+
 def mujoco_export(scenario: Scenario) -> list[Result]:
     """How far turns in MuJoCo are off the model's, with the MJCF that `artibot export` fits; on other turns."""
-    import numpy as np
-
     from artibot_sim.exchange.mjcf import DEFAULT_IMPEDANCE, Contact, fitted, mjcf, turn_errors
     from artibot_sim.exchange.turning import steady_turn, turn_speed
-    from artibot_sim.model import load_robot
 
     robot = load_robot("husky")
     scenario.tick()

@@ -58,6 +58,10 @@ SUITE: dict[str, Benchmark] = {
         ("mujoco_law_rk4_1ms", "mujoco_law_euler_1ms", "mujoco_native_rk4_1ms", "mujoco_native_implicitfast_1ms"),
         peers.mujoco, 15, peers.missing,
     ),
+    "mujoco_heightfield": Benchmark(
+        ("mujoco_heightfield_height", "mujoco_heightfield_tilt"), peers.mujoco_heightfield, 10, peers.missing,
+        in_quick=False,
+    ),
     "mujoco_export": Benchmark(
         ("mujoco_export_turns",), peers.mujoco_export, 30, peers.missing, in_quick=False,
     ),

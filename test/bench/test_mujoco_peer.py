@@ -48,6 +48,14 @@ def test_own_contacts_carry_the_rover_level_and_forward():
     assert distance(result.pose, np.zeros_like(result.pose)).max() > 1.0
 
 
+def test_over_hills_both_rovers_stand_alike_but_for_their_wheels_springs():
+    """Heights and tilts are those on MuJoCo's heightfield as wheels' springs grow stiff; with their own they differ."""
+    results = {one.name: one for one in peers.mujoco_heightfield(Scenario(quick=True))}
+    height, tilt = (results[f"mujoco_heightfield_{name}"] for name in ("height", "tilt"))
+    assert height.value < 1.0 and tilt.value < 1.5, "mm and mrad, of hills of 20 mm and 35 mrad"
+    assert height.detail["own_springs"] > 3.0 * height.value and tilt.detail["own_springs"] > 3.0 * tilt.value
+
+
 @pytest.mark.parametrize("model", [law_model, native_model])
 def test_masses_are_those_of_the_robot(model):
     robot = load_robot("agriq")
