@@ -71,7 +71,7 @@ def test_an_effect_that_the_next_one_makes_up_for_is_dropped(monkeypatch: pytest
 
 
 def test_what_commands_asked_for_is_taken_back_beside_what_explains_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A torque limit gains a little where drives go on a ramp, and nothing beside the limit of rates.
+    """Limits of torque gain a little where drives go on a ramp, a line most, and nothing beside the limit of rates.
 
     No search by rotations: commands alone decide, and the first choice is made to be the best of the others.
     What only commands show is no effect too many either.
@@ -91,7 +91,7 @@ def test_what_commands_asked_for_is_taken_back_beside_what_explains_it(monkeypat
     view = command_view(hidden.recordings, robot)
     assert view.evidence["torque_limit"].nats > Options().least
     found = stepwise.decide(problem, fit, Options(), Timetable(), view)
-    assert [one.effect for one in found.named] == [truth] and found.dropped == ("torque_limit",)
+    assert [one.effect for one in found.named] == [truth] and found.dropped == ("battery_sag",)
     assert found.named[0].found["rate"].value == pytest.approx(hidden.truth.effects[truth]["rate"], rel=0.01)
     no_searches = Options(thresholds=replace(THRESHOLDS, most=0))
     none_fitted = stepwise.decide(problem, fit, no_searches, Timetable(), view)
