@@ -53,6 +53,21 @@ def test_delays_of_every_stream_are_told_together() -> None:
     assert found["rotation_delay"].value == pytest.approx(0.25, abs=0.05)
 
 
+def test_late_speeds_may_be_smoothed_ones_where_no_angles_are_recorded() -> None:
+    rng = np.random.default_rng(11)
+    robot = load_robot("husky_driven")
+    run = recorded(drive(robot, rng), Logger(polled=0.0, delays={"motor_torques": 0.3}), rng)
+    motors = run.channels["motor_torques"]
+    spoken = {name: values for name, values in motors.columns.items() if not name.endswith("position")}
+    turned = spoken | {f"{motor}.position": np.array(motors.t) for motor in ("front_right", "front_left")}
+    for columns, said in ((spoken, True), (turned, False)):
+        channels = {**run.channels, "motor_torques": replace(motors, columns=columns)}
+        streams = compare_streams(run)  # the same motion: only which columns there are is asked
+        found = findings(run, robot, replace(streams, experiment=replace(run, channels=channels)))
+        (late,) = (one for one in found if one.name == "rotation_delay")
+        assert ("velocity_filter" in late.text) == said
+
+
 def test_held_samples_count_once_and_standstill_stays() -> None:
     t = np.arange(0.0, 40.0, 0.05)
     for rows in (1, 5, 12):

@@ -2,8 +2,10 @@
 
 Angles know nothing of such a filter (`velocity_filter`). What a first-order low-pass makes of a speed is y with
 y + T dy/dt = the true one, so an angle gains over any time what the recorded speed adds up to and T times by how much
-that speed has grown. Speeds that are late by d instead are the true ones d later. Nothing noisy is differentiated:
-angles with stamps that scatter would favour whatever smooths.
+that speed has grown. Speeds that are late by d instead are the true ones d later, and speeds that somebody computed
+from one sample's angle to the next hold for the time before them; with straight lines between samples that would be a
+low-pass of half a period to the letter. Nothing noisy is differentiated: angles with stamps that scatter would favour
+whatever smooths.
 """
 
 from __future__ import annotations
@@ -42,13 +44,22 @@ _RESOLUTION = 1e-4
 
 @dataclass(frozen=True)
 class _Stretch:
-    """A motor through a stretch without a gap: instants (n,), by how much its angle gains from each, and its speed."""
+    """A motor while nothing is missing: instants (n,), by how much its angle gains from each, and its speed.
+
+    Speeds are added up (rad) as straight between samples, and as means since the sample before.
+    """
 
     t: Array
     gain: Array
     speed_t: Array
     speed: Array
     rolled: Array
+    means: Array
+
+    def by_means(self) -> Array:
+        """Gains (n,) by the speed, rad, if each is the mean rate since the sample before."""
+        begin, end = (np.interp(at, self.speed_t, self.means) for at in (self.t, self.t + _OVER))
+        return np.asarray(end - begin)
 
     def predicted(self, late: float, smoothed: float) -> Array:
         """Gains (n,) by the speed, rad, if it was recorded `late` and has been through a low-pass, s."""
@@ -60,12 +71,13 @@ class _Stretch:
 
 @dataclass(frozen=True)
 class _End:
-    """A delay and a time constant (s) at their best: log-likelihood (nats), and the constant's standard deviation."""
+    """A delay and a time constant (s) at their best, or means: log-likelihood (nats), the constant's deviation (s)."""
 
     value: float
     late: float
     smoothed: float
     sd: float = np.inf
+    means: bool = False
 
 
 class _Comparison:
@@ -77,20 +89,31 @@ class _Comparison:
         self.size = float(np.sqrt(np.mean(self.gain**2)))
         steps = np.concatenate([np.diff(one.t) for one in stretches])
         self._thinning = max(_OVER / float(np.median(steps)), 1.0)
-        self.sigma = max(self.scatter(0.0, 0.0), _RESOLUTION * self.size)
+        self.settle(_End(0.0, 0.0, 0.0))
 
     def predicted(self, late: float, smoothed: float) -> Array:
         """Gains (n,) of all motors by their speeds, rad."""
         return np.concatenate([one.predicted(late, smoothed) for one in self._stretches])
 
-    def scatter(self, late: float, smoothed: float) -> float:
-        """Typical error of a gain, rad."""
-        return 1.4826 * float(np.median(np.abs(self.gain - self.predicted(late, smoothed))))
+    def settle(self, best: _End) -> None:
+        """Take the noise that the best leaves."""
+        by = self.by_means() if best.means else self.predicted(best.late, best.smoothed)
+        self.sigma = max(1.4826 * float(np.median(np.abs(self.gain - by))), _RESOLUTION * self.size)
 
     def value(self, late: float, smoothed: float) -> float:
         """Log-likelihood, nats; gains that overlap count once."""
-        error = (self.gain - self.predicted(late, smoothed)) / self.sigma
-        return float(log_density(error).sum()) / self._thinning
+        return self._likelihood(self.predicted(late, smoothed))
+
+    def _likelihood(self, predicted: Array) -> float:
+        return float(log_density((self.gain - predicted) / self.sigma).sum()) / self._thinning
+
+    def by_means(self) -> Array:
+        """Gains (n,) of all motors, rad, by speeds that are means since the sample before."""
+        return np.concatenate([one.by_means() for one in self._stretches])
+
+    def means(self) -> _End:
+        """Speeds that were computed from the angles."""
+        return _End(self._likelihood(self.by_means()), 0.0, 0.0, means=True)
 
     def plain(self) -> _End:
         """Speeds as they are, stamps as they want them."""
@@ -144,10 +167,9 @@ def encoder_evidence(recordings: Sequence[Experiment], robot: Robot, lost: float
         return None
     found = _Comparison(stretches)
     for _ in range(2):  # the noise that the best leaves changes which is best
-        plain, late, smoothed = found.plain(), found.late(), found.smoothed()
-        best = max(plain, late, smoothed, key=lambda end: end.value)
-        found.sigma = max(found.scatter(best.late, best.smoothed), _RESOLUTION * found.size)
-    plain, late, smoothed = found.plain(), found.late(), found.smoothed()
+        found.settle(max(found.plain(), found.means(), found.late(), found.smoothed(), key=lambda end: end.value))
+    plain = max(found.plain(), found.means(), key=lambda end: end.value)
+    late, smoothed = found.late(), found.smoothed()
     left = found.sigma / found.size
     if left > UNFOLLOWED:
         return ViewEvidence(0.0, {}, {}, f"speeds are not the rates of the angles: {100 * left:.0f} % of them is left")
@@ -178,6 +200,8 @@ def _stretches(experiment: Experiment) -> Iterator[_Stretch]:
         if len(t) < 2 or len(speed_t) < 2 or not speed.any():
             continue
         rolled = cumulative_trapezoid(speed, speed_t, initial=0.0)
+        every_t, every = motors.series(f"{motor}.velocity")  # of equal ones each holds for its own time
+        means = np.interp(speed_t, every_t[1:], np.cumsum(every[1:] * np.diff(every_t)))
         first, last = max(t[0], speed_t[0]), min(t[-1], speed_t[-1]) - _OVER
         at = t[:: max(1, round(SPAN / float(np.median(np.diff(t)))))]
         at = at[(at >= first) & (at <= last)]
@@ -189,4 +213,5 @@ def _stretches(experiment: Experiment) -> Iterator[_Stretch]:
             inside &= np.interp(at + _OVER, own, gaps) == np.interp(at, own, gaps)
         if inside.any():
             at = at[inside]
-            yield _Stretch(at, np.interp(at + _OVER, t, angle) - np.interp(at, t, angle), speed_t, speed, rolled)
+            gain = np.interp(at + _OVER, t, angle) - np.interp(at, t, angle)
+            yield _Stretch(at, gain, speed_t, speed, rolled, means)

@@ -10,9 +10,9 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.commands.data import command_data
+from artibot_sim.diagnose.commands.data import CommandData, command_data
 from artibot_sim.diagnose.commands.fit import Fitter
-from artibot_sim.diagnose.commands.limit import allowed, limited
+from artibot_sim.diagnose.commands.limit import LIMIT, SAG, allowed, limited
 from artibot_sim.diagnose.commands.model import PARAMETERS, WayOfCommands, seen, way_of
 from artibot_sim.diagnose.commands.noise import SpeedNoise, least_noise
 from artibot_sim.diagnose.next_experiment.simulation import (
@@ -201,6 +201,14 @@ def by_commands(driven: TriedManoeuvre, robot: Robot, noise: Mapping[str, float]
     data = command_data([driven.recording])
     if data is None:
         return 0.0
+    lost = _by_front_speeds(data, robot, noise)
+    if {LIMIT, SAG} & set(driven.robot.effects):  # whose speeds at the limit nobody predicts, not even with it
+        lost -= _by_front_speeds(data, driven.robot, noise)
+    return max(lost, 0.0) + _by_back_torques(driven, robot, noise)
+
+
+def _by_front_speeds(data: CommandData, robot: Robot, noise: Mapping[str, float]) -> float:
+    """Nats that a robot loses against speeds that are predicted exactly."""
     level = max(noise.get("front_velocity", USUAL["front_velocity"]) / _AVERAGED, least_noise(data))
     sensors = SpeedNoise(level, np.zeros(3))
     own = [name for name in robot.effects if name in PARAMETERS]
@@ -211,8 +219,7 @@ def by_commands(driven: TriedManoeuvre, robot: Robot, noise: Mapping[str, float]
     lost -= limit.nats if limit else 0.0
     over = np.nan_to_num(np.abs(data.torque) - allowed(robot.effects, data), nan=0.0, neginf=0.0)
     over = np.maximum(over / noise.get("torque_front", USUAL["torque_front"]), 0.0)
-    lost += 0.5 * float(np.minimum(over**2, 25.0).sum())
-    return max(lost, 0.0) + _by_back_torques(driven, robot, noise)
+    return lost + 0.5 * float(np.minimum(over**2, 25.0).sum())
 
 
 def _by_back_torques(driven: TriedManoeuvre, robot: Robot, noise: Mapping[str, float]) -> float:

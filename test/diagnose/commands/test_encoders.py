@@ -69,6 +69,25 @@ def test_speeds_that_are_late_are_not_smooth() -> None:
     assert one.nats == 0.0
 
 
+@pytest.mark.parametrize("every", [1, 5])
+def test_speeds_computed_from_the_angles_are_no_low_pass(every: int) -> None:
+    """A loop of 100 or 20 Hz that divides what an angle gains by its period."""
+
+    def differences(run: Experiment) -> Experiment:
+        whole, kept = run.channels["motor_torques"], slice(None, None, every)
+        columns = {name: np.array(values[kept]) for name, values in whole.columns.items()}
+        motors = replace(
+            whole, t=whole.t[kept], t_ns=whole.t_ns[kept], received_ns=whole.received_ns[kept], columns=columns
+        )
+        for name in [name for name in columns if name.endswith("velocity")]:
+            angle = columns[name.replace("velocity", "position")]
+            columns[name] = np.concatenate(([0.0], np.diff(angle) / np.diff(motors.t)))
+        return replace(run, channels=dict(run.channels) | {"motor_torques": replace(motors, columns=columns)})
+
+    one = command_view([differences(run) for run in driven(AGRIQ, seed=2)], AGRIQ).evidence["velocity_filter"]
+    assert one.nats == 0.0
+
+
 @pytest.mark.parametrize("kept", ["position", "velocity"])
 def test_angles_or_speeds_alone_say_nothing(kept: str) -> None:
     def one_kind(name: str, t: np.ndarray, values: np.ndarray) -> np.ndarray | None:

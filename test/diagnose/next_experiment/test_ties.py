@@ -100,6 +100,18 @@ def test_a_torque_limit_shows_where_it_acts() -> None:
     assert by_commands(limited, LATE["speed_loop_lag"], NOISE) > ENOUGH
 
 
+def test_a_limit_and_a_line_through_it_differ_at_other_speeds() -> None:
+    """Which of both motors drove is told where they are at their limit at several speeds."""
+    robots = {
+        "torque_limit": robot_with(torque_limit={"front_max": 0.3}),
+        "battery_sag": robot_with(battery_sag={"stall": 0.6, "no_load_speed": 280.0}),
+    }
+    for true, other in (("torque_limit", "battery_sag"), ("battery_sag", "torque_limit")):
+        driven = trial(robots[true], BY_NAME["stop_and_go"], (0.0, 0.0), tuple(NOISE))
+        assert by_commands(driven, robots[true], NOISE) == 0.0
+        assert by_commands(driven, robots[other], NOISE) > ENOUGH
+
+
 @pytest.mark.parametrize("robots", [PULLED, LATE, JOINT], ids=lambda robots: "-".join(robots))
 def test_the_shortest_that_tells_them_apart_is_chosen(robots: dict) -> None:
     found = next_experiment(robots, NOISE, library=SHORT)
