@@ -34,7 +34,7 @@ _RELATIVE = 0.01
 """Noise of torques relative to them, and of a limit found."""
 _SLOPES = (0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.3, 3.0, 4.0)
 """Slopes that are tried, over that of a line on which the largest torque is lost at the fastest speed. The last is for
-limits reached at high speeds only: four fifths of the torque at rest are lost there, so a ceiling of speeds is none."""
+limits reached at high speeds only: four fifths of the torque at rest are lost there. Steeper is a ceiling of speeds."""
 _FINER = (0.5, 0.25)
 """Steps of the search around the best of these, over the distance to the next ones."""
 _ROUNDS = 12
