@@ -10,6 +10,11 @@ from typing import Any, TypeVar
 
 import yaml
 
+try:  # libyaml's reads a robot in a fifth of the time, but not every PyYAML was built with it
+    from yaml import CSafeLoader as _SafeLoader
+except ImportError:
+    from yaml import SafeLoader as _SafeLoader
+
 from artibot_sim.errors import ArtibotError
 from artibot_sim.resources import config_names, config_path
 
@@ -78,8 +83,8 @@ def _find(kind: str, name: str | os.PathLike[str], what: str) -> Path:
     return config_path(kind, text)
 
 
-class _Strict(yaml.SafeLoader):
-    """SafeLoader that refuses a key given twice, where YAML would silently take the last."""
+class _Strict(_SafeLoader):
+    """A safe loader that refuses a key given twice, where YAML would silently take the last."""
 
 
 def _unique(loader: _Strict, node: yaml.MappingNode) -> dict[Any, Any]:

@@ -38,6 +38,8 @@ end() {
 }
 trap end EXIT
 
+# What is compiled of sources, and of tests, is kept: else each of many hundred processes would compile it again.
+unset PYTHONDONTWRITEBYTECODE
 # Where several processes share the cores BLAS's own threads wait for each other: a sum then takes ten times as long.
 export OPENBLAS_NUM_THREADS=1
 

@@ -208,8 +208,8 @@ REAL = Path(os.environ.get(real.DATA) or FOREIGN / "real")
     ("name", "rmse", "median", "p90"),
     [
         ("husky_deflated", 0.039, 0.026, 0.060),
-        ("warthog_gravel", 1.40, 0.80, 2.25),
-        ("husky_drive_a", 0.23, 0.16, 0.37),
+        pytest.param("warthog_gravel", 1.40, 0.80, 2.25, marks=pytest.mark.long),
+        pytest.param("husky_drive_a", 0.23, 0.16, 0.37, marks=pytest.mark.long),
     ],
 )
 def test_three_parameters_leave_on_real_recordings_what_an_independent_analysis_found(

@@ -21,7 +21,7 @@ FIELD_TRUTH = {
 }
 
 
-LONG = ("slope", "joint_friction")
+LONG = ("none", "slope", "joint_friction")
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ def answer(found: Case) -> Diagnosis:
     return diagnose(found.recordings, load_robot("agriq"), holdout=found.holdout)
 
 
+@pytest.mark.long
 def test_what_no_effect_and_no_force_explains_is_said_to_be_there(monkeypatch: pytest.MonkeyPatch) -> None:
     """A third of a wandering moment, in one recording of twenty seconds: too faint for its law, plain in its traces."""
     try_only(monkeypatch, *FEW, "external_force")

@@ -25,7 +25,7 @@ def logged(logger: Logger, seed: int, robot=None):
     return robot, recorded(drive(robot, rng), logger, rng)
 
 
-@pytest.mark.parametrize("polled", [0.0, 20.0])
+@pytest.mark.parametrize("polled", [pytest.param(0.0, marks=pytest.mark.long), 20.0])
 @pytest.mark.parametrize(("key", "by"), [("imu", 0.15), ("imu", -0.2), ("motor_torques", 0.2),
                                          ("ground_truth_odom", 0.25), ("ground_truth_odom", -0.15)])  # fmt: skip
 def test_stamps_are_shifted_by_what_the_logger_added(key: str, by: float, polled: float) -> None:
@@ -115,6 +115,7 @@ def test_intervals_are_drawn_from_the_callers_seed() -> None:
     assert again[0] == again[1]
 
 
+@pytest.mark.long
 def test_wheels_that_are_late_cost_an_identification_nothing() -> None:
     """Speeds 0.2 s late and a gyroscope 0.15 s early: shifted first, soil and errors are those of good stamps."""
     robot = load_robot("husky_driven")
@@ -158,7 +159,10 @@ def test_what_is_mended_is_said_of_every_recording_and_first() -> None:
     assert "gyro_delay" not in {one.name for one in aligned(replace(found.experiment), robot).mended}
 
 
-@pytest.mark.parametrize("what", ["none", "slope", "joint_friction", "speed_loop_lag"])
+@pytest.mark.parametrize(
+    "what",
+    ["slope", *(pytest.param(one, marks=pytest.mark.long) for one in ("none", "joint_friction", "speed_loop_lag"))],
+)
 def test_stamps_that_are_right_stay_where_physics_is_missing(what: str) -> None:
     """Slopes, friction and slow drives make streams differ; none of these is a clock."""
     for run in range(3):

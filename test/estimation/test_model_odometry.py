@@ -187,6 +187,7 @@ def test_errors_of_other_soils_are_within_what_it_states() -> None:
     assert np.mean(within) >= 0.9
 
 
+@pytest.mark.long
 def test_the_command_measures_it_beside_wheels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of a turn that slips, a track that was fitted elsewhere knows less than half of what the model knows."""
     robot = load_robot("husky")

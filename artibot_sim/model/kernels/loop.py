@@ -140,6 +140,14 @@ def stopped_by(ground, t):
 
 
 @inlined
+def accounted(out_e):
+    """Whether energies are asked for: None says no at compile time, an array without rows when the loop runs."""
+    if out_e is None:
+        return False
+    return out_e.shape[0] > 0
+
+
+@inlined
 def add_powers(q, v, p, fx, ground, w, weight, e, pw):
     """Accumulate `weight` (s) times the power of every contribution."""
     powers(q, v, p, fx, ground, w, pw)
@@ -226,7 +234,7 @@ def keep_row(q, v, w, e, row, out, out_e):
     keep(q, row, out.q)
     keep(v, row, out.v)
     keep(w, row, out.w)
-    if out_e is not None:
+    if out_e is not None and accounted(out_e):
         keep(e, row, out_e)
 
 
@@ -243,7 +251,7 @@ def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), 
     work : Work
     out : layout.Rows
     out_e : array, shape (rows, ENERGIES), or None
-        None leaves the energies out, at compile time.
+        None leaves the energies out, at compile time; an array without rows does when the loop runs.
     fx : record, optional
         Effects' parameters, with the time of the start in ``fx.t`` (see `effects.record`); without it, at compile time,
         it is the paper's model.
@@ -260,7 +268,7 @@ def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), 
     """
     (q, v, eta, previous), (dt, steps, every, _) = state, grid
     w, drive, cubic, hold, eta_next, q_s, v_s, first, total, e, pw, lag, sum_lag = work
-    (start, count), lags = start_lags(fx, memory, lag), lags_of(memory, lag)
+    (start, count), lags, energies = start_lags(fx, memory, lag), lags_of(memory, lag), accounted(out_e)
     for i in range(16):
         q_s[i], v_s[i] = q[i], v[i]
     module_gravity(p.front, p, FRONT, w)
@@ -285,7 +293,7 @@ def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), 
                 if step == steps or stopped:
                     return (STOPPED if stopped else OK), row
                 feed_back(p, fx, v, w, eta_next, previous)
-            if out_e is not None:
+            if out_e is not None and energies:
                 add_powers(q_s, v_s, p, fx, ground, w, stage_weight(k) * dt, e, pw)
             next_state(k, q, v, dt, w, q_s, v_s, first, total)
             if fx is not None:
@@ -300,7 +308,7 @@ def integrate_semi_implicit(state, p, inputs, grid, work, out, out_e, fx=None, m
     """As `integrate_rk4`; a row's contributions are those that act from its state to the next."""
     (q, v, eta, previous), (dt, steps, every, _) = state, grid
     w, drive, cubic, hold, _, q_old, v_old, _, _, e, pw, lag, _ = work
-    (start, count), lags = start_lags(fx, memory, lag), lags_of(memory, lag)
+    (start, count), lags, energies = start_lags(fx, memory, lag), lags_of(memory, lag), accounted(out_e)
     module_gravity(p.front, p, FRONT, w)
     if p.two:
         module_gravity(p.back, p, BEHIND, w)
@@ -330,7 +338,7 @@ def integrate_semi_implicit(state, p, inputs, grid, work, out, out_e, fx=None, m
         feed_back(p, fx, v, w, eta, previous)
         if fx is not None:
             lags_after(count, memory, dt, lag)
-        if out_e is not None:
+        if out_e is not None and energies:
             for i in range(16):
                 v_old[i] = 0.5 * (v_old[i] + v[i])
             add_powers(q_old, v_old, p, fx, ground, w, dt, e, pw)

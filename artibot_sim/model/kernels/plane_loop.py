@@ -13,6 +13,7 @@ from artibot_sim.model.kernels.layout import BEHIND, FRONT, MOTOR
 from artibot_sim.model.kernels.loop import (
     DIVERGED,
     OK,
+    accounted,
     command_at,
     keep_row,
     lags_after,
@@ -141,7 +142,7 @@ def level_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
         return LEAVES, 0
     w, drive, cubic, hold, eta_next, _, _, _, _, e, _, lag, sum_lag = work
     at, here, rate = begin(q, v, p, fx, w)
-    (start, count), lags = start_lags(fx, memory, lag), lags_of(memory, lag)
+    (start, count), lags, energies = start_lags(fx, memory, lag), lags_of(memory, lag), accounted(out_e)
     row = phase = knot = since = 0
     begun, known = here, (0.0, 1.0, 0.0, 1.0)
     for step in range(steps + 1):
@@ -158,7 +159,7 @@ def level_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
             if fx is not None:
                 fx.t = start + (dt * step + stage_time(k, dt))
             a, now = level_accelerations(
-                at, p, fx, q_k, v_k, trig, inputs.modes, drive, hold, lags, None, k == 0 or out_e is not None
+                at, p, fx, q_k, v_k, trig, inputs.modes, drive, hold, lags, None, k == 0 or energies
             )
             kept = k == 0 and (since == 0 or step == steps)
             if kept:
@@ -174,7 +175,7 @@ def level_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
                 if step == steps:
                     return OK, row
                 feed_torques(p, fx, now, v_k, eta_next, previous)
-            if out_e is not None:
+            if out_e is not None and energies:
                 level_powers(at, p, fx, motions(q_k, v_k), trig, q_k, v_k, now, hold, stage_weight(k) * dt, e)
             q_k, v_k, first, total = next_ten(k, dt, here, rate, v_k, a, first, total)
             if fx is not None:
@@ -198,7 +199,7 @@ def level_semi(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
         return LEAVES, 0
     w, drive, cubic, hold, _, _, _, _, _, e, _, lag, _ = work
     at, here, rate = begin(q, v, p, fx, w)
-    (start, count), lags = start_lags(fx, memory, lag), lags_of(memory, lag)
+    (start, count), lags, energies = start_lags(fx, memory, lag), lags_of(memory, lag), accounted(out_e)
     row = phase = knot = since = 0
     for step in range(steps + 1):
         s = prepare(p, inputs, grid, phase, knot, state, cubic, hold)
@@ -224,7 +225,7 @@ def level_semi(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
         feed_torques(p, fx, now, new, eta, previous)
         if fx is not None:
             lags_after(count, memory, dt, lag)
-        if out_e is not None:
+        if out_e is not None and energies:
             level_powers(at, p, fx, motions(here, rate), trig, here, middle(rate, new), now, hold, dt, e)
         here, rate = there, new
         phase, since = phase + 1, since + 1

@@ -42,6 +42,7 @@ def missed(disc: Mapping[str, float]) -> float:
     return math.hypot(*(disc[name] - THERE[name] for name in ("x", "y")))
 
 
+@pytest.mark.long
 def test_the_disc_is_found_from_one_beside_it_and_the_interval_holds_it() -> None:
     problem, fit = fitted("friction_patch", -1.0, BESIDE)
     found = disc_place(problem, fit, 0, seed=1)

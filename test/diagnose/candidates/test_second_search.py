@@ -20,6 +20,7 @@ AWAY = np.array([0.5, -0.5, 0.35, 0.35, 0.0])
 """Of the soil's logarithms. With one search alone joint_friction is named first."""
 
 
+@pytest.mark.long
 def test_the_right_effect_is_named_from_a_baseline_that_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     try_only(monkeypatch, *FEW)
     hidden = case(("joint_damping",), seed=31, runs=2, held_out=0, duration=14.0, manoeuvres=("eight", "stop_and_go"))

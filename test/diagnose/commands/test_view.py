@@ -308,7 +308,10 @@ def test_other_recordings_are_held_against_what_was_found() -> None:
 
 @pytest.mark.parametrize(
     ("what", "found"),
-    [("none", ()), ("slope", ()), ("joint_friction", ()), ("speed_loop_lag", ("speed_loop_lag",))],
+    [
+        *(pytest.param(one, (), marks=pytest.mark.long) for one in ("none", "slope", "joint_friction")),
+        ("speed_loop_lag", ("speed_loop_lag",)),
+    ],
 )
 def test_recordings_made_elsewhere(what: str, found: tuple[str, ...]) -> None:
     view = command_view([read_bag(foreign(f"field_examples/{what}/run{k}")) for k in range(3)], AGRIQ)

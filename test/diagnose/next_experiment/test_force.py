@@ -69,7 +69,13 @@ def driven_elsewhere(name: str, entry: Entry) -> Experiment:
 
 @pytest.mark.parametrize(
     ("name", "entry"),
-    [("joint_preload", "bends"), ("joint_preload", "stop_and_go"), ("joint_preload", "creep"), ("yaw_drag", "slalom")],
+    [
+        ("joint_preload", "bends"),
+        *(
+            pytest.param(*both, marks=pytest.mark.long)
+            for both in (("joint_preload", "stop_and_go"), ("joint_preload", "creep"), ("yaw_drag", "slalom"))
+        ),
+    ],
 )
 def test_what_is_expected_comes(name: str, entry: str) -> None:
     problem, found, _, _ = found_in(name)

@@ -49,6 +49,7 @@ def fitted(problem: Problem, *effects: Extension) -> tuple[Problem, Fit]:
     return problem, converge(problem, point, EVEN, Rounds().few)
 
 
+@pytest.mark.long
 def test_both_of_two_that_are_there_are_needed(problem: Problem) -> None:
     for both in ((FRICTION, DAMPING), (DAMPING, FRICTION)):
         assert superfluous(*fitted(problem, *both), EVEN, LEAST, Rounds()) is None
@@ -78,6 +79,7 @@ def test_what_is_there_is_worth_what_it_gains(problem: Problem) -> None:
         assert found.problem.parameters.extensions == alone.parameters.extensions
 
 
+@pytest.mark.long
 def test_a_soil_that_made_up_for_an_effect_gives_way_beside_it(problem: Problem) -> None:
     """From a soil far away steps with the effects in end behind the fit that begins at the truth."""
     both, right = fitted(problem, FRICTION, DAMPING)

@@ -26,6 +26,7 @@ from artibot_sim.model import load_robot
 FAR = np.full(4, 2.0)
 
 
+@pytest.mark.long
 def test_what_sensitivities_promise_is_fitted_though_other_branches_hide_it() -> None:
     """As after probes that all threw windows off their branch: of the softened ground only a promise is left."""
     robot = load_robot("agriq")

@@ -36,6 +36,7 @@ def test_the_ground_is_said_to_differ() -> None:
     assert "the ground is not the same" in str(answer).lower()
 
 
+@pytest.mark.long
 def test_each_soil_is_found() -> None:
     found = driven((OTHER_GROUND,), 35)
     soil, factor = found.truth.soil, found.truth.unlisted[OTHER_GROUND]["factor"]

@@ -68,6 +68,7 @@ def test_a_force_is_found_beside_an_effect_and_both_are_in_the_extended_model() 
     assert list(worth) == ["slope", LAWS] and worth[LAWS].after < 0.2 * worth[LAWS].before
 
 
+@pytest.mark.long
 def test_an_effect_that_is_not_there_is_not_needed_beside_the_force() -> None:
     _, searched = with_slope("joint_preload")
     best = Explanations(searched).best()

@@ -28,8 +28,8 @@ from artibot_sim.model import MOTORS, load_robot
 SEED = 2
 SLOW = ("wandering_moment",)
 """Half a minute does not show these."""
-SHORT = ("air_drag", "ridges", "yaw_drag")
-"""What other tests here look for as well."""
+SHORT = ("ridges",)
+"""What `make test` has time for."""
 WORDS = ACTS_ON | {"wheel_out_of_round": {"variable": "wheel angle", "form": "periodic, once a turn"}}
 """What an answer must say. A wheel's longitudinal force is nearly all torque to the sensors, and may be called that."""
 
@@ -83,6 +83,7 @@ def test_the_period_of_ridges_is_found():
     assert 2 * np.pi / np.hypot(*wave) == pytest.approx(period, rel=0.02)
 
 
+@pytest.mark.long
 def test_ridges_that_were_found_are_a_law_that_takes_most_away():
     """Fitted to every third window beside soil and starts; their height is that of the rover that is not the model."""
     truth, found = seen("ridges")

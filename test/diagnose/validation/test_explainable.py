@@ -93,6 +93,7 @@ def winding(share: float) -> Commands:
     return Commands(0.01, velocity)
 
 
+@pytest.mark.long
 def test_where_nothing_is_hidden_nothing_better_is_said_to_be_possible() -> None:
     pytest.importorskip("sklearn")
     robot = load_robot("agriq")

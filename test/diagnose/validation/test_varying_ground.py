@@ -9,7 +9,11 @@ from diagnose.hidden.varying import RESISTANCE, held
 
 
 @pytest.mark.parametrize(
-    ("effects", "seed", "seen"), [((VARYING,), 2579376181, False), ((RESISTANCE, VARYING), 408484264, True)]
+    ("effects", "seed", "seen"),
+    [
+        pytest.param((VARYING,), 2579376181, False, marks=pytest.mark.long),
+        ((RESISTANCE, VARYING), 408484264, True),
+    ],
 )
 def test_only_what_is_there_holds_beside_ground_that_varies(effects: tuple[str, ...], seed: int, seen: bool) -> None:
     low, high = held(effects, seed)
