@@ -85,8 +85,10 @@ LEAST_SIZE = Number(
 TIE = Number(8.0, "nats", "effects as close as this tie", EFFECTS)
 TIE_SHARE = Number(0.03, "–", "the same as a share of the gain, where motion was fitted", EFFECTS)
 MOST_EFFECTS = Number(
-    3, "–", "effects that are looked for one after the other, beside those that commands alone show", EFFECTS
-)
+    3, "–",
+    "effects that are looked for one after the other, beside those of sensors and those that commands alone show",
+    EFFECTS,
+)  # fmt: skip
 
 NOISE_LEVEL = Number(1.6, "–", "residuals over a sensor's own noise, up to which they are believed to be noise", NULL)
 NOISE_THINNING = Number(4.0, "samples", "samples worth one, up to which residuals are believed to be noise", NULL)
@@ -194,7 +196,7 @@ class Thresholds:
     tie, tie_share : float
         Nats, and share of the gain, within which two effects tie.
     most : int
-        Effects that are looked for one after the other.
+        Effects that are looked for one after the other, those of sensors apart.
     """
 
     floor: float = NATS_FLOOR

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,12 +22,14 @@ from artibot_sim.diagnose.selection.ranking import ranking
 from artibot_sim.diagnose.timetable import Timetable
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import SOIL
+from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.estimation.windows import CHANNEL_NAMES
+from artibot_sim.experiment import Experiment
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
-from artibot_sim.model import load_robot
+from artibot_sim.model import Robot, load_robot
 
 DRIVE = {"runs": 2, "held_out": 0, "duration": 10.0, "manoeuvres": ("eight", "stop_and_go")}
 
@@ -79,15 +81,9 @@ def test_what_commands_asked_for_is_taken_back_beside_what_explains_it(monkeypat
     truth, robot = "command_rate_limit", load_robot("agriq")
     asked = stepwise.best_of
     monkeypatch.setattr(stepwise, "best_of", lambda *found: asked(*found[:5], found[5] or (truth,), *found[6:]))
-    monkeypatch.setattr(
-        stepwise, "stage",
-        lambda problem, fit, loss, *_: stepwise.Stage((), (), {}, problem, fit, loss, fit.point.cost),
-    )  # fmt: skip
+    search_nothing(monkeypatch)
     hidden = case((truth,), seed=3, runs=2, held_out=0, duration=15.0)
-    problem = problem_of(hidden.recordings[:1], parameter_set(robot), 5.0, 1)
-    loss = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
-    point = evaluate(problem, loss, [np.zeros(len(SOIL))], problem.starts)[0]
-    fit = Fit(point, loss, None, (), True)  # type: ignore[arg-type]
+    problem, fit = as_in_the_file(hidden.recordings[:1], robot)
     view = command_view(hidden.recordings, robot)
     assert view.evidence["torque_limit"].nats > Options().least
     found = stepwise.decide(problem, fit, Options(), Timetable(), view)
@@ -96,6 +92,46 @@ def test_what_commands_asked_for_is_taken_back_beside_what_explains_it(monkeypat
     no_searches = Options(thresholds=replace(THRESHOLDS, most=0))
     none_fitted = stepwise.decide(problem, fit, no_searches, Timetable(), view)
     assert [one.effect for one in none_fitted.named] == [truth]
+
+
+def test_errors_of_sensors_take_none_of_the_searches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One effect is allowed: searches are over with the first that is none of a sensor, however many these name.
+
+    What evidence there is, is made up, and effects are named as they are, without a fit.
+    """
+    worth = ("gyro_bias", "pose_lever_arm", "slope", "encoder_scale", "payload")
+    robot = load_robot("agriq")
+    hidden = case((), seed=3, runs=1, held_out=0, duration=10.0)
+    search_nothing(monkeypatch)
+    monkeypatch.setattr(stepwise, "_with_effect", lambda problem, fit, *_: (problem, fit))
+    monkeypatch.setattr(stepwise, "leaves_more_than_noise", lambda left: False)
+    monkeypatch.setattr(stepwise, "superfluous", lambda *_: None)
+
+    def made_up(evidence: object, fitted: object, commands: object, least: float, thresholds: Thresholds,
+                without: Collection[str] = (), tried: Collection[str] = ()) -> Named | None:  # fmt: skip
+        return next((Named(one, 1e3, ()) for one in worth if one not in without), None)
+
+    monkeypatch.setattr(stepwise, "best_of", made_up)
+    problem, fit = as_in_the_file(hidden.recordings, robot)
+    options, view = Options(thresholds=replace(THRESHOLDS, most=1)), command_view(hidden.recordings, robot)
+    found = stepwise.decide(problem, fit, options, Timetable(), view)
+    assert [one.effect for one in found.named] == ["gyro_bias", "pose_lever_arm", "slope"]
+
+
+def search_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have searches by rotations try no effect."""
+    monkeypatch.setattr(
+        stepwise, "stage",
+        lambda problem, fit, loss, *_: stepwise.Stage((), (), {}, problem, fit, loss, fit.point.cost),
+    )  # fmt: skip
+
+
+def as_in_the_file(recordings: Sequence[Experiment], robot: Robot) -> tuple[Problem, Fit]:
+    """The soil of the robot file as a fit of recordings."""
+    problem = problem_of(recordings, parameter_set(robot), 5.0, 1)
+    loss = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
+    point = evaluate(problem, loss, [np.zeros(len(SOIL))], problem.starts)[0]
+    return problem, Fit(point, loss, None, (), True)  # type: ignore[arg-type]
 
 
 @pytest.mark.long
