@@ -51,7 +51,7 @@ def read_document(path: Path, what: str, build: Callable[[Any, str], Built]) -> 
     try:
         if path.stat().st_size > LARGEST:
             raise ArtibotError(f"{path}: larger than {LARGEST} bytes, expected a {what} file")
-        document = yaml.load(path.read_text(encoding="utf-8"), Loader=_Strict)  # a SafeLoader
+        document = yaml.load(path.read_text(encoding="utf-8"), Loader=_Strict)  # which builds plain data alone
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ArtibotError(f"{path}: not a YAML file: {' '.join(str(error).split())}") from error
     except OSError as error:

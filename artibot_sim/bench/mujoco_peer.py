@@ -497,10 +497,8 @@ class NativeRun:
             data.ctrl[4:] = self._back_torques()
             mujoco.mj_step(model, data, every)
             qpos[row], qvel[row] = data.qpos, data.qvel
-        t, stance = (
-            np.arange(rows + 1) * every * model.opt.timestep,
-            qpos[:, [2, 5, 4]] + [self._p.right_front.r_w, 0.0, 0.0],
-        )
+        t = np.arange(rows + 1) * every * model.opt.timestep
+        stance = qpos[:, [2, 5, 4]] + [self._p.right_front.r_w, 0.0, 0.0]
         return MujocoRun(t, qpos[:, [0, 1, 3]], self.steps, stance)
 
     def _back_torques(self) -> list[float]:

@@ -451,10 +451,12 @@ class CommandFits:
 
         A line gains what its slope does only where that is surely there; else it is worth as much as a level limit.
         """
-        base, fit = self.fit(given), self.fit((*given, effect))
+        fit = self.fit((*given, effect))
+        if not self._matters(effect, fit):
+            return 0.0
         if effect == SAG and fit.limit is not None and not fit.limit.falls:
             fit = self.fit((*given, LIMIT))
-        return max(fit.value - base.value, 0.0) if self._matters(effect, self.fit((*given, effect))) else 0.0
+        return max(fit.value - self.fit(given).value, 0.0)
 
     def _matters(self, effect: str, fit: CommandFit) -> bool:
         """Whether an effect is as large as to be told from what stamps and encoders leave open."""

@@ -104,7 +104,11 @@ def torque_limit(data: CommandData, noise: SpeedNoise, error: Array) -> Limit | 
 
 
 def torque_line(data: CommandData, noise: SpeedNoise, error: Array) -> Limit | None:
-    """The same of a limit that falls with the speed of a motor that drives, along the line that explains them best."""
+    """The limit that falls with the speed of a motor that drives, along the line that explains errors (n,) best.
+
+    Errors of predicted speeds and their likelihood as in `torque_limit`, whose limit has a slope of 0. None without
+    torques.
+    """
     if not _driven(data):
         return None
     spread, fastest = _spread(data), float(_driving(data).max())
