@@ -1,4 +1,4 @@
-"""``artibot reproduce``: the paper's sections 5 to 7 as a page and pictures."""
+"""``artibot reproduce``: the paper as a page and pictures."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ if TYPE_CHECKING:
     from artibot_sim.reproduce.calibration import Calibration
     from artibot_sim.reproduce.result import Section
 
-SECTIONS = ("5", "6", "7")
-_WEIGHTS = {"calibrate": 60.0, "5": 1.0, "6": 5.0, "7": 6.0, "draw": 3.0}
+INPUTS = 3
+"""The section that compares what the paper is given, not what it finds."""
+SECTIONS = ("3", "5", "6", "7")
+_WEIGHTS = {"calibrate": 60.0, "3": 0.1, "5": 1.0, "6": 5.0, "7": 6.0, "draw": 3.0}
 """How long each part takes, relative to the others."""
 
 
@@ -31,7 +33,7 @@ _WEIGHTS = {"calibrate": 60.0, "5": 1.0, "6": 5.0, "7": 6.0, "draw": 3.0}
 @click.option("--calibrate", is_flag=True, help="Search the best-fit geometries again (many minutes) and use them.")
 @click.option("--quick", is_flag=True, help="Coarser maps and sweeps; with --calibrate, a short search.")
 def command(sections: tuple[str, ...], out: Path, calibrate: bool, quick: bool) -> int:
-    """Reproduce the paper: every figure and table of sections 5 to 7 beside its numbers.
+    """Reproduce the paper: every figure and table with numbers beside the model's.
 
     Writes OUT/reproduction.html, the same as PNG (a picture for each figure, one for each section's statements and
     tables) and OUT/reproduction.json. With --calibrate it also writes
@@ -86,6 +88,10 @@ def _calibrations(progress: Callable[[float], None], quick: bool) -> Mapping[str
 def _section(
     name: str, quick: bool, progress: Callable[[float], None], calibrations: Mapping[str, Calibration] | None
 ) -> Section:
+    if name == "3":
+        from artibot_sim.reproduce.section3 import section3
+
+        return section3()
     if name == "5":
         from artibot_sim.reproduce.section5 import section5
 
@@ -159,10 +165,8 @@ def _print(sections: Sequence[Section], written: Sequence[Path]) -> None:
         console.print(f"Section {section.number}, {section.title}: {section.verdict}", style="bold")
         for comparison in section.comparisons:
             if not comparison.agrees:
-                console.print(
-                    f"  {comparison.what}: {comparison.ours:.2f} {comparison.unit} here, {comparison.paper:.2f} "
-                    f"{comparison.unit} in the paper ({comparison.difference_text})"
-                )
+                here, there = comparison.text(comparison.ours), comparison.text(comparison.paper)
+                console.print(f"  {comparison.what}: {here} here, {there} in the paper ({comparison.difference_text})")
         for statement in section.statements:
             if not statement.holds:
                 console.print(f"  does not hold: {statement.claim}")
@@ -173,12 +177,12 @@ def _print(sections: Sequence[Section], written: Sequence[Path]) -> None:
 
 
 def _print_the_paper(console: Console, sections: Sequence[Section]) -> None:
-    """Every number of the paper beside ours; the page has statements and assumptions, too."""
+    """Every result of the paper beside ours; the page has its inputs, statements and assumptions, too."""
     from rich.table import Table as Shown
 
     from artibot_sim.reproduce.result import the_paper
 
-    table = the_paper(sections)
+    table = the_paper([section for section in sections if section.number != INPUTS])
     rows = [row[1:5] for row in table.rows if row[4]]
     if not rows:
         return

@@ -192,7 +192,7 @@ def render_summary(section: Section) -> bytes:
 # ----------------------------------------------------------------------
 
 
-TITLE = "The paper's sections 5 to 7, reproduced"
+TITLE = "The paper, reproduced"
 INTRO = (
     "Data Driven Analysis of Locomotion for a Class of Articulated Mobile Robots: its figures and tables from "
     "artibot's model, beside the printed numbers. Whether something agrees or holds is computed from the numbers shown."

@@ -65,8 +65,56 @@ TABLE_7: Final[dict[str, dict[float, tuple[float, float]]]] = {
 }
 """Robot → kappa → (magnitude of e_gamma, e_x), percent. Table 7 prints e_gamma without a sign."""
 
+
+class Inputs(NamedTuple):
+    """What Tables 2 to 4 print of a robot: keys of its robot file and printed values."""
+
+    table2: dict[str, float]
+    table3: dict[str, float]
+    table4: dict[str, float]
+
+
+INPUTS: Final = {
+    "epiq": Inputs(
+        table2={
+            "front.m*": 1.98, "back.m*": 1.98,
+            "front.J_x": 0.7e-2, "front.J_y": 1.7e-2, "front.J_z": 0.2e-2,
+            "back.J_x": 0.7e-2, "back.J_y": 1.7e-2, "back.J_z": 0.2e-2,
+            "wheel.J_wx": 2.94e-4, "wheel.J_wy": 0.72e-4,
+        },
+        table3={
+            "drive.front.tau": 1 / 205.0, "drive.back.tau": 1 / 205.0,
+            "drive.front.eta_d": 0.81, "drive.back.eta_d": 0.81, "drive.front.eta_r": 0.77, "drive.back.eta_r": 0.77,
+        },
+        table4={
+            "contact.k_l": 200.0, "contact.k_t": 120.0, "contact.k_n": 11e3,
+            "contact.mu_s": 0.90, "contact.mu_d": 0.60, "contact.u_w": 8.00e-4,
+        },
+    ),
+    "agriq": Inputs(
+        table2={
+            "front.m*": 59.0, "back.m*": 28.0,
+            "front.J_x": 5.729, "front.J_y": 5.729, "front.J_z": 9.167,
+            "back.J_x": 2.604, "back.J_y": 2.604, "back.J_z": 4.167,
+            "wheel.J_wx": 0.155, "wheel.J_wy": 0.038,
+        },
+        table3={
+            "drive.front.tau": 1 / 47.64, "drive.back.tau": 1 / 28.93,
+            "drive.front.eta_d": 0.60, "drive.back.eta_d": 0.60, "drive.front.eta_r": 0.35, "drive.back.eta_r": 0.35,
+        },
+        table4={
+            "contact.k_l": 2939.81, "contact.k_t": 2039.05, "contact.k_n": 15e3,
+            "contact.mu_s": 0.63, "contact.mu_d": 0.30, "contact.u_w": 8.32e-3,
+        },
+    ),
+}  # fmt: skip
+"""Tables 2 to 4. ``m*`` is eq. 9's mass, of a module with its four wheels; k_t is printed as k_r."""
+
 LENGTH: Final = {"epiq": 0.30, "agriq": 2.0}
 """How long the robots are, m: section 1 ("about 5 kg and 30 cm length", "100 kg and is 2 m long")."""
+
+MASS: Final = {"epiq": 5.0, "agriq": 100.0}
+"""What they weigh, kg: the same sentences."""
 
 KAPPA_MIN: Final = 0.622
 """Least kappa for Agri.q's equal motors, 1 / (1 + tau_f / tau_b): section 6, text after eq. 30 (rounded to 0.62)."""

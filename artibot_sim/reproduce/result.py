@@ -21,6 +21,10 @@ CALIBRATED = "calibration"
 """The number was fitted to the very one it is compared with."""
 PREDICTED = "prediction"
 """It was not."""
+TAKEN = "input"
+"""The robot file holds the printed number itself, or says why it does not."""
+_NAMES = {TAKEN: "input", CALIBRATED: "calibrated", PREDICTED: "predicted"}
+_ASSUMPTION = {TAKEN: "taken from it", CALIBRATED: "fitted to it"}
 
 
 @dataclass(frozen=True)
@@ -31,14 +35,14 @@ class Comparison:
     ----------
     what : str
     unit : str
-        ``%`` and ``m``; the numbers are in it.
+        The numbers are in it; empty where they have none.
     place : str
         Where the paper prints it.
     paper, ours : float
     within : float
-        Largest difference that counts as agreement: of percentages in points, of radii relative to the paper's.
+        Largest difference that counts as agreement: of percentages in points, else relative to the paper's number.
     basis : str
-        ``calibration`` or ``prediction``.
+        ``input``, ``calibration`` or ``prediction``.
     assumes : str
         What the paper leaves open and had to be taken.
     """
@@ -61,6 +65,11 @@ class Comparison:
     def agrees(self) -> bool:
         """Whether the difference is within what is allowed."""
         return bool(abs(self.difference) <= self.within)
+
+    def text(self, value: float) -> str:
+        """A number of this quantity as written, with its unit."""
+        number = f"{value:.2f}" if self.unit in ("%", "m") and self.basis != TAKEN else f"{value:.6g}"
+        return f"{number} {self.unit}".strip().replace("-", "−")
 
     @property
     def difference_text(self) -> str:
@@ -164,7 +173,7 @@ class Section:
     def verdict(self) -> str:
         """How much of it agrees, in a sentence."""
         parts = []
-        for basis, name in ((CALIBRATED, "calibrated"), (PREDICTED, "predicted")):
+        for basis, name in _NAMES.items():
             of_it = [c for c in self.comparisons if c.basis == basis]
             if of_it:
                 parts.append(f"{sum(c.agrees for c in of_it)} of {len(of_it)} {name} numbers agree")
@@ -183,8 +192,8 @@ def comparison_table(title: str, comparisons: Sequence[Comparison], note: str = 
     columns = ("quantity", "paper", "artibot", "difference", "allowed", "agrees", "basis", "place in the paper")
     rows = tuple(
         (
-            c.what, f"{c.paper:.2f} {c.unit}".replace("-", "−"), f"{c.ours:.2f} {c.unit}".replace("-", "−"),
-            c.difference_text, c.within_text, "yes" if c.agrees else "no", c.basis, c.place,
+            c.what, c.text(c.paper), c.text(c.ours), c.difference_text,
+            c.within_text, "yes" if c.agrees else "no", c.basis, c.place,
         )
         for c in comparisons
     )  # fmt: skip
@@ -196,14 +205,16 @@ def the_paper(sections: Sequence[Section]) -> Table:
     rows: list[tuple[str, ...]] = []
     for section in sections:
         for c in section.comparisons:
-            value = [f"{number:.2f} {c.unit}".replace("-", "−") for number in (c.paper, c.ours)]
-            assumes = "; ".join(part for part in (c.assumes, "fitted to it" if c.basis == CALIBRATED else "") if part)
-            rows.append((c.place, c.what, *value, c.difference_text, assumes))
+            assumes = "; ".join(part for part in (c.assumes, _ASSUMPTION.get(c.basis, "")) if part)
+            rows.append((c.place, c.what, c.text(c.paper), c.text(c.ours), c.difference_text, assumes))
         for s in section.statements:
             if s.place:
                 rows.append((s.place, s.claim, "holds", "holds" if s.holds else "does not hold", "", ""))
     rows.sort(key=lambda row: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", row[0])])
-    note = "Differences are artibot's less the paper's, with their sign: points of percentages, percent of radii."
+    note = (
+        "Differences are artibot's less the paper's, with their sign: points of percentages, else percent. Figs 1 to "
+        "5, 7 and 8 are sketches, photographs and a flow chart: they print nothing to compare. Table 1 is lost."
+    )
     return Table(
         "The paper", ("place in the paper", "quantity", "paper", "artibot", "difference", "assumes"), tuple(rows), note
     )

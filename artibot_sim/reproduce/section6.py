@@ -405,7 +405,7 @@ _CALIBRATED = (
 
 def written(study: Study) -> Section:
     """The section with its figures, tables and statements."""
-    comparisons = (*_radii(study), *_errors(study), *_driven_radii(study))
+    comparisons = (*_radii(study), *_errors(study), *_odometric_circles(study), *_driven_radii(study))
     tables = (
         comparison_table("Beside the paper's model and measurements", comparisons, _ALLOWED),
         _radius_table(study),
@@ -451,6 +451,19 @@ def _errors(study: Study) -> list[Comparison]:
             out.append(
                 Comparison(what, "%", "Table 5, simulation", printed, 100 * ours, allowed(key), CALIBRATED, assumes)
             )
+    return out
+
+
+def _odometric_circles(study: Study) -> list[Comparison]:
+    """Table 5's odometric e_x: of a perfect circle of the printed odometric radius and e_gamma."""
+    out = []
+    for test, run in study.smooth.items():
+        before = float(run.plan.at(run.arc_start).arc[0])
+        ours = float(circle_error(test, ODOMETRIC, np.array([study.angle[test]]), before)[0])
+        assumes = f"the printed odometric radius and e_γ; a circle of {math.degrees(study.angle[test]):.0f}°"
+        printed = TESTS[test].e_x[ODOMETRIC]
+        what = f"{NAMES[test]}: e_x of the odometric circle"
+        out.append(Comparison(what, "%", "Table 5, odometric", printed, 100 * ours, allowed("e_x"), PREDICTED, assumes))
     return out
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from artibot_sim.cli import main
 from artibot_sim.report.page import data_of
-from artibot_sim.reproduce import section5, section6, section7
+from artibot_sim.reproduce import section3, section5, section6, section7
 from artibot_sim.reproduce.page import _chart, lines, render, render_sheet, render_summary
 from artibot_sim.reproduce.result import Section
 
@@ -22,7 +22,7 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stab
 
 @pytest.fixture(scope="module")
 def sections(circles: section6.Study, runs: section7.Study) -> list[Section]:
-    return [section5.section5(quick=True), section6.written(circles), section7.written(runs)]
+    return [section3.section3(), section5.section5(quick=True), section6.written(circles), section7.written(runs)]
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def test_plotly_knows_every_attribute(sections: list[Section]) -> None:
 
 
 def test_each_sheet_is_a_picture(sections: list[Section]) -> None:
-    for sheet in (sections[0].sheets[0], sections[1].sheets[-1]):  # maps, curves
+    for sheet in (sections[1].sheets[0], sections[2].sheets[-1]):  # maps, curves
         data = render_sheet(sheet)
         assert data[:8] == b"\x89PNG\r\n\x1a\n"
         assert int.from_bytes(data[16:20], "big") == 1650
