@@ -18,17 +18,14 @@ _ABOUT = 0.1
 
 def section3() -> Section:
     """Compare the robot files with Tables 2 to 4 and with what sections 1 and 6 say of the robots in words."""
-    tables, numbers = [], []
-    for name, who in ROBOTS.items():
-        of_it = tuple(_comparisons(name, who, load_robot(name)))
-        tables.append(comparison_table(who, of_it))
-        numbers += of_it
+    found = {who: tuple(_comparisons(name, who, load_robot(name))) for name, who in ROBOTS.items()}
+    tables = tuple(comparison_table(who, numbers) for who, numbers in found.items())
     notes = (
         "All else is simulated with these numbers. Table 1 is lost: spacings, joint and wheels are inferred.",
         "Table 6 is what section 7 drives, as printed.",
         "Table 2's masses are eq. 9's, with four wheels; that a module weighs so much without m_w is not printed.",
     )
-    return Section(3, "The robots' numbers, Tables 2 to 4", (), tuple(tables), tuple(numbers), (), notes)
+    return Section(3, "The robots' numbers, Tables 2 to 4", (), tables, sum(found.values(), ()), (), notes)
 
 
 def _comparisons(name: str, who: str, robot: Robot) -> Iterator[Comparison]:
