@@ -209,12 +209,13 @@ def render(sections: Sequence[Section], version: str) -> bytes:
         for section in sections
     )
     head = f"<h1>{html.escape(TITLE)}</h1><p>{html.escape(INTRO)}</p><ul>{summary}</ul>"
+    first = next((section for section in sections if section.sheets), None)
     parts = [
         Part(
-            f"Section {section.number}: {section.title}", _section(section, counter), number == 0,
+            f"Section {section.number}: {section.title}", _section(section, counter), section is first,
             f"Section {section.number}", f"s{section.number}",
         )
-        for number, section in enumerate(sections)
+        for section in sections
     ]  # fmt: skip
     parts.append(Part("The paper, figure by figure", _table(the_paper(sections)), anchor="paper"))
     foot = f"<p>{html.escape(f'artibot {version}, `artibot reproduce`')}</p>"

@@ -560,7 +560,7 @@ def in_short(comparisons: Sequence[Comparison], study: Study) -> tuple[str, ...]
     """Driven by rotations, and by motors with one torque limit."""
     radii = [c for c in comparisons if c.what.endswith("radius, driven by rotations")]
     listed = ", ".join(f"{c.what.split(':')[0]} {c.ours:.2f} m for {c.paper:.2f} m" for c in radii)
-    points = [c for c in comparisons if c.unit == "%"]
+    points = [c for c in comparisons if c.unit == "%" and c.what.endswith("driven by rotations")]
     limited, predicted, measured = study.best, study.best.test2, TESTS["test2"].radius[MEASURED]
     rotations = (
         f"Driven by the odometric rotations, as section 6 does it: {count(radii)} radii agree with the paper's model "
