@@ -18,7 +18,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.effects.base import Choice
 from artibot_sim.model.robot.quantity import Quantity
-from artibot_sim.model.robot.robot import Robot
+from artibot_sim.model.robot.robot import MOTOR_EFFECTS, Robot
 from artibot_sim.planning import manoeuvre_from_dict
 
 # ----------------------------------------------------------------------
@@ -225,7 +225,8 @@ class Base:
 
 def known_keys(base: Base) -> list[str]:
     """Every key that may be an axis."""
-    keys = [KAPPA, MANOEUVRE, *(key for key, _, _ in base.robot.quantities())]
+    sensors = {key for key, (effect, _) in MOTOR_EFFECTS.items() if EFFECTS[effect].acts == "sensor"}
+    keys = [KAPPA, MANOEUVRE, *(key for key, _, _ in base.robot.quantities() if key not in sensors)]
     keys += [
         f"{_EFFECTS}{name}.{parameter}"
         for name, effect in EFFECTS.items()
@@ -278,11 +279,11 @@ def _declared(key: str, base: Base) -> Quantity | Choice | None:
     """The declaration of a robot's or an effect's parameter."""
     if key == KAPPA:
         key = "control.kappa"
+    name, parameter = MOTOR_EFFECTS.get(key, ("", ""))
     if key.startswith(_EFFECTS):
         name, _, parameter = key[len(_EFFECTS) :].partition(".")
-        effect = EFFECTS.get(name)
-        if effect is None or parameter not in effect.parameters:
-            return None
+    effect = EFFECTS.get(name)
+    if effect is not None and parameter in effect.parameters:
         if effect.acts == "sensor":
             raise ArtibotError(f"{key}: acts on what sensors record, which a sweep does not simulate; leave it out")
         return effect.parameters[parameter].quantity

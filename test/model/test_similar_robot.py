@@ -90,3 +90,16 @@ def test_robots_of_real_recordings_are_shipped_and_stand_still_when_still(name: 
     assert load_robot(tmp_path / "again.yaml") == robot
     still = rollout(robot, standstill(1.0))
     assert abs(still.q[-1, :2]).max() < 1e-6
+
+
+def test_a_motor_of_a_data_sheet_stands_in_the_file_and_in_a_larger_robot_it_is_stronger(tmp_path) -> None:
+    path = tmp_path / "other.yaml"
+    motor = ["--stall-torque", "1.2", "--no-load-speed", "400", "--no-load-torque", "0.04"]
+    result = CliRunner().invoke(command, ["new", "other", "--like", "agriq", *motor, "-o", str(path)])
+    assert result.exit_code == 0, result.output
+    robot = load_robot(path)
+    assert (robot.motor.stall_torque, robot.motor.no_load_speed, robot.motor.no_load_torque) == (1.2, 400.0, 0.04)
+    assert robot.sources["motor.no_load_speed"] == "datasheet: no load speed 400 rad/s"
+    larger = similar(robot, "larger", DataSheet(mass=2 * weight(robot)))
+    assert larger.motor.stall_torque == pytest.approx(2.4) and larger.motor.no_load_speed == 400.0
+    assert larger.motor.velocity_filter == 0.0 and "motor.supply" not in larger.sources

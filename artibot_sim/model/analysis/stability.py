@@ -209,7 +209,7 @@ def _rk4_limits(chain: _Chain, modes: tuple[int, ...]) -> Iterator[tuple[float, 
         yield _rk4_limit(-cmath.sqrt(damping * damping / 4 - stiffness) - damping / 2), what
 
 
-LINE = "effects.battery_sag, a motor on its torque-speed line"
+LINE = "effects.battery_sag or motor, a motor on its torque-speed line"
 
 
 def _line_rates(chain: _Chain, free: tuple[bool, ...]) -> Iterator[float]:
@@ -339,7 +339,7 @@ def _slip_matrix(chain: _Chain, etas: list[float], free: tuple[bool, ...], bends
 
 _PARTS = {
     "k_n": 0.5, "k_l": 0.5, "k_t": 0.5, "m": 2.0, "J_x": 2.0, "J_z": 2.0, "J_m": 2.0, "A_joint": 0.5, "A_motor": 0.5,
-    "velocity_gain": 0.5,
+    "velocity_gain": 0.5, "stall_torque": 0.5, "no_load_speed": 2.0,
 }  # fmt: skip
 """Last part of a parameter's key → by which factor it would allow a longer step: softer, heavier, slower."""
 _LONGER = 1.1

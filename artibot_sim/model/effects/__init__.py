@@ -33,13 +33,19 @@ EFFECTS: dict[str, Effect] = _found()
 """Every effect by id."""
 
 
-def effects_from_dict(document: Mapping[str, Any]) -> dict[str, dict[str, float | str]]:
+def effects_from_dict(
+    document: Mapping[str, Any], own: Mapping[str, Values] | None = None
+) -> dict[str, dict[str, float | str]]:
     """Check the ``effects`` section of a robot file.
 
     Each effect's parameters stand as numbers or as ``{value, unit, source}``; a parameter that is not given has
-    its neutral value.
+    its neutral value, or that of the effects that the robot has by itself (`own`).
     """
-    return {name: _effect(name).read(entries, f"effects.{name}") for name, entries in document.items()}
+    given = dict(document)
+    for name, values in (own or {}).items():
+        entries = given.get(name, {})
+        given[name] = {**values, **entries} if isinstance(entries, Mapping) else entries
+    return {name: _effect(name).read(entries, f"effects.{name}") for name, entries in given.items()}
 
 
 def at_work(effects: Mapping[str, Values]) -> dict[str, tuple[Effect, Values]]:

@@ -28,6 +28,7 @@ from artibot_sim.model.robot.robot import (
     Drives,
     Hitch,
     Module,
+    Motor,
     Polarity,
     Readings,
     Robot,
@@ -53,7 +54,7 @@ SOURCES = (
 
 _ENTRY = ("value", "unit", "source", "ci95")
 _SECTIONS: dict[str, type] = {"front": Module, "wheel": Wheel, "contact": Contact, "control": Control}
-_OPTIONAL: dict[str, type] = {"sensors": Sensors, "odometry": WheelOdometry}
+_OPTIONAL: dict[str, type] = {"motor": Motor, "sensors": Sensors, "odometry": WheelOdometry}
 _NESTED: dict[str, type] = {"polarity": Polarity, "hitch": Hitch}
 
 
@@ -196,16 +197,14 @@ def robot_to_dict(robot: Robot) -> dict[str, Any]:
     """The mapping that a robot file holds; :func:`robot_from_dict` gives the robot back."""
     document: dict[str, Any] = {"name": robot.name, "description": robot.description}
     document |= {"suspension": robot.suspension} if robot.suspension else {}
-    for key, quantity, value in robot.quantities():
-        if key in robot.sources or math.isfinite(value):  # an unlimited motor is one whose limit is not in the file
-            _enter(document, robot, key, quantity, value)
     usual = {f"{section}.{name}": value for section, cls in _OPTIONAL.items() for name, value in vars(cls()).items()}
-    for key, quantity, value in robot.sensor_quantities():
-        if key in robot.sources or value != usual[key]:
+    for key, quantity, value in (*robot.quantities(), *robot.sensor_quantities()):
+        # an unlimited motor is one whose limit is not in the file
+        if key in robot.sources or (value != usual[key] if key in usual else math.isfinite(value)):
             _enter(document, robot, key, quantity, value)
     document["readings"] = dataclasses.asdict(robot.readings)
-    if robot.effects:
-        document["effects"] = {name: _effect_entries(robot, name) for name in robot.effects}
+    if effects := robot.effects_beside:
+        document["effects"] = {name: _effect_entries(robot, name, values) for name, values in effects.items()}
     return document
 
 
@@ -219,9 +218,9 @@ def _enter(document: dict[str, Any], robot: Robot, key: str, quantity: Quantity,
     node[name] = entry | ({"ci95": list(robot.intervals[key])} if key in robot.intervals else {})
 
 
-def _effect_entries(robot: Robot, name: str) -> dict[str, Any]:
+def _effect_entries(robot: Robot, name: str, values: Mapping[str, Any]) -> dict[str, Any]:
     entries: dict[str, Any] = {}
-    for parameter, value in robot.effects[name].items():
+    for parameter, value in values.items():
         key, quantity = f"effects.{name}.{parameter}", EFFECTS[name].parameters[parameter].quantity
         unit = {} if isinstance(quantity, Choice) else {"unit": quantity.unit}
         interval = {"ci95": [float(bound) for bound in robot.intervals[key]]} if key in robot.intervals else {}

@@ -133,6 +133,46 @@ class Drive:
     polarity: Polarity = field(default_factory=Polarity)
 
 
+def _of_effect(effect: str, parameter: str) -> Any:
+    """A number that a robot has of itself: what it is, and where it is absent, its effect says."""
+    declared = EFFECTS[effect].parameters[parameter]
+    return field(default=declared.neutral, metadata={"quantity": declared.quantity, "effect": (effect, parameter)})
+
+
+@dataclass(frozen=True)
+class Motor:
+    """What motors, their supply and their electronics are beside `Drive`; without a number they are the paper's.
+
+    These are effects that stand: a robot that has them has the effects of the same numbers, and what its `effects` say
+    of one of these goes before. So the physics is written once.
+    """
+
+    stall_torque: float = _of_effect("battery_sag", "stall")
+    no_load_speed: float = _of_effect("battery_sag", "no_load_speed")
+    supply: float = _of_effect("battery_sag", "supply")
+    no_load_torque: float = _of_effect("gear_no_load", "torque")
+    velocity_filter: float = _of_effect("velocity_filter", "time_constant")
+
+    @property
+    def effects(self) -> dict[str, dict[str, float]]:
+        """Those of its effects that are not neutral, with all numbers that stand here."""
+        found: dict[str, dict[str, float]] = {}
+        for key, (effect, parameter) in MOTOR_EFFECTS.items():
+            found.setdefault(effect, {})[parameter] = getattr(self, key.removeprefix("motor."))
+        return {name: values for name, values in found.items() if _differs(name, values)}
+
+
+MOTOR_EFFECTS: dict[str, tuple[str, str]] = {
+    f"motor.{entry.name}": entry.metadata["effect"] for entry in dataclasses.fields(Motor)
+}
+"""Of which effect's parameter each of a motor's numbers is one."""
+
+
+def _differs(effect: str, values: Values) -> bool:
+    """Whether a parameter of an effect is not the neutral one."""
+    return any(value != EFFECTS[effect].parameters[name].neutral for name, value in values.items())
+
+
 @dataclass(frozen=True)
 class Drives:
     """The drives of the modules; `trailing` holds those behind `back`, None for a passive module."""
@@ -190,6 +230,8 @@ class Robot:
         `back` is None for a rigid robot.
     drive : Drives
         ``drive.front`` and ``drive.back``; also as `drive_front` and `drive_back`.
+    motor : Motor
+        Torque-speed line, supply and the like; the paper's motors have none of it.
     trailing : tuple of Trailing
         Modules behind `back`, from there on: ``module_3``, ``module_4``, …
     sensors : Sensors
@@ -200,7 +242,7 @@ class Robot:
         ``"rocker"`` where the pitch of a module does not reach its wheels (section 4.3: both wheels of a side carry the
         same), ``"rigid"`` where it does; empty for a rocker of an articulated robot, else rigid.
     effects : mapping of str to mapping
-        Model extensions by id; absent is neutral.
+        Model extensions by id, those of `motor` among them; absent is neutral.
     sources : mapping of str to str
         Where each number comes from, by key (``contact.k_l``).
     intervals : mapping of str to (float, float)
@@ -220,6 +262,7 @@ class Robot:
     control: Control
     back: Module | None = None
     trailing: tuple[Trailing, ...] = ()
+    motor: Motor = Motor()
     readings: Readings = Readings()
     sensors: Sensors = Sensors()
     odometry: WheelOdometry = WheelOdometry()
@@ -230,7 +273,7 @@ class Robot:
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "effects", MappingProxyType(effects_from_dict(self.effects)))
+        object.__setattr__(self, "effects", MappingProxyType(effects_from_dict(self.effects, self.motor.effects)))
         for name in ("sources", "intervals"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         for key, spec, value in (*self.quantities(), *self.sensor_quantities()):
@@ -305,6 +348,16 @@ class Robot:
                 if isinstance(declared.quantity, Quantity):
                     yield f"effects.{name}.{parameter}", declared.quantity, float(values[parameter])
 
+    @property
+    def effects_beside(self) -> dict[str, dict[str, Any]]:
+        """What its effects have that does not come of `motor` already."""
+        own = self.motor.effects
+        found = {name: dict(values) for name, values in self.effects.items() if name not in own}
+        for name, values in own.items():
+            others = {key: value for key, value in self.effects[name].items() if value != values.get(key)}
+            found |= {name: others} if others else {}
+        return found
+
     def as_vector(self, keys: Sequence[str]) -> NDArray[np.float64]:
         """Values of `keys` (``"contact.k_l"``, ``"effects.slope.grade"``, …) as an array, for fitting."""
         values = {key: value for key, _, value in (*self.quantities(), *self.effect_quantities())}
@@ -335,10 +388,10 @@ class Robot:
             for key, v in changes.items()
             if key not in known - own
         }
-        effects = {name: dict(values) for name, values in self.effects.items()}
+        effects = self.effects_beside
         for key in (known - own) & set(changes):
             _, name, parameter = key.split(".")
-            effects[name][parameter] = float(changes[key])
+            effects.setdefault(name, {})[parameter] = float(changes[key])
         return _replace_leaves(self, leaves | {("sources",): sources, ("effects",): effects})
 
 
@@ -410,6 +463,8 @@ def _check_together(robot: Robot) -> None:
             f"contact.mu_d: {robot.contact.mu_d:g} exceeds mu_s {robot.contact.mu_s:g}; "
             "eq. 16 lets the force drop when a wheel breaks away, so mu_d must not be larger"
         )
+    if math.isinf(robot.motor.stall_torque) and math.isfinite(robot.motor.no_load_speed):
+        raise ArtibotError("motor.no_load_speed: a torque-speed line has motor.stall_torque, too; give both or neither")
     if robot.trailing and robot.back is None:
         raise ArtibotError("module_3: stands behind `back`, which is missing; call the second module `back`")
     if len(robot.drive.trailing) != len(robot.trailing):

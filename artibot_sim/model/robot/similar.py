@@ -9,7 +9,7 @@ import numpy as np
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.robot.quantity import Quantity
-from artibot_sim.model.robot.robot import Robot, module_name
+from artibot_sim.model.robot.robot import Motor, Robot, module_name
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,12 @@ class DataSheet:
         Of one wheel, kg.
     ratio : float, optional
         Speed of the wheels over that of the motors.
+    stall_torque : float, optional
+        Of a motor at rest at full supply, N m.
+    no_load_speed : float, optional
+        Of a motor without a load at full supply, rad/s.
+    no_load_torque : float, optional
+        Of a gear that carries nothing, at its motor, N m.
     """
 
     mass: float | None = None
@@ -38,6 +44,9 @@ class DataSheet:
     wheelbase: float | None = None
     wheel_mass: float | None = None
     ratio: float | None = None
+    stall_torque: float | None = None
+    no_load_speed: float | None = None
+    no_load_torque: float | None = None
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -54,7 +63,10 @@ _SCALED = {
 """Factor to both sides within which a scaled number lies with 95 %, by key;"""
 _MODULE = {"J_x": 2.0, "J_y": 2.0, "J_z": 2.0, "l": 1.3}
 """of a module's,"""
-_DRIVE = {"J_m": 5.0, "torque_max": 2.0, "rated_torque": 2.0}
+_DRIVE = {
+    "J_m": 5.0, "torque_max": 2.0, "rated_torque": 2.0, "stall_torque": 2.0, "no_load_speed": 1.5,
+    "no_load_torque": 3.0,
+}  # fmt: skip
 """of a drive's."""
 
 
@@ -117,7 +129,16 @@ class _Scaled:
 
     def numbers(self) -> Iterator[tuple[str, float, str, tuple[float, float] | None]]:
         """Key, value, source and interval of every number."""
-        for key, _, before in self.reference.quantities():
+        usual = {f"motor.{name}": value for name, value in vars(Motor()).items()}
+        for key, spec, before in self.reference.quantities():
+            if key in usual:
+                name = key.partition(".")[2]
+                said = getattr(self.sheet, name, None)
+                if said is not None:
+                    yield key, said, f"datasheet: {name.replace('_', ' ')} {said:g} {spec.unit}", None
+                    continue
+                if before == usual[key] and key not in self.reference.sources:
+                    continue  # it has none
             factor, given = self._factor(key)
             value = before * factor if np.isfinite(before) else before
             yield key, value, *self._known(key, value, factor, given)
@@ -154,7 +175,9 @@ class _Scaled:
         ratio = (self.sheet.ratio or 1.0) / self.reference.drive.front.tau if self.sheet.ratio else 1.0
         if name == "tau":
             return ratio, "ratio"
-        if name in ("torque_max", "rated_torque"):
+        if name == "no_load_speed":
+            return 1.0 / (self.rounder * ratio), ""
+        if name in ("torque_max", "rated_torque", "stall_torque", "no_load_torque"):
             return self.heavier * self.rounder * ratio, ""
         return (self.heavier * self.rounder**2 * ratio**2, "") if name == "J_m" else (1.0, "")
 
@@ -174,7 +197,7 @@ class _Scaled:
                 text += f" kg, less the wheels' {self.wheel_mass:.3g} kg each"
             low, high = GIVEN.get(given, (1.0, 1.0))
             return text, _rounded(value * low, value * high) if low < high else None
-        if key.startswith(("control.", "drive.")) and factor == 1.0:
+        if key.startswith(("control.", "drive.", "motor.")) and factor == 1.0:
             return self._as_before(key), None
         name = key.rpartition(".")[2]
         spread = _SCALED.get(key) or (_MODULE if key.partition(".")[0] in self.modules else _DRIVE).get(name)
