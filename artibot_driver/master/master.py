@@ -54,7 +54,7 @@ class Request(enum.Enum):
     RESET = "reset faults"
 
 
-class AskedFor(NamedTuple):
+class PendingRequests(NamedTuple):
     """What was asked for since the last cycle; `stop` is the first of the reasons, with the cycle's time."""
 
     enable: bool
@@ -75,13 +75,15 @@ class Requests:
         with self._lock:
             self._waiting.append((request, reason, text))
 
-    def take(self, now: int) -> AskedFor:
+    def take(self, now: int) -> PendingRequests:
         """All asked, which are gone then."""
         with self._lock:
             waiting, self._waiting = self._waiting, []
         kinds = {request for request, _, _ in waiting}
         stops = [Stop(reason, text, now) for request, reason, text in waiting if request is Request.STOP]
-        return AskedFor(Request.ENABLE in kinds, Request.RESET in kinds, stops[0] if stops else None, len(waiting))
+        return PendingRequests(
+            Request.ENABLE in kinds, Request.RESET in kinds, stops[0] if stops else None, len(waiting)
+        )
 
 
 # ----------------------------------------------------------------------
@@ -278,7 +280,7 @@ class Master:
         self._targets.follow(given)
         return None
 
-    def _answer(self, now: int, asked: AskedFor) -> bool:
+    def _answer(self, now: int, asked: PendingRequests) -> bool:
         """Say what becomes of the requests; whether the drives are to be enabled."""
         refused = ""
         self._answered += asked.number

@@ -13,7 +13,7 @@ from artibot_sim.diagnose.policy import MINOR_COMMANDS, MOST_EFFECTS
 from artibot_sim.diagnose.records import ChannelGain, Left
 from artibot_sim.diagnose.remains import COMMANDED, beyond_noise, far_beyond_noise, leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.decision import Decision, Named
-from artibot_sim.diagnose.selection.per_recording import Apart, apart
+from artibot_sim.diagnose.selection.per_recording import ByRecording, fitted_apart
 from artibot_sim.diagnose.timetable import Timetable
 from artibot_sim.diagnose.unlisted.beside import Explanations
 from artibot_sim.diagnose.unlisted.finding import ForceFinding
@@ -73,7 +73,7 @@ GoOn = Callable[[str], Decision]
 
 
 @dataclass(frozen=True)
-class Beside:
+class LastEffect:
     """An effect beside those found before it.
 
     Attributes
@@ -108,7 +108,7 @@ class Without:
     reason: Reason
     gain: Mapping[str, ChannelGain]
     left: Mapping[str, Left]
-    beside: Beside | None = None
+    beside: LastEffect | None = None
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ def concluded(
     about_commands = CommandFacts(kept, view, judged)
     commands = COMMANDS.first(about_commands)
     kept = about_commands.kept(commands.then)
-    fallen = [facts.without(row.reason) for facts, row in _fallen(about_motion, motion, about_commands, commands)]
+    fallen = [facts.without(row.reason) for facts, row in _withdrawn(about_motion, motion, about_commands, commands)]
     facts = {
         "encoders": "named" if _recorded(kept) else "nothing",
         "motion": motion.then.name.lower(), "commands": commands.then.name.lower(),
@@ -186,7 +186,7 @@ def concluded(
     return Conclusion(kept, motion, commands, (*fallen, *last))
 
 
-def _fallen(
+def _withdrawn(
     about_motion: MotionFacts, motion: Row[Outcome], about_commands: CommandFacts, commands: Row[Outcome]
 ) -> list[tuple[MotionFacts | CommandFacts, Row[Outcome]]]:
     """The facts and rows by which names fell for a reason that is to be said."""
@@ -227,17 +227,19 @@ class MotionFacts:
         """What is left of the names."""
         decision = self._decision
         if outcome is Outcome.NAMED:
-            return own_ties(self._with_laws or decision)
+            return without_ties_among_named(self._with_laws or decision)
         if outcome is Outcome.SOILS:
-            return own_ties(replace(on_no_list(self._found), apart=self._soils[2], left=self._without_left))
+            return without_ties_among_named(
+                replace(on_no_list(self._found), by_recording=self._soils[2], left=self._without_left)
+            )
         if outcome is Outcome.NOTHING and not decision.fitted:
-            return own_ties(decision)
+            return without_ties_among_named(decision)
         back = replace(on_no_list(self._found), left=self._without_left)
         if outcome is Outcome.NOTHING:
-            return own_ties(back)
+            return without_ties_among_named(back)
         if self._force_alone is not None:
             back = replace(back, unexplained=self._force_alone, laws=self._explanations(()).laws)
-        return own_ties(replace(back, apart=self._contradiction))
+        return without_ties_among_named(replace(back, by_recording=self._contradiction))
 
     def without(self, reason: Reason) -> Without:
         """What was not named, why, and what it would have gained."""
@@ -263,12 +265,12 @@ class MotionFacts:
         """The last effect beside the others, and how held-out recordings are predicted with it."""
         *others, effect = (one.effect for one in self._decision.fitted)
         worth = self.held.gained[effect]
-        return Without((effect,), Reason.REFUTED, {}, self._decision.left, Beside(tuple(others), worth))
+        return Without((effect,), Reason.REFUTED, {}, self._decision.left, LastEffect(tuple(others), worth))
 
     @cached_property
     def held(self) -> HeldOut:
         """What effects and laws are worth on held-out recordings, effects included that only commands show."""
-        return self._judge(own_ties(self._with_laws or self._decision))
+        return self._judge(without_ties_among_named(self._with_laws or self._decision))
 
     @cached_property
     def _decision(self) -> Decision:
@@ -276,7 +278,7 @@ class MotionFacts:
         return self._soils[1]
 
     @cached_property
-    def _soils(self) -> tuple[str, Decision, Apart | None]:
+    def _soils(self) -> tuple[str, Decision, ByRecording | None]:
         found = replace(self._found, left=remains(self._found.problem, self._found.fit.point))
         return soils_of(found)
 
@@ -323,10 +325,10 @@ class MotionFacts:
         return remains(self._found.neutral_problem, self._found.neutral_fit.point)
 
     @cached_property
-    def _contradiction(self) -> Apart | None:
+    def _contradiction(self) -> ByRecording | None:
         """The recordings one by one without any effect, where they contradict each other."""
         problem, fit = self._found.neutral_problem, self._found.neutral_fit
-        return apart(problem, fit) if disagreement(problem, fit) >= self._found.least else None
+        return fitted_apart(problem, fit) if disagreement(problem, fit) >= self._found.least else None
 
 
 class CommandFacts:
@@ -340,7 +342,7 @@ class CommandFacts:
         if question == "followed":
             if not self._view.levels:
                 return "not commanded"
-            return "yes" if self._view.followed else "no" if self._view.theirs else "not theirs"
+            return "yes" if self._view.followed else "no" if self._view.plausible else "not theirs"
         if question == "effects":
             return "yes" if _commanded(self._found) else "no"
         if question == "left":
@@ -362,7 +364,7 @@ class CommandFacts:
         named = outcome is Outcome.NAMED or not _commanded(self._found)
         kept = self._found if named else replace(self._found, named=_uncommanded(self._found))
         left = self._with if named else self._none
-        return kept if left is None or not self._view.theirs else replace(kept, left={**kept.left, COMMANDED: left})
+        return kept if left is None or not self._view.plausible else replace(kept, left={**kept.left, COMMANDED: left})
 
     def without(self, reason: Reason) -> Without:
         """What was not named, why, and what it would have gained."""
@@ -408,7 +410,7 @@ def size_of(left: Mapping[str, Left]) -> str:
     return "more" if leaves_more_than_noise(left) else "noise"
 
 
-def soils_of(found: Decision) -> tuple[str, Decision, Apart | None]:
+def soils_of(found: Decision) -> tuple[str, Decision, ByRecording | None]:
     """Whether a soil of its own in each recording explains more than all effects that follow, and which effects stay.
 
     Not where the recordings agree with each other, or leave more than noise one by one as well. The normal equations
@@ -418,11 +420,11 @@ def soils_of(found: Decision) -> tuple[str, Decision, Apart | None]:
     agree = disagreement(found.problem, found.fit) < found.least
     if alone or (agree and not leaves_more_than_noise(found.left)):
         return "no", found, None
-    last = apart(found.problem, found.fit)
+    last = fitted_apart(found.problem, found.fit)
     if not last.sufficient:  # nor are soils with fewer effects
         return "no", found, None
     for count, (problem, fit) in enumerate(found.fits):
-        each = apart(problem, fit) if count < len(found.fitted) else last
+        each = fitted_apart(problem, fit) if count < len(found.fitted) else last
         further = sum(one.nats for one in found.fitted[count:])
         if each.nats < max(further, found.least) or not each.sufficient:
             continue
@@ -430,11 +432,11 @@ def soils_of(found: Decision) -> tuple[str, Decision, Apart | None]:
             return "instead", found, each
         kept = tuple(one for one in found.named if one.found or one in found.fitted[:count])
         left = remains(problem, fit.point)
-        return "beside", replace(found, named=kept, problem=problem, fit=fit, left=left, apart=each), each
+        return "beside", replace(found, named=kept, problem=problem, fit=fit, left=left, by_recording=each), each
     return "no", found, None
 
 
-def own_ties(found: Decision) -> Decision:
+def without_ties_among_named(found: Decision) -> Decision:
     """A decision without ties between named effects: what was found beside another effect is no rival of it."""
     both = {one.effect for one in found.named}
     named = tuple(replace(one, ties=tuple(tie for tie in one.ties if tie not in both)) for one in found.named)
@@ -445,7 +447,7 @@ def on_no_list(found: Decision) -> Decision:
     """The paper's model: of what is named only what was not fitted to the motion stays."""
     problem, fit = found.neutral_problem, found.neutral_fit
     named = tuple(one for one in found.named if one.found)
-    return replace(found, named=named, problem=problem, fit=fit, apart=None)
+    return replace(found, named=named, problem=problem, fit=fit, by_recording=None)
 
 
 def _commanded(found: Decision) -> tuple[Named, ...]:

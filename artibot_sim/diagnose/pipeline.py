@@ -29,7 +29,7 @@ from artibot_sim.diagnose.records import (
     Cause,
     ChannelBaseline,
     Comparison,
-    Found,
+    Estimate,
     NextExperiment,
     Options,
     Unexplained,
@@ -84,7 +84,7 @@ from artibot_sim.model.effects import EFFECTS
 # ----------------------------------------------------------------------
 
 
-Parameters = Mapping[str, Mapping[str, Found]]
+Parameters = Mapping[str, Mapping[str, Estimate]]
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Assessment:
     ----------
     baseline, extended : Robot
         The paper's model with its soil identified, and with all that is named.
-    effects : mapping of str to mapping of str to Found
+    effects : mapping of str to mapping of str to Estimate
         The named effects' parameters.
     channels : mapping of str to ChannelBaseline
     comparisons : list of Comparison
@@ -261,10 +261,10 @@ def result_of(
         next_experiment=_next(decision, channels),
         warnings=(
             *_untried(decision),
-            *map(_fallen, found.without),
+            *map(_withdrawn, found.without),
             *_contradiction(decision),
             *_besides(found),
-            *([] if view.theirs else [view.why]),
+            *([] if view.plausible else [view.why]),
             *data_warnings(fitted, robot, held, ()),
             *excitation(decision.neutral_problem, decision.neutral_fit.point),
         ),
@@ -294,11 +294,13 @@ def with_explainable(result: Diagnosis, assessed: Assessment, options: Options) 
 def with_sensors(result: Diagnosis, timed: Sequence[Aligned]) -> Diagnosis:
     """Add to the robots of a result by how much streams were stamped late in the fitted recordings."""
 
-    def told(robot: Robot) -> Robot:
+    def with_their_faults(robot: Robot) -> Robot:
         return with_faults(robot, timed, "diagnosed")
 
-    predictors = [one if one.robot is None else replace(one, robot=told(one.robot)) for one in result.predictors]
-    baseline, extended = told(result.baseline_robot), told(result.extended)
+    predictors = [
+        one if one.robot is None else replace(one, robot=with_their_faults(one.robot)) for one in result.predictors
+    ]
+    baseline, extended = with_their_faults(result.baseline_robot), with_their_faults(result.extended)
     return replace(result, baseline_robot=baseline, extended=extended, predictors=tuple(predictors))
 
 
@@ -322,7 +324,7 @@ def _not_tried(what: Sequence[str]) -> str:
     return f"not tried in the time given: {'; '.join(what)}"
 
 
-def _fallen(without: Without) -> str:
+def _withdrawn(without: Without) -> str:
     """Why what explains the fitted recordings best is not named."""
     if without.reason is Reason.DOUBT:
         return doubt(without.effects, far_beyond_noise(without.left) or beyond_noise(without.left))
@@ -368,10 +370,10 @@ def _predictions(
     )  # fmt: skip
 
 
-def _parameters(decision: Decision, after: Uncertain, seed: int) -> dict[str, Mapping[str, Found]]:
+def _parameters(decision: Decision, after: Uncertain, seed: int) -> dict[str, Mapping[str, Estimate]]:
     """Parameters of all named effects, and of laws, with their intervals."""
     problem, fit = decision.whole
-    found: dict[str, Mapping[str, Found]] = {}
+    found: dict[str, Mapping[str, Estimate]] = {}
     for which, part in enumerate(problem.parameters.places):
         extension = problem.parameters.extensions[which]
         where = disc_place(problem, fit, which, seed)
@@ -395,7 +397,7 @@ def _unexplained(decision: Decision, assessed: Assessment) -> Unexplained | None
 
 def _contradiction(decision: Decision) -> list[str]:
     """That the recordings contradict each other, where the answer itself does not say so."""
-    alone = decision.apart
+    alone = decision.by_recording
     if alone is None:
         return []
     if decision.verdict is not Verdict.UNEXPLAINED:
@@ -407,7 +409,7 @@ def _contradiction(decision: Decision) -> list[str]:
 def _besides(found: Conclusion) -> list[str]:
     """That more is left than noise with all that is named, where several soils are no reason for it."""
     decision, channels = found.decision, beyond_noise(found.decision.left)
-    if decision.apart is not None:
+    if decision.by_recording is not None:
         channels = tuple(name for name in channels if name == COMMANDED)
     if decision.verdict is Verdict.UNEXPLAINED or not (decision.named and channels):
         return []

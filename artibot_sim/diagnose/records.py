@@ -32,8 +32,8 @@ __all__ = [
     "ChannelBaseline",
     "ChannelGain",
     "Comparison",
+    "Estimate",
     "Explainable",
-    "Found",
     "Left",
     "NextExperiment",
     "Options",
@@ -133,7 +133,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Found:
+class Estimate:
     """One parameter of an effect as the data give it.
 
     Attributes
@@ -158,7 +158,7 @@ class Cause:
     ----------
     effect : str
         Its id.
-    parameters : mapping of str to Found
+    parameters : mapping of str to Estimate
     log10_bayes_factor : float
         Against the model without it.
     holdout_improvement : float
@@ -171,7 +171,7 @@ class Cause:
     """
 
     effect: str
-    parameters: Mapping[str, Found]
+    parameters: Mapping[str, Estimate]
     log10_bayes_factor: float
     holdout_improvement: float
     ties: tuple[str, ...] = ()
@@ -466,7 +466,7 @@ class Unexplained:
         A sentence for a person.
     typical : float
         Root mean square of the force itself, N or N m; NaN where it is none.
-    laws : mapping of str to mapping of str to Found
+    laws : mapping of str to mapping of str to Estimate
         The force, and others beside it, as terms of the model (`effects.force_law`) with their parameters, where they
         could be fitted to whole windows.
     log10_bayes_factor : float
@@ -482,7 +482,7 @@ class Unexplained:
     unit: str
     where: str
     typical: float = float("nan")
-    laws: Mapping[str, Mapping[str, Found]] = field(default_factory=dict)
+    laws: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
     log10_bayes_factor: float = float("nan")
     spans: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 

@@ -19,8 +19,8 @@ from artibot_sim.diagnose.records import (
     ChannelGain,
     Comparison,
     ErrorBudget,
+    Estimate,
     Explainable,
-    Found,
     Left,
     NextExperiment,
     Place,
@@ -71,8 +71,8 @@ __all__ = [
     "Comparison",
     "Diagnosis",
     "ErrorBudget",
+    "Estimate",
     "Explainable",
-    "Found",
     "Left",
     "NextExperiment",
     "Place",
@@ -261,7 +261,7 @@ def _unexplained_entry(what: Unexplained) -> dict[str, Any]:
     return {**_numbers(vars(what) | {"laws": {}}), "laws": laws}
 
 
-def _found(found: Found) -> dict[str, Any]:
+def _found(found: Estimate) -> dict[str, Any]:
     if isinstance(found.value, str):
         return {"value": found.value}
     return _numbers({"value": found.value, "unit": found.unit, "ci95": found.ci95})
@@ -603,7 +603,7 @@ def _rival(candidate: Candidate) -> str:
     return f"{effect_words(candidate.effect)}, {odds(candidate.log10_bayes_factor)}{some and f' in {some}'}"
 
 
-def asked(found: Diagnosis) -> str:
+def threshold_words(found: Diagnosis) -> str:
     """How much evidence a name takes, and what that follows from; empty where it is not known."""
     if not found.threshold > 0.0 or not found.false_alarm_rate > 0.0:
         return ""
@@ -745,7 +745,7 @@ def _lines(found: Diagnosis) -> Iterator[str]:
         for name, law in found.unexplained.laws.items():
             yield f"{'as a law' if found.refusal else 'in extended.yaml'}, {name}: {law_words(law)}"
     yield f"next: {next_step(found)}"
-    if question := asked(found):
+    if question := threshold_words(found):
         yield question
     fitted = f"fitted: {', '.join(found.bags)}"
     held = f"; held out: {', '.join(found.holdout)}" if found.holdout else ""

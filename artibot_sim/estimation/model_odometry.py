@@ -454,7 +454,7 @@ class ModelOdometry:
 
 
 @dataclass(frozen=True)
-class _Way:
+class _StepChoice:
     """How the model goes on: checked once, for any command up to the fastest wheel, and not for each message."""
 
     setup: Setup
@@ -462,7 +462,7 @@ class _Way:
     step: float
 
 
-def _way(robot: Robot, back_seen: bool, kappa: float | None, fastest: float) -> _Way:
+def _way(robot: Robot, back_seen: bool, kappa: float | None, fastest: float) -> _StepChoice:
     """Return the longest of `STEPS` with which the robot's motion can be integrated, explicitly if any.
 
     Motors behind whose rotations are not measured share the front ones' torque, and their spin wants shorter steps.
@@ -478,5 +478,5 @@ def _way(robot: Robot, back_seen: bool, kappa: float | None, fastest: float) -> 
             if (integrator, step) == ways[-1]:
                 raise
             continue
-        return _Way(setup, integrator, step)
+        return _StepChoice(setup, integrator, step)
     raise AssertionError

@@ -12,7 +12,7 @@ from artibot_sim.estimation.loss import Loss, spread, thinning
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.parameters import MU_S
 from artibot_sim.estimation.problem import Draw, Problem
-from artibot_sim.estimation.solver import Point, Reduced, again, align, best_of, evaluate, polished, step
+from artibot_sim.estimation.solver import Point, Reduced, align, best_of, evaluate, polished, reassessed, step
 from artibot_sim.estimation.windows import CHANNEL_NAMES, for_starts, turned
 
 Array = NDArray[np.float64]
@@ -173,16 +173,16 @@ def _descend(problem: Problem, coordinates: Array, even: Array, steps: int) -> F
         point = restarted_windows(problem, loss, point, k) if k % 2 == 1 else point
         point, reduced, damping = step(problem, loss, point, free, damping)
         loss = Loss(max(1.0, loss.inflation / 1.5), even)
-        point = again(problem, loss, point)
+        point = reassessed(problem, loss, point)
     assert reduced is not None
     common = Loss(1.0, even)  # ends of different starts are compared by one measure
-    return Fit(again(problem, common, point), loss, reduced, free, False)
+    return Fit(reassessed(problem, common, point), loss, reduced, free, False)
 
 
 def converge(problem: Problem, point: Point, loss: Loss, steps: int) -> Fit:
     """Steps until nothing is gained any more, mu_s scanned coarsely and finely in turn."""
     free = free_parameters(problem)
-    point = again(problem, loss, point)
+    point = reassessed(problem, loss, point)
     damping, reduced, converged, quiet = 1e-3, None, False, 0
     for k in range(steps):
         before = point.cost
@@ -192,7 +192,7 @@ def converge(problem: Problem, point: Point, loss: Loss, steps: int) -> Fit:
         point, reduced, damping = step(problem, loss, point, free, damping)
         if loss.inflation > 1.0:
             loss = replace(loss, inflation=max(1.0, loss.inflation / 1.5))
-            point = again(problem, loss, point)
+            point = reassessed(problem, loss, point)
             continue
         quiet = quiet + 1 if before - point.cost < _SMALL * max(len(free), 1) else 0
         converged = quiet >= 2

@@ -67,7 +67,7 @@ class Reduced:
 
 
 @dataclass(frozen=True)
-class Beside:
+class FrozenWindows:
     """Windows that are not simulated: what they lose as the free coordinates move, by their normal equations.
 
     Attributes
@@ -154,7 +154,7 @@ def step(
     damping: float = _DAMPING,
     known: Sensitivity | None = None,
     tries: int = 4,
-    beside: Beside | None = None,
+    beside: FrozenWindows | None = None,
 ) -> tuple[Point, Reduced, float]:
     """One step: the new point (the old one if nothing is gained), what it was computed from, and the next damping.
 
@@ -234,6 +234,6 @@ def _guessed(problem: Problem, loss: Loss, points: Sequence[Point]) -> list[Poin
     return assess(problem, loss, [point.coordinates for point in points], starts, flat)
 
 
-def again(problem: Problem, loss: Loss, point: Point) -> Point:
+def reassessed(problem: Problem, loss: Loss, point: Point) -> Point:
     """A point assessed anew under another loss."""
     return assess(problem, loss, [point.coordinates], point.starts[None], point.residuals.flat[None])[0]

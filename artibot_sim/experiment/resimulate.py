@@ -321,7 +321,7 @@ _EDGE = 0.2  # s: measurements that begin this little after the motors' may stil
 
 
 @dataclass(frozen=True)
-class Begun:
+class StartedWindow:
     """A window to simulate.
 
     Attributes
@@ -433,7 +433,7 @@ def resimulate(
     *,
     horizon: float | None = None,
     back: str = "auto",
-    begun: Sequence[Begun] = (),
+    begun: Sequence[StartedWindow] = (),
     ground: Ground | None = None,
     forces: bool = False,
     progress: Report | None = None,
@@ -537,11 +537,11 @@ class _Run:
     def _window(self, inputs: MotorInputs, measured: Measured, pieces: Pieces, first: int, last: int) -> None:
         """Simulate from knot `first` to `last`, from the measured state."""
         state, offset = self._start(inputs, measured, first)
-        self._roll(inputs, pieces, Begun(inputs, first, last, state, True), offset)
+        self._roll(inputs, pieces, StartedWindow(inputs, first, last, state, True), offset)
 
-    def begun(self, windows: Sequence[Begun]) -> None:
+    def begun(self, windows: Sequence[StartedWindow]) -> None:
         """Simulate windows with the states that they begin with."""
-        stretches: dict[int, list[Begun]] = {}
+        stretches: dict[int, list[StartedWindow]] = {}
         for window in windows:
             stretches.setdefault(id(window.inputs), []).append(window)
         for some in stretches.values():
@@ -556,7 +556,7 @@ class _Run:
                 f"{uncounted} of {len(windows)} windows follow no other; they begin as measured and are not counted"
             )
 
-    def _roll(self, inputs: MotorInputs, pieces: Pieces, window: Begun, offset: Floats) -> None:
+    def _roll(self, inputs: MotorInputs, pieces: Pieces, window: StartedWindow, offset: Floats) -> None:
         """Simulate one window, with `offset` (rad) added to the angles; chunk by chunk, for the progress."""
         self.windows += 1
         state, chunk = window.state, max(1, round(_CHUNK / inputs.dt))

@@ -19,7 +19,7 @@ from artibot_sim.estimation.search import restarted_windows
 from artibot_sim.estimation.solver import Point, evaluate, step
 from artibot_sim.estimation.windows import CHANNEL_NAMES, HEADINGS, START, Window, cut, predecessors, window_at
 from artibot_sim.experiment import Experiment
-from artibot_sim.experiment.resimulate import Begun
+from artibot_sim.experiment.resimulate import StartedWindow
 from artibot_sim.experiment.smoothing import fresh
 from artibot_sim.identify.result import ChannelFit, Prediction, spaced
 from artibot_sim.model import Robot, initial_state
@@ -305,7 +305,7 @@ def _rival_starts(rival: Kinematic, ahead: _Ahead) -> Array:
     return np.where(ahead.measured, ahead.starts, _kinematic_starts(rival, ahead.problem))
 
 
-def begun_windows(experiment: Experiment, robot: Robot, horizon: float) -> tuple[list[Begun], dict[str, float]]:
+def begun_windows(experiment: Experiment, robot: Robot, horizon: float) -> tuple[list[StartedWindow], dict[str, float]]:
     """The windows of a recording as `hold_out` predicts them, for a simulation; and the noise of each channel.
 
     Raises
@@ -327,7 +327,7 @@ def begun_windows(experiment: Experiment, robot: Robot, horizon: float) -> tuple
             lateral, bristles, windup = from_memory(items.memory[i])
             state = replace(state, lateral=lateral, bristles=bristles, windup=windup)
         stretch, last = found[window.stretch], window.first + window.knots
-        windows.append(Begun(stretch.inputs, window.first, last, state, bool(ahead.counted[i])))
+        windows.append(StartedWindow(stretch.inputs, window.first, last, state, bool(ahead.counted[i])))
     return windows, noise_levels(found)
 
 

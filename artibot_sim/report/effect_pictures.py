@@ -57,7 +57,7 @@ _EXCERPT = 6.0
 
 
 @dataclass(frozen=True)
-class Seen:
+class EffectExample:
     """One effect as the recordings of a rover that has it show it.
 
     Attributes
@@ -122,7 +122,7 @@ def _fastest(free: Experiment) -> float:
     return max(float(np.nanquantile(np.abs(motors[f"{motor}.velocity"]), 0.995)) for motor in MOTORS[:2])
 
 
-def seen(effect: Effect, robot: Robot, free: Experiment) -> Seen:
+def seen(effect: Effect, robot: Robot, free: Experiment) -> EffectExample:
     """Simulate a rover with an effect, and predict its recording without."""
     from artibot_sim.diagnose.validation.predictions import baseline_levels, predict
     from artibot_sim.diagnose.validation.series import comparison
@@ -132,7 +132,7 @@ def seen(effect: Effect, robot: Robot, free: Experiment) -> Seen:
     noise = _LOCALISED if "pose" in searched(effect).channels else None
     recording = _record(rover, effect.id.replace("_", " "), noise)
     if "rotation" not in searched(effect).views:
-        return Seen(effect, values, (_overview(recording, free), _speeds(recording, effect.acts)), ())
+        return EffectExample(effect, values, (_overview(recording, free), _speeds(recording, effect.acts)), ())
     pair = predict(recording, False, robot, rover, HORIZON, None)
     shown, levels = comparison(pair, robot), baseline_levels([pair])
     worst = max(levels, key=lambda c: (is_wrong(c, levels[c]), levels[c].over_noise))
@@ -140,7 +140,7 @@ def seen(effect: Effect, robot: Robot, free: Experiment) -> Seen:
     channel = panels.over_time_of(shown, worst, levels[worst].unit)
     assert channel is not None
     path = panels.path(shown, "path, run freely from the start", free=True)
-    return Seen(effect, values, (path, replace(channel, title=f"error of the {channel_words(worst)}")), said)
+    return EffectExample(effect, values, (path, replace(channel, title=f"error of the {channel_words(worst)}")), said)
 
 
 def _record(rover: Robot, name: str, noise: Noise | None = None) -> Experiment:
@@ -173,7 +173,7 @@ def _speeds(recording: Experiment, acts: str) -> Panel:
     return Panel("speed", "front right motor", ("time", "s"), ("speed", "rad/s"), tuple(lines))
 
 
-def render(shown: Seen) -> bytes:
+def render(shown: EffectExample) -> bytes:
     """The picture (PNG) of an effect."""
     import matplotlib
 
@@ -207,7 +207,7 @@ command and motor speed instead. Sentences are what a report says of that channe
 """
 
 
-def document(all_seen: Sequence[Seen]) -> str:
+def document(all_seen: Sequence[EffectExample]) -> str:
     """docs/effects.md."""
     parts = [HEAD.format(horizon=HORIZON)]
     groups = list(dict.fromkeys(shown.effect.acts for shown in all_seen))
@@ -217,7 +217,7 @@ def document(all_seen: Sequence[Seen]) -> str:
     return "".join(parts)
 
 
-def _entry(shown: Seen) -> str:
+def _entry(shown: EffectExample) -> str:
     effect = shown.effect
     values = ", ".join(
         f"`{name}` {effect_words(value) if isinstance(value, str) else _with_unit(effect, name, value)}"

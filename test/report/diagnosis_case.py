@@ -13,7 +13,7 @@ from artibot_sim.diagnose.records import (
     ChannelBaseline,
     ChannelGain,
     Comparison,
-    Found,
+    Estimate,
     NextExperiment,
     Series,
     Unexplained,
@@ -161,10 +161,10 @@ def _cause(effect: str, values: dict[str, float | str], ties: tuple[str, ...]) -
     parameters = {}
     for name, value in values.items():
         if isinstance(value, str):
-            parameters[name] = Found(value)
+            parameters[name] = Estimate(value)
         else:
             unit = getattr(EFFECTS[effect].parameters[name].quantity, "unit", "")
-            parameters[name] = Found(value, unit, (value - 0.05 * abs(value), value + 0.05 * abs(value)))
+            parameters[name] = Estimate(value, unit, (value - 0.05 * abs(value), value + 0.05 * abs(value)))
     return Cause(effect, parameters, 41.2, 0.83, ties)
 
 

@@ -20,7 +20,7 @@ from artibot_sim.diagnose.records import (
     Cause,
     ChannelBaseline,
     ErrorBudget,
-    Found,
+    Estimate,
     Unexplained,
     Varies,
     Verdict,
@@ -81,7 +81,7 @@ def test_causes_that_help_only_together_are_judged_together(named: Diagnosis) ->
 
 def test_an_encoder_scale_may_be_a_radius(named: Diagnosis) -> None:
     """Where neither commands nor torques were recorded both are the same, and a tape measure tells them apart."""
-    scale = Cause("encoder_scale", {"scale": Found(1.05, "-", (1.04, 1.06))}, 60.0, 0.8)
+    scale = Cause("encoder_scale", {"scale": Estimate(1.05, "-", (1.04, 1.06))}, 60.0, 0.8)
     kinematic = {name: named.baseline[name] for name in ("position", "yaw") if name in named.baseline}
     blind = replace(named, causes=(scale,), baseline=kinematic, next_experiment=None)
     radius = named.robot.wheel.r_w / 1.05
@@ -105,7 +105,7 @@ def test_the_first_sentence_names_cause_size_and_gain(every: dict[Verdict, Diagn
 def test_what_is_sure_is_said_beside_what_ties(every: dict[Verdict, Diagnosis]) -> None:
     """The strongest cause may tie with another effect: the others are no less sure for that."""
     tied = every[Verdict.AMBIGUOUS]
-    sure = replace(tied.causes[0], effect="payload", parameters={"mass": Found(4.0, "kg", (3.0, 5.0))}, ties=())
+    sure = replace(tied.causes[0], effect="payload", parameters={"mass": Estimate(4.0, "kg", (3.0, 5.0))}, ties=())
     both = replace(tied, causes=(*tied.causes, sure))
     said = result.headline(both)
     assert said.startswith("Payload: mass 4.00 kg; and either slope or external force: these recordings cannot tell")
@@ -338,8 +338,8 @@ def with_law(found: Diagnosis) -> Diagnosis:
     law = EFFECTS["force_law"].read(
         {"size": 14.0, "where": "wheels_lateral", "variable": "place", "form": "periodic", "scale": 1.1}, "law"
     )
-    parameters = {name: Found(value) for name, value in law.items()}
-    parameters |= {"size": Found(14.0, "SI", (13.0, 15.0)), "phase": Found(0.4, "rad", (0.3, 0.5))}
+    parameters = {name: Estimate(value) for name, value in law.items()}
+    parameters |= {"size": Estimate(14.0, "SI", (13.0, 15.0)), "phase": Estimate(0.4, "rad", (0.3, 0.5))}
     what = replace(
         found.unexplained, laws={"force_law": parameters}, log10_bayes_factor=120.0, spans={"force_law": (0.0, 2.2)}
     )

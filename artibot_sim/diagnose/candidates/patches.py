@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, with_effect
-from artibot_sim.diagnose.candidates.screening import Around, Trial, faint
+from artibot_sim.diagnose.candidates.screening import Around, Trial, small_probes
 from artibot_sim.diagnose.sizes import scale_of
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem, Sensitivity
 from artibot_sim.estimation.search import Fit, converge
-from artibot_sim.estimation.solver import Beside, Point, assess, evaluate, prior, reduce, step
+from artibot_sim.estimation.solver import FrozenWindows, Point, assess, evaluate, prior, reduce, step
 from artibot_sim.model.effects import EFFECTS
 
 # ----------------------------------------------------------------------
@@ -70,7 +70,7 @@ class _Disc:
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _DiscEstimate:
     """A disc at its best, linearly, and the standard deviation of its coordinate."""
 
     disc: _Disc
@@ -96,7 +96,7 @@ def discs(base: Around) -> list[Trial]:
 def _discs(base: Around, effect: str, probes: Sequence[tuple[float, ...]]) -> list[Trial]:
     centres = candidates(base)
     plain = tuple(np.array(probe) for probe in probes)
-    every = [*plain, *faint(Hypothesis(Extension(effect), plain))]
+    every = [*plain, *small_probes(Hypothesis(Extension(effect), plain))]
     radii = [length(base.problem) * radius for radius in RADII]
     tried = [_Disc(x, y, radius, probe) for x, y in centres for radius in radii for probe in every]
     tried = sorted(gained(base, effect, tried), key=lambda disc: -disc.gain)[:_KEPT]
@@ -166,7 +166,7 @@ def gained(base: Around, effect: str, discs: Sequence[_Disc]) -> list[_Disc]:
     return found
 
 
-def scanned(base: Around, effect: str) -> list[_Seen]:
+def scanned(base: Around, effect: str) -> list[_DiscEstimate]:
     """What all recordings together say of discs all along the paths that were driven, less and more slippery ones.
 
     Linear in the disc's coordinate, soil and starts, around what a small disc changes: a patch too faint to spoil any
@@ -179,11 +179,11 @@ def scanned(base: Around, effect: str) -> list[_Seen]:
     cells = cells[:: -(-len(cells) // _PLACES) or 1]
     discs = [_Disc(x, y, radius, np.array([sign * _SMALL])) for x, y in cells.tolist() for sign in (-1.0, 1.0)]
     parts = [discs[a : a + _IN_ONE] for a in range(0, len(discs), _IN_ONE)]
-    found = side_by_side(lambda some: _seen(base, effect, some), parts, problem.workers)
+    found = side_by_side(lambda some: _disc_estimates(base, effect, some), parts, problem.workers)
     return [one for some in found for one in some]
 
 
-def _seen(base: Around, effect: str, discs: Sequence[_Disc]) -> list[_Seen]:
+def _disc_estimates(base: Around, effect: str, discs: Sequence[_Disc]) -> list[_DiscEstimate]:
     """Each disc at the coordinate that it would be best with, and how well that is determined."""
     problem, p = base.problem, len(base.free)
     changes = _changes(base, effect, discs) / np.array([disc.probe for disc in discs])
@@ -197,7 +197,7 @@ def _seen(base: Around, effect: str, discs: Sequence[_Disc]) -> list[_Seen]:
     information = np.maximum(np.diag(H)[p:] - np.einsum("ij,ij->j", H[:p, p:], beside), 1e-12)
     best = -(gradient[p:] - gradient[:p] @ beside) / information
     return [
-        _Seen(
+        _DiscEstimate(
             replace(disc, probe=np.array([own]), gain=0.5 * own * own * stated),
             stated**-0.5 if stated > 1e-9 else np.inf,
         )
@@ -334,7 +334,7 @@ _ENDS = (0.025, 0.975)
 
 
 @dataclass(frozen=True)
-class _Apart:
+class _NearWindows:
     """A fit's windows, those apart that a disc may touch.
 
     Attributes
@@ -360,11 +360,11 @@ class _Apart:
         return np.setdiff1d(np.arange(len(self.fit.point.losses)), self.rows)
 
     @cached_property
-    def beside(self) -> Beside:
+    def beside(self) -> FrozenWindows:
         """What the other windows lose with another soil."""
         reduced, free = self.fit.reduced, list(self.fit.free)
         middle = self.fit.point.coordinates[free]
-        return Beside(middle, reduced.gradient[self.others], reduced.matrices[self.others])
+        return FrozenWindows(middle, reduced.gradient[self.others], reduced.matrices[self.others])
 
     def losses(self, place: Array) -> Array:
         """Of all windows (windows,), and last of the prior, with the disc elsewhere (3,) and all else fitted anew."""
@@ -418,7 +418,7 @@ def _tried(problem: Problem, fit: Fit, which: int, rng: np.random.Generator, rou
     rows = _near(problem, here)
     if not rows:
         return np.empty((0, 3)), np.empty((0, len(problem) + 1))
-    apart = _Apart(problem.part(rows), rows, fit, which)
+    apart = _NearWindows(problem.part(rows), rows, fit, which)
     table, losses = here[None], apart.losses(here)[None]
     scale = length(problem)
     middle, width = here, np.full(3, scale * _FIRST)

@@ -132,7 +132,7 @@ def around(problem: Problem, loss: Loss, point: Point) -> Around:
     return Around(problem, loss, exact, free, sensitivity)
 
 
-def at_rest(problem: Problem, loss: Loss, point: Point, steps: int) -> tuple[Around, Point]:
+def converged_baseline(problem: Problem, loss: Loss, point: Point, steps: int) -> tuple[Around, Point]:
     """A baseline to screen from, and where it gets by what every trial goes through: effects are held against that.
 
     Fitted further, by so many steps at a time, where it gets far: what an effect adds is not seen beside that.
@@ -168,7 +168,9 @@ def _screened(base: Around, hypothesis: Hypothesis) -> Trial:
     probes = list(tests)
     if score.estimate is not None:
         probes.append(extension.nearest(np.clip(score.estimate, -_REACH, _REACH)))
-    guesses = [_guesses(base, problem, hypothesis, probe, score.follow) for probe in (*probes, *faint(hypothesis))]
+    guesses = [
+        _guesses(base, problem, hypothesis, probe, score.follow) for probe in (*probes, *small_probes(hypothesis))
+    ]
     every = [guess for some in guesses for guess in some]
     tried = iter(evaluate(problem, base.loss, every, _starts(base, problem, every)))
     points = [min((next(tried) for _ in some), key=lambda point: point.cost) for some in guesses]
@@ -211,7 +213,7 @@ def _tested(probes: Sequence[Array], ends: Sequence[Point], neutral: float) -> t
     return tuple(found)
 
 
-def faint(hypothesis: Hypothesis) -> list[Array]:
+def small_probes(hypothesis: Hypothesis) -> list[Array]:
     """Small probes of an effect that has none: between neutral and a plain size the loss may rise first."""
     sizes = [float(np.abs(probe).max()) for probe in hypothesis.probes]
     if not sizes or min(sizes) < _PLAIN:

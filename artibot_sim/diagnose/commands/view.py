@@ -67,7 +67,7 @@ class CommandView:
         return {effect: ViewEvidence(0.0, {}, {}, self.why) for effect in EFFECTS} | found
 
     @property
-    def theirs(self) -> bool:
+    def plausible(self) -> bool:
         """Whether these may be the commands that the motors were given: each side follows its own alone."""
         return self.mixing is None or not self.mixing.mixed
 
@@ -76,7 +76,7 @@ class CommandView:
         """Why commands say nothing; empty where they are followed, or none are recorded."""
         if self.followed or self._work is None:
             return ""
-        if self.mixing is not None and not self.theirs:
+        if self.mixing is not None and not self.plausible:
             return unlike(self.mixing)
         return (
             f"motors do not follow their commands: {100 * self._left:.0f} % of their speed is left whatever explains it"
@@ -103,7 +103,7 @@ class CommandView:
 
     def seen_by(self, robot: Robot) -> tuple[Mapping[str, CommandedLevel], Mapping[str, Series]]:
         """`levels` and `series` with a robot's effects in place of `found`; none where commands are not the motors'."""
-        return ({}, {}) if self._work is None or not self.theirs else self._work.shown_by(robot)
+        return ({}, {}) if self._work is None or not self.plausible else self._work.shown_by(robot)
 
 
 def command_view(recordings: Sequence[Experiment], robot: Robot, *, needed: float = NEEDED) -> CommandView:

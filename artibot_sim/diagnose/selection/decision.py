@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from artibot_sim.diagnose.records import Found, Left, Verdict
+from artibot_sim.diagnose.records import Estimate, Left, Verdict
 from artibot_sim.diagnose.selection.evidence import Other
 from artibot_sim.diagnose.selection.forward import Stage
-from artibot_sim.diagnose.selection.per_recording import Apart
+from artibot_sim.diagnose.selection.per_recording import ByRecording
 from artibot_sim.diagnose.unlisted.finding import ForceFinding
 from artibot_sim.diagnose.unlisted.fitting import FittedLaws
 from artibot_sim.estimation.problem import Problem
@@ -26,7 +26,7 @@ class Named:
         Log Bayes factor against the model without it, both views together.
     ties : tuple of str
         Effects that explain as much.
-    found : mapping of str to Found
+    found : mapping of str to Estimate
         Its parameters where only the view driven by commands sees it; empty where it was fitted with the soil.
     stage : int
         Number of the search that found it; the first one for what only commands show, which takes none.
@@ -35,7 +35,7 @@ class Named:
     effect: str
     nats: float
     ties: tuple[str, ...]
-    found: Mapping[str, Found] = field(default_factory=dict)
+    found: Mapping[str, Estimate] = field(default_factory=dict)
     stage: int = 0
 
 
@@ -60,7 +60,7 @@ class Decision:
         What the model with all that was named leaves.
     unexplained : ForceFinding or None
         The force that no effect explains, if one was found.
-    apart : Apart or None
+    apart : ByRecording or None
         The recordings one by one, where they contradict each other.
     between : tuple of (Problem, Fit)
         The model with the first of the `fitted` effects, the first two, …, but not with all.
@@ -90,7 +90,7 @@ class Decision:
     other: Mapping[str, Other]
     left: Mapping[str, Left] = field(default_factory=dict)
     unexplained: ForceFinding | None = None
-    apart: Apart | None = None
+    by_recording: ByRecording | None = None
     between: tuple[tuple[Problem, Fit], ...] = ()
     dropped: tuple[str, ...] = ()
     refuted: tuple[str, ...] = ()
@@ -136,9 +136,9 @@ class Decision:
         )  # fmt: skip
 
     @property
-    def several_soils(self) -> Apart | None:
+    def several_soils(self) -> ByRecording | None:
         """The recordings one by one, where nothing is named because a soil of its own explains each."""
-        alone = self.apart if self.verdict is Verdict.UNEXPLAINED else None
+        alone = self.by_recording if self.verdict is Verdict.UNEXPLAINED else None
         return alone if alone is not None and alone.sufficient else None
 
     def stage_of(self, effect: str) -> Stage:

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from artibot_sim.checkpoints import Checkpoints
 from artibot_sim.diagnose.candidates.hypotheses import hypotheses
 from artibot_sim.diagnose.candidates.patches import discs
-from artibot_sim.diagnose.candidates.screening import Around, Trial, at_rest, screen
+from artibot_sim.diagnose.candidates.screening import Around, Trial, converged_baseline, screen
 from artibot_sim.diagnose.policy import TRUST, Thresholds
 from artibot_sim.diagnose.selection.evidence import Evidence, evidence
 from artibot_sim.diagnose.selection.joint_fits import (
-    Known,
+    FitCache,
     Rival,
     Rounds,
     adopted,
@@ -32,7 +32,7 @@ from artibot_sim.estimation.loss import Loss, channel_levels
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, thinned
-from artibot_sim.estimation.solver import Point, again
+from artibot_sim.estimation.solver import Point, reassessed
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.run import Trust
 from artibot_sim.model.effects import EFFECTS
@@ -84,7 +84,7 @@ class Stage:
     base: Around | None = None
     nats: Mapping[str, float] = field(default_factory=dict)
     whole: frozenset[str] = frozenset()
-    known: Known = field(default_factory=Known, repr=False, compare=False)
+    known: FitCache = field(default_factory=FitCache, repr=False, compare=False)
 
     @property
     def tried(self) -> frozenset[str]:
@@ -106,13 +106,13 @@ def stage(
     parts = parts or Checkpoints()
 
     def screened() -> Stage:
-        base, control = at_rest(problem, loss, fit.point, rounds.few)
+        base, control = converged_baseline(problem, loss, fit.point, rounds.few)
         in_map = in_common_map(experiments_of(problem.stretches))
         every = hypotheses(problem.parameters.robot, problem.stretches, named)
         tried = [one for one in every if in_map or not needed(one.id)]
         trials = screen(base, tried, tick)
         for point in soils:
-            others = screen(at_rest(problem, loss, point, rounds.few)[0], tried, tick)
+            others = screen(converged_baseline(problem, loss, point, rounds.few)[0], tried, tick)
             trials = [min(both, key=lambda trial: trial.point.cost) for both in zip(trials, others, strict=True)]
         trials += discs(base) if in_map else []
         return Stage(tuple(trials), (), {}, problem, fit, loss, control.cost, base=base)
@@ -166,7 +166,7 @@ def _judged(begun: Stage, rivals: list[Rival], named: Sequence[str], rounds: Rou
         lambda do, some: side_by_side(do, some, problem.workers, tick),
     )  # fmt: skip
     best = min([best, *others], key=lambda fit: fit.point.cost)
-    fallen = 0.5 * (again(problem, best.loss, base.point).cost - best.point.cost)
+    fallen = 0.5 * (reassessed(problem, best.loss, base.point).cost - best.point.cost)
     rivals = _with_starts_of(problem, best, rivals, rounds)
     problem, best, rivals, loss = _with_honest_noise(problem, best, rivals, rounds)
     rivals = side_by_side(lambda rival: contained(rival, best, rounds), rivals, problem.workers)

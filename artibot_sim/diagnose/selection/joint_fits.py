@@ -27,7 +27,7 @@ from artibot_sim.estimation.search import (
     free_parameters,
     restarted_windows,
 )
-from artibot_sim.estimation.solver import Point, again, evaluate, polished, step
+from artibot_sim.estimation.solver import Point, evaluate, polished, reassessed, step
 
 # ----------------------------------------------------------------------
 # The promising effects fitted jointly with the soil, in rounds of growing effort; the baseline gets as much.
@@ -124,7 +124,7 @@ class Rival:
         return self.fit.point.coordinates[-len(self.trial.hypothesis.extension) :]
 
 
-class Known:
+class FitCache:
     """Fits of one search by what they began from, so that a more thorough one does not make them again.
 
     What they began from is known by identity; it is kept, for the number of an object that is gone may be given again.
@@ -165,7 +165,7 @@ def contest(
     loss: Loss,
     rounds: Rounds,
     tick: Tick = lambda: None,
-    known: Known | None = None,
+    known: FitCache | None = None,
     asked: Collection[str] = (),
 ) -> list[Rival]:
     """The best hypotheses, each fitted with the soil and the starts by a few steps; the least cost first.
@@ -184,13 +184,15 @@ def contest(
     asked : collection of str
         Effects that are fitted in any case.
     """
-    workers, known = trials[0].problem.workers if trials else None, known or Known()
+    workers, known = trials[0].problem.workers if trials else None, known or FitCache()
     worthy = [trial for trial in trials if 0.5 * (baseline - trial.point.cost) > rounds.worth]
 
     def made(do: Callable[[Loss, Rounds, Trial], Result], some: Sequence[Trial]) -> list[Result]:
-        return known.all(partial(do, loss, rounds), some, lambda trial: (do, trial), _beside(rounds, tick, workers))
+        return known.all(
+            partial(do, loss, rounds), some, lambda trial: (do, trial), _parallel_fits(rounds, tick, workers)
+        )
 
-    begun = made(_begun, _through(worthy, 0, baseline, rounds))
+    begun = made(_refined_trial, _through(worthy, 0, baseline, rounds))
     tried = _through(_one_each(sorted(begun, key=lambda t: t.point.cost)), 1, baseline, rounds)
     wanted = sorted((trial for trial in trials if trial.id in asked), key=lambda trial: trial.point.cost)
     tried = _one_each([*tried, *_promising(trials, worthy, rounds), *wanted])
@@ -200,19 +202,19 @@ def contest(
 
 
 def finished(
-    base: Around, rivals: Sequence[Rival], rounds: Rounds, tick: Tick = lambda: None, known: Known | None = None
+    base: Around, rivals: Sequence[Rival], rounds: Rounds, tick: Tick = lambda: None, known: FitCache | None = None
 ) -> tuple[Fit, list[Rival]]:
     """The baseline and the rivals fitted to the end, all with the same effort; the least cost first."""
     begun = [(base.problem, base.point), *((rival.problem, rival.fit.point) for rival in rivals)]
-    best, *fits = (known or Known()).all(
+    best, *fits = (known or FitCache()).all(
         partial(_settled, base.loss, rounds), begun, lambda one: (_settled, *one),
-        _beside(rounds, tick, base.problem.workers),
+        _parallel_fits(rounds, tick, base.problem.workers),
     )  # fmt: skip
     found = [replace(rival, fit=fit) for rival, fit in zip(rivals, fits, strict=True)]
     return best, sorted(found, key=lambda rival: rival.fit.point.cost)
 
 
-def _beside(
+def _parallel_fits(
     rounds: Rounds, tick: Tick, workers: int | None
 ) -> Callable[[Callable[[Item], Result], Sequence[Item]], list[Result]]:
     """Fits made side by side; on a cluster where the rounds name one."""
@@ -246,7 +248,7 @@ def _settled(loss: Loss, rounds: Rounds, begun: tuple[Problem, Point]) -> Fit:
     return settled(*begun, loss, rounds)
 
 
-def _begun(loss: Loss, rounds: Rounds, trial: Trial) -> Trial:
+def _refined_trial(loss: Loss, rounds: Rounds, trial: Trial) -> Trial:
     """Two steps of everything, mu_s scanned before each, and discs moved to where they explain most."""
     free, damping = free_parameters(trial.problem), 1e-3
     for _ in range(2):
@@ -262,7 +264,7 @@ def settled(problem: Problem, point: Point, loss: Loss, rounds: Rounds) -> Fit:
 
     The last steps are under the firm loss, which is what evidence counts: a window that lost its branch says little.
     """
-    point = restarted_windows(problem, loss, again(problem, loss, point))
+    point = restarted_windows(problem, loss, reassessed(problem, loss, point))
     fit = from_far_sizes(problem, loss, converge(problem, point, loss, rounds.many), rounds.few)
     fit = converge(problem, fit.point, replace(loss, firm=True), rounds.few)
     lower = followed_scan(problem, fit.loss, fit.point, fit.free)
@@ -279,7 +281,7 @@ def neutralised(rival: Rival, best: Fit, loss: Loss, rounds: Rounds) -> Fit:
     if best.point.cost - rival.fit.point.cost > 2.0 * rounds.plain:
         some = converge(problem, restarted_windows(problem, loss, begin), loss, rounds.few)
         begin = some.point
-        if again(problem, best.loss, begin).cost > best.point.cost:
+        if reassessed(problem, best.loss, begin).cost > best.point.cost:
             return best
     return settled(problem, begin, loss, rounds)
 

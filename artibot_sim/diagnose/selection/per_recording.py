@@ -16,7 +16,7 @@ from artibot_sim.diagnose.words import RECORDING, effect_words, odds
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Effort, Fit, search
-from artibot_sim.estimation.solver import again, evaluate
+from artibot_sim.estimation.solver import evaluate, reassessed
 from artibot_sim.identify.result import number, spaced
 from artibot_sim.model.robot.quantity import Quantity
 
@@ -27,7 +27,7 @@ _SAID = 0.03
 
 
 @dataclass(frozen=True)
-class Apart:
+class ByRecording:
     """What recordings say one by one.
 
     Attributes
@@ -86,7 +86,7 @@ class Apart:
         )
 
 
-def apart(problem: Problem, fit: Fit, rounds: Rounds | None = None) -> Apart:
+def fitted_apart(problem: Problem, fit: Fit, rounds: Rounds | None = None) -> ByRecording:
     """Fit every recording by itself, from where the fit of all of them ended and under its loss.
 
     A compromise may be a bad place to begin. So where some leave no more than noise, the others are searched anew.
@@ -110,14 +110,14 @@ def apart(problem: Problem, fit: Fit, rounds: Rounds | None = None) -> Apart:
     if len(poor) < len(fits):
         for k in poor:
             fits[k] = fits[k][0], min(fits[k][1], anew(fits[k][0]), key=lambda one: one.point.cost)
-    together = again(problem, loss, fit.point).cost
+    together = reassessed(problem, loss, fit.point).cost
     gained = 0.5 * (together - sum(one.point.cost for _, one in fits))
     occam = sum(_occam(part, one) for part, one in fits) - _occam(problem, fit)
     values = np.array([problem.parameters.values(one.point.coordinates) for _, one in fits])
     every = zip(problem.parameters.parameters, values.T, strict=True)
     soil = tuple((parameter.name, parameter.unit, column) for parameter, column in every)
     sizes, left = _sizes(problem, [one for _, one in fits]), tuple(remains(part, one.point) for part, one in fits)
-    return Apart(names, soil, sizes, gained + min(0.0, occam), left)
+    return ByRecording(names, soil, sizes, gained + min(0.0, occam), left)
 
 
 def _sizes(problem: Problem, fits: Sequence[Fit]) -> tuple[tuple[str, str, Array], ...]:

@@ -25,7 +25,7 @@ from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parallel import TimeIsUp, side_by_side, until
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Effort, Fit, converge, search
-from artibot_sim.estimation.solver import Point, again, evaluate
+from artibot_sim.estimation.solver import Point, evaluate, reassessed
 from artibot_sim.model.effects import EFFECTS
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Spare:
+class Removal:
     """A model without one of its effects.
 
     Attributes
@@ -58,33 +58,33 @@ class Spare:
     nats: float
 
 
-def superfluous(problem: Problem, fit: Fit, loss: Loss, least: float, rounds: Rounds) -> Spare | None:
+def superfluous(problem: Problem, fit: Fit, loss: Loss, least: float, rounds: Rounds) -> Removal | None:
     """The model without the effect that it needs least, if that is worth less than `least` nats; None if all are.
 
     Of the last one this is not asked: it was found beside all the others.
     """
     earlier = range(len(problem.parameters.extensions) - 1)
-    spares = side_by_side(lambda which: spared(problem, fit, loss, which, rounds), earlier, problem.workers)
-    found = min(spares, key=lambda one: one.nats, default=None)
+    removals = side_by_side(lambda which: removal_of(problem, fit, loss, which, rounds), earlier, problem.workers)
+    found = min(removals, key=lambda one: one.nats, default=None)
     return found if found is not None and found.nats < least else None
 
 
-def spared(problem: Problem, fit: Fit, loss: Loss, which: int, rounds: Rounds) -> Spare:
+def removal_of(problem: Problem, fit: Fit, loss: Loss, which: int, rounds: Rounds) -> Removal:
     """The model without an effect: from where the fit is, or with the soil searched anew, whichever fits better."""
     part, here = without_effect(problem, loss, fit.point, which)
-    best = beside_soil_anew(part, here, loss, rounds)[0]
-    firm = again(problem, replace(loss, firm=True), fit.point).cost
-    return Spare(which, part, best, 0.5 * (best.point.cost - firm))
+    best = fits_from_two_soils(part, here, loss, rounds)[0]
+    firm = reassessed(problem, replace(loss, firm=True), fit.point).cost
+    return Removal(which, part, best, 0.5 * (best.point.cost - firm))
 
 
-def beside_soil_anew(problem: Problem, point: Point, loss: Loss, rounds: Rounds) -> list[Fit]:
+def fits_from_two_soils(problem: Problem, point: Point, loss: Loss, rounds: Rounds) -> list[Fit]:
     """Fits of effects beside the soil at `point`, and beside one searched from several starts; the least cost first.
 
     A soil that was found without an effect makes up for it as far as it can. From there steps seldom lead to the one
     that is right beside it, and what else is missing hides behind the wrong one.
     """
     effects = point.coordinates[len(problem.parameters.parameters) :]
-    begun = [point, again(problem, loss, search(problem, Effort(), effects=effects).point)]
+    begun = [point, reassessed(problem, loss, search(problem, Effort(), effects=effects).point)]
     fits = side_by_side(lambda one: settled(problem, one, loss, rounds), begun, problem.workers)
     return sorted(fits, key=lambda one: one.point.cost)
 
@@ -145,7 +145,7 @@ class Naming:
         self._took, self._untried = 0.0, list[str]()
         self._soils: tuple[Problem, tuple[Point, ...]] = problem, ()
         self._from_commands = self._other = others(view)
-        self._stages = [self._sought(problem, fit, fit.loss)]  # whatever the time: else nothing was tried
+        self._stages = [self._search_stage(problem, fit, fit.loss)]  # whatever the time: else nothing was tried
         self._problem, self._fit = self._neutral = self._found.problem, self._found.fit
 
     @property
@@ -176,9 +176,9 @@ class Naming:
     def _weighed(self, found: Stage) -> Stage:
         return replace(found, nats=_nats(found, self._view, self._named))
 
-    def _sought(self, problem: Problem, fit: Fit, loss: Loss) -> Stage:
+    def _search_stage(self, problem: Problem, fit: Fit, loss: Loss) -> Stage:
         begun = time.perf_counter()
-        self._ticks.begin(Task.SEARCH, _beside(self._names))
+        self._ticks.begin(Task.SEARCH, _search_name(self._names))
         of, soils = self._soils
         beside = soils if of is problem else ()
         asked = [name for name, one in self._from_commands.items() if one.nats >= self._options.least]
@@ -234,7 +234,7 @@ class Naming:
             if full:
                 out = (*out, *(effect for effect in EFFECTS if "rotation" in _views(effect)))
             best = best_of(found.evidence, found.nats, self._from_commands, least, thresholds, out, found.tried)
-            anew = None if full else self._beside_better_soil(best)
+            anew = None if full else self._repeated_from_better_soil(best)
             if not full and anew is None:
                 best = self._by_every_window(best)
                 anew = self._thorough() if best is None else None
@@ -249,12 +249,12 @@ class Naming:
 
     def _by_every_window(self, best: Named | None) -> Named | None:
         """The best effect by the evidence of all windows, where the search has only some of them."""
-        rivals = [] if self._every is None else self._asked(self._every, best)
+        rivals = [] if self._every is None else self._rivals_for_every_window(self._every, best)
         if self._every is None or not rivals or self._no_time(_EVERY):
             return best
         return self._of_all(self._every, rivals, best)
 
-    def _asked(self, every: EveryWindow, best: Named | None) -> list[Rival]:
+    def _rivals_for_every_window(self, every: EveryWindow, best: Named | None) -> list[Rival]:
         """Rivals for the evidence of all windows, the most promising ones first.
 
         That is asked of the `best` one by the searched windows, of those that tie with it, and of those that may: where
@@ -281,7 +281,7 @@ class Naming:
     def _of_all(self, every: EveryWindow, rivals: list[Rival], best: Named | None) -> Named | None:
         """The best effect once these have the evidence of all windows; the `best` one so far if there is no time."""
         found, options = self._found, self._options
-        self._ticks.begin(Task.WINDOWS, _beside(self._names))
+        self._ticks.begin(Task.WINDOWS, _search_name(self._names))
         stated = self._in_time(_EVERY, lambda: options.parts.once(
             _EVERY, lambda: every.evidence(found.problem, found.fit, rivals, len(self._named), self._rounds)
         ))  # fmt: skip
@@ -295,13 +295,15 @@ class Naming:
         least, thresholds = options.least, options.thresholds
         return best_of(found.evidence, found.nats, self._from_commands, least, thresholds, self._out, found.tried)
 
-    def _beside_better_soil(self, best: Named | None) -> Stage | None:
+    def _repeated_from_better_soil(self, best: Named | None) -> Stage | None:
         """The first search once more, where its effects were screened around a soil that was none."""
         found = self._found
         if self._named or self._again or found.fallen <= max(_BETTER, best.nats if best else 0.0):
             return None
         self._again = True
-        return self._in_time("effects beside a better soil", lambda: self._sought(found.problem, found.fit, found.loss))
+        return self._in_time(
+            "effects beside a better soil", lambda: self._search_stage(found.problem, found.fit, found.loss)
+        )
 
     def _thorough(self) -> Stage | None:
         """The last search with every effect fitted, once, where nothing is found though more than noise is left."""
@@ -311,7 +313,7 @@ class Naming:
         self._exhausted = True
         if self._no_time(_THOROUGH):
             return None
-        self._ticks.begin(Task.SEARCH, f"{_beside(self._names)}, each fitted to the end")
+        self._ticks.begin(Task.SEARCH, f"{_search_name(self._names)}, each fitted to the end")
         return self._in_time(_THOROUGH, lambda: self._weighed(
             thorough(found, self._names, self._rounds, self._ticks, self._options.parts)
         ))  # fmt: skip
@@ -333,7 +335,7 @@ class Naming:
         self._search_soil()
         further = f"further effects beside {best.effect.replace('_', ' ')}"
         if not self._full() and not self._no_time(further):
-            self._look(further)
+            self._search_next(further)
 
     def _search_soil(self) -> None:
         """Search the soil anew beside what is named, where more than noise is left and there is time.
@@ -343,18 +345,18 @@ class Naming:
         if not leaves_more_than_noise(remains(self._problem, self._fit.point)):
             return
         problem, fit, loss = self._problem, self._fit, self._found.loss
-        self._ticks.begin(Task.SEARCH, _beside(self._names))
-        key = f"{_SOIL} {_beside(self._names)}"
+        self._ticks.begin(Task.SEARCH, _search_name(self._names))
+        key = f"{_SOIL} {_search_name(self._names)}"
         found = self._in_time(_SOIL, lambda: self._options.parts.once(
-            key, lambda: beside_soil_anew(problem, fit.point, loss, self._rounds)
+            key, lambda: fits_from_two_soils(problem, fit.point, loss, self._rounds)
         ))  # fmt: skip
         self._fit, *others = found or [fit]
         close = self._fit.point.cost + 2.0 * self._options.least
         self._soils = problem, tuple(other.point for other in others if other.point.cost < close)
 
-    def _look(self, what: str) -> None:
+    def _search_next(self, what: str) -> None:
         """Look for one more effect, if there is time."""
-        found = self._in_time(what, lambda: self._sought(self._problem, self._fit, self._found.loss))
+        found = self._in_time(what, lambda: self._search_stage(self._problem, self._fit, self._found.loss))
         if found is not None:
             self._stages.append(found)
             self._problem, self._fit = found.problem, found.fit
@@ -374,16 +376,16 @@ class Naming:
         self._named.remove(gone)
         self._dropped.append(gone.effect)
         self._between = [*self._between[: spare.which], *self._below(len(fitted) - 1, spare.which)]
-        self._look(f"further effects without {gone.effect.replace('_', ' ')}")
+        self._search_next(f"further effects without {gone.effect.replace('_', ' ')}")
         for place, one in enumerate(self._fitted()):
             if one.stage > gone.stage and not self._stopped:
-                again = self._in_time(_LEAVING_OUT, partial(self._found_again, place, one))
-                self._named[self._named.index(one)] = again or one
+                reassessed = self._in_time(_LEAVING_OUT, partial(self._with_joint_evidence, place, one))
+                self._named[self._named.index(one)] = reassessed or one
         return True
 
     def _drop_from_commands(self) -> bool:
         """Take back the effect that only commands asked for and need least beside the others; whether there was one."""
-        stated = _beside_each_other(self._view, self._names)
+        stated = _command_evidence(self._view, self._names)
         spare = [one for one in self._named if one.found and stated[one.effect].nats < self._options.least]
         if not spare:
             return False
@@ -394,12 +396,12 @@ class Naming:
         self._stages[-1] = self._weighed(self._found)
         return True
 
-    def _unneeded(self) -> Spare | None:
+    def _unneeded(self) -> Removal | None:
         """The model without an effect that the data do not ask for any more; None where they ask for all."""
         loss, options = self._found.loss, self._options
         for which, one in enumerate(self._fitted()):
             if self._stated(one) < options.least + options.thresholds.more(one.effect):
-                return spared(self._problem, self._fit, loss, which, self._rounds)
+                return removal_of(self._problem, self._fit, loss, which, self._rounds)
         every = self._every.times if self._every is not None else 1.0
         return superfluous(self._problem, self._fit, loss, options.least / every, self._rounds)
 
@@ -408,13 +410,13 @@ class Naming:
         if "command" not in _views(one.effect) or len(self._fitted()) == len(self._named):
             return one.nats
         fitted = _nats(self._stages[one.stage], self._view, self._named, (one.effect,))
-        return fitted.get(one.effect, _beside_each_other(self._view, self._names)[one.effect].nats)
+        return fitted.get(one.effect, _command_evidence(self._view, self._names)[one.effect].nats)
 
-    def _found_again(self, place: int, one: Named) -> Named:
+    def _with_joint_evidence(self, place: int, one: Named) -> Named:
         """An effect with what speaks for it beside the others: it was found in a model that was wrong."""
         options, loss = self._options, self._found.loss
         names = [other for other in self._names if other != one.effect]
-        rest = spared(self._problem, self._fit, loss, place, self._rounds)
+        rest = removal_of(self._problem, self._fit, loss, place, self._rounds)
         found = self._weighed(stage(rest.problem, rest.fit, loss, names, self._rounds, self._ticks, options.parts))
         out = (*names, *self._dropped, *self._refuted)
         best = best_of(found.evidence, found.nats, {}, options.least, options.thresholds, out)
@@ -448,9 +450,9 @@ class Naming:
 
     def decision(self) -> Decision:
         """What it came to; commands say of each effect what they say beside the others."""
-        other = {**self._other, **_beside_each_other(self._view, self._names)}
+        other = {**self._other, **_command_evidence(self._view, self._names)}
         named = tuple(replace(one, found=other[one.effect].found) if one.found else one for one in self._named)
-        fits = [self._neutral, *self._between, (self._problem, self._fit), *self._beside_other_soils()]
+        fits = [self._neutral, *self._between, (self._problem, self._fit), *self._refitted_from_other_soils()]
         if self._every is not None and self._fitted():
             fits = self._carried(self._every, fits)
         last = 1 + len(self._between)
@@ -461,7 +463,7 @@ class Naming:
             searched=1.0 / self._every.times if self._every is not None else 1.0,
         )  # fmt: skip
 
-    def _beside_other_soils(self) -> list[tuple[Problem, Fit]]:
+    def _refitted_from_other_soils(self) -> list[tuple[Problem, Fit]]:
         """The model fitted beside the soils that explain the recordings about as well, if it is still that model."""
         (of, soils), problem, loss = self._soils, self._problem, self._fit.loss
         if [one.id for one in of.parameters.extensions] != [one.id for one in problem.parameters.extensions]:
@@ -474,12 +476,12 @@ class Naming:
         return side_by_side(fitted, soils, problem.workers)
 
 
-def _beside(names: Sequence[str]) -> str:
+def _search_name(names: Sequence[str]) -> str:
     """What a search is beside, in words; empty where it is the first one."""
     return f"beside {', '.join(name.replace('_', ' ') for name in names)}" if names else ""
 
 
-def _beside_each_other(view: CommandView, named: Sequence[str]) -> dict[str, Other]:
+def _command_evidence(view: CommandView, named: Sequence[str]) -> dict[str, Other]:
     """What commands say of each named effect once the others are in the model: alone it stands for them as well."""
     found: dict[str, Other] = {}
     for effect in named:

@@ -22,7 +22,7 @@ from artibot_sim.diagnose.unlisted.fitting import FittedLaws, fitted_laws
 from artibot_sim.estimation.parallel import TimeIsUp, until
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge
-from artibot_sim.estimation.solver import again
+from artibot_sim.estimation.solver import reassessed
 
 Which = tuple[int, ...]
 """Places among a decision's fitted effects."""
@@ -159,7 +159,7 @@ class Explanations:
             whole, fit = self._model(more)
             problem, point = without_effect(whole, fit.loss, fit.point, more.index(gone))
             if effects == tuple(range(len(effects))):
-                searched = again(problem, fit.loss, self._found.fits[len(effects)][1].point)
+                searched = reassessed(problem, fit.loss, self._found.fits[len(effects)][1].point)
                 point = min(point, searched, key=lambda one: one.cost)
             self._models[effects] = problem, converge(problem, point, fit.loss, _STEPS)
         return self._models[effects]

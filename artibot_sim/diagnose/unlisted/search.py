@@ -81,10 +81,10 @@ class Equations:
         return np.asarray(self.matrix @ self.beside)
 
     @cached_property
-    def among(self) -> Beside:
+    def among(self) -> Nuisance:
         """The columns beside by themselves."""
         matrix = self.beside.transpose(0, 2, 1) @ self.across
-        return Beside(matrix, np.einsum("wji,wj->wi", self.beside, self.pull), *self.prior())
+        return Nuisance(matrix, np.einsum("wji,wj->wi", self.beside, self.pull), *self.prior())
 
     @cached_property
     def stretches(self) -> NDArray[np.int64]:
@@ -103,7 +103,7 @@ class Equations:
 
 
 @dataclass(frozen=True)
-class Beside:
+class Nuisance:
     """Normal equations of what is fitted beside any candidate.
 
     Attributes
@@ -139,7 +139,7 @@ class Folds:
     fold : array of int, shape (windows,)
     """
 
-    def __init__(self, beside: Beside, fold: NDArray[np.int64]) -> None:
+    def __init__(self, beside: Nuisance, fold: NDArray[np.int64]) -> None:
         kinds, self.of = np.unique(fold, return_inverse=True)
         self._kept = (self.of != np.arange(len(kinds))[:, None]).astype(float)
         self.matrix = self.without(beside.matrix) + beside.information

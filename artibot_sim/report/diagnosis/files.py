@@ -21,8 +21,8 @@ from artibot_sim.diagnose.records import (
     ChannelGain,
     Comparison,
     ErrorBudget,
+    Estimate,
     Explainable,
-    Found,
     Left,
     NextExperiment,
     Place,
@@ -267,15 +267,15 @@ def _unexplained(entry: Mapping[str, Any]) -> Unexplained:
     return Unexplained(**_floats(entry) | {"laws": laws, "spans": spans})
 
 
-def _parameters(entries: Mapping[str, Any]) -> dict[str, Found]:
+def _parameters(entries: Mapping[str, Any]) -> dict[str, Estimate]:
     """Parameters of an effect with their intervals."""
     parameters = {}
     for name, p in entries.items():
         if isinstance(p["value"], str):
-            parameters[name] = Found(p["value"])
+            parameters[name] = Estimate(p["value"])
         else:
             low_high = tuple(map(_float, p["ci95"])) if p.get("ci95") else None
-            parameters[name] = Found(_float(p["value"]), p["unit"], low_high)  # type: ignore[arg-type]
+            parameters[name] = Estimate(_float(p["value"]), p["unit"], low_high)  # type: ignore[arg-type]
     return parameters
 
 

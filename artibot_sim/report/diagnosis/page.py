@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from artibot_sim.diagnose import result
-from artibot_sim.diagnose.records import Candidate, Found, Unexplained, Verdict
+from artibot_sim.diagnose.records import Candidate, Estimate, Unexplained, Verdict
 from artibot_sim.diagnose.result import Diagnosis
 from artibot_sim.diagnose.words import (
     amount,
@@ -176,7 +176,7 @@ def _physics(effect: str) -> str:
     return f"<p><b>{html.escape(effect_words(effect))}</b>: {html.escape(said)}</p>"
 
 
-def _parameter(effect: str, name: str, p: Found) -> tuple[str, ...]:
+def _parameter(effect: str, name: str, p: Estimate) -> tuple[str, ...]:
     said = html.escape(effect_words(name))
     if isinstance(p.value, str):
         return said, html.escape(effect_words(p.value)), "", "", ""
@@ -552,5 +552,5 @@ def _foot(found: Diagnosis, version: str) -> str:
     said = [
         f"Robot {found.robot.name}; fitted: {', '.join(found.bags)}{held}; seed {found.seed}; {found.seconds:.0f} s."
     ]
-    said += [asked] if (asked := result.asked(found)) else []
+    said += [asked] if (asked := result.threshold_words(found)) else []
     return "".join(map(paragraph, (*said, HINT, f"artibot {version}")))

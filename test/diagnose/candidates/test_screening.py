@@ -10,7 +10,7 @@ from diagnose.turns import EVEN, TURNS
 
 from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, hypotheses
 from artibot_sim.diagnose.candidates.patches import discs
-from artibot_sim.diagnose.candidates.screening import Around, around, at_rest, screen
+from artibot_sim.diagnose.candidates.screening import Around, around, converged_baseline, screen
 from artibot_sim.diagnose.sizes import sized
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.solver import evaluate
@@ -127,5 +127,5 @@ def test_what_nothing_measures_is_not_tried_and_steps_of_the_baseline_are_nobody
     rng = np.random.default_rng(2)
     (off,) = evaluate(problem, EVEN, [point.coordinates], point.starts + 0.3 * problem.start_sd * rng.normal(size=8))
     assert gained(around(problem, EVEN, off)) > 12.0
-    base, control = at_rest(problem, EVEN, off, 2)
+    base, control = converged_baseline(problem, EVEN, off, 2)
     assert gained(base) < 12.0 and gained(base) <= 0.5 * (base.point.cost - control.cost) + 1e-6

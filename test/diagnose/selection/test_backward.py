@@ -10,7 +10,7 @@ from diagnose.turns import EVEN, TURNS
 
 from artibot_sim.diagnose.candidates.hypotheses import with_effect, without_effect
 from artibot_sim.diagnose.selection.joint_fits import Rounds
-from artibot_sim.diagnose.selection.stepwise import beside_soil_anew, spared, superfluous
+from artibot_sim.diagnose.selection.stepwise import fits_from_two_soils, removal_of, superfluous
 from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge
@@ -73,7 +73,7 @@ def test_what_is_there_is_worth_what_it_gains(problem: Problem) -> None:
     both, fit = fitted(problem, FRICTION, DAMPING)
     for which, kept in ((0, DAMPING), (1, FRICTION)):
         alone, other = fitted(problem, kept)
-        found = spared(both, fit, EVEN, which, Rounds())
+        found = removal_of(both, fit, EVEN, which, Rounds())
         assert found.nats > 2.0 * LEAST
         assert found.fit.point.cost <= other.point.cost + 2.0 * Rounds().worth
         assert found.problem.parameters.extensions == alone.parameters.extensions
@@ -87,7 +87,7 @@ def test_a_soil_that_made_up_for_an_effect_gives_way_beside_it(problem: Problem)
     point = evaluate(both, EVEN, [both.parameters.inside(there)], both.starts)[0]
     stuck = converge(both, point, EVEN, Rounds().few)
     assert stuck.point.cost > right.point.cost + 2.0 * LEAST, "it is stuck"
-    found, other = beside_soil_anew(both, stuck.point, EVEN, Rounds())
+    found, other = fits_from_two_soils(both, stuck.point, EVEN, Rounds())
     assert other.point.cost > found.point.cost
     assert found.point.cost <= right.point.cost + 2.0 * Rounds().worth
 

@@ -10,10 +10,18 @@ from diagnose.hidden import case
 from diagnose.turns import EVEN, TURNS
 
 from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, hypotheses, with_effect
-from artibot_sim.diagnose.candidates.screening import Trial, at_rest, screen
+from artibot_sim.diagnose.candidates.screening import Trial, converged_baseline, screen
 from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.records import Options
-from artibot_sim.diagnose.selection.joint_fits import Known, Rival, Rounds, contained, contest, finished, with_soil_of
+from artibot_sim.diagnose.selection.joint_fits import (
+    FitCache,
+    Rival,
+    Rounds,
+    contained,
+    contest,
+    finished,
+    with_soil_of,
+)
 from artibot_sim.diagnose.sizes import sized
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit
@@ -31,7 +39,7 @@ def test_what_sensitivities_promise_is_fitted_though_other_branches_hide_it() ->
     """As after probes that all threw windows off their branch: of the softened ground only a promise is left."""
     robot = load_robot("agriq")
     problem, fit = baseline(case(("soil_softening",), 0.3, 212777215).recordings, robot, Options())
-    base, control = at_rest(problem, fit.loss, fit.point, Rounds().few)
+    base, control = converged_baseline(problem, fit.loss, fit.point, Rounds().few)
     softening = [one for one in hypotheses(robot, problem.stretches) if one.id == "soil_softening"]
     (trial,) = screen(base, softening)
     assert trial.promised > 100.0
@@ -50,13 +58,13 @@ def test_where_all_are_fitted_a_screen_that_was_misled_costs_no_effect() -> None
     real = replace(robot, effects={"slope": truth})
     problem = problem_of([synthetic(real, TURNS, kappa=0.8, seed=4)], parameter_set(robot), 5.0, 2)
     point = evaluate(problem, EVEN, [np.zeros(5)], problem.starts)[0]
-    base, control = at_rest(problem, EVEN, point, Rounds().few)
+    base, control = converged_baseline(problem, EVEN, point, Rounds().few)
     (trial,) = screen(base, [one for one in hypotheses(robot, problem.stretches) if one.id == "slope"])
     far = np.append(base.point.coordinates, 4.0 * trial.own)
     misled = replace(trial, point=evaluate(trial.problem, EVEN, [far], base.point.starts)[0], promised=0.0)
     assert misled.point.cost > control.cost
     assert not contest([misled], control.cost, EVEN, Rounds())
-    known = Known()
+    known = FitCache()
     begun = contest([misled], control.cost, EVEN, Rounds().for_all(1), known=known)
     best, (rival,) = finished(base, begun, Rounds(), known=known)
     assert rival.trial.hypothesis.extension.values(rival.own) == pytest.approx(truth, rel=0.05)
@@ -93,7 +101,7 @@ def test_what_is_known_is_not_made_again() -> None:
         made.append(list(some))
         return [do(one) for one in some]
 
-    known = Known()
+    known = FitCache()
     for items in ([first, second], [third, first], [second]):
         assert known.all(sum, items, lambda one: (sum, one), make) == [sum(one) for one in items]
     assert [[id(one) for one in some] for some in made] == [[id(first), id(second)], [id(third)], []]

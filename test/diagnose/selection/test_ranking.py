@@ -11,9 +11,9 @@ import pytest
 from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, why_unseen, with_effect
 from artibot_sim.diagnose.candidates.screening import Trial
 from artibot_sim.diagnose.commands.view import command_view
-from artibot_sim.diagnose.conclusion import own_ties
+from artibot_sim.diagnose.conclusion import without_ties_among_named
 from artibot_sim.diagnose.policy import THRESHOLDS
-from artibot_sim.diagnose.records import Found, Verdict
+from artibot_sim.diagnose.records import Estimate, Verdict
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.evidence import DECADE, Evidence, others
 from artibot_sim.diagnose.selection.forward import Stage
@@ -35,7 +35,7 @@ from artibot_sim.model.effects import EFFECTS
 ROBOT = load_robot("agriq")
 FITTED = ("joint_friction", "joint_damping")
 """Effects of the view driven by rotations, in the order in which they are found here."""
-COMMANDED = {"speed_loop_lag": {"time_constant": Found(0.2, "s")}, "command_delay": {"delay": Found(0.1, "s")}}
+COMMANDED = {"speed_loop_lag": {"time_constant": Estimate(0.2, "s")}, "command_delay": {"delay": Estimate(0.1, "s")}}
 NATS = {"joint_friction": 500.0, "joint_damping": 90.0, "speed_loop_lag": 700.0, "command_delay": 300.0}
 
 
@@ -126,10 +126,10 @@ def test_only_what_recordings_cannot_show_is_said_to_be_so(run: Experiment) -> N
 def test_what_is_found_beside_another_is_no_rival_of_it(run: Experiment) -> None:
     decision = decision_of(run, FITTED)
     tied = tuple(replace(one, ties=tuple(name for name in FITTED if name != one.effect)) for one in decision.named)
-    assert not any(one.ties for one in own_ties(replace(decision, named=tied)).named)
+    assert not any(one.ties for one in without_ties_among_named(replace(decision, named=tied)).named)
     open_ = replace(decision, named=(decision.named[0], replace(decision.named[1], ties=("payload",))))
-    assert own_ties(open_).named == open_.named
-    assert not own_ties(open_).ordered[0].ties, "the one with the most evidence has no rival"
+    assert without_ties_among_named(open_).named == open_.named
+    assert not without_ties_among_named(open_).ordered[0].ties, "the one with the most evidence has no rival"
 
 
 def test_who_believes_less_asks_for_more() -> None:

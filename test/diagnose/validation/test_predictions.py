@@ -9,7 +9,7 @@ import pytest
 
 from artibot_sim.diagnose.candidates.hypotheses import with_effect
 from artibot_sim.diagnose.commands.view import command_view
-from artibot_sim.diagnose.records import Found, Options
+from artibot_sim.diagnose.records import Estimate, Options
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.forward import Stage
 from artibot_sim.diagnose.validation.predictions import improvements, predict
@@ -44,7 +44,10 @@ def test_each_cause_takes_its_own_error_away(lag_first: bool) -> None:
         turn_at(problem, np.empty(0)),
         turn_at(with_effect(problem, friction), friction.coordinates({"torque": TORQUE})),
     )
-    named = [Named("joint_friction", 500.0, ()), Named("speed_loop_lag", 400.0, (), {"time_constant": Found(LAG, "s")})]
+    named = [
+        Named("joint_friction", 500.0, ()),
+        Named("speed_loop_lag", 400.0, (), {"time_constant": Estimate(LAG, "s")}),
+    ]
     decision = Decision(
         tuple(named[::-1] if lag_first else named), 40.0, problem, stages[0].fit, stages[1].problem,
         stages[1].fit, stages, {},
@@ -64,7 +67,7 @@ def test_what_is_not_there_makes_nothing_likelier() -> None:
     run = synthetic(ROBOT, random_manoeuvre(np.random.default_rng(2), 12.0), duration=12.0, kappa=0.8, seed=3)
     problem = problem_of([run], parameter_set(ROBOT), 5.0, 1)
     stages = (turn_at(problem, np.empty(0)),)
-    named = (Named("speed_loop_lag", 400.0, (), {"time_constant": Found(LAG, "s")}),)
+    named = (Named("speed_loop_lag", 400.0, (), {"time_constant": Estimate(LAG, "s")}),)
     decision = Decision(
         named, 40.0, problem, stages[0].fit, problem, stages[0].fit, stages, {}
     )  # fmt: skip
