@@ -17,7 +17,7 @@ from artibot_sim.estimation.residual_model import Predicted, ResidualModel, Turn
 from artibot_sim.experiment import open_recording, read_bag
 from artibot_sim.experiment.columns import Experiment, Floats
 from artibot_sim.experiment.measured import Measured
-from artibot_sim.experiment.resimulate import Begun, Resimulation, anew, ground_of, resimulate, robot_of
+from artibot_sim.experiment.resimulate import Resimulation, StartedWindow, anew, ground_of, resimulate, robot_of
 from artibot_sim.experiment.wheels import with_odometry_wheels
 from artibot_sim.identify.validation import begun_windows
 from artibot_sim.model import Ground, Robot, Rollout
@@ -93,7 +93,7 @@ def simulated(
         return resimulate(experiment, robot, drive, horizon=horizon, back=back, ground=ground, progress=progress)
     (timed,) = on_one_clock([experiment], robot, poses="pose_delay" not in robot.effects)
     said = tuple(what_was_mended([timed]))
-    begun: list[Begun] | None = None
+    begun: list[StartedWindow] | None = None
     if horizon is None:
         noise = noise_levels(stretches(timed.experiment, robot))
     else:
