@@ -248,7 +248,7 @@ def _simulated_ends(robot: Robot, part: Part, rolling: Kinematic, earlier: float
     now = round((BEFORE - (earlier or rolling.delay)) / STEP)
     starts[:, 3:6] = rolling.rates(windows.speed[rows, now])
     kinds = np.array([KINDS.index(name) for name in ("x", "y", "yaw")])
-    seen = problem.look(np.empty(0), starts, [Plan(np.full(3, end), kinds) for end in ends])
+    seen = problem.sampled(np.empty(0), starts, [Plan(np.full(3, end), kinds) for end in ends])
     moved = replace(windows[np.array(rows)], end=np.array(seen)).moved
     every[rows] = moved
     return every

@@ -346,12 +346,12 @@ class Problem:
     def _times(self) -> Array:
         return np.array([w.t for w in self.windows])
 
-    def begun(self, robot: Robot, starts: Array) -> Items:
+    def items_from(self, robot: Robot, starts: Array) -> Items:
         """All windows as a robot of this kind begins them, one row each, from starts (windows, 8 or 6)."""
         count = np.arange(len(self.windows))
         return self._items([robot], np.zeros_like(count), count, starts, count)
 
-    def look(self, coordinates: Array, starts: Array, plans: Sequence[Plan]) -> list[Array]:
+    def sampled(self, coordinates: Array, starts: Array, plans: Sequence[Plan]) -> list[Array]:
         """Whatever `plans` (one a window) ask for, (m,) each."""
         batch = WindowBatch(self._batch.tables, list(plans), self._batch.dt, threads(self.workers))
         robots, count = [self.parameters.robot_at(coordinates)], np.arange(len(self.windows))

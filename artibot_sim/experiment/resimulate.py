@@ -473,7 +473,7 @@ def resimulate(
         raise ArtibotError(f"horizon: {horizon} s; expected at least 0.1 s")
     run = _Run(experiment, robot, drive, horizon, back, ground, forces, progress or (lambda _: None))
     if begun:
-        run.begun(begun)
+        run.simulate(begun)
     else:
         for t_start, t_end in experiment.segments:
             run.segment(t_start, t_end)
@@ -539,7 +539,7 @@ class _Run:
         state, offset = self._start(inputs, measured, first)
         self._roll(inputs, pieces, StartedWindow(inputs, first, last, state, True), offset)
 
-    def begun(self, windows: Sequence[StartedWindow]) -> None:
+    def simulate(self, windows: Sequence[StartedWindow]) -> None:
         """Simulate windows with the states that they begin with."""
         stretches: dict[int, list[StartedWindow]] = {}
         for window in windows:

@@ -59,7 +59,7 @@ def motion_of(problem: Problem, coordinates: Array, starts: Array, torques: bool
     seen = {}
     for name in ("sliding", "grip", "yaw_rate"):
         plans = [Plan(times, np.full(len(times), KINDS.index(name))) for times in t]
-        seen[name] = np.concatenate(problem.look(coordinates, starts, plans))
+        seen[name] = np.concatenate(problem.sampled(coordinates, starts, plans))
     known = np.isfinite(seen["sliding"])
     return FittedMotion(
         float((seen["sliding"][known] > 0).mean()), float(seen["grip"][known].max()),

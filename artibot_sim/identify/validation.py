@@ -305,7 +305,9 @@ def _rival_starts(rival: Kinematic, ahead: _Ahead) -> Array:
     return np.where(ahead.measured, ahead.starts, _kinematic_starts(rival, ahead.problem))
 
 
-def begun_windows(experiment: Experiment, robot: Robot, horizon: float) -> tuple[list[StartedWindow], dict[str, float]]:
+def windows_to_resimulate(
+    experiment: Experiment, robot: Robot, horizon: float
+) -> tuple[list[StartedWindow], dict[str, float]]:
     """The windows of a recording as `hold_out` predicts them, for a simulation; and the noise of each channel.
 
     Raises
@@ -319,7 +321,7 @@ def begun_windows(experiment: Experiment, robot: Robot, horizon: float) -> tuple
             f"{experiment.path}: no window of {horizon:g} s holds four positions; give a longer --horizon, or none"
         )
     ahead = _begin(found, robot, horizon, None, _STEPS)
-    items = ahead.problem.begun(robot, ahead.starts)
+    items = ahead.problem.items_from(robot, ahead.starts)
     rest, windows = initial_state(robot), []
     for i, window in enumerate(ahead.problem.windows):
         state = replace(rest, t=window.t, q=items.q[i], v=items.v[i])
@@ -376,10 +378,10 @@ def _left(
         return None
     sliding = KINDS.index("sliding")
     times = [np.arange(0.0, duration, _LOOK) for duration in problem.durations]
-    followed = problem.look(np.empty(0), point.starts, [Plan(x, np.full(len(x), sliding)) for x in times])
+    followed = problem.sampled(np.empty(0), point.starts, [Plan(x, np.full(len(x), sliding)) for x in times])
     at = np.concatenate([problem.windows[i].t + times[i] for i in mine])
     patterns = np.concatenate([followed[i] for i in mine])
-    free = alone.look(np.empty(0), start, [Plan(np.maximum(at - whole.t, 0.0), np.full(len(at), sliding))])[0]
+    free = alone.sampled(np.empty(0), start, [Plan(np.maximum(at - whole.t, 0.0), np.full(len(at), sliding))])[0]
     other = patterns != free
     need = round(_OTHER / _LOOK)
     for k in np.flatnonzero(other):

@@ -112,11 +112,11 @@ class Explanations:
         problem, fit = self._model(which)
         return unexplained(problem, fit.point.coordinates)
 
-    def _in_time(self, look: Callable[[], Result | None]) -> Result | None:
+    def _in_time(self, find: Callable[[], Result | None]) -> Result | None:
         """What looking for forces finds; None if the time is up before."""
         try:
             with until(self._latest):
-                return look()
+                return find()
         except TimeIsUp:
             self.untried = (_FORCES,)
             return None

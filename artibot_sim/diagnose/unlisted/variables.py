@@ -59,7 +59,7 @@ def scene(problem: Problem, coordinates: Array) -> Scene:
     names = (*_SAMPLED, *(name for joint in joints for name in joint), *torques)
     each = np.repeat([kind_of(name) for name in names], KNOTS)
     plans = [Plan(np.tile(t - w.t, len(names)), each) for w, t in zip(problem.windows, at, strict=True)]
-    seen = np.array(problem.look(coordinates, problem.starts, plans)).reshape(len(at), len(names), KNOTS)
+    seen = np.array(problem.sampled(coordinates, problem.starts, plans)).reshape(len(at), len(names), KNOTS)
     motion = dict(zip(names, np.nan_to_num(seen).transpose(1, 0, 2), strict=True))
     for m, motor in enumerate(robot.motors):
         for name, quantity in (("angle", "position"), ("rate", "velocity")):

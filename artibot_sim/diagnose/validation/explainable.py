@@ -150,7 +150,7 @@ def pieces(held: Held, robot: Robot, motors: Sequence[int]) -> list[Piece]:
         Plan(np.repeat(t - w.t, len(kinds)), np.tile(kinds, len(t))) for t, w in zip(times, held.windows, strict=True)
     ]
     found = []
-    looked = problem.look(np.empty(0), held.starts, plans)
+    looked = problem.sampled(np.empty(0), held.starts, plans)
     for window, t, values, residual in zip(held.windows, times, looked, held.residuals, strict=True):
         table = values.reshape(len(t), -1)
         path = Predicted(t, table[:, :3], table[:, 3] if robot.articulated else np.zeros(len(t)))

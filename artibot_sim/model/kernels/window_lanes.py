@@ -197,7 +197,7 @@ def simulate(S, rows, work, order, block, fx, dt, knot_steps, settings, rigid):
 
 
 @inlined
-def look(S, rows, work, order, block, h, out):
+def sample_plans(S, rows, work, order, block, h, out):
     """What each item's plan asks for, into its part of `out`; NaN from where it diverged."""
     for e in range(LANES):
         place = block * LANES + e
@@ -234,4 +234,4 @@ def run_windows(work, order, first, stride, dt, knot_steps, settings, buffer, ou
     for block in range(first, (order.shape[0] + LANES - 1) // LANES, stride):
         load_block(S, work, order, block, fx)
         simulate(S, rows, work, order, block, fx, dt, knot_steps, settings, rigid)
-        look(S, rows, work, order, block, knot_steps * dt, out)
+        sample_plans(S, rows, work, order, block, knot_steps * dt, out)

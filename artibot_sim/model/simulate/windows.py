@@ -92,7 +92,7 @@ class Knots:
 
 
 @dataclass(frozen=True)
-class Looks:
+class PlanTable:
     """Plans one after the other.
 
     Attributes
@@ -112,7 +112,7 @@ class Looks:
     wheels: Mask
 
     @classmethod
-    def of(cls, plans: Sequence[Plan]) -> Looks:
+    def of(cls, plans: Sequence[Plan]) -> PlanTable:
         """Of plans."""
         sizes = np.array([len(plan.t) for plan in plans], np.int64)
         t = np.concatenate([np.empty(0), *(plan.t for plan in plans)])
@@ -224,16 +224,16 @@ def level(fleet: Fleet, items: Items) -> Mask:
     return found
 
 
-def lane_work(fleet: Fleet, items: Items, knots: Knots, looks: Looks, ends: Indices) -> Work:
+def lane_work(fleet: Fleet, items: Items, knots: Knots, plans: PlanTable, ends: Indices) -> Work:
     """All that lanes need; `ends` (n,) are where the items' results end."""
     from artibot_sim.model.kernels.window_lanes import Work
 
-    sizes, begin = looks.sizes[items.plan], looks.begin[items.plan]
+    sizes, begin = plans.sizes[items.plan], plans.begin[items.plan]
     return Work(
         fleet.records, fleet.eta, flat(fleet.effects), fleet.sensors, knots.position, knots.velocity, knots.torque,
         knots.behind, knots.modes[items.table], fleet.share[items.robot, items.table], _whole(items.robot),
         knots.begin[items.table] + items.first, _whole(items.knots), _real(items.q), _real(items.v), _real(items.t),
-        remembered(items), begin, begin + sizes, looks.t, looks.kind, ends - sizes,
+        remembered(items), begin, begin + sizes, plans.t, plans.kind, ends - sizes,
     )  # fmt: skip
 
 
@@ -353,7 +353,7 @@ class WindowBatch:
     dt: float
     workers: int | None = None
     _knots: Knots = field(init=False, repr=False)
-    _looks: Looks = field(init=False, repr=False)
+    _plan_table: PlanTable = field(init=False, repr=False)
     _spare: dict[Callable[[int], Any], list[tuple[int, Any]]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -361,28 +361,28 @@ class WindowBatch:
             ratio = table.dt / self.dt
             if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6:
                 raise ArtibotError(f"dt: {self.dt:g} s does not divide table {i}'s knot spacing of {table.dt:g} s")
-        self._knots, self._looks = Knots.of(self.tables, self.dt), Looks.of(self.plans)
+        self._knots, self._plan_table = Knots.of(self.tables, self.dt), PlanTable.of(self.plans)
 
     def run(self, robots: Sequence[Robot], items: Items) -> list[Array]:
         """What each item's plan asks for, (m,) each; NaN from where a rollout diverged."""
         if not len(items):
             return []
-        sizes = self._looks.sizes[items.plan]
+        sizes = self._plan_table.sizes[items.plan]
         found, ends = self.run_flat(robots, items), np.cumsum(sizes)
         return [found[begin:end] for begin, end in zip(ends - sizes, ends, strict=True)]
 
     def run_flat(self, robots: Sequence[Robot], items: Items) -> Array:
         """Run all items; what their plans ask for, item after item, shape (sum of the plans' lengths,)."""
-        ends = np.cumsum(self._looks.sizes[items.plan])
+        ends = np.cumsum(self._plan_table.sizes[items.plan])
         out = np.full(int(ends[-1]) if len(ends) else 0, math.nan)
         if robots[0].trailing:
             self._run_trains(robots, items, ends, out)
             return out
         fleet = Fleet.of(robots, self.tables, bool(self._knots.free.any()))
-        together = level(fleet, items) & ~self._looks.wheels[items.plan]
+        together = level(fleet, items) & ~self._plan_table.wheels[items.plan]
         groups = list(self._groups(fleet, items, np.flatnonzero(together)))
         alone = np.flatnonzero(~together)
-        work = lane_work(fleet, items, self._knots, self._looks, ends) if groups else None
+        work = lane_work(fleet, items, self._knots, self._plan_table, ends) if groups else None
 
         def run(part: int, parts: int) -> None:
             for group in groups:
@@ -411,7 +411,7 @@ class WindowBatch:
         for kind in np.unique(kinds, axis=0):
             mine = rows[(kinds == kind).all(axis=1)]
             order = mine[np.argsort(-items.knots[mine], kind="stable")]
-            torques = bool(self._looks.torques[items.plan[mine]].any())
+            torques = bool(self._plan_table.torques[items.plan[mine]].any())
             most = int(items.knots[order[0]])
             yield _Group(order, int(kind[0]), bool(kind[1]), torques, int(kind[2]), bool(kind[3]), most)
 

@@ -19,7 +19,7 @@ from artibot_sim.experiment.columns import Experiment, Floats
 from artibot_sim.experiment.measured import Measured
 from artibot_sim.experiment.resimulate import Resimulation, StartedWindow, anew, ground_of, resimulate, robot_of
 from artibot_sim.experiment.wheels import with_odometry_wheels
-from artibot_sim.identify.validation import begun_windows
+from artibot_sim.identify.validation import windows_to_resimulate
 from artibot_sim.model import Ground, Robot, Rollout
 from artibot_sim.progress import Bar, Report
 
@@ -97,7 +97,7 @@ def simulated(
     if horizon is None:
         noise = noise_levels(stretches(timed.experiment, robot))
     else:
-        begun, noise = begun_windows(timed.experiment, robot, horizon)
+        begun, noise = windows_to_resimulate(timed.experiment, robot, horizon)
     result = resimulate(timed.experiment, robot, drive, horizon=horizon, begun=begun, progress=progress)
     levels = {name: level * (np.sqrt(2.0) if name == "position" else 1.0) for name, level in noise.items()}
     metrics = {name: replace(one, noise=float(levels.get(name, one.noise))) for name, one in result.metrics.items()}
