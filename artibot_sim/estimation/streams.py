@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -350,41 +351,56 @@ class _Rows:
 
     def x(self, delay: float, lag: float) -> Array:
         """What explains the rows, (n, k), where the explained stream is so late."""
+        return self.columns(self.begin - delay, self.end - delay, lag).T
+
+    def columns(self, begin: Array, end: Array, lag: float) -> Array:
+        """What explains rows from `begin` to `end`, column by column, (k, n)."""
         sums = self.sums(lag)
-        change = sums.at(self.end - delay) - sums.at(self.begin - delay)
-        return np.column_stack([change, self.end - self.begin]) if self.trend else change
+        change = [np.interp(end, sums.t, one) - np.interp(begin, sums.t, one) for one in sums.values.T]
+        return np.stack([*change, end - begin] if self.trend else change)
 
 
 class _Normal:
-    """Normal equations of all blocks for many delays: products of x, y and both."""
+    """Normal equations of all blocks (b) for many delays (d): products of x (k columns), y and both.
+
+    Attributes
+    ----------
+    xx : array, shape (b, d, k, k)
+    xy : array, shape (b, d, k)
+    yy : array, shape (b,)
+    """
 
     def __init__(self, rows: _Rows, delays: Array, lag: float) -> None:
         self.rows, self.delays, self.lag = rows, delays, lag
-        w, y, block = rows.weights, rows.y, rows.block
-        count = int(block.max()) + 1
-        order = np.argsort(block, kind="stable")
-        starts = np.searchsorted(block[order], np.arange(count))
-        self.yy = np.bincount(block, w * y * y, count)
+        order = np.argsort(rows.block, kind="stable")
+        w, y, begin, end, block = (a[order] for a in (rows.weights, rows.y, rows.begin, rows.end, rows.block))
+        starts = np.flatnonzero(np.diff(block, prepend=-1))
+        self.yy = np.add.reduceat(w * y * y, starts)
         xx, xy = [], []
         for delay in delays.tolist():
-            x = rows.x(delay, lag)
-            xx.append(np.add.reduceat((w[:, None, None] * x[:, :, None] * x[:, None, :])[order], starts, axis=0))
-            xy.append(np.add.reduceat(((w * y)[:, None] * x)[order], starts, axis=0))
-        self.xx, self.xy = np.array(xx), np.array(xy)
+            x = rows.columns(begin - delay, end - delay, lag)
+            pairs, weighed = np.empty((len(x), len(x), len(starts))), w * x
+            for i, one in enumerate(weighed):
+                pairs[i, i:] = pairs[i:, i] = np.add.reduceat(one * x[i:], starts, axis=1)
+            xx.append(pairs.T)
+            xy.append(np.add.reduceat(weighed * y, starts, axis=1).T)
+        self.xx, self.xy = np.stack(xx, axis=1), np.stack(xy, axis=1)
 
     def costs(self, chosen: Array | None = None) -> tuple[Array, Array]:
-        """Squared rest (d,) and coefficients (d, k) at every delay, blocks counted as often as `chosen` says."""
-        c = np.ones(len(self.yy)) if chosen is None else chosen
-        xx, xy = np.einsum("b,dbij->dij", c, self.xx), np.einsum("b,dbi->di", c, self.xy)
-        size = xx.shape[1]
-        ridge = 1e-9 * np.trace(xx, axis1=1, axis2=2) / size + 1e-300
-        beta = np.linalg.solve(xx + ridge[:, None, None] * np.eye(size), xy[..., None])[..., 0]
-        return float(c @ self.yy) - np.einsum("di,di->d", xy, beta), beta
+        """Squared rests (m, d) and coefficients (m, d, k) at every delay.
+
+        Blocks are counted as often as each of the m rows of `chosen` (m, b) says; once without, and m is 1.
+        """
+        c = np.ones((1, len(self.yy))) if chosen is None else chosen
+        xx, xy = ((c @ one.reshape(len(one), -1)).reshape(len(c), *one.shape[1:]) for one in (self.xx, self.xy))
+        size = xx.shape[-1]
+        ridge = 1e-9 * np.trace(xx, axis1=-2, axis2=-1) / size + 1e-300
+        beta = np.linalg.solve(xx + ridge[..., None, None] * np.eye(size), xy[..., None])[..., 0]
+        return (c @ self.yy)[:, None] - (xy * beta).sum(axis=-1), beta
 
     def rest(self, beta: Array) -> Array:
         """Squared rest of each block at each delay with these coefficients, shape (delays, blocks)."""
-        cross = np.einsum("dbi,i->db", self.xy, beta)
-        return np.asarray(self.yy - 2.0 * cross + np.einsum("dbij,i,j->db", self.xx, beta, beta))
+        return np.asarray(self.yy - 2.0 * (self.xy @ beta).T + (self.xx @ beta @ beta).T)
 
 
 def delay_of(
@@ -420,25 +436,26 @@ def delay_of(
     rows = _Rows(pieces, trend)
     coarse = np.arange(-most, most + 1e-9, _COARSE)
     _reweigh(rows, _Normal(rows, coarse, 0.0))
-    around = float(coarse[int(np.argmin(_Normal(rows, coarse, lags[0]).costs()[0]))])
+    around = float(coarse[int(np.argmin(_Normal(rows, coarse, lags[0]).costs()[0][0]))])
     fine = np.arange(max(around - _NEAR, -most), min(around + _NEAR, most) + 1e-9, _FINE)
     near = [_Normal(rows, fine, one) for one in lags]
-    value, best, beta, table = _lowest(near[:1], None)
+    table = near[0]
+    (value,), (best,), (beta,) = _lowest(near[:1], None)
     count = len(table.yy)
     drawn = rng.multinomial(count, np.full(count, 1.0 / count), _DRAWS).astype(float)
-    again = [_lowest(near[:1], chosen) for chosen in drawn]
-    places = [(value, [d[0] for d in again])]
+    again = _lowest(near[:1], drawn)
+    places = [(float(value), again.delay)]
     if len(near) > 1:  # a lag in between, or none: the interval holds both
-        places.append((_lowest(near, None)[0], [_lowest(near, chosen)[0] for chosen in drawn]))
+        places.append((float(_lowest(near, None).delay[0]), _lowest(near, drawn).delay))
     factor = 2.0 if count >= LEAST_BLOCKS else 4.0
     wide = [(v, factor * max(float(np.std(values)), _FLOOR)) for v, values in places]
     low = -np.inf if value < -most + 2 * _FINE else min(v - w for v, w in wide)
     high = np.inf if value > most - 2 * _FINE else max(v + w for v, w in wide)
-    skew, skew_sd = _skew(table, value, beta, rng)
+    skew, skew_sd = _skew(table, float(value), beta, rng)
     unsure = 2.6 * skew_sd + _SKEW_SHARE * abs(skew)
     return Delay(
-        value, (low, high), 1.0 - best / max(float(table.yy.sum()), 1e-300), beta,
-        np.std([d[2] for d in again], axis=0), skew, (skew - unsure, skew + unsure), count,
+        float(value), (low, high), 1.0 - float(best) / max(float(table.yy.sum()), 1e-300), beta,
+        np.std(again.coefficients, axis=0), skew, (skew - unsure, skew + unsure), count,
     )  # fmt: skip
 
 
@@ -473,23 +490,33 @@ def agreement_beside_chance(pieces: Sequence[Piece], most: float, rng: np.random
 def _reweigh(rows: _Rows, table: _Normal) -> None:
     """Weigh rows by what the best delay leaves: a leap of a pose must not decide."""
     costs, betas = table.costs()
-    i = int(np.argmin(costs))
-    rest = np.abs(rows.y - rows.x(float(table.delays[i]), table.lag) @ betas[i])
+    i = int(np.argmin(costs[0]))
+    rest = np.abs(rows.y - rows.x(float(table.delays[i]), table.lag) @ betas[0, i])
     rows.weights = 1.0 / (1.0 + (rest / (3.0 * 1.4826 * float(np.median(rest)) + 1e-12)) ** 2)
 
 
-def _lowest(tables: Sequence[_Normal], chosen: Array | None) -> tuple[float, float, Array, _Normal]:
-    """Delay, squared rest, coefficients and table where the rest is lowest; a parabola between delays."""
-    found = []
-    for table in tables:
-        costs, betas = table.costs(chosen)
-        i = int(np.argmin(costs))
-        value = float(table.delays[i])
-        if 0 < i < len(costs) - 1:
-            a, b, c = costs[i - 1 : i + 2]
-            value += _FINE * 0.5 * float((a - c) / max(a - 2.0 * b + c, 1e-300))
-        found.append((value, float(costs[i]), betas[i], table))
-    return min(found, key=lambda one: one[1])
+class _Lowest(NamedTuple):
+    """Where the rest is lowest, for each choice of blocks (m): delay (m,), squared rest (m,), coefficients (m, k)."""
+
+    delay: Array
+    rest: Array
+    coefficients: Array
+
+
+def _lowest(tables: Sequence[_Normal], chosen: Array | None) -> _Lowest:
+    """The lowest of all tables' rests, with blocks `chosen` as in `costs`; a parabola between delays."""
+    found = [_lowest_of(table, *table.costs(chosen)) for table in tables]
+    best = np.argmin([one.rest for one in found], axis=0)
+    row = np.arange(len(best))
+    return _Lowest(*(np.stack(each)[best, row] for each in zip(*found, strict=True)))
+
+
+def _lowest_of(table: _Normal, costs: Array, betas: Array) -> _Lowest:
+    row, i = np.arange(len(costs)), np.argmin(costs, axis=1)
+    inside = np.clip(i, 1, len(table.delays) - 2)
+    a, b, c = (costs[row, inside + k] for k in (-1, 0, 1))
+    between = np.where(i == inside, 0.5 * _FINE * (a - c), 0.0) / np.maximum(a - 2.0 * b + c, 1e-300)
+    return _Lowest(table.delays[i] + between, costs[row, i], betas[row, i])
 
 
 def _skew(table: _Normal, value: float, beta: Array, rng: np.random.Generator) -> tuple[float, float]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import sqlite3
 import struct
 import zlib
-from collections.abc import Collection, Iterator
+from bisect import bisect_left
+from collections.abc import Collection, Container, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import yaml
 
@@ -22,6 +23,8 @@ from artibot_sim.errors import ArtibotError
 
 MAGIC = b"\x89MCAP0\r\n"
 _FOOTER = struct.Struct("<QQI")  # start of the summary, of its offsets, and the summary's checksum
+_RECORD = struct.Struct("<BQ")  # kind and length of what follows
+_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; then comes the message
 _SQLITE_MAGIC = b"SQLite format 3\x00"
 # what decoders raise on bytes that make no sense: a length of 2**63, a name that is not UTF-8, an unknown id
 _DAMAGE = (struct.error, LookupError, ValueError, ArithmeticError, RuntimeError, MemoryError, OSError)
@@ -239,35 +242,100 @@ def iter_messages(
     """
     for file in storage_files(path):
         read = _iter_mcap if check_file(file) == "mcap" else _iter_sqlite
-        stream = read(file, topics, start_ns, end_ns)
+        several = read(file, topics, start_ns, end_ns)
         while True:
             with clear_errors(file):  # not around the yield: the caller's errors are the caller's
-                message = next(stream, None)
-                if message is not None and message.data.startswith(ZSTD_MAGIC):
-                    message = message._replace(data=_decompressed(message.data))
-            if message is None:
+                messages = [_decompressed(message) for message in next(several, ())]
+            if not messages:
                 break
-            yield message
+            yield from messages
 
 
-def _decompressed(data: bytes) -> bytes:
-    """Return a message that rosbag2 compressed on its own (compression_mode: message); CDR never begins like that."""
+def _decompressed(message: RawMessage) -> RawMessage:
+    """Unpack what rosbag2 compressed on its own (compression_mode: message); CDR never begins like that."""
+    if not message.data.startswith(ZSTD_MAGIC):
+        return message
     import zstandard
 
-    return zstandard.ZstdDecompressor().decompressobj().decompress(data)
+    return message._replace(data=zstandard.ZstdDecompressor().decompressobj().decompress(message.data))
 
 
-def _iter_mcap(file: Path, topics: Collection[str] | None, start: int | None, end: int | None) -> Iterator[RawMessage]:
+def _iter_mcap(
+    file: Path, topics: Collection[str] | None, start: int | None, end: int | None
+) -> Iterator[list[RawMessage]]:
+    """Some messages at a time, never none: a chunk's where chunks do not overlap in time.
+
+    The library's own way puts one message after the other through a queue that is sorted by comparisons in Python,
+    which takes longer than all else about reading.
+    """
     from mcap.reader import make_reader
 
-    infos: dict[int, ChannelInfo] = {}
     with open(file, "rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
-        for schema, channel, message in reader.iter_messages(topics, starting_at=start, ending_before=end):
-            info = infos.get(channel.id)
-            if info is None:
-                info = infos[channel.id] = channel_info(schema, channel)
-            yield RawMessage(info, message.log_time, message.publish_time, message.sequence, message.data)
+        summary = reader.get_summary()
+        if summary is None or not summary.chunk_indexes:  # a file without an index, or without chunks
+            infos: dict[int, ChannelInfo] = {}
+            for schema, channel, m in reader.iter_messages(topics, starting_at=start, ending_before=end):
+                info = infos.get(channel.id) or infos.setdefault(channel.id, channel_info(schema, channel))
+                yield [RawMessage(info, m.log_time, m.publish_time, m.sequence, m.data)]
+            return
+        wanted = {
+            number: channel_info(summary.schemas[channel.schema_id] if channel.schema_id else None, channel)
+            for number, channel in summary.channels.items()
+            if topics is None or channel.topic in topics
+        }
+        bounds = (0 if start is None else start, 2**64 if end is None else end)
+        chunks = [
+            chunk
+            for chunk in summary.chunk_indexes
+            if chunk.message_end_time >= bounds[0]
+            and chunk.message_start_time < bounds[1]
+            and (not chunk.message_index_offsets or not wanted.keys().isdisjoint(chunk.message_index_offsets))
+        ]
+        order = sorted((chunk.message_start_time, chunk.chunk_start_offset) for chunk in chunks)
+        read: list[tuple[int, int, int, RawMessage]] = []
+        for (_, offset), ahead in zip(order, [*order[1:], (2**64, 0)], strict=False):
+            read += _messages_of_chunk(stream, offset, wanted, summary.channels, bounds)
+            read.sort()
+            ready = bisect_left(read, ahead)  # before all that the next chunk holds
+            if ready:
+                yield [message for *_, message in read[:ready]]
+            del read[:ready]
+
+
+def _messages_of_chunk(
+    stream: BinaryIO, offset: int, wanted: Mapping[int, ChannelInfo], known: Container[int], bounds: tuple[int, int]
+) -> Iterator[tuple[int, int, int, RawMessage]]:
+    """Messages of a chunk, each behind its log time and its place in the file, which is their order.
+
+    Parameters
+    ----------
+    wanted : channels by their numbers.
+    known : numbers of all channels.
+    bounds : first log time wanted, and the first no longer wanted.
+    """
+    from mcap.data_stream import ReadDataStream
+    from mcap.opcode import Opcode
+    from mcap.records import Chunk
+    from mcap.stream_reader import get_chunk_data_stream
+
+    stream.seek(offset + _RECORD.size)
+    unpacked, size = get_chunk_data_stream(Chunk.read(ReadDataStream(stream)), validate_crc=True)
+    data: bytes = unpacked.read(size)
+    at = 0
+    while at < size:
+        kind, length = _RECORD.unpack_from(data, at)
+        begin = at + _RECORD.size
+        at = begin + length
+        if kind != Opcode.MESSAGE:
+            continue
+        number, sequence, log, publish = _MESSAGE.unpack_from(data, begin)
+        channel = wanted.get(number)
+        if channel is None:
+            if number not in known:
+                raise LookupError(f"a message of channel {number}, which there is not")
+        elif bounds[0] <= log < bounds[1]:
+            yield log, offset, begin, RawMessage(channel, log, publish, sequence, data[begin + _MESSAGE.size : at])
 
 
 def channel_info(schema: Any, channel: Any, count: int = 0) -> ChannelInfo:
@@ -311,7 +379,8 @@ def open_sqlite(file: Path) -> sqlite3.Connection:
 
 def _iter_sqlite(
     file: Path, topics: Collection[str] | None, start: int | None, end: int | None
-) -> Iterator[RawMessage]:
+) -> Iterator[list[RawMessage]]:
+    """One message at a time."""
     with closing(open_sqlite(file)) as base:
         infos = sqlite_channels(base)
         bounds = (-(2**63) if start is None else start, 2**63 - 1 if end is None else end)
@@ -319,4 +388,4 @@ def _iter_sqlite(
         for topic_id, stamp, data in base.execute(f"{query} ORDER BY timestamp, id", bounds):
             info = infos[topic_id]
             if topics is None or info.topic in topics:
-                yield RawMessage(info, stamp, stamp, 0, bytes(data))
+                yield [RawMessage(info, stamp, stamp, 0, bytes(data))]
