@@ -136,6 +136,29 @@ _COMPILING = _Compiling()
 event.register("numba:compile", _COMPILING)
 
 
+class _Uncollected(event.Listener):
+    """No search for garbage while numba compiles: it makes a million objects, and most of them stay until it ends."""
+
+    def __init__(self) -> None:
+        self._depth, self._collects = 0, False
+
+    def on_start(self, event: event.Event) -> None:
+        """Called for a loop, and for every piece that is compiled into it."""
+        self._depth += 1
+        if self._depth == 1:
+            self._collects = gc.isenabled()
+            gc.disable()
+
+    def on_end(self, event: event.Event) -> None:
+        """Called in the reverse order."""
+        self._depth -= 1
+        if self._depth == 0 and self._collects:
+            gc.enable()
+
+
+event.register("numba:compile", _Uncollected())
+
+
 class _Shared(FunctionCache):
     """Numba's cache of one loop: of several processes that miss a version of it one compiles, the others wait and load.
 
