@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ Loads = tuple[Array | None, Array | None]
 """What wheels carry, and loads by which they decide whether they slide, N; None: those of the springs."""
 
 
+@lru_cache(maxsize=16)  # asked for by every wheel
 def rotation_x(a: float) -> tuple[Array, Array, Array]:
     """R_x(a) and its first and second derivatives."""
     c, s = math.cos(a), math.sin(a)
@@ -34,6 +36,7 @@ def rotation_x(a: float) -> tuple[Array, Array, Array]:
     )
 
 
+@lru_cache(maxsize=16)  # asked for by every wheel
 def rotation_y(a: float) -> tuple[Array, Array, Array]:
     """R_y(a) and its first and second derivatives."""
     c, s = math.cos(a), math.sin(a)
@@ -44,6 +47,7 @@ def rotation_y(a: float) -> tuple[Array, Array, Array]:
     )
 
 
+@lru_cache(maxsize=16)  # asked for by every wheel
 def rotation_z(a: float) -> tuple[Array, Array, Array]:
     """R_z(a) and its first and second derivatives."""
     c, s = math.cos(a), math.sin(a)
@@ -196,9 +200,10 @@ def _partials(p: Params, b: int, q: Array, point: Array, pitching: float) -> Arr
     R_z, dR_z, _ = rotation_z(q[b + 5])
     jacobian = np.zeros((3, 16))
     jacobian[:, b : b + 3] = np.eye(3)
-    jacobian[:, b + 3] = R_z @ R_y @ dR_x @ point
-    jacobian[:, b + 4] = pitching * R_z @ dR_y @ R_x @ point
-    jacobian[:, b + 5] = dR_z @ R_y @ R_x @ point
+    jacobian[:, b + 3] = R_z @ (R_y @ (dR_x @ point))
+    if pitching:
+        jacobian[:, b + 4] = pitching * R_z @ (dR_y @ (R_x @ point))
+    jacobian[:, b + 5] = dR_z @ (R_y @ (R_x @ point))
     return jacobian
 
 
