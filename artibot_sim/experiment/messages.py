@@ -328,14 +328,15 @@ class Rows:
         self.messages += 1
 
     def _append(self, stamp: int, log_ns: int, row: dict[str, float]) -> None:
+        before, values = len(self.stamps), self.values
         self.stamps.append(stamp)
         self.received.append(log_ns)
         for name, value in row.items():
-            column = self.values.get(name)
+            column = values.get(name)
             if column is None:
-                column = self.values[name] = array("d")
-            if len(column) < len(self.stamps) - 1:
-                self._fill(column, len(self.stamps) - 1)
+                column = values[name] = array("d")
+            if len(column) < before:
+                self._fill(column, before)
             column.append(value)
 
     @staticmethod

@@ -238,8 +238,6 @@ def _read_rows(
 
 
 def _decode(info: BagInfo, decoders: dict[ChannelInfo, Decoder], message: RawMessage) -> Any:
-    from rosbags.serde import SerdeError
-
     channel = message.channel
     if channel not in decoders:
         decoders[channel] = decoder(
@@ -247,11 +245,21 @@ def _decode(info: BagInfo, decoders: dict[ChannelInfo, Decoder], message: RawMes
         )
     try:
         return decoders[channel](message.data)
-    except (SerdeError, struct.error, ValueError, LookupError) as error:  # older rosbags let the bare ones through
+    except _undecodable() as error:
         raise ArtibotError(
             f"{info.path}: topic {channel.topic}: the message logged at {message.log_ns} ns is not a "
             f"{channel.ros_type}: {error}; the program that recorded it used another definition"
         ) from error
+
+
+def _undecodable() -> tuple[type[Exception], ...]:
+    """What is raised on bytes that are not such a message; asked only then, for the import takes time.
+
+    Older rosbags let the bare errors through.
+    """
+    from rosbags.serde import SerdeError
+
+    return SerdeError, struct.error, ValueError, LookupError
 
 
 def _finish(channel: Channel, start_ns: int, segments: tuple[tuple[float, float], ...]) -> Channel:
