@@ -230,17 +230,24 @@ def _drawn(numbers: Any, soil: Mapping[str, float], name: str, rng: np.random.Ge
         m = machine(numbers, dict(soil), kappa)
         t, command = driving.commands(m, name, rng, duration)
         start = rover.at_rest(m.rover, *rng.uniform(-1.5, 1.5, 2), rng.uniform(-np.pi, np.pi))
-        drive = run(m, m, kappa, name, t, command, start)
+        drive = run(m, m, kappa, name, t, command, start, WIDEST)
         if np.abs(drive.rows[:, rover.YAW_B] - drive.rows[:, rover.YAW_F]).max() < WIDEST:
             return drive
 
 
 def run(
-    m: Machine, plain: Machine, kappa: float, name: str, t: np.ndarray, command: np.ndarray, start: np.ndarray
+    m: Machine,
+    plain: Machine,
+    kappa: float,
+    name: str,
+    t: np.ndarray,
+    command: np.ndarray,
+    start: np.ndarray,
+    widest: float = np.inf,
 ) -> Drive:
-    """Drive a machine from a row on."""
+    """Drive a machine from a row on, until its joint is bent as far as `widest`, rad."""
     fine = rover.STEP * np.arange(round(t[-1] / rover.STEP) + 1)
-    rows = rover.drive(start, 0.0, rover.STEP, EVERY, driving.executed(t, command, m.way, fine), m.rover)
+    rows = rover.drive(start, 0.0, rover.STEP, EVERY, driving.executed(t, command, m.way, fine), m.rover, widest)
     return Drive(m, plain, kappa, name, fine[::EVERY], rows, t, command)
 
 

@@ -225,18 +225,21 @@ def _rates(t, state, rover, eta, held, wish, wish_rate, out, rates, torque):
 
 
 @njit(cache=True)
-def drive(row, t, h, every, wish, rover):
+def drive(row, t, h, every, wish, rover, widest=inf):
     """Rows (n, ROW), `every` steps of `h` s apart, of a drive from `row` at time `t` on.
 
     Parameters
     ----------
     wish : array, shape (steps + 1, 2)
         Speeds that the front motors are to have, rad/s, step by step. Where their torque has no limit they have them.
+    widest : float
+        The drive ends with the first row in which the joint is bent further (rad); later rows are zero.
     """
     steps = wish.shape[0] - 1
     rows = np.zeros((steps // every + 1, ROW))
     state, eta, before = row[:24].copy(), row[ETA : ETA + 4].copy(), row[BEFORE : BEFORE + 2].copy()
-    first, second, torque, unused, out = np.zeros(24), np.zeros(24), np.zeros(4), np.zeros(4), np.zeros(10)
+    first, second, ahead, torque, unused = np.zeros(24), np.zeros(24), np.zeros(24), np.zeros(4), np.zeros(4)
+    out = np.zeros(10)
     free = rover.hidden.front_max < inf or rover.hidden.stall < inf
     for k in range(steps + 1):
         j = min(k, steps - 1)
@@ -253,9 +256,12 @@ def drive(row, t, h, every, wish, rover):
                 eta,
                 before,
             )
+            if abs(state[YAW_B] - state[YAW_F]) >= widest:
+                break
         if k == steps:
             break
-        ahead = state + h * first
+        for i in range(24):
+            ahead[i] = state[i] + h * first[i]
         if not free:
             ahead[SPEED : SPEED + 2] = wish[k + 1]
         _rates(t + (k + 1) * h, ahead, rover, eta, held, wish[k + 1], slope, out, second, unused)
@@ -265,7 +271,8 @@ def drive(row, t, h, every, wish, rover):
             through = torque[i] - _drag(i, t + k * h, state, rover.hidden)
             eta[i] = gear.eta_d if through * state[SPEED + i] >= 0.0 else 1.0 / gear.eta_r
         before[:] = torque[:2]
-        state += 0.5 * h * (first + second)
+        for i in range(24):
+            state[i] += 0.5 * h * (first[i] + second[i])
     return rows
 
 
