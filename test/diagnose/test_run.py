@@ -90,6 +90,7 @@ def test_the_extended_robot_is_a_file(found: Diagnosis, tmp_path: Path) -> None:
     assert again.intervals["effects.joint_friction.torque"] == found.causes[0].parameters["torque"].ci95
 
 
+@pytest.mark.long
 def test_order_workers_and_a_break_do_not_matter(drives: list[Experiment], found: Diagnosis, tmp_path: Path) -> None:
     """Broken off in the second search and called again, it takes what was finished and comes to the same end."""
 

@@ -3,6 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+
+from artibot_sim.model.effects import LAWS
 
 SEVERITY_1 = {
     "torque_limit": {"front_max": 0.36},
@@ -60,6 +66,29 @@ SENSORS_1 = {
     "velocity_filter": {"time_constant": 0.1},
 }
 """The same of those that act on measurements."""
+
+
+LISTED = [name for name in SEVERITY_1 if name not in LAWS]
+"""The same without laws."""
+
+
+def stepped(effects: Sequence[Any], *steps: Any) -> list[Any]:
+    """Parameters of tests that try each of `effects` with each of `steps`: the effect, then the step, the method first.
+
+    Of semi-implicit steps laws are long tests: robots with laws have loops of their own, compiled in a minute each, and
+    both ways to step ask laws in the lines in which they ask all effects.
+    """
+    found = []
+    for effect in effects:
+        for step in steps:
+            knows_laws = effect == "all" or not {*LAWS}.isdisjoint([effect] if isinstance(effect, str) else effect)
+            marks = [pytest.mark.long] if knows_laws and step[0] == "semi_implicit" else []
+            found.append(pytest.param(effect, *step, marks=marks, id="-".join(map(str, (_name(effect), *step)))))
+    return found
+
+
+def _name(effect: Any) -> str:
+    return effect if isinstance(effect, str) else next(iter(effect), "paper")
 
 
 def with_effects(robot, *names, **changes):

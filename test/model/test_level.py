@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from model.effects import SEVERITY_1, with_effects
+from model.effects import LISTED, SEVERITY_1, stepped, with_effects
 from model.helpers import front_commands, ramp, what_wheels_remember
 from model.test_fast_equals_plain import DT, MODES, accounted, commands, plain_run
 
@@ -63,14 +63,16 @@ def test_steps_on_a_plane_equal_plain_ones(name: str, modes, integrator: str, dt
     assert np.max(np.abs(got - want) / scale) < 1e-12
 
 
-@pytest.mark.parametrize(("integrator", "dt"), [("rk4", DT), ("semi_implicit", DT), ("semi_implicit", 3e-3)])
-@pytest.mark.parametrize("effect", [*sorted(SEVERITY_1), "all"])
+@pytest.mark.parametrize(
+    ("effect", "integrator", "dt"),
+    stepped([*sorted(SEVERITY_1), "all", "listed"], ("rk4", DT), ("semi_implicit", DT), ("semi_implicit", 3e-3)),
+)
 def test_effects_on_a_plane_equal_plain_ones(agriq, effect: str, integrator: str, dt: float) -> None:
     rng, modes = (
         np.random.default_rng(7),
-        MODES["driven" if effect != "all" and EFFECTS[effect].drives_front else "as in the paper"],
+        MODES["driven" if effect in EFFECTS and EFFECTS[effect].drives_front else "as in the paper"],
     )
-    robot = with_effects(agriq, *(SEVERITY_1 if effect == "all" else [effect]))
+    robot = with_effects(agriq, *{"all": SEVERITY_1, "listed": LISTED}.get(effect, [effect]))
     start = dataclasses.replace(moving(robot, rng), **what_wheels_remember(rng))
     order = commands(robot, rng, False, dt)
     energy = accounted(robot)
@@ -82,9 +84,17 @@ def test_effects_on_a_plane_equal_plain_ones(agriq, effect: str, integrator: str
     assert np.max(np.abs(got - want) / np.maximum(np.abs(want), 1.0)) < 1e-12
 
 
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_rows_and_energies_with_all_effects_are_those_of_the_loop_in_space(agriq, integrator: str) -> None:
-    robot = with_effects(agriq, *SEVERITY_1)
+@pytest.mark.parametrize(
+    ("effects", "integrator"),
+    [
+        (SEVERITY_1, "rk4"),
+        (LISTED, "semi_implicit"),
+        pytest.param(SEVERITY_1, "semi_implicit", marks=pytest.mark.long),
+    ],
+    ids=["all-rk4", "listed-semi_implicit", "all-semi_implicit"],
+)
+def test_rows_and_energies_with_all_effects_are_those_of_the_loop_in_space(agriq, effects, integrator: str) -> None:
+    robot = with_effects(agriq, *effects)
     order = front_commands(robot, lambda t: 0.5 * ramp(t), lambda t: 0.5 * ramp(t - 1.0), 4.0)
     loops = (
         (plane_loop.level_rk4, loop.integrate_rk4)

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from model.effects import SEVERITY_1
+from model.effects import SEVERITY_1, stepped
 from model.helpers import front_commands, ramp
 from model.planar_chain import chain_rollout
 
@@ -154,8 +154,7 @@ def is_position(name):
 EVERY_EFFECT = [{name: values} for name, values in SEVERITY_1.items()]
 
 
-@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
-@pytest.mark.parametrize("effects", [{}, *EVERY_EFFECT], ids=lambda effects: next(iter(effects), "paper"))
+@pytest.mark.parametrize(("effects", "integrator"), stepped([{}, *EVERY_EFFECT], ("rk4",), ("semi_implicit",)))
 def test_two_modules_are_a_case_of_it(agriq, effects, integrator):
     """The two-module kernels and the chain of one joint give the same rows and energies to rounding."""
     robot = dataclasses.replace(agriq, effects=effects)

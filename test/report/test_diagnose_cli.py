@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+from diagnose.searches import FEW, try_only
 
 from artibot_sim.cli import main
 from artibot_sim.diagnose import Options, result
@@ -38,7 +39,10 @@ def drives(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return paths
 
 
-def test_a_diagnosis_is_a_whole_folder(drives: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_diagnosis_is_a_whole_folder(
+    drives: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    try_only(monkeypatch, *FEW)
     out = tmp_path / "new" / "found"
     given = [str(drives[0]), "--holdout", str(drives[1]), "--robot", "agriq", "--out", str(out), "--horizon", "4"]
     assert main(["diagnose", *given]) == 0
