@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -102,6 +102,44 @@ def motors_of(p: Params) -> list[MotorParams]:
     return [p.right_front, p.left_front, p.right_back, p.left_back][: 4 if p.two else 2]
 
 
+@dataclass(frozen=True)
+class Mount:
+    """Where a wheel is mounted: on which module (`b`: where its coordinates begin), side and end.
+
+    `side` is −1 on the right and 1 on the left, `end` is 1 in front and −1 behind.
+    """
+
+    body: ModuleParams
+    b: int
+    side: int
+    end: int
+
+    @property
+    def centre(self) -> Array:
+        """The wheel's centre in the module's frame, m."""
+        return np.array([self.end * self.body.half_x, self.side * self.body.half_y, 0.0])
+
+    @property
+    def motor(self) -> int:
+        """Number of its motor, as in `MOTORS`."""
+        return (0 if self.b == 0 else 2) + (0 if self.side < 0 else 1)
+
+    @property
+    def wheel(self) -> int:
+        """Number among all wheels."""
+        return 2 * self.motor + (0 if self.end > 0 else 1)
+
+    @property
+    def rotation(self) -> int:
+        """Where its motor's angle stands among the coordinates."""
+        return self.b + (6 if self.side < 0 else 7)
+
+    @property
+    def other(self) -> Mount:
+        """The other wheel of the same motor."""
+        return replace(self, end=-self.end)
+
+
 def contact_forces(robot: Robot, q: Array, v: Array) -> Wheels:
     """Eqs 15 to 20 for every wheel at a state (16,), (16,)."""
     return contact(params(robot), q, v)
@@ -117,15 +155,15 @@ def contact(
     step `dt`, and loads have moved as at the rates `begun` (16,), without which those are `v`.
     """
     kept = np.zeros((8, 4)) if memory is None else memory.reshape(4, 8).T
-    places = [(body, b, side, end) for body, b in modules_of(p) for side in (-1, 1) for end in (1, -1)]
+    mounts = [Mount(body, b, side, end) for body, b in modules_of(p) for side in (-1, 1) for end in (1, -1)]
 
     def wheels(effects: PlainEffects, rates: Array, loads: Loads, step: float) -> Wheels:
         rows = [
             _wheel(
-                p, *place, q, rates, effects, kept[i], step,
+                p, mount, q, rates, effects, kept[i], step,
                 tuple(None if load is None else load[i] for load in loads), ground,
             )
-            for i, place in enumerate(places)
+            for i, mount in enumerate(mounts)
         ]  # fmt: skip
         return Wheels(*(np.array(part) for part in zip(*rows, strict=True)))
 
@@ -207,45 +245,44 @@ def _partials(p: Params, b: int, q: Array, point: Array, pitching: float) -> Arr
     return jacobian
 
 
-def _unloaded_radius(p: Params, body: ModuleParams, b: int, side: int, end: int, fx: PlainEffects) -> float:
+def _unloaded_radius(p: Params, mount: Mount, fx: PlainEffects) -> float:
     """A wheel's radius without load, m: the rover stands level, whatever each wheel carries."""
-    x, y = fx.ask("centre", b // 8)
-    share = (1 + end * x / body.half_x) * (1 + side * y / body.half_y)
+    body, (x, y) = mount.body, fx.ask("centre", mount.b // 8)
+    share = (1 + mount.end * x / body.half_x) * (1 + mount.side * y / body.half_y)
     return float(body.r_0 - body.m * p.g_z / 4 * (share - 1) / p.k_n)
 
 
-def _on_flat(p: Params, body: ModuleParams, b: int, side: int, end: int, q: Array, v: Array, fx: PlainEffects) -> Stand:
+def _on_flat(p: Params, mount: Mount, q: Array, v: Array, fx: PlainEffects) -> Stand:
     """On the plane z = 0, as the paper has it: pitch does not move a wheel, and F_n turns with the module's roll."""
-    centre = np.array([end * body.half_x, side * body.half_y, 0.0])
+    b = mount.b
     frame = rotation_z(q[b + 5])[0] @ rotation_x(q[b + 3])[0]
-    place, partials = q[b : b + 3] + frame @ centre, _partials(p, b, q, centre, 0.0)
-    sunk = _unloaded_radius(p, body, b, side, end, fx) - place[2]
+    place, partials = q[b : b + 3] + frame @ mount.centre, _partials(p, b, q, mount.centre, 0.0)
+    sunk = _unloaded_radius(p, mount, fx) - place[2]
     F_n = max(p.k_n * sunk - p.c_n * (partials @ v)[2], 0.0)
     return Stand(place, partials, frame, F_n, 1.0, 1.0, 0.0)
 
 
-def _on_uneven(
-    p: Params, body: ModuleParams, b: int, side: int, end: int, q: Array, v: Array, fx: PlainEffects, ground: Surface
-) -> Stand:
+def _on_uneven(p: Params, mount: Mount, q: Array, v: Array, fx: PlainEffects, ground: Surface) -> Stand:
     """On a surface: eq. 15's spring is vertical under the wheel and pushes along the surface's normal.
 
     So its force is the gradient of what it stores. Where pitch does not reach the wheels, those of a side sit on a
     rocker that tilts with the ground, so that both sink in alike.
     """
+    b, end = mount.b, mount.end
     R = rotation_z(q[b + 5])[0] @ rotation_y(p.pitching * q[b + 4])[0] @ rotation_x(q[b + 3])[0]
     places, partials, heights, rises = {}, {}, {}, {}
-    for one in (1, -1):
-        centre = np.array([one * body.half_x, side * body.half_y, 0.0])
-        places[one], partials[one] = q[b : b + 3] + R @ centre, _partials(p, b, q, centre, p.pitching)
-        heights[one], *slopes = (float(value) for value in sample(ground, *places[one][:2])[:3])
-        rises[one] = np.array(slopes) @ partials[one][:2]  # d h/d x
-        if one == end:
+    for one in (mount, mount.other):
+        places[one.end] = q[b : b + 3] + R @ one.centre
+        partials[one.end] = _partials(p, b, q, one.centre, p.pitching)
+        heights[one.end], *slopes = (float(value) for value in sample(ground, *places[one.end][:2])[:3])
+        rises[one.end] = np.array(slopes) @ partials[one.end][:2]  # d h/d x
+        if one is mount:
             slope = np.array(slopes)
     place, jacobian = places[end], partials[end]
     if p.pitching == 0.0:
         place[2] += 0.5 * end * (heights[1] - heights[-1])
         jacobian[2] += 0.5 * end * (rises[1] - rises[-1])
-    sunk = _unloaded_radius(p, body, b, side, end, fx) + heights[end] - place[2]
+    sunk = _unloaded_radius(p, mount, fx) + heights[end] - place[2]
     upward = max(p.k_n * sunk + p.c_n * (rises[end] - jacobian[2]) @ v, 0.0)
     normal = np.array([-slope[0], -slope[1], 1.0])
     steepness = float(np.linalg.norm(normal))
@@ -257,72 +294,138 @@ def _on_uneven(
     return Stand(place, jacobian, frame, upward * steepness, k, mu, fx.ask("height"))
 
 
-def _wheel(
-    p: Params, body: ModuleParams, b: int, side: int, end: int, q: Array, v: Array, fx: PlainEffects, kept: Array,
-    dt: float, loads: tuple, ground: Surface | None,
-) -> tuple:  # fmt: skip
-    """One wheel: `side` is −1 on the right, `end` is 1 in front.
+@dataclass(frozen=True)
+class Rolling:
+    """How a wheel moves: p_x and p_y of its centre, m/s, speed (m/s) and angle of its rim, and its radius, m.
 
-    `loads` are what it carries, and that by which eq. 16 decides whether it slides (N); None: that of its spring.
+    `slip` (m/s) is how much faster the wheel rolls than its centre goes.
     """
-    R_z = rotation_z(q[b + 5])[0]
-    stand, other = (
-        _on_flat(p, body, b, side, one, q, v, fx) if ground is None
-        else _on_uneven(p, body, b, side, one, q, v, fx, ground)
-        for one in (end, -end)
-    )  # fmt: skip
-    place, spring = stand.place, stand.F_n
-    v_x, v_y, _ = stand.frame.T @ (stand.partials @ v)
-    both_x = v_x if ground is None else 0.5 * (v_x + (other.frame.T @ (other.partials @ v))[0])
-    F_n, deciding = (spring if load is None else load for load in loads)
-    motor_number = (0 if b == 0 else 2) + (0 if side < 0 else 1)
-    motor, c = motors_of(p)[motor_number], b + (6 if side < 0 else 7)
-    wheel = 2 * motor_number + (0 if end > 0 else 1)
-    radius = motor.r_w * fx.ask("radius", wheel, motor.tau * q[c])
-    slip = radius * motor.tau * v[c] - v_x
-    soil = fx.ask("soil")
-    grip = stand.mu * soil * fx.ask("grip", place[0], place[1])
-    fastest = max(abs(slip + v_x), math.hypot(v_x, v_y))
-    stiffness = stand.k * soil * fx.ask("stiffness_by_load", F_n / p.load) * fx.ask("stiffness_by_speed", fastest**2)
-    F_l, steady = stiffness * body.k_l * slip, -stiffness * body.k_t * v_y
-    F_t, F_rate = _built_up(fx, steady, kept[0], v_x, dt)
-    stiff, renewal = fx.ask("bristle", slip + v_x)
-    k = stiffness * np.array([body.k_l, body.k_t])
-    F_l, F_t = np.array([F_l, F_t]) + stiff * k * kept[2:]
-    narrow, held, sliding = 1.0 / fx.ask("lateral_grip"), 1.0, np.zeros(2)
-    F_h = math.hypot(F_l, narrow * F_t)
-    if F_h > grip * body.mu_s * deciding:
-        mu = fx.ask("friction", grip * body.mu_s, grip * body.mu_d, math.hypot(slip, v_y))
-        held, sliding = mu * F_n / F_h, mu / F_h * np.array([F_t, F_l])
-    omega_rim = motor.r_w * motor.tau * v[c]
-    own = Own(v_x, v_y, omega_rim - v_x, motor.tau * q[c], place[0], place[1], F_n)
-    middle = 0.5 * (place + other.place)
-    shared = Own(both_x, math.nan, omega_rim - both_x, own.angle, middle[0], middle[1], math.nan)  # no law takes NaNs
-    way, there, winding = fx.ask("windup"), 1.0, 0.0
-    if way > 0:
-        there = 0.5 * (1 + (kept[1] if F_l > 0 else -kept[1]))
-        winding = (slip - abs(slip) * kept[1]) / (way + dt * abs(slip))
-    sliding[1] *= there
-    F_l = there * held * F_l + fx.ask("along", motor_number, shared) / 2  # half of what acts at both of its wheels
-    F_t = held * F_t + fx.ask("lateral", v_y) + fx.ask("across", wheel, own)
-    bending = np.zeros(2)
-    if stiff > 0:
-        left = held * np.array([slip, -v_y])
-        release = renewal + stiff * math.hypot(*(k * left * [1.0, narrow])) / max(grip * body.mu_s * F_n, LIGHT)
-        bending = (left - release * kept[2:]) / (1 + dt * release)
-    u = p.u_w * fx.ask("lead", v_x, v_y)
-    ahead = _partials(p, b, q, np.array([u, 0.0, -stand.below]), p.pitching if ground else 0.0)  # eq. 20
+
+    p_x: float
+    p_y: float
+    rim: float
+    angle: float
+    radius: float
+    slip: float
+
+
+def _rolling(p: Params, mount: Mount, stand: Stand, q: Array, v: Array, fx: PlainEffects) -> Rolling:
+    motor, c = motors_of(p)[mount.motor], mount.rotation
+    p_x, p_y, _ = stand.frame.T @ (stand.partials @ v)
+    radius = motor.r_w * fx.ask("radius", mount.wheel, motor.tau * q[c])
+    return Rolling(p_x, p_y, motor.r_w * motor.tau * v[c], motor.tau * q[c], radius, radius * motor.tau * v[c] - p_x)
+
+
+@dataclass(frozen=True)
+class Soil:
+    """The ground under one wheel as effects leave it: k_l and k_t (2,), N s/m, and the factor on mu_s and mu_d."""
+
+    k: Array
+    grip: float
+
+
+def _soil(mount: Mount, stand: Stand, F_n: float, load: float, rolling: Rolling, fx: PlainEffects) -> Soil:
+    factor = fx.ask("soil")
+    grip = stand.mu * factor * fx.ask("grip", stand.place[0], stand.place[1])
+    fastest = max(abs(rolling.slip + rolling.p_x), math.hypot(rolling.p_x, rolling.p_y))
+    by_load, by_speed = fx.ask("stiffness_by_load", F_n / load), fx.ask("stiffness_by_speed", fastest**2)
+    stiffness = stand.k * factor * by_load * by_speed
+    return Soil(stiffness * np.array([mount.body.k_l, mount.body.k_t]), grip)
+
+
+def _eq_15(soil: Soil, rolling: Rolling, kept: Array, dt: float, stiff: float, fx: PlainEffects) -> tuple[Array, float]:
+    """Forces along and across (2,), N, before eq. 16, and the rate of a lateral force that lags, N/s.
+
+    `stiff` (1/s) is how stiff bristles are beside k_l and k_t.
+    """
+    F_l, steady = soil.k[0] * rolling.slip, -soil.k[1] * rolling.p_y
+    F_t, rate = _built_up(fx, steady, kept[0], rolling.p_x, dt)
+    return np.array([F_l, F_t]) + stiff * soil.k * kept[2:], rate
+
+
+def _eq_16(
+    mount: Mount, soil: Soil, F: Array, F_n: float, deciding: float, rolling: Rolling, fx: PlainEffects
+) -> tuple[float, Array]:
+    """What is left of a wheel's forces where it slides, and what each newton of load adds to them across and along.
+
+    `deciding` is the load by which it slides or holds, N.
+    """
+    narrow, body = 1.0 / fx.ask("lateral_grip"), mount.body
+    F_h = math.hypot(F[0], narrow * F[1])
+    if F_h <= soil.grip * body.mu_s * deciding:
+        return 1.0, np.zeros(2)
+    mu = fx.ask("friction", soil.grip * body.mu_s, soil.grip * body.mu_d, math.hypot(rolling.slip, rolling.p_y))
+    return mu * F_n / F_h, mu / F_h * F[::-1]
+
+
+def _windup(F_l: float, slip: float, wound: float, dt: float, fx: PlainEffects) -> tuple[float, float]:
+    """Share of the longitudinal force that has built up, and the rate at which it winds up, 1/s."""
+    way = fx.ask("windup")
+    if way <= 0:
+        return 1.0, 0.0
+    share = 0.5 * (1 + (wound if F_l > 0 else -wound))
+    return share, (slip - abs(slip) * wound) / (way + dt * abs(slip))
+
+
+def _eq_20(p: Params, mount: Mount, stand: Stand, u: float, q: Array, ground: Surface | None) -> Array:
+    """By how much farther ahead forces act than in the wheel's centre, as partials of the rotations (3, 16)."""
+    b = mount.b
+    ahead = _partials(p, b, q, np.array([u, 0.0, -stand.below]), p.pitching if ground else 0.0)
     if ground is not None:
         ahead[:, b + 4] -= _partials(p, b, q, np.array([u, 0.0, 0.0]), p.pitching)[:, b + 4]  # which is of yaw alone
     ahead[:, b : b + 3] = 0.0
-    Q = (stand.partials + ahead).T @ (stand.frame @ np.array([F_l, F_t, spring]))  # eq. 18
-    resisted = fx.ask("wheel_resist", grip * body.mu_s * F_n, v_x, v_y)
+    return ahead
+
+
+def _followed(
+    rolling: Rolling, other: Stand, stand: Stand, v: Array, F_n: float, ground: Surface | None
+) -> tuple[Own, Own]:
+    """What laws may follow at the wheel, and at both wheels of its motor together; no law takes the NaNs."""
+    wheel = Own(rolling.p_x, rolling.p_y, rolling.rim - rolling.p_x, rolling.angle, stand.place[0], stand.place[1], F_n)
+    both = rolling.p_x if ground is None else 0.5 * (rolling.p_x + (other.frame.T @ (other.partials @ v))[0])
+    x, y = 0.5 * (stand.place + other.place)[:2]
+    return wheel, Own(both, math.nan, rolling.rim - both, rolling.angle, x, y, math.nan)
+
+
+def _wheel(
+    p: Params, mount: Mount, q: Array, v: Array, fx: PlainEffects, kept: Array, dt: float, loads: tuple,
+    ground: Surface | None,
+) -> tuple:  # fmt: skip
+    """One wheel's row of `Wheels`.
+
+    `loads` are what it carries, and that by which eq. 16 decides whether it slides (N); None: that of its spring.
+    """
+    stand, other = (
+        _on_flat(p, one, q, v, fx) if ground is None else _on_uneven(p, one, q, v, fx, ground)
+        for one in (mount, mount.other)
+    )
+    F_n, deciding = (stand.F_n if load is None else load for load in loads)
+    rolling = _rolling(p, mount, stand, q, v, fx)
+    slip, p_x, p_y = rolling.slip, rolling.p_x, rolling.p_y
+    soil = _soil(mount, stand, F_n, p.load, rolling, fx)
+    stiff, renewal = fx.ask("bristle", slip + p_x)
+    F, F_rate = _eq_15(soil, rolling, kept, dt, stiff, fx)
+    held, sliding = _eq_16(mount, soil, F, F_n, deciding, rolling, fx)
+    share, winding = _windup(F[0], slip, kept[1], dt, fx)
+    sliding[1] *= share
+    most = soil.grip * mount.body.mu_s * F_n
+    bending = np.zeros(2)
+    if stiff > 0:
+        narrow, left = 1.0 / fx.ask("lateral_grip"), held * np.array([slip, -p_y])
+        release = renewal + stiff * math.hypot(*(soil.k * left * [1.0, narrow])) / max(most, LIGHT)
+        bending = (left - release * kept[2:]) / (1 + dt * release)
+    at_wheel, at_both = _followed(rolling, other, stand, v, F_n, ground)
+    F_l = share * held * F[0] + fx.ask("along", mount.motor, at_both) / 2  # half of what acts at both of its wheels
+    F_t = held * F[1] + fx.ask("lateral", p_y) + fx.ask("across", mount.wheel, at_wheel)
+    u = p.u_w * fx.ask("lead", p_x, p_y)
+    partials = stand.partials + _eq_20(p, mount, stand, u, q, ground)
+    Q = partials.T @ (stand.frame @ np.array([F_l, F_t, stand.F_n]))  # eq. 18
+    resisted = fx.ask("wheel_resist", most, p_x, p_y)
     more = sliding + np.array(resisted[::-1]) / max(F_n, LIGHT)
-    flat = R_z @ np.array([*resisted, 0.0])
-    R = np.zeros(16)
+    b, flat, R = mount.b, rotation_z(q[mount.b + 5])[0] @ np.array([*resisted, 0.0]), np.zeros(16)
     R[[b, b + 1]], R[b + 5] = flat[:2], flat @ stand.partials[:, b + 5]
-    rates, k_l = np.array([F_rate, winding, *bending]), stiffness * body.k_l
-    return v_x, v_y, F_n, F_l, F_t, u, held, k_l, there * held * k_l, radius, rates, Q, R, more
+    rates, k_l = np.array([F_rate, winding, *bending]), soil.k[0]
+    return p_x, p_y, F_n, F_l, F_t, u, held, k_l, share * held * k_l, rolling.radius, rates, Q, R, more
 
 
 def _built_up(fx: PlainEffects, steady: float, now: float, p_x: float, dt: float) -> tuple[float, float]:
