@@ -142,7 +142,7 @@ def test_other_stamps_make_no_clock_run_apart_from_arrivals() -> None:
         assert not list(clock_faults(replace(raw, channels={**raw.channels, "imu": each})))
 
 
-@pytest.mark.parametrize("name", ["husky_drive_a", "husky_drive_b"])
+@pytest.mark.parametrize("name", ["husky_drive_a", pytest.param("husky_drive_b", marks=pytest.mark.long)])
 def test_the_gyroscope_of_a_real_husky_is_early(name: str) -> None:
     """Poses and wheels fit each other; the gyroscope fits neither until its stamps are shifted."""
     found = aligned(read_bag(foreign(f"real/{name}")), load_robot("husky_driven"))

@@ -59,14 +59,20 @@ def test_a_compromise_is_no_place_to_be_stuck_at() -> None:
     assert fitted_apart(*beside).sufficient
 
 
-def test_one_soil_is_one() -> None:
-    problem, fit = baseline(driven((), 36).recordings, load_robot("agriq"), Options())
+@pytest.fixture(scope="module")
+def alike() -> Case:
+    """Recordings on one soil with nothing hidden."""
+    return driven((), 36)
+
+
+def test_one_soil_is_one(alike: Case) -> None:
+    problem, fit = baseline(alike.recordings, load_robot("agriq"), Options())
     assert -1e-6 < disagreement(problem, fit) < 30.0
     assert fitted_apart(problem, fit).nats < 30.0
 
 
-def test_a_single_recording_agrees_with_itself() -> None:
-    assert disagreement(*baseline(driven((), 36).recordings[:1], load_robot("agriq"), Options())) == 0.0
+def test_a_single_recording_agrees_with_itself(alike: Case) -> None:
+    assert disagreement(*baseline(alike.recordings[:1], load_robot("agriq"), Options())) == 0.0
 
 
 @pytest.mark.long
