@@ -327,6 +327,8 @@ def _messages_of_chunk(
         kind, length = _RECORD.unpack_from(data, at)
         begin = at + _RECORD.size
         at = begin + length
+        if at > size:
+            raise ValueError(f"a record of {length} bytes in a chunk that has {size - begin} left")
         if kind != Opcode.MESSAGE:
             continue
         number, sequence, log, publish = _MESSAGE.unpack_from(data, begin)

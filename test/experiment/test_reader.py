@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ from bag_helpers import (
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from mcap.writer import IndexType, Writer
+from mcap.writer import CompressionType, IndexType, Writer
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import BagWriter, bag_info, iter_messages, read_bag, serialize
@@ -345,6 +346,23 @@ def test_a_file_without_an_index_tells_of_both_passes(tmp_path: Path) -> None:
     indexed = read_bag(bag)
     for key, channel in indexed.channels.items():
         assert np.array_equal(channel.t_ns, experiment.channels[key].t_ns)
+
+
+def test_a_record_that_is_longer_than_its_chunk_is_damage(tmp_path: Path) -> None:
+    path, data = tmp_path / "long.mcap", odometry(EPOCH)
+    with open(path, "wb") as sink:
+        writer = Writer(sink, compression=CompressionType.NONE, enable_crcs=False)
+        writer.start("ros2", "test")
+        schema = writer.register_schema(ODOMETRY, "ros2msg", b"")
+        writer.add_message(writer.register_channel("/odom", "cdr", schema), EPOCH, data, EPOCH)
+        writer.finish()
+    assert [message.data for message in iter_messages(path)] == [data]
+    length = struct.pack("<Q", 22 + len(data))
+    whole = path.read_bytes()
+    assert whole.count(length) == 1
+    path.write_bytes(whole.replace(length, struct.pack("<Q", 23 + len(data))))
+    with pytest.raises(ArtibotError, match=f"{path}.* a record of {23 + len(data)} bytes"):
+        list(iter_messages(path))
 
 
 def in_namespaces(folder: Path, *names: str) -> Path:
