@@ -121,7 +121,7 @@ def operations(steps: int) -> int:
     position, velocity = commands
     inputs = MotorInputs(modes, position, velocity, _numbers(torque), back_torque_factor(robot, 0.8))
     grid = Grid(1e-3, steps, steps, 10)
-    status, _ = integrate(RunState(q, v, eta, fed), params(robot), inputs, grid, work, rows, None)
+    status, _ = integrate(RunState(q, v, eta, fed, np.zeros(4)), params(robot), inputs, grid, work, rows, None)
     assert status == loop.OK, "Agri.q stands level"
     return COUNTED.total()
 

@@ -13,6 +13,7 @@ from artibot_sim.model.effects import LAWS
 SEVERITY_1 = {
     "torque_limit": {"front_max": 0.36},
     "battery_sag": {"stall": 0.8, "no_load_speed": 250.0, "supply": 0.9},
+    "velocity_loop": {"gain": 0.06, "integral": 8.0, "windup": 0.3},
     "motor_drag": {"torque": 0.25, "motor": "back_left"},
     "gear_efficiency": {"scale": 0.77},
     "gear_no_load": {"torque": 0.1},

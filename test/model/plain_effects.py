@@ -119,6 +119,21 @@ class Transcribed:
         """Torque that a gear takes without a load, N m."""
         return self._of("gear_no_load", "torque") * math.tanh(theta_dot / 4.0)
 
+    def loop(self, error: float, behind: float) -> float:
+        """Torque that a velocity loop asks for, N m."""
+        own = self.values.get("velocity_loop", {})
+        if "gain" not in own or own["gain"] == math.inf:
+            return math.nan
+        return own["gain"] * error + own["gain"] * own["integral"] * behind
+
+    def wound(self, behind: float) -> float:
+        """Integral of a speed's error that is left, rad: its torque is within the windup limit."""
+        own = self.values.get("velocity_loop", {})
+        if "gain" not in own or own["gain"] == math.inf or own["integral"] == 0.0:
+            return 0.0
+        stiffness = own["gain"] * own["integral"]
+        return float(np.clip(stiffness * behind, -own["windup"], own["windup"])) / stiffness
+
     def limits(self, theta_dot: float, low: float, high: float) -> tuple[float, float]:
         """What is left of torques, N m, of a motor whose torque has a limit."""
         stall, free = self._of("battery_sag", "stall", math.inf), self._of("battery_sag", "no_load_speed", math.inf)

@@ -39,7 +39,7 @@ def assert_close(a, b):
     assert (a.status, a.message) == (b.status, b.message)
     for part in PARTS:
         assert_near(getattr(a, part), getattr(b, part))
-    for part in ("q", "v", "eta", "torque", "lateral"):
+    for part in ("q", "v", "eta", "torque", "lateral", "behind"):
         assert_near(getattr(a.final_state, part), getattr(b.final_state, part))
 
 
@@ -53,7 +53,7 @@ def assert_same_bits(a, b):
     assert (a.status, a.message) == (b.status, b.message)
     for part in PARTS:
         np.testing.assert_array_equal(getattr(a, part), getattr(b, part), strict=True)
-    for part in ("q", "v", "eta", "torque"):
+    for part in ("q", "v", "eta", "torque", "behind"):
         np.testing.assert_array_equal(getattr(a.final_state, part), getattr(b.final_state, part), strict=True)
 
 
@@ -78,7 +78,7 @@ def test_neither_company_nor_workers_change_a_bit(robots, commands):
             chosen, rollout_batch([robots[i] for i in chosen], commands, workers=workers), strict=True
         ):
             np.testing.assert_array_equal(result.row[-1], batch[i].row[-1])
-            for part in ("q", "v", "eta", "torque"):
+            for part in ("q", "v", "eta", "torque", "behind"):
                 np.testing.assert_array_equal(getattr(result.final_state, part), getattr(batch[i].final_state, part))
 
 

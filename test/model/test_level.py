@@ -40,7 +40,7 @@ def spread(order, robot: Robot, integrator: str, modes=None, start: State | None
     start = initial_state(robot) if start is None else start
     steps, modes = round(order.duration / dt), modes or MODES["as in the paper"]
     rows = -(-steps // every) + 1
-    state = [part.copy() for part in (start.q, start.v, start.eta, start.torque)]
+    state = [part.copy() for part in (start.q, start.v, start.eta, start.torque, start.behind)]
     tables = [np.zeros((rows, n)) for n in (16, 16, loop.ROW, loop.ENERGIES)]
     inputs = MotorInputs(np.array(modes, np.int64), *driven_by(order), back_torque_factor(robot, 0.8))
     grid = Grid(dt, steps, every, round(order.dt / dt))
@@ -78,9 +78,8 @@ def test_effects_on_a_plane_equal_plain_ones(agriq, effect: str, integrator: str
     energy = accounted(robot)
     run = rollout(robot, order, dt=dt, modes=modes, kappa=0.7, state=start, integrator=integrator, energy=energy)
     fast = run.final_state
-    got, want = np.concatenate([fast.q, fast.v, fast.eta, fast.torque]), plain_run(
-        robot, start, order, modes, 0.7, integrator
-    )  # fmt: skip
+    got = np.concatenate([fast.q, fast.v, fast.eta, fast.torque, fast.behind])
+    want = plain_run(robot, start, order, modes, 0.7, integrator)
     assert np.max(np.abs(got - want) / np.maximum(np.abs(want), 1.0)) < 1e-12
 
 

@@ -1,26 +1,28 @@
-"""Motors of a robot file: a line, a supply, gears and encoders are the effects of the same numbers, which stand."""
+"""Motors of a robot file are the effects of the same numbers, which stand; and velocity loops with an integral."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 from model.effects import with_effects
-from model.helpers import front_commands, ramp
+from model.helpers import energy_gap, from_knot, front_commands, observed_order, ramp, smooth_robot
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model import Mode, load_robot, rollout, save_robot
+from artibot_sim.model import Commands, Mode, load_robot, rollout, save_robot
+from artibot_sim.model.analysis.stability import largest_step
 from artibot_sim.model.effects import EFFECTS
+from artibot_sim.model.robot.derived import params
 from artibot_sim.model.robot.file import robot_from_dict, robot_to_dict
 from artibot_sim.model.robot.robot import MOTOR_EFFECTS, Motor
 from artibot_sim.model.simulate.sensors import sensor_errors
 
 OWN = {
     "motor.stall_torque": 0.9, "motor.no_load_speed": 320.0, "motor.supply": 0.9, "motor.no_load_torque": 0.05,
-    "motor.velocity_filter": 0.03,
+    "motor.velocity_filter": 0.03, "motor.loop_gain": 0.05, "motor.loop_integral": 6.0, "motor.loop_windup": 0.4,
 }  # fmt: skip
 SAME = {
     "battery_sag": {"stall": 0.9, "no_load_speed": 320.0, "supply": 0.9}, "gear_no_load": {"torque": 0.05},
-    "velocity_filter": {"time_constant": 0.03},
+    "velocity_filter": {"time_constant": 0.03}, "velocity_loop": {"gain": 0.05, "integral": 6.0, "windup": 0.4},
 }  # fmt: skip
 
 
@@ -86,3 +88,131 @@ def test_a_line_too_steep_for_the_step_names_the_motor(agriq):
     steep = agriq.replace({"motor.stall_torque": 5.0, "motor.no_load_speed": 5.0})
     with pytest.raises(ArtibotError, match=r"torque-speed line.*with (half of motor.stall|twice motor.no_load)"):
         turn(steep, integrator="rk4", dt=1e-3)
+
+
+# ----------------------------------------------------------------------
+# Velocity loops. In a straight line with back motors under no torque a front motor's load hardly knows its speed.
+# ----------------------------------------------------------------------
+
+GAIN, INTEGRAL = 0.06, 8.0
+
+
+def looped(robot, integral=INTEGRAL, windup=float("inf"), gain=GAIN):
+    return with_effects(robot, velocity_loop={"gain": gain, "integral": integral, "windup": windup})
+
+
+def straight(robot, **options):
+    commands = front_commands(robot, lambda t: 0.5 * ramp(t, 1.0), lambda t: 0.0 * t, 6.0)
+    return rollout(robot, commands, kappa=1.0, **options)
+
+
+@pytest.fixture(scope="module")
+def prescribed(agriq):
+    return straight(agriq)
+
+
+def lag(result, prescribed):
+    """How much slower the front motors are than planned at the end, rad/s."""
+    return (prescribed.v - result.v)[-1, 6:8]
+
+
+@pytest.mark.parametrize(("integral", "windup"), [(0.0, float("inf")), (INTEGRAL, 0.05)])
+def test_a_loop_without_enough_integral_lags_by_what_is_left_of_the_load_over_its_gain(
+    agriq, prescribed, integral, windup
+):
+    result = straight(looped(agriq, integral, windup))
+    load = prescribed.motor_torque[-1, :2]
+    left = load - (windup if integral else 0.0)
+    np.testing.assert_allclose(lag(result, prescribed), left / GAIN, rtol=1e-6)
+    assert (left > 0.05).all()
+
+
+def test_an_integral_holds_the_speed_under_a_constant_load(agriq, prescribed):
+    result = straight(looped(agriq))
+    assert np.abs(lag(result, prescribed)).max() < 1e-6
+    assert result.final_state is not None
+    held = GAIN * INTEGRAL * result.final_state.behind[:2]
+    np.testing.assert_allclose(held, prescribed.motor_torque[-1, :2], rtol=1e-6)  # all of the load
+
+
+def test_a_loop_that_grows_stiff_leaves_the_papers_prescribed_motion(agriq, prescribed):
+    runs = [straight(looped(agriq, gain=g), dt=5e-4, every=20) for g in (0.06, 0.24)]
+    apart = [np.abs(run.v - prescribed.v)[:, 6].max() for run in runs]
+    assert apart[1] < apart[0] / 3.0
+
+
+def stalled(robot):
+    """Motors too weak to come to 1.2 m/s in 2 s, then asked for a third of it."""
+    speed = np.full((400, 4), np.nan)
+    speed[:, :2] = (np.where(np.arange(400) < 200, 1.2, 0.4) / robot.wheel.r_w / robot.drive.front.tau)[:, None]
+    return rollout(with_effects(robot, torque_limit={"front_max": 0.3}), Commands(0.01, speed), kappa=1.0)
+
+
+def test_a_windup_limit_bounds_what_is_left_of_a_stall(agriq, prescribed):
+    """The error that holds load and integral part in balance is all that can be left; without a limit the stall is."""
+    windup, asked = 0.2, 0.4 / agriq.wheel.r_w / agriq.drive.front.tau
+    bounded, free = (stalled(looped(agriq, windup=w)) for w in (windup, float("inf")))
+    at_most = (windup + prescribed.motor_torque[-1, 0]) / GAIN
+    late = bounded.t > 3.5
+    over, without = (np.abs(run.v[late, 6] - asked).max() for run in (bounded, free))
+    assert over < at_most * (1 + 1e-6) and without > 10.0 * at_most
+    assert np.abs(GAIN * INTEGRAL * bounded.final_state.behind).max() <= windup * (1 + 1e-9)
+
+
+def swerving(robot, **options):
+    commands = front_commands(robot, lambda t: 0.5 * ramp(t, 1.0), lambda t: 0.3 * np.sin(1.5 * t) * ramp(t), 3.0)
+    return rollout(robot, commands, **options)
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
+def test_energy_is_accounted_for_with_a_velocity_loop(agriq, integrator):
+    result = swerving(looped(agriq, windup=0.2), energy=True, integrator=integrator)
+    put_in = result["E_motor_front_right"] + result["E_motor_front_left"]
+    assert np.abs(energy_gap(agriq, result)).max() < 2e-3 * put_in[-1]
+
+
+def test_steps_converge_with_an_integral(agriq):
+    """From under way on, where nothing switches: at rest the sign of rolling resistance does."""
+    robot = looped(smooth_robot(agriq))
+    commands = front_commands(
+        robot, lambda t: (0.5 + 0.1 * np.sin(3 * t)) * ramp(t), lambda t: 0.15 * np.sin(2 * t) * ramp(t), 5.0, 0.02
+    )
+    state = rollout(robot, commands, kappa=1.0, duration=4.0).final_state
+    steps = np.array([2e-3, 1e-3, 5e-4])
+    ends = [
+        rollout(robot, from_knot(commands, 200), dt=dt, kappa=1.0, state=state, integrator="rk4").final_state
+        for dt in (*steps, 1.25e-4)
+    ]
+    assert observed_order([np.abs(end.q - ends[-1].q).max() for end in ends[:-1]], steps) > 3.5
+
+
+def test_a_rollout_that_goes_on_has_its_integral_to_the_bit(agriq):
+    robot = looped(agriq, windup=0.1)
+    commands = front_commands(robot, lambda t: 0.5 * ramp(t, 1.0), lambda t: 0.3 * ramp(t), 2.0)
+    whole = rollout(robot, commands)
+    half = rollout(robot, commands, duration=1.0)
+    rest = rollout(robot, from_knot(commands, 100), state=half.final_state)
+    assert np.abs(half.final_state.behind[:2]).min() > 0.0
+    for part in ("q", "v", "behind"):
+        np.testing.assert_array_equal(getattr(rest.final_state, part), getattr(whole.final_state, part))
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
+@pytest.mark.parametrize(("gain", "integral"), [(2.0, 0.0), (0.5, 5e4)])
+def test_a_loop_too_stiff_for_the_step_is_refused(agriq, integrator, gain, integral):
+    modes = (Mode.DRIVEN,) * 2 + (Mode.TORQUE,) * 2
+    stiff, soft = (largest_step(params(looped(agriq, integral, gain=g)), integrator, modes)[0] for g in (gain, 1e-3))
+    assert stiff < soft
+    with pytest.raises(ArtibotError, match=r"without effects.velocity_loop"):
+        straight(looped(agriq, integral, gain=gain), integrator=integrator, dt=2e-3)
+
+
+def test_steps_up_to_the_longest_allowed_do_not_grow(agriq):
+    """Of a loop that sets the limit, wheels that slide included: with hardly any friction nothing else brakes them."""
+    slippery = agriq.replace({"contact.mu_s": 0.02, "contact.mu_d": 0.02})
+    robot = looped(slippery, integral=2000.0, gain=0.5)
+    modes = (Mode.DRIVEN,) * 2 + (Mode.TORQUE,) * 2
+    longest, _ = largest_step(params(robot), "rk4", modes)
+    h = 1e-2 / np.ceil(1e-2 / longest)
+    run, fine = (straight(robot, dt=dt, integrator="rk4").final_state for dt in (h, h / 4))
+    assert np.abs(run.v - fine.v)[6:8].max() < 0.5

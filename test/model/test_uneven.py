@@ -52,7 +52,8 @@ def plain_run(robot, start, order, modes, ground, integrator, dt) -> np.ndarray:
     """The equations in plain NumPy over `ground`."""
     p = unlimited_beside_prescribed(on_ground(params(robot), ground, robot.wheel.r_w), modes)
     factor, surface = back_torque_factor(robot, 0.7), ground.under_wheels(robot.wheel.r_w)
-    state, effects = PlainState(start.q, start.v, start.eta, start.torque, start.memory), PlainEffects(robot.effects)
+    state = PlainState(start.q, start.v, start.eta, start.torque, start.memory, start.behind)
+    effects = PlainEffects(robot.effects)
     cut = parts(p, dt, factor) if integrator == "semi_implicit" else 1
     step = dt / cut
     for i in range((len(order.velocity) - 1) * KNOT * cut):
@@ -62,8 +63,8 @@ def plain_run(robot, start, order, modes, ground, integrator, dt) -> np.ndarray:
             drives = [cubic(order, t + part * step, knot) for part in (0.0, 0.5, 1.0)]
             state = rk4_step(p, state, modes, drives, held, factor, step, now, surface)
         else:
-            drive = cubic(order, t, knot)
-            drive[2] = (cubic(order, t + step, knot)[1] - drive[1]) / step
+            drive, ahead = cubic(order, t, knot), cubic(order, t + step, knot)
+            drive = np.vstack([drive[:2], (ahead[1] - drive[1]) / step, ahead[0]])
             state = semi_implicit_step(p, state, modes, drive, held, factor, step, now, surface)
     return np.concatenate([state.q, state.v, state.eta, state.torque])
 

@@ -101,15 +101,21 @@ def largest_step(p: Params | Train, integrator: str, modes: tuple[int, ...], sha
     """
     chain = _chain(p)
     modes, p = modes[: len(chain.motors)], chain.p
+    chain = chain._replace(motors=tuple(map(_as_moved, chain.motors, modes)))
     limits = list(_rk4_limits(chain, modes) if integrator == "rk4" else _semi_implicit_limits(chain, modes))
     if PRESCRIBED in modes:
         limits.append(((_RK4_REAL if integrator == "rk4" else MARGIN) / p.A_motor, "control.A_motor"))
-    if DRIVEN in modes:
+    if any(mode == DRIVEN and motor.loop == 0.0 for motor, mode in zip(chain.motors, modes, strict=True)):
         limits.append(((_RK4_REAL if integrator == "rk4" else 2 * MARGIN) / p.velocity_gain, "control.velocity_gain"))
     longest, what = min(limits)
     if integrator == "rk4" and TORQUE in modes[2:] and _quick_sharing_limit(chain, share) < longest:
         return min((longest, what), (_sharing_limit(chain, modes, share, longest), "control.kappa, torque sharing"))
     return longest, what
+
+
+def _as_moved(motor: MotorParams, mode: int) -> MotorParams:
+    """A motor with a velocity loop only where it is driven by one."""
+    return motor if mode == DRIVEN else motor._replace(loop=0.0, winding=0.0)
 
 
 def _quick_sharing_limit(chain: _Chain, share: Shares) -> float:
@@ -171,7 +177,9 @@ def _sharing_loop(
     for i, motor in enumerate(motors):
         gear = motor.tau / etas[i]
         J = motor.J_m + motor.J_w * motor.tau * gear
-        if i < 2 and modes[i] != TORQUE:
+        if i < 2 and motor.loop > 0.0:
+            K[places[i]] -= motor.loop
+        elif i < 2 and modes[i] != TORQUE:
             pull = 2.0 * gear * motor.r_w * p.stiffening * front.k_l
             K[:3] += pull * np.array([-1.0, 0.0, -front.half_y if i == 0 else front.half_y])
             if free[i]:
@@ -204,12 +212,30 @@ def _rk4_limits(chain: _Chain, modes: tuple[int, ...]) -> Iterator[tuple[float, 
             inertia = motor.J_m + motor.J_w * motor.tau**2
             yield _RK4_REAL * inertia / motor.damping, "effects.motor_drag or gear_no_load, a motor that drag stops"
     yield from ((_RK4_REAL / rate, LINE) for rate in _line_rates(chain, free))
+    for damping, stiffness in _loops(chain):
+        yield min(_rk4_limit(root) for root in _roots(damping, stiffness)), LOOP
     for damping, stiffness, what in _springs(chain):
-        yield _rk4_limit(cmath.sqrt(damping * damping / 4 - stiffness) - damping / 2), what
-        yield _rk4_limit(-cmath.sqrt(damping * damping / 4 - stiffness) - damping / 2), what
+        yield from ((_rk4_limit(root), what) for root in _roots(damping, stiffness))
+
+
+def _roots(damping: float, stiffness: float) -> tuple[complex, complex]:
+    """Rates (1/s) of what is damped (1/s) and sprung (1/s²) so."""
+    swing = cmath.sqrt(damping * damping / 4 - stiffness)
+    return swing - damping / 2, -swing - damping / 2
 
 
 LINE = "effects.battery_sag or motor, a motor on its torque-speed line"
+
+
+LOOP = "effects.velocity_loop or motor, the velocity loop of a motor"
+
+
+def _loops(chain: _Chain) -> Iterator[tuple[float, float]]:
+    """Damping (1/s) and stiffness (1/s²) that velocity loops give motors whose wheels slide."""
+    for motor in chain.motors:
+        if motor.loop > 0.0:
+            damping = motor.loop / (motor.J_m + motor.J_w * motor.tau**2)
+            yield damping, damping * motor.winding
 
 
 def _line_rates(chain: _Chain, free: tuple[bool, ...]) -> Iterator[float]:
@@ -226,7 +252,8 @@ def _semi_implicit_limits(chain: _Chain, modes: tuple[int, ...]) -> Iterator[tup
     """
     free = tuple(mode != PRESCRIBED for mode in modes)
     yield from ((2.0 * MARGIN / rate, LINE) for rate in _line_rates(chain, free))
-    for damping, stiffness, what in _springs(chain, implicit=True):
+    loops = ((*loop, LOOP) for loop in _loops(chain))
+    for damping, stiffness, what in (*_springs(chain, implicit=True), *loops):
         if damping + stiffness > 0.0:
             yield MARGIN * 4 / (damping + math.sqrt(damping * damping + 4 * stiffness)), what
 
@@ -313,6 +340,7 @@ def _slip_matrix(chain: _Chain, etas: list[float], free: tuple[bool, ...], bends
                 along[k] = motor.r_w * motor.tau
                 force[k] = motor.r_w * gear  # eq. 21: the gear's efficiency makes the pair unsymmetric
                 inverse[k] = 1 / (motor.J_m + motor.J_w * motor.tau * gear)
+                damping[k, k] += 0.5 * motor.loop  # once for each of its two wheels
             k_l, k_t = p.stiffening * body.k_l, p.stiffening * body.k_t
             damping += k_l * np.outer(force, along) + (k_t + p.lateral_damping) * np.outer(across, across)
     if not hinges:
@@ -339,7 +367,7 @@ def _slip_matrix(chain: _Chain, etas: list[float], free: tuple[bool, ...], bends
 
 _PARTS = {
     "k_n": 0.5, "k_l": 0.5, "k_t": 0.5, "m": 2.0, "J_x": 2.0, "J_z": 2.0, "J_m": 2.0, "A_joint": 0.5, "A_motor": 0.5,
-    "velocity_gain": 0.5, "stall_torque": 0.5, "no_load_speed": 2.0,
+    "velocity_gain": 0.5, "loop_gain": 0.5, "loop_integral": 0.5, "stall_torque": 0.5, "no_load_speed": 2.0,
 }  # fmt: skip
 """Last part of a parameter's key → by which factor it would allow a longer step: softer, heavier, slower."""
 _LONGER = 1.1

@@ -55,6 +55,21 @@ def _chain(first: Hook, second: Hook) -> Hook:
     return both
 
 
+def _stated(first: Hook, second: Hook) -> Hook:
+    def both(*about):
+        torque = first(*about)
+        return torque if torque == torque else second(*about)
+
+    return both
+
+
+def _in_turn(first: Hook, second: Hook) -> Hook:
+    def both(fx, value):
+        return second(fx, first(fx, value))
+
+    return both
+
+
 def _narrowing(first: Hook, second: Hook) -> Hook:
     def both(fx, about, low, high):
         low, high = first(fx, about, low, high)
@@ -150,6 +165,13 @@ gear = _place("gear", _sum)
 
 limits = _place("limits", _narrowing)
 """(fx, theta_dot, low, high) → what is left of a motor's torques from low to high, N m."""
+
+loop = _place("loop", _stated)
+"""(fx, error, behind) → torque (N m) of a motor that is driven at a speed `error` (rad/s), whose integral is `behind`
+(rad); NaN for whatever it takes to follow."""
+
+wound = _place("wound", _in_turn)
+"""(fx, behind) → what is left of that integral, rad; zero for a motor that has none."""
 
 shaft = _place("shaft", _sum)
 """(fx, motor, angle, speed) → torque of a law that a motor needs beside its load, N m.

@@ -38,6 +38,7 @@ from artibot_sim.model.equations.dynamics import (
 )
 from artibot_sim.model.equations.kinematics import attitude
 from artibot_sim.model.equations.transmission import (
+    DRIVEN,
     PRESCRIBED,
     TORQUE,
     follow,
@@ -76,9 +77,12 @@ from artibot_sim.model.kernels.layout import (  # fmt: skip
 D, D_DOT, D_DDOT = 0, 4, 8
 """Where `drive` holds angles, speeds and accelerations."""
 
-TORQUE_D, EFFICIENCY, GEAR, INERTIA, INVERSE = 0, 4, 8, 12, 16
+TORQUE_D, EFFICIENCY, GEAR, INERTIA, INVERSE, WOUND, TRAIL = 0, 4, 8, 12, 16, 20, 24
 """Where `hold` holds torques (NaN for whatever it takes to follow), efficiencies, tau/eta, J_m + J_w tau²/eta and its
-inverse."""
+inverse; of velocity loops, at the step's start, the integral of the speed's error and the angle behind the command."""
+
+HELD = 28
+"""How many numbers `hold` holds."""
 
 
 @inlined
@@ -120,7 +124,10 @@ def hold_efficiencies(p, eta, hold):
 
 
 class Turning(NamedTuple):
-    """A motor at an instant: its number and mode, rotation, acceleration by which it follows, what the step holds."""
+    """A motor at an instant: its number and mode, rotation, acceleration by which it follows, what the step holds.
+
+    And for a velocity loop the error of its speed, rad/s, and the integral of that, rad.
+    """
 
     number: int
     mode: int
@@ -131,6 +138,8 @@ class Turning(NamedTuple):
     gear: float
     J: float
     inverse_J: float
+    error: float
+    behind: float
 
 
 class Acting(NamedTuple):
@@ -144,10 +153,13 @@ class Acting(NamedTuple):
 
 
 @inlined
-def turning(p, modes, motor, theta, theta_dot, drive, hold):
+def turning(p, fx, modes, motor, theta, theta_dot, drive, hold):
     """A motor at `theta` (rad) and `theta_dot` (rad/s)."""
-    wish, mode = 0.0, modes[motor]
+    wish, error, behind, mode = 0.0, 0.0, 0.0, modes[motor]
     if mode != TORQUE:
+        if fx is not None:
+            error = drive[D_DOT + motor] - theta_dot
+            behind = hold[WOUND + motor] + ((drive[D + motor] - theta) - hold[TRAIL + motor])
         damping, stiffness = p.velocity_gain, 0.0
         if mode == PRESCRIBED:
             damping, stiffness = 2.0 * p.A_motor, p.A_motor * p.A_motor
@@ -156,8 +168,30 @@ def turning(p, modes, motor, theta, theta_dot, drive, hold):
         )  # fmt: skip
     return Turning(
         motor, mode, theta, theta_dot, wish, hold[TORQUE_D + motor], hold[GEAR + motor], hold[INERTIA + motor],
-        hold[INVERSE + motor],
+        hold[INVERSE + motor], error, behind,
     )  # fmt: skip
+
+
+@inlined
+def begin_loops(hold):
+    """No motor has been behind its command yet: the next `wind_up` adds nothing."""
+    for motor in range(4):
+        hold[WOUND + motor], hold[TRAIL + motor] = 0.0, math.nan
+
+
+@inlined
+def wind_up(fx, mode, theta, motor, drive, hold, behind):
+    """With effects: what a motor's velocity loop begins a step with, at an angle `theta` (rad).
+
+    The integral of a speed's error is the angle behind the command, less what a windup limit has cut off. So it needs
+    no rate of its own: it grows by what the angle has come to since the step before.
+    """
+    if mode != DRIVEN:
+        return
+    trail, before = drive[D + motor] - theta, hold[TRAIL + motor]
+    grown = trail - before if before == before else 0.0
+    behind[motor] = hooks.wound(fx, behind[motor] + grown)
+    hold[WOUND + motor], hold[TRAIL + motor] = behind[motor], trail
 
 
 @inlined
@@ -169,7 +203,10 @@ def solved(fx, motor, J, inverse_J, load, torque_max):
         low, high = hooks.limits(fx, motor.theta_dot, low, high)
     if motor.mode == TORQUE:
         return motor_equation(J, inverse_J, load, None, motor.torque, low, high)
-    return motor_equation(J, inverse_J, load, motor.wish, math.nan, low, high)
+    held = math.nan
+    if fx is not None and motor.mode == DRIVEN:
+        held = hooks.loop(fx, motor.error, hooks.wound(fx, motor.behind))
+    return motor_equation(J, inverse_J, load, motor.wish, held, low, high)
 
 
 @inlined
@@ -346,7 +383,7 @@ def write_motor(fx, acting, motor, hold, w):
 def move_side(body, p, fx, unit, modes, motor, q, v, pair, soil, drive, hold, lags, dt, w):
     """A motor of a module and its wheels, into the row; returns `contact.PairForces`."""
     i, c = 2 * motor, coordinate_of(motor)
-    at, ahead = turning(p, modes, motor, q[c], v[c], drive, hold), None
+    at, ahead = turning(p, fx, modes, motor, q[c], v[c], drive, hold), None
     kept_f, kept_b = kept_by(lags, 8, i), kept_by(lags, 8, i + 1)
     if dt is not None:
         ahead = step_ahead(body, p, fx, unit, at, pair, soil, kept_f, kept_b, dt)

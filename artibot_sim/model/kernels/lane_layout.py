@@ -122,6 +122,8 @@ _SIZES = {
     "RIM": 4, "SIGN": 4, "AT_RIM": 4, "U_F_N": 4, "DRAG": 4, "LOW": 4, "HIGH": 4, "TORQUE": 4, "PREVIOUS": 4, "GEAR": 4,
     "MODE": 4, "TAU": 4, "R_W": 4, "J_M": 4, "J_W": 4, "DRIVING": 4, "BRAKING": 4, "TORQUE_MAX": 4,
     "DAMPING": 4, "STIFFNESS": 4, "LEVER": 4, "ROLLS": 4,
+    # velocity loops: error of the speed, angle behind the command at the stage and at the step's start, its integral
+    "ERROR": 4, "TRAIL_S": 4, "TRAIL": 4, "BEHIND": 4,
     "BODY_F": len(Body._fields), "BODY_B": len(Body._fields), "GROUND": len(Ground._fields),
     # whether a coordinate is sound, and in how many rows it was
     "SOUND": SIZE, "KEPT": SIZE,

@@ -62,7 +62,8 @@ def load_motors(S, e, p, modes, i, eta, r, share):
         S[AT.LEVER + j], S[AT.ROLLS + j] = unit.r_w, 1.0
         if p.literal_eq22:
             S[AT.LEVER + j], S[AT.ROLLS + j] = unit.r_w + p.u_w, 0.0
-        S[AT.PREVIOUS + j] = S[AT.TORQUE + j] = 0.0
+        S[AT.PREVIOUS + j] = S[AT.TORQUE + j] = S[AT.BEHIND + j] = 0.0
+        S[AT.TRAIL + j] = math.nan
     S[AT.SHARE + e] = share
 
 

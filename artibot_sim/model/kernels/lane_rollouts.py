@@ -9,18 +9,19 @@ from numpy.typing import NDArray
 
 from artibot_sim.model.equations.dynamics import module_gravity
 from artibot_sim.model.kernels.compilation import inlined, kernel
-from artibot_sim.model.kernels.integrators import accelerations, hold_efficiencies
+from artibot_sim.model.kernels.integrators import TRAIL, accelerations, hold_efficiencies
 from artibot_sim.model.kernels.lane_layout import AT, EFFECT_VALUES, LANES, SIZE, effects_at, line_up_stack
 from artibot_sim.model.kernels.lane_loading import PLACES, load_lane, load_motors
 from artibot_sim.model.kernels.lanes import check, cubics, end_stage, leave_knot, next_knot, sound_rows, stage
 from artibot_sim.model.kernels.layout import BACK, BEHIND, FRONT, MEMORY
-from artibot_sim.model.kernels.loop import command_at, commanded_torques, hermite, keep
+from artibot_sim.model.kernels.loop import command_at, commanded_torques, hermite, keep, wind_all
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-KEPT_SIZE = 2 * SIZE + 8 + MEMORY
-"""Numbers of a row in lanes: coordinates, rates, inverse efficiencies, torques of the step before, wheels' memories."""
+KEPT_SIZE = 2 * SIZE + 16 + MEMORY
+"""Numbers of a row in lanes: coordinates, rates, inverse efficiencies, torques of the step before, what velocity loops
+hold and how far motors were behind their commands then, wheels' memories."""
 
 
 class Lot(NamedTuple):
@@ -34,7 +35,7 @@ class Lot(NamedTuple):
     modes : array of int, shape (n, 4)
     share : array, shape (n,)
     q, v : array, shape (n, 16)
-    eta, torque : array, shape (n, 4)
+    eta, torque, behind : array, shape (n, 4)
     memory : array, shape (n, MEMORY)
     position, velocity, torque_d : array, shape (k, 4)
         Knots of all commands, one after the other.
@@ -50,6 +51,7 @@ class Lot(NamedTuple):
     v: Array
     eta: Array
     torque: Array
+    behind: Array
     memory: Array
     position: Array
     velocity: Array
@@ -70,6 +72,7 @@ def load_lot(S, lot, fx):
         load_lane(S, e, lot.records[i], effects_at(S, fx, e, 0.0), lot.q, lot.v, i)
         for motor in range(4):
             S[AT.PREVIOUS + motor * LANES + e] = lot.torque[i, motor]
+            S[AT.BEHIND + motor * LANES + e] = lot.behind[i, motor]
         for k in range(MEMORY):
             S[AT.LAG + k * LANES + e] = S[AT.LAG_S + k * LANES + e] = lot.memory[i, k]
         next_knot(S, e, lot.position, lot.velocity, lot.position, 0, lot.first[i], 1.0, 0.0)
@@ -98,8 +101,9 @@ def keep_state(S, row, kept):
     o += 2 * SIZE * LANES
     for j in range(4 * LANES):
         kept[o + j], kept[o + 4 * LANES + j] = S[AT.GEAR + j], S[AT.PREVIOUS + j]
+        kept[o + 8 * LANES + j], kept[o + 12 * LANES + j] = S[AT.BEHIND + j], S[AT.TRAIL + j]
     for j in range(MEMORY * LANES):
-        kept[o + 8 * LANES + j] = S[AT.LAG + j]
+        kept[o + 16 * LANES + j] = S[AT.LAG + j]
     check(S)
 
 
@@ -136,8 +140,11 @@ def run_lot(lot, grid, settings, S, kept, rows, fx=None):
 
 
 @inlined
-def unpack(kept, row, e, two, q, v, eta, previous, memory):
-    """A row of lane `e`, into the planar coordinates of q and v (16,), eta and previous (4,), memory (MEMORY,)."""
+def unpack(kept, row, e, two, q, v, eta, previous, behind, hold, memory):
+    """A row of lane `e`, into the planar coordinates of q and v (16,), eta, previous and behind (4,), memory (MEMORY,).
+
+    Into `hold` goes how far motors were behind their commands a step before.
+    """
     o = row * KEPT_SIZE * LANES + e
     for i in range(SIZE):
         if not two and PLACES[i] >= BACK:
@@ -146,8 +153,9 @@ def unpack(kept, row, e, two, q, v, eta, previous, memory):
     o += 2 * SIZE * LANES
     for motor in range(4 if two else 2):
         eta[motor], previous[motor] = 1.0 / kept[o + motor * LANES], kept[o + (4 + motor) * LANES]
+        behind[motor], hold[TRAIL + motor] = kept[o + (8 + motor) * LANES], kept[o + (12 + motor) * LANES]
     for k in range(MEMORY):
-        memory[k] = kept[o + (8 + k) * LANES]
+        memory[k] = kept[o + (16 + k) * LANES]
 
 
 @kernel
@@ -172,6 +180,7 @@ def fill_rows(lot, lane, grid, kept, rows, work, tables, fx=None):
     w, drive, cubic, hold, _, _, _, _, _, _, _, lag, _ = work
     p, modes, share = lot.records[lane], lot.modes[lane], lot.share[lane]
     q, v, eta, previous, memory = lot.q[lane], lot.v[lane], lot.eta[lane], lot.torque[lane], lot.memory[lane]
+    behind = lot.behind[lane]
     first, end = lot.first[lane], lot.last[lane] + 1
     position, velocity, torque_d = lot.position[first:end], lot.velocity[first:end], lot.torque_d[first:end]
     start = 0.0
@@ -183,7 +192,7 @@ def fill_rows(lot, lane, grid, kept, rows, work, tables, fx=None):
     for row in range(rows):
         step = min(row * grid.every, grid.steps)
         knot, s = step // grid.knot_steps, (step % grid.knot_steps) * grid.dt
-        unpack(kept, row, lane, p.two, q, v, eta, previous, memory)
+        unpack(kept, row, lane, p.two, q, v, eta, previous, behind, hold, memory)
         for k in range(MEMORY):
             lag[k] = memory[k]
         hermite(position, velocity, knot, grid.knot_steps * grid.dt, cubic)
@@ -192,6 +201,7 @@ def fill_rows(lot, lane, grid, kept, rows, work, tables, fx=None):
         command_at(cubic, s, modes, drive)
         if fx is not None:
             fx.t = start + grid.dt * step
+            wind_all(p, fx, modes, q, drive, hold, behind)
         accelerations(q, v, p, fx, (), modes, drive, hold, (lag,), None, w)
         keep(q, row, tables[0])
         keep(v, row, tables[1])

@@ -18,6 +18,7 @@ from artibot_sim.model.equations.plane import (
     rigid_accelerations,
 )
 from artibot_sim.model.equations.transmission import (
+    DRIVEN,
     ROLLING_WIDTH,
     TORQUE,
     axle_torque,
@@ -49,7 +50,7 @@ from artibot_sim.model.kernels.steps import STAGE, next_stage, next_stage_of_lag
 
 
 @inlined
-def follow_command(S, j, s):
+def follow_command(S, fx, j, s):
     """A motor's command `s` seconds after the knot, and what it does if it follows (eqs 26 to 28, or a velocity loop).
 
     Returns the speed of its wheels, rad/s.
@@ -58,14 +59,16 @@ def follow_command(S, j, s):
     d, d_dot, d_ddot = cubic_at(c_0, c_1, c_2, c_3, s)
     theta, speed = S[AT.Q_S + MOTORS + j], S[AT.V_S + MOTORS + j]
     S[AT.ACC + MOTORS + j] = follow(S[AT.DAMPING + j], S[AT.STIFFNESS + j], theta, speed, d, d_dot, d_ddot)
+    if fx is not None:
+        S[AT.ERROR + j], S[AT.TRAIL_S + j] = d_dot - speed, d - theta
     omega = S[AT.TAU + j] * speed
     S[AT.RIM + j], S[AT.SIGN + j] = S[AT.R_W + j] * omega, math.copysign(1.0, omega)
     return omega
 
 
 @inlined
-def drag_motors(S, fx, t):
-    """With effects: drag on all motors, and between what their torques stay, at the stage.
+def drag_motors(S, fx, k, t):
+    """With effects: drag on all motors, what velocity loops ask for, and between what torques stay, at stage `k`.
 
     Of one or two modules each motor has a gear.
     """
@@ -83,6 +86,20 @@ def drag_motors(S, fx, t):
             j = motor * LANES + e
             most = S[AT.TORQUE_MAX + j]
             S[AT.LOW + j], S[AT.HIGH + j] = hooks.limits(effects, S[AT.V_S + MOTORS + j], -most, most)
+            ask_loop(S, effects, k, j)
+
+
+@inlined
+def ask_loop(S, effects, k, j):
+    """As `integrators.wind_up`, at the first stage, and what the loop of a motor of a lane asks for then."""
+    driven, trail, before = S[AT.MODE + j] == DRIVEN, S[AT.TRAIL_S + j], S[AT.TRAIL + j]
+    if k == 0:
+        grown = trail - before if before == before else 0.0
+        S[AT.BEHIND + j] = hooks.wound(effects, S[AT.BEHIND + j] + grown) if driven else 0.0
+        S[AT.TRAIL + j] = trail
+    behind = hooks.wound(effects, S[AT.BEHIND + j] + (trail - S[AT.TRAIL + j]))
+    asked = hooks.loop(effects, S[AT.ERROR + j], behind)
+    S[AT.HELD + j] = asked if driven and asked == asked else S[AT.HELD + j]
 
 
 @inlined
@@ -243,7 +260,7 @@ def face(S, least):
 
 
 @inlined
-def begin_stage(S, s):
+def begin_stage(S, fx, s):
     """Motors' commands `s` seconds after the knot, and what motors do that follow them.
 
     Returns
@@ -256,7 +273,7 @@ def begin_stage(S, s):
     rolls, near = 0, 0
     for e in range(LANES):
         for motor in range(4):
-            rolls += abs(follow_command(S, motor * LANES + e, s)) > 20.0 * ROLLING_WIDTH
+            rolls += abs(follow_command(S, fx, motor * LANES + e, s)) > 20.0 * ROLLING_WIDTH
         for module in range(2):
             yaw = S[AT.Q_S + (3 * module + 2) * LANES + e]
             near += abs(yaw - S[AT.FACING + module * LANES + e]) < NEAR
@@ -418,7 +435,7 @@ def stage(S, fx, k, s, elapsed, dt, turning, rigid=None):
     if k == 0:  # whoever turns: of what it knows to stay, the compiler makes a version of everything
         hold_torques(S)
     late = stage_time(k, dt)
-    rolls, near = begin_stage(S, s + late)
+    rolls, near = begin_stage(S, fx, s + late)
     at_knot = k == 0 and s == 0.0
     if at_knot or not near:
         face(S, 0.0 if at_knot else NEAR)
@@ -428,7 +445,7 @@ def stage(S, fx, k, s, elapsed, dt, turning, rigid=None):
         move_rigid(S, fx, elapsed + late)
     if k < turning:
         if fx is not None:
-            drag_motors(S, fx, elapsed + late)
+            drag_motors(S, fx, k, elapsed + late)
         if not rolls:
             smooth_signs(S)
         turn_motors(S, fx)

@@ -134,12 +134,15 @@ class RunState(NamedTuple):
     q, v : array, shape (16,)
     eta, previous : array, shape (4,)
         Efficiencies for the next step, and motor torques of the step before (N m).
+    behind : array, shape (4,)
+        Integrals of the speeds' errors (rad) that velocity loops hold; only effects know them.
     """
 
     q: NDArray[np.float64]
     v: NDArray[np.float64]
     eta: NDArray[np.float64]
     previous: NDArray[np.float64]
+    behind: NDArray[np.float64]
 
 
 class MotorInputs(NamedTuple):

@@ -17,13 +17,16 @@ from artibot_sim.model.kernels.energy import powers
 from artibot_sim.model.kernels.integrators import (
     D_DDOT,
     D_DOT,
+    HELD,
     TORQUE_D,
     D,
     accelerations,
+    begin_loops,
     coordinate_of,
     hold_efficiencies,
     motor_count,
     motor_of,
+    wind_up,
 )
 from artibot_sim.model.kernels.layout import ACC, BEHIND, BETA, ENERGIES, FRONT, M_D, M_M, MEMORY, ROW, Z
 from artibot_sim.model.kernels.steps import next_stage, next_stage_of_lag, semi_implicit, stage_time, stage_weight
@@ -55,7 +58,7 @@ class Work(NamedTuple):
 
 def workspace() -> Work:
     """A fresh one, for one loop at a time."""
-    return Work(*map(np.zeros, (ROW, 12, 16, 20, 4, 16, 16, 16, 16, ENERGIES, ENERGIES, 2 * MEMORY, MEMORY)))
+    return Work(*map(np.zeros, (ROW, 12, 16, HELD, 4, 16, 16, 16, 16, ENERGIES, ENERGIES, 2 * MEMORY, MEMORY)))
 
 
 @inlined
@@ -109,6 +112,13 @@ def feed_back(p, fx, v, w, eta, previous):
             through_gear -= w[M_D + motor]
         unit = motor_of(p, motor)
         eta[motor] = unit.eta_d if driving(through_gear, v[coordinate_of(motor)]) else 1.0 / unit.eta_r
+
+
+@inlined
+def wind_all(p, fx, modes, q, drive, hold, behind):
+    """With effects: `wind_up` of all motors."""
+    for motor in range(motor_count(p)):
+        wind_up(fx, modes[motor], q[coordinate_of(motor)], motor, drive, hold, behind)
 
 
 @inlined
@@ -266,9 +276,10 @@ def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), 
     tuple of int
         OK, DIVERGED or STOPPED, and the number of rows written.
     """
-    (q, v, eta, previous), (dt, steps, every, _) = state, grid
+    (q, v, eta, previous, behind), (dt, steps, every, _) = state, grid
     w, drive, cubic, hold, eta_next, q_s, v_s, first, total, e, pw, lag, sum_lag = work
     (start, count), lags, energies = start_lags(fx, memory, lag), lags_of(memory, lag), accounted(out_e)
+    begin_loops(hold)
     for i in range(16):
         q_s[i], v_s[i] = q[i], v[i]
     module_gravity(p.front, p, FRONT, w)
@@ -282,6 +293,8 @@ def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), 
                 command_at(cubic, s + stage_time(k, dt), inputs.modes, drive)
             if fx is not None:
                 fx.t = start + (dt * step + stage_time(k, dt))
+                if k == 0:
+                    wind_all(p, fx, inputs.modes, q, drive, hold, behind)
             accelerations(q_s, v_s, p, fx, ground, inputs.modes, drive, hold, lags, None, w)
             if k == 0:
                 stopped = stopped_by(ground, dt * step)
@@ -306,9 +319,10 @@ def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), 
 @kernel
 def integrate_semi_implicit(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), ground=()):
     """As `integrate_rk4`; a row's contributions are those that act from its state to the next."""
-    (q, v, eta, previous), (dt, steps, every, _) = state, grid
+    (q, v, eta, previous, behind), (dt, steps, every, _) = state, grid
     w, drive, cubic, hold, _, q_old, v_old, _, _, e, pw, lag, _ = work
     (start, count), lags, energies = start_lags(fx, memory, lag), lags_of(memory, lag), accounted(out_e)
+    begin_loops(hold)
     module_gravity(p.front, p, FRONT, w)
     if p.two:
         module_gravity(p.back, p, BEHIND, w)
@@ -321,6 +335,7 @@ def integrate_semi_implicit(state, p, inputs, grid, work, out, out_e, fx=None, m
             q_old[i], v_old[i] = q[i], v[i]
         if fx is not None:
             fx.t = start + dt * step
+            wind_all(p, fx, inputs.modes, q, drive, hold, behind)
         accelerations(q, v, p, fx, ground, inputs.modes, drive, hold, lags, dt, w)
         for i in range(16):
             q[i], v[i] = semi_implicit(dt, q[i], v[i], w[ACC + i], Z <= i % 8 <= BETA)

@@ -9,6 +9,7 @@ from artibot_sim.model.equations.dynamics import module_gravity
 from artibot_sim.model.equations.transmission import driving
 from artibot_sim.model.kernels.compilation import inlined, kernel
 from artibot_sim.model.kernels.energy import level_powers
+from artibot_sim.model.kernels.integrators import begin_loops, wind_up
 from artibot_sim.model.kernels.layout import BEHIND, FRONT, MOTOR
 from artibot_sim.model.kernels.loop import (
     DIVERGED,
@@ -126,6 +127,16 @@ def feed_torque(fx, unit, acting, theta_dot, motor, eta, previous):
 
 
 @inlined
+def wind_level(p, fx, modes, here, drive, hold, behind):
+    """With effects: `integrators.wind_up` of all motors, whose angles are the last four of the ten coordinates."""
+    wind_up(fx, modes[0], here[6], MOTOR[0], drive, hold, behind)
+    wind_up(fx, modes[1], here[7], MOTOR[1], drive, hold, behind)
+    if p.two:
+        wind_up(fx, modes[2], here[8], MOTOR[2], drive, hold, behind)
+        wind_up(fx, modes[3], here[9], MOTOR[3], drive, hold, behind)
+
+
+@inlined
 def begin(q, v, p, fx, w):
     """Gravity into the row; a rover at q and v; its coordinates and rates as tuples."""
     module_gravity(p.front, p, FRONT, w)
@@ -137,12 +148,13 @@ def begin(q, v, p, fx, w):
 @kernel
 def level_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
     """As `loop.integrate_rk4` for a rover that stands level; LEAVES for another."""
-    (q, v, eta, previous), (dt, steps, every, knot_steps) = state, grid
+    (q, v, eta, previous, behind), (dt, steps, every, knot_steps) = state, grid
     if not level(p, fx, q, v):
         return LEAVES, 0
     w, drive, cubic, hold, eta_next, _, _, _, _, e, _, lag, sum_lag = work
     at, here, rate = begin(q, v, p, fx, w)
     (start, count), lags, energies = start_lags(fx, memory, lag), lags_of(memory, lag), accounted(out_e)
+    begin_loops(hold)
     row = phase = knot = since = 0
     begun, known = here, (0.0, 1.0, 0.0, 1.0)
     for step in range(steps + 1):
@@ -158,6 +170,8 @@ def level_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
                 known = trig
             if fx is not None:
                 fx.t = start + (dt * step + stage_time(k, dt))
+                if k == 0:
+                    wind_level(p, fx, inputs.modes, here, drive, hold, behind)
             a, now = level_accelerations(
                 at, p, fx, q_k, v_k, trig, inputs.modes, drive, hold, lags, None, k == 0 or energies
             )
@@ -194,12 +208,13 @@ def level_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
 @kernel
 def level_semi(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
     """As `loop.integrate_semi_implicit` for a rover that stands level; LEAVES for another."""
-    (q, v, eta, previous), (dt, steps, every, knot_steps) = state, grid
+    (q, v, eta, previous, behind), (dt, steps, every, knot_steps) = state, grid
     if not level(p, fx, q, v):
         return LEAVES, 0
     w, drive, cubic, hold, _, _, _, _, _, e, _, lag, _ = work
     at, here, rate = begin(q, v, p, fx, w)
     (start, count), lags, energies = start_lags(fx, memory, lag), lags_of(memory, lag), accounted(out_e)
+    begin_loops(hold)
     row = phase = knot = since = 0
     for step in range(steps + 1):
         s = prepare(p, inputs, grid, phase, knot, state, cubic, hold)
@@ -208,6 +223,7 @@ def level_semi(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
         trig = heading(here)
         if fx is not None:
             fx.t = start + dt * step
+            wind_level(p, fx, inputs.modes, here, drive, hold, behind)
         a, now = level_accelerations(at, p, fx, here, rate, trig, inputs.modes, drive, hold, lags, dt, True)
         there, new = after_step(dt, here, rate, a)
         kept = since == 0 or step == steps

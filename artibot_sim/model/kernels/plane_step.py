@@ -240,7 +240,7 @@ def near(begun, q):
 @inlined
 def side_ahead(body, p, fx, unit, modes, motor, theta, theta_dot, pair, soil, drive, hold, lags, dt):
     """A motor (`integrators.Turning`), and over a semi-implicit step what `integrators.step_ahead` gives."""
-    at, i = turning(p, modes, motor, theta, theta_dot, drive, hold), 2 * motor
+    at, i = turning(p, fx, modes, motor, theta, theta_dot, drive, hold), 2 * motor
     if dt is None:
         return at, None
     return at, step_ahead(body, p, fx, unit, at, pair, soil, kept_by(lags, 8, i), kept_by(lags, 8, i + 1), dt)

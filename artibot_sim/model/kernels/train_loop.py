@@ -47,17 +47,20 @@ from artibot_sim.model.kernels.integrators import (
     D_DOT,
     EFFICIENCY,
     GEAR,
+    HELD,
     INERTIA,
     INVERSE,
     TORQUE_D,
     D,
     Turning,
+    begin_loops,
     kept_by,
     loaded,
     motor_of,
     motor_with_wheels,
     step_ahead,
     turning,
+    wind_up,
     write_motor,
     write_rates,
     write_wheels,
@@ -147,7 +150,7 @@ def workspace(modules: int) -> TrainWork:
     shapes = [(n, 4), (n, 6), (n, ROWS, 3), (n, ROWS, 3), (n, ROWS, ROWS), (n, ROWS, ROWS), (n, ROWS)]
     chain = Chain(*map(np.zeros, shapes))
     w, drive, cubic, hold, eta_next, q, v, first, total, e, power, lag, lag_rate, sum_lag = (
-        np.zeros((n, width)) for width in (ROW, 12, 16, 20, 2, 8, 8, 8, 8, ENERGIES, ENERGIES, 16, 16, 16)
+        np.zeros((n, width)) for width in (ROW, 12, 16, HELD, 2, 8, 8, 8, 8, ENERGIES, ENERGIES, 16, 16, 16)
     )
     return TrainWork(
         w, drive, cubic, hold, eta_next, q, v, first, total, e, power, lag, lag_rate, sum_lag, chain,
@@ -163,10 +166,10 @@ def workspace(modules: int) -> TrainWork:
 def side_forces(p, fx, unit, side, i, q, v, modes, pair, soil, drive, hold, lag, lag_rate, dt, w):
     """A motor of a module (0 for the front one, else 1) and its wheels, into its row; returns `contact.PairForces`."""
     a, c = 2 * side, THETA_R + side
-    local = turning(p, modes, side, q[c], v[c], drive, hold)
+    local = turning(p, fx, modes, side, q[c], v[c], drive, hold)
     motor = Turning(
         2 * i + side, local.mode, local.theta, local.theta_dot, local.wish, local.torque, local.gear, local.J,
-        local.inverse_J,
+        local.inverse_J, local.error, local.behind,
     )  # fmt: skip
     kept_f, kept_b, ahead = kept_by((lag,), 4, a), kept_by((lag,), 4, a + 1), None
     if dt is not None:
@@ -535,6 +538,14 @@ def feed_back(modules, fx, v, w, eta, previous):
 
 
 @inlined
+def wind_all(fx, modes, q, drive, hold, behind):
+    """With effects: `integrators.wind_up` of all motors, module by module."""
+    for i in range(len(fx)):
+        for side in range(2):
+            wind_up(fx[i], modes[i, side], q[i, THETA_R + side], side, drive[i], hold[i], behind[i])
+
+
+@inlined
 def copy_rows(values, out):
     """Copy a table."""
     for i in range(values.shape[0]):
@@ -644,9 +655,11 @@ def train_rk4(state, modules, joints, inputs, grid, work, out, out_e, fx=None, m
     tuple of int
         OK or DIVERGED, and the number of rows written.
     """
-    (q, v, eta, previous), (dt, steps, every, knot_steps) = state, grid
+    (q, v, eta, previous, behind), (dt, steps, every, knot_steps) = state, grid
     w, drive, cubic, hold, eta_next, q_s, v_s, first, total, e, pw, lag, lag_rate, sum_lag, chain = work
     start, count = begin_effects(fx, memory, lag)
+    for i in range(len(modules)):
+        begin_loops(hold[i])
     for i in range(len(modules)):
         module_gravity(modules[i].front, modules[i], FRONT, w[i])
         for c in range(8):
@@ -662,6 +675,8 @@ def train_rk4(state, modules, joints, inputs, grid, work, out, out_e, fx=None, m
                 commands_at(cubic, phase * dt + stage_time(k, dt), inputs.modes, drive)
             if fx is not None:
                 set_time(fx, start + (dt * step + stage_time(k, dt)))
+                if k == 0:
+                    wind_all(fx, inputs.modes, q, drive, hold, behind)
             accelerations(q_s, v_s, modules, joints, fx, inputs.modes, drive, hold, lag, lag_rate, None, w, chain)
             if k == 0:
                 if step == steps or step % every == 0:
@@ -685,9 +700,11 @@ def train_rk4(state, modules, joints, inputs, grid, work, out, out_e, fx=None, m
 @kernel
 def train_semi_implicit(state, modules, joints, inputs, grid, work, out, out_e, fx=None, memory=None):
     """As `train_rk4`; a row's contributions are those that act from its state to the next."""
-    (q, v, eta, previous), (dt, steps, every, knot_steps) = state, grid
+    (q, v, eta, previous, behind), (dt, steps, every, knot_steps) = state, grid
     w, drive, cubic, hold, _, q_old, v_old, _, _, e, pw, lag, lag_rate, _, chain = work
     start, count = begin_effects(fx, memory, lag)
+    for i in range(len(modules)):
+        begin_loops(hold[i])
     for i in range(len(modules)):
         module_gravity(modules[i].front, modules[i], FRONT, w[i])
     row = 0
@@ -705,6 +722,7 @@ def train_semi_implicit(state, modules, joints, inputs, grid, work, out, out_e, 
                 q_old[i, c], v_old[i, c] = q[i, c], v[i, c]
         if fx is not None:
             set_time(fx, start + dt * step)
+            wind_all(fx, inputs.modes, q, drive, hold, behind)
         accelerations(q, v, modules, joints, fx, inputs.modes, drive, hold, lag, lag_rate, dt, w, chain)
         if step == steps or step % every == 0:
             if not sound(q, v):

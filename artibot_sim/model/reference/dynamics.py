@@ -100,6 +100,7 @@ class Solution:
 def solve(
     p: Params, q: Array, v: Array, modes: Sequence[Mode], drive: Array, eta: Array, torque: Array,
     fx: PlainEffects = NEUTRAL, memory: Array | None = None, ground: Surface | None = None,
+    behind: Array | None = None,
 ) -> Solution:  # fmt: skip
     """Assemble eq. 28 in full and solve it.
 
@@ -113,6 +114,8 @@ def solve(
         What wheels remember, see `layout.MEMORY`.
     ground : Surface, optional
         Flat ground without.
+    behind : array, shape (4,), optional
+        Integrals of the speeds' errors, rad, of motors that have a velocity loop; zero without.
     """
     fx = fx.seeing(p, q, v)
     wheels = contact(p, q, v, fx, memory, ground=ground)
@@ -131,6 +134,7 @@ def solve(
         wanted = torque[i]
         if modes[i] == Mode.DRIVEN:
             wanted = mass[c, c] * (drive[2, i] + p.velocity_gain * (drive[1, i] - v[c])) - n[c]
+            wanted = looped(fx, drive[1, i] - v[c], 0.0 if behind is None else behind[i], wanted)
         low, high = fx.ask("limits", v[c], -motor.torque_max, motor.torque_max)
         M_m[i] = min(max(wanted, low), high)
         n[c] += M_m[i]
@@ -195,6 +199,12 @@ def dragging(fx: PlainEffects, motor: MotorParams, i: int, theta: float, theta_d
     """All that effects ask of motor `i` before its gear, N m, at `theta` (rad) and `theta_dot` (rad/s)."""
     asked = fx.ask("shaft", i, motor.tau * theta, motor.r_w * motor.tau * theta_dot)
     return dragged(fx, motor, i, theta_dot) + float(asked)
+
+
+def looped(fx: PlainEffects, error: float, behind: float, wanted: float) -> float:
+    """Torque that a velocity loop asks for, N m: `wanted` where the drive knows its load; see `effects.hooks.loop`."""
+    asked = float(fx.ask("loop", error, fx.ask("wound", behind)))
+    return wanted if math.isnan(asked) else asked
 
 
 def follow(p: Params, theta: float, theta_dot: float, command: Array) -> float:

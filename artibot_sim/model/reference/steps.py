@@ -18,6 +18,7 @@ from artibot_sim.model.reference.dynamics import (
     dragging,
     follow,
     load_torque,
+    looped,
     solve,
     solve_augmented,
 )
@@ -29,13 +30,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PlainState:
-    """q, v (16,), the efficiencies for the next step, the torques of the last (4,), what wheels remember (24,)."""
+    """q, v (16,), the efficiencies for the next step, the torques of the last (4,), what wheels remember (32,).
+
+    And the integrals of the speeds' errors that velocity loops have now (4,), rad.
+    """
 
     q: Array
     v: Array
     eta: Array
     torque: Array
     memory: Array = field(default_factory=lambda: np.zeros(MEMORY))
+    behind: Array = field(default_factory=lambda: np.zeros(4))
 
 
 def _hold(p: Params, state: PlainState, command: Array, back_factor: float) -> Array:
@@ -52,6 +57,16 @@ def _feed_back(p: Params, torque: Array, theta: Array, theta_dot: Array, eta: Ar
         M_gear = torque[i] - dragging(fx, motor, i, theta[i], theta_dot[i])
         fresh[i] = motor.eta_d if M_gear * theta_dot[i] >= 0 else 1.0 / motor.eta_r
     return fresh
+
+
+def _grown(state: PlainState, modes: Sequence[Mode], before: Array, trail: Array) -> Array:
+    """Integrals of the speeds' errors, rad, where angles behind the commands have come from `before` to `trail`."""
+    return np.where(np.array(modes) == Mode.DRIVEN, state.behind + (trail - before), 0.0)
+
+
+def _wound(fx: PlainEffects, behind: Array) -> Array:
+    """What windup limits leave of them."""
+    return np.array([fx.ask("wound", one) for one in behind])
 
 
 MOTOR_COLUMNS = list(MOTOR_COORDINATES)
@@ -91,7 +106,8 @@ def rk4_step(
         zip((0.5, 0.5, 1.0, 0.0), (drives[0], drives[1], drives[1], drives[2]), strict=True)
     ):
         now = fx.at(fx.t + (0.0, 0.5, 0.5, 1.0)[stage] * dt)
-        solution = solve(p, q, v, modes, drive, state.eta, held, now, memory, ground)
+        behind = _grown(state, modes, drives[0][0] - state.q[MOTOR_COLUMNS], drive[0] - q[MOTOR_COLUMNS])
+        solution = solve(p, q, v, modes, drive, state.eta, held, now, memory, ground, behind)
         if stage == 0:
             torque = solution.torque
         k_q.append(v)
@@ -104,7 +120,8 @@ def rk4_step(
     eta = _feed_back(p, torque, state.q[MOTOR_COLUMNS], state.v[MOTOR_COLUMNS], state.eta, begun)
     ends = (now + weights @ np.array(k) for now, k in ((state.q, k_q), (state.v, k_v), (state.memory, k_lag)))
     new_q, new_v, new_memory = ends
-    return PlainState(new_q, new_v, eta, torque, new_memory)
+    trails = drives[0][0] - state.q[MOTOR_COLUMNS], drives[2][0] - new_q[MOTOR_COLUMNS]
+    return PlainState(new_q, new_v, eta, torque, new_memory, _wound(fx, _grown(state, modes, *trails)))
 
 
 def semi_implicit_step(
@@ -120,7 +137,8 @@ def semi_implicit_step(
 ) -> PlainState:
     """One step of symplectic Euler with implicit wheel spin.
 
-    `drive` (3, 4) holds the commanded angles and speeds at the step's start and the mean acceleration over it.
+    `drive` (4, 4) holds the commanded angles and speeds at the step's start, the mean acceleration over it, and the
+    commanded angles at its end.
     """
     held = _hold(p, state, command, factor)
     v = state.v.copy()
@@ -145,7 +163,9 @@ def semi_implicit_step(
     vertical = np.isin(np.arange(16) % 8, (2, 3, 4))
     new_q = state.q + dt * np.where(vertical, new_v, 0.5 * (state.v + new_v))
     eta = _feed_back(p, torque, state.q[MOTOR_COLUMNS], new_v[MOTOR_COLUMNS], state.eta, fx)
-    return PlainState(new_q, new_v, eta, torque, state.memory + dt * wheels.memory_rate)
+    trails = drive[0] - state.q[MOTOR_COLUMNS], drive[3] - new_q[MOTOR_COLUMNS]
+    behind = _wound(fx, _grown(state, modes, *trails))
+    return PlainState(new_q, new_v, eta, torque, state.memory + dt * wheels.memory_rate, behind)
 
 
 def _next_speed(
@@ -155,16 +175,19 @@ def _next_speed(
     """Speed of a motor after a step, the slip of its wheels linearised by the secant of eqs 15, 16; its torque."""
     motor, c = motors_of(p)[i], MOTOR_COLUMNS[i]
     theta, theta_dot = state.q[c], state.v[c]
-    _, d_dot, d_ddot = drive
+    _, d_dot, d_ddot, _ = drive
     if mode == Mode.PRESCRIBED:
-        return theta_dot + dt * follow(p, theta, theta_dot, drive), 0.0
+        return theta_dot + dt * follow(p, theta, theta_dot, drive[:3]), 0.0
     eta, pair, drag = state.eta[i], slice(2 * i, 2 * i + 2), dragged(fx, motor, i, theta_dot)
     slope = wheels.slope[pair] @ wheels.radius[pair] ** 2  # of the torque on the axle
     inertia = motor.J_m + motor.J_w * motor.tau**2 / eta + dt * motor.tau / eta * slope * motor.tau
     inertia += dt * drag / theta_dot if theta_dot != 0 else 0.0
     load = motor.tau / eta * load_torque(p, wheels, i, motor.tau * theta_dot)
     load += dragging(fx, motor, i, theta, theta_dot)
-    M = held if mode == Mode.TORQUE else inertia * (d_ddot + p.velocity_gain * (d_dot - theta_dot)) + load
+    M = held
+    if mode == Mode.DRIVEN:
+        M = inertia * (d_ddot + p.velocity_gain * (d_dot - theta_dot)) + load
+        M = looped(fx, d_dot - theta_dot, state.behind[i], M)
     low, high = fx.ask("limits", theta_dot, -motor.torque_max, motor.torque_max)
     M = min(max(M, low), high)
     return theta_dot + dt * (M - load) / inertia, M

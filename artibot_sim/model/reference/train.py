@@ -23,6 +23,7 @@ from artibot_sim.model.reference.dynamics import (
     dragging,
     follow,
     load_torque,
+    looped,
     solve_augmented,
 )
 from artibot_sim.model.reference.effects import NEUTRAL, PlainEffects
@@ -43,7 +44,7 @@ def train_constraint(p: Train, q: Array, v: Array) -> tuple[Array, Array, Array]
 
 def solve_train(
     p: Train, q: Array, v: Array, modes: Sequence[Mode], drive: Array, eta: Array, torque: Array,
-    fx: PlainEffects = NEUTRAL, memory: Array | None = None,
+    fx: PlainEffects = NEUTRAL, memory: Array | None = None, behind: Array | None = None,
 ) -> Solution:  # fmt: skip
     """Assemble eq. 28 of all n modules in full and solve it.
 
@@ -58,6 +59,8 @@ def solve_train(
         Efficiencies and commanded torques held through the step.
     memory : array, shape (16 n,), optional
         What wheels remember, see `State.memory`.
+    behind : array, shape (2 n,), optional
+        See `reference.dynamics.solve`.
 
     Returns
     -------
@@ -99,6 +102,7 @@ def solve_train(
         wanted = torque[k]
         if modes[k] == Mode.DRIVEN:
             wanted = mass[c, c] * (drive[2, k] + module.velocity_gain * (drive[1, k] - v[c])) - n[c]
+            wanted = looped(fx, drive[1, k] - v[c], 0.0 if behind is None else behind[k], wanted)
         limit = (module.right_front, module.left_front)[k % 2].torque_max
         low, high = fx.ask("limits", v[c], -limit, limit)
         M_m[k] = min(max(wanted, low), high)

@@ -36,6 +36,8 @@ class MotorParams(NamedTuple):
     torque_max: float
     damping: float = 0.0  # steepest slope of what effects have drag on it, N m s/rad
     line: float = 0.0  # slope of a torque-speed line, N m s/rad
+    loop: float = 0.0  # gain of a velocity loop that does not know its load, N m s/rad
+    winding: float = 0.0  # integral over it, 1/s
     geared: float = 1.0  # 0 for wheels without a motor and a gear
 
 

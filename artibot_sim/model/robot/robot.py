@@ -152,6 +152,9 @@ class Motor:
     supply: float = _of_effect("battery_sag", "supply")
     no_load_torque: float = _of_effect("gear_no_load", "torque")
     velocity_filter: float = _of_effect("velocity_filter", "time_constant")
+    loop_gain: float = _of_effect("velocity_loop", "gain")
+    loop_integral: float = _of_effect("velocity_loop", "integral")
+    loop_windup: float = _of_effect("velocity_loop", "windup")
 
     @property
     def effects(self) -> dict[str, dict[str, float]]:

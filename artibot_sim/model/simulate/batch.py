@@ -77,16 +77,18 @@ class Lanes:
         begin = dict(zip(tables, np.cumsum([0, *lengths]), strict=False))
         first = np.array([begin[id(setup.commands)] for setup in self.setups])
         starts = [setup.start for setup in self.setups]
-        q, v, eta, torque, memory = (
-            np.array([getattr(start, name) for start in starts]) for name in ("q", "v", "eta", "torque", "memory")
+        q, v, eta, torque, behind, memory = (
+            np.array([getattr(start, name) for start in starts])
+            for name in ("q", "v", "eta", "torque", "behind", "memory")
         )
         position, velocity, torque_d = (np.concatenate(parts) for parts in zip(*tables.values(), strict=True))
         last = first + np.array([len(setup.commands.velocity) - 1 for setup in self.setups])
         share = np.array([back_torque_factor(setup.robot, setup.kappa) for setup in self.setups])
         modes = np.array([setup.modes for setup in self.setups], np.int64)
         return Lot(
-            records, flat(effects), modes, share, q, v, eta, torque, memory, position, velocity, torque_d, first, last
-        )
+            records, flat(effects), modes, share, q, v, eta, torque, behind, memory, position, velocity, torque_d,
+            first, last,
+        )  # fmt: skip
 
     def _result(
         self, lane: int, lot: Any, grid: Any, kept: NDArray[np.float64], rows: int, effects: NDArray[Any],
@@ -100,8 +102,8 @@ class Lanes:
         lane_rollouts.fill_rows(
             lot, lane, grid, kept, rows, loop.workspace(), tables, *(() if extended is None else (effects[0],))
         )
-        ends = (lot.q[lane], lot.v[lane], lot.eta[lane], lot.torque[lane], *from_memory(lot.memory[lane]))
-        final = State(setup.start.t + grid.steps * self.dt, *ends) if rows == wanted else None
+        ends = lot.q[lane], lot.v[lane], lot.eta[lane], lot.torque[lane], *from_memory(lot.memory[lane])
+        final = State(setup.start.t + grid.steps * self.dt, *ends, lot.behind[lane]) if rows == wanted else None
         return finished(setup, self.dt, "rk4", self.every, rows, (*tables, None), final)
 
 

@@ -643,19 +643,23 @@ def simulate(setup: Setup, dt: float, integrator: str, every: int, energy: bool)
     if integrator == "semi_implicit":
         cut = parts(p, dt, back_torque_factor(robot, kappa))
     rows = -(-steps // every) + 1
-    q, v, eta, torque, memory = (array.copy() for array in (start.q, start.v, start.eta, start.torque, start.memory))
+    q, v, eta, torque, memory, behind = (
+        array.copy() for array in (start.q, start.v, start.eta, start.torque, start.memory, start.behind)
+    )
     fx = record(robot.effects, start.t)
     inputs = MotorInputs(np.array(modes, dtype=np.int64), *driven_by(commands), back_torque_factor(robot, kappa))
     grid = Grid(dt / cut, steps * cut, every * cut, round(commands.dt / dt) * cut)
     out = Rows(*(np.empty((rows, width)) for width in (16, 16, ROW)))
     out_e = np.empty((rows, ENERGIES)) if energy else None
-    given = RunState(q, v, eta, torque), packed(p), inputs, grid, loop.workspace(), out, out_e
+    given = RunState(q, v, eta, torque, behind), packed(p), inputs, grid, loop.workspace(), out, out_e
     effects: tuple[Any, ...] = ()
     if fx is not None:
         effects = fx, (memory,) if has_memory(robot.effects) else ()
     surface = None if ground is None else ground.under_wheels(robot.wheel.r_w)
     status, kept = advance(integrator, given, effects, surface)
-    final = State(start.t + steps * dt, q, v, eta, torque, *from_memory(memory)) if status == Status.OK else None
+    final = None
+    if status == Status.OK:
+        final = State(start.t + steps * dt, q, v, eta, torque, *from_memory(memory), behind)
     return finished(setup, dt, integrator, every, kept, (*out, out_e), final, surface)
 
 

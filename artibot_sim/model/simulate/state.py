@@ -48,6 +48,9 @@ class State:
     windup : array, shape (8,)
         How far wheels are wound up, from −1 to 1 (forwards), in the order of WHEELS; only the effect `wheel_windup`
         knows it. By default they are not.
+    behind : array, shape (4,)
+        What the velocity loops of the motors have of the integral of their speed's error, rad; only the effect
+        `velocity_loop` knows it. Nothing by default.
     """
 
     t: float
@@ -58,10 +61,11 @@ class State:
     lateral: Array = None  # type: ignore[assignment]  # filled in by __post_init__
     bristles: Array = None  # type: ignore[assignment]
     windup: Array = None  # type: ignore[assignment]
+    behind: Array = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         modules = max(2, round(np.size(self.q) / 8))
-        remembered = {"lateral": 4, "bristles": 8, "windup": 4}
+        remembered = {"lateral": 4, "bristles": 8, "windup": 4, "behind": 2}
         for name, share in {"q": 8, "v": 8, "eta": 2, "torque": 2, **remembered}.items():
             size = share * modules
             if getattr(self, name) is None and name in remembered:

@@ -115,6 +115,7 @@ class Stepper:
         self._work, self._out = loop.workspace(), Rows(*(np.empty((2, width)) for width in (16, 16, ROW)))
         self.q, self.v, self.torque = np.zeros(16), np.zeros(16), np.zeros(4)
         self._eta, self._previous, self._memory = np.zeros(4), np.zeros(4), np.zeros(MEMORY)
+        self._behind = np.zeros(4)
         self._effects, self._t, self._steps = record(robot.effects, 0.0), 0.0, 0
         self._remembers = has_memory(robot.effects)
         self.message = ""
@@ -128,13 +129,13 @@ class Stepper:
     @property
     def state(self) -> State:
         """All that a rollout needs to go on from here."""
-        return State(self.t, self.q, self.v, self._eta, self._previous, *from_memory(self._memory))
+        return State(self.t, self.q, self.v, self._eta, self._previous, *from_memory(self._memory), self._behind)
 
     @state.setter
     def state(self, state: State) -> None:
         self._t, self._steps = state.t, 0
         self.q[:], self.v[:], self._eta[:], self._previous[:] = state.q, state.v, state.eta, state.torque
-        self.torque[:], self._memory[:] = state.torque, state.memory
+        self.torque[:], self._memory[:], self._behind[:] = state.torque, state.memory, state.behind
 
     def advance(self, steps: int, turns: tuple[Turn, Turn, Turn, Turn]) -> Status:
         """Go on by `steps` steps; `turns` are in the order of MOTORS (a rigid robot's back ones are ignored).
@@ -147,7 +148,7 @@ class Stepper:
         for motor, turn in enumerate(turns):
             self._command(motor, turn, steps * self.dt)
         q, v, eta, previous = self.q.copy(), self.v.copy(), self._eta.copy(), self._previous.copy()
-        memory = self._memory.copy()
+        memory, behind = self._memory.copy(), self._behind.copy()
         extra: tuple[Any, ...] = ()
         if self._effects is not None:
             extra = self._effects, (memory,) if self._remembers else ()
@@ -156,7 +157,7 @@ class Stepper:
         cut = steps * self._parts
         inputs = MotorInputs(self._modes, self._position, self._velocity, self._torque_d, self._shared)
         grid = Grid(self.dt / self._parts, cut, cut, 2 * cut)
-        given = RunState(q, v, eta, previous), self._table[0], inputs, grid, self._work, self._out, None
+        given = RunState(q, v, eta, previous, behind), self._table[0], inputs, grid, self._work, self._out, None
         if self._surface is not None:
             self._surface.found[:] = 0.0
         status, _ = advance(self._integrator, given, extra, self._surface)
@@ -172,6 +173,7 @@ class Stepper:
         self.message = f"diverged after {self.t:.3f} s; try the integrator 'semi_implicit'"
         if status == Status.OK:
             self.q, self.v, self._eta, self._previous, self._memory = q, v, eta, previous, memory
+            self._behind = behind
             self.torque[:] = self._out.w[1, M_M : M_M + 4]
             self._steps += steps
         return Status(status)

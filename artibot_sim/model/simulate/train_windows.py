@@ -183,8 +183,8 @@ class TrainWindows:
             np.empty((knots + 1, len(KEPT) * modules)),
         )  # fmt: skip
         _, kept = train_loop.train_semi_implicit(
-            RunState(q, v, of.eta.copy(), np.zeros((modules, 2))), of.modules, of.joints, inputs, grid,
-            train_loop.workspace(modules), rows, None, *effects,
+            RunState(q, v, of.eta.copy(), np.zeros((modules, 2)), np.zeros((modules, 2))), of.modules, of.joints,
+            inputs, grid, train_loop.workspace(modules), rows, None, *effects,
         )  # fmt: skip
         if kept > 1:
             _sample(rows, modules, table.dt, kept, plan, of.sensors, out)

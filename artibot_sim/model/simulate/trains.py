@@ -123,18 +123,18 @@ def run(
         np.empty((rows, len(KEPT_ENERGIES) * modules)) if energy else None,
     )  # fmt: skip
     q, v = start.q.reshape(modules, 8).copy(), start.v.reshape(modules, 8).copy()
-    eta, torque = start.eta.reshape(modules, 2).copy(), start.torque.reshape(modules, 2).copy()
+    eta, torque, behind = (array.reshape(modules, 2).copy() for array in (start.eta, start.torque, start.behind))
     memory = np.hstack(list(start.memory.reshape(4, modules, 4)))
     fx = records(robot.effects, start.t, modules)
     effects: tuple[Any, ...] = () if fx is None else (fx, memory)
     loop = train_loop.train_semi_implicit if integrator == "semi_implicit" else train_loop.train_rk4
     cut_grid = Grid(dt / cut, steps * cut, every * cut, knot_steps * cut)
     status, kept = loop(
-        RunState(q, v, eta, torque), packed_all(p.modules), packed_all(p.joints), inputs, cut_grid,
+        RunState(q, v, eta, torque, behind), packed_all(p.modules), packed_all(p.joints), inputs, cut_grid,
         train_loop.workspace(modules), Rows(*tables[:3]), tables.e, *effects,
     )  # fmt: skip
     if status != train_loop.OK:
         return tables, kept, None
     by_kind = memory.reshape(modules, 4, 4).transpose(1, 0, 2).reshape(-1)
-    ends = [*(array.reshape(-1) for array in (q, v, eta, torque)), *from_memory(by_kind)]
+    ends = [*(array.reshape(-1) for array in (q, v, eta, torque)), *from_memory(by_kind), behind.reshape(-1)]
     return tables, kept, State(start.t + steps * dt, *ends)

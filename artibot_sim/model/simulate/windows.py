@@ -304,7 +304,7 @@ def run_window(
         extra = fx, (lags,) if has_memory(fleet.robots[r].effects) else ()
     work, q, v, w, rows = room
     pulled = fleet.sensors[r, TORQUE_SCALE]
-    state = RunState(items.q[i].copy(), items.v[i].copy(), fleet.eta[r].copy(), np.zeros(4))
+    state = RunState(items.q[i].copy(), items.v[i].copy(), fleet.eta[r].copy(), np.zeros(4), np.zeros(4))
     inputs = MotorInputs(
         np.array(table.modes, dtype=np.int64), position, velocity, torque / pulled,
         fleet.share[r, items.table[i]],
