@@ -168,7 +168,10 @@ def test_all_compiled_effects_at_once_equal_plain_ones(
 
     For it an articulation that is as hard to turn as Agri.q's is beyond RK4, see the next test.
     """
-    small = {"com_offset": {"x": 0.02, "y": -0.02}, "battery_sag": {**SEVERITY_1["battery_sag"], "stall": 0.04}}
+    small = {
+        "com_offset": {"x": 0.02, "y": -0.02}, "battery_sag": {**SEVERITY_1["battery_sag"], "stall": 0.04},
+        "velocity_loop": {"gain": 5e-5, "integral": 8.0, "windup": 0.01},
+    }  # fmt: skip
     within = {} if name == "agriq" else small  # of the wheels, and of motors that the step follows
     robot = with_effects(load_robot(name), *effects, **within)
     assert gap_with(robot, MODES[mode], integrator, dt, steps) < 1e-12
