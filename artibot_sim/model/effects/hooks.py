@@ -166,11 +166,11 @@ gear = _place("gear", _sum)
 limits = _place("limits", _narrowing)
 """(fx, theta_dot, low, high) → what is left of a motor's torques from low to high, N m."""
 
-loop = _place("loop", _stated)
+loop = _place("loop", _stated, "seldom")
 """(fx, error, behind) → torque (N m) of a motor that is driven at a speed `error` (rad/s), whose integral is `behind`
 (rad); NaN for whatever it takes to follow."""
 
-wound = _place("wound", _in_turn)
+wound = _place("wound", _in_turn, "seldom")
 """(fx, behind) → what is left of that integral, rad; zero for a motor that has none."""
 
 shaft = _place("shaft", _sum)
