@@ -139,7 +139,9 @@ def test_who_does_not_stand_level_is_left_to_the_loop_in_space(agriq, off: str) 
     given, state, tables = spread(order, agriq, "rk4", start=State(0.0, q, v, start.eta, start.torque))
     for integrate in (plane_loop.level_rk4, plane_loop.level_semi):
         assert integrate(*given)[0] == plane_loop.LEAVES
-        np.testing.assert_array_equal(np.concatenate(state), np.concatenate([q, v, start.eta, start.torque]))
+        np.testing.assert_array_equal(
+            np.concatenate(state), np.concatenate([q, v, start.eta, start.torque, start.behind])
+        )
         assert not any(table.any() for table in tables)
     assert rollout(agriq, order, state=State(0.0, q, v, start.eta, start.torque)).status is Status.OK
 

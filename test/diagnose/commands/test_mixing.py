@@ -35,24 +35,24 @@ def test_a_twist_converted_with_another_track_is_found(driven: Drive, turning: f
     found = view(driven, twisted(driven.command, turning), driven.speed)
     low, high = found.mixing.interval
     assert found.mixing.turning == pytest.approx(turning, rel=0.05) and high - low < 0.1
-    assert not (found.theirs or found.followed) and found.found == ()
+    assert not (found.plausible or found.followed) and found.found == ()
     assert f"{found.mixing.turning:.2f} times" in found.why
     assert not any(one.nats for one in found.evidence.values()) and found.seen_by(HUSKY) == ({}, {})
 
 
 def test_motors_own_commands_are_theirs(driven: Drive) -> None:
     found = view(driven, driven.command, driven.speed)
-    assert found.theirs and found.followed and not found.why
+    assert found.plausible and found.followed and not found.why
     assert found.mixing.turning == pytest.approx(1.0, abs=0.03)
 
 
 def test_a_drive_at_its_limit_mixes_nothing(driven: Drive) -> None:
     """Speeds that end at a third of the fastest command, on no list."""
     most = np.abs(driven.speed).max() / 3.0
-    assert view(driven, driven.command, np.clip(driven.speed, -most, most)).theirs
+    assert view(driven, driven.command, np.clip(driven.speed, -most, most)).plausible
 
 
 def test_sides_that_are_told_the_same_tell_nothing(driven: Drive) -> None:
     both = driven.command.mean(axis=1, keepdims=True) * [1.0, 1.0]
     speed = driven.speed.mean(axis=1, keepdims=True) * [1.0, 1.0]
-    assert view(driven, both, speed).theirs
+    assert view(driven, both, speed).plausible
