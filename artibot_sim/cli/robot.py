@@ -28,16 +28,14 @@ def command() -> None:
 @click.option("--wheelbase", type=float, help="From a module's front axle to its rear axle, m.")
 @click.option("--wheel-mass", type=float, help="Of one wheel, kg [a share of the mass as in the other robot].")
 @click.option("--ratio", type=float, help="Speed of the wheels over that of the motors; 1 if wheels were recorded.")
-@click.option("--stall-torque", type=float, help="Of a motor at rest at full supply, N m: a torque-speed line with")
-@click.option("--no-load-speed", type=float, help="that of a motor without a load, rad/s.")
+@click.option(
+    "--stall-torque", type=float, help="Of a motor at rest at full supply, N m; falls to none at --no-load-speed."
+)
+@click.option("--no-load-speed", type=float, help="Of a motor without a load at full supply, rad/s.")
 @click.option("--no-load-torque", type=float, help="That a gear takes of its motor whatever it carries, N m.")
 @click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False), help="File to write [NAME.yaml].")
 @click.option("--force", is_flag=True, help="Replace a file that exists.")
-def new(
-    name: str, like: str, mass: float | None, radius: float | None, track: float | None, wheelbase: float | None,
-    wheel_mass: float | None, ratio: float | None, stall_torque: float | None, no_load_speed: float | None,
-    no_load_torque: float | None, out: Path | None, force: bool,
-) -> None:  # fmt: skip
+def new(name: str, like: str, out: Path | None, force: bool, **sheet: float | None) -> None:
     """Write a robot file NAME.yaml: what is given, and the rest scaled from another robot with wide intervals.
 
     `identify` and `diagnose` take the intervals as what is known beforehand. A number that you know better goes into
@@ -53,10 +51,7 @@ def new(
     path = out or Path(f"{name}.yaml")
     if path.exists() and not force:
         raise ArtibotError(f"{path}: exists already; give another --out, or --force to replace it")
-    sheet = DataSheet(
-        mass, radius, track, wheelbase, wheel_mass, ratio, stall_torque, no_load_speed, no_load_torque
-    )  # fmt: skip
-    robot = similar(load_robot(like), name, sheet)
+    robot = similar(load_robot(like), name, DataSheet(**sheet))
     save_robot(robot, path)
     load_robot(path)  # what was written can be read
     table = Table(Column("least known", no_wrap=True), "value", "95 %", "unit", box=None, header_style="bold")
