@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
@@ -19,27 +19,19 @@ if TYPE_CHECKING:
 settings.register_profile("artibot", deadline=None, max_examples=40)
 settings.load_profile("artibot")
 
-ONE_PROCESS = (
-    "model/test_fast_equals_plain.py",
-    "model/test_level.py",
-    "model/test_effects.py",
-    "model/test_train.py",
-    "model/test_stiction.py",
-    "model/test_uneven.py",
-    "model/test_batch.py",
-)
-"""Files that one process runs, in `test`: they need many versions of the loops for single rovers.
-
-A process that has compiled one version compiles the next in a half to a third of the time, for it has most pieces."""
-
 LONGEST = (
     "nodes/test_driver_node.py",
     "nodes/test_sim_services.py",
     "nodes/test_closed_loop.py",
     "nodes/test_record.py",
     "nodes/test_replay.py",
-    *ONE_PROCESS,
+    "model/test_fast_equals_plain.py",
     "diagnose/test_hidden_slice.py",
+    "model/test_train.py",
+    "model/test_lanes.py",
+    "model/test_level.py",
+    "model/test_uneven.py",
+    "bench/test_bench_command.py",
     "driver/test_foreign_drives.py",
     "diagnose/unlisted/test_beside.py",
     "diagnose/test_run.py",
@@ -49,7 +41,6 @@ LONGEST = (
     "diagnose/test_sizes.py",
     "diagnose/unlisted/test_finding.py",
     "diagnose/selection/test_backward.py",
-    "bench/test_bench_command.py",
     "diagnose/commands/test_view.py",
     "diagnose/test_tyre_relaxation.py",
     "diagnose/selection/test_stepwise.py",
@@ -59,7 +50,6 @@ LONGEST = (
     "diagnose/commands/test_mixing.py",
     "diagnose/validation/test_explainable.py",
     "diagnose/test_hidden_cases.py",
-    "model/test_lanes.py",
     "experiment/test_kill.py",
     "test_install.py",
 )
@@ -73,22 +63,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if hasattr(config, "workerinput"):
         rank = {Path(__file__).parent / name: place for place, name in enumerate(LONGEST)}
         items.sort(key=lambda item: rank.get(item.path, len(rank)))
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Where each process gets whole files, those of ONE_PROCESS are as one."""
-    from xdist.scheduler import LoadFileScheduling
-
-    if config.getoption("dist") != "loadfile":
-        return None
-
-    class ByFile(LoadFileScheduling):
-        def _split_scope(self, nodeid: str) -> str:
-            file = str(super()._split_scope(nodeid))
-            return ONE_PROCESS[0] if file.endswith(ONE_PROCESS) else file
-
-    return ByFile(config, log)
 
 
 @pytest.fixture

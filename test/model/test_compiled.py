@@ -72,6 +72,13 @@ def test_one_process_compiles_for_all_and_one_that_is_killed_holds_up_nobody(tmp
     assert later == "[] 0\n"  # and who finds it says nothing
 
 
+def test_pieces_are_compiled_once_for_all_loops_that_have_them(tmp_path: Path) -> None:
+    assert int(started(tmp_path).communicate(timeout=120)[0].rsplit(maxsplit=1)[1]) > 1
+    (loop,) = tmp_path.rglob("kinematics._evaluate-*.nbi")
+    loop.unlink()
+    assert started(tmp_path).communicate(timeout=120)[0] == "[True, False] 1\n"
+
+
 def test_an_installed_copy_takes_what_the_checkout_compiled(tmp_path: Path) -> None:
     cache, copy = tmp_path / "cache", tmp_path / "copy"
     assert int(started(cache).communicate(timeout=120)[0].rsplit(maxsplit=1)[1]) > 0

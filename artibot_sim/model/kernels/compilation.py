@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import functools
 import gc
 import hashlib
 import importlib.util
@@ -159,23 +160,42 @@ class _Uncollected(event.Listener):
 event.register("numba:compile", _Uncollected())
 
 
-class _Shared(FunctionCache):
-    """Numba's cache of one loop: of several processes that miss a version of it one compiles, the others wait and load.
+@functools.cache
+def _digest(file: str) -> str:
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
 
-    The kernel lets go of the lock of a process that is killed. Within a process numba lets one thread compile at once.
+
+class _Shared(FunctionCache):
+    """Numba's cache of one function: of processes that miss a version of it one compiles, the others wait and load.
+
+    The pieces of a loop are kept, too: two versions of a loop share most of them, and a process that needs the second
+    one compiles only the rest. No piece calls itself, so no two processes wait for each other. The kernel lets go of
+    the lock of a process that is killed. Within a process numba lets one thread compile at once.
+
     Numba keeps apart what was compiled from another folder or at another time. Here the sources' contents decide, so
     that a checkout and what is installed of it share what they compile.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        super().__init__(function)
-        self._lock = -1
-        self._cache_path = os.path.join(_CACHE, function.__module__)
-        source = hashlib.sha256(Path(function.__code__.co_filename).read_bytes()).hexdigest()
+        self._function, self._lock, self._opens = function, -1, True
+
+    def _open(self) -> None:
+        """What numba does at once: of some hundred functions most are never asked for, once the loops are compiled."""
+        saved = config.CACHE_DIR  # type: ignore[attr-defined]  # numba sets its options when it is imported
+        config.CACHE_DIR = _CACHE  # type: ignore[attr-defined]  # other users of numba keep their own
+        try:
+            super().__init__(self._function)
+        finally:
+            config.CACHE_DIR = saved  # type: ignore[attr-defined]
+        self._opens = False
+        self._cache_path = os.path.join(_CACHE, self._function.__module__)
+        source = _digest(self._function.__code__.co_filename)
         self._cache_file = IndexDataCacheFile(self._cache_path, self._impl.filename_base, source)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """What is on disk, or None where this process is to compile: then it holds the lock."""
+        if self._opens:
+            self._open()
         found = super().load_overload(sig, target_context)
         if found is None and self._held(hashlib.sha256(repr(sig).encode()).hexdigest()[:16]):
             found = super().load_overload(sig, target_context)  # another may have been at it
@@ -203,7 +223,7 @@ class _Shared(FunctionCache):
 
     def _opened(self, of: str) -> int:
         Path(self.cache_path).mkdir(parents=True, exist_ok=True)
-        return os.open(f"{self.cache_path}/{self._py_func.__name__}.{of}.lock", os.O_RDWR | os.O_CREAT, 0o666)
+        return os.open(f"{self.cache_path}/{self._impl.filename_base}.{of}.lock", os.O_RDWR | os.O_CREAT, 0o666)
 
     def _held(self, version: str) -> bool:
         """Take a version's lock, or wait for it; False where there can be none, or whoever has it takes too long."""
@@ -242,16 +262,14 @@ class _Shared(FunctionCache):
             self._lock = -1
 
 
-def _jit(function: Function, cache: bool = False, **options: Any) -> Function:
-    saved = config.CACHE_DIR  # type: ignore[attr-defined]  # numba sets its options when it is imported
-    config.CACHE_DIR = _CACHE  # type: ignore[attr-defined]  # read when the function is decorated, so other users of numba keep their own
-    try:
-        compiled: Any = numba.njit(error_model="numpy", fastmath=_FAST, **options)(function)
-        if cache and compiled is not function:  # as it is where numba is told to compile nothing
-            compiled._cache = _Shared(function)  # what numba's own option `cache` sets
-        return compiled
-    finally:
-        config.CACHE_DIR = saved  # type: ignore[attr-defined]
+def _jit(function: Function, **options: Any) -> Function:
+    compiled: Any = numba.njit(error_model="numpy", fastmath=_FAST, **options)(function)
+    # Numba finds again what stands in a file and whose name tells all: neither what was put together from a text nor
+    # what holds other functions.
+    told_again = function.__closure__ is None and Path(function.__code__.co_filename).exists()
+    if told_again and compiled is not function:  # as it is where numba is told to compile nothing
+        compiled._cache = _Shared(function)  # what numba's own option `cache` sets
+    return compiled
 
 
 def inlined(function: Function) -> Function:
@@ -275,4 +293,4 @@ def kernel(function: Function) -> Function:
 
     It allocates nothing either: counting references to arrays would cost half of its speed.
     """
-    return _jit(function, cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True)
+    return _jit(function, nogil=True, _nrt=False, no_cfunc_wrapper=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import namedtuple
 from collections.abc import Callable, Mapping
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -67,6 +68,19 @@ def extension(effects: Mapping[str, Values]) -> tuple[float, ...] | None:
     return next(EXTENDED[k] for k, asked in enumerate(VERSIONS) if kinds <= asked) if kinds else None
 
 
+def _numbers(name: str) -> Any:
+    """Named tuple of an effect's parameters, which is found again by its name."""
+    kind = namedtuple(name, EFFECTS[name].parameters, module=__name__)  # type: ignore[misc]  # mypy wants a list
+    kind.__qualname__ = f"Numbers.{name}"
+    return kind
+
+
+_NAMES: tuple[str, ...] = RECORD_DTYPE.names or ()
+Effects: Any = namedtuple("Effects", _NAMES)  # type: ignore[misc]  # as above
+Numbers = SimpleNamespace(**{name: _numbers(name) for name in _NAMES[1:]})
+"""Of all versions of a loop the same: the pieces that read them are then compiled once."""
+
+
 def reader(lanes: int, asked: frozenset[str]) -> Callable[..., Any]:
     """A function that puts together from a block what `effects.record` would be for one lane.
 
@@ -74,19 +88,17 @@ def reader(lanes: int, asked: frozenset[str]) -> Callable[..., Any]:
     are neutral here because they act in places of other kinds than `asked`. It is written out because compiled code
     cannot go through names.
     """
-    known: dict[str, Any] = {"inf": math.inf}
+    known: dict[str, Any] = {"inf": math.inf, "Effects": Effects}
     place, entries = 1, ["t"]
-    names = RECORD_DTYPE.names or ()
-    for name in names[1:]:
+    for name in _NAMES[1:]:
         parameters = EFFECTS[name].parameters
-        known[f"_{name}"] = namedtuple(name, parameters)
+        known[f"_{name}"] = getattr(Numbers, name)
         numbers = [f"S[at + {(place + k) * lanes}]" for k in range(len(parameters))]
         if not _kinds(EFFECTS[name]) <= asked:
             numbers = [repr(parameter.number(parameter.neutral)) for parameter in parameters.values()]
         entries.append(f"_{name}({', '.join(numbers)})")
         place += len(parameters)
-    known["_Effects"] = namedtuple("Effects", names)
-    exec(f"def lane_effects(S, at, t):\n    return _Effects({', '.join(entries)})\n", known)
+    exec(f"def lane_effects(S, at, t):\n    return Effects({', '.join(entries)})\n", known)
     return inlined(known["lane_effects"])
 
 
