@@ -21,12 +21,8 @@ FIELD_TRUTH = {
 }
 
 
-LONG = ("none", "slope", "joint_friction")
-
-
-@pytest.mark.parametrize(
-    "what", [pytest.param(one, marks=pytest.mark.long if one in LONG else ()) for one in FIELD_TRUTH]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("what", FIELD_TRUTH)
 def test_recordings_made_elsewhere(what: str) -> None:
     """Twelve seconds of each run say enough."""
     runs = [read_bag(foreign(f"field_examples/{what}/run{k}")).between(20.0, 32.0) for k in range(3)]

@@ -144,6 +144,7 @@ def test_a_bag_holds_what_memory_holds(tmp_path):
             np.testing.assert_array_equal(read.channels[key][name], values)
 
 
+@pytest.mark.long
 def test_unlisted_things_act():
     for name in (*UNLISTED, *LAWS):
         truth = case((name,), seed=13, runs=1, held_out=0, duration=20.0).truth

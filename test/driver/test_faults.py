@@ -27,7 +27,7 @@ from artibot_driver.master import Master, Phase, Reason
 from artibot_driver.rig import load_rig
 from artibot_sim.model import MOTORS
 
-TRIALS, SEED = int(os.environ.get("ARTIBOT_TRIALS", "2")), int(os.environ.get("ARTIBOT_SEED", "1"))
+TRIALS, SEED = int(os.environ.get("ARTIBOT_TRIALS", "1")), int(os.environ.get("ARTIBOT_SEED", "1"))
 
 
 @pytest.mark.parametrize("name", BY_NAME)

@@ -172,6 +172,7 @@ def test_a_gyroscope_rules_the_heading_and_shows_its_bias_at_rest() -> None:
     assert abs(error(odometry, run)[2]) < 0.3 * abs(error(wheels, run)[2])
 
 
+@pytest.mark.long
 def test_errors_of_other_soils_are_within_what_it_states() -> None:
     """The rover's soil differs from the model's by 12 %; the slip that is stated is what that makes of turns."""
     robot, bound = load_robot("husky"), float(chi2.ppf(0.95, 3))

@@ -153,6 +153,7 @@ def test_its_errors_are_as_stated_also_where_a_wrong_turn_bends_the_path() -> No
     assert squares.mean() == pytest.approx(3.0, rel=0.2)
 
 
+@pytest.mark.long
 def test_errors_on_other_soils_are_not_larger_than_stated() -> None:
     """Of the Husky, which scrubs most: its turns fall a third short, and headings a radian."""
     squares, alike = normalised_errors(load_robot("husky"))

@@ -206,6 +206,7 @@ def test_a_trains_soil_is_found() -> None:
     assert result.channels["articulation_yaw"].excess == pytest.approx(1.0, abs=0.2)
 
 
+@pytest.mark.long
 def test_what_acts_in_every_joint_is_found() -> None:
     """Damping in both joints of train3, from a recording without noise and starting at none."""
     real = Robot(**{**vars(load_robot("train3")), "effects": {"joint_damping": {"coefficient": 30.0}}})

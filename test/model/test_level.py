@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from model.effects import LISTED, SEVERITY_1, stepped, with_effects
 from model.helpers import front_commands, ramp, what_wheels_remember
-from model.test_fast_equals_plain import DT, MODES, accounted, commands, plain_run
+from model.test_fast_equals_plain import DT, KNOT, MODES, accounted, commands, plain_run
 
 from artibot_sim.model import Mode, Robot, State, Status, initial_state, load_robot, rollout
 from artibot_sim.model.effects import EFFECTS, record
@@ -74,7 +74,7 @@ def test_effects_on_a_plane_equal_plain_ones(agriq, effect: str, integrator: str
     )
     robot = with_effects(agriq, *{"all": SEVERITY_1, "listed": LISTED}.get(effect, [effect]))
     start = dataclasses.replace(moving(robot, rng), **what_wheels_remember(rng))
-    order = commands(robot, rng, False, dt)
+    order = commands(robot, rng, False, dt, KNOT)
     energy = accounted(robot)
     run = rollout(robot, order, dt=dt, modes=modes, kappa=0.7, state=start, integrator=integrator, energy=energy)
     fast = run.final_state

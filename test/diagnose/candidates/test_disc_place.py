@@ -53,6 +53,7 @@ def test_the_disc_is_found_from_one_beside_it_and_the_interval_holds_it() -> Non
         assert 0.1 < high - low < 0.6
 
 
+@pytest.mark.long
 def test_the_fit_is_taken_to_the_best_disc() -> None:
     problem, fit = fitted("friction_patch", -1.0, BESIDE)
     moved, found = on_best_disc(problem, fit, seed=1, steps=2)

@@ -37,6 +37,7 @@ def test_a_faint_patch_is_seen_where_it_is_and_as_large() -> None:
     assert float(scale) == pytest.approx(patch["scale"], abs=0.5 * (1.0 - patch["scale"]))
 
 
+@pytest.mark.long
 def test_where_there_is_none_no_disc_promises_anything() -> None:
     base, _ = recorded(0.0)
     assert max(one.disc.gain for one in scanned(base, PATCH)) < 15.0

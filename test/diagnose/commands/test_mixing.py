@@ -52,6 +52,7 @@ def test_a_drive_at_its_limit_mixes_nothing(driven: Drive) -> None:
     assert view(driven, driven.command, np.clip(driven.speed, -most, most)).plausible
 
 
+@pytest.mark.long
 def test_sides_that_are_told_the_same_tell_nothing(driven: Drive) -> None:
     both = driven.command.mean(axis=1, keepdims=True) * [1.0, 1.0]
     speed = driven.speed.mean(axis=1, keepdims=True) * [1.0, 1.0]

@@ -158,6 +158,7 @@ def test_a_delay_and_a_lag_are_told_apart(true: str, close: str) -> None:
     assert view.evidence[close].nats > 0.3 * view.evidence[true].nats, "which is close"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "pair",
     [

@@ -86,6 +86,7 @@ def test_what_is_expected_comes(name: str, entry: str) -> None:
     assert wanted / 2.5 < came < 2.5 * wanted
 
 
+@pytest.mark.long
 def test_where_a_force_does_nothing_nothing_is_expected() -> None:
     problem, found, _, _ = found_in("yaw_drag")
     robot = robot_of(problem, found)

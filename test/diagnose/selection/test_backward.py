@@ -69,6 +69,7 @@ def test_what_is_not_there_is_spare_wherever_it_stands_but_last(problem: Problem
     assert superfluous(*last, EVEN, LEAST, Rounds()) is None, "of the last one it is not asked"
 
 
+@pytest.mark.long
 def test_what_is_there_is_worth_what_it_gains(problem: Problem) -> None:
     both, fit = fitted(problem, FRICTION, DAMPING)
     for which, kept in ((0, DAMPING), (1, FRICTION)):

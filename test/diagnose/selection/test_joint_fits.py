@@ -52,6 +52,7 @@ def test_what_sensitivities_promise_is_fitted_though_other_branches_hide_it() ->
     assert not contest([hidden], control.cost, fit.loss, Rounds(hopes=0))
 
 
+@pytest.mark.long
 def test_where_all_are_fitted_a_screen_that_was_misled_costs_no_effect() -> None:
     """A probe so far out that the effect looks worse than none, and sensitivities that promise nothing."""
     robot, truth = load_robot("agriq"), {"grade": 0.05, "heading": 1.0}

@@ -94,6 +94,7 @@ def test_effects_are_named_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
     assert [float(value) for value in alone.groups()] == pytest.approx([0.05, 0.05], rel=0.1)
 
 
+@pytest.mark.long
 def test_an_effect_is_no_other_soil() -> None:
     """What acts in all recordings is left in each of them, whatever soil it has."""
     problem, fit = baseline(driven(("joint_friction",), 42).recordings, load_robot("agriq"), Options())

@@ -102,12 +102,14 @@ def test_ridges_that_were_found_are_a_law_that_takes_most_away():
     assert laws.spans == {"force_law": (0.0, pytest.approx(2.0 * values["scale"]))}
 
 
+@pytest.mark.long
 def test_a_coefficient_is_about_right():
     truth, found = seen("air_drag")
     best = next(c for c in found.rivals if c.force == "front surge force" and c.form.name == "quadratic")
     assert -best.coefficients[0] == pytest.approx(truth.truth.unlisted["air_drag"]["air"], rel=0.25)
 
 
+@pytest.mark.long
 def test_something_remains_only_where_something_is_hidden():
     _, problem, soil = hidden()
     clean = remains(problem, settled(problem, soil))

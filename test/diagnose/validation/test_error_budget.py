@@ -55,6 +55,7 @@ def test_soil_that_differs_is_said_to_vary():
     assert budget["position"].ground_varies > 0.3
 
 
+@pytest.mark.long
 def test_soil_that_is_the_same_does_not():
     budget, varies = budget_of(np.ones(2 * RUNS))
     assert varies is None

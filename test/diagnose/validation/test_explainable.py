@@ -41,6 +41,7 @@ def noise_of(recordings: list[Experiment], robot: Robot) -> dict[str, float]:
     return {name: fit.noise for name, fit in hold_out(recordings[0], robot, HORIZON).summary.channels.items()}
 
 
+@pytest.mark.long
 def test_a_model_of_level_ground_could_be_much_better_on_a_slope(tilted: list[Experiment]) -> None:
     robot = load_robot("agriq")
     held = [hold_out(one, robot, HORIZON) for one in tilted]

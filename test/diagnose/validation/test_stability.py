@@ -32,6 +32,7 @@ def fitted(hidden: str, severity: float, seed: int, by: str = "motor_drag") -> t
     return problem, converge(problem, begin, loss, 4)
 
 
+@pytest.mark.long
 def test_a_drag_that_fades_drifts() -> None:
     assert drifts(*fitted("cold_gear", 0.3, 3))["motor_drag"] > 58.0
 
