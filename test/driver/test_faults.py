@@ -1,4 +1,4 @@
-"""Every fault of the catalogue, in time of its own on a bus in memory: over 100 trials.
+"""Every fault of the catalogue, in time of its own on a bus in memory.
 
 ARTIBOT_TRIALS gives more or fewer of each, ARTIBOT_SEED others.
 """
