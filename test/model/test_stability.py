@@ -209,7 +209,7 @@ def test_stiff_ground_is_as_exact_as_soft_one(request, name, stiffer):
 
 @pytest.mark.parametrize("seed", range(8))
 def test_stiff_ground_under_random_rovers(agriq, seed):
-    """Masses, spacings, soils and shares at random, to 10 mm: a step more or less decides when a wheel slides."""
+    """Masses, spacings, soils and shares at random."""
     rng = np.random.default_rng(seed)
 
     def factor(most):
@@ -222,7 +222,7 @@ def test_stiff_ground_under_random_rovers(agriq, seed):
     robot = agriq.replace(changes)
     kappa = float(rng.uniform(0.5, 1.0))
     found, true = (table_6(robot, "agriq", 5e-3, cut, kappa=kappa) for cut in (1, 8 * parts(params(robot), 5e-3)))
-    assert np.abs(found - true).max() < 1e-2
+    assert np.abs(found - true).max() < 5e-3
 
 
 @pytest.mark.parametrize("kappa", [0.2, 0.1, 0.05, 0.01])

@@ -695,8 +695,9 @@ def finished(
         message = "diverged before its first step: the state it starts from has a speed or angle that no rover has"
     else:
         message = (
-            f"diverged between {t[-1]:.3f} and {t[-1] + every * dt:.3f} s; try a shorter dt than {dt:g} s, "
-            "the integrator 'semi_implicit', or less extreme commands"
+            f"diverged between {t[-1]:.3f} and {t[-1] + every * dt:.3f} s, at speeds up to "
+            f"{np.abs(tables[1][kept - 1]).max():.2g} (m/s, rad/s); the linearised rover is stable at this step, so "
+            f"try less extreme commands, another kappa or weaker effects before a shorter dt than {dt:g} s"
         )
     status = Status.DIVERGED if final is None else Status.OK
     if ended is not None:

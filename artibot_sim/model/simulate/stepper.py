@@ -170,7 +170,10 @@ class Stepper:
         if fault is not None:
             _, faulty, self.message = fault
             return faulty
-        self.message = f"diverged after {self.t:.3f} s; try the integrator 'semi_implicit'"
+        self.message = (
+            f"diverged after {self.t:.3f} s; the linearised rover is stable at this step, so try less extreme commands "
+            "or weaker effects"
+        )
         if status == Status.OK:
             self.q, self.v, self._eta, self._previous, self._memory = q, v, eta, previous, memory
             self._behind = behind
