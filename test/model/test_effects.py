@@ -433,6 +433,26 @@ def test_stribeck_lies_between_holding_and_sliding(agriq):
     assert slid > 10
 
 
+def test_stribeck_friction_falls_from_the_first_slip_on(agriq):
+    """Eq. 15's force, or what the coefficient of that slip holds where this is less: without a drop in between."""
+    velocity, c = 0.08, agriq.contact
+    result = turn(with_effects(agriq, stribeck={"velocity": velocity, "early": 1.0}), yaw_rate=0.6, speed=0.5)
+    slid = early = 0
+    for wheel in WHEELS:
+        module, drive = wheel.split("_")[0][0], getattr(agriq.drive, wheel.split("_")[0])
+        motor = f"theta_{module}{'r' if '_right_' in wheel else 'l'}_dot"
+        slip = agriq.wheel.r_w * drive.tau * result[motor] - result[f"p_x_{wheel}"]
+        p_y, F_n, cut = (result[f"{name}_{wheel}"] for name in ("p_y", "F_n", "sat"))
+        asked = np.hypot(c.k_l * slip, c.k_t * p_y)
+        held = (c.mu_d + (c.mu_s - c.mu_d) * np.exp(-np.hypot(slip, p_y) / velocity)) * F_n
+        force = np.hypot(result[f"F_l_{wheel}"], result[f"F_t_{wheel}"])
+        np.testing.assert_allclose(force, np.minimum(asked, held), rtol=1e-9, atol=1e-9)
+        np.testing.assert_array_equal(cut == 1.0, asked > held)
+        slid += (cut == 1.0).sum()
+        early += ((cut == 1.0) & (asked < c.mu_s * F_n)).sum()  # where the paper's wheel still holds
+    assert slid > 10 and early > 10
+
+
 def test_bulldozing_adds_to_what_eq_16_leaves(agriq):
     result = turn(with_effects(agriq, bulldozing={"coefficient": 900.0}))
     c, checked = agriq.contact, 0

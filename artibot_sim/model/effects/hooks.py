@@ -126,6 +126,9 @@ The square is asked about, for it takes no root.
 lateral_grip = _place("lateral_grip", _product)
 """(fx) → friction across a wheel over that along it."""
 
+holding = _place("holding", _chain, "slip")
+"""(fx, mu_s, mu_d, square) → coefficient up to which a wheel holds that slips at the root of `square` (m²/s²)."""
+
 friction = _place("friction", _chain, "slip")
 """(fx, mu_s, mu, slip) → coefficient of a wheel that slides at `slip` (m/s) and would have `mu` without."""
 

@@ -10,6 +10,15 @@ from artibot_sim.model.kernels.elementary import exp
 
 
 @inlined
+def holding(fx, mu_s, mu_d, square):
+    """Coefficient up to which a wheel holds that slips at the root of `square` (m²/s²)."""
+    early = fx.stribeck.early
+    if early <= 0.0 or fx.stribeck.velocity <= 0.0:  # before a root is taken
+        return mu_s
+    return mu_s + early * (friction(fx, mu_s, mu_d, math.sqrt(square)) - mu_s)
+
+
+@inlined
 def friction(fx, mu_s, mu, slip):
     """Coefficient of a wheel that slides at `slip` (m/s), where it is `mu` otherwise."""
     velocity = fx.stribeck.velocity
@@ -21,8 +30,13 @@ def friction(fx, mu_s, mu, slip):
 EFFECT = Effect(
     id="stribeck",
     acts="contact",
-    doc="Once F_h > mu_s F_n the coefficient is mu_d + (mu_s − mu_d) exp(−s/velocity), s being the whole slip speed.",
-    parameters={"velocity": number("m/s", 0.0, math.inf, "slip speed over which friction falls")},
-    hooks={"friction": friction},
+    doc="A wheel that slides has the coefficient mu(s) = mu_d + (mu_s − mu_d) exp(−s/velocity), s being the whole slip "
+    "speed. It holds up to (mu_s + early (mu(s) − mu_s)) F_n: with `early` 0 up to mu_s F_n, with 1 friction falls "
+    "from the first slip on, and the force does not drop as the wheel breaks away.",
+    parameters={
+        "velocity": number("m/s", 0.0, math.inf, "slip speed over which friction falls"),
+        "early": number("-", 0.0, 1.0, "how far it has fallen before a wheel breaks away: 1 as once it slides"),
+    },
+    hooks={"holding": holding, "friction": friction},
     search=Search({"velocity": 0.08}, ((0.3,), (1.0,), (2.5,)), least=0.05),
 )

@@ -196,6 +196,8 @@ def within_friction(body, fx, F_l, F_t, F_n, N, mu_s, mu_d, slip_l, slip_t, here
     """
     F_h2 = F_l * F_l + F_t * F_t
     limit = mu_s * N
+    if fx is not None:
+        limit = N * hooks.holding(fx, mu_s, mu_d, slip_l * slip_l + slip_t * slip_t)
     if F_h2 > limit * limit:
         if fx is not None:
             mu_d = hooks.friction(fx, mu_s, mu_d, math.sqrt(slip_l * slip_l + slip_t * slip_t))
@@ -212,6 +214,7 @@ def within_friction_lanes(body, fx, F_l, F_t, F_n, N, mu_s, mu_d, slip_l, slip_t
     F_h2 = F_l * F_l + (F_t * F_t + 1e-30)  # so that there is a root to divide by
     limit = mu_s * N
     if fx is not None:
+        limit = N * hooks.holding(fx, mu_s, mu_d, slip_l * slip_l + slip_t * slip_t)
         mu_d = hooks.friction(fx, mu_s, mu_d, math.sqrt(slip_l * slip_l + slip_t * slip_t))
     held = mu_d * F_n * inverse_root(F_h2)
     held = held if F_h2 > limit * limit else 1.0

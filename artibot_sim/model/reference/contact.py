@@ -350,11 +350,12 @@ def _eq_16(
 
     `deciding` is the load by which it slides or holds, N.
     """
-    narrow, body = 1.0 / fx.ask("lateral_grip"), mount.body
+    narrow, slip = 1.0 / fx.ask("lateral_grip"), math.hypot(rolling.slip, rolling.p_y)
+    mu_s, mu_d = soil.grip * mount.body.mu_s, soil.grip * mount.body.mu_d
     F_h = math.hypot(F[0], narrow * F[1])
-    if F_h <= soil.grip * body.mu_s * deciding:
+    if F_h <= fx.ask("holding", mu_s, mu_d, slip**2) * deciding:
         return 1.0, np.zeros(2)
-    mu = fx.ask("friction", soil.grip * body.mu_s, soil.grip * body.mu_d, math.hypot(rolling.slip, rolling.p_y))
+    mu = fx.ask("friction", mu_s, mu_d, slip)
     return mu * F_n / F_h, mu / F_h * F[::-1]
 
 
