@@ -347,9 +347,17 @@ _FORCES = tuple(place - PUSH for place in (PUSH, PUSH + 1, LOAD, LOAD + 1, LOAD 
 
 
 def _largest(rows: Array) -> list[float]:
-    """The largest absolute value in each column; NaN where there is one."""
-    values = np.abs(rows[0]) if len(rows) == 1 else np.abs(rows).max(axis=0, initial=0.0)
-    found: list[float] = values.tolist()
+    """The largest absolute value in each column; NaN where there is one.
+
+    NumPy takes the largest row by row, and rows are short: several count as one until the end, a quarter of the time.
+    """
+    values = np.abs(rows)
+    if len(rows) > 1:
+        width, several = rows.shape[1], math.isqrt(len(rows))
+        cut = len(rows) - len(rows) % several
+        folded = values[:cut].reshape(-1, several * width).max(axis=0).reshape(several, width)
+        values = np.concatenate((folded, values[cut:])).max(axis=0, keepdims=True)
+    found: list[float] = values[0].tolist() if len(values) else [0.0] * rows.shape[1]
     return found
 
 

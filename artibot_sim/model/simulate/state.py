@@ -84,8 +84,8 @@ class State:
 
 def from_memory(memory: Array) -> tuple[Array, Array, Array]:
     """`State.lateral`, `State.bristles` and `State.windup` of a `State.memory`."""
-    lateral, windup, along, across = np.split(memory, 4)
-    return lateral, np.concatenate((along, across)), windup
+    wheels = len(memory) // 4
+    return memory[:wheels], memory[2 * wheels :], memory[wheels : 2 * wheels]
 
 
 def initial_state(

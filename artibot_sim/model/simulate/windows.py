@@ -407,13 +407,15 @@ class WindowBatch:
         """Items that can share a block: those with most knots first."""
         steps, free = self._knots.steps[items.table[rows]], self._knots.free[items.table[rows]]
         robots = items.robot[rows]
-        kinds = np.column_stack([steps, free, fleet.extended[robots], ~fleet.records["two"][robots]])
-        for kind in np.unique(kinds, axis=0):
-            mine = rows[(kinds == kind).all(axis=1)]
+        rigid, extended = ~fleet.records["two"][robots], fleet.extended[robots]
+        kinds = ((steps * 2 + free) * (len(EXTENDED) + 1) + extended) * 2 + rigid  # one number each: quick to sort
+        for kind in np.unique(kinds):
+            among = np.flatnonzero(kinds == kind)
+            one, mine = among[0], rows[among]
             order = mine[np.argsort(-items.knots[mine], kind="stable")]
             torques = bool(self._plan_table.torques[items.plan[mine]].any())
             most = int(items.knots[order[0]])
-            yield _Group(order, int(kind[0]), bool(kind[1]), torques, int(kind[2]), bool(kind[3]), most)
+            yield _Group(order, int(steps[one]), bool(free[one]), torques, int(extended[one]), bool(rigid[one]), most)
 
     def _run_lanes(self, work: Any, group: _Group, part: int, parts: int, out: Array) -> None:
         """A thread's part of a group."""
