@@ -231,6 +231,13 @@ def test_a_recorder_alone_does_not_start_it(start_node: NodeStarter, ros_context
     assert node.stop() == 130
 
 
+def test_who_waits_says_for_what_and_can_be_asked_to_end(start_node: NodeStarter, short: Path) -> None:
+    node = start_node("planner", short)
+    node.wait_for("waiting for a simulator or driver that listens to /planned/front_velocity, 120 s at most")
+    assert node.stop() == 130
+    assert "listened within" not in node.output
+
+
 def test_a_misspelt_parameter_is_said(start_node: NodeStarter) -> None:
     node = start_node("planner", "--ros-args", "-p", "start_dely:=2.0")
     node.wait_for("parameter start_dely is unknown and ignored; did you mean start_delay?")

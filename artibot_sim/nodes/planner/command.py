@@ -31,7 +31,7 @@ def _show_list(context: click.Context, _option: click.Parameter, wanted: bool) -
 @click.option("--start-delay", type=float, help="How long after its publication the profile starts, s.  [default: 1]")
 @click.option("--rate", type=float, help="Rate of planned/odom, Hz.  [default: 50]")
 @click.option("--wait-for", help="follower: a simulator or driver; anyone: a recorder, too.  [default: follower]")
-@click.option("--subscriber-timeout", type=float, help="Wait so long for them, s; 0: do not wait.  [default: 30]")
+@click.option("--subscriber-timeout", type=float, help="Wait so long for them, s; 0: do not wait.  [default: 120]")
 @click.option("--tail", type=float, help="How long planned/odom goes on after the end, s.  [default: 0.5]")
 @click.option(
     "--keep/--end", default=None, help="Stay after the end, so that late subscribers still get path and profile."

@@ -115,7 +115,7 @@ SPECS = (
     Spec("start_delay", 1.0, "How long after its publication the profile starts, s.", low=0.05, high=3600.0),
     Spec(
         "subscriber_timeout",
-        30.0,
+        120.0,
         "How long to wait for them to listen to planned/front_velocity, s; 0: do not wait.",
         low=0.0,
         high=1e6,
@@ -127,7 +127,7 @@ SPECS = (
         "does not; anyone, who listens.",
         choices=("follower", "anyone"),
     ),
-    Spec("clock_timeout", 30.0, "How long to wait for the first /clock with use_sim_time, s.", low=0.1, high=1e6),
+    Spec("clock_timeout", 120.0, "How long to wait for the first /clock with use_sim_time, s.", low=0.1, high=1e6),
     Spec("tail", 0.5, "How long planned/odom goes on after the end, s.", low=0.0, high=1e6),
     Spec("realtime_priority", 45, "Priority among the machine's real-time threads (SCHED_FIFO) while the profile is "
          "followed in system time: a sign of life that a busy machine delays stops the rover. 0, and where the system "
@@ -145,7 +145,7 @@ IDLE = 0.1
 """How long the executor is waited in at a time, s: longer than a period, for each wait has its wait set built anew."""
 
 SAY_EVERY = 5.0
-"""How far the drive is, is said so often, s."""
+"""How far the drive is, is said so often, s; and who waits for longer says for what."""
 
 CLOCK_LOST = 2.0
 """Without a publisher of /clock for this long (s, steady time) the planner gives up."""
@@ -225,6 +225,16 @@ class PlannerNode(Node):
             executor.spin_once(timeout_sec=IDLE)
         return True
 
+    def _came(self, executor: SingleThreadedExecutor, done: Callable[[], bool], timeout: float, awaited: str) -> bool:
+        """Wait until `done` or asked to end; False where `timeout` (s) is over before."""
+        if self._spin(executor, done, min(timeout, SAY_EVERY)) or self._asked:
+            return True
+        if timeout > SAY_EVERY:
+            self.get_logger().info(
+                f"waiting for {awaited}, {timeout:g} s at most; a simulator that compiles its model may take a minute"
+            )
+        return self._spin(executor, done, timeout - SAY_EVERY) or bool(self._asked)
+
     @property
     def _on_clock(self) -> bool:
         return bool(self.get_parameter("use_sim_time").value)
@@ -233,7 +243,7 @@ class PlannerNode(Node):
         if not self._on_clock:
             return
         timeout = self.settings["clock_timeout"]
-        if not self._spin(executor, lambda: self.get_clock().now().nanoseconds > 0, timeout) and not self._asked:
+        if not self._came(executor, lambda: self.get_clock().now().nanoseconds > 0, timeout, "a simulator's /clock"):
             raise ArtibotError(
                 f"/clock: nothing came within {timeout:g} s, expected a simulator's time (use_sim_time is true); "
                 "start one that publishes it, or set use_sim_time to false"
@@ -248,7 +258,7 @@ class PlannerNode(Node):
         def subscribed() -> bool:
             return self._profile.get_subscription_count() > 0 and (anyone or followers(self, topic) > 0)
 
-        if not self._spin(executor, subscribed, timeout) and not self._asked:
+        if not self._came(executor, subscribed, timeout, f"a simulator or driver that listens to {topic}"):
             others = sorted({info.node_name for info in self.get_subscriptions_info_by_topic(topic)})
             who = f"nobody but {', '.join(others)}" if others else "nobody"
             raise ArtibotError(
