@@ -74,6 +74,17 @@ def epiq(values: Mapping[str, float]) -> Robot:
 
 def differences(robots: Sequence[Robot | None]) -> Array:
     """Of e_gamma and e_x from Table 7 for each kappa, points (n, 3, 2); NaN where there is no robot or no end."""
+    try:
+        return _differences(robots)
+    except ArtibotError:  # one is refused, as its step of 1 ms is too long
+        if len(robots) == 1:
+            return np.full((1, len(KAPPAS), 2), np.nan)
+        half = len(robots) // 2
+        return np.concatenate((differences(robots[:half]), differences(robots[half:])))
+
+
+def _differences(robots: Sequence[Robot | None]) -> Array:
+    """The same of robots none of which is refused."""
     found = np.full((len(robots), len(KAPPAS), 2), np.nan)
     there = [(i, robot) for i, robot in enumerate(robots) if robot is not None]
     if not there:
