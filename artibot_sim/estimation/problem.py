@@ -292,22 +292,25 @@ class Problem:
     ) -> list[Array]:
         """Predictions of windows, (n,) each, for rows of (which robot, window, start); or the states at their ends."""
         plan = window + len(self.windows) if ends else window
-        return self._shared.run(robots, self._items(robots, robot, window, guesses, plan))
+        return self._batch_for(robots).run(robots, self._items(robots, robot, window, guesses, plan))
 
     def predictions(self, robots: Sequence[Robot], robot: Indices, starts: Array) -> Array:
         """Predictions of all samples, shape (sets, n), for sets of which `robot` (sets, windows) and starts."""
         count = len(self.windows)
         window, guesses = np.tile(np.arange(count), len(robot)), starts.reshape(-1, self.size)
         items = self._items(robots, np.ascontiguousarray(robot).ravel(), window, guesses, window)
-        return self._shared.run_flat(robots, items).reshape(len(robot), -1)
+        return self._batch_for(robots).run_flat(robots, items).reshape(len(robot), -1)
 
-    @property
-    def _shared(self) -> WindowBatch:
-        """The batch, in as many threads as are free here."""
-        count = threads(self.workers)
-        if count == self._batch.workers:
-            return self._batch
-        batch = copy.copy(self._batch)
+    def _batch_for(self, robots: Sequence[Robot]) -> WindowBatch:
+        """The batch in steps that all `robots` take, in as many threads as are free here.
+
+        A search tries soils that are stiffer than the robot's own. What is compared at once has one step:
+        sensitivities are differences, and steps of another length would show in them.
+        """
+        batch, count = self._batch if self._batch.suits(robots) else self._batch.halved, threads(self.workers)
+        if count == batch.workers:
+            return batch
+        batch = copy.copy(batch)
         batch.workers = count
         return batch
 
@@ -353,8 +356,9 @@ class Problem:
 
     def sampled(self, coordinates: Array, starts: Array, plans: Sequence[Plan]) -> list[Array]:
         """Whatever `plans` (one a window) ask for, (m,) each."""
-        batch = WindowBatch(self._batch.tables, list(plans), self._batch.dt, threads(self.workers))
         robots, count = [self.parameters.robot_at(coordinates)], np.arange(len(self.windows))
+        usual = self._batch_for(robots)
+        batch = WindowBatch(usual.tables, list(plans), usual.dt, usual.workers)
         return batch.run(robots, self._items(robots, np.zeros_like(count), count, starts, count))
 
     def carried(self, coordinates: Array, starts: Array) -> Array:

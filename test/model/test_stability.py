@@ -15,7 +15,7 @@ from model.planar import linearised
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import WHEELS, Commands, Mode, State, Status, initial_state, rollout
-from artibot_sim.model.analysis.stability import largest_step, parts
+from artibot_sim.model.analysis.stability import largest_step, parts, rigid_limit
 from artibot_sim.model.effects.motor_drag import WIDTH
 from artibot_sim.model.equations.transmission import back_torque_factor
 from artibot_sim.model.robot.derived import params
@@ -48,6 +48,15 @@ def test_longest_accepted_rk4_step_is_stable(agriq, epiq, kind):
         f"dt = {dt * 1e3:.3f} ms is accepted ('{what}'), but the mode at {worst:.0f} /s grows by "
         f"{growth(worst * dt):.3f} a step"
     )
+
+
+@pytest.mark.parametrize("effects", [(), ("bulldozing", "com_offset"), ("slip_ratio", "load_sensitivity")])
+@pytest.mark.parametrize("changes", [{}, {"contact.k_l": 9000.0}, {"contact.k_t": 9000.0}, {"front.J_z": 2.4}])
+def test_a_rigid_rovers_limit_is_that_of_its_modes(husky, effects, changes):
+    """In closed form for prescribed motors, whichever motion is the fastest: along, across or turning."""
+    robot = params(with_effects(husky.replace(changes), *effects))
+    limit, _ = largest_step(robot, "rk4", (Mode.PRESCRIBED,) * 4)
+    assert rigid_limit(robot, 1.0) == pytest.approx(limit, rel=1e-3)
 
 
 @pytest.mark.parametrize("kind", ["agriq", "epiq", "light_back"])

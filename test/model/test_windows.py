@@ -109,3 +109,41 @@ def test_step_is_stable_and_divides_the_knots() -> None:
     assert window_step(stiff, [table]) < dt
     with pytest.raises(ArtibotError, match="does not divide"):
         WindowBatch([table], [], 3e-3)
+
+
+def _rigid(modes: tuple[Mode, ...] = ALL) -> tuple[Robot, MotorTable, WindowBatch, Items]:
+    """A Husky that turns for two seconds, from a state in motion."""
+    husky, found = load_robot("husky"), _table()
+    table = MotorTable(0.01, found.position / 10, found.velocity / 10, found.torque, modes)
+    kinds = [KINDS.index(name) for name in ("x", "y", "yaw", "yaw_rate", "torque_front_right", "torque_front_left")]
+    plan = Plan(np.tile([0.5, 2.0], len(kinds)), np.repeat(kinds, 2))
+    begun = rollout(husky, Commands(0.01, table.velocity, position=table.position), duration=1.0).final_state
+    return husky, table, WindowBatch([table], [plan], window_step(husky, [table]), 1), _items([begun], 100, 200)
+
+
+def test_a_rigid_robot_has_no_back_motors_that_could_be_free() -> None:
+    """Where nobody says how back motors turn a rigid robot is simulated as where all are said to."""
+    husky, _, usual, items = _rigid()
+    absent = (Mode.PRESCRIBED, Mode.PRESCRIBED, Mode.TORQUE, Mode.TORQUE)
+    np.testing.assert_array_equal(_rigid(absent)[2].run([husky], items), usual.run([husky], items))
+
+
+def test_a_rigid_robot_takes_a_step_from_knot_to_knot() -> None:
+    """Half a millimetre and half a milliradian from steps of a tenth after two seconds of sliding turns."""
+    husky, table, batch, items = _rigid()
+    assert batch.dt == 0.01 == table.dt
+    (coarse,), (fine,) = batch.run([husky], items), replace(batch, dt=1e-3).run([husky], items)
+    assert np.abs(fine[:6]).max() > 0.3
+    np.testing.assert_allclose(coarse[:6], fine[:6], atol=5e-4)
+
+
+def test_stiffer_robots_ask_for_shorter_steps() -> None:
+    """All that run together have the step that the stiffest one takes; bristles are stiff on any ground."""
+    husky, table, batch, items = _rigid()
+    stiff = husky.replace({"contact.k_l": 3 * husky.contact.k_l, "contact.k_t": 3 * husky.contact.k_t})
+    held = replace(husky, effects={"stiction": SEVERITY_1["stiction"]})
+    assert window_step(stiff, [table]) == 5e-3
+    assert batch.suits([husky])
+    for robots in ([stiff], [husky, stiff], [held]):
+        assert not batch.suits(robots)
+    np.testing.assert_array_equal(batch.halved.run([stiff], items), replace(batch, dt=5e-3).run([stiff], items))

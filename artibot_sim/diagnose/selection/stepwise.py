@@ -180,7 +180,7 @@ class Naming:
         begun = time.perf_counter()
         self._ticks.begin(Task.SEARCH, _search_name(self._names))
         of, soils = self._soils
-        beside = soils if of is problem else ()
+        beside = [soil for soil in soils if self._rounds.differ(problem, fit, soil)] if of is problem else ()
         asked = [name for name, one in self._from_commands.items() if one.nats >= self._options.least]
         found = stage(problem, fit, loss, self._names, self._rounds, self._ticks, self._options.parts, beside, asked)
         self._took = time.perf_counter() - begun

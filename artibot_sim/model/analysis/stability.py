@@ -79,12 +79,24 @@ def parts(p: Params | Train, dt: float, share: Shares = 0.0) -> int:
     """
     chain = _chain(p)
     need, p = min(LONGEST_PART, _quick_sharing_limit(chain, share)), chain.p
-    for body in chain.bodies:
-        along, across = p.stiffening * body.k_l + p.forward_damping, p.stiffening * body.k_t + p.lateral_damping
-        swing = 4.0 * (across * body.half_x**2 + along * body.half_y**2)
-        fastest = max(4.0 * max(along, across) / body.m, swing / body.J_z)
-        need = min(need, LONGEST_SLIP_PART / fastest)
+    need = min([need, *(LONGEST_SLIP_PART / _fastest_slip(p, body) for body in chain.bodies)])
     return max(1, math.ceil(dt / need - 1e-9))
+
+
+def _fastest_slip(p: Params, body: ModuleParams) -> float:
+    """The fastest rate (1/s) at which the slip of a module whose wheels hold decays, its wheels turning as they do."""
+    along, across = p.stiffening * body.k_l + p.forward_damping, p.stiffening * body.k_t + p.lateral_damping
+    swing = 4.0 * (across * body.half_x**2 + along * body.half_y**2)
+    return max(4.0 * max(along, across) / body.m, swing / body.J_z)
+
+
+def rigid_limit(p: Params, speed: float) -> float:
+    """Longest RK4 step (s) of a rigid rover with prescribed motors whose wheels are as fast as `speed` (m/s).
+
+    That of its slip, and of what its wheels remember; at once, where many rovers of one kind are asked.
+    """
+    slip = _RK4_REAL / _fastest_slip(p, p.front)
+    return min(slip, relaxation_limit(p, speed)) if p.relaxation + p.bristle > 0.0 else slip
 
 
 @lru_cache(maxsize=256)

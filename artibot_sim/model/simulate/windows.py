@@ -10,14 +10,15 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.analysis.stability import largest_step
+from artibot_sim.model.analysis.stability import largest_step, rigid_limit
 from artibot_sim.model.effects import EFFECTS, RECORD_DTYPE, has_laws, has_memory, record
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor
 from artibot_sim.model.kernels import loop
@@ -65,8 +66,8 @@ class Knots:
     begin, steps : array of int, shape (tables,)
         First row of each table, and integration steps from a knot to the next.
     modes : array of int, shape (tables, 4)
-    free : array of bool, shape (tables,)
-        Whether any motor is not prescribed.
+    free, front_free : array of bool, shape (tables,)
+        Whether any motor is not prescribed, and whether any front one is: a rigid robot has no others.
     """
 
     position: Array
@@ -77,6 +78,7 @@ class Knots:
     steps: Indices
     modes: Indices
     free: Mask
+    front_free: Mask
 
     @classmethod
     def of(cls, tables: Sequence[MotorTable], dt: float) -> Knots:
@@ -88,7 +90,9 @@ class Knots:
         lengths = [len(table.position) for table in tables]
         modes = np.array([table.modes for table in tables], dtype=np.int64).reshape(len(tables), position.shape[1])
         begin, steps = np.cumsum([0, *lengths])[:-1], np.array([round(table.dt / dt) for table in tables], np.int64)
-        return cls(position, velocity, torque, behind, begin, steps, modes, (modes != Mode.PRESCRIBED).any(axis=1))
+        free = modes != Mode.PRESCRIBED
+        front_free = free[:, :2].any(axis=1)
+        return cls(position, velocity, torque, behind, begin, steps, modes, free.any(axis=1), front_free)
 
 
 @dataclass(frozen=True)
@@ -325,7 +329,7 @@ def run_window(
 # ----------------------------------------------------------------------
 
 
-_STEPS = (5e-3, 2.5e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1e-4, 5e-5)
+_STEPS = (1e-2, 5e-3, 2.5e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1e-4, 5e-5)
 _MARGIN = 0.8  # of the longest stable step: at the limit itself errors do not decay
 
 
@@ -378,7 +382,8 @@ class WindowBatch:
         if robots[0].trailing:
             self._run_trains(robots, items, ends, out)
             return out
-        fleet = Fleet.of(robots, self.tables, bool(self._knots.free.any()))
+        free = self._knots.free if any(robot.articulated for robot in robots) else self._knots.front_free
+        fleet = Fleet.of(robots, self.tables, bool(free.any()))
         together = level(fleet, items) & ~self._plan_table.wheels[items.plan]
         groups = list(self._groups(fleet, items, np.flatnonzero(together)))
         alone = np.flatnonzero(~together)
@@ -393,6 +398,24 @@ class WindowBatch:
         in_threads(run, self.workers or available_cores())
         return out
 
+    @cached_property
+    def halved(self) -> WindowBatch:
+        """The same in steps of half the length."""
+        return replace(self, dt=self.dt / 2.0)
+
+    def suits(self, robots: Sequence[Robot]) -> bool:
+        """Whether all `robots` take the step, as far as that is known at once: of rigid ones that turn as measured."""
+        if robots[0].articulated or bool(self._knots.front_free.any()):
+            return True
+        every = [params(robot) for robot in robots]
+        rim = max(p.right_front.r_w * p.right_front.tau for p in every)
+        return all(self.dt <= _MARGIN * rigid_limit(p, rim * self._fastest) for p in every)
+
+    @cached_property
+    def _fastest(self) -> float:
+        """The highest speed of a motor, rad/s."""
+        return float(np.nanmax(np.abs(self._knots.velocity), initial=0.0))
+
     def _run_trains(self, robots: Sequence[Robot], items: Items, ends: Indices, out: Array) -> None:
         """All items of robots of three modules or more, one by one."""
         trains = TrainWindows(robots, self.tables, self.plans, items, self.dt)
@@ -405,9 +428,10 @@ class WindowBatch:
 
     def _groups(self, fleet: Fleet, items: Items, rows: Indices) -> Iterator[_Group]:
         """Items that can share a block: those with most knots first."""
-        steps, free = self._knots.steps[items.table[rows]], self._knots.free[items.table[rows]]
-        robots = items.robot[rows]
+        robots, tables = items.robot[rows], items.table[rows]
         rigid, extended = ~fleet.records["two"][robots], fleet.extended[robots]
+        free = np.where(rigid, self._knots.front_free[tables], self._knots.free[tables])
+        steps = self._knots.steps[tables]
         kinds = ((steps * 2 + free) * (len(EXTENDED) + 1) + extended) * 2 + rigid  # one number each: quick to sort
         for kind in np.unique(kinds):
             among = np.flatnonzero(kinds == kind)

@@ -24,7 +24,7 @@ from artibot_sim.diagnose.selection.joint_fits import (
 )
 from artibot_sim.diagnose.sizes import sized
 from artibot_sim.estimation.problem import Problem
-from artibot_sim.estimation.search import Fit
+from artibot_sim.estimation.search import Fit, converge
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
@@ -130,3 +130,17 @@ def test_an_effect_begins_from_the_best_soil_that_any_found() -> None:
         is found
     )
     assert with_soil_of(found, found, Rounds()) is found
+
+
+@pytest.mark.parametrize(("along", "across", "differs"), [(0.4, 0.4, False), (0.4, -0.4, True), (0.0, 0.0, False)])
+def test_soils_on_one_ridge_do_not_differ(along: float, across: float, differs: bool) -> None:
+    """A Husky's path knows the ratio of k_l and k_t, and hardly their size: effects look alike wherever on it."""
+    robot = load_robot("husky")
+    problem = problem_of([synthetic(robot, TURNS, seed=4)], parameter_set(robot), 2.0, 2)
+    point = evaluate(problem, EVEN, [np.zeros(5)], problem.starts)[0]
+    fit = converge(problem, point, EVEN, 2)
+    other = fit.point.coordinates.copy()
+    for name, change in (("k_l", along), ("k_t", across)):
+        other[problem.parameters.index(name)] += change
+    soil = evaluate(problem, EVEN, [other], fit.point.starts)[0]
+    assert Rounds().differ(problem, fit, soil) is differs
