@@ -132,15 +132,20 @@ def test_an_effect_begins_from_the_best_soil_that_any_found() -> None:
     assert with_soil_of(found, found, Rounds()) is found
 
 
-@pytest.mark.parametrize(("along", "across", "differs"), [(0.4, 0.4, False), (0.4, -0.4, True), (0.0, 0.0, False)])
-def test_soils_on_one_ridge_do_not_differ(along: float, across: float, differs: bool) -> None:
-    """A Husky's path knows the ratio of k_l and k_t, and hardly their size: effects look alike wherever on it."""
+def test_soils_on_one_ridge_do_not_differ() -> None:
+    """As far away along the flattest direction of a fit they are the same to effects; along the steepest not."""
     robot = load_robot("husky")
     problem = problem_of([synthetic(robot, TURNS, seed=4)], parameter_set(robot), 2.0, 2)
-    point = evaluate(problem, EVEN, [np.zeros(5)], problem.starts)[0]
-    fit = converge(problem, point, EVEN, 2)
-    other = fit.point.coordinates.copy()
-    for name, change in (("k_l", along), ("k_t", across)):
-        other[problem.parameters.index(name)] += change
-    soil = evaluate(problem, EVEN, [other], fit.point.starts)[0]
-    assert Rounds().differ(problem, fit, soil) is differs
+    fit = converge(problem, evaluate(problem, EVEN, [np.zeros(5)], problem.starts)[0], EVEN, 2)
+    informations, directions = np.linalg.eigh(fit.reduced.matrix)
+    far = np.sqrt(2.0 * 6.0 / informations[0])  # 6 nats along the ridge
+    assert informations[-1] > 10.0 * informations[0]
+
+    def differs(direction: np.ndarray) -> bool:
+        other = fit.point.coordinates.copy()
+        other[list(fit.free)] += far * direction
+        return Rounds().differ(problem, fit, replace(fit.point, coordinates=other))
+
+    assert not differs(0.0 * directions[:, 0])
+    assert not differs(directions[:, 0])
+    assert differs(directions[:, -1])
