@@ -100,20 +100,19 @@ def stage(
 
     The baseline is fitted again from the best rivals' soil and starts: what they found there without their effect
     is none of its evidence. Effects are tried beside other `soils` as well, which explain the recordings as well as
-    that of `fit`; those that are `asked` for are fitted whatever the screen thought of them. What is finished on the
-    way is kept in `parts`.
+    that of `fit`, and held against the best of these: what another soil explains is no effect's merit. Those that are
+    `asked` for are fitted whatever the screen thought of them. What is finished on the way is kept in `parts`.
     """
     parts = parts or Checkpoints()
 
     def screened() -> Stage:
-        base, control = converged_baseline(problem, loss, fit.point, rounds.few)
+        bases = [converged_baseline(problem, loss, point, rounds.few) for point in (fit.point, *soils)]
         in_map = in_common_map(experiments_of(problem.stretches))
         every = hypotheses(problem.parameters.robot, problem.stretches, named)
         tried = [one for one in every if in_map or not needed(one.id)]
-        trials = screen(base, tried, tick)
-        for point in soils:
-            others = screen(converged_baseline(problem, loss, point, rounds.few)[0], tried, tick)
-            trials = [min(both, key=lambda trial: trial.point.cost) for both in zip(trials, others, strict=True)]
+        beside = zip(*(screen(base, tried, tick) for base, _ in bases), strict=True)
+        trials = [min(each, key=lambda trial: trial.point.cost) for each in beside]
+        base, control = min(bases, key=lambda one: one[1].cost)
         trials += discs(base) if in_map else []
         return Stage(tuple(trials), (), {}, problem, fit, loss, control.cost, base=base)
 

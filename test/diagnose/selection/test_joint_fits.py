@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnose.hidden import case
+from diagnose.searches import try_only
 from diagnose.turns import EVEN, TURNS
 
 from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, hypotheses, with_effect
-from artibot_sim.diagnose.candidates.screening import Trial, converged_baseline, screen
+from artibot_sim.diagnose.candidates.screening import Trial, around, converged_baseline, screen
 from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.records import Options
+from artibot_sim.diagnose.selection import forward
 from artibot_sim.diagnose.selection.joint_fits import (
     FitCache,
     Rival,
@@ -149,3 +151,19 @@ def test_soils_on_one_ridge_do_not_differ() -> None:
     assert not differs(0.0 * directions[:, 0])
     assert not differs(directions[:, 0])
     assert differs(directions[:, -1])
+
+
+def test_what_another_soil_explains_is_no_effects_merit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Effects that are tried beside two soils are held against the one that explains more without any of them."""
+    try_only(monkeypatch, "gyro_bias")
+    monkeypatch.setattr(forward, "converged_baseline", lambda *given: (around(*given[:3]), given[2]))
+    robot = load_robot("husky")
+    problem = problem_of([synthetic(robot, TURNS, seed=4)], parameter_set(robot), 2.0, 2)
+    right = converge(problem, evaluate(problem, EVEN, [np.zeros(5)], problem.starts)[0], EVEN, 2)
+    beside = right.point.coordinates + np.array([0.3, 0.3, 0.0, 0.0, 0.0])
+    wrong = replace(right, point=evaluate(problem, EVEN, [beside], right.point.starts)[0])
+    assert wrong.point.cost > right.point.cost + 100.0
+    found = forward.stage(problem, wrong, EVEN, [], Rounds(), soils=[right.point])
+    assert found.screened == right.point.cost
+    assert found.base is not None
+    np.testing.assert_array_equal(found.base.point.coordinates, right.point.coordinates)
