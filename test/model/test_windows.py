@@ -112,8 +112,8 @@ def test_step_is_stable_and_divides_the_knots() -> None:
 
 
 def _rigid(modes: tuple[Mode, ...] = ALL) -> tuple[Robot, MotorTable, WindowBatch, Items]:
-    """A Husky that turns for two seconds, from a state in motion."""
-    husky, found = load_robot("husky"), _table()
+    """A Husky on soft ground that turns for two seconds, from a state in motion."""
+    husky, found = load_robot("husky").replace({"contact.k_l": 1000.0, "contact.k_t": 700.0}), _table()
     table = MotorTable(0.01, found.position / 10, found.velocity / 10, found.torque, modes)
     kinds = [KINDS.index(name) for name in ("x", "y", "yaw", "yaw_rate", "torque_front_right", "torque_front_left")]
     plan = Plan(np.tile([0.5, 2.0], len(kinds)), np.repeat(kinds, 2))
@@ -140,10 +140,14 @@ def test_a_rigid_robot_takes_a_step_from_knot_to_knot() -> None:
 def test_stiffer_robots_ask_for_shorter_steps() -> None:
     """All that run together have the step that the stiffest one takes; bristles are stiff on any ground."""
     husky, table, batch, items = _rigid()
-    stiff = husky.replace({"contact.k_l": 3 * husky.contact.k_l, "contact.k_t": 3 * husky.contact.k_t})
+    harder, stiff = (
+        husky.replace({f"contact.{key}": factor * getattr(husky.contact, key) for key in ("k_l", "k_t")})
+        for factor in (1.5, 5.0)
+    )
     held = replace(husky, effects={"stiction": SEVERITY_1["stiction"]})
+    assert window_step(harder, [table]) == 1e-2  # which is stable there, and not exact
     assert window_step(stiff, [table]) == 5e-3
     assert batch.suits([husky])
-    for robots in ([stiff], [husky, stiff], [held]):
+    for robots in ([harder], [stiff], [husky, stiff], [held]):
         assert not batch.suits(robots)
     np.testing.assert_array_equal(batch.halved.run([stiff], items), replace(batch, dt=5e-3).run([stiff], items))

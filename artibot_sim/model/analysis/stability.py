@@ -90,6 +90,11 @@ def _fastest_slip(p: Params, body: ModuleParams) -> float:
     return max(4.0 * max(along, across) / body.m, swing / body.J_z)
 
 
+def slip_time(p: Params) -> float:
+    """How long (s) the fastest slip of a rigid rover takes to decay to 1/e while its wheels hold."""
+    return 1.0 / _fastest_slip(p, p.front)
+
+
 def rigid_limit(p: Params, speed: float) -> float:
     """Longest RK4 step (s) of a rigid rover with prescribed motors whose wheels are as fast as `speed` (m/s).
 
