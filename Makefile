@@ -25,7 +25,7 @@ demo: setup-run ## plan, simulate, record, replay and plot the paper's trajector
 test: setup lint ## lint, types, and all tests but the long ones (ARGS="-k planner" for some of them)
 	@scripts/test.sh $(PY) $(ARGS)
 
-test-long: setup ## the long tests: whole diagnoses, each of something else, and laws by semi-implicit steps (ten minutes more)
+test-long: setup ## the long tests: whole diagnoses, each of something else, and laws by semi-implicit steps (half an hour more)
 	@OPENBLAS_NUM_THREADS=1 $(PY) -m pytest -m long -n 2 --dist loadfile
 
 lint: setup ## ruff: rules and format
