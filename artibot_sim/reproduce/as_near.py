@@ -84,7 +84,7 @@ def differences(robots: Sequence[Robot | None]) -> Array:
 
 
 def _differences(robots: Sequence[Robot | None]) -> Array:
-    """The same of robots none of which is refused."""
+    """Of e_gamma and e_x from Table 7, points (n, 3, 2); an ArtibotError where any robot's step is refused."""
     found = np.full((len(robots), len(KAPPAS), 2), np.nan)
     there = [(i, robot) for i, robot in enumerate(robots) if robot is not None]
     if not there:

@@ -406,7 +406,7 @@ class WindowBatch:
 
     @cached_property
     def halved(self) -> WindowBatch:
-        """The same in steps of half the length."""
+        """This batch with integration steps of half the length."""
         return replace(self, dt=self.dt / 2.0)
 
     def suits(self, robots: Sequence[Robot]) -> bool:
