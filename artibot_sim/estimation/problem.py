@@ -126,6 +126,8 @@ def start_steps(size: int) -> Array:
     return for_starts(_START_STEP, size)
 
 
+_HALVINGS = 3
+"""How often a step is halved for the stiffest of some soils; on stiffer ones than that wheels hardly slip."""
 _RIGID = 3
 """The first starts, x, y and yaw, move a window's prediction as a whole."""
 _LOST = 50.0
@@ -201,7 +203,7 @@ class Problem:
         for i, w in enumerate(self.windows):
             knots = self.windows[after[i]].first - w.first if i in after else w.knots
             ends.append(_state_at(self.parameters.robot, knots * tables[w.stretch].dt))
-        self._batch = WindowBatch(tables, plans + ends, dt, self.workers)
+        self._batch = WindowBatch(tables, plans + ends, dt, self.workers, self.parameters.robot)
 
     def __len__(self) -> int:
         return len(self.windows)
@@ -307,7 +309,11 @@ class Problem:
         A search tries soils that are stiffer than the robot's own. What is compared at once has one step:
         sensitivities are differences, and steps of another length would show in them.
         """
-        batch, count = self._batch if self._batch.suits(robots) else self._batch.halved, threads(self.workers)
+        batch, count = self._batch, threads(self.workers)
+        for _ in range(_HALVINGS):
+            if batch.suits(robots):
+                break
+            batch = batch.halved
         if count == batch.workers:
             return batch
         batch = copy.copy(batch)

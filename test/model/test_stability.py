@@ -15,7 +15,7 @@ from model.planar import linearised
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import WHEELS, Commands, Mode, State, Status, initial_state, rollout
-from artibot_sim.model.analysis.stability import largest_step, parts, rigid_limit
+from artibot_sim.model.analysis.stability import largest_step, parts, rigid_limit, slip_speedup
 from artibot_sim.model.effects.motor_drag import WIDTH
 from artibot_sim.model.equations.transmission import back_torque_factor
 from artibot_sim.model.robot.derived import params
@@ -57,6 +57,26 @@ def test_a_rigid_rovers_limit_is_that_of_its_modes(husky, effects, changes):
     robot = params(with_effects(husky.replace(changes), *effects))
     limit, _ = largest_step(robot, "rk4", (Mode.PRESCRIBED,) * 4)
     assert rigid_limit(robot, 1.0) == pytest.approx(limit, rel=1e-3)
+
+
+@pytest.mark.parametrize("modes", [(Mode.PRESCRIBED,) * 4, MODES])
+def test_slip_is_faster_by_no_more_than_what_is_said(agriq, epiq, modes):
+    """Over soils, loads and contact laws at random; and as much where all dampers grow alike."""
+    rng = np.random.default_rng(0)
+    for plain in (agriq, epiq):
+        than, (usual, _) = params(plain), largest_step(params(plain), "rk4", modes)
+        for _ in range(6):
+            keys = "contact.k_l", "contact.k_t", "front.m", "front.J_z", "back.m", "back.J_z"
+            factor = np.exp(0.7 * rng.standard_normal(6))
+            factor[3::2] = np.clip(factor[3::2], 0.7, 1.0)  # J_x and J_y hold J_z
+            drawn = plain.with_vector(keys, plain.as_vector(keys) * factor)
+            p = params(with_effects(drawn, slip_ratio={"exponent": rng.uniform(0.6, 1.0)}))
+            assert largest_step(p, "rk4", modes)[0] > 0.999 * usual / slip_speedup(p, than)
+        alike = params(plain.with_vector(keys[:2], 3.0 * plain.as_vector(keys[:2])))
+        assert slip_speedup(alike, than) == pytest.approx(3.0)
+        assert largest_step(alike, "rk4", modes[:1] * 4)[0] == pytest.approx(
+            largest_step(than, "rk4", modes[:1] * 4)[0] / 3.0
+        )
 
 
 @pytest.mark.parametrize("kind", ["agriq", "epiq", "light_back"])

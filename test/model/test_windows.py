@@ -111,6 +111,27 @@ def test_step_is_stable_and_divides_the_knots() -> None:
         WindowBatch([table], [], 3e-3)
 
 
+@pytest.mark.parametrize("back", [Mode.PRESCRIBED, Mode.TORQUE])
+def test_articulated_robots_that_are_stiffer_ask_for_shorter_steps(back: Mode) -> None:
+    """Beyond what is stable wheels chatter within their friction: forces are wrong and nothing diverges."""
+    plain, stiff = load_robot("agriq"), load_robot("agriq").replace({"contact.k_l": 9000.0, "contact.k_t": 6000.0})
+    found = _table()
+    torque = np.where(np.arange(4) < 2, np.nan, 0.02) * np.ones((len(found.velocity), 1))
+    table = MotorTable(0.01, found.position, found.velocity, torque, (ALL[0], ALL[0], back, back))
+    begun = rollout(plain, Commands(0.01, table.velocity, position=table.position), duration=1.0).final_state
+    plan, items = Plan(np.array([0.5, 2.0, 0.5, 2.0]), np.array([2, 2, 10, 10])), _items([begun], 100, 200)
+    batch = WindowBatch([table], [plan], window_step(plain, [table]), 1, plain)
+    assert batch.suits([plain])
+    assert not batch.suits([plain, stiff])
+    short = batch
+    while not short.suits([stiff]):
+        short = short.halved
+    assert short.dt == batch.dt / 4
+    exact = replace(batch, dt=batch.dt / 50).run([stiff], items)[0]
+    off, far = (np.abs(b.run([stiff], items)[0] - exact).max() for b in (short, batch))
+    assert off < 0.1 * far
+
+
 def _rigid(modes: tuple[Mode, ...] = ALL) -> tuple[Robot, MotorTable, WindowBatch, Items]:
     """A Husky on soft ground that turns for two seconds, from a state in motion."""
     husky, found = load_robot("husky").replace({"contact.k_l": 1000.0, "contact.k_t": 700.0}), _table()

@@ -95,6 +95,20 @@ def slip_time(p: Params) -> float:
     return 1.0 / _fastest_slip(p, p.front)
 
 
+def slip_speedup(p: Params, than: Params) -> float:
+    """By what factor slip decays faster than in another rover of the same layout, at most.
+
+    Rates of decay are those of damping over inertia: none grows by more than the dampers do, over what inertias shrink.
+    At once, where many rovers of one kind are asked.
+    """
+    worst = 0.0
+    for body, other in ((p.front, than.front), (p.back, than.back)) if p.two else ((p.front, than.front),):
+        along = (p.stiffening * body.k_l + p.forward_damping) / (than.stiffening * other.k_l + than.forward_damping)
+        across = (p.stiffening * body.k_t + p.lateral_damping) / (than.stiffening * other.k_t + than.lateral_damping)
+        worst = max(worst, max(along, across) * max(other.m / body.m, other.J_z / body.J_z))
+    return worst
+
+
 def rigid_limit(p: Params, speed: float) -> float:
     """Longest RK4 step (s) of a rigid rover with prescribed motors whose wheels are as fast as `speed` (m/s).
 

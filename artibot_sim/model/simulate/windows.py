@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.analysis.stability import largest_step, rigid_limit, slip_time
+from artibot_sim.model.analysis.stability import largest_step, rigid_limit, slip_speedup, slip_time
 from artibot_sim.model.effects import EFFECTS, RECORD_DTYPE, has_laws, has_memory, record
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor
 from artibot_sim.model.kernels import loop
@@ -44,6 +44,7 @@ from artibot_sim.model.simulate.window_inputs import Items, MotorTable, Plan, lo
 
 if TYPE_CHECKING:
     from artibot_sim.model.kernels.window_lanes import Work
+    from artibot_sim.model.robot.parameters import Params
 
 # ----------------------------------------------------------------------
 # What `WindowBatch` is given, laid out for compiled code: knots of all tables, samples of all plans, robots.
@@ -356,12 +357,15 @@ class WindowBatch:
         Integration step, s; it divides every table's `dt`.
     workers : int, optional
         Threads; as many as cores by default. Results do not depend on it.
+    plain : Robot, optional
+        The robot that the step was chosen for, by which `suits` knows what an articulated one allows.
     """
 
     tables: Sequence[MotorTable]
     plans: Sequence[Plan]
     dt: float
     workers: int | None = None
+    plain: Robot | None = None
     _knots: Knots = field(init=False, repr=False)
     _plan_table: PlanTable = field(init=False, repr=False)
     _spare: dict[Callable[[int], Any], list[tuple[int, Any]]] = field(default_factory=dict, repr=False)
@@ -410,13 +414,21 @@ class WindowBatch:
         return replace(self, dt=self.dt / 2.0)
 
     def suits(self, robots: Sequence[Robot]) -> bool:
-        """Whether all `robots` take the step, as far as that is known at once: of rigid ones that turn as measured."""
-        if robots[0].articulated or bool(self._knots.front_free.any()):
+        """Whether all `robots` take the step, as far as that is known at once: of one or two modules."""
+        if robots[0].trailing:
             return True
         every = [params(robot) for robot in robots]
+        if robots[0].articulated or bool(self._knots.front_free.any()):
+            limit, plain = self._plain_limit
+            return plain is None or all(self.dt * slip_speedup(p, plain) <= _MARGIN * limit for p in every)
         rim = max(p.right_front.r_w * p.right_front.tau for p in every)
         stable = all(self.dt <= _MARGIN * rigid_limit(p, rim * self._fastest) for p in every)
         return stable and (self.dt <= _ALWAYS_EXACT or all(self.dt <= slip_time(p) for p in every))
+
+    @cached_property
+    def _plain_limit(self) -> tuple[float, Params | None]:
+        """Longest stable step (s) of the robot that the step was chosen for, and what it is made of."""
+        return (math.inf, None) if self.plain is None else (rk4_limit(self.plain, self.tables), params(self.plain))
 
     @cached_property
     def _fastest(self) -> float:
@@ -511,6 +523,12 @@ def in_threads(run: Callable[[int, int], None], workers: int) -> None:
         raise failed[0]
 
 
+def rk4_limit(robot: Robot, tables: Sequence[MotorTable]) -> float:
+    """Longest step (s) at which RK4 is stable for a robot of one or two modules whose motors turn as tables say."""
+    driven = {(table.modes, back_torque_factor(robot, table.kappa)) for table in tables}
+    return min((largest_step(params(robot), "rk4", modes, share)[0] for modes, share in driven), default=math.inf)
+
+
 def window_step(robot: Robot, tables: Sequence[MotorTable]) -> float:
     """The longest of a few steps (s) that divides the tables' spacing and that RK4 takes with some margin.
 
@@ -523,9 +541,7 @@ def window_step(robot: Robot, tables: Sequence[MotorTable]) -> float:
     """
     if robot.trailing:
         return train_step(robot, tables)
-    driven = {(table.modes, back_torque_factor(robot, table.kappa)) for table in tables}
-    limits = [largest_step(params(robot), "rk4", modes, share)[0] for modes, share in driven]
-    longest = _MARGIN * min(limits, default=math.inf)
+    longest = _MARGIN * rk4_limit(robot, tables)
     dt = longest_step(_STEPS, longest, tables)
     if dt is not None:
         return dt
