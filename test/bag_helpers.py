@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from artibot_sim.experiment import BagWriter, serialize
+from artibot_sim.experiment import BagWriter, iter_messages, serialize
 from artibot_sim.experiment.messages import header, message_class, pose, vector
+from artibot_sim.experiment.topics import LATCHED
 
 ROOT = Path(__file__).resolve().parents[1]
 FOREIGN = ROOT.parent / "shared" / "data"
@@ -99,3 +100,16 @@ def mcap_file(folder: Path) -> Path:
     """The one MCAP file of a bag."""
     (file,) = folder.glob("*.mcap")
     return file
+
+
+def in_namespaces(folder: Path, plain: Path, *spaces: str) -> Path:
+    """The recording `plain` as one of rovers below these namespaces, all of which drove alike."""
+    with BagWriter(folder, {"robot": "agriq"}, live=False) as bag:
+        for channel in {m.channel.topic: m.channel for m in iter_messages(plain)}.values():
+            latched = channel.topic.startswith("/planned/") and channel.topic != "/planned/odom"
+            for space in spaces:
+                bag.register(space + channel.topic, channel.ros_type, LATCHED if latched else None)
+        for message in iter_messages(plain):
+            for space in spaces:
+                bag.write(space + message.channel.topic, message.data, message.publish_ns, message.log_ns)
+    return folder

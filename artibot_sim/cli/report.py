@@ -20,7 +20,8 @@ _RESULT, _SWEEP = "diagnosis.json", "sweep.json"
 @click.command("report", context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("results", nargs=-1, required=True, metavar="RESULT [BAG…]", type=click.Path(path_type=Path))
 @click.option("--html", type=OutputFile(), help="Page to write [in the result's folder, else NAME.html here].")
-def command(results: tuple[Path, ...], html: Path | None) -> int:
+@click.option("--namespace", metavar="NAME", help="Recordings: rover whose topics to read, where there are several.")
+def command(results: tuple[Path, ...], html: Path | None, namespace: str | None) -> int:
     """Draw a page from results that exist: a diagnosis (its folder or diagnosis.json), an identification (the file
     of --json), a sweep (its folder), or recordings. Nothing is computed again.
 
@@ -41,17 +42,20 @@ def command(results: tuple[Path, ...], html: Path | None) -> int:
         raise ArtibotError(
             f"{results[0]}: a page shows one result, found {len(results)}; give recordings or one result"
         )
+    if namespace is not None and kind is not _recordings:
+        raise ArtibotError(f"{results[0]}: is a result; --namespace is for recordings")
     target = html or _default(results[0], kind)
     if html is None and (why := fault(target)):
         raise ArtibotError(f"{target}: cannot be written: {why}; name another file with --html")
     with Bar() as bar:
-        page = kind(results, bar)
+        page = kind(results, bar, namespace)
     write_files({target: page})
     Console(highlight=False).print(f"wrote {target}", soft_wrap=True)
     return 0
 
 
-Kind = Callable[[tuple[Path, ...], "Bar"], bytes]
+Kind = Callable[[tuple[Path, ...], "Bar", str | None], bytes]
+"""Makes a page of results; the last argument is the rover whose topics are read, of recordings."""
 
 
 def _kind(path: Path) -> Kind:
@@ -83,7 +87,7 @@ def _default(path: Path, kind: Kind) -> Path:
     return Path(f"{path.resolve().stem}.html")
 
 
-def _diagnosis(results: tuple[Path, ...], bar: Bar) -> bytes:
+def _diagnosis(results: tuple[Path, ...], bar: Bar, _: str | None) -> bytes:
     from artibot_sim.report.diagnosis.files import load
     from artibot_sim.report.diagnosis.page import page_of
     from artibot_sim.version import __version__
@@ -93,7 +97,7 @@ def _diagnosis(results: tuple[Path, ...], bar: Bar) -> bytes:
     return page_of(load(folder), __version__)
 
 
-def _identification(results: tuple[Path, ...], bar: Bar) -> bytes:
+def _identification(results: tuple[Path, ...], bar: Bar, _: str | None) -> bytes:
     from artibot_sim.report.diagnosis.files import read_json
     from artibot_sim.report.identification import page_of_document
 
@@ -101,7 +105,7 @@ def _identification(results: tuple[Path, ...], bar: Bar) -> bytes:
     return page_of_document(read_json(results[0]), results[0])
 
 
-def _sweep(results: tuple[Path, ...], bar: Bar) -> bytes:
+def _sweep(results: tuple[Path, ...], bar: Bar, _: str | None) -> bytes:
     from artibot_sim.report.sweep import sweep_page
     from artibot_sim.sweep.summary import summarise
 
@@ -110,12 +114,14 @@ def _sweep(results: tuple[Path, ...], bar: Bar) -> bytes:
     return sweep_page(summarise(folder), f"Sweep {folder.resolve().name}")
 
 
-def _recordings(results: tuple[Path, ...], bar: Bar) -> bytes:
-    from artibot_sim.experiment import read_bag
+def _recordings(results: tuple[Path, ...], bar: Bar, namespace: str | None) -> bytes:
+    from artibot_sim.experiment import open_recording
     from artibot_sim.report.recordings import page_of_recordings
 
     share = 0.8 / len(results)
-    read: list[Any] = [read_bag(path, progress=bar.stage(f"reading {path.name}", share)) for path in results]
+    read: list[Any] = [
+        open_recording(path, namespace=namespace, progress=bar.stage(f"reading {path.name}", share)) for path in results
+    ]
     bar.stage("drawing", 0.2)
     return page_of_recordings(read)
 

@@ -12,6 +12,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2")
 
+from bag_helpers import in_namespaces
 from replay_probe import OUTPUTS, Listener, input_bag, recorded, rover_bag, types_of
 
 from artibot_sim.experiment import read_bag
@@ -111,20 +112,42 @@ def test_outputs_and_requests_only_by_name(start_node: NodeStarter, ros_context:
     assert all(abs(stamp_of(data) - at) < 5e8 for data, at in listener.got["/motor_command_request"])
 
 
+def test_two_rovers_get_signs_of_life_beside_their_profiles_and_requests_in_their_namespace(
+    start_node: NodeStarter, ros_context: Context, tmp_path: Path, rover: Path
+) -> None:
+    two = in_namespaces(tmp_path / "two", rover, "/rover1", "/rover2")
+    life = ["/rover1/planned/odom", "/rover2/planned/odom", "/planned/odom"]
+    requests = ["/rover2/motor_command_request", "/motor_command_request"]
+    listener = Listener(
+        ros_context, dict.fromkeys(life, ODOMETRY) | dict.fromkeys(requests, "sensor_msgs/msg/JointState")
+    )
+    with listener.listening():
+        node = start_node("replay", two, "--drive", "--wait", 0, "--request-from", "/rover2/motor_command")
+        assert node.wait() == 0, node.output
+    recorded_poses = {data[12:] for data in recorded(rover)["/planned/odom"]}
+    for topic in life[:2]:
+        assert len(listener.got[topic]) > 20
+        assert {data[12:] for data in listener.bytes_of(topic)} <= recorded_poses, "its own, with a new stamp"
+    assert [len(listener.got[topic]) > 0 for topic in requests] == [True, False]
+    assert not listener.got["/planned/odom"]
+
+
+@pytest.mark.parametrize("space", ["", "/rover1"])
 def test_an_experiment_is_driven_again_by_the_simulation(
-    start_node: NodeStarter, ros_context: Context, rover: Path
+    start_node: NodeStarter, ros_context: Context, tmp_path: Path, rover: Path, space: str
 ) -> None:
     from nav_msgs.msg import Odometry
 
-    listener = Listener(ros_context, {"/ground_truth/odom": ODOMETRY})
-    sim = start_node("sim", "--robot", "agriq", "--ros-args", "-p", "command_timeout:=0.5")
+    listener = Listener(ros_context, {f"{space}/ground_truth/odom": ODOMETRY})
+    below = ("-r", f"__ns:={space}") if space else ()
+    sim = start_node("sim", "--robot", "agriq", "--ros-args", "-p", "command_timeout:=0.5", *below)
     sim.wait_for("is ready")
     with listener.listening():
-        node = start_node("replay", rover, "--drive")
+        node = start_node("replay", in_namespaces(tmp_path / "bag", rover, space), "--drive")
         assert node.wait() == 0, node.output
-    assert "silent" not in sim.output
+    assert "silent" not in sim.output and "no sign of life" not in sim.output
     truth = read_bag(rover).channels["ground_truth_odom"]
-    last = decoded(listener.bytes_of("/ground_truth/odom")[-1], Odometry).pose.pose.position
+    last = decoded(listener.bytes_of(f"{space}/ground_truth/odom")[-1], Odometry).pose.pose.position
     assert truth["x"][-1] > 0.8
     assert (last.x, last.y) == pytest.approx((truth["x"][-1], truth["y"][-1]), abs=2e-3)
 

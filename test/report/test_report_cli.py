@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bag_helpers import in_namespaces
 
 from artibot_sim.cli import main
 from artibot_sim.identify.result import (
@@ -69,6 +70,19 @@ def test_kinematic_models_stand_beside_the_identified_one_in_one_table() -> None
     assert table.index("this model") < table.index("ideal") < table.index("ICR")
     assert table.count("0.200") == 2
     assert printed.index("a remark") < printed.index("channel"), "what is wrong with the recordings follows the answer"
+
+
+def test_of_several_rovers_one_is_drawn_by_the_option_that_the_refusal_names(
+    bags: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    two, html = in_namespaces(tmp_path / "two", bags[0], "/rover1", "/rover2"), tmp_path / "page.html"
+    assert main(["report", str(two), "--html", str(html)]) == 2
+    asked = capsys.readouterr().err.split("choose one with ")[1].split()
+    assert main(["report", str(two), "--html", str(html), *asked]) == 0
+    assert html.is_file()
+    (tmp_path / "soil.json").write_text(json.dumps({"schema": "artibot/identification/1"}))
+    assert main(["report", str(tmp_path / "soil.json"), *asked]) == 2
+    assert "--namespace is for recordings" in capsys.readouterr().err
 
 
 def test_recordings_are_drawn(bags: list[Path], tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from artibot_sim.nodes.common.arbiter import SIGN_OF_LIFE
 from artibot_sim.nodes.common.stamps import SECOND, stamp_of, with_stamp
 from artibot_sim.nodes.replay.player import Outlet
 from artibot_sim.nodes.replay.progress import Progress
-from artibot_sim.nodes.replay.selection import PROFILE, REQUEST, called, moves_a_rover
+from artibot_sim.nodes.replay.selection import COMMAND, PROFILE, REQUEST, beside, called, moves_a_rover
 
 SIGN_PERIOD = 0.02
 """s between signs of life; the contract asks for 0.05 at most."""
@@ -61,7 +61,7 @@ class Script:
     ----------
     start_ns : stamp in the recording's time at which it was begun to drive.
     events : in order.
-    signs : stamps and bytes of the recorded signs of life.
+    signs : recorded topic of a sign of life → stamps and bytes of its messages.
     length : s from the start to the last command.
     """
 
@@ -73,12 +73,14 @@ class Script:
         wanted = {*outlets, *life, *((request[0],) if request else ())}
         messages = list(iter_messages(info.path, wanted))
         signs = [m for m in messages if m.channel.topic in life]
-        self.signs = sorted((stamp_of(m.data), m.data) for m in signs)
+        self.signs: dict[str, list[tuple[int, bytes]]] = {topic: [] for topic in life}
+        for message in signs:
+            self.signs[message.channel.topic].append((stamp_of(message.data), message.data))
+        for each in self.signs.values():
+            each.sort()
         driving = [m for m in messages if self._drives(m)]
         if not driving:
-            has = ", ".join(
-                sorted(topic for topic in types if called(topic, REQUEST) or called(topic, "motor_command"))
-            )
+            has = ", ".join(sorted(topic for topic in types if called(topic, REQUEST) or called(topic, COMMAND)))
             raise ArtibotError(
                 f"{info.path}: no message on {PROFILE} or cmd_vel to drive by"
                 + (f"; it has {has}: ask for it with --topics or --request-from" if has else "")
@@ -117,14 +119,15 @@ class Script:
             found.append(Event(at, self.request[1], message.data, "command"))
         return found
 
-    def sign(self, since_start: float, now_ns: int) -> bytes:
-        """Return the recorded sign of life nearest before `since_start` s, stamped `now_ns`.
+    def sign(self, topic: str, since_start: float, now_ns: int) -> bytes:
+        """Return the sign of life recorded on `topic` nearest before `since_start` s, stamped `now_ns`.
 
         Where none was recorded, its pose is NaN: nobody knows where the rover ought to be.
         """
-        if self.signs:
-            i = bisect_right(self.signs, self.start_ns + round(since_start * SECOND), key=lambda sign: sign[0]) - 1
-            return with_stamp(self.signs[max(0, i)][1], now_ns)
+        signs = self.signs.get(topic)
+        if signs:
+            i = bisect_right(signs, self.start_ns + round(since_start * SECOND), key=lambda sign: sign[0]) - 1
+            return with_stamp(signs[max(0, i)][1], now_ns)
         message = Odometry()
         message.header.frame_id, message.child_frame_id = "map", "base_link"
         where = message.pose.pose.position
@@ -132,9 +135,11 @@ class Script:
         return with_stamp(serialize_message(message), now_ns)
 
 
-def request_outlet(node: Node) -> Outlet:
-    """Return where requests go."""
-    return Outlet(node.create_publisher(JointState, REQUEST, 10), latched=False, stamped=True)
+def request_outlet(node: Node, topic: str) -> Outlet:
+    """Return where requests go that are made of a recorded topic: to the rover in whose namespace it is."""
+    source = COMMAND if called(topic, COMMAND) else REQUEST
+    name = beside(topic, source, REQUEST).lstrip("/")
+    return Outlet(node.create_publisher(JointState, name, 10), latched=False, stamped=True)
 
 
 def _log_time(stamp_ns: int, signs: list[RawMessage]) -> int:
@@ -160,6 +165,16 @@ def _moved_path(data: bytes, shift_ns: int) -> bytes:
     return bytes(serialize_message(path))
 
 
+def _signs_of_life(script: Script) -> dict[str, str]:
+    """Return the recorded topic of each rover's sign of life, and the name to publish it under: beside its profile."""
+    names = {
+        beside(topic, PROFILE, SIGN_OF_LIFE): beside(outlet.publisher.topic_name, PROFILE, SIGN_OF_LIFE)
+        for topic, outlet in script.outlets.items()
+        if called(topic, PROFILE)
+    }
+    return names or {f"/{SIGN_OF_LIFE}": SIGN_OF_LIFE}
+
+
 class Driver:
     """Drives by a script, in the node's time (the system's, or `/clock`'s with use_sim_time).
 
@@ -179,7 +194,9 @@ class Driver:
         self.counts: Counter[str] = Counter()
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
-        self._life = node.create_publisher(Odometry, SIGN_OF_LIFE, 10)
+        self._lives = {
+            recorded: node.create_publisher(Odometry, name, 10) for recorded, name in _signs_of_life(script).items()
+        }
         self._progress = Progress(script.length)
 
     def wait(self, count: int, timeout: float) -> None:
@@ -229,7 +246,8 @@ class Driver:
                 self.node.get_logger().error("/clock stands still: the simulator has ended; no longer driving")
                 return False
             if steady >= next_sign:
-                self._life.publish(self.script.sign(since, now_ns))
+                for topic, publisher in self._lives.items():
+                    publisher.publish(self.script.sign(topic, since, now_ns))
                 next_sign = max(next_sign + SIGN_PERIOD, steady)
             while index < len(events) and events[index].at <= since:
                 self._publish(events[index], now_ns, start_ns)

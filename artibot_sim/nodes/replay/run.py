@@ -121,7 +121,7 @@ def drive_again(node: Node, info: BagInfo, wish: Wish, given: dict[str, Any], as
         topic = wish.request_from if wish.request_from.startswith("/") else f"/{wish.request_from}"
         _check_request(info, topic)
         outlets.pop(topic, None) if called(topic, REQUEST) else None
-        request = (topic, request_outlet(node))
+        request = (topic, request_outlet(node, topic))
     script = Script(info, outlets, request)
     delay = 1.0 if given["delay"] is None else given["delay"]
     driver = Driver(node, script, delay, asked)

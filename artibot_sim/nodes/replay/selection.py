@@ -13,6 +13,7 @@ from artibot_sim.experiment.topics import GLOBAL
 from artibot_sim.nodes.common.arbiter import SIGN_OF_LIFE
 
 REQUEST = "motor_command_request"
+COMMAND = "motor_command"
 PROFILE = "planned/front_velocity"
 INPUTS = (PROFILE, REQUEST, "cmd_vel")
 """What moves a rover, under any namespace (contract)."""
@@ -25,6 +26,11 @@ _OWN = ("/clock", "/rosout", "/parameter_events")
 def called(topic: str, name: str) -> bool:
     """Say whether `topic` is `name` in any namespace."""
     return topic.strip("/") == name or topic.endswith(f"/{name}")
+
+
+def beside(topic: str, name: str, other: str) -> str:
+    """Return what is called `other` in the namespace in which `topic` is called `name`; `other` where it is not."""
+    return topic.removesuffix(name) + other if called(topic, name) else other
 
 
 def moves_a_rover(topic: str, ros_type: str) -> bool:
