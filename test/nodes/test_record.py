@@ -212,6 +212,22 @@ def test_relative_names_are_resolved_in_the_node_s_namespace_and_global_ones_sta
     assert all(found.values())
 
 
+def test_what_was_asked_for_and_never_came_is_said(
+    publishers: Publishers, start_node: NodeStarter, tmp_path: Path
+) -> None:
+    """A misspelt name, one that a namespace moved, and a pattern of nothing; relative patterns are found there, too."""
+    publishers.add("/rover1/odom", joint_state())
+    publishers.add("/rover1/planned/odom", joint_state())
+    topics = "odom,planned/*,clock,/clok,arm/*"
+    node = start_node(
+        "record", "-o", tmp_path / "run", "--duration", "3", "-t", topics, "--ros-args", "-r", "__ns:=/rover1"
+    )
+    with publishers.running():
+        assert node.wait(30) == 0
+    assert {c.topic for c in bag_info(tmp_path / "run").channels} == {"/rover1/odom", "/rover1/planned/odom"}
+    assert "no message came on /rover1/clock, /clok, /rover1/arm/*: are" in node.output
+
+
 def test_a_publisher_that_offers_less_joins(publishers: Publishers, start_node: NodeStarter, tmp_path: Path) -> None:
     publishers.add("/motor_torques", joint_state(), reliable=True)
     node = start_node("record", "-o", tmp_path / "run")

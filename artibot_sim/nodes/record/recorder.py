@@ -6,6 +6,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from fnmatch import filter as filter_names
 from fnmatch import fnmatchcase
 from typing import Any
 
@@ -36,6 +37,10 @@ class Selection:
     exclude : patterns of what to leave out.
     everything : record all that is not hidden.
     resolve : turns a relative name into the one on the graph (namespace, remapping).
+
+    Attributes
+    ----------
+    asked : the patterns that somebody gave, as they are looked for; none where they are the contract's.
     """
 
     def __init__(
@@ -47,8 +52,15 @@ class Selection:
     ) -> None:
         # a namespace moves relative names only; /clock and its like stay what they are in any
         usual = [topic.name if topic.name in GLOBAL else topic.name.lstrip("/") for topic in TOPICS]
-        asked = patterns or (*usual, *FOR_VIEWERS)
-        self.patterns = [name if set(name) & set("*?") else resolve(name) for name in asked]
+
+        def found(name: str) -> str:
+            if not set(name) & set("*?"):
+                return resolve(name)
+            # ROS resolves no pattern: a relative one stands where a relative name would
+            return name if name.startswith(("/", "*")) else resolve("any").removesuffix("any") + name
+
+        self.patterns = [found(name) for name in patterns or (*usual, *FOR_VIEWERS)]
+        self.asked = self.patterns if patterns else []
         self.exclude = list(exclude)
         self.everything = everything
 
@@ -81,6 +93,7 @@ class Recorder:
         self.bag = bag
         self.selection = selection
         self._polled = self._put = 0
+        self._with_messages: set[str] = set()
         self._others: set[str] = set()
         self.failure: ArtibotError | None = None
         self._subscriptions: dict[str, Any] = {}
@@ -103,6 +116,11 @@ class Recorder:
         return sorted({*self._subscriptions, *self._others})
 
     @property
+    def unheard(self) -> list[str]:
+        """What was asked for by name or pattern and brought no message."""
+        return [each for each in self.selection.asked if not filter_names(self._with_messages, each)]
+
+    @property
     def waiting(self) -> int:
         """Messages taken and not written yet."""
         return len(self._queue)
@@ -116,6 +134,7 @@ class Recorder:
     def put(self, topic: str, data: bytes, stamp_ns: int) -> None:
         """Take a message that came another way than over ROS; for one thread."""
         self._queue.append((topic, data, stamp_ns, stamp_ns, None))
+        self._with_messages.add(topic)
         self._put += 1
 
     def discover(self) -> None:
@@ -180,6 +199,8 @@ class Recorder:
         while True:
             taken = subscription.handle.take_message(subscription.msg_type, True)
             if taken is None:
+                if count:
+                    self._with_messages.add(topic)
                 return count
             data, info = taken
             now = info["received_timestamp"] or time.time_ns()
