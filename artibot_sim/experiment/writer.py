@@ -233,6 +233,23 @@ def make_folder(folder: Path) -> None:
         raise ArtibotError(f"{folder}: cannot be made: {error.strerror}") from error
 
 
+class WriteError(ArtibotError):
+    """A recording that could not be written to its end.
+
+    Attributes
+    ----------
+    reason : why, in the system's words.
+    """
+
+    def __init__(self, text: str, reason: str) -> None:
+        super().__init__(text)
+        self.reason = reason
+
+
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""What only writing can fail with."""
+
+
 @contextmanager
 def whole_folder(folder: Path) -> Iterator[Path]:
     """Give a folder beside `folder` to write into, renamed to it at the end, removed if anything fails.
@@ -240,7 +257,7 @@ def whole_folder(folder: Path) -> Iterator[Path]:
     Raises
     ------
     ArtibotError
-        If `folder` exists, or its folder cannot be written to.
+        If `folder` exists, its folder cannot be written to, or the disk is full.
     """
     if folder.exists():
         raise ArtibotError(f"{folder}: exists already; recordings are never overwritten, give another name")
@@ -254,8 +271,15 @@ def whole_folder(folder: Path) -> Iterator[Path]:
     try:
         yield partial
         partial.rename(folder)
-    except BaseException:
+    except BaseException as error:
         shutil.rmtree(partial, ignore_errors=True)
+        reason = error.reason if isinstance(error, WriteError) else ""
+        if isinstance(error, OSError) and error.errno in _NO_ROOM:
+            reason = error.strerror
+        if reason:  # what a writer says of what it has kept is not true of a folder that is removed
+            raise ArtibotError(
+                f"{folder}: writing failed: {reason}; nothing of it is kept: free some space, or name another folder"
+            ) from error
         raise
 
 
@@ -321,7 +345,7 @@ class BagWriter:
         self._waiting_span: list[int] = []
         self._waiting_bytes = 0
         self._opened_at = self._synced_at = time.monotonic()
-        self._failure: ArtibotError | None = None
+        self._failure: WriteError | None = None
         self._told = self._closed = False
         self._stale_yaml = False
         self._sync_period = sync_period
@@ -550,9 +574,10 @@ class BagWriter:
             mend = "readable as they are, with an index"
         elif whole:
             mend = f"readable as they are, without the index that some readers ask for: {recover} makes it"
-        self._failure = ArtibotError(
+        self._failure = WriteError(
             f"{self.file}: writing failed: {error.strerror}; the {self.message_count} messages "
-            f"({self._sink.committed / 1e6:.1f} MB) up to then are kept, {mend}; free some space and record anew"
+            f"({self._sink.committed / 1e6:.1f} MB) up to then are kept, {mend}; free some space and record anew",
+            str(error.strerror),
         )
 
     def _finished(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import filecmp
 import os
 import resource
@@ -199,8 +200,31 @@ def test_a_full_disk(tmp_path: Path, live: bool) -> None:
         done = fill(disk / "run", live)
         assert "No space left" in done.stdout
         check_full(done, disk / "run", 6 << 20, tmp_path, indexed=True)
+        fill_rest(disk)
+        for words, result in ((["recover", "run"], "run_recovered"), (["export", "run", "--to", "csv"], "run_csv")):
+            before = {path.name for path in disk.iterdir()}
+            done = call_artibot(*words, cwd=disk)
+            assert done.returncode == 2, done.stderr
+            (line,) = [each for each in done.stderr.splitlines() if each.startswith("artibot: ")]
+            assert f"{result}: writing failed: No space left on device; nothing of it is kept" in line
+            assert {path.name for path in disk.iterdir()} == before
     finally:
         subprocess.run(["umount", str(disk)], check=True)
+
+
+def fill_rest(disk: Path) -> None:
+    """Take what room a disk has left."""
+    with contextlib.suppress(OSError), open(disk / "rest", "wb", buffering=0) as rest:
+        while True:
+            rest.write(bytes(4096))
+
+
+def call_artibot(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """A command line; what Python and numba keep goes elsewhere."""
+    return subprocess.run(
+        [sys.executable, "-m", "artibot_sim.cli", *words], env={**os.environ, "PYTHONPATH": str(ROOT)}, cwd=cwd,
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
 
 
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
