@@ -173,6 +173,8 @@ _FOOTER = struct.Struct("<QQI")
 _DATA_END_HEAD = HEAD.pack(DATA_END, 4)
 _TAIL = HEAD.size + _FOOTER.size + len(MAGIC)
 _CHUNK_BODY = 64
+_INDEX_ENTRY = 16
+"""Bytes of a message's log time and place in its chunk."""
 # opcode and a length below 4 GB, then 28 bytes of times, size and checksum, then a compression that exists
 _CHUNK_SIGN = re.compile(rb"\x06(?=.{4}\0{4}.{28}(?:\0{4}|\x03\0{3}lz4|\x04\0{3}zstd))", re.DOTALL)
 _MESSAGE_SIGN = re.compile(rb"\x05(?=.{4}\0{4})", re.DOTALL)
@@ -268,6 +270,7 @@ class _Scan:
     def records(self, chunks: bool) -> Iterator[Record]:
         """Yield records from the first to the file's end."""
         at = len(MAGIC) if self.view[: len(MAGIC)] == MAGIC else 0
+        indices = False  # whether the indices of a chunk's messages may stand here
         while at < self.end:
             self.damage.at = at
             opcode, length = self.view[at], _extent(self.view, at, self.end)
@@ -276,9 +279,11 @@ class _Scan:
                 self.damage.garbage_bytes = max(0, len(self.view) - (at + HEAD.size + length + len(MAGIC)))
                 return
             inner = _chunk_length(self.view, at)
-            if inner is not None and opcode != CHUNK:
+            misnamed = indices and opcode == MESSAGE and length is not None and _is_index(self.view, at)
+            if misnamed or (inner is not None and opcode != CHUNK):
                 self.damage.gaps += 1
                 self.damage.gap_bytes += 1
+            indices = inner is not None or (indices and (misnamed or opcode == MESSAGE_INDEX))
             trusted = broken = False
             if inner is not None:
                 self.chunked, length, trusted = True, inner, True
@@ -291,7 +296,7 @@ class _Scan:
             if broken and _next_chunk(self.view, at + 1, min(behind, self.end)) is not None:
                 behind = self.end + 1  # bytes were lost: its end lies in another chunk
             following = self._following(at, behind, trusted)
-            if inner is None and behind <= following:  # else its length was wrong
+            if inner is None and behind <= following and not misnamed:  # else its length was wrong
                 yield Record(opcode, self.view[at + HEAD.size : behind])
             at = following
         self.damage.at = len(self.view)
@@ -357,6 +362,13 @@ def _chunk_length(view: Bytes, at: int) -> int | None:
     return inner if HEAD.unpack_from(view, at)[1] == inner else None
 
 
+def _is_index(view: Bytes, at: int) -> bool:
+    """Say whether the record at `at` has the form of an index of a chunk's messages, whatever its opcode says."""
+    length = HEAD.unpack_from(view, at)[1]
+    entries = int.from_bytes(_body(view, at)[2:6], "little")
+    return bool(length - 6 == entries and entries % _INDEX_ENTRY == 0)
+
+
 def _body(view: Bytes, at: int) -> bytes:
     """Return the beginning of the content of the record at `at`, enough for a chunk's header."""
     return view[at + HEAD.size : at + HEAD.size + _CHUNK_BODY]
@@ -373,7 +385,7 @@ def _extent(view: Bytes, at: int, end: int) -> int | None:
     if opcode == CHUNK:
         fits = inner_length(body) == length
     elif opcode == MESSAGE_INDEX:
-        fits = length >= 6 and int.from_bytes(body[2:6], "little") == length - 6
+        fits = length >= 6 and _is_index(view, at)
     else:
         fits = _EXACT.get(opcode, length) == length and length >= _LEAST.get(opcode, 0)
     return length if fits else None

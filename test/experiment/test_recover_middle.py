@@ -14,7 +14,8 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from artibot_sim.experiment import iter_messages, recover
-from artibot_sim.experiment.recover import HEAD, RecoverReport
+from artibot_sim.experiment.recover import DATA_END, HEAD, RecoverReport
+from artibot_sim.experiment.storage import MAGIC
 
 Message = tuple[str, int, int, bytes]
 Span = tuple[int, int]
@@ -145,6 +146,31 @@ def test_a_chunk_is_known_by_its_header_whatever_its_opcode_says(chunked: Path, 
     assert saved == whole
     assert (report.gaps, report.gap_bytes, report.bad_chunks) == (1, 1, 0)
     assert not report.complete
+
+
+def opcodes(content: bytes) -> list[int]:
+    """Where the records of the data section begin."""
+    places, at = [], len(MAGIC)
+    while content[at] != DATA_END:
+        places.append(at)
+        at += HEAD.size + HEAD.unpack_from(content, at)[1]
+    return places
+
+
+@pytest.mark.parametrize("finished", [True, False])
+@pytest.mark.parametrize("chunked", ["zstd"], indirect=True)
+def test_no_bit_of_an_opcode_takes_or_adds_a_message_unsaid(chunked: Path, finished: bool) -> None:
+    """All bits of the first records of each kind: an index of a chunk's messages is one bit away from a message."""
+    whole, content = messages(chunked), mcap_file(chunked).read_bytes()
+    places = opcodes(content)
+    for at in places[:7]:
+        for bit in range(8):
+            bad = content[:at] + bytes([content[at] ^ 1 << bit]) + content[at + 1 :]
+            report, saved = recovered(chunked.parent / "bad", bad if finished else bad[: places[-1]])
+            assert set(saved) <= set(whole), (at, bit)
+            assert len(set(saved)) == len(saved)
+            missing = set(whole) - set(saved)
+            assert not missing or report.lost_bytes or report.gap_bytes or report.bad_chunks or report.unknown
 
 
 def test_what_the_summary_counts_and_nobody_finds_is_said(chunked: Path) -> None:
