@@ -275,7 +275,7 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         shutil.rmtree(partial, ignore_errors=True)
         reason = error.reason if isinstance(error, WriteError) else ""
         if isinstance(error, OSError) and error.errno in _NO_ROOM:
-            reason = error.strerror
+            reason = str(error.strerror)
         if reason:  # what a writer says of what it has kept is not true of a folder that is removed
             raise ArtibotError(
                 f"{folder}: writing failed: {reason}; nothing of it is kept: free some space, or name another folder"
