@@ -341,7 +341,7 @@ def open_bus(interface: str = "socketcan", channel: str = "vcan0", bitrate: int 
     except ConnectionError as error:
         raise ArtibotError(
             f"bus {channel}: nobody answers there ({error.strerror}); start a loopback bus: "
-            "python -m artibot_driver.loopback --port PORT"
+            "artibot can loopback --port PORT"
         ) from error
     except (can.CanError, OSError, ValueError, TypeError, ImportError, AssertionError) as error:
         raise ArtibotError(f"bus {interface} {channel}: cannot be opened: {' '.join(str(error).split())}") from error
@@ -361,7 +361,7 @@ def check_socketcan(channel: str) -> None:
     except (OSError, AttributeError) as error:
         raise ArtibotError(
             f"bus {channel}: this machine's kernel has no CAN ({error}); load it (sudo modprobe can_raw vcan), or use "
-            "a loopback bus: interface remote, channel as `python -m artibot_driver.loopback` prints it"
+            "a loopback bus: start `artibot can loopback` and give what it prints, --channel ws://127.0.0.1:PORT/"
         ) from error
     try:
         found = int((SYS / channel / "type").read_text(encoding="ascii"))

@@ -320,8 +320,12 @@ def _untried(decision: Decision) -> list[str]:
     return [_not_tried(decision.untried)] if decision.untried else []
 
 
+_NOT_TRIED = "not tried in the time given: "
+"""How the warning begins that lists what there was no time for."""
+
+
 def _not_tried(what: Sequence[str]) -> str:
-    return f"not tried in the time given: {'; '.join(what)}"
+    return f"{_NOT_TRIED}{'; '.join(what)}"
 
 
 def _withdrawn(without: Without) -> str:
@@ -617,6 +621,9 @@ def _fewer(searched: int, usual: int) -> list[str]:
 
 
 def _without(result: Diagnosis, what: str) -> Diagnosis:
+    """The result with one more thing that there was no time for, in the one warning that lists them all."""
+    if result.warnings and result.warnings[0].startswith(_NOT_TRIED):
+        return replace(result, warnings=(f"{result.warnings[0]}; {what}", *result.warnings[1:]))
     return replace(result, warnings=(_not_tried([what]), *result.warnings))
 
 

@@ -56,6 +56,7 @@ from artibot_sim.estimation.residual_model import ResidualModel
 from artibot_sim.estimation.search import SearchReport
 from artibot_sim.identify.result import number, spaced
 from artibot_sim.model import Robot
+from artibot_sim.model.effects import EFFECTS
 
 # ----------------------------------------------------------------------
 # What a diagnosis finds: a verdict, causes with evidence, what they gain, and what to measure next.
@@ -380,11 +381,24 @@ def _still_left(found: Diagnosis) -> str:
     return f"{what}, and no known effect and no force explains it"
 
 
+_PLACES = {
+    "environment": "the site", "contact": "the ground and the wheels", "body": "the load", "joint": "the articulation",
+    "drive": "the motors", "command": "the drives' settings", "sensor": "the sensors",
+}  # fmt: skip
+"""Where an effect acts → where to look for it."""
+
+
+def _places(causes: Sequence[Cause]) -> str:
+    """Where to look for causes: the robot's file in any case."""
+    known = [_PLACES.get(EFFECTS[cause.effect].acts, "the rover") for cause in causes if cause.effect in EFFECTS]
+    return joined([*dict.fromkeys(known), "the robot file"])
+
+
 def next_step(found: Diagnosis) -> str:
     """What to do with the answer, in one line."""
     if found.verdict is Verdict.NAMED:
         names = joined([effect_words(cause.effect) for cause in found.causes])
-        check = f"Check the rover, its sensors and its file for {names}; until then {_predict_with(found, EXTENDED)}."
+        check = f"Check {_places(found.causes)} for {names}; until then {_predict_with(found, EXTENDED)}."
         advice = found.next_experiment.what if found.next_experiment is not None else ""
         return " ".join(filter(None, (check, _circumference(found), advice)))
     if found.verdict is Verdict.NONE:
@@ -438,12 +452,18 @@ def gain_words(found: Diagnosis) -> str:
 def explainable_words(found: Diagnosis) -> str:
     """How well predictions could be at best, beside how well they are; empty where that is not known.
 
-    A channel that only its noise is missing from is not said to have anything else to explain.
+    A channel whose errors are within its noise has nothing else to explain.
     """
     if not found.explainable:
         return ""
-    said = []
+    within = [channel_words(name) for name, one in found.explainable.items() if one.model <= one.noise]
+    nothing = f"nothing of {joined(within)}: this model errs by less than the sensor's noise" if within else ""
+    if len(within) == len(found.explainable):
+        return f"{nothing}."
+    said = [nothing] if within else []
     for name, one in found.explainable.items():
+        if one.model <= one.noise:
+            continue
         angle = one.unit == "rad"
         errors = [degrees(value) if angle else amount(value, one.unit) for value in (one.noise, one.model)]
         best = degrees(one.learned) if angle else amount(one.learned, one.unit)
@@ -536,7 +556,10 @@ def sureness(found: Diagnosis) -> str:
     """How sure it is: against chance, against the best other effect, and on data that were not fitted."""
     if not found.causes:
         best = max(found.ranking, key=lambda c: c.log10_bayes_factor, default=None)
-        return "" if best is None else f"The best of {len(found.ranking)} known effects is {_rival(best)}."
+        if best is None:
+            return ""
+        takes = f"; a name takes {odds(found.threshold / _DECADE)}" if found.threshold > 0.0 else ""
+        return f"The best of {len(found.ranking)} known effects is {_rival(best)}{takes}."
     cause = found.causes[0]
     parts = [f"Evidence for {effect_words(cause.effect)} over the model without it: {odds(cause.log10_bayes_factor)}."]
     rival = best_rival(found)
@@ -562,7 +585,7 @@ def sureness(found: Diagnosis) -> str:
 def not_named(found: Diagnosis) -> str:
     """Why effects whose evidence is beyond what a name takes have none; empty where there are no such effects.
 
-    The strongest are listed one by one, with the reason of each.
+    The strongest are listed, those with the same reason together.
     """
     if not found.threshold > 0.0:
         return ""
@@ -571,9 +594,12 @@ def not_named(found: Diagnosis) -> str:
     strong = sorted((c for c in strong if np.isfinite(c.log10_bayes_factor)), key=lambda c: -c.log10_bayes_factor)
     if not strong:
         return ""
-    said = [f"{effect_words(c.effect)} ({_why_not(found, c)})" for c in strong[:_FEW]]
+    reasons: dict[str, list[str]] = {}
+    for one in strong[:_FEW]:
+        reasons.setdefault(_why_not(found, one), []).append(effect_words(one.effect))
+    said = [f"{joined(names)} ({why})" for why, names in reasons.items()]
     said += [f"{len(strong) - _FEW} more (see Why)"] if len(strong) > _FEW else []
-    return f"Beyond the evidence that a name takes, and yet not named: {joined(said)}."
+    return f"Beyond the evidence that a name takes, and yet not named: {'; '.join(said)}."
 
 
 def _why_not(found: Diagnosis, candidate: Candidate) -> str:
@@ -583,9 +609,7 @@ def _why_not(found: Diagnosis, candidate: Candidate) -> str:
     if any(effect_words(candidate.effect) in line and NOT_NAMED in line for line in found.warnings):
         return "the doubts about the data say why"
     if found.causes:
-        return (
-            f"what it explains is explained better by {joined([effect_words(cause.effect) for cause in found.causes])}"
-        )
+        return f"explained better by {joined([effect_words(cause.effect) for cause in found.causes])}"
     if not candidate.fitted:
         return "only screened, where it was weaker than those that were fitted"
     return "held-out data, or what it leaves, speak against it"

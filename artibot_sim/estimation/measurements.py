@@ -53,6 +53,8 @@ TIMING = 0.005
 """s to which it is known when something was measured."""
 _JUMP = 4.0
 """Change from one sample to the next, in units of its noise, that counts as a jump."""
+_FEW = 100
+"""Samples of the motors from which gaps are said to be everywhere: fewer are few samples."""
 MOTOR_GAP = 0.2
 """s without a motor sample through which no window runs."""
 
@@ -207,7 +209,13 @@ def _every_stretch(experiment: Experiment, robot: Robot, half_width: float) -> I
 
 
 def _nothing_together(experiment: Experiment) -> ArtibotError:
-    topic = experiment.require("motor_torques").topic
+    motors = experiment.require("motor_torques")
+    topic, spans = motors.topic, [span for a, b in experiment.segments for span in _spans(motors.between(a, b).t)]
+    if spans and len(motors) >= _FEW and not any(_is_stretch(*span) for span in spans):
+        return ArtibotError(
+            f"{experiment.path}: {topic} has gaps everywhere: {len(spans) - 1} of more than {MOTOR_GAP:g} s in "
+            f"{experiment.duration:.0f} s; the machine was too slow or too busy, record again"
+        )
     return ArtibotError(
         f"{experiment.path}: {topic} and positions are never measured at the same time; check the recording's stamps"
     )
@@ -215,12 +223,22 @@ def _nothing_together(experiment: Experiment) -> ArtibotError:
 
 def _unbroken(times: Array) -> list[tuple[float, float]]:
     """Spans (s) without a gap of MOTOR_GAP, of at least half a second."""
+    return [span for span in _spans(times) if _is_stretch(*span)]
+
+
+def _is_stretch(first: float, last: float) -> bool:
+    """Whether a span (s) is long enough to be predicted."""
+    return last - first > 0.5
+
+
+def _spans(times: Array) -> list[tuple[float, float]]:
+    """Spans (s) without a gap of MOTOR_GAP, however short."""
     if len(times) < 4:
         return []
     gap = max(MOTOR_GAP, 4.0 * float(np.median(np.diff(times))))
     breaks = np.flatnonzero(np.diff(times) > gap)
     firsts, lasts = np.concatenate(([0], breaks + 1)), np.concatenate((breaks, [len(times) - 1]))
-    return [(float(times[a]), float(times[b])) for a, b in zip(firsts, lasts, strict=True) if times[b] - times[a] > 0.5]
+    return [(float(times[a]), float(times[b])) for a, b in zip(firsts, lasts, strict=True)]
 
 
 def _series(measured: Measured, robot: Robot) -> list[Series]:

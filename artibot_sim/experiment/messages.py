@@ -398,10 +398,12 @@ def _in_order(
         finite = np.flatnonzero(np.isfinite(values))
         out = np.full(len(clashes), np.nan)
         out[group[finite]] = values[finite]
-        clashes |= np.bincount(group[finite], minlength=len(clashes)) > 1
+        clashes[group[finite][values[finite] != out[group[finite]]]] = True  # repeated values are no contradiction
         merged[name] = out
     if clashes.any():
-        remarks.append(f"{topic}: {int(clashes.sum())} stamps occur twice with the same quantities; the later rules")
+        many = int(clashes.sum())
+        said = "1 stamp occurs" if many == 1 else f"{many} stamps occur"
+        remarks.append(f"{topic}: {said} twice, with different values; the later one is taken")
     return stamps[fresh], received[fresh], merged
 
 

@@ -117,10 +117,14 @@ def _key(name: str, quantities: Mapping[str, object]) -> str:
     full = f"contact.{name}" if "." not in name else name
     if full in quantities:
         return full
+    effect = name.removeprefix("effects.").partition(".")[0]
+    if name.startswith("effects.") and effect not in EFFECTS:
+        raise ArtibotError(
+            f"fit: '{name}': unknown effect{did_you_mean(effect, EFFECTS)}; `artibot effects list` has them all"
+        )
     short = [_short(key) for key in quantities]
-    raise ArtibotError(
-        f"fit: '{name}' is no parameter of the robot{did_you_mean(name, short)}; expected one of {', '.join(short)}"
-    )
+    close = did_you_mean(_short(name), short)
+    raise ArtibotError(f"fit: '{name}' is no parameter of the robot{close}; expected one of {', '.join(short)}")
 
 
 def _short(key: str) -> str:

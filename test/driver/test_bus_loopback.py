@@ -177,7 +177,7 @@ def test_only_this_machine_is_served(address: BusAddress) -> None:
         (
             "remote",
             "ws://127.0.0.1:1/",
-            r"bus ws://127.0.0.1:1/: nobody answers there .* -m artibot_driver.loop",
+            r"bus ws://127.0.0.1:1/: nobody answers there .* artibot can loopback",
         ),
         ("carrier_pigeon", "x", r"bus carrier_pigeon x: cannot be opened: Unknown interface type"),
         ("socketcan", "nosuchcan0", r"bus nosuchcan0: (this machine's kernel has no CAN|there is no such interface)"),

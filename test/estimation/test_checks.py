@@ -74,6 +74,15 @@ def test_a_gap_is_said_with_topic_and_time(good: Experiment, agriq: Robot) -> No
     assert "/total_station/point is silent for 3.2 s from 5." in said(without(good, "total_station", 5.85, 8.95), agriq)
 
 
+def test_gaps_everywhere_are_said_to_be_gaps(good: Experiment, agriq: Robot) -> None:
+    """As a simulator records that gets half of the time it needs: motors and positions are there, in pieces."""
+    broken = good
+    for begin in np.arange(0.0, good.duration, 0.5):
+        broken = without(broken, "motor_torques", begin, begin + 0.25)
+    with pytest.raises(ArtibotError, match=r"/motor_torques has gaps everywhere: .* of more than 0.2 s"):
+        require_usable([broken], agriq)
+
+
 def test_repeated_samples_are_said(good: Experiment, agriq: Robot) -> None:
     channel = good.channels["total_station"]
     held = {name: np.repeat(values[::2], 2)[: len(values)] for name, values in channel.columns.items()}

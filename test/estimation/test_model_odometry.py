@@ -205,6 +205,12 @@ def test_the_command_measures_it_beside_wheels(tmp_path: Path, capsys: pytest.Ca
     assert main(["odometry", "--fit", str(tmp_path / "slalom")]) == 2
 
 
+def test_a_recording_of_another_robot_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    """The wheels of a robot without gears would have rolled forty times as far as the rover went."""
+    assert main(["odometry", str(BAG), "--robot", "husky"]) == 2
+    assert "give the right robot with --robot" in capsys.readouterr().err
+
+
 def test_what_too_few_windows_tell_is_left_out(capsys: pytest.CaptureFixture[str]) -> None:
     """A recording of a single nearly straight window."""
     assert main(["odometry", str(BAG), "--robot", "agriq"]) == 0

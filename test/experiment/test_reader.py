@@ -176,6 +176,13 @@ def test_repeated_stamps_are_merged_and_said(tmp_path: Path) -> None:
     assert "3 stamps occur twice" in experiment.remarks[0]
 
 
+def test_a_message_that_is_published_twice_is_no_contradiction(tmp_path: Path) -> None:
+    messages = [("/odom", ODOMETRY, odometry(EPOCH + (i // 2) * STEP, x=float(i // 2)), EPOCH + i) for i in range(6)]
+    experiment = read_bag(write_bag(tmp_path / "run", messages))
+    assert experiment.channels["odom"]["x"].tolist() == [0.0, 1.0, 2.0]
+    assert not experiment.remarks
+
+
 def test_without_a_header_stamp_the_time_of_reception_counts(tmp_path: Path) -> None:
     messages = [("/odom", ODOMETRY, odometry(0, x=float(i)), EPOCH + i * STEP) for i in range(5)]
     experiment = read_bag(write_bag(tmp_path / "run", messages))

@@ -255,6 +255,8 @@ def test_gaps_held_samples_and_rates(real: Robot) -> None:
     ("fit", "priors", "said"),
     [
         (["k_x"], {}, "no parameter"),
+        (["contact.mus"], {}, "did you mean 'mu_s'"),
+        (["effects.slop.grade"], {}, "unknown effect, did you mean 'slope'"),
         (["k_l", "contact.k_l"], {}, "twice"),
         ([], {}, "nothing named"),
         (["k_l"], {"k_t": Prior(1.0, 0.1)}, "not fitted"),

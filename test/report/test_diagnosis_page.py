@@ -147,12 +147,12 @@ def test_effects_beyond_the_dotted_line_have_their_reason_on_the_first_screen(ev
     ]  # fmt: skip
     none = replace(every[Verdict.NONE], ranking=tuple(strong), threshold=58.0)
     head = markup(none).partition("<main>")[0]
-    assert "com offset (167 nats are asked of it) and payload (only screened" in head
+    assert "com offset (167 nats are asked of it); payload (only screened" in head
     assert "stribeck" not in result.not_named(none)
     assert result.not_named(none) in " ".join(str(none).split())
     assert not result.not_named(replace(none, ranking=tuple(strong[2:])))
     beside = replace(every[Verdict.NAMED], ranking=(*every[Verdict.NAMED].ranking, strong[1]), threshold=25.0)
-    assert "payload (what it explains is explained better by slope)" in result.not_named(beside)
+    assert "payload (explained better by slope)" in result.not_named(beside)
     assert "slope (" not in result.not_named(beside)
 
 

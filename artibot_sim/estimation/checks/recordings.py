@@ -64,6 +64,17 @@ def require_usable(recordings: Sequence[Experiment], robot: Robot) -> None:
             raise ArtibotError(
                 f"{other.path}: given twice{again}; what is fitted to cannot be held out, or count double"
             )
+    require_fitting_wheels(recordings, robot)
+
+
+def require_fitting_wheels(recordings: Sequence[Experiment], robot: Robot) -> None:
+    """Refuse recordings in which nothing moves, or whose wheels cannot have been this robot's.
+
+    Raises
+    ------
+    ArtibotError
+        Naming the file, what was found and the mend.
+    """
     found = [way for experiment in recordings if (way := rolled(experiment, robot)) is not None]
     for way in found:
         if not _foreign(way.factor):

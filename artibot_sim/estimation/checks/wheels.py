@@ -74,7 +74,7 @@ class Rolled:
 
 def rolled(experiment: Experiment, robot: Robot) -> Rolled | None:
     """What the front wheels rolled and how far the rover went, None where neither moved."""
-    motors = experiment.channels["motor_torques"]
+    motors = experiment.require("motor_torques")
     wheels, path, source = 0.0, 0.0, ""
     for first, last in experiment.segments:
         measured = Measured(experiment, first, last)

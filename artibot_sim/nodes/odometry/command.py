@@ -101,6 +101,7 @@ def measure(bag: Path, given: dict[str, Any]) -> int:
         When the recording has no rotations, no reference, or too few windows to fit and to measure.
     """
     from artibot_sim.estimation import odometry_check as check
+    from artibot_sim.estimation.checks.recordings import require_fitting_wheels
     from artibot_sim.estimation.model_odometry import ModelOdometry, Streams
     from artibot_sim.experiment import open_recording
     from artibot_sim.experiment.resimulate import robot_of
@@ -109,6 +110,7 @@ def measure(bag: Path, given: dict[str, Any]) -> int:
     named = {"topics": given["renames"], "joints": given["joints"], "namespace": given["namespace"]}
     experiment = open_recording(bag, **named)
     robot = robot_of(experiment, given["robot"])
+    require_fitting_wheels([experiment], robot)
     delays = {
         name: getattr(robot.sensors, name) if given[name] is None else given[name]
         for name in ("rotation_delay", "gyro_delay", "pose_delay")

@@ -46,6 +46,9 @@ from artibot_sim.nodes.sim.sensors import Sensors
 SERVE_EVERY = 0.05
 """How often services and parameters are served while simulated time runs, s."""
 
+LATE_EVERY = 5.0
+"""How often a machine that cannot keep up is told of, s."""
+
 IDLE = 0.02
 """How long the executor is waited in at a time while simulated time stands, s."""
 
@@ -100,6 +103,7 @@ class SimNode(Node):
         self._steps_due = 0
         self._serve_at = 0.0
         self._ahead = False
+        self._lost_ns, self._lost_said, self._lost_at = 0, False, 0.0
         self._listeners, self._ticks, self._tick_at = -1, 0, 0.0
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/pause", self._on_pause)
@@ -274,11 +278,10 @@ class SimNode(Node):
         """Go on to the next deadline; say so when this one was missed by more than a period."""
         overruns = self.pacer.overruns
         slipped = self.pacer.done()
+        self._lost_ns += slipped
+        if self._lost_ns and time.monotonic() >= self._lost_at:
+            self._say_what_was_lost()
         if slipped:
-            self.get_logger().warning(
-                f"{slipped * 1e-9:.2f} s behind: this machine is too slow, or was held up; the schedule slips",
-                throttle_duration_sec=1.0,
-            )
             self._catch_up_with_system_time()
         elif self.pacer.overruns > overruns:
             self.get_logger().warning(
@@ -287,6 +290,17 @@ class SimNode(Node):
             )
         if not slipped and not self.out.what.clock and self.pacer.rate == 1:
             self._follow_system_clock()
+
+    def _say_what_was_lost(self) -> None:
+        """Warn of all time that was lost since the last warning; the first one says what it does and what helps."""
+        text = f"{self._lost_ns * 1e-9:.2f} s behind: this machine is too slow, or was held up; the schedule slips"
+        if not self._lost_said and not self.out.what.clock:
+            text += (
+                ". Stamps jump, and the rover gets less far than it was told; no pace is asked for by --rate 0 here "
+                "and --use-sim-time for the planner"
+            )
+        self.get_logger().warning(text)
+        self._lost_ns, self._lost_said, self._lost_at = 0, True, time.monotonic() + LATE_EVERY
 
     def _follow_system_clock(self) -> None:
         """Set the stamps forward after the system clock was (NTP, by hand); say so when it was set back."""

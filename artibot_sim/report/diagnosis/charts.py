@@ -32,6 +32,8 @@ AFTER = Stroke(style.TRUE, 1.6)
 NOISE = Stroke(style.MUTED, 1.2, "dot")
 NAMES = ("measured", "paper's model", "extended model")
 _BREAK = np.full((1, 3), np.nan)
+_IN_MM = 0.01
+"""m below which errors over time are drawn in millimetres."""
 _BIN = 0.2
 """s over which errors are averaged in pictures over time."""
 _BINS = 9
@@ -121,13 +123,17 @@ def over_time_of(run: Comparison, channel: str, unit: str) -> Panel | None:
     samples = gather([run], channel)
     if samples is None:
         return None
-    lines = []
+    drawn = []
     for name, errors, stroke in ((NAMES[1], samples.before, BEFORE), (NAMES[2], samples.after, AFTER)):
         t, size = _averaged(samples.t, sizes(errors))
         if np.isfinite(size).any():
-            lines.append(Line(name, name, None, t, size, stroke))
+            drawn.append((name, t, size, stroke))
+    greatest = max([samples.level, *(float(np.nanmax(size)) for _, _, size, _ in drawn)])
+    small = unit == "m" and greatest < _IN_MM
+    factor, unit = (1e3, "mm") if small else (1.0, unit)
+    lines = [Line(name, name, None, t, factor * size, stroke) for name, t, size, stroke in drawn]
     title = f"{run.name}: error of the {channel_words(channel)}"
-    levels = (Level("noise", samples.level, NOISE),)
+    levels = (Level("noise", factor * samples.level, NOISE),)
     return Panel(f"{run.name}_{channel}", title, ("time", "s"), ("error", spaced(unit)), tuple(lines), levels)
 
 
