@@ -1,4 +1,4 @@
-"""Commands of the front motors and what they did, laid out so that any way between the two is quickly computed."""
+"""Commands of the front motors and what they did, laid out so that any response of the motors is quickly computed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fits of effects on the way of a command, each alone and several together, kept while they are compared."""
+"""Fits of effects between commands and motors, each alone and several together, kept while they are compared."""
 
 from __future__ import annotations
 
@@ -17,12 +17,11 @@ from artibot_sim.diagnose.commands.mixing import Mixing, mixing
 from artibot_sim.diagnose.commands.model import (
     FILTER,
     PARAMETERS,
-    WayOfCommands,
+    CommandResponse,
     followed,
-    known_way,
+    predicted_speeds,
     ramped,
-    seen,
-    way_of,
+    response_of,
 )
 from artibot_sim.diagnose.commands.noise import SpeedNoise, noise_in, sensor_noise
 from artibot_sim.diagnose.commands.series import CommandedLevel, level_of, series_of
@@ -32,7 +31,7 @@ from artibot_sim.experiment import Experiment
 from artibot_sim.model import Robot
 
 # ----------------------------------------------------------------------
-# Effects on the way of a command, each at its best and several at once.
+# Effects between commands and motors, each at its best and several at once.
 # ----------------------------------------------------------------------
 
 
@@ -69,28 +68,28 @@ class Best:
     Attributes
     ----------
     effects : tuple of str
-    way : WayOfCommands
+    response : CommandResponse
     value : float
         Log-likelihood, nats.
     sd : mapping of str to float
-        Of the fields of the way that were fitted.
+        Of the fields of the response that were fitted.
     """
 
     effects: tuple[str, ...]
-    way: WayOfCommands
+    response: CommandResponse
     value: float
     sd: dict[str, float]
 
 
 @dataclass(frozen=True)
 class Fitter:
-    """Fits of ways to what was measured.
+    """Fits of responses to what was measured.
 
     Attributes
     ----------
     data : CommandData
     noise : SpeedNoise
-    known : WayOfCommands
+    known : CommandResponse
         What the robot does to its commands as far as is known.
     used : array of bool, shape (n,)
         Samples that count.
@@ -98,7 +97,7 @@ class Fitter:
 
     data: CommandData
     noise: SpeedNoise
-    known: WayOfCommands
+    known: CommandResponse
     used: Flags
 
     @property
@@ -106,44 +105,44 @@ class Fitter:
         """s by which stamps may disagree at most: commands that are sampled are not known better between samples."""
         return STAMPS + 0.25 * self.data.period
 
-    def value(self, way: WayOfCommands, speed: Array | None = None) -> float:
-        """Log-likelihood of a way, nats; `speed` is what `followed` gives for it."""
-        error = self.data.speed - seen(self.data, way, speed)
-        return self.noise.log_likelihood(self.data, error, self.used) - 0.5 * (way.clock / (0.5 * self.clock)) ** 2
+    def value(self, response: CommandResponse, speed: Array | None = None) -> float:
+        """Log-likelihood of a response, nats; `speed` is what `followed` gives for it."""
+        error = self.data.speed - predicted_speeds(self.data, response, speed)
+        return self.noise.log_likelihood(self.data, error, self.used) - 0.5 * (response.clock / (0.5 * self.clock)) ** 2
 
-    def with_clock(self, way: WayOfCommands) -> WayOfCommands:
-        """A way of commands with the clock offset that suits it best."""
-        return self._climb(way._replace(clock=0.0), ["clock"])[0]
+    def with_clock(self, response: CommandResponse) -> CommandResponse:
+        """A response with the clock offset that suits it best."""
+        return self._climb(response._replace(clock=0.0), ["clock"])[0]
 
-    def at(self, way: WayOfCommands) -> float:
-        """Log-likelihood of a way, nats, stamps as it wants them."""
-        return self._climb(way._replace(clock=0.0), ["clock"])[1]
+    def at(self, response: CommandResponse) -> float:
+        """Log-likelihood of a response, nats, stamps as it wants them."""
+        return self._climb(response._replace(clock=0.0), ["clock"])[1]
 
-    def best(self, effects: Collection[str], starts: Iterable[WayOfCommands] = ()) -> Best:
+    def best(self, effects: Collection[str], starts: Iterable[CommandResponse] = ()) -> Best:
         """These effects at their best together, from several starts."""
         fields = [PARAMETERS[e][1] for e in effects if e in PARAMETERS]
         free = [f for f in fields if f not in _SCANNED] + ([] if "delay" in fields else ["clock"])
         begin = [self.known, *starts, *self._alone(fields)]
-        tried = [(self.value(way), way) for way in dict.fromkeys(begin)]
+        tried = [(self.value(response), response) for response in dict.fromkeys(begin)]
         tried.sort(key=lambda pair: -pair[0])
         ends = []
         for base, start in tried[: 2 if len(fields) > 1 else 1]:
-            way = start
+            response = start
             for field in _SCANNED:
-                way, base = self._scanned(way, base, field) if field in fields else (way, base)
-            way, value, _ = self._climb(way, self._smooth(free, fields, way))
-            ends.append((value, way))
-        value, way = max(ends, key=lambda pair: pair[0])
-        sd = self._sd(way, self._smooth(free, fields, way))
+                response, base = self._scanned(response, base, field) if field in fields else (response, base)
+            response, value, _ = self._climb(response, self._smooth(free, fields, response))
+            ends.append((value, response))
+        value, response = max(ends, key=lambda pair: pair[0])
+        sd = self._sd(response, self._smooth(free, fields, response))
         if "threshold" in fields:
-            sd["threshold"] = self._threshold_sd(way, value)
-        return Best(tuple(effects), way, value, {f: max(sd.get(f, np.inf), _LEAST_SD[f]) for f in fields})
+            sd["threshold"] = self._threshold_sd(response, value)
+        return Best(tuple(effects), response, value, {f: max(sd.get(f, np.inf), _LEAST_SD[f]) for f in fields})
 
-    def _smooth(self, free: Sequence[str], fields: Sequence[str], way: WayOfCommands) -> list[str]:
+    def _smooth(self, free: Sequence[str], fields: Sequence[str], response: CommandResponse) -> list[str]:
         """The free fields with the rate, where there is a limit: once it is near the best it is climbed as they are."""
-        return [*free, *(["rate"] if "rate" in fields and np.isfinite(way.rate) else [])]
+        return [*free, *(["rate"] if "rate" in fields and np.isfinite(response.rate) else [])]
 
-    def _alone(self, fields: Sequence[str]) -> list[WayOfCommands]:
+    def _alone(self, fields: Sequence[str]) -> list[CommandResponse]:
         """Ways in which one field has one of several sizes."""
         return [self.known._replace(**{f: size}) for f in fields for size in _FIRST.get(f, ())]
 
@@ -155,61 +154,61 @@ class Fitter:
         least, most = top / _SLOWEST, _HIGHEST_SHARE * self.data.steepest
         return np.geomspace(least, most, _COARSE) if least < most else np.empty(0)
 
-    def _scanned(self, way: WayOfCommands, value: float, field: str) -> tuple[WayOfCommands, float]:
-        """The best of all sizes of a field with its likelihood; the way as it was where none is better.
+    def _scanned(self, response: CommandResponse, value: float, field: str) -> tuple[CommandResponse, float]:
+        """The best of all sizes of a field with its likelihood; the response as it was where none is better.
 
         A size that is a little wrong may cost as much as the effect gains, so the best few are refined first.
         """
         sizes = self.sizes(field)
         if not len(sizes):
-            return way, value
-        grid = [way._replace(**{field: float(size)}) for size in sizes]
+            return response, value
+        grid = [response._replace(**{field: float(size)}) for size in sizes]
         values = np.array([self.value(other) for other in grid])
         width = _WIDTH * (float(sizes[1] / sizes[0]) - 1.0)
         ends = [self._refined(grid[int(k)], field, width) for k in np.argsort(-values)[:_TRIED]]
-        return max([(way, value), *ends], key=lambda end: end[1])
+        return max([(response, value), *ends], key=lambda end: end[1])
 
-    def _refined(self, way: WayOfCommands, field: str, share: float) -> tuple[WayOfCommands, float]:
+    def _refined(self, response: CommandResponse, field: str, share: float) -> tuple[CommandResponse, float]:
         """A field moved to where the likelihood is largest, by up to this share of it first."""
-        width = share * getattr(way, field)
+        width = share * getattr(response, field)
         for _ in range(3):
-            around = getattr(way, field) + width * np.linspace(-1.0, 1.0, 9)
-            way = max((way._replace(**{field: max(float(x), 0.0)}) for x in around), key=self.value)
+            around = getattr(response, field) + width * np.linspace(-1.0, 1.0, 9)
+            response = max((response._replace(**{field: max(float(x), 0.0)}) for x in around), key=self.value)
             width /= 4.0
-        return way, self.value(way)
+        return response, self.value(response)
 
-    def _threshold_sd(self, way: WayOfCommands, value: float) -> float:
+    def _threshold_sd(self, response: CommandResponse, value: float) -> float:
         """Half the width over which the likelihood falls by a half."""
-        width = 0.05 * way.threshold + 1e-9
-        grid = way.threshold + width * np.linspace(-1.0, 1.0, 15)
-        near = [x for x in grid if self.value(way._replace(threshold=max(float(x), 0.0))) > value - 0.5]
+        width = 0.05 * response.threshold + 1e-9
+        grid = response.threshold + width * np.linspace(-1.0, 1.0, 15)
+        near = [x for x in grid if self.value(response._replace(threshold=max(float(x), 0.0))) > value - 0.5]
         return float(0.5 * (max(near) - min(near) + width / 7.0)) if near else float(width)
 
-    def _climb(self, way: WayOfCommands, free: Sequence[str]) -> tuple[WayOfCommands, float, Array]:
+    def _climb(self, response: CommandResponse, free: Sequence[str]) -> tuple[CommandResponse, float, Array]:
         """Gauss–Newton with Levenberg's damping for the smooth fields."""
-        value, damping = self.value(way), 1e-3
+        value, damping = self.value(response), 1e-3
         information = np.eye(len(free))
         for _ in range(12):
-            gradient, information = self._slopes(way, free)
+            gradient, information = self._slopes(response, free)
             moved = False
             for _ in range(5):
                 damped = information + damping * np.diag(np.diag(information)) + 1e-12 * np.eye(len(free))
-                new = self._inside(way, dict(zip(free, np.linalg.solve(damped, gradient).tolist(), strict=True)))
+                new = self._inside(response, dict(zip(free, np.linalg.solve(damped, gradient).tolist(), strict=True)))
                 gained = self.value(new) - value
                 if gained > 0.0:
-                    way, value, damping, moved = new, value + gained, damping / 5.0, True
+                    response, value, damping, moved = new, value + gained, damping / 5.0, True
                     break
                 damping = 10.0 * max(damping, 1e-3)
             if not moved or gained < 0.01:
                 break
-        return way, value, information
+        return response, value, information
 
-    def _inside(self, way: WayOfCommands, moves: dict[str, float]) -> WayOfCommands:
-        fields = way._asdict()
+    def _inside(self, response: CommandResponse, moves: dict[str, float]) -> CommandResponse:
+        fields = response._asdict()
         for field, move in moves.items():
             low, high = self._bounds(field, fields[field])
             fields[field] = float(np.clip(fields[field] + move, low, high))
-        return WayOfCommands(**fields)
+        return CommandResponse(**fields)
 
     def _bounds(self, field: str, now: float) -> tuple[float, float]:
         """Least and largest value of a field that is `now`, after a step."""
@@ -218,19 +217,19 @@ class Fitter:
         low = {"clock": -self.clock, "scale": 0.5}.get(field, 0.0)
         return low, self.clock if field == "clock" else _HIGHEST[field]
 
-    def _slopes(self, way: WayOfCommands, free: Sequence[str]) -> tuple[Array, Array]:
+    def _slopes(self, response: CommandResponse, free: Sequence[str]) -> tuple[Array, Array]:
         """Gradient and information of the log-likelihood by the free fields."""
-        data, speed = self.data, followed(self.data.command, way, self.data.begins)
-        predicted = seen(data, way, speed)
+        data, speed = self.data, followed(self.data.command, response, self.data.begins)
+        predicted = predicted_speeds(data, response, speed)
         scaled, valid = self.noise.whitened(data, data.speed - predicted)
         columns = []
         for field in free:
             if field == "scale":
-                change = predicted / way.scale
+                change = predicted / response.scale
             else:
-                step = _PART * way.rate if field == "rate" else _STEPS[field]
-                moved = way._replace(**{field: getattr(way, field) + step})
-                change = (seen(data, moved, None if field in ("lag", "rate") else speed) - predicted) / step
+                step = _PART * response.rate if field == "rate" else _STEPS[field]
+                moved = response._replace(**{field: getattr(response, field) + step})
+                change = (predicted_speeds(data, moved, None if field in ("lag", "rate") else speed) - predicted) / step
             columns.append(self.noise.whitened(data, change)[0])
         valid = valid & self.used
         J = np.array([column[valid] for column in columns]).reshape(len(free), -1)
@@ -238,18 +237,18 @@ class Fitter:
         gradient, information = J @ (weight * scaled[valid]), (J * weight) @ J.T
         if "clock" in free:
             i, known = list(free).index("clock"), (0.5 * self.clock) ** -2
-            gradient[i] -= known * way.clock
+            gradient[i] -= known * response.clock
             information[i, i] += known
         return gradient, information
 
-    def _sd(self, way: WayOfCommands, free: Sequence[str]) -> dict[str, float]:
-        _, information = self._slopes(way, free)
+    def _sd(self, response: CommandResponse, free: Sequence[str]) -> dict[str, float]:
+        _, information = self._slopes(response, free)
         covariance = np.linalg.pinv(information)
         return {field: float(np.sqrt(max(covariance[i, i], 0.0))) for i, field in enumerate(free)}
 
 
 # ----------------------------------------------------------------------
-# Fits of effects on the way of a command, each alone and several together, kept while they are compared.
+# Fits of effects between commands and motors, each alone and several together, kept while they are compared.
 # ----------------------------------------------------------------------
 
 
@@ -334,7 +333,7 @@ class CommandFits:
     @cached_property
     def fitter(self) -> Fitter:
         """Of speeds."""
-        return Fitter(self.data, self.noise, known_way(self.robot), np.ones(len(self.data), bool))
+        return Fitter(self.data, self.noise, response_of(self.robot.effects), np.ones(len(self.data), bool))
 
     @cached_property
     def puller(self) -> Fitter | None:
@@ -342,10 +341,10 @@ class CommandFits:
         if self.pulls is None:
             return None
         used = np.ones(len(self.pulls), bool)
-        rough = Fitter(self.pulls, sensor_noise(self.pulls), WayOfCommands(), used)
+        rough = Fitter(self.pulls, sensor_noise(self.pulls), CommandResponse(), used)
         best = rough.best(("encoder_scale",))
-        left = self.pulls.speed - seen(self.pulls, best.way)
-        known = WayOfCommands(scale=float(self.robot.effects.get(SCALE, {}).get("scale", 1.0)))
+        left = self.pulls.speed - predicted_speeds(self.pulls, best.response)
+        known = CommandResponse(scale=float(self.robot.effects.get(SCALE, {}).get("scale", 1.0)))
         return Fitter(self.pulls, noise_in(self.pulls, left, used), known, used)
 
     def fit(self, effects: Collection[str]) -> CommandFit:
@@ -356,14 +355,16 @@ class CommandFits:
         return self._fits[key]
 
     def _fitted(self, effects: tuple[str, ...]) -> CommandFit:
-        ways = [e for e in effects if e in PARAMETERS]
-        starts = [self.fit([e for e in ways if e != left]).best.way for left in ways] if len(ways) > 1 else []
-        if len(ways) > 1:
-            starts += [self.fit([one]).best.way for one in ways]
-        best = self.fitter.best(ways, starts)
+        listed = [e for e in effects if e in PARAMETERS]
+        starts = (
+            [self.fit([e for e in listed if e != left]).best.response for left in listed] if len(listed) > 1 else []
+        )
+        if len(listed) > 1:
+            starts += [self.fit([one]).best.response for one in listed]
+        best = self.fitter.best(listed, starts)
         limit, value = None, best.value
         if LIMIT in effects or SAG in effects:
-            best, limit = self._limited(ways, best, SAG in effects)
+            best, limit = self._limited(listed, best, SAG in effects)
             value = best.value + (limit.nats if limit else 0.0)
         pulled = None
         if self.puller is not None:
@@ -371,22 +372,22 @@ class CommandFits:
             value += pulled.value
         return CommandFit(value, best, limit, pulled)
 
-    def _limited(self, ways: Sequence[str], best: Best, line: bool) -> tuple[Best, Limit | None]:
-        """The way fitted without the samples that a limit explains, and the limit, or line, that is left with it."""
+    def _limited(self, listed: Sequence[str], best: Best, line: bool) -> tuple[Best, Limit | None]:
+        """The response fitted without samples that a limit explains, and the limit, or line, that is left with it."""
         find = torque_line if line else torque_limit
-        limit = find(self.data, self.noise, self.data.speed - seen(self.data, best.way))
-        if limit is None or limit.nats <= 0.0 or not ways:
+        limit = find(self.data, self.noise, self.data.speed - predicted_speeds(self.data, best.response))
+        if limit is None or limit.nats <= 0.0 or not listed:
             return best, limit if limit is not None and limit.nats > 0.0 else None
-        free = replace(self.fitter, used=~limit.held).best(ways, [best.way])
-        again = find(self.data, self.noise, self.data.speed - seen(self.data, free.way))
-        value = self.fitter.value(free.way)
+        free = replace(self.fitter, used=~limit.held).best(listed, [best.response])
+        again = find(self.data, self.noise, self.data.speed - predicted_speeds(self.data, free.response))
+        value = self.fitter.value(free.response)
         if again is not None and value + again.nats > best.value + limit.nats:
             return replace(free, value=value), again
         return best, limit
 
-    def _way(self, robot: Robot) -> WayOfCommands:
-        """The way that a robot's effects make; a low-pass on recorded speeds is known whether or not it has one."""
-        return way_of({FILTER: self.robot.effects.get(FILTER, {}), **robot.effects})
+    def _response(self, robot: Robot) -> CommandResponse:
+        """The response that a robot's effects make; a low-pass on recorded speeds is known in any case."""
+        return response_of({FILTER: self.robot.effects.get(FILTER, {}), **robot.effects})
 
     def plain(self) -> tuple[str, ...]:
         """Effects added one after the other while each gains plainly."""
@@ -403,13 +404,13 @@ class CommandFits:
         """Noise of speeds that these effects leave."""
         fit = self.fit(found)
         used = np.ones(len(self.data), bool) if fit.limit is None else ~fit.limit.held
-        return noise_in(self.data, self.data.speed - seen(self.data, fit.best.way), used)
+        return noise_in(self.data, self.data.speed - predicted_speeds(self.data, fit.best.response), used)
 
     def left(self, found: Collection[str]) -> float:
         """Share of the motors' speed that these effects leave unexplained: typical error over typical speed."""
         fit = self.fit(found)
         used = self.data.counts if fit.limit is None else self.data.counts & ~fit.limit.held
-        error = np.abs(self.data.speed - seen(self.data, fit.best.way))[used]
+        error = np.abs(self.data.speed - predicted_speeds(self.data, fit.best.response))[used]
         size = float(np.sqrt(np.mean(self.data.speed**2)))
         return 1.4826 * float(np.median(error)) / size if len(error) and size > 0.0 else 0.0
 
@@ -417,15 +418,15 @@ class CommandFits:
         """Whether each side follows its own command alone, beside these effects."""
         fit = self.fit(found)
         used = self.data.counts if fit.limit is None else self.data.counts & ~fit.limit.held
-        return mixing(self.data, seen(self.data, fit.best.way), used)
+        return mixing(self.data, predicted_speeds(self.data, fit.best.response), used)
 
     def remainder(self, robot: Robot) -> Left | None:
         """What a robot's effects leave of the front motors' speeds, slowly; None where there are too few samples.
 
         Means over BIN against the sensors' white noise, window by window, as `remains` has it of other channels.
         """
-        way, data = self.fitter.with_clock(self._way(robot)), self.data
-        error = data.speed - seen(data, way)
+        response, data = self.fitter.with_clock(self._response(robot)), self.data
+        error = data.speed - predicted_speeds(data, response)
         limit = limited(robot.effects, data, self.noise, error)
         used = data.counts if limit is None else data.counts & ~limit.held
         rows = np.column_stack([data.recording, data.motor, data.middle // WINDOW, data.middle // BIN])[used]
@@ -466,8 +467,8 @@ class CommandFits:
             return True
         field_, known = PARAMETERS[effect][1], self.fitter.known
         if field_ == "rate":
-            return self._trails(fit.best.way.rate)
-        return abs(getattr(fit.best.way, field_) - getattr(known, field_)) >= self._smallest(field_)
+            return self._trails(fit.best.response.rate)
+        return abs(getattr(fit.best.response, field_) - getattr(known, field_)) >= self._smallest(field_)
 
     def _trails(self, rate: float) -> bool:
         """Whether a limit holds the speeds back by as much as the least delay that counts, unlike the known one."""
@@ -476,7 +477,7 @@ class CommandFits:
         return float(apart.max()) >= SMALLEST_DELAY * min(rate, self.data.steepest)
 
     def _smallest(self, field_: str) -> float:
-        """Departure of a way's field under which it is none."""
+        """Departure of a response's field under which it is none."""
         return _SMALLEST.get(field_, SMALLEST_DEADBAND * float(np.abs(self.data.command).max()))
 
     def parameters(self, effect: str, fit: CommandFit) -> tuple[dict[str, float], dict[str, float]]:
@@ -484,28 +485,28 @@ class CommandFits:
         if effect == LIMIT:
             if fit.limit is None:
                 return {}, {}
-            scale = fit.pulled.way.scale if fit.pulled else 1.0  # recorded over true torque
+            scale = fit.pulled.response.scale if fit.pulled else 1.0  # recorded over true torque
             return {"front_max": fit.limit.torque / scale}, {"front_max": fit.limit.sd / scale}
         if effect == SAG:
             return self._line(fit)
         if effect == SCALE:
             pulled = fit.pulled
-            return ({"scale": pulled.way.scale}, {"scale": pulled.sd["scale"]}) if pulled else ({}, {})
+            return ({"scale": pulled.response.scale}, {"scale": pulled.sd["scale"]}) if pulled else ({}, {})
         name, field_ = PARAMETERS[effect]
-        if not np.isfinite(getattr(fit.best.way, field_)):
+        if not np.isfinite(getattr(fit.best.response, field_)):
             return {}, {}
-        return {name: float(getattr(fit.best.way, field_))}, {name: fit.best.sd[field_]}
+        return {name: float(getattr(fit.best.response, field_))}, {name: fit.best.sd[field_]}
 
     def _line(self, fit: CommandFit) -> tuple[dict[str, float], dict[str, float]]:
         """Stall torque and no-load speed at the voltage of the recordings, and their standard deviations.
 
         Of a line that may be level, as steep as it may be; beside that slope its torque is as sure as a level one's.
         """
-        limit, scale = fit.limit, fit.pulled.way.scale if fit.pulled else 1.0
+        limit, scale = fit.limit, fit.pulled.response.scale if fit.pulled else 1.0
         if limit is None:
             return {}, {}
         slope = limit.slope if limit.falls else limit.steepest
-        stall, turning = limit.at_rest(slope), fit.best.way.scale * slope  # recorded over true speed
+        stall, turning = limit.at_rest(slope), fit.best.response.scale * slope  # recorded over true speed
         found = {"stall": stall / scale, "no_load_speed": stall / turning}
         if not limit.falls:
             level = self.fit((*(e for e in fit.best.effects if e != SAG), LIMIT)).limit
@@ -538,9 +539,9 @@ class CommandFits:
         best = fit.pulled if effect == SCALE and fit.pulled is not None else fit.best
         neutral = getattr(fitter.known, field_)
         for size in self._smallest(field_) * 1.5 ** np.arange(22):
-            ways = [best.way._replace(**{field_: neutral + sign * float(size)}) for sign in (1.0, -1.0)]
-            tried = ways if field_ == "scale" else ways[:1]
-            if all(fitter.at(way) < best.value - self._lost for way in tried):
+            moved = [best.response._replace(**{field_: neutral + sign * float(size)}) for sign in (1.0, -1.0)]
+            tried = moved if field_ == "scale" else moved[:1]
+            if all(fitter.at(response) < best.value - self._lost for response in tried):
                 return {name: float(size)}
         return {}
 
@@ -550,7 +551,7 @@ class CommandFits:
             return self._excluded_rate(base)
         if effect != LIMIT:
             return {}
-        error = self.data.speed - seen(self.data, base.best.way)
+        error = self.data.speed - predicted_speeds(self.data, base.best.response)
         limit = excluded_limit(self.data, self.noise, error, self._lost)
         return {"front_max": limit} if limit > 0.0 else {}
 
@@ -558,27 +559,32 @@ class CommandFits:
         """Below which rate of commands a limit that is not there would have been seen, stamps as it wants them."""
         found: dict[str, float] = {}
         for rate in self.fitter.sizes("rate"):
-            if self.fitter.at(base.best.way._replace(rate=float(rate))) > base.best.value - self._lost:
+            if self.fitter.at(base.best.response._replace(rate=float(rate))) > base.best.value - self._lost:
                 break
             found = {PARAMETERS[RATE][0]: float(rate)}
         return found
 
     def gained(self, robot: Robot) -> float:
         """Log-likelihood that a robot's effects gain as they are."""
-        way = self._way(robot)
-        value = self.fitter.at(way)
-        limit = limited(robot.effects, self.data, self.noise, self.data.speed - seen(self.data, way))
+        response = self._response(robot)
+        value = self.fitter.at(response)
+        limit = limited(robot.effects, self.data, self.noise, self.data.speed - predicted_speeds(self.data, response))
         value += limit.nats if limit else 0.0
         if self.puller is not None:
-            value += self.puller.at(WayOfCommands(scale=float(robot.effects.get(SCALE, {}).get("scale", 1.0))))
+            value += self.puller.at(CommandResponse(scale=float(robot.effects.get(SCALE, {}).get("scale", 1.0))))
         return value - self.fit(()).value
 
     def shown_by(self, robot: Robot) -> tuple[dict[str, CommandedLevel], dict[str, Series]]:
         """Levels and series: as commanded, and with a robot's effects."""
-        way = self._way(robot)
-        return self.shown(way, limited(robot.effects, self.data, self.noise, self.data.speed - seen(self.data, way)))
+        response = self._response(robot)
+        return self.shown(
+            response,
+            limited(robot.effects, self.data, self.noise, self.data.speed - predicted_speeds(self.data, response)),
+        )
 
-    def shown(self, way: WayOfCommands, limit: Limit | None) -> tuple[dict[str, CommandedLevel], dict[str, Series]]:
-        """Levels and series: as commanded, and with a way."""
-        series = series_of(self.recordings, known_way(self.robot), way, self.data, limit)
+    def shown(
+        self, response: CommandResponse, limit: Limit | None
+    ) -> tuple[dict[str, CommandedLevel], dict[str, Series]]:
+        """Levels and series: as commanded, and with a response."""
+        series = series_of(self.recordings, response_of(self.robot.effects), response, self.data, limit)
         return {"front_velocity": level_of(series)}, series

@@ -1,4 +1,4 @@
-"""The way from a command to a front motor's speed as numbers, and the speeds that they predict."""
+"""How front motors respond to commands, as numbers, and the speeds that these predict."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from artibot_sim.diagnose.commands.data import CommandData, H
-from artibot_sim.model import Robot
 from artibot_sim.model.effects import EFFECTS, Values
 from artibot_sim.model.effects.command_rate_limit import on_ramp
 from artibot_sim.model.effects.deadband import outside
@@ -21,7 +20,7 @@ from artibot_sim.model.kernels.compilation import kernel
 Array = NDArray[np.float64]
 
 
-class WayOfCommands(NamedTuple):
+class CommandResponse(NamedTuple):
     """What happens to commands, in this order, and to what encoders record.
 
     Attributes
@@ -53,7 +52,7 @@ class WayOfCommands(NamedTuple):
 
 
 FILTER = "velocity_filter"
-"""Effect that smooths recorded speeds, by id: what angles say of it is not sought on the way of commands."""
+"""Effect that smooths recorded speeds, by id: what angles say of it is not sought between commands and motors."""
 PARAMETERS = {
     "command_rate_limit": ("rate", "rate"),
     "deadband": ("threshold", "threshold"),
@@ -61,34 +60,29 @@ PARAMETERS = {
     "command_delay": ("delay", "delay"),
     "encoder_scale": ("scale", "scale"),
 }
-"""Effect → its parameter, and what it is called in a `WayOfCommands`."""
+"""Effect → its parameter, and what it is called in a `CommandResponse`."""
 
 
-def way_of(effects: Mapping[str, Values]) -> WayOfCommands:
-    """The way that a robot's effects make."""
+def response_of(effects: Mapping[str, Values]) -> CommandResponse:
+    """The response that a robot's effects make."""
     values = {
         field: float(effects[effect][parameter])
         for effect, (parameter, field) in PARAMETERS.items()
         if effect in effects and EFFECTS[effect].active(effects[effect])
     }
-    return WayOfCommands(**values, filter=float(effects.get(FILTER, {}).get("time_constant", 0.0)))
+    return CommandResponse(**values, filter=float(effects.get(FILTER, {}).get("time_constant", 0.0)))
 
 
-def known_way(robot: Robot) -> WayOfCommands:
-    """The way that a robot is already known to have."""
-    return way_of(robot.effects)
-
-
-def followed(command: Array, way: WayOfCommands, begins: Iterable[int] = (0,)) -> Array:
+def followed(command: Array, response: CommandResponse, begins: Iterable[int] = (0,)) -> Array:
     """What motors do that are given a command (g,) on a grid H apart, before any delay, rad/s.
 
     The laws are those of the effects. Of several parts, which begin at the places `begins`, one after the other each is
     forgotten within the guard before the next; a ramp, which may take longer than that, begins anew.
     """
-    speed = ramped(command, way.rate, begins)
-    if way.threshold > 0.0:
-        speed = outside(speed, way.threshold)
-    return lagging(speed, way.lag)
+    speed = ramped(command, response.rate, begins)
+    if response.threshold > 0.0:
+        speed = outside(speed, response.threshold)
+    return lagging(speed, response.lag)
 
 
 def lagging(speed: Array, time_constant: float) -> Array:
@@ -118,15 +112,15 @@ def _on_ramps(wanted: Array, most: float, edges: NDArray[np.int64], now: Array, 
         on_ramp(wanted[begin:end], most, now, out[begin:end])
 
 
-def seen(data: CommandData, way: WayOfCommands, speed: Array | None = None) -> Array:
-    """Speeds that are measured if the motors follow `way`, rad/s, shape (n,); `speed` is what `followed` gave."""
-    speed = followed(data.command, way, data.begins) if speed is None else speed
-    speed = speed if data.rise else lagging(speed, way.filter)
-    at = np.clip(data.at - (way.delay + way.clock) / H, 0.0, len(speed) - 1.000001)
+def predicted_speeds(data: CommandData, response: CommandResponse, speed: Array | None = None) -> Array:
+    """Speeds that are measured if the motors respond so, rad/s, shape (n,); `speed` is what `followed` gave."""
+    speed = followed(data.command, response, data.begins) if speed is None else speed
+    speed = speed if data.rise else lagging(speed, response.filter)
+    at = np.clip(data.at - (response.delay + response.clock) / H, 0.0, len(speed) - 1.000001)
     i = at.astype(np.int64)
     share = at - i
     if not data.rise:
-        return way.scale * (speed[i] + share * (speed[i + 1] - speed[i])).mean(axis=1)
+        return response.scale * (speed[i] + share * (speed[i + 1] - speed[i])).mean(axis=1)
     turned = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]))))
     angle = turned[i] + share * (speed[i] + 0.5 * share * (speed[i + 1] - speed[i]))
-    return way.scale * (angle[:, 1] - angle[:, 0]) / (data.at[:, 1] - data.at[:, 0])
+    return response.scale * (angle[:, 1] - angle[:, 0]) / (data.at[:, 1] - data.at[:, 0])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.commands.data import GUARD, CommandData, H
 from artibot_sim.diagnose.commands.limit import Limit
-from artibot_sim.diagnose.commands.model import WayOfCommands, followed, lagging
+from artibot_sim.diagnose.commands.model import CommandResponse, followed, lagging
 from artibot_sim.diagnose.records import Series
 from artibot_sim.experiment import Experiment
 from artibot_sim.experiment.inputs import GAP
@@ -45,7 +45,11 @@ class CommandedLevel:
 
 
 def series_of(
-    recordings: Sequence[Experiment], known: WayOfCommands, way: WayOfCommands, data: CommandData, limit: Limit | None
+    recordings: Sequence[Experiment],
+    known: CommandResponse,
+    response: CommandResponse,
+    data: CommandData,
+    limit: Limit | None,
 ) -> dict[str, Series]:
     """Errors (predicted − measured, rad/s) of both front motors, by recording; NaN where nothing was commanded."""
     found = {}
@@ -65,7 +69,7 @@ def series_of(
             smoothed = f"{motor}.velocity" in motors
             before[:, i], after[:, i] = (
                 predicted(t, command, one if smoothed else one._replace(filter=0.0), motors.t) - speed
-                for one in (known, way)
+                for one in (known, response)
             )
             if limit is not None:
                 after[_held(data, limit, number, i, motors.t), i] = np.nan
@@ -86,12 +90,12 @@ def _speed(recording: Experiment, motor: str) -> Array | None:
     return local_fit(t, angle, motors.t, 0.04)[1]
 
 
-def predicted(t: Array, command: Array, way: WayOfCommands, at: Array) -> Array:
+def predicted(t: Array, command: Array, response: CommandResponse, at: Array) -> Array:
     """Speeds recorded at `at` (m,) of a motor that was commanded at `t` (n,), rad/s; NaN in silences."""
     first = t[0] - GUARD
     grid = first + H * np.arange(int(np.ceil((t[-1] - first) / H)) + 2)
-    done = lagging(followed(np.interp(grid, t, command), way), way.filter)
-    speed = way.scale * np.interp(at - way.delay, grid, done)
+    done = lagging(followed(np.interp(grid, t, command), response), response.filter)
+    speed = response.scale * np.interp(at - response.delay, grid, done)
     after = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
     silent = (at < t[0] - 1e-6) | (at > t[-1] + 1e-6) | (t[after] - t[after - 1] > GAP)
     return np.where(silent, np.nan, speed)

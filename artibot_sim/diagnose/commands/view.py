@@ -1,4 +1,4 @@
-"""The command view: how measured motor speeds and torques follow their commands, and what on the way explains it.
+"""The command view: how measured motor speeds and torques follow their commands, and what between the two explains it.
 
 Rotations that were measured have delays, lags, dead bands and torque limits behind them, so a model that is turned by
 them knows nothing of these effects; what encoders and torque sensors say is held here against what was commanded. The
@@ -16,7 +16,7 @@ from artibot_sim.diagnose.commands.data import command_data
 from artibot_sim.diagnose.commands.encoders import encoder_evidence
 from artibot_sim.diagnose.commands.fit import EFFECTS, NEEDED, CommandFits, ViewEvidence, lost
 from artibot_sim.diagnose.commands.mixing import Mixing, unlike
-from artibot_sim.diagnose.commands.model import FILTER, known_way
+from artibot_sim.diagnose.commands.model import FILTER, response_of
 from artibot_sim.diagnose.commands.noise import sensor_noise
 from artibot_sim.diagnose.commands.series import CommandedLevel
 from artibot_sim.diagnose.policy import UNFOLLOWED
@@ -130,9 +130,9 @@ def command_view(recordings: Sequence[Experiment], robot: Robot, *, needed: floa
         work = replace(work, noise=noise)
     left, mixing = work.left(found), work.mixing(found)
     if left > UNFOLLOWED or (mixing is not None and mixing.mixed):
-        return CommandView((), *work.shown(known_way(work.robot), None), False, mixing, encoders, work, left)
+        return CommandView((), *work.shown(response_of(work.robot.effects), None), False, mixing, encoders, work, left)
     best = work.fit(found)
-    return CommandView(found, *work.shown(best.best.way, best.limit), True, mixing, encoders, work, left)
+    return CommandView(found, *work.shown(best.best.response, best.limit), True, mixing, encoders, work, left)
 
 
 def view_with(found: CommandView, recordings: Sequence[Experiment], robot: Robot) -> CommandView:
@@ -150,7 +150,7 @@ def view_with(found: CommandView, recordings: Sequence[Experiment], robot: Robot
     followed = found.followed and left <= UNFOLLOWED
     best = work.fit(found.found)
     return CommandView(
-        found.found, *work.shown(best.best.way, best.limit), followed, found.mixing, found.encoders, work, left
+        found.found, *work.shown(best.best.response, best.limit), followed, found.mixing, found.encoders, work, left
     )
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from artibot_sim.diagnose.commands.data import CommandData, command_data
 from artibot_sim.diagnose.commands.fit import Fitter
 from artibot_sim.diagnose.commands.limit import LIMIT, SAG, allowed, limited
-from artibot_sim.diagnose.commands.model import PARAMETERS, WayOfCommands, seen, way_of
+from artibot_sim.diagnose.commands.model import PARAMETERS, CommandResponse, predicted_speeds, response_of
 from artibot_sim.diagnose.commands.noise import SpeedNoise, least_noise
 from artibot_sim.diagnose.next_experiment.simulation import (
     KAPPA,
@@ -212,10 +212,10 @@ def _by_front_speeds(data: CommandData, robot: Robot, noise: Mapping[str, float]
     level = max(noise.get("front_velocity", USUAL["front_velocity"]) / _AVERAGED, least_noise(data))
     sensors = SpeedNoise(level, np.zeros(3))
     own = [name for name in robot.effects if name in PARAMETERS]
-    fitter = Fitter(data, sensors, way_of(robot.effects), np.ones(len(data), bool))
+    fitter = Fitter(data, sensors, response_of(robot.effects), np.ones(len(data), bool))
     best = fitter.best(own)
     lost = sensors.log_likelihood(data, np.zeros(len(data))) - best.value
-    limit = limited(robot.effects, data, sensors, data.speed - seen(data, best.way))
+    limit = limited(robot.effects, data, sensors, data.speed - predicted_speeds(data, best.response))
     lost -= limit.nats if limit else 0.0
     over = np.nan_to_num(np.abs(data.torque) - allowed(robot.effects, data), nan=0.0, neginf=0.0)
     over = np.maximum(over / noise.get("torque_front", USUAL["torque_front"]), 0.0)
@@ -229,7 +229,7 @@ def _by_back_torques(driven: TriedManoeuvre, robot: Robot, noise: Mapping[str, f
         return 0.0
     sensors = SpeedNoise(max(noise["torque_back"] / _AVERAGED, least_noise(data)), np.zeros(3))
     values = robot.effects.get("torque_scale")
-    known = WayOfCommands(scale=float(values["scale"])) if values else WayOfCommands()
+    known = CommandResponse(scale=float(values["scale"])) if values else CommandResponse()
     fitter = Fitter(data, sensors, known, np.ones(len(data), bool))
     best = fitter.best(("encoder_scale",) if values else ())
     return max(sensors.log_likelihood(data, np.zeros(len(data))) - best.value, 0.0)

@@ -1,4 +1,4 @@
-"""The command view: effects on the way of a command are found, distinguished, and not seen in clean data."""
+"""The command view: effects between commands and motors are found, distinguished, and not seen in clean data."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from bag_helpers import foreign
 
 from artibot_sim.diagnose.commands.data import H, command_data
 from artibot_sim.diagnose.commands.fit import EFFECTS, NEEDED
-from artibot_sim.diagnose.commands.model import WayOfCommands, followed, seen
+from artibot_sim.diagnose.commands.model import CommandResponse, followed, predicted_speeds
 from artibot_sim.diagnose.commands.view import CommandView, command_view, view_with
 from artibot_sim.diagnose.policy import THRESHOLDS
 from artibot_sim.diagnose.selection.evidence import others
@@ -71,7 +71,7 @@ def test_the_way_is_the_models_own(delay: float, lag: float, threshold: float, r
     velocity = np.full((len(t), 4), np.nan)
     velocity[:, :2] = speed[:, None]
     expected = as_executed(robot, Commands(H, velocity)).velocity[:, 0]
-    found = np.interp(t - delay, t, followed(speed, WayOfCommands(rate=rate, threshold=threshold, lag=lag)))
+    found = np.interp(t - delay, t, followed(speed, CommandResponse(rate=rate, threshold=threshold, lag=lag)))
     off = np.abs(found - expected)
     smooth = threshold == 0.0 and rate == np.inf
     assert np.median(off) < (1e-9 if smooth else 0.01)
@@ -82,7 +82,7 @@ def test_the_way_is_the_models_own(delay: float, lag: float, threshold: float, r
 def test_measured_speeds_are_those_of_the_commands_where_nothing_acts(sensors: str) -> None:
     data = command_data(driven(AGRIQ, sensors=sensors))
     assert data is not None
-    error = data.speed - seen(data, WayOfCommands())
+    error = data.speed - predicted_speeds(data, CommandResponse())
     assert np.abs(error).max() < 0.03 * np.abs(data.speed).max()
     assert np.sqrt(np.mean(error**2)) < (0.2 if sensors == "fine" else 4.0)
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.commands.model import WayOfCommands
+from artibot_sim.diagnose.commands.model import CommandResponse
 from artibot_sim.diagnose.commands.series import RESOLUTION, level_of, series_of
 from artibot_sim.diagnose.records import ChannelBaseline
 from artibot_sim.diagnose.words import is_wrong
@@ -34,7 +34,7 @@ def following(error: float) -> Experiment:
 @pytest.mark.parametrize(("error", "wrong"), [(5e-7, False), (0.05, True)])
 def test_a_speed_off_by_less_than_sensors_resolve_is_not_off(error: float, wrong: bool) -> None:
     recording = following(error)
-    found = series_of([recording], WayOfCommands(), WayOfCommands(), None, None)  # type: ignore[arg-type]
+    found = series_of([recording], CommandResponse(), CommandResponse(), None, None)  # type: ignore[arg-type]
     level = level_of(found)
     assert level.rmse == pytest.approx(error, rel=0.2, abs=1e-6)
     assert level.noise == found["exact"].noise == RESOLUTION
@@ -47,5 +47,5 @@ def test_noise_that_is_measured_stays() -> None:
     rng = np.random.default_rng(3)
     columns = {name: column + 0.02 * rng.standard_normal(len(column)) for name, column in motors.columns.items()}
     again = replace(noisy, channels={**noisy.channels, "motor_torques": replace(motors, columns=columns)})
-    found = series_of([again], WayOfCommands(), WayOfCommands(), None, None)  # type: ignore[arg-type]
+    found = series_of([again], CommandResponse(), CommandResponse(), None, None)  # type: ignore[arg-type]
     assert level_of(found).noise == pytest.approx(0.02, rel=0.2)
