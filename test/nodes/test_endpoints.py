@@ -11,9 +11,11 @@ import pytest
 
 pytest.importorskip("rclpy", reason="rclpy is not installed; run `make setup`, or source a ROS 2 Jazzy")
 
+from bag_helpers import small_bag
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
 from sim_probe import TYPES, Probe
 from std_msgs.msg import String
@@ -22,6 +24,7 @@ from artibot_driver.loopback import loopback_bus
 from artibot_sim.cli import main
 from artibot_sim.nodes.common.qos import LATCHED
 from artibot_sim.resources import config_path
+from ros_helpers import spin_until
 
 SENSORS = ("joint_states", "motor_torques", "imu/data", "total_station/point")
 
@@ -61,6 +64,32 @@ def test_quality_of_service_is_overridden_by_parameters(start_node: Any, ros_con
     assert [value.integer_value for value in found] == [77, 10], "one topic's override is no other's"
     assert "qos_overrides./nothing.publisher.depth is unknown" in node.wait_for("unknown and ignored")
     assert node.output.count("unknown and ignored") == 1
+
+
+def test_a_replay_and_a_recorder_heed_overrides_and_name_those_of_other_topics(
+    start_node: Any, ros_context: Any, tmp_path: Path
+) -> None:
+    bag = small_bag(tmp_path / "run", 400)
+    node = Node("probe", context=ros_context)
+    other = ("-p", "qos_overrides./nothing.publisher.depth:=3")
+    given = ("-p", "qos_overrides./motor_torques.publisher.reliability:=best_effort", *other)
+    played = start_node("replay", bag, "--loop", "--wait", 0, "--ros-args", *given)
+    given = ("-p", "qos_overrides./motor_torques.subscription.reliability:=best_effort", *other)
+    taken = start_node("record", "-o", tmp_path / "again", "--ros-args", *given)
+    spin_until(node, lambda: all((publishers(node), subscriptions(node))), 60.0, "replay and recorder")
+    assert publishers(node) == subscriptions(node) == [ReliabilityPolicy.BEST_EFFORT]
+    for each in (taken, played):
+        assert each.stop() == 0, each.output
+        assert each.output.count("unknown and ignored") == 1
+        assert "qos_overrides./nothing.publisher.depth is unknown and ignored" in each.output
+
+
+def publishers(node: Any) -> list[ReliabilityPolicy]:
+    return [info.qos_profile.reliability for info in node.get_publishers_info_by_topic("/motor_torques")]
+
+
+def subscriptions(node: Any) -> list[ReliabilityPolicy]:
+    return [info.qos_profile.reliability for info in node.get_subscriptions_info_by_topic("/motor_torques")]
 
 
 @pytest.mark.parametrize(

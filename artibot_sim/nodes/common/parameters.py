@@ -72,10 +72,18 @@ def keep_types(node: Any) -> None:
     node.add_pre_set_parameters_callback(before)
 
 
-def warn_of_unknown(node: Any) -> None:
-    """Warn of parameters that were given but that the node has not declared: ROS ignores them in silence."""
+def warn_of_unknown(node: Any, overrides: bool | None = None) -> None:
+    """Warn of parameters that were given but that the node has not declared: ROS ignores them in silence.
+
+    Parameters
+    ----------
+    node : rclpy node
+    overrides : bool, optional
+        True for ``qos_overrides`` alone, False for all others, for a node whose topics are known only at its end.
+    """
     for name, mend in _unknown(node):
-        node.get_logger().warning(f"parameter {name} is unknown and ignored; {mend}")
+        if overrides is None or overrides == name.startswith("qos_overrides."):
+            node.get_logger().warning(f"parameter {name} is unknown and ignored; {mend}")
 
 
 def refuse_unknown(node: Any) -> None:

@@ -116,7 +116,7 @@ def run(
         metadata = {"can": f"{listener.interface} {listener.channel}", **metadata} if listener else metadata
         bag = BagWriter(folder, metadata, compression=compression, sync_period=sync)
         recorder = Recorder(node, bag, selection)
-        warn_of_unknown(node)
+        warn_of_unknown(node, overrides=False)
         node.get_logger().info(f"recording to {folder}; Ctrl-C ends it")
         tap = CanTap(recorder, listener) if listener else None
         try:
@@ -126,6 +126,7 @@ def run(
                 tap.close()
             recorder.close()
         _report(recorder, folder)
+        warn_of_unknown(node, overrides=True)
         return 0
 
 

@@ -17,6 +17,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.topics import GLOBAL, TOPICS, Qos
 from artibot_sim.experiment.writer import BagWriter
 from artibot_sim.nodes.common.message_types import describe, import_message, qos_dict
+from artibot_sim.nodes.common.qos import subscription
 
 POLL_PERIOD = 0.005
 """s between visits to the subscriptions; messages carry the middleware's time of reception meanwhile."""
@@ -179,7 +180,7 @@ class Recorder:
         if former is not None:
             self._polled += self._empty(topic, former)
             self.node.destroy_subscription(former)
-        self._subscriptions[topic] = self.node.create_subscription(message, topic, _unused, profile, raw=True)
+        self._subscriptions[topic] = subscription(self.node, message, topic, _unused, profile, raw=True)
         self._demands[topic] = demand
         kind = f"{'reliable' if reliable else 'best effort'}{', latched' if latched else ''}"
         self.node.get_logger().info(f"recording {topic} [{ros_type}], {kind}")

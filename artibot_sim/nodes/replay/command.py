@@ -170,7 +170,6 @@ def run(bag: Path, given: dict[str, Any], *, drive: bool, ros_args: Sequence[str
         If the recording cannot be read, has nothing to publish, or subscribers do not come.
     """
     from artibot_sim.experiment.reader import bag_info
-    from artibot_sim.nodes.common.parameters import warn_of_unknown
     from artibot_sim.nodes.common.process import destroyed, ros_process
     from artibot_sim.nodes.replay.selection import Wish
 
@@ -185,7 +184,6 @@ def run(bag: Path, given: dict[str, Any], *, drive: bool, ros_args: Sequence[str
         from artibot_sim.nodes.replay.run import drive_again, play
 
         with destroyed(rclpy.create_node("replay", start_parameter_services=False)) as node:
-            warn_of_unknown(node)
             return (drive_again if drive else play)(node, info, wish, given, asked)
 
 

@@ -19,6 +19,7 @@ from trajectory_msgs.msg import JointTrajectory
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.storage import BagInfo, RawMessage, iter_messages
 from artibot_sim.nodes.common.arbiter import SIGN_OF_LIFE
+from artibot_sim.nodes.common.qos import publisher
 from artibot_sim.nodes.common.stamps import SECOND, stamp_of, with_stamp
 from artibot_sim.nodes.replay.player import Outlet
 from artibot_sim.nodes.replay.progress import Progress
@@ -139,7 +140,7 @@ def request_outlet(node: Node, topic: str) -> Outlet:
     """Return where requests go that are made of a recorded topic: to the rover in whose namespace it is."""
     source = COMMAND if called(topic, COMMAND) else REQUEST
     name = beside(topic, source, REQUEST).lstrip("/")
-    return Outlet(node.create_publisher(JointState, name, 10), latched=False, stamped=True)
+    return Outlet(publisher(node, JointState, name), latched=False, stamped=True)
 
 
 def _log_time(stamp_ns: int, signs: list[RawMessage]) -> int:
@@ -194,9 +195,7 @@ class Driver:
         self.counts: Counter[str] = Counter()
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
-        self._lives = {
-            recorded: node.create_publisher(Odometry, name, 10) for recorded, name in _signs_of_life(script).items()
-        }
+        self._lives = {recorded: publisher(node, Odometry, name) for recorded, name in _signs_of_life(script).items()}
         self._progress = Progress(script.length)
 
     def wait(self, count: int, timeout: float) -> None:
@@ -246,8 +245,8 @@ class Driver:
                 self.node.get_logger().error("/clock stands still: the simulator has ended; no longer driving")
                 return False
             if steady >= next_sign:
-                for topic, publisher in self._lives.items():
-                    publisher.publish(self.script.sign(topic, since, now_ns))
+                for topic, life in self._lives.items():
+                    life.publish(self.script.sign(topic, since, now_ns))
                 next_sign = max(next_sign + SIGN_PERIOD, steady)
             while index < len(events) and events[index].at <= since:
                 self._publish(events[index], now_ns, start_ns)

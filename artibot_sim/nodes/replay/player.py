@@ -20,6 +20,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.storage import BagInfo, ChannelInfo
 from artibot_sim.experiment.topics import parse_qos
 from artibot_sim.nodes.common.message_types import import_message
+from artibot_sim.nodes.common.qos import publisher
 from artibot_sim.nodes.common.stamps import SECOND, stamp_of, with_stamp
 from artibot_sim.nodes.replay.progress import Progress
 from artibot_sim.nodes.replay.source import Due, RecordedTime, Source, lateness_summary
@@ -97,7 +98,7 @@ def make_outlets(node: Node, info: BagInfo, names: dict[str, str]) -> dict[str, 
         qos = recorded_qos(channels)
         fields = list(message.get_fields_and_field_types().values())
         outlets[topic] = Outlet(
-            node.create_publisher(message, name, qos),
+            publisher(node, message, name, qos),
             qos.durability == DurabilityPolicy.TRANSIENT_LOCAL,
             bool(fields) and fields[0] == "std_msgs/Header",
         )
@@ -179,7 +180,7 @@ class Player:
         self._next_tick = 0.0
         self._last_tick = 0
         qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)  # serves subscribers of either kind
-        self._clock = node.create_publisher(Clock, "/clock", qos) if pace.clock > 0 else None
+        self._clock = publisher(node, Clock, "/clock", qos) if pace.clock > 0 else None
         self._services = [
             node.create_service(SetBool, "~/pause", self._on_pause),
             node.create_service(Trigger, "~/step", self._on_step),

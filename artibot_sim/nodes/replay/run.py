@@ -9,6 +9,7 @@ from rclpy.node import Node
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.storage import BagInfo
+from artibot_sim.nodes.common.parameters import warn_of_unknown
 from artibot_sim.nodes.common.process import undisturbed
 from artibot_sim.nodes.replay.drive import Driver, Script, request_outlet
 from artibot_sim.nodes.replay.player import DISCOVERY, Outlet, Pace, Player, make_outlets
@@ -56,6 +57,7 @@ def _play(
     latched = [topic for topic, outlet in outlets.items() if outlet.latched]
     source = Source(info.path, outlets, latched, stretch, given["loop"], frames.admits if frames else None)
     player = Player(node, source, outlets, recorded, pace, asked)
+    warn_of_unknown(node)
     if given["wait"] != 0:
         log = node.get_logger()
         log.info(f"finding who listens already takes {DISCOVERY:g} s (--wait 0: begin at once)")
@@ -125,6 +127,7 @@ def drive_again(node: Node, info: BagInfo, wish: Wish, given: dict[str, Any], as
     script = Script(info, outlets, request)
     delay = 1.0 if given["delay"] is None else given["delay"]
     driver = Driver(node, script, delay, asked)
+    warn_of_unknown(node)
     try:
         driver.wait(1 if given["wait"] is None else given["wait"], given["wait_timeout"])
         over = driver.run()
