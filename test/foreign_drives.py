@@ -55,6 +55,8 @@ class ForeignDrive:
         Further bits of its statusword.
     beats : bool
         Whether it sends heartbeats.
+    mode : int, optional
+        What it shows as its mode of operation, whatever it was set to.
     """
 
     def __init__(
@@ -67,7 +69,9 @@ class ForeignDrive:
         rounds: Mapping[int, Callable[[int], int]] | None = None,
         bits: int = 0,
         beats: bool = True,
+        mode: int | None = None,
     ) -> None:
+        self._mode = mode
         self.id, self.bits, self.state, self.controlword = rig.codec.nodes[motor], bits, State.SWITCH_ON_DISABLED, 0
         self.written: list[tuple[int, int]] = []
         self._rounds = rounds or {}
@@ -130,7 +134,8 @@ class ForeignDrive:
     def _value(self, index: int) -> int:
         if index == 0x6041:
             return statusword(self.state, self.bits)
-        return self._object(0x6060) if index == 0x6061 else 0
+        shown = self._object(0x6060) if self._mode is None else self._mode
+        return shown if index == 0x6061 else 0
 
 
 class Foreign:

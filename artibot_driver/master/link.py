@@ -188,7 +188,7 @@ class Link:
         if self.state is not expected:
             wrong.append(f"is in state '{self.state}', expected '{expected}'")
         if not self.mode_fits:
-            wrong.append("is in another mode of operation than was set")
+            wrong.append(f"reports mode of operation {self.received.objects[MODE]} (6061h), expected {self._mode}")
         if wrong and self._came_twice:
             wrong.append("its feedback comes twice: a second node may have its id")
         return "; ".join(wrong)

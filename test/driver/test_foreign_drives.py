@@ -127,6 +127,14 @@ def test_a_second_node_beside_an_enabled_drive_stops_the_rover_and_is_suspected(
         assert found[1] != found[2]
 
 
+def test_a_drive_that_shows_another_mode_stops_the_rover_and_both_modes_are_named(tmp_path: Path) -> None:
+    with foreign_drives(eds_with(tmp_path), mode=1) as run:
+        assert run.is_ready()
+        run.master.enable()
+        assert run.run(3.0, lambda cycle: cycle.status.stop is not None)
+        assert "reports mode of operation 1 (6061h), expected 9" in run.status.stop.text
+
+
 def add_second_front_right(run: Foreign, eds: str) -> None:
     """A second node with the id of the first."""
     network = run.drives["front_right"]._network
