@@ -56,12 +56,23 @@ def publisher(node: Node, kind: type, topic: str, qos: QoSProfile = PUBLISHED) -
 
 def subscription(
     node: Node, kind: type, topic: str, callback: Callable[..., None], qos: QoSProfile, *, raw: bool = False,
-    group: CallbackGroup | None = None,
+    group: CallbackGroup | None = None, anew: bool = False,
 ) -> Any:  # fmt: skip
-    """Make a subscription; ``qos_overrides.<topic>.subscription.*`` override it. Errors are those of `publisher`."""
+    """Make a subscription; ``qos_overrides.<topic>.subscription.*`` override it. Errors are those of `publisher`.
+
+    `anew` is for one that is made again with another quality of service: what nobody overrides is not declared then,
+    for a declared parameter stays what it was at first.
+    """
+    overrides = QoSOverridingOptions.with_default_policies()
+    if anew:
+        beginning = f"qos_overrides.{node.resolve_topic_name(topic)}.subscription."
+        given = [
+            each for each in overrides.policy_kinds if f"{beginning}{each.name.lower()}" in node._parameter_overrides
+        ]
+        overrides = QoSOverridingOptions(policy_kinds=given)
     return _overridable(
         node.create_subscription, kind, topic, callback, copy(qos),
-        raw=raw, callback_group=group, qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        raw=raw, callback_group=group, qos_overriding_options=overrides,
     )  # fmt: skip
 
 

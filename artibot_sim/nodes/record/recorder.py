@@ -180,7 +180,7 @@ class Recorder:
         if former is not None:
             self._polled += self._empty(topic, former)
             self.node.destroy_subscription(former)
-        self._subscriptions[topic] = subscription(self.node, message, topic, _unused, profile, raw=True)
+        self._subscriptions[topic] = subscription(self.node, message, topic, _unused, profile, raw=True, anew=True)
         self._demands[topic] = demand
         kind = f"{'reliable' if reliable else 'best effort'}{', latched' if latched else ''}"
         self.node.get_logger().info(f"recording {topic} [{ros_type}], {kind}")
