@@ -68,6 +68,9 @@ class Bar:
         Size of the whole work, in any unit; None where nobody knows.
     delay, period, lines : float
         s before the first picture, and between two; s between two lines where there is no terminal.
+    kept : bool
+        Whether something is kept of work that is interrupted: then whoever keeps it says so. Else the bar says that
+        it is lost.
 
     Examples
     --------
@@ -80,9 +83,11 @@ class Bar:
     """Bars on the terminal now."""
 
     def __init__(
-        self, total: float | None = 1.0, *, delay: float = DELAY, period: float = PERIOD, lines: float = LINES
-    ) -> None:
+        self, total: float | None = 1.0, *, delay: float = DELAY, period: float = PERIOD, lines: float = LINES,
+        kept: bool = False,
+    ) -> None:  # fmt: skip
         self.total = total
+        self._kept = kept
         self._terminal = sys.stderr.isatty()
         self._period = period if self._terminal else lines
         self._began = time.monotonic()
@@ -98,6 +103,9 @@ class Bar:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.end()
+        if kind is KeyboardInterrupt and not self._kept:
+            doing = f" ({self._what})" if self._what else ""
+            print(f"interrupted{doing}: what was not finished is lost", file=sys.stderr)
 
     def stage(self, what: str, size: float) -> Report:
         """Begin the next part of the work, of this size: what came before is done."""

@@ -68,6 +68,15 @@ def test_the_cursor_comes_back_after_ctrl_c() -> None:
     assert said.rindex("\x1b[?25h") > said.rindex("\x1b[?25l")
 
 
+def test_ctrl_c_says_that_what_was_begun_is_lost() -> None:
+    """Unless whoever works says what is kept."""
+    said = on_a_terminal("0", "fail")
+    assert "interrupted (reading)" in said or "interrupted (drawing)" in said
+    assert "what was not finished is lost" in said
+    with pytest.raises(KeyboardInterrupt), Bar(kept=True):
+        raise KeyboardInterrupt
+
+
 def test_a_pipe_gets_a_line_now_and_then_of_long_work() -> None:
     command = [sys.executable, "-c", WORK, "0", "0.3"]
     run = subprocess.run(command, capture_output=True, cwd=Path(__file__).parents[1], text=True)

@@ -111,7 +111,7 @@ def command(
         false_alarm_rate=false_alarms or FALSE_ALARM_RATE, scheduler=scheduler and check_address(scheduler),
         budget=budget or float("inf"), residual=residual, parts=parts,
     )  # fmt: skip
-    with _kept(parts), Bar(total=1.0 + _READING * (len(recordings) + len(holdout))) as bar:
+    with _kept(parts), Bar(total=1.0 + _READING * (len(recordings) + len(holdout)), kept=True) as bar:
         naming = {"topics": topics, "joints": joints, "namespace": namespace}
         used = [_read(path, rover, naming, bar) for path in recordings]
         held = [_read(path, rover, naming, bar) for path in holdout]
@@ -139,8 +139,8 @@ def _kept(parts: Checkpoints) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        if parts.kept:
-            click.echo(f"interrupted: what was finished is kept in {parts.folder}; the same command goes on", err=True)
+        said = f"what was finished is kept in {parts.folder}; the same command goes on"
+        click.echo(f"interrupted: {said if parts.kept else 'nothing was finished yet, nothing is kept'}", err=True)
         raise
 
 

@@ -106,7 +106,7 @@ def _sweep(plan: SweepPlan, out: Path, workers: int | None, scheduler: str | Non
 
     clock = _Clock()
     try:
-        with Bar(total=float(plan.count)) as bar:
+        with Bar(total=float(plan.count), kept=True) as bar:
             done = sweep(plan, out, workers=workers, scheduler=scheduler, progress=clock.report_to(bar))
             bar.show(float(plan.count), "drawing", note="")
             summary = summarise(done.folder)

@@ -277,4 +277,6 @@ def summary(
 
 
 def _texts(values: Mapping[str, float], factor: float = 1.0) -> tuple[str, ...]:
-    return tuple(f"{factor * values[kind] + 0.0:.2f}".replace("-", "−") if kind in values else NONE for kind in KINDS)
+    return tuple(
+        f"{round(factor * values[kind], 2) + 0.0:.2f}".replace("-", "−") if kind in values else NONE for kind in KINDS
+    )

@@ -220,6 +220,7 @@ h1 { font-size: 1.5rem; margin: 0 0 4px; overflow-wrap: anywhere; }
 h2 { font-size: 1rem; margin: 18px 0 2px; }
 header p, footer { color: var(--muted); font-size: .93rem; }
 header p { margin: 2px 0; }
+header p.said { color: var(--ink); font-size: 1.05rem; margin-top: 6px; }
 footer { padding-bottom: 24px; padding-top: 12px; }
 nav.outline { position: sticky; top: 0; z-index: 5; display: flex; gap: 2px 4px; overflow-x: auto; white-space: nowrap;
   background: var(--paper); border-bottom: 1px solid var(--grid); padding: 6px 12px; margin-top: 10px; }
@@ -418,6 +419,7 @@ def render_page(
     columns: Sequence[str] = (),
     notes: Sequence[str] = (),
     *,
+    said: Sequence[str] = (),
     findings: Sequence[str] = (),
     answer: Sequence[str] = (),
     first: int = 0,
@@ -435,6 +437,8 @@ def render_page(
         Headings of the texts in the table's lines; the table has no head where all are empty.
     notes : sequence of str
         Sentences at the end.
+    said : sequence of str
+        Sentences below the title, on the first screen.
     findings : sequence of str
         Sentences at the beginning, before the answer's tables.
     answer : sequence of str
@@ -446,16 +450,16 @@ def render_page(
     """
     hints = (THINNED, HINT) if any(map(is_thinned, figure.panels)) else (HINT,)
     charts = [chart(panel, figure.time_span) | {"time": panel.timed} for panel in figure.panels]
-    wrong, said = (
+    wrong, below = (
         "".join(f"<p>{html.escape(sentence)}</p>" for sentence in sentences) for sentences in (findings, answer)
     )
-    parts = [Part("Answer", wrong + _table(table[:first], columns) + said)]
+    parts = [Part("Answer", wrong + _table(table[:first], columns) + below)]
     for name in dict.fromkeys(panel.part for panel in figure.panels):
         parts.append(Part(name or "Charts", _panels(figure, name), name not in closed))
     parts.append(Part("Figures of merit", _table(table[first:], columns), "table" not in closed))
     return render_frame(
         figure.title,
-        _head(figure),
+        _head(figure, said),
         parts,
         "".join(f"<p>{html.escape(note)}</p>" for note in (*notes, *hints)),
         charts,
@@ -463,8 +467,8 @@ def render_page(
     )
 
 
-def _head(figure: Figure) -> str:
-    """Return title and subtitle; the names of several recordings are switches in their hues."""
+def _head(figure: Figure, said: Sequence[str]) -> str:
+    """Return title, subtitle and what is said first; the names of several recordings are switches in their hues."""
     switches = "".join(
         f'<button type="button" aria-pressed="true" data-bag="{html.escape(label)}" style="--hue:{colour}">'
         f"{html.escape(label)}</button>"
@@ -474,7 +478,8 @@ def _head(figure: Figure) -> str:
     lines = [figure.subtitle]
     if figure.missing:
         lines.append(f"Not drawn, for lack of data: {', '.join(figure.missing)}.")
-    return title + "".join(f"<p>{html.escape(line)}</p>" for line in lines)
+    first = "".join(f'<p class="said">{html.escape(sentence)}</p>' for sentence in said)
+    return title + "".join(f"<p>{html.escape(line)}</p>" for line in lines) + first
 
 
 def _panels(figure: Figure, part: str) -> str:
@@ -506,16 +511,16 @@ def _table(table: Sequence[Section], columns: Sequence[str]) -> str:
             rows.append(f'<tr class="name"><th colspan="{len(columns) + 2}">{name}</th></tr>')
         for what, unit, texts in lines:
             cells = "".join(f"<td>{html.escape(text)}</td>" for text in texts)
-            rows.append(f"<tr><th>{_breakable(what)}</th><td>{html.escape(unit)}</td>{cells}</tr>")
+            rows.append(f"<tr><th>{breakable(what)}</th><td>{html.escape(unit)}</td>{cells}</tr>")
     head = f"<thead><tr><th></th><th></th>{head}</tr></thead>" if any(columns) else ""
     return f'<div class="scroll"><table>{head}<tbody>{"".join(rows)}</tbody></table></div>'
 
 
-_LONG = 20
+_LONG = 12
 """Letters of a name that a phone has place for, beside numbers."""
 
 
-def _breakable(name: str) -> str:
+def breakable(name: str) -> str:
     """A name as HTML, which may be broken after dots and underscores where it is too long for a phone."""
     said = html.escape(name)
     return re.sub(r"(?<=\w)([._])(?=[^\W\d])", r"\1<wbr>", said) if len(name) > _LONG else said

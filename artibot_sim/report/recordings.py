@@ -104,7 +104,25 @@ def _page(
     from artibot_sim.report.page import render_page
 
     table = [(name, rows(measures)) for name, measures in zip(names, measured, strict=True)]
-    return render_page(figure, table, KINDS, remarks_of(names, experiments, measured))
+    said = [
+        f"{name}: {text}" if len(names) > 1 else text for name, text in zip(names, map(_ended, measured), strict=True)
+    ]
+    return render_page(figure, table, KINDS, remarks_of(names, experiments, measured), said=[*filter(None, said)])
+
+
+def _ended(measures: Measures) -> str:
+    """How far from its plan a rover ended, in one sentence; empty where nobody knows."""
+    kind = next((kind for kind in ("true", "odometric") if kind in measures.e_x), None)
+    if kind is None or "planned" not in measures.path_length:
+        return ""
+    way, share = measures.path_length["planned"], measures.e_x[kind]
+    where = "" if kind == "true" else ", by its wheels"
+    of_way = f"{100 * share:.1f}\u00a0% of {way:.1f}\u00a0m"
+    said = f"Ended {share * way:.2f}\u00a0m from where it was planned to end ({of_way}){where}"
+    if kind not in measures.e_gamma:
+        return f"{said}."
+    yaw = measures.e_gamma[kind]
+    return f"{said}; it turned {100 * abs(yaw):.1f}\u00a0% {'less' if yaw < 0.0 else 'more'} than planned (eq. 31)."
 
 
 def _json(

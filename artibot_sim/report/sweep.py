@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.report import style
-from artibot_sim.report.page import Part, filled, render_frame
+from artibot_sim.report.page import Part, breakable, filled, render_frame
 from artibot_sim.report.web import numbers
 from artibot_sim.sweep.measures import MEASURES
 from artibot_sim.sweep.summary import HeatMap, Summary
@@ -85,15 +85,15 @@ def _map(one: HeatMap) -> dict[str, Any]:
 
 
 def _table(summary: Summary) -> str:
-    """Least, median, greatest of every measure, and the parameter it follows most."""
+    """Least, median, greatest of every measure, the parameter it follows most, and what it is."""
     rows = []
     for name, values in summary.spread.items():
         cells = "".join(f"<td>{value:.4g}</td>" for value in values).replace("-", "−")
         rows.append(
-            f"<tr><th>{html.escape(name)}</th><td>{html.escape(summary.unit(name))}</td>{cells}"
-            f"<td>{html.escape(follows(summary, name))}</td></tr>"
+            f"<tr><th>{breakable(name)}</th><td>{html.escape(summary.unit(name))}</td>{cells}"
+            f'<td>{html.escape(follows(summary, name))}</td><td class="what">{html.escape(MEASURES[name][1])}</td></tr>'
         )
-    head = "<tr><th></th><th></th><th>least</th><th>median</th><th>greatest</th><th>follows</th></tr>"
+    head = "<tr><th></th><th></th><th>least</th><th>median</th><th>greatest</th><th>follows</th><th></th></tr>"
     return f'<div class="scroll"><table><thead>{head}</thead><tbody>{"".join(rows)}</tbody></table></div>'
 
 
@@ -108,6 +108,7 @@ _STYLE = """
 .choice label { max-width: 100%; }
 .choice select { font: inherit; max-width: 100%; }
 .plot.tall { height: 460px; }
+td.what { text-align: left; color: var(--muted); }
 """
 
 _SCRIPT = """
@@ -201,5 +202,5 @@ _PARTS = (
 )  # fmt: skip
 """Heading, HTML, whether it is open at first, and what the outline calls it; the first one needs two parameters."""
 
-_FOOT = """<p>"Follows" is the parameter with the largest rank correlation. Heat maps are means over all runs of a cell;
-of many runs, lines and points are an even selection.</p>"""
+_FOOT = """<p>"Follows" is the parameter with the largest rank correlation. Heat maps are means over all runs of a cell,
+which is blank where no run fell; of many runs, lines and points are an even selection.</p>"""

@@ -53,6 +53,17 @@ def test_the_table_says_what_json_says(bags: list[Path], run: Experiment, capsys
     assert Path("a.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 
 
+def test_the_first_screen_says_how_far_from_its_plan_it_ended(bags: list[Path], run: Experiment) -> None:
+    """Not only in a table below eight charts."""
+    assert main(["plot", str(bags[0]), "--html", "a.html"]) == 0
+    head = Path("a.html").read_text(encoding="utf-8").partition("<main>")[0].replace("\u00a0", " ")
+    found = measure(run)
+    off = found.e_x["true"] * found.path_length["planned"]
+    assert f"Ended {off:.2f} m from where it was planned to end" in head
+    turned = "less" if found.e_gamma["true"] < 0.0 else "more"
+    assert f"it turned {100 * abs(found.e_gamma['true']):.1f} % {turned} than planned" in head
+
+
 def test_a_part_can_be_drawn(bags: list[Path]) -> None:
     assert main(["plot", str(bags[0]), "--start", "2", "--end", "9", "--json", "a.json"]) == 0
     (bag,) = json.loads(Path("a.json").read_text(encoding="utf-8"))["bags"]
