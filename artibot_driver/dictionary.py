@@ -146,7 +146,7 @@ def _find(eds: str | os.PathLike[str]) -> Path:
 
 
 def pdo_maps(dictionary: ObjectDictionary) -> tuple[PdoMap, ...]:
-    """All enabled PDOs of a dictionary read for node 0, RPDOs first.
+    """All enabled PDOs of a dictionary read for node 0 that map anything, RPDOs first.
 
     Raises
     ------
@@ -172,6 +172,8 @@ def _pdo_maps(dictionary: ObjectDictionary) -> Iterator[PdoMap]:
                     "expected an 11-bit one from 0x180 to 0x57F"
                 )
             fields = tuple(_fields(dictionary, communication + 0x200 + number, name))
+            if not fields:
+                continue  # CiA 301: a PDO that maps nothing is none, though its identifier may be enabled
             yield PdoMap(name, cob_id & _ID, _is_relative(identifier), fields, cob_id & NO_REMOTE_FRAME)
 
 

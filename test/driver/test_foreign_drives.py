@@ -31,6 +31,40 @@ def test_an_eds_s_flag_of_a_cob_id_is_no_part_of_the_identifier(
     assert (maps["RPDO1"].id_of(5), maps["RPDO1"].flags) == (0x205, 0)
 
 
+EMPTY = """
+[1401]
+ParameterName=RPDO2 communication parameter
+ObjectType=0x9
+SubNumber=2
+
+[1401sub1]
+ParameterName=COB-ID
+ObjectType=0x7
+DataType=0x0007
+AccessType=rw
+DefaultValue=$NODEID+0x300
+
+[1601]
+ParameterName=RPDO2 mapping parameter
+ObjectType=0x9
+SubNumber=1
+
+[1601sub0]
+ParameterName=Number of mapped objects
+ObjectType=0x7
+DataType=0x0005
+AccessType=rw
+DefaultValue=0
+"""
+
+
+def test_a_pdo_that_maps_nothing_is_not_sent(tmp_path: Path) -> None:
+    """Drives come with identifiers of all four PDOs enabled and mappings for some: frames without data are no use."""
+    dictionary = load_dictionary(eds_with(tmp_path, added=EMPTY))
+    assert 0x1401 in dictionary
+    assert [each.name for each in pdo_maps(dictionary)] == ["RPDO1", "TPDO1", "TPDO2"]
+
+
 def test_foreign_drives_are_set_up_and_enabled(tmp_path: Path) -> None:
     with foreign_drives(eds_with(tmp_path)) as run:
         assert run.is_ready()
