@@ -106,18 +106,20 @@ def _as_frame(message: Any) -> CanFrame:
     )  # fmt: skip
 
 
-def can_topics(info: BagInfo, wanted: Collection[str] = ()) -> tuple[str, ...]:
+def can_topics(info: BagInfo, wanted: Collection[str] = (), option: str = "--topic") -> tuple[str, ...]:
     """Return the topics of a recording that carry CAN frames.
 
     Parameters
     ----------
     info : of the recording.
     wanted : only these of them, with or without the leading slash.
+    option : of the command line, by which they are chosen.
 
     Raises
     ------
     ArtibotError
-        If there are none, or one that is wanted is not among them.
+        If there are none, or one that is wanted is not among them; or if none is wanted and they are below several
+        namespaces: the nodes of two buses have the same ids.
     """
     found = sorted({c.topic for c in info.channels if c.ros_type == CAN_FRAME and c.encoding == "cdr"})
     if not found:
@@ -129,6 +131,10 @@ def can_topics(info: BagInfo, wanted: Collection[str] = ()) -> tuple[str, ...]:
     for name in wanted:
         if "/" + name.lstrip("/") not in found:
             raise ArtibotError(f"{info.path}: no CAN frames on a topic '{name}'; expected one of {', '.join(found)}")
+    if not wanted and len({topic.rpartition("/")[0] for topic in found}) > 1:
+        raise ArtibotError(
+            f"{info.path}: frames of several buses ({', '.join(found)}); choose with {option} {found[0]}"
+        )
     return tuple(topic for topic in found if not wanted or topic in {"/" + name.lstrip("/") for name in wanted})
 
 

@@ -167,6 +167,22 @@ def test_topics_with_frames_are_found_by_their_type(tmp_path: Path) -> None:
         can_topics(bag_info(tmp_path / "none"))
 
 
+def test_buses_of_several_rovers_are_not_mixed(tmp_path: Path) -> None:
+    """Their nodes have the same ids; what one bus says and is told is one thing, though it be two topics."""
+    with BagWriter(tmp_path / "two", live=False) as bag:
+        for topic in ("/rover1/from_can_bus", "/rover1/to_can_bus", "/rover2/from_can_bus"):
+            bag.register(topic, CAN_FRAME)
+    two = bag_info(tmp_path / "two")
+    with pytest.raises(ArtibotError, match=r"several buses \(.*\); choose with --topic /rover1/from_can_bus$"):
+        can_topics(two)
+    both = ["/rover1/from_can_bus", "/rover1/to_can_bus"]
+    assert can_topics(two, both) == tuple(both)
+    with BagWriter(tmp_path / "one", live=False) as bag:
+        for topic in both:
+            bag.register(topic, CAN_FRAME)
+    assert can_topics(bag_info(tmp_path / "one")) == tuple(both)
+
+
 def test_a_cut_recording_keeps_its_frames(tmp_path: Path) -> None:
     written = some(40_000)
     file = mcap_file(frame_bag(tmp_path / "run", written))

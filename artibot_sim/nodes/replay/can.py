@@ -136,7 +136,7 @@ def frame_outlet(info: BagInfo, given: dict[str, Any], warn: Say) -> Iterator[Fr
     ArtibotError
         If there are no frames, the bus cannot be opened, or somebody sends there what is to be sent.
     """
-    topics = can_topics(info, given["can_topic"])
+    topics = can_topics(info, given["can_topic"], "--can-topic")
     channels = [channel for channel in info.channels if channel.topic in topics]
     which = Which(given["can_frames"] or Which.DRIVES.value)
     config = load_config(given["can_params"] or "driver")
