@@ -127,10 +127,10 @@ def prediction_lines(prediction: Prediction) -> Iterator[str]:
     position = prediction.channels.get("position")
     if position is not None:
         known = np.isfinite(position.noise)
-        noise = f" (fast noise alone: {1e3 * position.noise:.1f} mm)" if known else ""
+        noise = f" (noise of the sensor: {number(1e3 * position.noise, 3)} mm)" if known else ""
         yield (
             f"{prediction.name}, held out: {prediction.windows} predictions of {prediction.horizon:g} s, "
-            f"position RMSE {1e3 * position.rmse:.1f} mm{noise}"
+            f"position RMSE {number(1e3 * position.rmse, 3)} mm{noise}"
         )
     if prediction.left is not None:
         yield f"{prediction.name}: its free run leaves the measured branch at {prediction.left:.1f} s"

@@ -247,8 +247,8 @@ def tables(work: Work) -> list[Section]:
 def _tables(
     estimates: Sequence[Estimate], channels: Mapping[str, ChannelFit], predictions: Sequence[Prediction]
 ) -> list[Section]:
-    heads = ("value", "95 % from", "to", "prior", "±")
-    values = [(e.name, spaced(e.unit), tuple(number(v) for v in (e.value, *e.ci95, *e.prior))) for e in estimates]
+    heads = ("value", "95 %", "known before")
+    values = [(e.name, spaced(e.unit), _estimate(e)) for e in estimates]
     sections: list[Section] = [_models(prediction) for prediction in predictions if prediction.rivals]
     sections += [("Parameters", [("", "", heads), *values]), ("Residuals of the fit", _errors(channels))]
     for prediction in predictions:
@@ -263,6 +263,13 @@ def _tables(
             left = "" if prediction.left is None else f", which leaves the measured branch at {prediction.left:.1f} s"
             sections.append((f"{prediction.name}: free run{left}", _errors(prediction.free_run)))
     return sections
+
+
+def _estimate(e: Estimate) -> tuple[str, str, str]:
+    """Value, interval and prior: few columns, so that a phone shows them."""
+    low, high = (number(value) for value in e.ci95)
+    middle, sd = (number(value, 3) for value in e.prior)
+    return number(e.value), f"{low} … {high}", f"{middle} ± {sd}"
 
 
 def _models(prediction: Prediction) -> Section:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import re
 import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -209,17 +210,21 @@ def render(sections: Sequence[Section], version: str) -> bytes:
         for section in sections
     )
     head = f"<h1>{html.escape(TITLE)}</h1><p>{html.escape(INTRO)}</p><ul>{summary}</ul>"
-    first = next((section for section in sections if section.sheets), None)
     parts = [
         Part(
-            f"Section {section.number}: {section.title}", _section(section, counter), section is first,
+            f"Section {section.number}: {section.title}", _section(section, counter), len(sections) == 1,
             f"Section {section.number}", f"s{section.number}",
         )
         for section in sections
     ]  # fmt: skip
-    parts.append(Part("The paper, figure by figure", _table(the_paper(sections)), anchor="paper"))
-    foot = f"<p>{html.escape(f'artibot {version}, `artibot reproduce`')}</p>"
+    parts.append(Part("The paper, figure by figure", _table(the_paper(sections)), False, anchor="paper"))
+    foot = f"<p>{_text(f'artibot {version}, `artibot reproduce`')}</p>"
     return render_frame(TITLE, head, parts, foot, charts, css=_CSS, script="drawParts();")
+
+
+def _text(text: str) -> str:
+    """A text as HTML; what stands between backticks is code."""
+    return re.sub("`([^`]+)`", r"<code>\1</code>", html.escape(text))
 
 
 def _short(section: Section) -> str:
@@ -228,10 +233,11 @@ def _short(section: Section) -> str:
 
 def _section(section: Section, counter: Any) -> str:
     parts = [f'<p class="verdict">{html.escape(section.verdict)}</p>']
-    parts += [f"<p>{html.escape(note)}</p>" for note in section.notes]
+    parts += [f"<p>{_text(note)}</p>" for note in section.notes]
+    first_what_fails = sorted(section.statements, key=lambda statement: statement.holds)
     if section.statements:
         parts.append("<h3>What holds and what does not</h3>")
-        parts.append(f'<ul class="claims">{"".join(map(_statement, section.statements))}</ul>')
+        parts.append(f'<ul class="claims">{"".join(map(_statement, first_what_fails))}</ul>')
     parts += [_sheet(sheet, counter) for sheet in section.sheets]
     parts += [_table(table) for table in section.tables]
     return "".join(parts)
@@ -239,10 +245,7 @@ def _section(section: Section, counter: Any) -> str:
 
 def _statement(statement: Statement) -> str:
     state, word = ("good", "holds") if statement.holds else ("bad", "does not hold")
-    return (
-        f'<li class="{state}"><b>{word}</b> {html.escape(statement.claim)} '
-        f"<small>{html.escape(statement.evidence)}</small></li>"
-    )
+    return f'<li class="{state}"><b>{word}</b> {_text(statement.claim)} <small>{_text(statement.evidence)}</small></li>'
 
 
 def _sheet(sheet: Sheet, counter: Any) -> str:
@@ -255,7 +258,7 @@ def _sheet(sheet: Sheet, counter: Any) -> str:
             cells.append(f'<div class="cell"><h4>{title}</h4><div id="plot{next(counter)}" class="{kind}"></div></div>')
         rows.append(f'<div class="row n{len(row)}">{"".join(cells)}</div>')
     return (
-        f"<figure><h3>{html.escape(sheet.title)}</h3><figcaption>{html.escape(sheet.caption)}</figcaption>"
+        f"<figure><h3>{html.escape(sheet.title)}</h3><figcaption>{_text(sheet.caption)}</figcaption>"
         f"{''.join(rows)}</figure>"
     )
 
@@ -278,7 +281,7 @@ def _table(table: Table) -> str:
         + "</tr>"
         for row in table.rows
     )
-    note = f"<p>{html.escape(table.note)}</p>" if table.note else ""
+    note = f"<p>{_text(table.note)}</p>" if table.note else ""
     return (
         f'<h3>{html.escape(table.title)}</h3><div class="scroll"><table class="plain"><thead><tr>{head}</tr></thead>'
         f"<tbody>{body}</tbody></table></div>{note}"
@@ -338,6 +341,7 @@ _CSS = """
 h3 { font-size: 1.05rem; margin: 26px 0 2px; }
 h4 { font-size: .95rem; margin: 12px 0 0; }
 main p, figcaption { color: var(--muted); margin: 4px 0; max-width: 90ch; }
+code { white-space: nowrap; }
 p.verdict { color: inherit; font-weight: 600; }
 figure { margin: 0; }
 .row { display: grid; grid-template-columns: minmax(0, 1fr); gap: 0 20px; }

@@ -63,7 +63,7 @@ def test_kinematic_models_stand_beside_the_identified_one_in_one_table() -> None
     assert table.count("<td>0.200</td>") == 2
     assert table.index("poses are late") < table.index("position, this model"), "findings come first in every report"
     assert "<thead>" not in table, "sections have heads of their own; a common one would be empty"
-    assert table.index("position, ICR") < table.index("95 % from") < table.index("2650")
+    assert table.index("position, ICR") < table.index("95 %") < table.index("2650")
     printed = as_text(result)
     assert printed.index("poses are late") < printed.index("2650")
     table = printed.partition("errors at the ends")[2]

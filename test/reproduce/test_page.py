@@ -45,6 +45,13 @@ def test_the_page_has_everything_and_needs_nothing(sections: list[Section], page
     assert data_of(page)  # JSON knows no NaN
 
 
+def test_the_page_begins_folded_under_its_summary(page: str) -> None:
+    """Whole it is longer than a phone's screen twenty times."""
+    parts = re.findall(r'<details class="part"[^>]*>', page)
+    assert len(parts) == 5 and not any(" open" in part for part in parts)
+    assert "`" not in re.sub(r"<script.*?</script>", "", page, flags=re.S)
+
+
 def test_plotly_knows_every_attribute(sections: list[Section]) -> None:
     go = pytest.importorskip("plotly.graph_objects")
     for item in charts(sections):
