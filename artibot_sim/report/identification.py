@@ -267,9 +267,8 @@ def _tables(
 
 def _estimate(e: Estimate) -> tuple[str, str, str]:
     """Value, interval and prior: few columns, so that a phone shows them."""
-    low, high = (number(value) for value in e.ci95)
-    middle, sd = (number(value, 3) for value in e.prior)
-    return number(e.value), f"{low} … {high}", f"{middle} ± {sd}"
+    low, high = (number(value, 3) for value in e.ci95)
+    return number(e.value), f"{low} … {high}", f"{e.prior[0]:.4g} ± {number(e.prior[1], 2)}"
 
 
 def _models(prediction: Prediction) -> Section:

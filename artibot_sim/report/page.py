@@ -251,9 +251,10 @@ td:nth-child(2) { color: var(--muted); }
 thead th { font-weight: 600; border-bottom: 1px solid var(--grid); }
 tr.name th { font-weight: 600; padding-top: 10px; }
 @media (max-width: 600px) {  /* names stay in sight while numbers scroll */
+  th, td { padding-right: 9px; }
   .scroll .name span { display: inline-block; position: sticky; left: 0; max-width: 90vw; white-space: normal; }
-  .scroll tr:not(.name) > :first-child { position: sticky; left: 0; background: var(--paper); min-width: 9em;
-    max-width: 46vw; white-space: normal; overflow-wrap: anywhere; }
+  .scroll tr:not(.name) > :first-child { position: sticky; left: 0; background: var(--paper);
+    min-width: min(9em, var(--longest, 9em)); max-width: 46vw; white-space: normal; overflow-wrap: anywhere; }
 }
 @media (min-width: 860px) {
   .grid:not(.alike) { grid-template-columns: minmax(0, 1fr) minmax(0, 1fr); }
@@ -513,7 +514,9 @@ def _table(table: Sequence[Section], columns: Sequence[str]) -> str:
             cells = "".join(f"<td>{html.escape(text)}</td>" for text in texts)
             rows.append(f"<tr><th>{breakable(what)}</th><td>{html.escape(unit)}</td>{cells}</tr>")
     head = f"<thead><tr><th></th><th></th>{head}</tr></thead>" if any(columns) else ""
-    return f'<div class="scroll"><table>{head}<tbody>{"".join(rows)}</tbody></table></div>'
+    longest = max(len(what) for _, lines in table for what, _, _ in lines)  # a phone has no place for more
+    body = f"{head}<tbody>{''.join(rows)}</tbody>"
+    return f'<div class="scroll"><table style="--longest: {longest + 3}ch">{body}</table></div>'
 
 
 _LONG = 12
