@@ -94,6 +94,11 @@ def read_bag(
         channels = with_wheels(_with_pose(channels, found, remarks, asked=bool(topics)), joints or {}, remarks)
     except ArtibotError as error:
         raise ArtibotError(f"{path}: {error}") from error
+    if not channels and not info.message_count:
+        raise ArtibotError(
+            f"{path}: no message was recorded; start what publishes, in the same ROS_DOMAIN_ID as the recorder, and "
+            "record again"
+        )
     if not channels:
         present = ", ".join(sorted(found)) or "no topic at all"
         raise ArtibotError(

@@ -10,6 +10,7 @@ import pytest
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.checks.findings import findings
 from artibot_sim.estimation.checks.recordings import data_warnings, require_usable
+from artibot_sim.estimation.checks.report import check
 from artibot_sim.estimation.checks.wheels import scale_between
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.identify.synthetic import synthetic
@@ -206,6 +207,9 @@ def test_a_rover_that_never_moves_is_refused(good: Experiment, agriq: Robot) -> 
     point = {name: np.full_like(values, 1.0) for name, values in good.channels["total_station"].columns.items()}
     with pytest.raises(ArtibotError, match="never moves"):
         require_usable([changed(still, "total_station", **point)], agriq)
+    (checked,) = check([changed(still, "total_station", **point)], agriq)
+    assert "never moves" in checked.refused
+    assert not checked.findings and not checked.delays, "what never changes agrees at every delay and in every unit"
 
 
 def test_no_recording_is_refused(agriq: Robot) -> None:

@@ -199,6 +199,11 @@ def test_yaw_is_continuous_within_a_segment_and_starts_anew_after_a_gap(tmp_path
     assert np.abs(experiment.channels["odom"]["yaw"] - true).max() < 1e-9
 
 
+def test_a_recording_without_a_message_is_not_told_to_rename_topics(tmp_path: Path) -> None:
+    with pytest.raises(ArtibotError, match="no message was recorded; start what publishes"):
+        read_bag(write_bag(tmp_path / "run", []))
+
+
 def test_renamed_topics(tmp_path: Path) -> None:
     folder = write_bag(tmp_path / "run", [("/lidar/odom", ODOMETRY, odometry(EPOCH, x=2.0), EPOCH)])
     with pytest.raises(

@@ -84,12 +84,21 @@ def _one(experiment: Experiment, robot: Robot) -> Check:
         refused = ""
     except ArtibotError as error:
         refused = str(error)
+    if refused and not _turns(experiment):
+        return Check(experiment.name, refused, (), tuple(_numbers(experiment)), ())
     streams = compare_streams(experiment)
     said = [*_numbers(experiment), *_two_sources(experiment)]
     if not refused:
         said += [text.removeprefix(f"{experiment.name}: ") for text in doubts([experiment], robot)]
     named = tuple(findings(experiment, robot, streams))
     return Check(experiment.name, refused, named, tuple(dict.fromkeys(said)), tuple(_delays(streams)))
+
+
+def _turns(experiment: Experiment) -> bool:
+    """Whether any motor turns: streams that never change agree at every delay."""
+    columns = experiment.channels["motor_torques"].columns
+    moving = [values[np.isfinite(values)] for name, values in columns.items() if not name.endswith(".effort")]
+    return any(len(values) and np.ptp(values) > 0.0 for values in moving)
 
 
 def _missing(experiment: Experiment) -> str:
