@@ -16,7 +16,7 @@ from rich.console import Console
 from artibot_sim.cli.identify import command
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.kinematic import FREE, ideal
-from artibot_sim.estimation.parameters import ParameterSet
+from artibot_sim.estimation.parameters import SOIL, ParameterSet
 from artibot_sim.estimation.uncertainty import Spread
 from artibot_sim.experiment import Channel, Experiment, write_channels
 from artibot_sim.identify import Effort, Prior, Status, identify, parse_priors
@@ -27,7 +27,7 @@ from artibot_sim.identify.run import Work, enough_of, problem_of
 from artibot_sim.identify.synthetic import Noise, random_manoeuvre, synthetic
 from artibot_sim.identify.validation import hold_out
 from artibot_sim.model import Robot, load_robot, save_robot
-from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop, Straight
+from artibot_sim.planning import Arc, Dwell, Eight, Manoeuvre, Ramp, Slalom, Stop, Straight
 from artibot_sim.report.identification import window_panels
 
 QUICK = Effort(starts=1, finalists=1)
@@ -380,6 +380,28 @@ def test_what_has_either_sign_is_found_with_either_sign(real: Robot) -> None:
     result = identify([drive], real, fit=["k_t", key], priors={key: Prior(0.0, 0.15)}, effort=QUICK).result
     assert result[key].value == pytest.approx(truth, abs=0.015)
     assert result[key].ci95[0] < result[key].value < result[key].ci95[1] < 0.0
+
+
+@pytest.mark.long
+def test_ground_that_is_stiffer_than_supposed_is_found_with_its_law() -> None:
+    """Forces by slip ratio make the ground three times as stiff at low speed, where longer steps would chatter."""
+    plain, key = load_robot("agriq"), "effects.slip_ratio.exponent"
+    robot = replace(plain, effects={"slip_ratio": {"exponent": 0.7}})
+    eights = [Eight(radius=r, smooth=True, end_speed=0.0) for r in (2.0, 2.5)]
+    drives = [
+        synthetic(
+            robot,
+            Manoeuvre("eights", (Dwell(1.0), *(replace(e, speed=v) for e in eights)), a_max=0.5, blend=0.3),
+            duration=40.0, seed=seed, name=f"at {v:g} m/s",
+        )
+        for seed, v in enumerate((0.2, 0.4, 0.8))
+    ]  # fmt: skip
+    result = identify(drives, plain, fit=[*SOIL, key], priors={key: Prior(0.9, 0.3)}, window=5.0, effort=QUICK).result
+    truth = {key: 0.7} | {f"contact.{name}": plain.as_vector([f"contact.{name}"])[0] for name in SOIL}
+    for name, value in truth.items():
+        low, high = result[name].ci95
+        assert low - 0.5 * (high - low) < value < high + 0.5 * (high - low), (name, value, result[name])
+    assert result[key].ci95[1] < 0.75
 
 
 def test_signed_values_and_their_coordinates_are_inverse() -> None:
