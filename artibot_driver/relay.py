@@ -197,7 +197,7 @@ class _Node:
     periodic: dict[int, int] = field(default_factory=dict)
 
 
-class _Left(Exception):
+class _Disconnected(Exception):
     """A node has left the bus."""
 
 
@@ -281,7 +281,7 @@ class RelayServer:
                 self._send(node, b"")
             if events & selectors.EVENT_READ:
                 self._take(node)
-        except _Left:
+        except _Disconnected:
             self._forget(node)
         except OSError:
             self._forget(node)
@@ -298,7 +298,7 @@ class RelayServer:
         """Take what a node sends."""
         data = node.socket.recv(_AT_ONCE)
         if not data:
-            raise _Left if not node.joined else ConnectionResetError
+            raise _Disconnected if not node.joined else ConnectionResetError
         node.unread += data
         if not node.upgraded and not self._upgrade(node):
             return
@@ -317,15 +317,15 @@ class RelayServer:
                 if content[:1] == bytes((BINARY_MESSAGE_TYPE,)):
                     yield content
             elif opcode == TEXT:
-                yield from self._told(node, content)
+                yield from self._frames_of_event(node, content)
             elif opcode == PING:
                 self._send(node, websocket_frame(PONG, content))
             elif opcode == CLOSE:
                 self._send(node, websocket_frame(CLOSE, content[:2]))
-                raise _Left
+                raise _Disconnected
 
-    def _told(self, node: _Node, content: bytes) -> Iterator[bytes]:
-        """What a node says in JSON."""
+    def _frames_of_event(self, node: _Node, content: bytes) -> Iterator[bytes]:
+        """Frames that a node asks for in JSON, to be passed on; what else it asks is done."""
         try:
             event = json.loads(content)
             kind, given = event["type"], event["payload"]
@@ -392,7 +392,7 @@ class RelayServer:
         given = {key.strip().lower(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
         if given.get("upgrade", "").lower() != "websocket" or "sec-websocket-key" not in given:
             self._send(node, b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")
-            raise _Left
+            raise _Disconnected
         node.binary = _PROTOCOL in given.get("sec-websocket-protocol", "")
         answer = [
             "HTTP/1.1 101 Switching Protocols", "Upgrade: WebSocket", "Connection: Upgrade",

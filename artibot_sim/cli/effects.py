@@ -97,7 +97,7 @@ def adopt(robot_file: Path, name: str, describe: str, law: str, out: Path | None
 
     from artibot_sim.errors import ArtibotError
     from artibot_sim.model import load_robot
-    from artibot_sim.model.effects.files import SUFFIX, effect_document, effect_of, known
+    from artibot_sim.model.effects.files import SUFFIX, effect_document, effect_of, register
 
     robot = load_robot(str(robot_file))
     if law not in robot.effects or not robot.effects[law]["size"]:
@@ -107,7 +107,7 @@ def adopt(robot_file: Path, name: str, describe: str, law: str, out: Path | None
     if path.exists() and not force:
         raise ArtibotError(f"{path}: exists already; give another --out, or --force to replace it")
     document = effect_document(name, describe, robot.effects[law])
-    known(effect_of(document, str(path)), path)  # refused before anything is written
+    register(effect_of(document, str(path)), path)  # refused before anything is written
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120), encoding="utf-8")
     click.echo(f"wrote {path}")

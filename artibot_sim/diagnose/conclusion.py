@@ -10,10 +10,10 @@ from functools import cached_property, partial
 from artibot_sim.diagnose.commands.model import FILTER
 from artibot_sim.diagnose.commands.view import CommandView
 from artibot_sim.diagnose.policy import MINOR_COMMANDS, MOST_EFFECTS
-from artibot_sim.diagnose.records import ChannelGain, Left
+from artibot_sim.diagnose.records import ChannelGain, SlowResidual
 from artibot_sim.diagnose.remains import COMMANDED, beyond_noise, far_beyond_noise, leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.decision import Decision, Named
-from artibot_sim.diagnose.selection.per_recording import ByRecording, fitted_apart
+from artibot_sim.diagnose.selection.per_recording import ByRecording, fitted_by_recording
 from artibot_sim.diagnose.timetable import Timetable
 from artibot_sim.diagnose.unlisted.beside import Explanations
 from artibot_sim.diagnose.unlisted.finding import ForceFinding
@@ -107,7 +107,7 @@ class Without:
     effects: tuple[str, ...]
     reason: Reason
     gain: Mapping[str, ChannelGain]
-    left: Mapping[str, Left]
+    left: Mapping[str, SlowResidual]
     beside: LastEffect | None = None
 
 
@@ -321,14 +321,14 @@ class MotionFacts:
         return None if alone is not None and alone.sufficient else self._explanations.force(())
 
     @cached_property
-    def _without_left(self) -> Mapping[str, Left]:
+    def _without_left(self) -> Mapping[str, SlowResidual]:
         return remains(self._found.neutral_problem, self._found.neutral_fit.point)
 
     @cached_property
     def _contradiction(self) -> ByRecording | None:
         """The recordings one by one without any effect, where they contradict each other."""
         problem, fit = self._found.neutral_problem, self._found.neutral_fit
-        return fitted_apart(problem, fit) if disagreement(problem, fit) >= self._found.least else None
+        return fitted_by_recording(problem, fit) if disagreement(problem, fit) >= self._found.least else None
 
 
 class CommandFacts:
@@ -372,7 +372,7 @@ class CommandFacts:
         left = {} if self._with is None else {COMMANDED: self._with}
         return Without(effects, reason, self._held.gain if reason is Reason.REFUTED else {}, left)
 
-    def _size(self, left: Left | None) -> str:
+    def _size(self, left: SlowResidual | None) -> str:
         return "noise" if left is None or not beyond_noise({COMMANDED: left}) else "more"
 
     @cached_property
@@ -380,11 +380,11 @@ class CommandFacts:
         return self._judge(replace(self._found, laws=None))
 
     @cached_property
-    def _with(self) -> Left | None:
+    def _with(self) -> SlowResidual | None:
         return self._view.remainder(self._robot(self._found.named))
 
     @cached_property
-    def _none(self) -> Left | None:
+    def _none(self) -> SlowResidual | None:
         return self._view.remainder(self._robot(_uncommanded(self._found)))
 
     def _robot(self, named: tuple[Named, ...]) -> Robot:
@@ -403,7 +403,7 @@ def shows_forces(decision: Decision) -> bool:
     return any(series.channel in FORCES for stretch in decision.problem.stretches for series in stretch.series)
 
 
-def size_of(left: Mapping[str, Left]) -> str:
+def size_of(left: Mapping[str, SlowResidual]) -> str:
     """What is left, as the tables ask for it."""
     if far_beyond_noise(left):
         return "far more"
@@ -420,11 +420,11 @@ def soils_of(found: Decision) -> tuple[str, Decision, ByRecording | None]:
     agree = disagreement(found.problem, found.fit) < found.least
     if alone or (agree and not leaves_more_than_noise(found.left)):
         return "no", found, None
-    last = fitted_apart(found.problem, found.fit)
+    last = fitted_by_recording(found.problem, found.fit)
     if not last.sufficient:  # nor are soils with fewer effects
         return "no", found, None
     for count, (problem, fit) in enumerate(found.fits):
-        each = fitted_apart(problem, fit) if count < len(found.fitted) else last
+        each = fitted_by_recording(problem, fit) if count < len(found.fitted) else last
         further = sum(one.nats for one in found.fitted[count:])
         if each.nats < max(further, found.least) or not each.sufficient:
             continue

@@ -75,7 +75,7 @@ from artibot_sim.experiment import Experiment
 from artibot_sim.identify.judgement import excitation
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import best_fit, problem_of
-from artibot_sim.identify.validation import Held
+from artibot_sim.identify.validation import PredictedRecording
 from artibot_sim.model import Robot
 from artibot_sim.model.effects import EFFECTS
 
@@ -117,8 +117,8 @@ class Assessment:
     effects: Parameters
     channels: Mapping[str, ChannelBaseline]
     comparisons: list[Comparison]
-    neutral: tuple[Held, ...]
-    predicted: tuple[Held, ...]
+    neutral: tuple[PredictedRecording, ...]
+    predicted: tuple[PredictedRecording, ...]
     worth: HeldOut
     whole: tuple[Problem, Fit]
     laws: FittedLaws | None = None
@@ -204,7 +204,7 @@ class Assessor:
         self._ticks.begin(Task.PREDICTIONS)
         pairs = _predictions(self._fitted, self._held, baseline, extended, options, self._ticks)
         levels, comparisons = baseline_levels(pairs), [comparison(pair, self._robot, self._in_map) for pair in pairs]
-        channels, comparisons = with_commands(levels, comparisons, *view.seen_by(extended))
+        channels, comparisons = with_commands(levels, comparisons, *view.for_robot(extended))
         held_out = [pair for pair in pairs if pair.held_out]
         driven = [one.channels[COMMANDED] for one in comparisons if one.held_out and COMMANDED in one.channels]
         gained = improvements(decision, held_out, extended, view, options)
@@ -215,7 +215,7 @@ class Assessor:
             baseline, extended, effects, channels, comparisons, before, after, worth, decision.whole, decision.laws
         )  # fmt: skip
 
-    def held_out(self, assessed: Assessment) -> list[tuple[Robot, list[Held]]]:
+    def held_out(self, assessed: Assessment) -> list[tuple[Robot, list[PredictedRecording]]]:
         """An assessment's models, and their predictions of the held-out recordings."""
         models = ((assessed.baseline, assessed.neutral), (assessed.extended, assessed.predicted))
         return [(robot, list(runs[len(self._fitted) :])) for robot, runs in models]
@@ -601,7 +601,7 @@ def affordable(every: EveryWindow, options: Options, view_took: float) -> tuple[
 
 def _with_predictors(
     result: Diagnosis, held: Sequence[Experiment], models: Mapping[str, Robot], decision: Decision,
-    known: Sequence[tuple[Robot, Sequence[Held]]], options: Options,
+    known: Sequence[tuple[Robot, Sequence[PredictedRecording]]], options: Options,
 ) -> Diagnosis:  # fmt: skip
     """Add how well the models predict held-out recordings, if there is time."""
     try:

@@ -34,7 +34,6 @@ __all__ = [
     "Comparison",
     "Estimate",
     "Explainable",
-    "Left",
     "NextExperiment",
     "Options",
     "Place",
@@ -42,6 +41,7 @@ __all__ = [
     "Predictor",
     "Refusal",
     "Series",
+    "SlowResidual",
     "Unexplained",
     "Verdict",
 ]
@@ -430,7 +430,7 @@ class Refusal:
 
 
 @dataclass(frozen=True)
-class Left:
+class SlowResidual:
     """What the final model leaves in one channel, slowly, as forces would; 1 is a sensor's white noise.
 
     Attributes

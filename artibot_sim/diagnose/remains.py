@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.policy import FAR_BEYOND_NOISE, LEFT_OF_COMMANDS, LEFT_OF_MOTION, LEFT_OF_POSITION
-from artibot_sim.diagnose.records import Left
+from artibot_sim.diagnose.records import SlowResidual
 from artibot_sim.estimation.encoder_noise import with_noisy_inputs
 from artibot_sim.estimation.kernels import Parts
 from artibot_sim.estimation.problem import Problem
@@ -33,7 +33,7 @@ _MEMORY = 3.0
 """Relaxation lengths after which a tyre has forgotten the force with which a window took it to begin."""
 
 
-def remains(problem: Problem, point: Point) -> dict[str, Left]:
+def remains(problem: Problem, point: Point) -> dict[str, SlowResidual]:
     """What the residuals of a fit leave, by channel.
 
     In units of the sensors' own noise, as neighbouring samples show it, and of what noise of the rotations, which turn
@@ -52,7 +52,7 @@ def remains(problem: Problem, point: Point) -> dict[str, Left]:
     # a window near a switch of eq. 16 answers any noise by taking the other branch: of two the calmer one says it
     noise = {name: 1.0 + float(np.quantile(sizes, 0.5, method="lower")) for name, sizes in turned.items()}
     return {
-        name: Left(float(np.median(sizes)) / noise[name], float(np.quantile(sizes, 0.9)) / noise[name])
+        name: SlowResidual(float(np.median(sizes)) / noise[name], float(np.quantile(sizes, 0.9)) / noise[name])
         for name, sizes in found.items()
     }
 
@@ -64,7 +64,7 @@ def _from_rotations(problem: Problem, point: Point) -> Parts:
     return problem.parts(residuals[0] - point.residuals.flat)
 
 
-def beyond_noise(left: Mapping[str, Left], times: float = 1.0) -> tuple[str, ...]:
+def beyond_noise(left: Mapping[str, SlowResidual], times: float = 1.0) -> tuple[str, ...]:
     """Channels in which a force may be at work that the fit does not know: so many times beyond their limit.
 
     Of what forces move the window in the middle decides: single ones that began on another branch are no force. Of
@@ -73,16 +73,16 @@ def beyond_noise(left: Mapping[str, Left], times: float = 1.0) -> tuple[str, ...
     return tuple(name for name, one in left.items() if _size(name, one) > times * LIMITS.get(name, np.inf))
 
 
-def _size(name: str, one: Left) -> float:
+def _size(name: str, one: SlowResidual) -> float:
     return one.worst if name == COMMANDED else one.typical
 
 
-def far_beyond_noise(left: Mapping[str, Left]) -> tuple[str, ...]:
+def far_beyond_noise(left: Mapping[str, SlowResidual]) -> tuple[str, ...]:
     """Channels that leave no doubt of it."""
     return beyond_noise(left, FAR_BEYOND_NOISE)
 
 
-def leaves_more_than_noise(left: Mapping[str, Left]) -> bool:
+def leaves_more_than_noise(left: Mapping[str, SlowResidual]) -> bool:
     """Whether any channel is `beyond_noise`."""
     return bool(beyond_noise(left))
 

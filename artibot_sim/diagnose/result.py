@@ -21,12 +21,12 @@ from artibot_sim.diagnose.records import (
     ErrorBudget,
     Estimate,
     Explainable,
-    Left,
     NextExperiment,
     Place,
     Predictor,
     Refusal,
     Series,
+    SlowResidual,
     Unexplained,
     Varies,
     Verdict,
@@ -74,10 +74,10 @@ __all__ = [
     "ErrorBudget",
     "Estimate",
     "Explainable",
-    "Left",
     "NextExperiment",
     "Place",
     "Series",
+    "SlowResidual",
     "Unexplained",
     "Verdict",
 ]  # fmt: skip
@@ -165,7 +165,7 @@ class Diagnosis:
     threshold: float = 0.0
     seed: int = 0
     seconds: float = 0.0
-    left: Mapping[str, Left] = field(default_factory=dict)
+    left: Mapping[str, SlowResidual] = field(default_factory=dict)
     predictors: tuple[Predictor, ...] = ()
     refused: tuple[Refusal, ...] = ()
     best: str = ""

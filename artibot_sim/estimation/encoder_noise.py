@@ -126,13 +126,13 @@ class NoiseShare:
     sizes: Array
     slopes: Array
 
-    def _there(self, coordinates: Array) -> Array:
+    def _sizes_at(self, coordinates: Array) -> Array:
         rise = np.clip((coordinates - self.middle) @ self.slopes, -_FARTHEST, _FARTHEST)
         return np.asarray(self.sizes * np.exp(rise), float)
 
     def losses(self, coordinates: Array) -> Array:
         """What it adds to each window's loss, shape (windows,)."""
-        return np.asarray(self._there(coordinates).sum(axis=1), float)
+        return np.asarray(self._sizes_at(coordinates).sum(axis=1), float)
 
     def cost_without(self, point: Point) -> float:
         """The cost of a point, less what it adds."""
@@ -140,7 +140,7 @@ class NoiseShare:
 
     def pull(self, coordinates: Array, free: Sequence[int]) -> Array:
         """Its gradients by window, shape (windows, f), in the units of `Reduced.gradient`: half a loss's."""
-        return np.asarray(0.5 * self._there(coordinates) @ self.slopes[list(free)].T, float)
+        return np.asarray(0.5 * self._sizes_at(coordinates) @ self.slopes[list(free)].T, float)
 
 
 def noise_share(problem: Problem, fit: Fit) -> NoiseShare:

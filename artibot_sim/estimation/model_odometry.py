@@ -263,7 +263,9 @@ class ModelOdometry:
         self._tau = np.array(tau)
         self._rotations = Rotations(motors, self._streams.fastest_wheel / min(tau), self._streams)
         self._back_seen = self._begun = False
-        self._ways = {seen: _way(self.robot, seen, self._kappa, self._streams.fastest_wheel) for seen in (False, True)}
+        self._ways = {
+            seen: _step_choice(self.robot, seen, self._kappa, self._streams.fastest_wheel) for seen in (False, True)
+        }
         self.reset(0.0, 0.0, 0.0)
 
     @property
@@ -462,7 +464,7 @@ class _StepChoice:
     step: float
 
 
-def _way(robot: Robot, back_seen: bool, kappa: float | None, fastest: float) -> _StepChoice:
+def _step_choice(robot: Robot, back_seen: bool, kappa: float | None, fastest: float) -> _StepChoice:
     """Return the longest of `STEPS` with which the robot's motion can be integrated, explicitly if any.
 
     Motors behind whose rotations are not measured share the front ones' torque, and their spin wants shorter steps.

@@ -144,12 +144,12 @@ def _line(problem: Problem, fit: Fit, place: slice, direction: Array, length: fl
 def _moved(problem: Problem, fit: Fit, place: slice, move: Array) -> Node:
     """The fit with some coordinates changed by `move` (k,), all others fitted again, mu_s scanned."""
     rest = tuple(i for i in fit.free if not place.start <= i < place.stop)
-    best = min(beside(problem, fit.loss, fit, place, move, _GRIPS), key=lambda point: point.cost)
+    best = min(moved_points(problem, fit.loss, fit, place, move, _GRIPS), key=lambda point: point.cost)
     best = scan(problem, fit.loss, step(problem, fit.loss, best, rest)[0], FINE)
     return refitted(problem, fit.loss, best, best.coordinates, rest, fit.free)
 
 
-def beside(problem: Problem, loss: Loss, fit: Fit, place: slice, move: Array, grips: Array) -> list[Point]:
+def moved_points(problem: Problem, loss: Loss, fit: Fit, place: slice, move: Array, grips: Array) -> list[Point]:
     """The fit with some coordinates moved (k,), the soil that goes with them, and some changes of mu_s.
 
     Parameters

@@ -175,7 +175,7 @@ class Distances:
 
 
 @dataclass(frozen=True)
-class Alike:
+class Correlation:
     """How values of a parameter are alike in windows near each other.
 
     Attributes
@@ -214,9 +214,9 @@ _SHARES = (0.3, 0.5, 0.7, 0.9, 0.99)
 _LENGTHS = 10
 
 
-def alike_of(windows: Windows, distances: Distances, spread: Spread) -> Alike | None:
+def correlation_of(windows: Windows, distances: Distances, spread: Spread) -> Correlation | None:
     """How values that differ from window to window are alike in windows near each other, the likeliest way."""
-    found = [Alike("recording", np.inf, share, 0.0) for share in _SHARES]
+    found = [Correlation("recording", np.inf, share, 0.0) for share in _SHARES]
     for over in ("time", "place"):
         away = getattr(distances, over)
         known = away[np.isfinite(away) & (away > 0.0)]
@@ -224,7 +224,7 @@ def alike_of(windows: Windows, distances: Distances, spread: Spread) -> Alike | 
             nearest = np.where(away > 0.0, away, np.inf).min(axis=1)
             shortest = float(np.median(nearest[np.isfinite(nearest)]))
             lengths = np.geomspace(shortest, known.max(), _LENGTHS).tolist()
-            found += [Alike(over, length, share, 0.0) for length in lengths for share in _SHARES]
+            found += [Correlation(over, length, share, 0.0) for length in lengths for share in _SHARES]
     gains = [float(one.gained(windows, distances, spread).sum()) for one in found]
     best = int(np.argmax(gains))
     return replace(found[best], nats=gains[best]) if gains[best] > 0.0 else None

@@ -9,7 +9,7 @@ import numpy as np
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.columns import Channel, Experiment, Floats
 from artibot_sim.experiment.measured import MeasuredMotion
-from artibot_sim.experiment.smoothing import STAMP, bridge, fit_beside, fresh, hermite, local_fit
+from artibot_sim.experiment.smoothing import STAMP, bridge, fit_around_kinks, fresh, hermite, local_fit
 from artibot_sim.model import MOTORS, Commands, Ground, Mode, Robot, Rollout, State, initial_state
 from artibot_sim.model.robot.parameters import SensorErrors
 from artibot_sim.model.simulate.commands import as_executed
@@ -185,7 +185,7 @@ def _rotation(
 
 
 def _from_positions(times: Floats, values: Floats, t: Floats, half_width: float) -> tuple[Floats, Floats]:
-    value, rate = fit_beside(times, values, t, half_width)
+    value, rate = fit_around_kinks(times, values, t, half_width)
     value, rate = value[:, None], rate[:, None]
     spacing = float(np.median(np.diff(times)))
     value, rate = bridge(times, t, value, rate, max(0.1, 4.0 * spacing))

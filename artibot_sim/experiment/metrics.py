@@ -151,7 +151,7 @@ def _taubin(u: Array, v: Array) -> tuple[float, float]:
 def _refine(u: Array, v: Array, a: float, b: float, iterations: int) -> tuple[float, float, float]:
     """Minimise the sum of (distance from (a, b) − r)², starting from an algebraic fit; r is the mean distance."""
     damping = 1e-3
-    away, distance, cost = _away(u, v, a, b)
+    away, distance, cost = _offsets(u, v, a, b)
     for _ in range(iterations):
         slope = away / distance
         slope -= slope.mean(axis=1)[:, None]
@@ -160,7 +160,7 @@ def _refine(u: Array, v: Array, a: float, b: float, iterations: int) -> tuple[fl
         aa, bb = aa * (1.0 + damping), bb * (1.0 + damping)
         det = aa * bb - ab * ab + 1e-300
         step_a, step_b = (to_a * bb - to_b * ab) / det, (to_b * aa - to_a * ab) / det
-        there = _away(u, v, a + step_a, b + step_b)
+        there = _offsets(u, v, a + step_a, b + step_b)
         better = there[2] <= cost
         if better:
             a, b = a + step_a, b + step_b
@@ -172,7 +172,7 @@ def _refine(u: Array, v: Array, a: float, b: float, iterations: int) -> tuple[fl
     return a, b, float(distance.mean())
 
 
-def _away(u: Array, v: Array, a: float, b: float) -> tuple[Array, Array, float]:
+def _offsets(u: Array, v: Array, a: float, b: float) -> tuple[Array, Array, float]:
     """Where points (n,) are from (a, b): along both axes (2, n), how far (n,), and the squares' sum about its mean."""
     away = np.empty((2, len(u)))
     np.subtract(u, a, out=away[0])

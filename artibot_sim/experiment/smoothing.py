@@ -245,7 +245,7 @@ def _place(t: Floats, y: Floats, near: int) -> float:
     return place
 
 
-def fit_beside(t: Floats, y: Floats, at: Floats, half_width: float) -> tuple[Floats, Floats]:
+def fit_around_kinks(t: Floats, y: Floats, at: Floats, half_width: float) -> tuple[Floats, Floats]:
     """A local fit's values and rates (m,): of samples on both sides where no kink is near, of one side where one is.
 
     Parameters

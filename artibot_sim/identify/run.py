@@ -45,7 +45,7 @@ from artibot_sim.experiment import Experiment
 from artibot_sim.identify.judgement import FittedMotion, estimates, motion_of, overall, weakest
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.result import Estimate, Identification, Status
-from artibot_sim.identify.validation import Held, channel_fits, hold_out
+from artibot_sim.identify.validation import PredictedRecording, channel_fits, hold_out
 from artibot_sim.model import Robot
 from artibot_sim.progress import Report
 
@@ -99,7 +99,7 @@ class Work:
     problem: Problem
     fit: Fit
     around: Surroundings
-    held: tuple[Held, ...]
+    held: tuple[PredictedRecording, ...]
     shifts: Mapping[str, float] = field(default_factory=dict)
 
 

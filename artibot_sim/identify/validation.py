@@ -183,7 +183,7 @@ class Free:
 
 
 @dataclass(frozen=True)
-class Held:
+class PredictedRecording:
     """Predictions of a held-out recording, in detail (for pictures); `summary` is what counts.
 
     Attributes
@@ -222,7 +222,7 @@ def hold_out(
     steps: int = _STEPS,
     half_width: float = HALF_WIDTH,
     seen: Sequence[Stretch] = (),
-) -> Held:
+) -> PredictedRecording:
     """Predict a recording with a robot as it is; kinematic `rivals` predict it as well.
 
     Every window of `horizon` s starts from the pose that was measured there, where headings were measured with the
@@ -253,7 +253,7 @@ def hold_out(
         {name: _ends(predicted, own, noise) for name, own in others.items()},
         outliers(predicted, errors) if ahead.separate else (),
     )  # fmt: skip
-    return Held(experiment, predicted, errors, free, summary, found, others, carried[chosen])
+    return PredictedRecording(experiment, predicted, errors, free, summary, found, others, carried[chosen])
 
 
 @dataclass(frozen=True)

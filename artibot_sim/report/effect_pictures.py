@@ -122,7 +122,7 @@ def _fastest(free: Experiment) -> float:
     return max(float(np.nanquantile(np.abs(motors[f"{motor}.velocity"]), 0.995)) for motor in MOTORS[:2])
 
 
-def seen(effect: Effect, robot: Robot, free: Experiment) -> EffectExample:
+def example_of(effect: Effect, robot: Robot, free: Experiment) -> EffectExample:
     """Simulate a rover with an effect, and predict its recording without."""
     from artibot_sim.diagnose.validation.predictions import baseline_levels, predict
     from artibot_sim.diagnose.validation.series import comparison
@@ -248,7 +248,7 @@ def command(out: Path, only: str | None) -> None:
         free = _record(robot, "nothing")
         for number, effect in enumerate(wanted, 1):
             bar.show(float(number), effect.id)
-            found.append(seen(effect, robot, free))
+            found.append(example_of(effect, robot, free))
             write_files({out / "images" / "effects" / f"{effect.id}.png": render(found[-1])})
     if not only:
         write_files({out / "effects.md": document(found).encode()})

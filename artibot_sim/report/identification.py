@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from artibot_sim.estimation.windows import Window
     from artibot_sim.identify.result import ChannelFit, Estimate, Prediction
     from artibot_sim.identify.run import Work
-    from artibot_sim.identify.validation import Held
+    from artibot_sim.identify.validation import PredictedRecording
 
 # ----------------------------------------------------------------------
 # Pictures of a held-out recording of separate windows: how far off models are at their ends, and which are worst.
@@ -55,7 +55,7 @@ _LEAST = 8
 """Windows of which an order says something."""
 
 
-def window_panels(held: Held) -> Iterator[Panel]:
+def window_panels(held: PredictedRecording) -> Iterator[Panel]:
     """How far off predictions are at the windows' ends, which windows are worst, and what these look like."""
     ends = {name: end_errors(held.windows, held.residuals, name) for name in ("position", "yaw")}
     worst = {name: worst_of(error).tolist() for name, error in ends.items() if np.isfinite(error).all()}
@@ -69,7 +69,7 @@ def window_panels(held: Held) -> Iterator[Panel]:
         yield _wheels(held, worst)
 
 
-def _drives(held: Held, error: Floats) -> Iterator[Panel]:
+def _drives(held: PredictedRecording, error: Floats) -> Iterator[Panel]:
     """A typical, a bad and the worst window."""
     drives = []
     for i, window in enumerate(held.windows):
@@ -82,7 +82,7 @@ def _drives(held: Held, error: Floats) -> Iterator[Panel]:
         yield replace(panel, title=f"{held.summary.name}: {panel.title}", part=title)
 
 
-def _points(held: Held, row: int, residual: Floats | None) -> Floats:
+def _points(held: PredictedRecording, row: int, residual: Floats | None) -> Floats:
     """A window's positions (n, 2), m: measured, or predicted with these residuals."""
     window = held.windows[row]
     x, y, _ = window.places
@@ -90,7 +90,7 @@ def _points(held: Held, row: int, residual: Floats | None) -> Floats:
     return np.column_stack([value[x], value[y]])
 
 
-def _distribution(held: Held, channel: str) -> Panel:
+def _distribution(held: PredictedRecording, channel: str) -> Panel:
     """Errors at the windows' ends in order of size, for each model."""
     residuals = {"this model": held.residuals, **held.rivals}
     found = {name: np.sort(end_errors(held.windows, own, channel)) for name, own in residuals.items()}
@@ -108,7 +108,7 @@ def _distribution(held: Held, channel: str) -> Panel:
     )  # fmt: skip
 
 
-def _map(held: Held, worst: Sequence[int]) -> Panel:
+def _map(held: PredictedRecording, worst: Sequence[int]) -> Panel:
     """Measured paths of all windows, and of the worst ones with what was predicted."""
     every = range(len(held.windows))
     lines = [_paths(held, "measured, every window", every, False, _PATHS)]
@@ -118,7 +118,7 @@ def _map(held: Held, worst: Sequence[int]) -> Panel:
     return Panel(f"{held.summary.name}_map", title, ("x", "m"), ("y", "m"), tuple(lines), equal=True, part=_WHERE)
 
 
-def _paths(held: Held, name: str, rows: Sequence[int], predicted: bool, stroke: Stroke) -> Line:
+def _paths(held: PredictedRecording, name: str, rows: Sequence[int], predicted: bool, stroke: Stroke) -> Line:
     xs, ys = [], []
     for i in rows:
         window = held.windows[i]
@@ -129,7 +129,7 @@ def _paths(held: Held, name: str, rows: Sequence[int], predicted: bool, stroke: 
     return Line(name, name, None, np.concatenate(xs), np.concatenate(ys), stroke)
 
 
-def _wheels(held: Held, worst: Mapping[str, Sequence[int]]) -> Panel:
+def _wheels(held: PredictedRecording, worst: Mapping[str, Sequence[int]]) -> Panel:
     """How fast both sides turned in every window, the worst ones marked."""
     speed = np.array([_speeds(held, window) for window in held.windows])
     lines = [Line("every window", "every window", None, speed[:, 0], speed[:, 1], _EVERY)]
@@ -145,7 +145,7 @@ def _wheels(held: Held, worst: Mapping[str, Sequence[int]]) -> Panel:
     )  # fmt: skip
 
 
-def _speeds(held: Held, window: Window) -> Floats:
+def _speeds(held: PredictedRecording, window: Window) -> Floats:
     """Mean speed of the right and the left front motor, rad/s."""
     part = slice(window.first, window.first + window.knots + 1)
     return np.asarray(held.stretches[window.stretch].inputs.velocity[part, :2].mean(axis=0), float)
@@ -351,7 +351,7 @@ def _over_time(windows: list[Window], residuals: list[Floats], channel: int) -> 
     return np.concatenate(times), np.concatenate(errors)
 
 
-def _path(held: Held) -> Panel:
+def _path(held: PredictedRecording) -> Panel:
     """Measured points, predictions and the free run from above."""
     lines = []
     for name, stroke, windows, residuals in (

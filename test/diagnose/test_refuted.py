@@ -12,7 +12,7 @@ from artibot_sim.diagnose import Verdict, diagnose
 from artibot_sim.diagnose.commands.view import CommandView, command_view
 from artibot_sim.diagnose.conclusion import Conclusion, HeldOut, concluded
 from artibot_sim.diagnose.pipeline import baseline
-from artibot_sim.diagnose.records import ChannelGain, Estimate, Left, Options
+from artibot_sim.diagnose.records import ChannelGain, Estimate, Options, SlowResidual
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.validation.predictions import Worth, is_minor, is_refuted
 from artibot_sim.diagnose.verdict import Reason
@@ -58,7 +58,7 @@ def test_the_end_counts_where_nothing_was_left_on_the_way() -> None:
 
 def test_held_out_data_without_any_error_say_nothing() -> None:
     gained = {"friction_patch": Worth(-0.02, -0.01, 0.0)}
-    assert not is_minor(gained, {"yaw_rate": Left(2.4, 4.0)})
+    assert not is_minor(gained, {"yaw_rate": SlowResidual(2.4, 4.0)})
     assert not is_refuted(gained, {"yaw": WORSE})
     assert is_refuted({"friction_patch": Worth(-0.02, 0.4, 0.0)}, {"yaw": WORSE})
 
@@ -74,7 +74,9 @@ def test_held_out_data_without_any_error_say_nothing() -> None:
     ],
 )
 def test_a_cause_of_little_of_what_is_wrong_is_not_named(gained, typical, minor) -> None:  # type: ignore[no-untyped-def]
-    assert is_minor(worths(gained), {"position": Left(30.0, 900.0), "yaw": Left(typical, 900.0)}) is minor
+    assert (
+        is_minor(worths(gained), {"position": SlowResidual(30.0, 900.0), "yaw": SlowResidual(typical, 900.0)}) is minor
+    )
 
 
 FITTED = Named("back_friction", 200.0, ())

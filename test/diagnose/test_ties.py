@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose.policy import THRESHOLDS
-from artibot_sim.diagnose.selection.evidence import Evidence, Other
+from artibot_sim.diagnose.selection.evidence import CommandEvidence, Evidence
 from artibot_sim.diagnose.selection.stepwise import best_of
 
 LEAST = 58.0
@@ -15,7 +15,7 @@ LEAST = 58.0
 def named(fitted: dict[str, float], from_commands: dict[str, float]) -> tuple[str, tuple[str, ...]]:
     """What is best and what ties with it, all of a plain size."""
     evidence = {effect: Evidence(nats, 0.0, np.ones(1), 1e-4 * np.eye(1)) for effect, nats in fitted.items()}
-    others = {effect: Other(nats, {}) for effect, nats in from_commands.items()}
+    others = {effect: CommandEvidence(nats, {}) for effect, nats in from_commands.items()}
     best = best_of(evidence, fitted, others, LEAST, THRESHOLDS)
     assert best is not None
     return best.effect, best.ties
@@ -39,12 +39,12 @@ def test_what_is_close_ties(fitted: dict[str, float], from_commands: dict[str, f
 
 
 def test_too_little_is_nothing() -> None:
-    assert best_of({}, {}, {"command_delay": Other(LEAST - 1.0, {})}, LEAST, THRESHOLDS) is None
+    assert best_of({}, {}, {"command_delay": CommandEvidence(LEAST - 1.0, {})}, LEAST, THRESHOLDS) is None
 
 
 def test_commands_alone_do_not_name_what_the_motion_was_asked_for() -> None:
     """A recorded command may be none of these motors'; the motion, which shows an encoder's scale, has to agree."""
-    others = {"encoder_scale": Other(900.0, {}), "command_delay": Other(80.0, {})}
+    others = {"encoder_scale": CommandEvidence(900.0, {}), "command_delay": CommandEvidence(80.0, {})}
     best = best_of({}, {}, others, LEAST, THRESHOLDS, (), {"encoder_scale"})
     assert best is not None and best.effect == "command_delay" and not best.ties
     untried = best_of({}, {}, others, LEAST, THRESHOLDS)

@@ -9,7 +9,7 @@ import pytest
 
 from artibot_sim.diagnose import policy
 from artibot_sim.diagnose.conclusion import size_of
-from artibot_sim.diagnose.records import Left
+from artibot_sim.diagnose.records import SlowResidual
 from artibot_sim.diagnose.remains import COMMANDED, LIMITS
 from artibot_sim.diagnose.tables import filled
 from artibot_sim.diagnose.verdict import COMMANDS, MOTION, TABLES, VERDICT, Outcome, Reason, Table, Verdict
@@ -86,15 +86,18 @@ def test_a_channel_far_beyond_its_noise_is_no_answer(channel: str) -> None:
         "several soils": "no", "effects": "yes", "force": "no", "held out": "better", "forces": "yes", "sure": "yes",
         "left without": "far more",
     }  # fmt: skip
-    left = {name: Left(1.0, 1.5) for name in CHANNEL_NAMES}
+    left = {name: SlowResidual(1.0, 1.5) for name in CHANNEL_NAMES}
     assert MOTION.first((facts | {"left": size_of(left)}).__getitem__).then is Outcome.NAMED
-    left[channel] = Left(280.0, 300.0)
+    left[channel] = SlowResidual(280.0, 300.0)
     assert MOTION.first((facts | {"left": size_of(left)}).__getitem__).then is Outcome.UNEXPLAINED
 
 
 def test_positions_may_err_slowly() -> None:
     """A total station leaves 3, poses that a filter smoothed 34 with the right effect named."""
-    assert size_of({"position": Left(34.0, 60.0)}) == "noise" and size_of({"position": Left(150.0, 150.0)}) == "more"
+    assert (
+        size_of({"position": SlowResidual(34.0, 60.0)}) == "noise"
+        and size_of({"position": SlowResidual(150.0, 150.0)}) == "more"
+    )
 
 
 UNJUDGED = ("not commanded", "not theirs")

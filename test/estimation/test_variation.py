@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from artibot_sim.estimation.variation import Distances, Spread, Windows, alike_of, spread_of
+from artibot_sim.estimation.variation import Distances, Spread, Windows, correlation_of, spread_of
 
 COUNT = 24
 """Samples of a window."""
@@ -71,7 +71,7 @@ def test_where_values_are_alike_is_found(over, length):
     lengths = []
     for seed in range(6):
         seen, spread = with_values(seed, correlation)
-        found = alike_of(seen, FAR, spread)
+        found = correlation_of(seen, FAR, spread)
         if found is not None and found.nats > 6.0 and found.over == over:
             lengths.append(found.length)
             later, _ = with_values(seed + 100, correlation)
@@ -81,7 +81,7 @@ def test_where_values_are_alike_is_found(over, length):
 
 
 def test_values_of_their_own_are_not_alike():
-    found = [alike_of(*(lambda one: (one[0], FAR, one[1]))(with_values(seed, np.eye(160)))) for seed in range(20)]
+    found = [correlation_of(*(lambda one: (one[0], FAR, one[1]))(with_values(seed, np.eye(160)))) for seed in range(20)]
     assert sum(one is not None and one.nats > 6.0 for one in found) == 0
 
 

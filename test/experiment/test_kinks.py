@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from artibot_sim.experiment.smoothing import fit_beside, kinks, local_fit
+from artibot_sim.experiment.smoothing import fit_around_kinks, kinks, local_fit
 
 COUNT = 2 * np.pi / 2048
 HALF_WIDTH = 0.04
@@ -41,7 +41,7 @@ def test_speeds_beside_a_jump_are_those_of_their_own_side(t: np.ndarray) -> None
     y, at = encoder(t, {3.0: 10.0}), np.arange(2.9, 3.1, 0.01) + 0.004
     true = 60.0 + 10.8 * np.cos(0.9 * at) + 10.0 * (at > 3.0)
     across = local_fit(t, y, at, HALF_WIDTH)
-    _, rate = fit_beside(t, y, at, HALF_WIDTH)
+    _, rate = fit_around_kinks(t, y, at, HALF_WIDTH)
     assert np.abs(across[1] - true).max() > 3.0
     assert np.abs(rate - true).max() < 0.4
 
@@ -49,4 +49,4 @@ def test_speeds_beside_a_jump_are_those_of_their_own_side(t: np.ndarray) -> None
 def test_without_a_jump_nothing_changes(t: np.ndarray) -> None:
     y, at = encoder(t, {}), np.arange(0.5, 7.0, 0.01)
     across = local_fit(t, y, at, HALF_WIDTH)
-    assert all(np.array_equal(a, b) for a, b in zip(fit_beside(t, y, at, HALF_WIDTH), across, strict=True))
+    assert all(np.array_equal(a, b) for a, b in zip(fit_around_kinks(t, y, at, HALF_WIDTH), across, strict=True))

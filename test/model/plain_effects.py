@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from artibot_sim.model.effects.base import Values
-from artibot_sim.model.effects.force_law import Own
+from artibot_sim.model.effects.force_law import LocalMotion
 
 
 def _form(law: Values, form: str, u: float) -> float:
@@ -205,7 +205,7 @@ class Transcribed:
             force *= _form(law, law["times_form"], known[law["times"]] / law["times_scale"])
         return float(force)
 
-    def across(self, wheel: int, own: Own) -> float:
+    def across(self, wheel: int, own: LocalMotion) -> float:
         """Lateral force of the laws at a wheel, N."""
         motors = ("front_right", "front_left", "back_right", "back_left")
         name, module = f"{motors[wheel // 2]}_{('front', 'back')[wheel % 2]}", int(wheel > 3)
@@ -213,7 +213,7 @@ class Transcribed:
         laws = self._laws("wheels_lateral", f"{ends}_wheels_lateral", f"{name}_lateral")
         return sum(self._law(law, module, own._asdict()) for law in laws)
 
-    def along(self, motor: int, own: Own) -> float:
+    def along(self, motor: int, own: LocalMotion) -> float:
         """Longitudinal force of the laws at both wheels of a motor, N."""
         name = ("front_right", "front_left", "back_right", "back_left")[motor]
         laws = self._laws("wheels_longitudinal", f"{name}_longitudinal")

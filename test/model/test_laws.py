@@ -10,7 +10,7 @@ from model.plain_effects import Transcribed
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.effects import EFFECTS, effects_from_dict, hooks, record
-from artibot_sim.model.effects.force_law import FORMS, SEEN, VARIABLES, Own, follows
+from artibot_sim.model.effects.force_law import FORMS, SEEN, VARIABLES, LocalMotion, follows
 from artibot_sim.model.effects.force_law import PLACES as PLACES_OF_LAWS
 from artibot_sim.model.effects.hooks import PLACES
 from artibot_sim.model.reference.effects import PlainEffects
@@ -40,8 +40,8 @@ ABOUT = {
     "load": lambda: (int(RNG.integers(2)),),
     "resist": lambda: (int(RNG.integers(2)), 0.1 * N()),
     "wheel_resist": lambda: (abs(50.0 * N()), 0.02 * N(), 0.02 * N()),
-    "across": lambda: (int(RNG.integers(8)), Own(*N(size=6), abs(100.0 * N()))),
-    "along": lambda: (int(RNG.integers(4)), Own(*N(size=6), abs(100.0 * N()))),
+    "across": lambda: (int(RNG.integers(8)), LocalMotion(*N(size=6), abs(100.0 * N()))),
+    "along": lambda: (int(RNG.integers(4)), LocalMotion(*N(size=6), abs(100.0 * N()))),
     "shaft": lambda: (int(RNG.integers(4)), 5.0 * N(), 0.3 * N()),
     "height": lambda: (),
     "limits": lambda: (40.0 * N(), *(abs(N()) * np.array([-1.0, 1.0]))),

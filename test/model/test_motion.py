@@ -8,7 +8,7 @@ from model.test_uneven import driving
 
 from artibot_sim.model import initial_state, random_ground, rollout
 from artibot_sim.model.reference.contact import rotation_x, rotation_y, rotation_z
-from artibot_sim.model.simulate.motion import axes_of, joint_motion, seen_rates, seen_velocity
+from artibot_sim.model.simulate.motion import angular_velocity, axes_of, joint_motion, linear_velocity
 
 
 @pytest.fixture(scope="module")
@@ -30,10 +30,10 @@ def test_velocity_and_rates_are_derivatives_in_the_module_s_own_frame(run, modul
     i, dt, b = 1500, 1e-3, 8 * module
     axes = axes_of(run.q[i], module)
     spin = axes.T @ (axes_of(run.q[i + 1], module) - axes_of(run.q[i - 1], module)) / (2 * dt)
-    rates = seen_rates(run.q[i], run.v[i], module)
+    rates = angular_velocity(run.q[i], run.v[i], module)
     np.testing.assert_allclose([spin[2, 1], spin[0, 2], spin[1, 0]], rates, rtol=0, atol=1e-4)
     moved = (run.q[i + 1, b : b + 3] - run.q[i - 1, b : b + 3]) / (2 * dt)
-    np.testing.assert_allclose(axes.T @ moved, seen_velocity(run.q[i], run.v[i], module), rtol=0, atol=1e-4)
+    np.testing.assert_allclose(axes.T @ moved, linear_velocity(run.q[i], run.v[i], module), rtol=0, atol=1e-4)
     assert np.abs(rates[:2]).max() > 1e-3
 
 
@@ -50,6 +50,6 @@ def test_the_joint_turns_about_the_axes_of_the_universal_joint(run) -> None:
 
 def test_level_rovers_see_what_they_do_from_above(agriq) -> None:
     flat = rollout(agriq, driving(agriq, yaw_rate=0.3))
-    np.testing.assert_array_equal(seen_velocity(flat.q, flat.v)[:, :2], flat.twist[:, :2])
-    np.testing.assert_array_equal(seen_rates(flat.q, flat.v)[:, 2], flat.twist[:, 2])
+    np.testing.assert_array_equal(linear_velocity(flat.q, flat.v)[:, :2], flat.twist[:, :2])
+    np.testing.assert_array_equal(angular_velocity(flat.q, flat.v)[:, 2], flat.twist[:, 2])
     np.testing.assert_array_equal(joint_motion(flat.q, flat.v)[0][:, 0], flat.articulation_yaw)

@@ -25,7 +25,7 @@ from artibot_sim.estimation.windows import CHANNEL_NAMES, Window
 from artibot_sim.experiment import Experiment
 from artibot_sim.experiment.measured import Measured
 from artibot_sim.identify.synthetic import synthetic
-from artibot_sim.identify.validation import Held, hold_out
+from artibot_sim.identify.validation import PredictedRecording, hold_out
 from artibot_sim.model import MOTORS, Robot, load_robot
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.planning import Arc, Dwell, Eight, Manoeuvre, Ramp, Slalom, Stop, Straight
@@ -55,7 +55,9 @@ def drives(robot: Robot, manoeuvres: tuple[Manoeuvre, ...] = (TURNS, EIGHT)) -> 
     ]
 
 
-def compared(experiment: Experiment, before: Held, after: Held, robot: Robot, held_out: bool) -> Comparison:
+def compared(
+    experiment: Experiment, before: PredictedRecording, after: PredictedRecording, robot: Robot, held_out: bool
+) -> Comparison:
     """A recording with the predictions of two models."""
     motors = experiment.channels["motor_torques"]
     t = np.arange(0.0, experiment.duration, 0.2)
@@ -80,7 +82,7 @@ def _path(window: Window, residual: np.ndarray) -> np.ndarray:
     return np.column_stack([window.t + window.plan.t[kind == 0], predicted[kind == 0], predicted[kind == 1]])
 
 
-def _series(before: Held, after: Held) -> dict[str, Series]:
+def _series(before: PredictedRecording, after: PredictedRecording) -> dict[str, Series]:
     found = {}
     for c, name in enumerate(CHANNEL_NAMES):
         if name not in before.summary.channels:
@@ -92,7 +94,7 @@ def _series(before: Held, after: Held) -> dict[str, Series]:
     return found
 
 
-def _errors(held: Held, channel: int) -> np.ndarray:
+def _errors(held: PredictedRecording, channel: int) -> np.ndarray:
     parts = []
     for window, residual in zip(held.windows, held.residuals, strict=True):
         error, t = residual * window.sigma, window.t + window.plan.t
@@ -109,7 +111,7 @@ def _errors(held: Held, channel: int) -> np.ndarray:
 @cache
 def simulated(
     effect: str, values: tuple[tuple[str, float | str], ...]
-) -> tuple[Robot, list[Comparison], tuple[Held, Held]]:
+) -> tuple[Robot, list[Comparison], tuple[PredictedRecording, PredictedRecording]]:
     """The rover with an effect, its recordings with both models' predictions, and those of the one held out."""
     robot = load_robot("agriq")
     truth = with_effect(robot, effect, dict(values)) if effect else robot
@@ -119,7 +121,7 @@ def simulated(
 
 def comparisons_of(
     robot: Robot, truth: Robot, recordings: list[Experiment]
-) -> tuple[list[Comparison], list[tuple[Held, Held]]]:
+) -> tuple[list[Comparison], list[tuple[PredictedRecording, PredictedRecording]]]:
     """Recordings of `truth` as predicted by `robot` and by itself; the last one counts as held out."""
     pairs = [(hold_out(e, robot, 5.0), hold_out(e, truth, 5.0)) for e in recordings]
     last = len(recordings) - 1

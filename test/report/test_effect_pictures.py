@@ -10,7 +10,7 @@ import pytest
 from artibot_sim.experiment import Experiment
 from artibot_sim.model import load_robot
 from artibot_sim.model.effects import EFFECTS
-from artibot_sim.report.effect_pictures import _record, document, plain_values, render, seen
+from artibot_sim.report.effect_pictures import _record, document, example_of, plain_values, render
 from ros_helpers import ROOT
 
 
@@ -29,7 +29,7 @@ def test_plain_values_are_at_work(free: Experiment, name: str) -> None:
 
 @pytest.mark.parametrize(("name", "channel"), [("joint_stiffness", "articulation"), ("command_delay", "motor")])
 def test_a_picture_shows_its_effect(free: Experiment, name: str, channel: str) -> None:
-    shown = seen(EFFECTS[name], load_robot("agriq"), free)
+    shown = example_of(EFFECTS[name], load_robot("agriq"), free)
     assert channel in shown.pair[1].title
     lines = {line.name: line.y[np.isfinite(line.y)] for line in shown.pair[1].lines}
     if name == "joint_stiffness":

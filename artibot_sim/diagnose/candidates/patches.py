@@ -360,7 +360,7 @@ class _NearWindows:
         return np.setdiff1d(np.arange(len(self.fit.point.losses)), self.rows)
 
     @cached_property
-    def beside(self) -> FrozenWindows:
+    def other_windows(self) -> FrozenWindows:
         """What the other windows lose with another soil."""
         reduced, free = self.fit.reduced, list(self.fit.free)
         middle = self.fit.point.coordinates[free]
@@ -371,10 +371,12 @@ class _NearWindows:
         problem, fit = with_disc(self.part, self.which, place), self.fit
         point = evaluate(problem, fit.loss, [fit.point.coordinates], fit.point.starts[self.rows])[0]
         for _ in range(_STEPS):
-            point, _, _ = step(problem, fit.loss, point, fit.free, tries=2, beside=self.beside)
+            point, _, _ = step(problem, fit.loss, point, fit.free, tries=2, beside=self.other_windows)
         found = np.empty(len(fit.point.losses) + 1)
         found[self.rows] = point.losses
-        found[self.others] = fit.point.losses[self.others] + self.beside.losses(point.coordinates[list(fit.free)])
+        found[self.others] = fit.point.losses[self.others] + self.other_windows.losses(
+            point.coordinates[list(fit.free)]
+        )
         found[-1] = prior(problem, point.coordinates)
         return found
 

@@ -76,7 +76,7 @@ class Trial:
         return max(found, default=np.inf)
 
     @property
-    def own(self) -> Array:
+    def effect_coordinates(self) -> Array:
         """The effect's coordinates."""
         return self.point.coordinates[-len(self.hypothesis.extension) :]
 

@@ -26,7 +26,7 @@ from artibot_sim.diagnose.commands.model import (
 from artibot_sim.diagnose.commands.noise import SpeedNoise, noise_in, sensor_noise
 from artibot_sim.diagnose.commands.series import CommandedLevel, level_of, series_of
 from artibot_sim.diagnose.policy import SMALLEST_DEADBAND, SMALLEST_DELAY, SMALLEST_SAG, SMALLEST_SCALE, THRESHOLDS
-from artibot_sim.diagnose.records import FALSE_ALARM_RATE, PRIOR_ODDS, Left, Series
+from artibot_sim.diagnose.records import FALSE_ALARM_RATE, PRIOR_ODDS, Series, SlowResidual
 from artibot_sim.experiment import Experiment
 from artibot_sim.model import Robot
 
@@ -420,7 +420,7 @@ class CommandFits:
         used = self.data.counts if fit.limit is None else self.data.counts & ~fit.limit.held
         return mixing(self.data, predicted_speeds(self.data, fit.best.response), used)
 
-    def remainder(self, robot: Robot) -> Left | None:
+    def remainder(self, robot: Robot) -> SlowResidual | None:
         """What a robot's effects leave of the front motors' speeds, slowly; None where there are too few samples.
 
         Means over BIN against the sensors' white noise, window by window, as `remains` has it of other channels.
@@ -435,7 +435,7 @@ class CommandFits:
         sizes = np.bincount(where.ravel(), scaled) ** 2 / np.bincount(where.ravel())
         _, window = np.unique(bins[:, :3], axis=0, return_inverse=True)
         means = np.bincount(window.ravel(), sizes) / np.bincount(window.ravel())
-        return Left(float(np.median(means)), float(np.quantile(means, 0.9))) if len(means) else None
+        return SlowResidual(float(np.median(means)), float(np.quantile(means, 0.9))) if len(means) else None
 
     def evidence(self, effect: str, given: Collection[str] = ()) -> ViewEvidence:
         """Evidence of one effect on top of others."""

@@ -20,7 +20,7 @@ from artibot_sim.diagnose.commands.model import FILTER, response_of
 from artibot_sim.diagnose.commands.noise import sensor_noise
 from artibot_sim.diagnose.commands.series import CommandedLevel
 from artibot_sim.diagnose.policy import UNFOLLOWED
-from artibot_sim.diagnose.records import Left, Series
+from artibot_sim.diagnose.records import Series, SlowResidual
 from artibot_sim.experiment import Experiment
 from artibot_sim.model import Robot
 
@@ -97,11 +97,11 @@ class CommandView:
         """
         return 0.0 if self._work is None or not self.followed else self._work.gained(robot)
 
-    def remainder(self, robot: Robot) -> Left | None:
+    def remainder(self, robot: Robot) -> SlowResidual | None:
         """What a robot's effects leave of the front motors' speeds; None where nothing is commanded and measured."""
         return None if self._work is None else self._work.remainder(robot)
 
-    def seen_by(self, robot: Robot) -> tuple[Mapping[str, CommandedLevel], Mapping[str, Series]]:
+    def for_robot(self, robot: Robot) -> tuple[Mapping[str, CommandedLevel], Mapping[str, Series]]:
         """`levels` and `series` with a robot's effects in place of `found`; none where commands are not the motors'."""
         return ({}, {}) if self._work is None or not self.plausible else self._work.shown_by(robot)
 

@@ -343,16 +343,16 @@ def expected(
     workers: int | None = None,
 ) -> float:
     """Nats by which a force is expected to explain its own doing on a drive better than any other force does."""
-    seen = known(robot, driven, workers)
-    if seen is None:
+    found = known_equations(robot, driven, workers)
+    if found is None:
         return 0.0
-    equations, of = seen
+    equations, of = found
     pushed = acting(equations, of, force)
     pull = np.einsum("wij,wj->wi", equations.matrix[:, :, : equations.forces], pushed)
     return separation(replace(equations, pull=pull), of, force, others)
 
 
-def known(robot: Robot, driven: Experiment, workers: int | None = None) -> tuple[Equations, Scene] | None:
+def known_equations(robot: Robot, driven: Experiment, workers: int | None = None) -> tuple[Equations, Scene] | None:
     """What a drive says of forces, the soil being known from others by `SOIL_SD`; None where too little is measured."""
     trial = short(problem_of([driven], parameter_set(robot, SOIL), WINDOW, workers))
     if not len(trial):

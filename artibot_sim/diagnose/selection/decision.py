@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from artibot_sim.diagnose.records import Estimate, Left, Verdict
-from artibot_sim.diagnose.selection.evidence import Other
+from artibot_sim.diagnose.records import Estimate, SlowResidual, Verdict
+from artibot_sim.diagnose.selection.evidence import CommandEvidence
 from artibot_sim.diagnose.selection.forward import Stage
 from artibot_sim.diagnose.selection.per_recording import ByRecording
 from artibot_sim.diagnose.unlisted.finding import ForceFinding
@@ -87,8 +87,8 @@ class Decision:
     problem: Problem
     fit: Fit
     stages: tuple[Stage, ...]
-    other: Mapping[str, Other]
-    left: Mapping[str, Left] = field(default_factory=dict)
+    other: Mapping[str, CommandEvidence]
+    left: Mapping[str, SlowResidual] = field(default_factory=dict)
     unexplained: ForceFinding | None = None
     by_recording: ByRecording | None = None
     between: tuple[tuple[Problem, Fit], ...] = ()

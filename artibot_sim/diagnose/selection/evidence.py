@@ -25,7 +25,7 @@ from artibot_sim.model.robot.quantity import Quantity
 
 
 @dataclass(frozen=True)
-class Other:
+class CommandEvidence:
     """What the view driven by commands says of one effect.
 
     Attributes
@@ -89,7 +89,7 @@ class Evidence:
         return self.gained + self.occam
 
     @property
-    def away(self) -> float:
+    def deviations(self) -> float:
         """How many standard deviations the effect is from neutral."""
         squared = float(self.own @ np.linalg.solve(self.covariance, self.own))
         return max(0.0, squared) ** 0.5
@@ -111,11 +111,11 @@ def evidence(rival: Rival, best: Fit, excess: float = 0.0) -> Evidence:
     reduced = reduce(problem, loss, residuals, sensitivity, point.starts)
     prior = problem.parameters.prior_information
     covariance = np.asarray(np.linalg.inv(reduced.matrix + prior[np.ix_(list(free), list(free))]), float)
-    size = len(rival.own)
+    size = len(rival.effect_coordinates)
     mine = covariance[-size:, -size:]
     gained = 0.5 * (best.point.cost - excess - point.cost)
     chance = scatter(0.5 * (best.point.losses - point.losses))
-    return Evidence(gained, occam(rival.trial.hypothesis, mine), rival.own, mine, chance)
+    return Evidence(gained, occam(rival.trial.hypothesis, mine), rival.effect_coordinates, mine, chance)
 
 
 def scatter(gained: Array) -> float:
@@ -154,14 +154,14 @@ _FACTOR = 0.002
 """Standard deviation of a factor, beside that: two sensors of the same quantity agree no better."""
 
 
-def others(view: CommandView, named: tuple[str, ...] = ()) -> dict[str, Other]:
+def others(view: CommandView, named: tuple[str, ...] = ()) -> dict[str, CommandEvidence]:
     """Log Bayes factors of effects on top of those that are `named`; none where there are no commands.
 
     Occam's factor is Laplace's: posterior over prior width of each parameter.
     """
     seen = tuple(effect for effect in named if effect in view.evidence)
     evidence = view.given(*seen) if seen else view.evidence
-    return {effect: _other(effect, one) for effect, one in evidence.items() if effect in EFFECTS}
+    return {effect: _command_evidence(effect, one) for effect, one in evidence.items() if effect in EFFECTS}
 
 
 def together(view: CommandView, rival: Rival, own: Evidence, beside: Mapping[str, Mapping[str, float]]) -> float:
@@ -198,13 +198,13 @@ def together(view: CommandView, rival: Rival, own: Evidence, beside: Mapping[str
     return own.nats + max(gained(coordinate) for coordinate in tried)
 
 
-def _other(effect: str, one: ViewEvidence) -> Other:
+def _command_evidence(effect: str, one: ViewEvidence) -> CommandEvidence:
     if not one.values:
-        return Other(0.0, {}, one.excluded_above, one.note, one.excluded_below)
+        return CommandEvidence(0.0, {}, one.excluded_above, one.note, one.excluded_below)
     widths = np.minimum(_widths(Extension(effect), one), SPREAD) / SPREAD
     occam = float(np.log(np.maximum(widths, 1e-12)).sum())
     nats = one.nats + min(0.0, occam)
-    return Other(nats, _found(effect, one), one.excluded_above, one.note, one.excluded_below)
+    return CommandEvidence(nats, _found(effect, one), one.excluded_above, one.note, one.excluded_below)
 
 
 def _widths(extension: Extension, one: ViewEvidence) -> list[float]:

@@ -241,4 +241,4 @@ def refusal(effect: str, found: Evidence, nats: float, least: float, thresholds:
         return ""
     if float(np.abs(found.own).max()) < thresholds.size:
         return f"less than {thresholds.size:g} of a plain size"
-    return "" if found.away >= thresholds.away else f"not {thresholds.away:g} standard deviations from neutral"
+    return "" if found.deviations >= thresholds.away else f"not {thresholds.away:g} standard deviations from neutral"

@@ -130,7 +130,7 @@ class Rival:
         return self.trial.problem
 
     @property
-    def own(self) -> Array:
+    def effect_coordinates(self) -> Array:
         """The effect's coordinates."""
         return self.fit.point.coordinates[-len(self.trial.hypothesis.extension) :]
 
@@ -318,8 +318,12 @@ def with_soil_of(other: Rival, rival: Rival, rounds: Rounds) -> Rival:
     if other.id == rival.id:
         return rival
     problem, loss, extension = rival.problem, rival.fit.loss, rival.trial.hypothesis.extension
-    neutral, soil = np.zeros(len(extension)), other.fit.point.coordinates[: -len(other.own)]
-    sizes = [rival.own] if extension.effect.active(extension.values(neutral)) else [rival.own, neutral]
+    neutral, soil = np.zeros(len(extension)), other.fit.point.coordinates[: -len(other.effect_coordinates)]
+    sizes = (
+        [rival.effect_coordinates]
+        if extension.effect.active(extension.values(neutral))
+        else [rival.effect_coordinates, neutral]
+    )
     begun = evaluate(problem, loss, [np.concatenate([soil, own]) for own in sizes], other.fit.point.starts)
     begin = restarted_windows(problem, loss, min(begun, key=lambda one: one.cost))
     fit = converge(problem, begin, loss, rounds.many)

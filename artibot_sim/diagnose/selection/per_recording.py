@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.records import Left, Unexplained
+from artibot_sim.diagnose.records import SlowResidual, Unexplained
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.evidence import DECADE
 from artibot_sim.diagnose.selection.joint_fits import Rounds, settled
@@ -48,7 +48,7 @@ class ByRecording:
     soil: tuple[tuple[str, str, Array], ...]
     sizes: tuple[tuple[str, str, Array], ...]
     nats: float
-    left: tuple[Mapping[str, Left], ...]
+    left: tuple[Mapping[str, SlowResidual], ...]
 
     @property
     def unexplained_alone(self) -> tuple[str, ...]:
@@ -86,7 +86,7 @@ class ByRecording:
         )
 
 
-def fitted_apart(problem: Problem, fit: Fit, rounds: Rounds | None = None) -> ByRecording:
+def fitted_by_recording(problem: Problem, fit: Fit, rounds: Rounds | None = None) -> ByRecording:
     """Fit every recording by itself, from where the fit of all of them ended and under its loss.
 
     A compromise may be a bad place to begin. So where some leave no more than noise, the others are searched anew.

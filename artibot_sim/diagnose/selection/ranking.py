@@ -13,7 +13,7 @@ from artibot_sim.diagnose.candidates.screening import Around, Trial
 from artibot_sim.diagnose.policy import Thresholds
 from artibot_sim.diagnose.records import Candidate, Verdict
 from artibot_sim.diagnose.selection.decision import Decision, Named
-from artibot_sim.diagnose.selection.evidence import DECADE, Other
+from artibot_sim.diagnose.selection.evidence import DECADE, CommandEvidence
 from artibot_sim.diagnose.selection.forward import Stage, refusal
 from artibot_sim.estimation.checks.common_map import experiments_of, in_common_map, needed
 from artibot_sim.estimation.parameters import SPREAD, Extension
@@ -138,7 +138,7 @@ def ranking(decision: Decision, thresholds: Thresholds) -> tuple[Candidate, ...]
             dropped = "held-out recordings are predicted worse with it" if effect in decision.refuted else dropped
             note = own.note or dropped or _refusal(at, own, decision, thresholds)
             own = replace(own, excluded_above=above, excluded_below=below, note=note)
-        found.append(_with_other(own, decision.other[effect], named) if effect in decision.other else own)
+        found.append(_with_command_evidence(own, decision.other[effect], named) if effect in decision.other else own)
     return tuple(sorted(found, key=lambda c: -c.log10_bayes_factor if np.isfinite(c.log10_bayes_factor) else np.inf))
 
 
@@ -166,7 +166,7 @@ def _candidate(effect: str, at: Stage) -> Candidate:
     trials = [trial for trial in at.trials if trial.id == effect]
     rival = next((rival for rival in at.rivals if rival.id == effect), None)
     if rival is not None:
-        values = rival.trial.hypothesis.extension.values(rival.own)
+        values = rival.trial.hypothesis.extension.values(rival.effect_coordinates)
         nats = at.nats.get(effect, at.evidence[effect].nats)
         return Candidate(effect, nats / DECADE, values, note=_note(trials), fitted=True)
     if not trials and effect in at.problem.parameters.robot.effects:
@@ -180,10 +180,11 @@ def _candidate(effect: str, at: Stage) -> Candidate:
         return Candidate(effect, 0.0, {}, note=note)
     best = min(trials, key=lambda trial: trial.point.cost)
     nats = max(0.5 * (at.screened - best.point.cost), 0.0)  # at neutral it gains nothing, and is no worse than that
-    return Candidate(effect, nats / DECADE, best.hypothesis.extension.values(best.own), note=_note(trials))
+    values = best.hypothesis.extension.values(best.effect_coordinates)
+    return Candidate(effect, nats / DECADE, values, note=_note(trials))
 
 
-def _with_other(own: Candidate, other: Other, named: Mapping[str, Named]) -> Candidate:
+def _with_command_evidence(own: Candidate, other: CommandEvidence, named: Mapping[str, Named]) -> Candidate:
     """A candidate with what the view driven by commands says added; a fitted one's evidence is of both views."""
     nats = named[own.effect].nats / DECADE if own.effect in named else own.log10_bayes_factor
     if not (own.fitted or own.effect in named):

@@ -15,7 +15,7 @@ from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge, free_parameters
 from artibot_sim.estimation.solver import Point, evaluate, reduce, step
-from artibot_sim.estimation.surroundings import beside
+from artibot_sim.estimation.surroundings import moved_points
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ def along_ridge(problem: Problem, loss: Loss, fit: Fit, which: int = -1) -> Poin
     mine = parameters.places[which]
     own = point.coordinates[mine]
     grips = _FINE if parameters.extensions[which].search.ridge else _GRIPS
-    places = [place for move in _moves(own) for place in beside(problem, loss, fit, mine, move, grips)]
+    places = [place for move in _moves(own) for place in moved_points(problem, loss, fit, mine, move, grips)]
     found = sorted(places, key=lambda p: p.cost)
     ends = [step(problem, loss, place, free)[0] for place in found[:_TRIED]]
     return min([point, *ends], key=lambda p: p.cost)
@@ -73,7 +73,7 @@ def from_far_sizes(problem: Problem, loss: Loss, fit: Fit, steps: int) -> Fit:
     own = fit.point.coordinates[last]
     fits = [fit]
     for factor in _FAR:
-        places = beside(problem, loss, fit, last, (factor - 1.0) * own, _WIDE)
+        places = moved_points(problem, loss, fit, last, (factor - 1.0) * own, _WIDE)
         fits.append(converge(problem, min(places, key=lambda p: p.cost), loss, steps))
     return min(fits, key=lambda one: one.point.cost)
 
@@ -103,5 +103,7 @@ def at_size(problem: Problem, fit: Fit, extension: Extension, own: Array, steps:
     free = free_parameters(more)
     residuals, sensitivity = more.linearised(point.coordinates, point.starts, free)
     neutral = Fit(point, fit.loss, reduce(more, fit.loss, residuals, sensitivity, point.starts), free, False)
-    begun = min(beside(more, fit.loss, neutral, more.parameters.places[-1], own, _FINE), key=lambda place: place.cost)
+    begun = min(
+        moved_points(more, fit.loss, neutral, more.parameters.places[-1], own, _FINE), key=lambda place: place.cost
+    )
     return more, converge(more, begun, fit.loss, steps)

@@ -15,7 +15,7 @@ from artibot_sim.diagnose.policy import Thresholds
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.every_window import EveryWindow
-from artibot_sim.diagnose.selection.evidence import Evidence, Other, others, together
+from artibot_sim.diagnose.selection.evidence import CommandEvidence, Evidence, others, together
 from artibot_sim.diagnose.selection.forward import Stage, refusal, stage, thorough
 from artibot_sim.diagnose.selection.joint_fits import Rival, Rounds, settled
 from artibot_sim.diagnose.selection.ridge_search import along_earlier_ridges, at_size
@@ -481,9 +481,9 @@ def _search_name(names: Sequence[str]) -> str:
     return f"beside {', '.join(name.replace('_', ' ') for name in names)}" if names else ""
 
 
-def _command_evidence(view: CommandView, named: Sequence[str]) -> dict[str, Other]:
+def _command_evidence(view: CommandView, named: Sequence[str]) -> dict[str, CommandEvidence]:
     """What commands say of each named effect once the others are in the model: alone it stands for them as well."""
-    found: dict[str, Other] = {}
+    found: dict[str, CommandEvidence] = {}
     for effect in named:
         stated = others(view, tuple(one for one in named if one != effect))
         found |= {effect: stated[effect]} if effect in stated else {}
@@ -517,7 +517,7 @@ def _nats(
 def best_of(
     evidence: Mapping[str, Evidence],
     fitted: Mapping[str, float],
-    from_commands: Mapping[str, Other],
+    from_commands: Mapping[str, CommandEvidence],
     least: float,
     thresholds: Thresholds,
     without: Collection[str] = (),

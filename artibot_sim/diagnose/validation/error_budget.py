@@ -16,9 +16,9 @@ from artibot_sim.estimation.parameters import MU_D, MU_S
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, restarted_windows
 from artibot_sim.estimation.solver import evaluate, step
-from artibot_sim.estimation.variation import Distances, Spread, Windows, alike_of, joined, spread_of, windows_of
+from artibot_sim.estimation.variation import Distances, Spread, Windows, correlation_of, joined, spread_of, windows_of
 from artibot_sim.estimation.windows import CHANNEL_NAMES
-from artibot_sim.identify.validation import Held
+from artibot_sim.identify.validation import PredictedRecording
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ _FEWEST = 12
 class Variation:
     """A spread of one parameter from window to window, found in fitted windows and judged on held-out ones."""
 
-    def __init__(self, problem: Problem, fit: Fit, held: Sequence[Held]) -> None:
+    def __init__(self, problem: Problem, fit: Fit, held: Sequence[PredictedRecording]) -> None:
         self._fit, self._parameters = fit, problem.parameters
         self.held = list(held)
         self.problems = [as_fitted(problem, one, levels_of(problem)) for one in held]
@@ -76,7 +76,7 @@ class Variation:
         """
         fitted_ones = {str(one.experiment.path): one.experiment for one in self._problem.stretches}
         mapped = in_common_map([*fitted_ones.values(), *(one.experiment for one in self.held)])
-        found = alike_of(fitted, distances_of([self._problem], mapped), spread)
+        found = correlation_of(fitted, distances_of([self._problem], mapped), spread)
         if found is None or found.nats < VARIES_NATS:
             return "window", 0.0
         gained = found.gained(joined(held), distances_of(self.problems, mapped), spread)
@@ -133,7 +133,7 @@ class Variation:
             if count
         }
 
-    def _started(self, held: Held, problem: Problem) -> Array:
+    def _started(self, held: PredictedRecording, problem: Problem) -> Array:
         """Standard deviations (n,) of held-out predictions for what their starts are off by, SI.
 
         What of a start is not the measured one comes of the window before, whose samples say as much of it as the
@@ -194,7 +194,7 @@ def levels_of(problem: Problem) -> Array:
     return levels
 
 
-def as_fitted(problem: Problem, held: Held, levels: Array) -> Problem:
+def as_fitted(problem: Problem, held: PredictedRecording, levels: Array) -> Problem:
     """The held-out windows with a problem's parameters and noise of these levels (channels,)."""
     return Problem(problem.parameters, held.stretches, held.windows, problem.workers).rescaled(levels)
 
@@ -217,7 +217,7 @@ def sum_interval(values: Array, seed: int, outside: float = 0.05) -> tuple[float
 def error_budget(
     problem: Problem,
     fit: Fit,
-    held: Sequence[Held],
+    held: Sequence[PredictedRecording],
     gain: Mapping[str, ChannelGain],
     explainable: Mapping[str, Explainable],
     seed: int,
@@ -255,7 +255,7 @@ def error_budget(
     return {name: _unvaried(one) for name, one in budgets.items()}, None
 
 
-def _sigma(held: Held) -> Array:
+def _sigma(held: PredictedRecording) -> Array:
     return np.concatenate([window.sigma for window in held.windows])
 
 

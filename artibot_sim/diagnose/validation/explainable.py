@@ -26,7 +26,7 @@ from artibot_sim.estimation.residual_model import (
 )
 from artibot_sim.estimation.windows import CHANNEL_NAMES, HEADINGS, Window
 from artibot_sim.experiment.blocks import HELD_OUT
-from artibot_sim.identify.validation import Held
+from artibot_sim.identify.validation import PredictedRecording
 from artibot_sim.model import Robot
 from artibot_sim.model.simulate.window_inputs import KINDS, Plan
 
@@ -75,7 +75,7 @@ class Piece:
 
 
 def explainable(
-    held: Sequence[Held], robot: Robot, noise: Mapping[str, float], seed: int
+    held: Sequence[PredictedRecording], robot: Robot, noise: Mapping[str, float], seed: int
 ) -> tuple[dict[str, Explainable], list[Piece]]:
     """By channel what could be explained, and the windows that say so; nothing where there is too little to learn from.
 
@@ -112,7 +112,9 @@ def explainable(
     return found, flat
 
 
-def model_of(some: Sequence[Piece], held: Sequence[Held], robot: Robot, horizon: float, seed: int) -> ResidualModel:
+def model_of(
+    some: Sequence[Piece], held: Sequence[PredictedRecording], robot: Robot, horizon: float, seed: int
+) -> ResidualModel:
     """What is learned from all windows."""
     return ResidualModel(learned(*tables(some), seed), known_motors(held), robot.name, horizon)
 
@@ -134,13 +136,13 @@ def folds(names: Sequence[str], windows: Sequence[int]) -> NDArray[np.int64]:
     return np.arange(len(which)) * min(_FOLDS, len(which)) // len(which)
 
 
-def known_motors(held: Sequence[Held]) -> tuple[int, ...]:
+def known_motors(held: Sequence[PredictedRecording]) -> tuple[int, ...]:
     """Motors whose rotation is known in all recordings."""
     known = [np.isfinite(stretch.inputs.velocity).all(axis=0) for one in held for stretch in one.stretches]
     return tuple(np.flatnonzero(np.all(known, axis=0)).tolist())
 
 
-def pieces(held: Held, robot: Robot, motors: Sequence[int]) -> list[Piece]:
+def pieces(held: PredictedRecording, robot: Robot, motors: Sequence[int]) -> list[Piece]:
     """A recording's windows with what is missing in them; lost predictions are left out."""
     problem = Problem(ParameterSet(robot, ()), held.stretches, held.windows)
     kinds = [KINDS.index(name) for name in ("x", "y", "heading")]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.commands.view import CommandView, view_with
 from artibot_sim.diagnose.policy import MINOR, REFUTED
-from artibot_sim.diagnose.records import HALF_WIDTH, ChannelBaseline, ChannelGain, Left, Options, Series
+from artibot_sim.diagnose.records import HALF_WIDTH, ChannelBaseline, ChannelGain, Options, Series, SlowResidual
 from artibot_sim.diagnose.remains import leaves_more_than_noise
 from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.estimation.kernels import Parts, Samples
@@ -19,7 +19,7 @@ from artibot_sim.estimation.measurements import CHANNEL_UNITS, Stretch, stretche
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.result import ChannelFit
-from artibot_sim.identify.validation import Held, deviations, hold_out
+from artibot_sim.identify.validation import PredictedRecording, deviations, hold_out
 from artibot_sim.model import Robot
 
 # ----------------------------------------------------------------------
@@ -49,8 +49,8 @@ class Pair:
     """
 
     held_out: bool
-    before: Held
-    after: Held
+    before: PredictedRecording
+    after: PredictedRecording
 
 
 def predict(
@@ -65,7 +65,7 @@ def predict(
 
 def predicted(
     experiment: Experiment, robot: Robot, horizon: float, workers: int | None, seen: Sequence[Stretch] = ()
-) -> Held:
+) -> PredictedRecording:
     """A recording by one model; `seen` are its stretches, where they are known already."""
     return hold_out(experiment, robot, horizon, workers, steps=STEPS, half_width=HALF_WIDTH, seen=seen)
 
@@ -111,11 +111,11 @@ def _blocks(series: Series) -> list[tuple[float, float, float]]:
     return rows
 
 
-def _by_window(pair: Pair) -> list[tuple[Held, Held, int]]:
+def _by_window(pair: Pair) -> list[tuple[PredictedRecording, PredictedRecording, int]]:
     return [(pair.before, pair.after, i) for i in range(len(pair.before.windows))]
 
 
-def _squares(at: tuple[Held, Held, int], channel: int) -> tuple[float, float, float]:
+def _squares(at: tuple[PredictedRecording, PredictedRecording, int], channel: int) -> tuple[float, float, float]:
     """Sums of squared errors before and after (SI), and how many samples, of one window."""
     before, after, i = at
     _, first = deviations(before.windows[i], before.residuals[i], channel)
@@ -137,7 +137,7 @@ def baseline_levels(pairs: Sequence[Pair]) -> dict[str, ChannelBaseline]:
     return found
 
 
-def _weighted(held: Sequence[Held], channel: int) -> float:
+def _weighted(held: Sequence[PredictedRecording], channel: int) -> float:
     """Root mean square of a channel's errors, each over the noise of its own sample; NaN where there are none."""
     parts = [r[w.channel == channel] for one in held for w, r in zip(one.windows, one.residuals, strict=True)]
     errors = np.concatenate(parts) if parts else np.empty(0)
@@ -228,7 +228,7 @@ def improvements(
     return found
 
 
-def _likelihoods(models: Sequence[Sequence[Held]]) -> list[float]:
+def _likelihoods(models: Sequence[Sequence[PredictedRecording]]) -> list[float]:
     """Log-likelihoods of the same recordings by several models, a constant apart; the last one says what noise is."""
     windows = [window for held in models[-1] for window in held.windows]
     if not windows:
@@ -258,7 +258,7 @@ def is_refuted(gained: Mapping[str, Worth], gain: Mapping[str, ChannelGain]) -> 
     return grown and any(one.ci95[1] < 0.0 for one in gain.values())
 
 
-def is_minor(gained: Mapping[str, Worth], left: Mapping[str, Left]) -> bool:
+def is_minor(gained: Mapping[str, Worth], left: Mapping[str, SlowResidual]) -> bool:
     """Whether all that was named takes little of the held-out error, and more than noise is left of the fitted one.
 
     The cause of most of it is another one then, of which what was named may be no more than a part or the shadow.
@@ -300,11 +300,11 @@ def _followed(view: CommandView, robot: Robot, names: Sequence[str], which: str)
     """Squared errors of the front motors' speeds in the recordings `names`, in units of noise, if commands say any."""
     if not view.followed:
         return []
-    _, series = view.seen_by(robot)
+    _, series = view.for_robot(robot)
     return [((getattr(series[name], which) / series[name].noise) ** 2).ravel() for name in names if name in series]
 
 
-def excess(held: Sequence[Held], commanded: Sequence[Array], levels: Array) -> float:
+def excess(held: Sequence[PredictedRecording], commanded: Sequence[Array], levels: Array) -> float:
     """Mean squared error in units of noise, `levels` (channels,) times what sensors show, less the noise's share."""
     parts = [(r / levels[w.channel]) ** 2 for h in held for w, r in zip(h.windows, h.residuals, strict=True)]
     every = np.concatenate([*parts, *commanded]) if parts or commanded else np.ones(1)

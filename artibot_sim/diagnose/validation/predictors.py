@@ -15,7 +15,7 @@ from artibot_sim.estimation.measurements import stretches
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.result import ChannelFit
-from artibot_sim.identify.validation import Held, hold_out
+from artibot_sim.identify.validation import PredictedRecording, hold_out
 from artibot_sim.model import Robot
 
 CHANNELS = ("position", "yaw")
@@ -28,7 +28,7 @@ def predictors(
     problem: Problem,
     horizon: float,
     workers: int | None,
-    known: Sequence[tuple[Robot, Sequence[Held]]] = (),
+    known: Sequence[tuple[Robot, Sequence[PredictedRecording]]] = (),
 ) -> tuple[Predictor, ...]:
     """Errors of all predictors at the ends of their predictions of held-out recordings.
 

@@ -15,7 +15,7 @@ from artibot_sim.diagnose.validation.predictions import Pair
 from artibot_sim.estimation.windows import CHANNEL_NAMES, Window
 from artibot_sim.experiment import Experiment
 from artibot_sim.experiment.measured import Measured, forward_speed
-from artibot_sim.identify.validation import Held
+from artibot_sim.identify.validation import PredictedRecording
 from artibot_sim.model import MOTORS, Robot
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ def _measured_path(experiment: Experiment) -> Array:
     return np.vstack(parts) if parts else np.empty((0, 3))
 
 
-def _paths(held: Held) -> tuple[Array, ...]:
+def _paths(held: PredictedRecording) -> tuple[Array, ...]:
     return tuple(_path(w, r) for w, r in zip(held.windows, held.residuals, strict=True))
 
 
@@ -54,7 +54,7 @@ def _path(window: Window, residual: Array) -> Array:
     return np.column_stack([window.t + window.plan.t[x], predicted[x], predicted[y]])
 
 
-def _series(before: Held, after: Held) -> dict[str, Series]:
+def _series(before: PredictedRecording, after: PredictedRecording) -> dict[str, Series]:
     found = {}
     for c, name in enumerate(CHANNEL_NAMES):
         rows = [_errors(held, c) for held in (before, after)]
@@ -67,7 +67,7 @@ def _series(before: Held, after: Held) -> dict[str, Series]:
     return found
 
 
-def _errors(held: Held, channel: int) -> Array:
+def _errors(held: PredictedRecording, channel: int) -> Array:
     """Times and predicted − measured, SI, shape (n, 2), of positions (n, 3)."""
     parts = []
     for window, residual in zip(held.windows, held.residuals, strict=True):

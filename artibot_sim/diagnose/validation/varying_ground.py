@@ -17,11 +17,11 @@ from artibot_sim.diagnose.validation.error_budget import as_fitted, candidates, 
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit
 from artibot_sim.estimation.variation import spread_of, windows_of
-from artibot_sim.identify.validation import Held
+from artibot_sim.identify.validation import PredictedRecording
 
 Array = NDArray[np.float64]
 
-Model = tuple[Problem, Fit, Sequence[Held]]
+Model = tuple[Problem, Fit, Sequence[PredictedRecording]]
 """A fit, and held-out recordings as it predicts them."""
 _FEWEST = 12
 """Held-out windows without which nothing is sure."""

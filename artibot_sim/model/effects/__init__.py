@@ -119,7 +119,7 @@ def in_pair(effects: Mapping[str, Values], behind: int) -> dict[str, tuple[Effec
     """As `at_work`, what acts in the pair of a robot's front module and the module `behind` (see `parts`)."""
     found: dict[str, tuple[Effect, Values]] = {}
     for name, (effect, values) in at_work(effects).items():
-        seen = parts.seen_by(values, behind)
+        seen = parts.for_pair(values, behind)
         if seen is not None and effect.active(seen):
             found[name] = effect, seen
     return found

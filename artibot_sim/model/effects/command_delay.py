@@ -7,7 +7,7 @@ from collections import deque
 from artibot_sim.model.effects.base import Array, Effect, Search, Step, Values, number
 
 
-def _way(values: Values, h: float, first: Array) -> Step:
+def _step(values: Values, h: float, first: Array) -> Step:
     """Between samples commands are linear; before the first one they were as it is."""
     whole, part = divmod(values["delay"] / h, 1.0)
     past = deque([first] * (int(whole) + 2), maxlen=int(whole) + 2)  # the oldest first, the newest last
@@ -24,6 +24,6 @@ EFFECT = Effect(
     acts="command",
     doc="Front commands act this much later.",
     parameters={"delay": number("s", 0.0, 10.0, "time between command and motion")},
-    command=_way,
+    command=_step,
     search=Search({"delay": 0.15}, views=("command",)),
 )

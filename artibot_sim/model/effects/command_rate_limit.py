@@ -27,7 +27,7 @@ def on_ramp(speed, most, now, out):
         now[k] = last
 
 
-def _way(values: Values, h: float, first: Array) -> Step:
+def _step(values: Values, h: float, first: Array) -> Step:
     now, out = np.array(first, dtype=float), np.empty((1, len(first)))
 
     def step(speed: Array) -> Array:
@@ -42,6 +42,6 @@ EFFECT = Effect(
     acts="command",
     doc="Front velocity commands change by at most so many rad/s², whatever is commanded.",
     parameters={"rate": number("rad/s²", 0.0, math.inf, "largest acceleration of a motor", math.inf, low_open=True)},
-    command=_way,
+    command=_step,
     search=Search({"rate": 0.3}, logarithmic=True, reference="acceleration", views=("command",)),
 )

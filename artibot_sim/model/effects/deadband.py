@@ -14,7 +14,7 @@ def outside(speed: Array, threshold: float) -> Array:
     return np.where(np.abs(speed) < threshold, 0.0, speed)
 
 
-def _way(values: Values, h: float, first: Array) -> Step:
+def _step(values: Values, h: float, first: Array) -> Step:
     return lambda speed: outside(speed, values["threshold"])
 
 
@@ -23,6 +23,6 @@ EFFECT = Effect(
     acts="command",
     doc="Front velocity commands below the threshold give no motion.",
     parameters={"threshold": number("rad/s", 0.0, math.inf, "motor speed below which nothing moves")},
-    command=_way,
+    command=_step,
     search=Search({"threshold": 45.0}, views=("command",)),
 )

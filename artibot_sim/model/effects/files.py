@@ -48,10 +48,10 @@ def load_folder(folder: Path) -> list[str]:
     """
     if not folder.is_dir():
         raise ArtibotError(f"{folder}: no such folder; expected one with files of effects (*{SUFFIX})")
-    return [known(read_effect(path), path).id for path in sorted(folder.glob(f"*{SUFFIX}"))]
+    return [register(read_effect(path), path).id for path in sorted(folder.glob(f"*{SUFFIX}"))]
 
 
-def known(effect: Effect, path: Path) -> Effect:
+def register(effect: Effect, path: Path) -> Effect:
     """Make an effect known; `path` says where it is from."""
     before = EFFECTS.get(effect.id)
     if before is not None and before.law is None:

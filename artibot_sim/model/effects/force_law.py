@@ -119,7 +119,7 @@ SLOW = 0.05
 # ----------------------------------------------------------------------
 
 
-class Own(NamedTuple):
+class LocalMotion(NamedTuple):
     """What a force could follow where it acts, beside what the record notes of its module.
 
     speed, lateral_speed and slip (m/s) as in VARIABLES; angle (rad); x, y in `map` (m); load (N).
@@ -263,7 +263,9 @@ def on_module(laws, seen, t, module):
         for law in laws:
             where = law.where - 3.0 * module
             if law.size != 0.0 and where >= 0.0 and where < 3.0 and module < 2:
-                own = Own(seen.forward[module], seen.left[module], 0.0, 0.0, seen.x[module], seen.y[module], 0.0)
+                own = LocalMotion(
+                    seen.forward[module], seen.left[module], 0.0, 0.0, seen.x[module], seen.y[module], 0.0
+                )
                 force = value(law, seen, t, module, own)
                 surge += force if where == 0.0 else 0.0
                 sway += force if where == 1.0 else 0.0
@@ -301,7 +303,7 @@ def on_motor(laws, seen, t, motor, angle, speed):
     torque = 0.0
     if laws is not None:
         module = 0 if motor < 2 else 1
-        own = Own(speed, 0.0, 0.0, angle, seen.x[module], seen.y[module], 0.0)
+        own = LocalMotion(speed, 0.0, 0.0, angle, seen.x[module], seen.y[module], 0.0)
         for law in laws:
             among = law.where == EACH_TORQUE or (law.where == TORQUE + motor and motor < 4)
             if law.size != 0.0 and among:
@@ -316,7 +318,7 @@ def in_joint(laws, seen, t, angle, rate):
     if laws is not None:
         before, rate_before = seen.bend[0], seen.bend_rate[0]
         seen.bend[0], seen.bend_rate[0] = angle, rate
-        own = Own(seen.forward[0], seen.left[0], 0.0, 0.0, seen.x[0], seen.y[0], 0.0)
+        own = LocalMotion(seen.forward[0], seen.left[0], 0.0, 0.0, seen.x[0], seen.y[0], 0.0)
         for law in laws:
             if law.size != 0.0 and law.where == JOINT:
                 moment += value(law, seen, t, 0, own)

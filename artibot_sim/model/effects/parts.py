@@ -43,7 +43,7 @@ def names_of(names: tuple[str, ...], modules: int) -> tuple[str, ...]:
     return names + tuple(in_robot(name, i) for i in range(2, modules) for name in behind)
 
 
-def seen_by(values: Mapping[str, float | str], behind: int) -> dict[str, float | str] | None:
+def for_pair(values: Mapping[str, float | str], behind: int) -> dict[str, float | str] | None:
     """An effect's parameters as the pair of the module `behind` has them; None where it is one of another module."""
     found: dict[str, float | str] = {}
     for key, value in values.items():

@@ -19,7 +19,7 @@ def weights(time_constant: float, h: float) -> tuple[float, float, float]:
     return 1.0 - behind, behind - kept, kept
 
 
-def _way(values: Values, h: float, first: Array) -> Step:
+def _step(values: Values, h: float, first: Array) -> Step:
     """At the first sample it has settled."""
     fresh, last, kept = weights(values["time_constant"], h)
     before, now = first, first
@@ -38,6 +38,6 @@ EFFECT = Effect(
     acts="command",
     doc="Front motor velocities follow their commands through a first-order lag.",
     parameters={"time_constant": number("s", 0.0, 100.0, "of the lag")},
-    command=_way,
+    command=_step,
     search=Search({"time_constant": 0.25}, views=("command",)),
 )

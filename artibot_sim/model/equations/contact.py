@@ -10,7 +10,7 @@ import math
 from typing import NamedTuple
 
 from artibot_sim.model.effects import hooks
-from artibot_sim.model.effects.force_law import Own
+from artibot_sim.model.effects.force_law import LocalMotion
 from artibot_sim.model.kernels.compilation import inlined
 from artibot_sim.model.kernels.elementary import inverse_root
 from artibot_sim.model.kernels.layout import Q_C
@@ -250,7 +250,7 @@ def at_wheel(pair, soil, rim, angle, end):
     """With effects: what a law may follow at the wheel at `end` (1 in front, −1 behind) of a motor's two."""
     p_x, p_y, F_n = (pair.p_xf, pair.p_yf, pair.F_nf) if end > 0.0 else (pair.p_xb, pair.p_yb, pair.F_nb)
     x, y = soil.x + end * soil.ahead_x, soil.y + end * soil.ahead_y
-    return Own(p_x, p_y, rim - p_x, angle, x, y, F_n)
+    return LocalMotion(p_x, p_y, rim - p_x, angle, x, y, F_n)
 
 
 @inlined
@@ -263,7 +263,7 @@ def mean(a, b):
 def at_pair(pair, soil, rim, angle):
     """With effects: what a law may follow in the middle between the two wheels of a motor."""
     p_x, p_y = mean(pair.p_xf, pair.p_xb), 0.5 * (pair.p_yf + pair.p_yb)
-    return Own(p_x, p_y, rim - p_x, angle, soil.x, soil.y, pair.F_nf + pair.F_nb)
+    return LocalMotion(p_x, p_y, rim - p_x, angle, soil.x, soil.y, pair.F_nf + pair.F_nb)
 
 
 @inlined

@@ -114,7 +114,7 @@ def point_at(rows, at, lanes, c, share, h, sensors, r):
 
 
 @inlined
-def seen(rows, at, lanes, h, two, share, kind, sensors, r):
+def sensor_value(rows, at, lanes, h, two, share, kind, sensors, r):
     """One sample of one kind."""
     if kind <= 1:
         return point_at(rows, at, lanes, kind, share, h, sensors, r)
@@ -152,7 +152,9 @@ def sample_lane(rows, lane, lanes, h, count, two, t, kind, first, last, sensors,
         i = min(max(int((since + _ROUNDING) / h), 0), count - 2)
         share = since / h - i
         if share <= 1.0 + 1e-3:
-            out[to + k - first] = seen(rows, i * COLUMNS * lanes + lane, lanes, h, two, share, kind[k], sensors, r)
+            out[to + k - first] = sensor_value(
+                rows, i * COLUMNS * lanes + lane, lanes, h, two, share, kind[k], sensors, r
+            )
 
 
 @kernel

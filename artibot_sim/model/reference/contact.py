@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.model.effects.force_law import Own
+from artibot_sim.model.effects.force_law import LocalMotion
 from artibot_sim.model.ground.raster import Surface, sample
 from artibot_sim.model.reference.effects import NEUTRAL, PlainEffects
 from artibot_sim.model.robot.derived import params
@@ -380,12 +380,14 @@ def _eq_20(p: Params, mount: Mount, stand: Stand, u: float, q: Array, ground: Su
 
 def _followed(
     rolling: Rolling, other: Stand, stand: Stand, v: Array, F_n: float, ground: Surface | None
-) -> tuple[Own, Own]:
+) -> tuple[LocalMotion, LocalMotion]:
     """What laws may follow at the wheel, and at both wheels of its motor together; no law takes the NaNs."""
-    wheel = Own(rolling.p_x, rolling.p_y, rolling.rim - rolling.p_x, rolling.angle, stand.place[0], stand.place[1], F_n)
+    wheel = LocalMotion(
+        rolling.p_x, rolling.p_y, rolling.rim - rolling.p_x, rolling.angle, stand.place[0], stand.place[1], F_n
+    )
     both = rolling.p_x if ground is None else 0.5 * (rolling.p_x + (other.frame.T @ (other.partials @ v))[0])
     x, y = 0.5 * (stand.place + other.place)[:2]
-    return wheel, Own(both, math.nan, rolling.rim - both, rolling.angle, x, y, math.nan)
+    return wheel, LocalMotion(both, math.nan, rolling.rim - both, rolling.angle, x, y, math.nan)
 
 
 def _wheel(

@@ -59,7 +59,7 @@ def _feed_back(p: Params, torque: Array, theta: Array, theta_dot: Array, eta: Ar
     return fresh
 
 
-def _grown(state: PlainState, modes: Sequence[Mode], before: Array, trail: Array) -> Array:
+def _wound_up(state: PlainState, modes: Sequence[Mode], before: Array, trail: Array) -> Array:
     """Integrals of the speeds' errors, rad, where angles behind the commands have come from `before` to `trail`."""
     return np.where(np.array(modes) == Mode.DRIVEN, state.behind + (trail - before), 0.0)
 
@@ -106,7 +106,7 @@ def rk4_step(
         zip((0.5, 0.5, 1.0, 0.0), (drives[0], drives[1], drives[1], drives[2]), strict=True)
     ):
         now = fx.at(fx.t + (0.0, 0.5, 0.5, 1.0)[stage] * dt)
-        behind = _grown(state, modes, drives[0][0] - state.q[MOTOR_COLUMNS], drive[0] - q[MOTOR_COLUMNS])
+        behind = _wound_up(state, modes, drives[0][0] - state.q[MOTOR_COLUMNS], drive[0] - q[MOTOR_COLUMNS])
         solution = solve(p, q, v, modes, drive, state.eta, held, now, memory, ground, behind)
         if stage == 0:
             torque = solution.torque
@@ -121,7 +121,7 @@ def rk4_step(
     ends = (now + weights @ np.array(k) for now, k in ((state.q, k_q), (state.v, k_v), (state.memory, k_lag)))
     new_q, new_v, new_memory = ends
     trails = drives[0][0] - state.q[MOTOR_COLUMNS], drives[2][0] - new_q[MOTOR_COLUMNS]
-    return PlainState(new_q, new_v, eta, torque, new_memory, _wound(fx, _grown(state, modes, *trails)))
+    return PlainState(new_q, new_v, eta, torque, new_memory, _wound(fx, _wound_up(state, modes, *trails)))
 
 
 def semi_implicit_step(
@@ -164,7 +164,7 @@ def semi_implicit_step(
     new_q = state.q + dt * np.where(vertical, new_v, 0.5 * (state.v + new_v))
     eta = _feed_back(p, torque, state.q[MOTOR_COLUMNS], new_v[MOTOR_COLUMNS], state.eta, fx)
     trails = drive[0] - state.q[MOTOR_COLUMNS], drive[3] - new_q[MOTOR_COLUMNS]
-    behind = _wound(fx, _grown(state, modes, *trails))
+    behind = _wound(fx, _wound_up(state, modes, *trails))
     return PlainState(new_q, new_v, eta, torque, state.memory + dt * wheels.memory_rate, behind)
 
 

@@ -116,7 +116,7 @@ def _integrate(velocity: Array, dt: float) -> Array:
 # so.
 #
 # :class:`Commands` of a rollout are what motors follow. Whoever has commands from before that way, such as a
-# planner's, sends them along it by `as_executed`, or sample by sample by :class:`CommandWay`; rotations that were
+# planner's, sends them along it by `as_executed`, or sample by sample by :class:`CommandChain`; rotations that were
 # measured have it behind them.
 # ----------------------------------------------------------------------
 
@@ -124,7 +124,7 @@ def _integrate(velocity: Array, dt: float) -> Array:
 Array = NDArray[np.float64]
 
 
-class CommandWay:
+class CommandChain:
     """What becomes of the front motors' speeds, sample by sample.
 
     Parameters
@@ -170,7 +170,7 @@ def as_executed(robot: Robot, commands: Commands) -> Commands:
     front = commands.velocity[:, :2]
     if not all(commands.commanded[:2]):
         return commands
-    way = CommandWay(robot, commands.dt, front[0])
+    way = CommandChain(robot, commands.dt, front[0])
     if not way:
         return commands
     velocity, position = commands.velocity.copy(), commands.position.copy()

@@ -11,7 +11,7 @@ from artibot_sim.model.kernels.layout import ALPHA, BACK, BETA, GAMMA, Z
 Array = NDArray[np.float64]
 
 
-def seen_velocity(q: Array, v: Array, module: int = 0) -> Array:
+def linear_velocity(q: Array, v: Array, module: int = 0) -> Array:
     """Velocity of a module's origin in its own frame, m/s, shape (…, 3), at states (…, 16)."""
     s_a, c_a, s_b, c_b, s_g, c_g = _turns(q, module)
     b = BACK * module
@@ -20,7 +20,7 @@ def seen_velocity(q: Array, v: Array, module: int = 0) -> Array:
     return np.stack([ahead, c_a * left + s_a * over, c_a * over - s_a * left], axis=-1)
 
 
-def seen_rates(q: Array, v: Array, module: int = 0) -> Array:
+def angular_velocity(q: Array, v: Array, module: int = 0) -> Array:
     """Angular velocity of a module in its own frame, from the rates of its angles (eq. 2), rad/s, shape (…, 3)."""
     s_a, c_a, s_b, c_b, _, _ = _turns(q, module)
     b = BACK * module
@@ -55,7 +55,7 @@ def joint_motion(q: Array, v: Array) -> tuple[Array, Array]:
     front, back = axes_of(q), axes_of(q, 1)
     between = np.swapaxes(front, -1, -2) @ back
     yaw, roll = np.arctan2(between[..., 1, 0], between[..., 0, 0]), np.arctan2(between[..., 2, 1], between[..., 2, 2])
-    turning = (back @ seen_rates(q, v, 1)[..., None] - front @ seen_rates(q, v)[..., None])[..., 0]
+    turning = (back @ angular_velocity(q, v, 1)[..., None] - front @ angular_velocity(q, v)[..., None])[..., 0]
     about = [(turning * front[..., 2]).sum(axis=-1), (turning * back[..., 0]).sum(axis=-1)]
     exact = np.stack([yaw, roll], axis=-1), np.stack(about, axis=-1)
     return np.where(tilted[..., None], exact[0], angles), np.where(tilted[..., None], exact[1], rates)

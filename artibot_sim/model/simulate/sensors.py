@@ -72,7 +72,7 @@ def true_starts(errors: Array, starts: Array, late: NDArray[np.bool_]) -> Array:
     before = np.where(late, yaw - offset, yaw - turned)
     c, s = np.cos(yaw - before), np.sin(yaw - before)
     forward, left = c * u - s * w + omega * arm_y, s * u + c * w - omega * arm_x
-    ahead, aside = _way(turned, delay, forward, left)
+    ahead, aside = _displacement(turned, delay, forward, left)
     c, s = np.cos(before), np.sin(before)
     true = starts.copy()
     true[:, 0] = x + (c * (ahead - arm_x) - s * (aside - arm_y))
@@ -87,7 +87,7 @@ def measured_starts(errors: Array, starts: Array, late: NDArray[np.bool_]) -> Ar
     x, y, yaw, forward, left, omega = starts[:, :6].T
     turned = omega * delay
     before = yaw - turned
-    ahead, aside = _way(turned, delay, forward, left)
+    ahead, aside = _displacement(turned, delay, forward, left)
     c, s = np.cos(before), np.sin(before)
     seen = starts.copy()
     seen[:, 0] = x - (c * (ahead - arm_x) - s * (aside - arm_y))
@@ -99,7 +99,7 @@ def measured_starts(errors: Array, starts: Array, late: NDArray[np.bool_]) -> Ar
     return seen
 
 
-def _way(turned: Array, delay: Array, forward: Array, left: Array) -> tuple[Array, Array]:
+def _displacement(turned: Array, delay: Array, forward: Array, left: Array) -> tuple[Array, Array]:
     """How far a module gets over the delay at a constant twist that turns it by `turned`, in its frame before, m."""
     half = 0.5 * turned
     chord = delay * np.sinc(half / np.pi)

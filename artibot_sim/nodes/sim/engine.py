@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Ground, Mode, Robot, Rollout, State, Status, initial_state, rollout
 from artibot_sim.model.robot.derived import front_params
-from artibot_sim.model.simulate.commands import CommandWay, travelled
-from artibot_sim.model.simulate.motion import joint_motion, seen_rates, seen_velocity
+from artibot_sim.model.simulate.commands import CommandChain, travelled
+from artibot_sim.model.simulate.motion import angular_velocity, joint_motion, linear_velocity
 from artibot_sim.model.simulate.rollout import default_modes, motor_coordinates, side_gears
 from artibot_sim.nodes.common.arbiter import Decision, Source
 from artibot_sim.nodes.common.rotations import rotation
@@ -160,7 +160,7 @@ class Engine:
         self._initial = initial_state(robot, start.x, start.y, start.yaw, start.articulation_yaw, ground=ground)
         self.state: State = self._initial
         self._v_last = self.state.v
-        self._way: CommandWay | None = None
+        self._way: CommandChain | None = None
 
     def warm_up(self) -> None:
         """Compile or load the kernel, so that the first period is like all others."""
@@ -216,7 +216,7 @@ class Engine:
         """What the front motors follow through a period, shape (n, 2): speeds and angles after the way to them."""
         h = self.timing.knot_ns * 1e-9
         if self._way is None:
-            self._way, self._angles = CommandWay(self.robot, h, speeds[0]), angles[0]
+            self._way, self._angles = CommandChain(self.robot, h, speeds[0]), angles[0]
         if not self._way:
             return speeds, angles
         followed = np.vstack([self._way.now, self._way.follow(speeds[1:])])
@@ -239,8 +239,8 @@ def sample_of(robot: Robot, q: Array, v: Array, torque: Array, felt: Array, comm
         position=q[:3],
         rpy=q[3:6],
         twist=(float(c * v[0] + s * v[1]), float(c * v[1] - s * v[0]), float(v[5])),
-        velocity=seen_velocity(q, v),
-        rates=seen_rates(q, v),
+        velocity=linear_velocity(q, v),
+        rates=angular_velocity(q, v),
         felt=felt,
         motor_position=q[motors],
         motor_velocity=v[motors],

@@ -77,7 +77,7 @@ def test_the_direction_of_a_slope_turns_with_the_map() -> None:
         seen = base({"slope": {"grade": 0.04, "heading": heading}}, (0.0, 0.0, yaw))
         (tried,) = screen(seen, [h for h in hypotheses(ROBOT, seen.problem.stretches) if h.id == "slope"])
         assert 0.5 * (seen.point.cost - tried.point.cost) > 10 * LEAST
-        found.append(tried.hypothesis.extension.values(tried.own))
+        found.append(tried.hypothesis.extension.values(tried.effect_coordinates))
     assert found[1]["heading"] - found[0]["heading"] == pytest.approx(1.0, abs=0.5)
     assert found[1]["grade"] == pytest.approx(found[0]["grade"], rel=0.5)  # its size needs more than a screen
 

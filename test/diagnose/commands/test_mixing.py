@@ -37,7 +37,7 @@ def test_a_twist_converted_with_another_track_is_found(driven: Drive, turning: f
     assert found.mixing.turning == pytest.approx(turning, rel=0.05) and high - low < 0.1
     assert not (found.plausible or found.followed) and found.found == ()
     assert f"{found.mixing.turning:.2f} times" in found.why
-    assert not any(one.nats for one in found.evidence.values()) and found.seen_by(HUSKY) == ({}, {})
+    assert not any(one.nats for one in found.evidence.values()) and found.for_robot(HUSKY) == ({}, {})
 
 
 def test_motors_own_commands_are_theirs(driven: Drive) -> None:

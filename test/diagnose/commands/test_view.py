@@ -288,7 +288,7 @@ def test_series_show_what_is_explained() -> None:
         assert series.before.shape == series.after.shape == (len(series.t), 2)
         before, after = (np.sqrt(np.nanmean(e**2)) for e in (series.before, series.after))
         assert after < 1.2 * series.noise < 0.3 * before
-    levels, _ = view.seen_by(AGRIQ)
+    levels, _ = view.for_robot(AGRIQ)
     assert levels["front_velocity"].after == levels["front_velocity"].rmse
 
 

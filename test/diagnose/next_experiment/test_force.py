@@ -17,7 +17,7 @@ from artibot_sim.diagnose.next_experiment.choice import (
     ENOUGH,
     duration,
     expected,
-    known,
+    known_equations,
     law,
     next_for_force,
     recording,
@@ -81,7 +81,7 @@ def test_what_is_expected_comes(name: str, entry: str) -> None:
     problem, found, _, _ = found_in(name)
     robot, first, others = robot_of(problem, found), found.chosen[0], rivals(found)
     wanted = expected(robot, recording(robot, BY_NAME[entry], (0.0, 0.0), LEVELS), first, others)
-    came = separation(*known(robot, driven_elsewhere(name, BY_NAME[entry])), first, others)
+    came = separation(*known_equations(robot, driven_elsewhere(name, BY_NAME[entry])), first, others)
     assert wanted > 10.0
     assert wanted / 2.5 < came < 2.5 * wanted
 

@@ -63,14 +63,14 @@ def test_where_all_are_fitted_a_screen_that_was_misled_costs_no_effect() -> None
     point = evaluate(problem, EVEN, [np.zeros(5)], problem.starts)[0]
     base, control = converged_baseline(problem, EVEN, point, Rounds().few)
     (trial,) = screen(base, [one for one in hypotheses(robot, problem.stretches) if one.id == "slope"])
-    far = np.append(base.point.coordinates, 4.0 * trial.own)
+    far = np.append(base.point.coordinates, 4.0 * trial.effect_coordinates)
     misled = replace(trial, point=evaluate(trial.problem, EVEN, [far], base.point.starts)[0], promised=0.0)
     assert misled.point.cost > control.cost
     assert not contest([misled], control.cost, EVEN, Rounds())
     known = FitCache()
     begun = contest([misled], control.cost, EVEN, Rounds().for_all(1), known=known)
     best, (rival,) = finished(base, begun, Rounds(), known=known)
-    assert rival.trial.hypothesis.extension.values(rival.own) == pytest.approx(truth, rel=0.05)
+    assert rival.trial.hypothesis.extension.values(rival.effect_coordinates) == pytest.approx(truth, rel=0.05)
     (again,) = contest([misled], control.cost, EVEN, Rounds().for_all(1), known=known)
     assert again.fit is begun[0].fit
     for one in {one.id: one for one in hypotheses(robot, problem.stretches)}.values():
@@ -125,7 +125,7 @@ def test_an_effect_begins_from_the_best_soil_that_any_found() -> None:
     stuck = rival("slope", [1.5, -1.5, 0.3, 0.3, 0.0, 0.0, 0.0])
     other = rival("joint_friction", [0.0] * 6)
     found = with_soil_of(other, stuck, Rounds())
-    assert found.trial.hypothesis.extension.values(found.own) == pytest.approx(truth, rel=0.05)
+    assert found.trial.hypothesis.extension.values(found.effect_coordinates) == pytest.approx(truth, rel=0.05)
     assert found.fit.point.cost < stuck.fit.point.cost
     assert (
         with_soil_of(rival("joint_friction", [1.5, -1.5, 0.3, 0.3, 0.0, 0.0]), found, replace(Rounds(), many=1))

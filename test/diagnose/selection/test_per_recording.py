@@ -12,7 +12,7 @@ from diagnose.searches import FEW, try_only
 from artibot_sim.diagnose import Verdict, diagnose
 from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.records import Options
-from artibot_sim.diagnose.selection.per_recording import fitted_apart
+from artibot_sim.diagnose.selection.per_recording import fitted_by_recording
 from artibot_sim.diagnose.selection.ridge_search import at_size
 from artibot_sim.diagnose.validation.stability import disagreement
 from artibot_sim.estimation.parameters import Extension
@@ -42,7 +42,7 @@ def test_each_soil_is_found() -> None:
     soil, factor = found.truth.soil, found.truth.unlisted[OTHER_GROUND]["factor"]
     problem, fit = baseline(found.recordings, load_robot("agriq"), Options())
     assert disagreement(problem, fit) > 100.0
-    alone = fitted_apart(problem, fit)
+    alone = fitted_by_recording(problem, fit)
     assert alone.sufficient and alone.nats > 200.0
     for name, _, values in alone.soil:
         other = soil[name] * (factor if name != "u_w" else 1.0)
@@ -54,9 +54,9 @@ def test_a_compromise_is_no_place_to_be_stuck_at() -> None:
     """From the fit of both, steps alone end at a soil that leaves seven times the noise in the first one's torques."""
     found = case((OTHER_GROUND,), 1.0, 4021737138, runs=2, duration=30.0)
     problem, fit = baseline(found.recordings, load_robot("agriq"), Options(seed=1))  # from one seed in two it is found
-    assert fitted_apart(problem, fit).sufficient
+    assert fitted_by_recording(problem, fit).sufficient
     beside = at_size(problem, fit, Extension("torque_scale"), np.array([0.02]), 1)
-    assert fitted_apart(*beside).sufficient
+    assert fitted_by_recording(*beside).sufficient
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +68,7 @@ def alike() -> Case:
 def test_one_soil_is_one(alike: Case) -> None:
     problem, fit = baseline(alike.recordings, load_robot("agriq"), Options())
     assert -1e-6 < disagreement(problem, fit) < 30.0
-    assert fitted_apart(problem, fit).nats < 30.0
+    assert fitted_by_recording(problem, fit).nats < 30.0
 
 
 def test_a_single_recording_agrees_with_itself(alike: Case) -> None:
@@ -98,6 +98,6 @@ def test_effects_are_named_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_effect_is_no_other_soil() -> None:
     """What acts in all recordings is left in each of them, whatever soil it has."""
     problem, fit = baseline(driven(("joint_friction",), 42).recordings, load_robot("agriq"), Options())
-    alone = fitted_apart(problem, fit)
+    alone = fitted_by_recording(problem, fit)
     assert disagreement(problem, fit) > 58.0 and not alone.sufficient
     assert np.isfinite(alone.nats)

@@ -17,7 +17,7 @@ from artibot_sim.diagnose.policy import THRESHOLDS, Thresholds
 from artibot_sim.diagnose.records import Options, Verdict
 from artibot_sim.diagnose.selection import stepwise
 from artibot_sim.diagnose.selection.decision import Named
-from artibot_sim.diagnose.selection.evidence import Evidence, Other
+from artibot_sim.diagnose.selection.evidence import CommandEvidence, Evidence
 from artibot_sim.diagnose.selection.ranking import ranking
 from artibot_sim.diagnose.timetable import Timetable
 from artibot_sim.estimation.loss import Loss
@@ -44,8 +44,9 @@ def test_an_effect_that_the_next_one_makes_up_for_is_dropped(monkeypatch: pytest
     asked = stepwise.best_of
 
     def misled(
-        evidence: Mapping[str, Evidence], fitted: Mapping[str, float], from_commands: Mapping[str, Other], least: float,
-        thresholds: Thresholds, without: Collection[str] = (), tried: Collection[str] = (),
+        evidence: Mapping[str, Evidence], fitted: Mapping[str, float],
+        from_commands: Mapping[str, CommandEvidence], least: float, thresholds: Thresholds,
+        without: Collection[str] = (), tried: Collection[str] = (),
     ) -> Named | None:  # fmt: skip
         return asked(evidence, fitted, from_commands, least, thresholds, without or (truth,), tried)
 

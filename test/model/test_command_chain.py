@@ -8,7 +8,7 @@ from model.effects import with_effects
 from model.helpers import front_commands, ramp
 
 from artibot_sim.model import rollout
-from artibot_sim.model.simulate.commands import CommandWay, as_executed
+from artibot_sim.model.simulate.commands import CommandChain, as_executed
 
 H = 0.01
 
@@ -40,7 +40,7 @@ def test_a_delay_moves_commands_back_in_time(agriq, delay):
 
 def test_a_lag_answers_a_ramp_by_the_time_constant(agriq):
     T, slope = 0.25, 40.0
-    way = CommandWay(with_effects(agriq, speed_loop_lag={"time_constant": T}), H, np.zeros(2))
+    way = CommandChain(with_effects(agriq, speed_loop_lag={"time_constant": T}), H, np.zeros(2))
     t = H * np.arange(1, 300)
     speeds = way.follow(np.column_stack([slope * t, -slope * t]))
     expected = slope * (t - T * (1 - np.exp(-t / T)))
@@ -78,8 +78,8 @@ def test_samples_one_by_one_are_the_whole(agriq):
         command_rate_limit={"rate": 100.0},
     )  # fmt: skip
     front = planned(robot).velocity[:, :2]
-    whole = CommandWay(robot, H, front[0]).follow(front[1:])
-    way, parts = CommandWay(robot, H, front[0]), []
+    whole = CommandChain(robot, H, front[0]).follow(front[1:])
+    way, parts = CommandChain(robot, H, front[0]), []
     for i in range(1, len(front), 7):
         parts.append(way.follow(front[i : i + 7]))
     np.testing.assert_array_equal(np.vstack(parts), whole)
