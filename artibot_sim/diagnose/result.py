@@ -326,9 +326,11 @@ def _one_by_one(said: Sequence[str]) -> str:
 def _radius(found: Diagnosis, cause: Cause) -> float | None:
     """The wheels' radius (m) that an encoder scale may stand for; None where commands or torques tell them apart.
 
-    A wheel of r / scale goes as far as one of r whose recorded rotations are `scale` times the true ones.
+    A wheel of r / scale goes as far as one of r whose recorded rotations are `scale` times the true ones. Commands tell
+    nothing where motors do not follow them: then they are in no gain.
     """
-    if cause.effect != "encoder_scale" or {COMMANDED, "torque_front"} & set(found.baseline):
+    judged = found.gain or found.baseline
+    if cause.effect != "encoder_scale" or {COMMANDED, "torque_front"} & set(judged):
         return None
     return found.robot.wheel.r_w / float(cause.parameters["scale"].value)
 

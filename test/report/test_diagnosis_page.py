@@ -80,14 +80,16 @@ def test_causes_that_help_only_together_are_judged_together(named: Diagnosis) ->
 
 
 def test_an_encoder_scale_may_be_a_radius(named: Diagnosis) -> None:
-    """Where neither commands nor torques were recorded both are the same, and a tape measure tells them apart."""
+    """Where neither commands that motors follow nor torques were recorded both are the same; a tape measure tells."""
     scale = Cause("encoder_scale", {"scale": Estimate(1.05, "-", (1.04, 1.06))}, 60.0, 0.8)
     kinematic = {name: named.baseline[name] for name in ("position", "yaw") if name in named.baseline}
-    blind = replace(named, causes=(scale,), baseline=kinematic, next_experiment=None)
+    gained = {name: named.gain[name] for name in kinematic if name in named.gain}
+    blind = replace(named, causes=(scale,), gain=gained, next_experiment=None)
     radius = named.robot.wheel.r_w / 1.05
     assert f"or wheels that roll on a radius of {radius:.3f} m instead of" in result.headline(blind)
     assert f"put {radius:.3f} m into wheel.r_w" in result.next_step(blind)
-    seeing = replace(blind, baseline=named.baseline)
+    assert blind.baseline.keys() > kinematic.keys(), "commands and torques were recorded, and say nothing"
+    seeing = replace(blind, gain=named.gain)
     assert "radius" not in result.headline(seeing) + result.next_step(seeing)
 
 
