@@ -574,7 +574,7 @@ def test_what_is_in_the_way_is_said_anew_when_it_has_settled() -> None:
 @pytest.mark.parametrize(
     ("args", "says"),
     [
-        (["--channel", "ws://127.0.0.1:9/"], "artibot_driver.loopback"),
+        (["--channel", "ws://127.0.0.1:9/"], "artibot can loopback"),
         (["--interface", "socketcan", "--channel", "nocan0"], "nocan0"),
         (["--robot", "husky"], "husky"),
         (["--ros-args", "-p", "max_speeed:=0.3"], "max_speeed: unknown; did you mean max_speed?"),
