@@ -100,7 +100,7 @@ def read_bag(
             "record again"
         )
     if not channels:
-        present = ", ".join(sorted(found)) or "no topic at all"
+        present = ", ".join(sorted(found))
         raise ArtibotError(
             f"{path}: no message on any topic that artibot reads; the recording has {present} "
             f"({info.message_count} messages); rename a topic with --topic WANTED=FOUND"
