@@ -190,8 +190,8 @@ def _report(recorder: Any, folder: Path) -> None:
     log = recorder.node.get_logger()
     if not recorder.taken:
         log.warning(f"{folder} is empty: no message came on any selected topic")
-    elif recorder.unheard:
-        log.warning(f"no message came on {', '.join(recorder.unheard)}: are name and namespace right?")
+    elif recorder.without_messages:
+        log.warning(f"no message came on {', '.join(recorder.without_messages)}: are name and namespace right?")
     megabytes = recorder.bag.bytes_written / 1e6
     log.info(f"{folder}: {recorder.taken} messages of {len(recorder.topics)} topics, {megabytes:.1f} MB")
 

@@ -41,7 +41,7 @@ class Selection:
 
     Attributes
     ----------
-    asked : the patterns that somebody gave, as they are looked for; none where they are the contract's.
+    requested : the patterns that somebody gave, as they are looked for; none where they are the contract's.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class Selection:
             return name if name.startswith(("/", "*")) else resolve("any").removesuffix("any") + name
 
         self.patterns = [found(name) for name in patterns or (*usual, *FOR_VIEWERS)]
-        self.asked = self.patterns if patterns else []
+        self.requested = self.patterns if patterns else []
         self.exclude = list(exclude)
         self.everything = everything
 
@@ -117,9 +117,9 @@ class Recorder:
         return sorted({*self._subscriptions, *self._others})
 
     @property
-    def unheard(self) -> list[str]:
-        """What was asked for by name or pattern and brought no message."""
-        return [each for each in self.selection.asked if not filter_names(self._with_messages, each)]
+    def without_messages(self) -> list[str]:
+        """Requested names and patterns that brought no message."""
+        return [each for each in self.selection.requested if not filter_names(self._with_messages, each)]
 
     @property
     def waiting(self) -> int:

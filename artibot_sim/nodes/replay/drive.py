@@ -23,7 +23,7 @@ from artibot_sim.nodes.common.qos import publisher
 from artibot_sim.nodes.common.stamps import SECOND, stamp_of, with_stamp
 from artibot_sim.nodes.replay.player import Outlet
 from artibot_sim.nodes.replay.progress import Progress
-from artibot_sim.nodes.replay.selection import COMMAND, PROFILE, REQUEST, beside, called, moves_a_rover
+from artibot_sim.nodes.replay.selection import COMMAND, PROFILE, REQUEST, called, moves_a_rover, sibling
 
 SIGN_PERIOD = 0.02
 """s between signs of life; the contract asks for 0.05 at most."""
@@ -139,7 +139,7 @@ class Script:
 def request_outlet(node: Node, topic: str) -> Outlet:
     """Return where requests go that are made of a recorded topic: to the rover in whose namespace it is."""
     source = COMMAND if called(topic, COMMAND) else REQUEST
-    name = beside(topic, source, REQUEST).lstrip("/")
+    name = sibling(topic, source, REQUEST).lstrip("/")
     return Outlet(publisher(node, JointState, name), latched=False, stamped=True)
 
 
@@ -169,7 +169,7 @@ def _moved_path(data: bytes, shift_ns: int) -> bytes:
 def _signs_of_life(script: Script) -> dict[str, str]:
     """Return the recorded topic of each rover's sign of life, and the name to publish it under: beside its profile."""
     names = {
-        beside(topic, PROFILE, SIGN_OF_LIFE): beside(outlet.publisher.topic_name, PROFILE, SIGN_OF_LIFE)
+        sibling(topic, PROFILE, SIGN_OF_LIFE): sibling(outlet.publisher.topic_name, PROFILE, SIGN_OF_LIFE)
         for topic, outlet in script.outlets.items()
         if called(topic, PROFILE)
     }

@@ -28,7 +28,7 @@ def called(topic: str, name: str) -> bool:
     return topic.strip("/") == name or topic.endswith(f"/{name}")
 
 
-def beside(topic: str, name: str, other: str) -> str:
+def sibling(topic: str, name: str, other: str) -> str:
     """Return what is called `other` in the namespace in which `topic` is called `name`; `other` where it is not."""
     return topic.removesuffix(name) + other if called(topic, name) else other
 

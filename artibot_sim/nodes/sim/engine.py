@@ -160,7 +160,7 @@ class Engine:
         self._initial = initial_state(robot, start.x, start.y, start.yaw, start.articulation_yaw, ground=ground)
         self.state: State = self._initial
         self._v_last = self.state.v
-        self._way: CommandChain | None = None
+        self._chain: CommandChain | None = None
 
     def warm_up(self) -> None:
         """Compile or load the kernel, so that the first period is like all others."""
@@ -172,7 +172,7 @@ class Engine:
         """Back to the start, at rest."""
         self.state = self._initial
         self._v_last = self.state.v
-        self._way = None
+        self._chain = None
 
     @property
     def front_position(self) -> tuple[float, float]:
@@ -215,11 +215,11 @@ class Engine:
     def _executed(self, speeds: Array, angles: Array) -> tuple[Array, Array]:
         """What the front motors follow through a period, shape (n, 2): speeds and angles after the way to them."""
         h = self.timing.knot_ns * 1e-9
-        if self._way is None:
-            self._way, self._angles = CommandChain(self.robot, h, speeds[0]), angles[0]
-        if not self._way:
+        if self._chain is None:
+            self._chain, self._angles = CommandChain(self.robot, h, speeds[0]), angles[0]
+        if not self._chain:
             return speeds, angles
-        followed = np.vstack([self._way.now, self._way.follow(speeds[1:])])
+        followed = np.vstack([self._chain.now, self._chain.follow(speeds[1:])])
         turned = np.vstack([self._angles, self._angles + travelled(followed, h)])
         self._angles = turned[-1]
         return followed, turned
