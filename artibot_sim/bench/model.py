@@ -272,6 +272,7 @@ ALL_EFFECTS: dict[str, dict[str, Any]] = {
     "torque_limit": {"front_max": 5.0},
     "tyre_relaxation": {"length": 0.1},
     "velocity_loop": {"gain": 0.06, "integral": 8.0, "windup": 0.3},
+    "wheel_radius": {"scale": 1.003},
     "wheel_radius_mismatch": {"relative": 0.003},
     "wheel_resistance": {"share": 0.01},
     "wheel_windup": {"way": 0.01},

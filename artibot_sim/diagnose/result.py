@@ -307,7 +307,7 @@ def headline(found: Diagnosis) -> str:
 def _causes(found: Diagnosis) -> str:
     """What is sure first, then what ties, and which of those the extended model has."""
     tied = [cause for cause in found.causes if cause.ties]
-    said = [*(cause_words(cause) + _or_radius(found, cause) for cause in found.causes if not cause.ties)]
+    said = [cause_words(cause) for cause in found.causes if not cause.ties]
     said += map(_either, tied)
     if not said:
         return "several effects tie: these recordings cannot tell which"
@@ -323,29 +323,20 @@ def _one_by_one(said: Sequence[str]) -> str:
     return "; and ".join(filter(None, ("; ".join(said[:-1]), *said[-1:])))
 
 
-def _radius(found: Diagnosis, cause: Cause) -> float | None:
-    """The wheels' radius (m) that an encoder scale may stand for; None where commands or torques tell them apart.
-
-    A wheel of r / scale goes as far as one of r whose recorded rotations are `scale` times the true ones. Commands tell
-    nothing where motors do not follow them: then they are in no gain.
-    """
-    judged = found.gain or found.baseline
-    if cause.effect != "encoder_scale" or {COMMANDED, "torque_front"} & set(judged):
-        return None
-    return found.robot.wheel.r_w / float(cause.parameters["scale"].value)
-
-
-def _or_radius(found: Diagnosis, cause: Cause) -> str:
-    radius = _radius(found, cause)
-    file = found.robot.wheel.r_w
-    return "" if radius is None else f", or wheels that roll on a radius of {radius:.3f} m instead of {file:.3f} m"
+_ROLLED = {"encoder_scale": "wheel_radius", "wheel_radius": "encoder_scale"}
+"""Effects of all wheels' rolling that are the same on the ground: only commands and torques may tell them apart."""
 
 
 def _circumference(found: Diagnosis) -> str:
-    """What tells an encoder scale from a wheel radius, and the mend in either case; empty where there is none."""
-    radius = next((r for r in (_radius(found, cause) for cause in found.causes) if r is not None), None)
-    if radius is None:
+    """What tells an encoder scale from a wheel radius, and the mend in either case; empty where they do not tie.
+
+    A wheel of r / scale goes as far as one of r whose recorded rotations are `scale` times the true ones.
+    """
+    tied = next((cause for cause in found.causes if _ROLLED.get(cause.effect) in cause.ties), None)
+    if tied is None:
         return ""
+    scale = float(tied.parameters["scale"].value)
+    radius = found.robot.wheel.r_w * (scale if tied.effect == "wheel_radius" else 1.0 / scale)
     return (
         "Wheel speeds and poses cannot tell an encoder scale from another wheel radius: mark a loaded wheel and roll "
         f"it one turn. If it goes {2.0 * np.pi * radius:.3f} m, put {radius:.3f} m into wheel.r_w of the robot file; "
@@ -408,7 +399,11 @@ def next_step(found: Diagnosis) -> str:
     advice = found.next_experiment.what if found.next_experiment is not None else ""
     if found.verdict is Verdict.UNEXPLAINED and tuple(beyond_noise(found.left)) == (COMMANDED,):
         advice = "Compare ramps, filters and limits set in the front drives with what is commanded."
-    advice = advice or "Record once more, with motor torques, a gyroscope and the articulation angle where they lack."
+    advice = (
+        _circumference(found)
+        or advice
+        or "Record once more, with motor torques, a gyroscope and the articulation angle where they lack."
+    )
     return f"{advice} Until then {_predict_with(found, '')}." if found.predictors else advice
 
 

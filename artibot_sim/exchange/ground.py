@@ -10,7 +10,7 @@ from artibot_sim.model.effects import at_work
 from artibot_sim.model.robot.derived import params, train
 from artibot_sim.model.robot.robot import sides_of
 
-EXPRESSED = ("back_friction", "wheel_radius_mismatch", "payload")
+EXPRESSED = ("back_friction", "wheel_radius", "wheel_radius_mismatch", "payload")
 """Effects that are in the numbers of masses, radii and friction which are written."""
 
 SENSORS = ("encoder_scale", "torque_scale", "gyro_bias", "pose_lever_arm", "pose_heading_offset", "pose_delay")

@@ -139,6 +139,7 @@ def test_effects_that_can_be_expressed_are_in_the_numbers_and_others_are_said() 
         plain,
         effects={
             "back_friction": {"scale": 0.5},
+            "wheel_radius": {"scale": 0.97},
             "wheel_radius_mismatch": {"relative": 0.02},
             "payload": {"mass": 12.0, "module": "back"},
             "bulldozing": {"coefficient": 400.0},
@@ -152,6 +153,7 @@ def test_effects_that_can_be_expressed_are_in_the_numbers_and_others_are_said() 
     assert mu["front_left_front_wheel_link"] == pytest.approx(mu_s)
     radius = {name: float(link.findtext("collision/geometry/cylinder/radius") or "nan") for name, link in links.items()}
     assert radius["front_right_front_wheel_link"] / radius["front_left_front_wheel_link"] == pytest.approx(1.01 / 0.99)
+    assert radius["front_right_front_wheel_link"] == pytest.approx(0.97 * 1.01 * plain.wheel.r_w)
     assert float(links["back_link"].findtext("inertial/mass")) == pytest.approx(plain.back.m + 12.0)
     said = "; ".join(left_out(robot))
     assert "bulldozing" in said

@@ -17,6 +17,7 @@ SEVERITY_1 = {
     "motor_drag": {"torque": 0.25, "motor": "back_left"},
     "gear_efficiency": {"scale": 0.77},
     "gear_no_load": {"torque": 0.1},
+    "wheel_radius": {"scale": 0.97},
     "wheel_radius_mismatch": {"relative": 0.02},
     "slope": {"grade": 0.05, "heading": 0.7},
     "external_force": {"force": 35.0, "heading": -0.4},

@@ -79,18 +79,20 @@ def test_causes_that_help_only_together_are_judged_together(named: Diagnosis) ->
     assert "grows by 25 %, in a few windows, for most are likelier" in alone
 
 
-def test_an_encoder_scale_may_be_a_radius(named: Diagnosis) -> None:
-    """Where neither commands that motors follow nor torques were recorded both are the same; a tape measure tells."""
-    scale = Cause("encoder_scale", {"scale": Estimate(1.05, "-", (1.04, 1.06))}, 60.0, 0.8)
-    kinematic = {name: named.baseline[name] for name in ("position", "yaw") if name in named.baseline}
-    gained = {name: named.gain[name] for name in kinematic if name in named.gain}
-    blind = replace(named, causes=(scale,), gain=gained, next_experiment=None)
+@pytest.mark.parametrize(
+    ("effect", "rival", "scale"), [("encoder_scale", "wheel_radius", 1.05), ("wheel_radius", "encoder_scale", 1 / 1.05)]
+)
+def test_a_tape_tells_an_encoder_scale_from_a_radius(named: Diagnosis, effect: str, rival: str, scale: float) -> None:
+    (first, *_) = named.causes
+    alone = Cause(effect, {"scale": Estimate(scale, "-", (0.99 * scale, 1.01 * scale))}, 60.0, 0.8)
+    tied = replace(alone, ties=(rival,))
     radius = named.robot.wheel.r_w / 1.05
-    assert f"or wheels that roll on a radius of {radius:.3f} m instead of" in result.headline(blind)
-    assert f"put {radius:.3f} m into wheel.r_w" in result.next_step(blind)
-    assert blind.baseline.keys() > kinematic.keys(), "commands and torques were recorded, and say nothing"
-    seeing = replace(blind, gain=named.gain)
-    assert "radius" not in result.headline(seeing) + result.next_step(seeing)
+    for verdict, causes in ((Verdict.NAMED, (first, tied)), (Verdict.AMBIGUOUS, (tied,))):
+        said = replace(named, verdict=verdict, causes=causes, next_experiment=None)
+        first_name, second_name = effect.replace("_", " "), rival.replace("_", " ")
+        assert f"either {first_name} or {second_name}" in result.headline(said).lower()
+        assert f"put {radius:.3f} m into wheel.r_w" in result.next_step(said)
+    assert "r_w" not in result.next_step(replace(named, causes=(alone,), next_experiment=None))
 
 
 def test_the_first_sentence_names_cause_size_and_gain(every: dict[Verdict, Diagnosis]) -> None:

@@ -91,6 +91,11 @@ def _radii(machine: Machine, values: Values) -> Machine:
     return machine.with_rover(r_right=rover.r_right * (1.0 + half), r_left=rover.r_left * (1.0 - half))
 
 
+def _worn(machine: Machine, values: Values) -> Machine:
+    scale, rover = values["scale"], machine.rover
+    return machine.with_rover(r_right=rover.r_right * scale, r_left=rover.r_left * scale)
+
+
 def _slope(machine: Machine, values: Values) -> Machine:
     along, heading = GRAVITY * sin(values["grade"]), values["heading"]
     return machine.hiding(
@@ -190,6 +195,7 @@ ADDED: dict[str, Recipe] = {
     "battery_sag": Recipe(_draw_sag, _sag),
     "command_rate_limit": Recipe(lambda rng, s, track: {"rate": 150.0 * s**-0.4}, _way("ramp", "rate")),
     "velocity_filter": Recipe(_sized("time_constant", 0.1), _sensor(smoothed="time_constant")),
+    "wheel_radius": Recipe(_signed("scale", 0.02, 1.0), _worn),
     "wheel_runout": Recipe(_draw_runout, _runout),
 }
 """Effects that came to the contract's 27 later; they take nothing from the cases that are drawn of those."""
