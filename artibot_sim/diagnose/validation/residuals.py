@@ -485,15 +485,18 @@ def direction(samples: Samples) -> str:
     return said.replace("-", "−")
 
 
-_OWN = {
-    "yaw_rate": (("yaw_rate", "yaw rate"),),
-    "articulation_yaw": (("articulation_yaw", "articulation angle"), ("yaw_rate", "yaw rate")),
-    "yaw": (("yaw_rate", "yaw rate"),),
-    "front_velocity": (("acceleration", "acceleration"), ("speed", "speed")),
-    "torque_front": (("load", "load"), ("speed", "speed")),
-    "torque_back": (("load", "load"), ("speed", "speed")),
+_YAW_RATE = ("yaw_rate", "yaw rate", "rad/s")
+_SPEED = ("speed", "speed", "m/s")
+_LOAD = ("load", "load", "N·m")
+_FOLLOWED = {
+    "yaw_rate": (_YAW_RATE,),
+    "articulation_yaw": (("articulation_yaw", "articulation angle", "rad"), _YAW_RATE),
+    "yaw": (_YAW_RATE,),
+    "front_velocity": (("acceleration", "acceleration", "m/s²"), _SPEED),
+    "torque_front": (_LOAD, _SPEED),
+    "torque_back": (_LOAD, _SPEED),
 }
-"""Channel → what its error may follow."""
+"""Channel → what its error may follow: column, words and unit of each."""
 
 
 def followed(samples: Samples, unit: str) -> str:
@@ -507,14 +510,14 @@ def followed(samples: Samples, unit: str) -> str:
     if (share := len(error) * mean**2 / total) > best:
         best = share
         said = f"the model is too {'high' if mean > 0 else 'low'} by {amount(abs(mean), unit)} on average"
-    for name, words in _OWN.get(samples.channel, ()):
+    for name, words, per in _FOLLOWED.get(samples.channel, ()):
         x = samples.at[name]
         if not np.isfinite(x).all() or not np.any(x):
             continue
         slope = float(x @ error / (x @ x))
         if slope**2 * float(x @ x) / total > best:
             best = slope**2 * float(x @ x) / total
-            said = f"the error follows the {words}: {number(slope, 2)} {unit} a unit of it".replace("-", "−")
+            said = f"the error follows the {words}: {amount(slope, unit)} for each {per}"
             if name == samples.channel:
                 many = "much" if slope > 0 else "little"
                 said = f"the error follows the {words} itself: the model gives {100 * abs(slope):.0f} % too {many}"
