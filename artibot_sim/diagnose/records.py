@@ -256,12 +256,20 @@ class ChannelGain:
         Root mean square errors of window predictions.
     ci95 : (float, float)
         Of before − after.
+    median_before, median_after : float
+        Medians over windows of the root mean square error of each, which a few windows do not decide, such as those in
+        which a localisation was lost. NaN where they are not known.
+    median_ci95 : (float, float)
+        Of their difference.
     """
 
     unit: str
     before: float
     after: float
     ci95: tuple[float, float]
+    median_before: float = math.nan
+    median_after: float = math.nan
+    median_ci95: tuple[float, float] = (math.nan, math.nan)
 
 
 @dataclass(frozen=True)

@@ -393,7 +393,7 @@ def next_step(found: Diagnosis) -> str:
         names = joined([effect_words(cause.effect) for cause in found.causes])
         check = f"Check {_places(found.causes)} for {names}; until then {_predict_with(found, EXTENDED)}."
         advice = found.next_experiment.what if found.next_experiment is not None else ""
-        return " ".join(filter(None, (check, _circumference(found), advice)))
+        return f"{check} {_circumference(found) or advice}".rstrip()
     if found.verdict is Verdict.NONE:
         return f"There is nothing to mend: {_predict_with(found, BASELINE)}, and record what was not driven yet."
     advice = found.next_experiment.what if found.next_experiment is not None else ""
@@ -740,11 +740,23 @@ def _gain(found: Diagnosis) -> Any:
         gain = found.gain.get(channel)
         after = ("", "", "") if found.extends else ()
         if gain is not None and found.extends:
-            low, high = gain.ci95
-            after = number(gain.before, 3), number(gain.after, 3), f"{number(low, 3)} … {number(high, 3)}"
+            after = _less(gain.before, gain.after, gain.ci95)
         noise, rmse = number(base.noise, 3), number(base.rmse, 3)
         table.add_row(channel_words(channel), spaced(base.unit), noise, rmse, *after)
+        if gain is not None and found.extends and np.isfinite(gain.median_before):
+            table.add_row(
+                "  median window",
+                spaced(base.unit),
+                "",
+                "",
+                *_less(gain.median_before, gain.median_after, gain.median_ci95),
+            )
     return table
+
+
+def _less(before: float, after: float, ci95: tuple[float, float]) -> tuple[str, str, str]:
+    low, high = ci95
+    return number(before, 3), number(after, 3), f"{number(low, 3)} … {number(high, 3)}"
 
 
 def _predictors(found: Diagnosis) -> Any:

@@ -109,7 +109,12 @@ def is_wrong(channel: str, base: ChannelBaseline) -> bool:
 
 def lost(gain: ChannelGain) -> float:
     """Share of its error that a channel loses."""
-    return 1.0 - gain.after / gain.before if gain.before > 0 else 0.0
+    return lost_share(gain.before, gain.after)
+
+
+def lost_share(before: float, after: float) -> float:
+    """Share of an error that is lost."""
+    return 1.0 - after / before if before > 0 else 0.0
 
 
 def verb_of(it: str, verb: str) -> str:

@@ -89,14 +89,24 @@ def _gain(unit: str, squares: Array, seed: int) -> ChannelGain | None:
     if not len(squares):
         return None
     rng = np.random.default_rng(seed)
-    draws = []
-    for _ in range(_DRAWS):
-        total = squares[rng.integers(0, len(squares), len(squares))].sum(axis=0)
-        draws.append(np.sqrt(total[0] / total[2]) - np.sqrt(total[1] / total[2]))
+    drawn = [squares[rng.integers(0, len(squares), len(squares))] for _ in range(_DRAWS)]
+    figures = []
+    for of in (_rmse, _median_rmse):
+        before, after = of(squares).tolist()
+        low, high = np.quantile([-np.diff(of(rows)) for rows in drawn], (0.025, 0.975)).tolist()
+        figures += [before, after, (low, high)]
+    return ChannelGain(unit, *figures)
+
+
+def _rmse(squares: Array) -> Array:
+    """Before and after, over all samples."""
     total = squares.sum(axis=0)
-    low, high = np.quantile(draws, (0.025, 0.975)).tolist()
-    before, after = (float(np.sqrt(total[k] / total[2])) for k in (0, 1))
-    return ChannelGain(unit, before, after, (low, high))
+    return np.sqrt(total[:2] / total[2])
+
+
+def _median_rmse(squares: Array) -> Array:
+    """Before and after, of each window by itself: the median."""
+    return np.median(np.sqrt(squares[:, :2] / squares[:, 2:]), axis=0)
 
 
 def _blocks(series: Series) -> list[tuple[float, float, float]]:

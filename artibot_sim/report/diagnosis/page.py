@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -19,7 +20,7 @@ from artibot_sim.diagnose.words import (
     excluded_words,
     joined,
     law_words,
-    lost,
+    lost_share,
     odds,
     windows_words,
 )
@@ -147,14 +148,15 @@ def gain(found: Diagnosis) -> str:
     """What each channel gains on held-out data."""
     rows = []
     for name, g in found.gain.items():
-        low, high = g.ci95
-        less = 100 * lost(g)
-        interval_ = f"{figure(low)} … {figure(high)}"
-        cells = (
-            html.escape(channel_words(name)), html.escape(spaced(g.unit)), figure(g.before),
-            figure(g.after), f"{less:.0f} %".replace("-", "−"), interval_,
-        )  # fmt: skip
-        rows.append(("", cells))
+        whole = (channel_words(name), g.before, g.after, g.ci95)
+        middle = (f"{channel_words(name)}, median window", g.median_before, g.median_after, g.median_ci95)
+        for words, before, after, (low, high) in (whole, middle) if math.isfinite(g.median_before) else (whole,):
+            less = 100 * lost_share(before, after)
+            cells = (
+                html.escape(words), html.escape(spaced(g.unit)), figure(before), figure(after),
+                f"{less:.0f} %".replace("-", "−"), f"{figure(low)} … {figure(high)}",
+            )  # fmt: skip
+            rows.append(("", cells))
     return table(("channel", "unit", "before", "after", "less by", "before − after, 95 %"), rows, 2)
 
 

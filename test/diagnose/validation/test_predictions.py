@@ -12,7 +12,7 @@ from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.records import Estimate, Options
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.forward import Stage
-from artibot_sim.diagnose.validation.predictions import improvements, predict
+from artibot_sim.diagnose.validation.predictions import gains, improvements, predict
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem
@@ -22,6 +22,7 @@ from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
+from artibot_sim.identify.validation import PredictedRecording
 from artibot_sim.model import load_robot
 
 ROBOT = load_robot("agriq")
@@ -75,3 +76,17 @@ def test_what_is_not_there_makes_nothing_likelier() -> None:
     pair = predict(run, True, ROBOT, slow, OPTIONS.horizon, 1)
     found = improvements(decision, [pair], slow, command_view([run], ROBOT), OPTIONS)
     assert found["speed_loop_lag"].nats < -100.0
+
+
+def test_a_median_window_is_not_decided_by_the_one_in_which_a_pose_leapt() -> None:
+    run = synthetic(REAL, random_manoeuvre(np.random.default_rng(2), 25.0), duration=25.0, kappa=0.8, seed=3)
+    pair = predict(run, True, ROBOT, REAL, OPTIONS.horizon, 1)
+    whole = gains([pair], [], 1)["articulation_yaw"]
+    assert whole.median_ci95[0] > 0.0 and whole.median_after < whole.median_before
+
+    def leapt(of: PredictedRecording) -> PredictedRecording:
+        return replace(of, residuals=(of.residuals[0] + 1e4, *of.residuals[1:]))
+
+    spoilt = gains([replace(pair, before=leapt(pair.before), after=leapt(pair.after))], [], 1)["articulation_yaw"]
+    assert spoilt.before > 10.0 * whole.before and spoilt.ci95[0] <= 0.0
+    assert spoilt.median_ci95[0] > 0.0 and spoilt.median_after < spoilt.median_before < 2.0 * whole.median_before
