@@ -13,8 +13,9 @@ from diagnose.searches import FEW, try_only
 from artibot_sim.checkpoints import Checkpoints
 from artibot_sim.diagnose import Diagnosis, Verdict, diagnose
 from artibot_sim.diagnose.candidates.hypotheses import hypotheses
-from artibot_sim.diagnose.pipeline import COMMANDS, END, SEARCH, affordable, distinctly_named, every_window, split
+from artibot_sim.diagnose.holdout import distinctly_named, split
 from artibot_sim.diagnose.records import Options
+from artibot_sim.diagnose.selection.every_window import COMMANDS, END, SEARCH, affordable, every_window
 from artibot_sim.diagnose.unlisted.finding import unexplained
 from artibot_sim.diagnose.unlisted.response import short
 from artibot_sim.errors import ArtibotError
@@ -134,7 +135,7 @@ def test_as_many_windows_are_searched_as_there_is_time_for(monkeypatch: pytest.M
     """Half of the time for the search, half of the windows; never fewer than tell anything."""
     every = every_window([drive(1, 0.8, 1.0)], ROBOT, Options(horizon=0.5))
     clock = [0.0]
-    monkeypatch.setattr("artibot_sim.diagnose.pipeline.LEAST", 3.0)  # s
+    monkeypatch.setattr("artibot_sim.diagnose.selection.every_window.LEAST", 3.0)  # s
     monkeypatch.setattr("artibot_sim.checkpoints.time.perf_counter", lambda: clock[0])
     monkeypatch.setattr(Problem, "predictions", lambda *_: clock.__setitem__(0, clock[0] + 1.0))
 

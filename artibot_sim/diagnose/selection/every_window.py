@@ -13,15 +13,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.candidates.hypotheses import without_effect
+from artibot_sim.diagnose.records import HALF_WIDTH, Options
 from artibot_sim.diagnose.selection.evidence import Evidence, evidence
 from artibot_sim.diagnose.selection.joint_fits import Rival, Rounds, adopted, contained, excess_of, with_soil_of
+from artibot_sim.estimation.checks.common_map import in_common_map
 from artibot_sim.estimation.parallel import side_by_side
+from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge, restarted_windows
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.estimation.windows import CHANNEL_NAMES
+from artibot_sim.experiment import Experiment
+from artibot_sim.identify.requested import parameter_set
+from artibot_sim.identify.run import problem_of
+from artibot_sim.model import Robot
 
 Array = NDArray[np.float64]
+
+ENOUGH, ENOUGH_APART = 240.0, 90.0
+"""s of windows that are searched, about: of recordings in one map, and of others. All count for what is held out, for
+evidence that is too little in the searched ones, and for the sizes of what is named."""
+LEAST = 45.0
+"""s of windows that are searched whatever the time, about: fewer (8 windows of 2 s of a Husky) showed forces on no list
+where all of them name a lever arm."""
+SEARCH, END = 10_000, 600
+"""Predictions of every searched window that the baseline and one search for an effect take, and of every window that
+intervals and predictions take after that, about: 6000 to 10 000 (Husky, 2 s; Agri.q, 5 s), and 400 to 600."""
+COMMANDS = 5.0
+"""Times that the first command view takes, in which it is asked for evidence and others are made, about (Husky)."""
+_PILOT = 3
+"""Predictions by which their time is measured."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +65,7 @@ class EveryWindow:
         """How many windows there are for one that is searched."""
         return len(self.problem) / len(self.rows)
 
-    def chance(self, losses: Array) -> float:
+    def sampling_sd(self, losses: Array) -> float:
         """Standard deviation, nats, of a sum over the searched windows for which of all windows these are.
 
         Parameters
@@ -73,7 +94,7 @@ class EveryWindow:
         """The evidence of effects that were fitted to the searched windows, over all of them; and the baseline there.
 
         The baseline is fitted from each effect's soil and starts as well, and each takes over starts from the other,
-        as in the search: only what an effect itself adds is its evidence. What fits the searched windows by chance
+        as in the search: only what an effect itself adds is its evidence. What fits the searched windows by sampling_sd
         begins again at neutral where all windows are explained worse with it.
 
         Parameters
@@ -107,3 +128,41 @@ class EveryWindow:
             lambda one: evidence(one[0], best, one[1]), list(zip(found, excess, strict=True)), workers
         )
         return stated, (every, best)
+
+
+def every_window(fitted: Sequence[Experiment], robot: Robot, options: Options) -> EveryWindow:
+    """All windows of recordings, and those in turn that are searched where all are more than that takes.
+
+    What is bound to a place may be met in few windows of a recording; without a common map there is no such thing.
+    """
+    problem = problem_of(fitted, parameter_set(robot, SOIL), options.horizon, options.workers, HALF_WIDTH, options.seed)
+    enough = ENOUGH if in_common_map(fitted) else ENOUGH_APART
+    step = max(1, round(float(problem.durations.sum()) / enough))
+    return EveryWindow(problem, range(0, len(problem), step))
+
+
+def affordable(every: EveryWindow, options: Options, view_took: float) -> tuple[EveryWindow, Options]:
+    """As many searched windows as there is time for, and what has to be left of it in the end.
+
+    Parameters
+    ----------
+    view_took : float
+        s of the command view, which judges the held-out recordings, and all of them, again.
+    """
+    if not np.isfinite(options.budget):
+        return every, options
+
+    def searched() -> tuple[int, float]:
+        problem, total = every.problem, float(every.problem.durations.sum())
+        robots, which = [problem.parameters.robot], np.zeros((1, len(problem)), np.int64)
+        for _ in range(1 + _PILOT):  # the first one compiles
+            begun = options.parts.elapsed
+            problem.predictions(robots, which, problem.starts[None])
+            took = options.parts.elapsed - begun
+        after_search = COMMANDS * view_took + END * took
+        seconds = max(0.0, options.left - after_search) / (SEARCH * took) * total
+        step = max(round(every.times), round(total / max(seconds, 1e-3)))
+        return max(1, min(step, int(total / LEAST))), after_search
+
+    step, after_search = options.parts.once("windows that there is time for", searched)
+    return replace(every, rows=range(0, len(every.problem), step)), replace(options, after_search=after_search)

@@ -10,12 +10,13 @@ import sys
 
 from diagnose.hidden.cases import case
 
+from artibot_sim.diagnose.assessment import Assessor
 from artibot_sim.diagnose.candidates.patches import disc_place, scanned
 from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.conclusion import concluded
 from artibot_sim.diagnose.extended import found_parameters
 from artibot_sim.diagnose.intervals import uncertain
-from artibot_sim.diagnose.pipeline import Assessor, baseline
+from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.diagnose.selection.ranking import ranking

@@ -18,7 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from artibot_sim.bench.steadiness import EXAMPLES, HIDDEN, Case, generated, recorded
-from artibot_sim.diagnose.pipeline import baseline, split
+from artibot_sim.diagnose.holdout import split
+from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.selection.forward import Stage, stage
 from artibot_sim.diagnose.selection.joint_fits import Rounds

@@ -12,11 +12,10 @@ from diagnose.searches import FEW, remember_stages, try_only
 from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, with_effect
 from artibot_sim.diagnose.candidates.screening import Trial
 from artibot_sim.diagnose.commands.view import command_view
-from artibot_sim.diagnose.pipeline import every_window
 from artibot_sim.diagnose.policy import TRUST, Thresholds
 from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.selection import stepwise
-from artibot_sim.diagnose.selection.every_window import EveryWindow
+from artibot_sim.diagnose.selection.every_window import EveryWindow, every_window
 from artibot_sim.diagnose.selection.joint_fits import Rival, Rounds
 from artibot_sim.diagnose.sizes import sized
 from artibot_sim.diagnose.timetable import Timetable

@@ -9,10 +9,10 @@ import pytest
 from diagnose.hidden import Case, case
 from diagnose.turns import EVEN
 
+from artibot_sim.diagnose.assessment import Assessor
 from artibot_sim.diagnose.candidates.hypotheses import with_effect
 from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.conclusion import concluded
-from artibot_sim.diagnose.pipeline import Assessor
 from artibot_sim.diagnose.records import Options, Verdict
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.decision import Decision, Named
