@@ -74,11 +74,11 @@ NATS_BIASED = Number(
     120.0, "nats",
     "the floor of back_friction and com_offset, which what is left of the encoders' noise can look like", NULL, "yes",
 )  # fmt: skip
-CHANCE = Number(
+MARGIN = Number(
     2.0, "σ", "an effect's evidence over what is asked of it, at least, by how much windows scatter that it explains "
     "worse", VARYING, "no",
 )  # fmt: skip
-AWAY = Number(4.0, "σ", "an effect's distance from neutral, at least", NULL, "no")
+LEAST_DISTANCE = Number(4.0, "σ", "an effect's distance from neutral, at least", NULL, "no")
 LEAST_SIZE = Number(
     0.1, "plain sizes", "an effect's size, at least: smoothed rotations leave some effects a few hundredths", NULL, "no"
 )
@@ -187,11 +187,11 @@ class Thresholds:
         log(1 / rate).
     biased : mapping of str to float
         The floor of effects that what is left of the sensors' errors can look like.
-    away : float
+    distance : float
         Standard deviations from neutral.
     size : float
         Least coordinate.
-    chance : float
+    margin : float
         Standard deviations, by the windows, that its evidence has to be above that.
     tie, tie_share : float
         Nats, and share of the gain, within which two effects tie.
@@ -204,9 +204,9 @@ class Thresholds:
     biased: Mapping[str, float] = field(
         default_factory=lambda: dict.fromkeys(("back_friction", "com_offset"), NATS_BIASED)
     )
-    away: float = AWAY
+    distance: float = LEAST_DISTANCE
     size: float = LEAST_SIZE
-    chance: float = CHANCE
+    margin: float = MARGIN
     tie: float = TIE
     tie_share: float = TIE_SHARE
     most: int = int(MOST_EFFECTS)

@@ -92,7 +92,7 @@ class Options:
         Whether what a model without physics learns is kept, where it surely makes predictions better.
     parts : Checkpoints
         What an earlier call with the same arguments had finished, and where finished parts are kept.
-    reserve : float
+    after_search : float
         s of the budget that intervals and predictions take, which follow the search.
     """
 
@@ -106,7 +106,7 @@ class Options:
     budget: float = np.inf
     residual: bool = False
     parts: Checkpoints = field(default_factory=Checkpoints, compare=False)
-    reserve: float = 0.0
+    after_search: float = 0.0
 
     @property
     def left(self) -> float:
@@ -116,7 +116,7 @@ class Options:
     @property
     def for_search(self) -> float:
         """s that are left for the search."""
-        return self.left - self.reserve
+        return self.left - self.after_search
 
     @property
     def least(self) -> float:

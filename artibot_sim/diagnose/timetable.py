@@ -52,7 +52,7 @@ class Timetable:
     def __init__(self, report: StageReport | None = None) -> None:
         self._report = report or (lambda _share, _what: None)
         self._task, self._doing = Task.CLOCKS, Task.CLOCKS.doing
-        self._before, self._ticks, self._told = 0.0, 0, 0.0
+        self._before, self._ticks, self._reported = 0.0, 0, 0.0
 
     def begin(self, task: Task, beside: str = "") -> None:
         """A stage begins, and the one before it is done; `beside` says what it is about.
@@ -63,12 +63,12 @@ class Timetable:
         if doing != self._doing:
             self._before += self._task.duration
             self._task, self._doing, self._ticks = task, doing, 0
-        self._tell()
+        self._report_share()
 
     def __call__(self) -> None:
         """A part of the stage is done."""
         self._ticks += 1
-        self._tell()
+        self._report_share()
 
     def done(self) -> None:
         """All of it is over."""
@@ -83,7 +83,7 @@ class Timetable:
             to_come += [Task.SEARCH.duration]
         return (self._before + here) / (self._before + self._task.duration + sum(to_come))
 
-    def _tell(self) -> None:
+    def _report_share(self) -> None:
         """A search that nobody expected takes nothing back of what was said to be done."""
-        self._told = max(self._told, self.share)
-        self._report(self._told, self._doing)
+        self._reported = max(self._reported, self.share)
+        self._report(self._reported, self._doing)

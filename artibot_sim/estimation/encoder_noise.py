@@ -138,7 +138,7 @@ class NoiseShare:
         """The cost of a point, less what it adds."""
         return point.cost - float(self.losses(point.coordinates).sum())
 
-    def pull(self, coordinates: Array, free: Sequence[int]) -> Array:
+    def gradients(self, coordinates: Array, free: Sequence[int]) -> Array:
         """Its gradients by window, shape (windows, f), in the units of `Reduced.gradient`: half a loss's."""
         return np.asarray(0.5 * self._sizes_at(coordinates) @ self.slopes[list(free)].T, float)
 
@@ -150,7 +150,7 @@ def noise_share(problem: Problem, fit: Fit) -> NoiseShare:
     here = _blocks(draws, problem, fit, middle)
     limit = _USUAL * np.median(here, axis=0)
     slopes = np.zeros((len(middle), here.shape[1]))
-    for i in _felt(problem.parameters):
+    for i in _changing(problem.parameters):
         sides = []
         for side in (1.0, -1.0):
             moved = middle.copy()
@@ -179,7 +179,7 @@ def _slopes(above: Array, below: Array, limit: Array) -> Array:
     return found
 
 
-def _felt(parameters: ParameterSet) -> list[int]:
+def _changing(parameters: ParameterSet) -> list[int]:
     """Coordinates that the rover feels: what only a sensor says makes the model answer rotations no more or less."""
     own = len(parameters.parameters)
     sizes = [(len(extension), extension.effect.sensor is None) for extension in parameters.extensions]

@@ -193,8 +193,8 @@ def limit(of, table, largest):
 
 
 @inlined
-def pull_of(of, residuals, s, j, calm_from):
-    """How much a residual counts for an alignment, times itself; and how much it counts, both over its noise."""
+def gradient_and_weight(of, residuals, s, j, calm_from):
+    """A residual by its weight in an alignment, and the weight, both over its noise."""
     size = residuals[s, j]
     share = 1.0 / max(1.0, abs(size) / calm_from) / of.sigma[j]
     return share * size, share / of.sigma[j]
@@ -203,8 +203,8 @@ def pull_of(of, residuals, s, j, calm_from):
 @inlined
 def add_position(of, residuals, s, x, y, start_x, start_y, calm_from, H, g):
     """One place's part of an alignment's normal equations: H (3, 3), lower half, and g (3,)."""
-    r_x, w_x = pull_of(of, residuals, s, x, calm_from)
-    r_y, w_y = pull_of(of, residuals, s, y, calm_from)
+    r_x, w_x = gradient_and_weight(of, residuals, s, x, calm_from)
+    r_y, w_y = gradient_and_weight(of, residuals, s, y, calm_from)
     arm_x = start_y - (residuals[s, y] * of.sigma[y] + of.value[y])
     arm_y = residuals[s, x] * of.sigma[x] + of.value[x] - start_x
     g[0] += r_x
@@ -272,8 +272,8 @@ def align(of, residuals, starts, mean, known, calm_from, H, g):
             for k in range(of.places[w], of.places[w + 1]):
                 add_position(of, residuals, s, of.x[k], of.y[k], x, y, calm_from, H, g)
             for k in range(of.angles[w], of.angles[w + 1]):
-                pull, weight = pull_of(of, residuals, s, of.yaw[k], calm_from)
-                g[2] += pull
+                gradient, weight = gradient_and_weight(of, residuals, s, of.yaw[k], calm_from)
+                g[2] += gradient
                 H[2, 2] += weight
             dx, dy, turn = solve_3(H, g)
             move_window(of, residuals, s, w, x, y, (-dx, -dy, -turn))

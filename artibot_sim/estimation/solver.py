@@ -88,7 +88,7 @@ class FrozenWindows:
         moved = free - self.middle
         return np.asarray(2.0 * self.gradient @ moved + np.einsum("wij,i,j->w", self.matrices, moved, moved), float)
 
-    def pull(self, free: Array) -> tuple[Array, Array]:
+    def normal_equations(self, free: Array) -> tuple[Array, Array]:
         """Gradient (f,) and information (f, f) of all of them."""
         matrix = self.matrices.sum(axis=0)
         return self.gradient.sum(axis=0) + matrix @ (free - self.middle), matrix
@@ -171,8 +171,8 @@ def step(
     gradient = reduced.gradient.sum(axis=0) + (information @ point.coordinates)[index]
     H = reduced.matrix + information[np.ix_(index, index)]
     if beside is not None:
-        pull, matrix = beside.pull(point.coordinates[index])
-        gradient, H = gradient + pull, H + matrix
+        outside, matrix = beside.normal_equations(point.coordinates[index])
+        gradient, H = gradient + outside, H + matrix
 
     def cost(of: Point) -> float:
         return of.cost + (0.0 if beside is None else float(beside.losses(of.coordinates[index]).sum()))

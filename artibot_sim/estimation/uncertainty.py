@@ -134,8 +134,8 @@ def from_curvature(problem: Problem, nodes: Sequence[Node], free: Sequence[int],
     means, covariances, logs = [], [], []
     for node in nodes:
         H = node.reduced.matrix + prior[np.ix_(index, index)]
-        pull = node.reduced.gradient - noise.pull(node.point.coordinates, index)
-        gradient = pull.sum(axis=0) + (prior @ node.point.coordinates)[index]
+        by_window = node.reduced.gradient - noise.gradients(node.point.coordinates, index)
+        gradient = by_window.sum(axis=0) + (prior @ node.point.coordinates)[index]
         cov = np.zeros((len(prior), len(prior)))
         inverse = np.linalg.inv(H) if index else H
         cov[np.ix_(index, index)] = inverse
@@ -196,11 +196,11 @@ def reweighted(
     """
     index, prior = list(free), problem.parameters.prior_information
     losses = np.array([node.point.losses - noise.losses(node.point.coordinates) for node in nodes])
-    pulls = [node.reduced.gradient - noise.pull(node.point.coordinates, index) for node in nodes]
+    gradients = [node.reduced.gradient - noise.gradients(node.point.coordinates, index) for node in nodes]
     for weight in weights:
         best = int(np.argmin(losses @ weight))
         coordinates = nodes[best].point.coordinates.copy()
         H = np.einsum("w,wij->ij", weight, nodes[best].reduced.matrices) + prior[np.ix_(index, index)]
         if index:
-            coordinates[index] -= np.linalg.solve(H, weight @ pulls[best] + (prior @ coordinates)[index])
+            coordinates[index] -= np.linalg.solve(H, weight @ gradients[best] + (prior @ coordinates)[index])
         yield problem.parameters.inside(coordinates)

@@ -44,7 +44,7 @@ class Windows:
 
     Attributes
     ----------
-    information, pull : array, shape (w,)
+    information, gradient : array, shape (w,)
         Second and first derivative of half the sum of squares by the parameter's coordinate, the start eliminated.
     squares : array, shape (w,)
         The sum of squares itself.
@@ -53,7 +53,7 @@ class Windows:
     """
 
     information: Array
-    pull: Array
+    gradient: Array
     squares: Array
     counts: Array
 
@@ -78,8 +78,8 @@ class Windows:
 
     def _left(self, spread: float, level: float, shift: float) -> tuple[Array, Array]:
         """How much wider the parameter makes each window, and its squares beside the parameter's likeliest value."""
-        h, g = self.information / level**2, (self.pull + self.information * shift) / level**2
-        squares = (self.squares + (2.0 * self.pull + self.information * shift) * shift) / level**2
+        h, g = self.information / level**2, (self.gradient + self.information * shift) / level**2
+        squares = (self.squares + (2.0 * self.gradient + self.information * shift) * shift) / level**2
         wider = 1.0 + spread**2 * h
         return wider, np.maximum(squares - spread**2 * g**2 / wider, 0.0)
 
@@ -88,7 +88,7 @@ class Windows:
         _, left = self._left(spread, level, shift)
         variance = level**2 * (_TAILS + left) / (_TAILS + self.counts)
         information = np.maximum(self.information, 1e-12)
-        return -self.pull / information - shift, variance / information
+        return -self.gradient / information - shift, variance / information
 
 
 def joined(parts: Sequence[Windows]) -> Windows:

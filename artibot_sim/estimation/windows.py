@@ -441,22 +441,22 @@ class Past(NamedTuple):
 
     Attributes
     ----------
-    way : array, shape (windows, m + 1)
+    distance : array, shape (windows, m + 1)
         How far away each of m intervals before the start begins, m, the oldest first; 0 at the start.
-    aside : array, shape (windows, m, modules, 5)
+    lateral : array, shape (windows, m, modules, 5)
         By how much each module's lateral velocity (m/s) and turn rate (rad/s) differed in those from what they are
         at the start; then, by how much what the place of the tracked point adds to that velocity did, for a metre
         ahead of the front module's origin and for a metre to its left (m/s); last, the same of what a radian adds by
         which the measured heading is too large (m/s).
     """
 
-    way: Array
-    aside: Array
+    distance: Array
+    lateral: Array
 
 
 def past_of(stretches: Sequence[Stretch], windows: Sequence[Window], arms: Sequence[tuple[float, float]]) -> Past:
     """The way before every window; before a stretch begins all was as it starts. `arms` are those of `arms_of`, m."""
-    way, aside = np.zeros((len(windows), _SAMPLES + 1)), np.zeros((len(windows), _SAMPLES, len(arms) + 1, 5))
+    distance, lateral = np.zeros((len(windows), _SAMPLES + 1)), np.zeros((len(windows), _SAMPLES, len(arms) + 1, 5))
     for i, window in enumerate(windows):
         times, motion = stretches[window.stretch].motion
         last = int(np.searchsorted(times, window.t, side="right"))
@@ -468,11 +468,11 @@ def past_of(stretches: Sequence[Stretch], windows: Sequence[Window], arms: Seque
         side = side - here.mean(axis=0)
         side[..., 4] *= stretches[window.stretch].measured.late_heading
         steps = PAST * np.maximum(np.abs(speed), SLOWEST)
-        way[i, :] = steps.sum()
-        way[i, _SAMPLES - n : -1] = np.cumsum(steps[::-1])[::-1]
-        way[i, -1] = 0.0
-        aside[i, _SAMPLES - n :] = side
-    return Past(way, aside)
+        distance[i, :] = steps.sum()
+        distance[i, _SAMPLES - n : -1] = np.cumsum(steps[::-1])[::-1]
+        distance[i, -1] = 0.0
+        lateral[i, _SAMPLES - n :] = side
+    return Past(distance, lateral)
 
 
 def relaxation_length(robot: Robot) -> float:
@@ -480,11 +480,11 @@ def relaxation_length(robot: Robot) -> float:
     return float(robot.effects.get(EFFECT.id, {}).get("length", 0.0))
 
 
-def time_over(stretch: Stretch, t: float, way: float) -> float:
+def time_over(stretch: Stretch, t: float, distance: float) -> float:
     """Time from `t` (s) on in which the wheels come so far (m) as lagging forces count it, s."""
     times, motion = stretch.motion
     speed = np.abs(forward_speed(np.nan_to_num(motion[times >= t])))
-    return PAST * int(np.searchsorted(np.cumsum(PAST * np.maximum(speed, SLOWEST)), way))
+    return PAST * int(np.searchsorted(np.cumsum(PAST * np.maximum(speed, SLOWEST)), distance))
 
 
 def _in_modules(motion: Array, arms: Sequence[tuple[float, float]]) -> tuple[Array, Array]:
@@ -518,10 +518,10 @@ def lagging_forces(robots: Sequence[Robot], robot: Indices, window: Indices, q: 
         if not length or not len(rows):
             continue
         seen = sensor_errors(one)
-        left = np.exp(-past.way[window[rows]] / length)
+        left = np.exp(-past.distance[window[rows]] / length)
         weight = np.diff(left, axis=1)
         weight[:, 0] += left[:, 0]
-        behind = np.einsum("wm,wmab->wab", weight, past.aside[window[rows]])
+        behind = np.einsum("wm,wmab->wab", weight, past.lateral[window[rows]])
         for module, p in enumerate(train(one).modules if one.articulated else (params(one),)):
             body = p.front
             b = BACK * module

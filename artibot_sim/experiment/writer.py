@@ -346,7 +346,7 @@ class BagWriter:
         self._waiting_bytes = 0
         self._opened_at = self._synced_at = time.monotonic()
         self._failure: WriteError | None = None
-        self._told = self._closed = False
+        self._raised = self._closed = False
         self._stale_yaml = False
         self._sync_period = sync_period
         self._lock = threading.RLock()
@@ -376,7 +376,7 @@ class BagWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if error is not None:
-            self._told = True  # the error on its way is the one to report
+            self._raised = True  # the error on its way is the one to report
         self.close()
 
     @property
@@ -496,7 +496,7 @@ class BagWriter:
             self._sink.close()
             self._reserve.release()
             self._write_yaml()
-        if not self._told:
+        if not self._raised:
             self._raise_failure()
 
     def _begin_chunk_if_due(self) -> None:
@@ -593,7 +593,7 @@ class BagWriter:
 
     def _raise_failure(self) -> None:
         if self._failure is not None:
-            self._told = True
+            self._raised = True
             raise self._failure
 
 

@@ -12,8 +12,8 @@ from artibot_sim.diagnose.selection.forward import refusal
 LEAST = 58.0
 
 
-def told(size: float, nats: float = 500.0, sd: float = 1e-3, chance: float = 0.0) -> Evidence:
-    return Evidence(nats, 0.0, np.array([size]), np.array([[sd**2]]), chance)
+def told(size: float, nats: float = 500.0, sd: float = 1e-3, sampling_sd: float = 0.0) -> Evidence:
+    return Evidence(nats, 0.0, np.array([size]), np.array([[sd**2]]), sampling_sd)
 
 
 @pytest.mark.parametrize(
@@ -24,8 +24,8 @@ def told(size: float, nats: float = 500.0, sd: float = 1e-3, chance: float = 0.0
         (told(0.05), False),  # a tenth of a plain one is none
         (told(0.5, sd=0.2), False),  # not away from neutral
         (told(-0.5), True),
-        (told(0.5, chance=200.0), True),
-        (told(0.5, chance=240.0), False),  # other windows lose as much
+        (told(0.5, sampling_sd=200.0), True),
+        (told(0.5, sampling_sd=240.0), False),  # other windows lose as much
     ],
 )
 def test_an_effect_needs_evidence_and_a_size_that_is_not_nothing(found: Evidence, named: bool) -> None:

@@ -43,7 +43,7 @@ def test_forces_are_a_mean_over_the_way_that_wheels_came() -> None:
     """Of a wheel that drifted aside until `way` before the start, exp(−way / length) is left."""
     way = 0.2
     past = Past(np.array([[5.0, way, 0.0]]), np.zeros((1, 2, 2, 5)))
-    past.aside[0, 0, 0, 0] = 0.1
+    past.lateral[0, 0, 0, 0] = 0.1
     q, v = np.zeros((1, 16)), np.zeros((1, 16))
     zero = np.zeros(1, np.int64)
     forces = lagging_forces([ROBOT], zero, zero, q, v, past)[0]

@@ -187,7 +187,7 @@ def test_lagging_forces_of_a_steady_turn_are_those_that_starts_ask_for(exact: Pr
     robot = Robot(**{**vars(load_robot("train3")), "effects": {"tyre_relaxation": {"length": 0.3}}})
     first, rest = np.zeros(1, np.int64), np.zeros((1, 24))
     q, v = states(postures([robot]), first, rest, rest, exact.starts[1:2], np.zeros(1, bool))
-    past = exact._past._replace(aside=np.zeros_like(exact._past.aside))
+    past = exact._past._replace(lateral=np.zeros_like(exact._past.lateral))
     found = lagging_forces([robot], first, first + 1, q, v, past)[0].reshape(3, 4)
     for i, module in enumerate(robot.modules):
         k = 8 * i

@@ -41,7 +41,7 @@ def test_noise_of_any_size_is_no_spread(noise):
 def test_a_middle_elsewhere_is_no_spread():
     """A common shift of the coordinate is the middle's, whatever the fit says."""
     one = windows(3, 0.0, np.ones(160))
-    moved = Windows(one.information, one.pull + 2.0 * one.information, one.squares + 4.0 * one.pull
+    moved = Windows(one.information, one.gradient + 2.0 * one.information, one.squares + 4.0 * one.gradient
                     + 4.0 * one.information, one.counts)  # fmt: skip
     first, second = spread_of(one), spread_of(moved)
     assert second.nats == pytest.approx(first.nats, abs=0.1)
@@ -92,7 +92,7 @@ def test_likelihood_integrates_over_the_value():
 
     one = windows(5, 1.0, np.ones(160), number=1)
     # of normal noise; the tails' likelihood is compared by its squares alone
-    h, g, s = one.information[0], one.pull[0], one.squares[0]
+    h, g, s = one.information[0], one.gradient[0], one.squares[0]
     spread = 0.7
     inside, _ = quad(
         lambda d: np.exp(-0.5 * (2 * g * d + h * d * d)) * norm.pdf(d, scale=spread), -8, 8, points=[-g / h]

@@ -33,7 +33,7 @@ class Transcribed:
 
     values: Mapping[str, Values] = field(default_factory=dict)
     t: float = 0.0
-    seen: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    motion: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     def _of(self, effect: str, name: str, neutral: float = 0.0) -> float:
         return float(self.values.get(effect, {}).get(name, neutral))
@@ -188,15 +188,15 @@ class Transcribed:
 
     def _law(self, law: Values, module: int, own: Mapping[str, float]) -> float:
         """A law's force on a part of a module that knows its `own` variables."""
-        at = {name: values[module] for name, values in self.seen.items() if len(values) == 2}
+        at = {name: values[module] for name, values in self.motion.items() if len(values) == 2}
         known = {"nothing": 0.0, "time": self.t}
         if at:
             known |= {"speed": at["forward"], "lateral_speed": at["left"], "yaw_rate": at["turn"], "heading": at["yaw"]}
             known |= {"curvature": at["turn"] * at["forward"] / (at["forward"] ** 2 + 0.05**2)}
             known |= {"x": at["x"], "y": at["y"]}
-            known |= {"articulation_angle": self.seen["bend"][0], "articulation_rate": self.seen["bend_rate"][0]}
+            known |= {"articulation_angle": self.motion["bend"][0], "articulation_rate": self.motion["bend_rate"][0]}
             names = ("front_right", "front_left", "back_right", "back_left")
-            known |= {f"{name}_angle": angle for name, angle in zip(names, self.seen["angle"], strict=True)}
+            known |= {f"{name}_angle": angle for name, angle in zip(names, self.motion["angle"], strict=True)}
         known |= own
         if "x" in known:
             known["place"] = known["x"] * math.cos(law["direction"]) + known["y"] * math.sin(law["direction"])

@@ -59,7 +59,7 @@ def same_draws() -> None:
 BY_LAWS = ("load", "across", "along", "shaft", "joint")
 
 
-def seen() -> dict[str, np.ndarray]:
+def motion() -> dict[str, np.ndarray]:
     """What laws see of an instant."""
     rng = np.random.default_rng(3)
     return {name: rng.normal(size=count) for name, count in SEEN}
@@ -77,14 +77,14 @@ def test_every_place_is_asked_here() -> None:
 def test_laws_are_what_their_definitions_state(name: str) -> None:
     effects = effects_from_dict(SEVERITY_1 if name == "all" else {name: SEVERITY_1[name]})
     t = 1.7
-    stated, law = Transcribed(effects, t, seen()), PlainEffects(effects, t, seen())
+    stated, law = Transcribed(effects, t, motion()), PlainEffects(effects, t, motion())
     acts = False
     for place, about in ABOUT.items():
         for _ in range(20):
             asked = about()
             expected = np.array(getattr(stated, place)(*asked))
             np.testing.assert_allclose(law.ask(place, *asked), expected, rtol=1e-13, atol=1e-13)
-            without = np.array(getattr(Transcribed({}, t, seen()), place)(*asked))
+            without = np.array(getattr(Transcribed({}, t, motion()), place)(*asked))
             acts = acts or not np.array_equal(expected, without, equal_nan=True)
     assert acts
 
@@ -99,12 +99,12 @@ def test_compiled_laws_are_the_plain_ones(place: str) -> None:
 
 def assert_compiled_is_plain(place, compiled, effects) -> None:
     fx = record(effects, 1.7)
-    for name, values in seen().items():
-        fx["seen"][name] = values
+    for name, values in motion().items():
+        fx["motion"][name] = values
     for _ in range(20):
         asked = ABOUT[place]()
         np.testing.assert_allclose(
-            compiled(fx, asked), PlainEffects(effects, 1.7, seen()).ask(place, *asked), rtol=1e-13, atol=1e-13
+            compiled(fx, asked), PlainEffects(effects, 1.7, motion()).ask(place, *asked), rtol=1e-13, atol=1e-13
         )
 
 
@@ -132,7 +132,7 @@ def test_every_place_variable_and_form_of_laws_is_what_it_states() -> None:
     acting = 0
     for law in every:
         effects = effects_from_dict({"force_law_2": law})
-        stated, plain = Transcribed(effects, 1.7, seen()), PlainEffects(effects, 1.7, seen())
+        stated, plain = Transcribed(effects, 1.7, motion()), PlainEffects(effects, 1.7, motion())
         acts = 0.0
         for place in BY_LAWS:
             assert_compiled_is_plain(place, asked_at[place], effects)

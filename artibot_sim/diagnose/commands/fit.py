@@ -312,7 +312,7 @@ class CommandFit:
     value: float
     best: Best
     limit: Limit | None
-    pulled: Best | None
+    torques: Best | None
 
 
 @dataclass(frozen=True)
@@ -322,7 +322,7 @@ class CommandFits:
     recordings: Sequence[Experiment]
     robot: Robot
     data: CommandData
-    pulls: CommandData | None
+    back_torques: CommandData | None
     noise: SpeedNoise
     needed: float = NEEDED
     _fits: dict[tuple[str, ...], CommandFit] = dataclass_field(default_factory=dict)
@@ -336,16 +336,16 @@ class CommandFits:
         return Fitter(self.data, self.noise, response_of(self.robot.effects), np.ones(len(self.data), bool))
 
     @cached_property
-    def puller(self) -> Fitter | None:
+    def torque_fitter(self) -> Fitter | None:
         """Of the back motors' torques: their noise is what a scale leaves."""
-        if self.pulls is None:
+        if self.back_torques is None:
             return None
-        used = np.ones(len(self.pulls), bool)
-        rough = Fitter(self.pulls, sensor_noise(self.pulls), CommandResponse(), used)
+        used = np.ones(len(self.back_torques), bool)
+        rough = Fitter(self.back_torques, sensor_noise(self.back_torques), CommandResponse(), used)
         best = rough.best(("encoder_scale",))
-        left = self.pulls.speed - predicted_speeds(self.pulls, best.response)
+        left = self.back_torques.speed - predicted_speeds(self.back_torques, best.response)
         known = CommandResponse(scale=float(self.robot.effects.get(SCALE, {}).get("scale", 1.0)))
-        return Fitter(self.pulls, noise_in(self.pulls, left, used), known, used)
+        return Fitter(self.back_torques, noise_in(self.back_torques, left, used), known, used)
 
     def fit(self, effects: Collection[str]) -> CommandFit:
         """These effects at their best together."""
@@ -366,11 +366,11 @@ class CommandFits:
         if LIMIT in effects or SAG in effects:
             best, limit = self._limited(listed, best, SAG in effects)
             value = best.value + (limit.nats if limit else 0.0)
-        pulled = None
-        if self.puller is not None:
-            pulled = self.puller.best(("encoder_scale",) if SCALE in effects else ())
-            value += pulled.value
-        return CommandFit(value, best, limit, pulled)
+        torques = None
+        if self.torque_fitter is not None:
+            torques = self.torque_fitter.best(("encoder_scale",) if SCALE in effects else ())
+            value += torques.value
+        return CommandFit(value, best, limit, torques)
 
     def _limited(self, listed: Sequence[str], best: Best, line: bool) -> tuple[Best, Limit | None]:
         """The response fitted without samples that a limit explains, and the limit, or line, that is left with it."""
@@ -485,13 +485,13 @@ class CommandFits:
         if effect == LIMIT:
             if fit.limit is None:
                 return {}, {}
-            scale = fit.pulled.response.scale if fit.pulled else 1.0  # recorded over true torque
+            scale = fit.torques.response.scale if fit.torques else 1.0  # recorded over true torque
             return {"front_max": fit.limit.torque / scale}, {"front_max": fit.limit.sd / scale}
         if effect == SAG:
             return self._line(fit)
         if effect == SCALE:
-            pulled = fit.pulled
-            return ({"scale": pulled.response.scale}, {"scale": pulled.sd["scale"]}) if pulled else ({}, {})
+            torques = fit.torques
+            return ({"scale": torques.response.scale}, {"scale": torques.sd["scale"]}) if torques else ({}, {})
         name, field_ = PARAMETERS[effect]
         if not np.isfinite(getattr(fit.best.response, field_)):
             return {}, {}
@@ -502,7 +502,7 @@ class CommandFits:
 
         Of a line that may be level, as steep as it may be; beside that slope its torque is as sure as a level one's.
         """
-        limit, scale = fit.limit, fit.pulled.response.scale if fit.pulled else 1.0
+        limit, scale = fit.limit, fit.torques.response.scale if fit.torques else 1.0
         if limit is None:
             return {}, {}
         slope = limit.slope if limit.falls else limit.steepest
@@ -517,7 +517,7 @@ class CommandFits:
         return found, {"stall": one * found["stall"], "no_load_speed": both * found["no_load_speed"]}
 
     def _note(self, effect: str, nats: float) -> str:
-        if effect == SCALE and self.puller is None:
+        if effect == SCALE and self.torque_fitter is None:
             return "no torque of a back motor is commanded and measured"
         if effect in (LIMIT, SAG) and not np.isfinite(self.data.torque).any():
             return "no torque of a front motor is recorded"
@@ -531,12 +531,12 @@ class CommandFits:
 
     def _excluded(self, effect: str, fit: CommandFit) -> dict[str, float]:
         """From which departure from neutral an effect would have been seen, stamps as it wants them."""
-        if effect in (LIMIT, SAG, RATE) or (effect == SCALE and self.puller is None):
+        if effect in (LIMIT, SAG, RATE) or (effect == SCALE and self.torque_fitter is None):
             return {}
         fitter, name, field_ = self.fitter, *PARAMETERS.get(effect, ("scale", "scale"))
-        if effect == SCALE and self.puller is not None:
-            fitter = self.puller
-        best = fit.pulled if effect == SCALE and fit.pulled is not None else fit.best
+        if effect == SCALE and self.torque_fitter is not None:
+            fitter = self.torque_fitter
+        best = fit.torques if effect == SCALE and fit.torques is not None else fit.best
         neutral = getattr(fitter.known, field_)
         for size in self._smallest(field_) * 1.5 ** np.arange(22):
             moved = [best.response._replace(**{field_: neutral + sign * float(size)}) for sign in (1.0, -1.0)]
@@ -570,8 +570,8 @@ class CommandFits:
         value = self.fitter.at(response)
         limit = limited(robot.effects, self.data, self.noise, self.data.speed - predicted_speeds(self.data, response))
         value += limit.nats if limit else 0.0
-        if self.puller is not None:
-            value += self.puller.at(CommandResponse(scale=float(robot.effects.get(SCALE, {}).get("scale", 1.0))))
+        if self.torque_fitter is not None:
+            value += self.torque_fitter.at(CommandResponse(scale=float(robot.effects.get(SCALE, {}).get("scale", 1.0))))
         return value - self.fit(()).value
 
     def shown_by(self, robot: Robot) -> tuple[dict[str, CommandedLevel], dict[str, Series]]:

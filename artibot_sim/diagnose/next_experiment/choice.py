@@ -348,8 +348,8 @@ def expected(
         return 0.0
     equations, of = found
     pushed = acting(equations, of, force)
-    pull = np.einsum("wij,wj->wi", equations.matrix[:, :, : equations.forces], pushed)
-    return separation(replace(equations, pull=pull), of, force, others)
+    rhs = np.einsum("wij,wj->wi", equations.matrix[:, :, : equations.forces], pushed)
+    return separation(replace(equations, rhs=rhs), of, force, others)
 
 
 def known_equations(robot: Robot, driven: Experiment, workers: int | None = None) -> tuple[Equations, Scene] | None:

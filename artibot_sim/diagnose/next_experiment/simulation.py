@@ -289,14 +289,14 @@ _LOST = 50.0
 
 
 @dataclass(frozen=True)
-class Handle:
+class NuisanceParameter:
     """A parameter that may change: coordinates are in standard deviations."""
 
     key: str
     sd: float
     effect: str = ""
 
-    def turned(self, robot: Robot, by: float) -> Robot:
+    def shifted(self, robot: Robot, by: float) -> Robot:
         """The robot with this parameter changed by so many standard deviations, within its bounds."""
         if not by:
             return robot
@@ -315,9 +315,9 @@ class Handle:
         return with_effect(robot, self.effect, {self.key: float(np.clip(value, quantity.low + span, quantity.high))})
 
 
-def handles(robot: Robot) -> list[Handle]:
+def nuisance_parameters(robot: Robot) -> list[NuisanceParameter]:
     """What may change of a robot: its soil, and its effects' numbers."""
-    found = [Handle(key, SOIL_SD) for key in SOIL]
+    found = [NuisanceParameter(key, SOIL_SD) for key in SOIL]
     for name, values in robot.effects.items():
         effect = EFFECTS[name]
         for k, (key, parameter) in enumerate(effect.parameters.items()):
@@ -329,7 +329,7 @@ def handles(robot: Robot) -> list[Handle]:
             else:
                 sd = _PLACES.get(parameter.quantity.unit, 0.0)
             if sd > 0.0:
-                found.append(Handle(key, sd, name))
+                found.append(NuisanceParameter(key, sd, name))
     return found
 
 
@@ -350,8 +350,8 @@ class Explanation:
     noise: Mapping[str, float]
 
     @cached_property
-    def _handles(self) -> list[Handle]:
-        return handles(self.robot)
+    def _nuisance(self) -> list[NuisanceParameter]:
+        return nuisance_parameters(self.robot)
 
     @cached_property
     def _sigma(self) -> list[Array]:
@@ -361,33 +361,33 @@ class Explanation:
         """Log-likelihood that it loses against the robot that drove, everything that may change at its best."""
         count = len(self.trial.plans)
         size = self.trial.starts.shape[1]
-        turns, moves = np.zeros(len(self._handles)), np.zeros((count, size))
-        least = self._cost(turns, moves, self._residuals([turns], moves[None])[0])
+        shifts, moves = np.zeros(len(self._nuisance)), np.zeros((count, size))
+        least = self._cost(shifts, moves, self._residuals([shifts], moves[None])[0])
         for _ in range(_ROUNDS):
-            step, move = self._step(turns, moves)
+            step, move = self._step(shifts, moves)
             shares = (1.0, 0.5, 0.2)
-            tried = [(turns + share * step, moves + share * move) for share in shares]
+            tried = [(shifts + share * step, moves + share * move) for share in shares]
             found = self._residuals([t for t, _ in tried], np.array([m for _, m in tried]))
             costs = [self._cost(t, m, r) for (t, m), r in zip(tried, found, strict=True)]
             best = int(np.argmin(costs))
             if costs[best] >= least:
                 break
             fallen = least - costs[best]
-            least, (turns, moves) = costs[best], tried[best]
+            least, (shifts, moves) = costs[best], tried[best]
             if fallen < max(_FALL[0], _FALL[1] * least):
                 break
         return least
 
-    def _robot_at(self, turns: Array) -> Robot:
+    def _robot_at(self, shifts: Array) -> Robot:
         robot = self.robot
-        for handle, by in zip(self._handles, turns.tolist(), strict=True):
-            robot = handle.turned(robot, by)
+        for parameter, by in zip(self._nuisance, shifts.tolist(), strict=True):
+            robot = parameter.shifted(robot, by)
         return robot
 
-    def _residuals(self, turns: Sequence[Array], moves: Array) -> list[list[Array]]:
+    def _residuals(self, shifts: Sequence[Array], moves: Array) -> list[list[Array]]:
         """Residuals, window by window, for several sets of changes; `moves` is (sets, windows, 8 or 6)."""
         count = len(self.trial.plans)
-        robots = [self._robot_at(t) for t in turns]
+        robots = [self._robot_at(t) for t in shifts]
         sd = _STARTS[: moves.shape[-1]]
         starts = (self.trial.starts + moves * sd).reshape(-1, moves.shape[-1])
         each = np.arange(count, dtype=np.int64)
@@ -402,26 +402,26 @@ class Explanation:
         residual: Array = difference / self._sigma[number]
         return np.where(np.isfinite(residual), np.clip(residual, -1e4, 1e4), _LOST)
 
-    def _cost(self, turns: Array, moves: Array, residuals: Sequence[Array]) -> float:
+    def _cost(self, shifts: Array, moves: Array, residuals: Sequence[Array]) -> float:
         lost = sum(float(np.log1p(r**2 / _FREEDOM).sum()) for r in residuals)
-        return 0.5 * ((_FREEDOM + 1.0) * lost + float(turns @ turns) + float((moves**2).sum()))
+        return 0.5 * ((_FREEDOM + 1.0) * lost + float(shifts @ shifts) + float((moves**2).sum()))
 
-    def _step(self, turns: Array, moves: Array) -> tuple[Array, Array]:
+    def _step(self, shifts: Array, moves: Array) -> tuple[Array, Array]:
         """Gauss–Newton with the weights of heavy tails; starts are eliminated window by window."""
         count, size = moves.shape
-        eye = 0.05 * np.eye(len(turns))
-        sets = [turns, *(turns + row for row in eye), *(turns for _ in range(size))]
+        eye = 0.05 * np.eye(len(shifts))
+        sets = [shifts, *(shifts + row for row in eye), *(shifts for _ in range(size))]
         starts = np.repeat(moves[None], len(sets), axis=0)
         steps = _STEPS[:size] / _STARTS[:size]
         for k in range(size):
-            starts[1 + len(turns) + k, :, k] += steps[k]
+            starts[1 + len(shifts) + k, :, k] += steps[k]
         found = self._residuals(sets, starts)
-        A, g = np.eye(len(turns)), turns.copy()
+        A, g = np.eye(len(shifts)), shifts.copy()
         solved = []
         for i in range(count):
             r = found[0][i]
-            J = _clipped(np.column_stack([(found[1 + k][i] - r) / 0.05 for k in range(len(turns))]))
-            S = _clipped(np.column_stack([(found[1 + len(turns) + k][i] - r) / steps[k] for k in range(size)]))
+            J = _clipped(np.column_stack([(found[1 + k][i] - r) / 0.05 for k in range(len(shifts))]))
+            S = _clipped(np.column_stack([(found[1 + len(shifts) + k][i] - r) / steps[k] for k in range(size)]))
             w = (_FREEDOM + 1.0) / (_FREEDOM + r**2)
             known = (S.T * w) @ S + np.eye(size)
             own = np.linalg.solve(known, np.column_stack([(S.T * w) @ J, (S.T * w) @ r + moves[i]]))

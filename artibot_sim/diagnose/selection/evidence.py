@@ -73,7 +73,7 @@ class Evidence:
     own : array, shape (k,)
         The effect's coordinates.
     covariance : array, shape (k, k)
-    chance : float
+    sampling_sd : float
         Nats, standard deviation of `gained` by which windows were recorded.
     """
 
@@ -81,7 +81,7 @@ class Evidence:
     occam: float
     own: Array
     covariance: Array
-    chance: float = 0.0
+    sampling_sd: float = 0.0
 
     @property
     def nats(self) -> float:
@@ -114,8 +114,8 @@ def evidence(rival: Rival, best: Fit, excess: float = 0.0) -> Evidence:
     size = len(rival.effect_coordinates)
     mine = covariance[-size:, -size:]
     gained = 0.5 * (best.point.cost - excess - point.cost)
-    chance = scatter(0.5 * (best.point.losses - point.losses))
-    return Evidence(gained, occam(rival.trial.hypothesis, mine), rival.effect_coordinates, mine, chance)
+    sampling_sd = scatter(0.5 * (best.point.losses - point.losses))
+    return Evidence(gained, occam(rival.trial.hypothesis, mine), rival.effect_coordinates, mine, sampling_sd)
 
 
 def scatter(gained: Array) -> float:

@@ -234,11 +234,13 @@ def refusal(effect: str, found: Evidence, nats: float, least: float, thresholds:
     """
     if nats < least:
         return f"{least:.0f} nats are asked of it"
-    if nats < least + thresholds.chance * found.chance:
+    if nats < least + thresholds.margin * found.sampling_sd:
         return "it explains too many windows worse"
     search = EFFECTS[effect].search
     if search is not None and search.reference:
         return ""
     if float(np.abs(found.own).max()) < thresholds.size:
         return f"less than {thresholds.size:g} of a plain size"
-    return "" if found.deviations >= thresholds.away else f"not {thresholds.away:g} standard deviations from neutral"
+    if found.deviations < thresholds.distance:
+        return f"not {thresholds.distance:g} standard deviations from neutral"
+    return ""

@@ -22,7 +22,7 @@ from artibot_sim.model.robot.quantity import Quantity
 
 Array = NDArray[np.float64]
 
-_SAID = 0.03
+_LEAST_SPREAD = 0.03
 """Differences of a soil's parameter, as a share, that are said."""
 
 
@@ -64,7 +64,7 @@ class ByRecording:
     def words(self) -> str:
         """The soils, the parameter that differs most first; those that hardly differ left out."""
         ordered = sorted(self.soil, key=lambda one: -_spread(one[2]))
-        stated = [one for one in ordered if _spread(one[2]) > _SAID] or ordered[:1]
+        stated = [one for one in ordered if _spread(one[2]) > _LEAST_SPREAD] or ordered[:1]
         return "; ".join(_listed(self.names, *one) for one in stated)
 
     @property

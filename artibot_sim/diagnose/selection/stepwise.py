@@ -101,7 +101,7 @@ _THOROUGH = "fitting every effect to the end"
 _LEAVING_OUT = "leaving out each effect that was found"
 _SOIL = "another soil beside what was found"
 """Searches, as warnings say that there was no time for them."""
-_CHANCE = 2.0
+_SAMPLING = 2.0
 """Standard deviations by which the windows that are searched may differ from all."""
 _BETTER = 100.0
 """Nats by which a search must better its own baseline, and by more than what it finds is worth, to be made again."""
@@ -273,7 +273,7 @@ class Naming:
         def may_tie(one: Rival) -> bool:
             losses = one.fit.point.losses - first.fit.point.losses
             behind = found.nats[first.id] - found.nats[one.id]
-            return behind <= thresholds.tie + _CHANCE * every.chance(losses)
+            return behind <= thresholds.tie + _SAMPLING * every.sampling_sd(losses)
 
         near = [one for one in rivals if one is not first and (one.id in best.ties or may_tie(one))]
         return [first, *near][: self._rounds.most[2]]

@@ -63,16 +63,17 @@ class Answers:
     ----------
     matrix : array, shape (windows, f + p, f + p)
         Information about the f forces (component by component, KNOTS values each) and the parameters.
-    pull : array, shape (windows, f + p)
-        matrix · x = pull where a window is explained best; forces are counted from zero, parameters from the fit.
+    rhs : array, shape (windows, f + p)
+        Right-hand side: matrix · x = rhs where a window is explained best; forces are counted from zero, parameters
+        from the fit.
     misfit : array, shape (windows,)
-        Weighted sum of squares without any force: misfit − 2 pull · x + x · matrix · x with x.
+        Weighted sum of squares without any force: misfit − 2 rhs · x + x · matrix · x with x.
     forces : int
         How many unknowns are forces.
     """
 
     matrix: Array
-    pull: Array
+    rhs: Array
     misfit: Array
     forces: int
 
@@ -251,7 +252,7 @@ def _moved(problem: Problem, state: _State, linear: _Linear) -> _State:
 def _eliminated(problem: Problem, state: _State, linear: _Linear) -> Answers:
     trusted = _explained(problem, state, linear)
     weights = _weights(problem, trusted)
-    matrices, pulls, misfits = [], [], []
+    matrices, sides, misfits = [], [], []
     t, robot = ends(problem), problem.parameters.robot
     for w, window in enumerate(problem.windows):
         weight = weights[w]
@@ -263,14 +264,14 @@ def _eliminated(problem: Problem, state: _State, linear: _Linear) -> Answers:
         g = S.T @ (weight * r) + known @ away
         solved = np.linalg.solve(A, np.column_stack([B, g]))
         matrix = (X.T * weight) @ X - B.T @ solved[:, :-1]
-        pull = -(X.T @ (weight * r) - B.T @ solved[:, -1])
+        rhs = -(X.T @ (weight * r) - B.T @ solved[:, -1])
         n, f = state.forces[w].size, state.forces[w].ravel()
         misfit = float(weight @ r**2 + away @ known @ away - g @ solved[:, -1])
-        misfits.append(misfit + 2.0 * pull[:n] @ f + f @ matrix[:n, :n] @ f)
-        pull += matrix[:, :n] @ f
+        misfits.append(misfit + 2.0 * rhs[:n] @ f + f @ matrix[:n, :n] @ f)
+        rhs += matrix[:, :n] @ f
         matrices.append(matrix)
-        pulls.append(pull)
-    return Answers(np.array(matrices), np.array(pulls), np.array(misfits), KNOTS * len(components_of(robot)))
+        sides.append(rhs)
+    return Answers(np.array(matrices), np.array(sides), np.array(misfits), KNOTS * len(components_of(robot)))
 
 
 def _torques(robot: Robot, window: Window, t: Array) -> Array:

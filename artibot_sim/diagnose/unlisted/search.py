@@ -38,7 +38,7 @@ class Equations:
 
     Attributes
     ----------
-    matrix, pull : array, shape (windows, f + p, f + p) and (windows, f + p)
+    matrix, rhs : array, shape (windows, f + p, f + p) and (windows, f + p)
         Of forces and parameters, see `response.Answers`; forces scatter from window to window.
     misfit : array, shape (windows,)
     recording : array of int, shape (windows,)
@@ -50,7 +50,7 @@ class Equations:
     """
 
     matrix: Array
-    pull: Array
+    rhs: Array
     misfit: Array
     recording: NDArray[np.int64]
     information: Array
@@ -69,11 +69,11 @@ class Equations:
         return replace(self, beside=np.concatenate([self.beside, tall], axis=2))
 
     def prior(self) -> tuple[Array, Array]:
-        """Information and pull of the prior for the columns fitted beside."""
+        """Information and right-hand side of the prior for the columns fitted beside."""
         q, p = self.beside.shape[2], len(self.slope)
-        matrix, pull = np.zeros((q, q)), np.zeros(q)
-        matrix[:p, :p], pull[:p] = self.information, -self.slope
-        return matrix, pull
+        matrix, rhs = np.zeros((q, q)), np.zeros(q)
+        matrix[:p, :p], rhs[:p] = self.information, -self.slope
+        return matrix, rhs
 
     @cached_property
     def across(self) -> Array:
@@ -84,12 +84,12 @@ class Equations:
     def among(self) -> Nuisance:
         """The columns beside by themselves."""
         matrix = self.beside.transpose(0, 2, 1) @ self.across
-        return Nuisance(matrix, np.einsum("wji,wj->wi", self.beside, self.pull), *self.prior())
+        return Nuisance(matrix, np.einsum("wji,wj->wi", self.beside, self.rhs), *self.prior())
 
     @cached_property
     def stretches(self) -> NDArray[np.int64]:
         """Fold that each window is left out with, (windows,)."""
-        return np.asarray((np.arange(len(self.pull)) // _TOGETHER) % _FOLDS)
+        return np.asarray((np.arange(len(self.rhs)) // _TOGETHER) % _FOLDS)
 
     @cached_property
     def within(self) -> Folds:
@@ -108,26 +108,26 @@ class Nuisance:
 
     Attributes
     ----------
-    matrix, pull : array, shape (windows, q, q) and (windows, q)
+    matrix, rhs : array, shape (windows, q, q) and (windows, q)
     information, slope : array, shape (q, q) and (q,)
         Of the prior.
     """
 
     matrix: Array
-    pull: Array
+    rhs: Array
     information: Array
     slope: Array
 
     @cached_property
     def whole(self) -> tuple[Array, Array]:
         """Of all windows with the prior, shape (q, q) and (q,)."""
-        return self.matrix.sum(axis=0) + self.information, self.pull.sum(axis=0) + self.slope
+        return self.matrix.sum(axis=0) + self.information, self.rhs.sum(axis=0) + self.slope
 
     @cached_property
     def gain(self) -> float:
         """Twice the nats that it gains by itself."""
-        matrix, pull = self.whole
-        return float(pull @ solve(matrix, pull))
+        matrix, rhs = self.whole
+        return float(rhs @ solve(matrix, rhs))
 
 
 class Folds:
@@ -143,9 +143,9 @@ class Folds:
         kinds, self.of = np.unique(fold, return_inverse=True)
         self._kept = (self.of != np.arange(len(kinds))[:, None]).astype(float)
         self.matrix = self.without(beside.matrix) + beside.information
-        self.pull = self.without(beside.pull) + beside.slope
-        alone = solve(self.matrix, self.pull)[self.of]
-        self.alone = _explained(beside.matrix, beside.pull, alone)
+        self.rhs = self.without(beside.rhs) + beside.slope
+        alone = solve(self.matrix, self.rhs)[self.of]
+        self.alone = _explained(beside.matrix, beside.rhs, alone)
 
     def __len__(self) -> int:
         return len(self._kept)
@@ -199,13 +199,13 @@ class Sums:
 
     Attributes
     ----------
-    matrix, pull : array, shape (windows, b, b) and (windows, b)
+    matrix, rhs : array, shape (windows, b, b) and (windows, b)
     cross : array, shape (windows, b, q)
         With what is fitted beside.
     """
 
     matrix: Array
-    pull: Array
+    rhs: Array
     cross: Array
 
 
@@ -237,7 +237,7 @@ class InForce:
         self.T = components(self.acting)
         turned = self.T.transpose(0, 2, 1)
         self._matrix = turned @ equations.matrix[:, :n, :n] @ self.T
-        self._pull = np.einsum("wij,wj->wi", turned, equations.pull[:, :n])
+        self._rhs = np.einsum("wij,wj->wi", turned, equations.rhs[:, :n])
         self._cross = turned @ equations.across[:, :n]
 
     def basis(self, form: Form) -> Array:
@@ -247,11 +247,11 @@ class InForce:
     def sums(self, phi: Array) -> Sums:
         """Normal equations of the coefficients of a basis (windows, parts · k, b)."""
         turned = np.ascontiguousarray(phi.transpose(0, 2, 1))
-        return Sums(turned @ (self._matrix @ phi), np.einsum("wji,wj->wi", phi, self._pull), turned @ self._cross)
+        return Sums(turned @ (self._matrix @ phi), np.einsum("wji,wj->wi", phi, self._rhs), turned @ self._cross)
 
     def left(self) -> Array:
         """What the residuals ask for (windows, parts · k) once everything beside is fitted."""
-        return np.asarray(self._pull - self._cross @ solve(*self.equations.among.whole))
+        return np.asarray(self._rhs - self._cross @ solve(*self.equations.among.whole))
 
 
 def components(acting: Sequence[Acting]) -> Array:
@@ -286,46 +286,46 @@ def place(acting: Acting) -> tuple[Array, Array]:
     return (acting.follows["own x"], acting.follows["own y"]) if own else (acting.follows["x"], acting.follows["y"])
 
 
-def solve(matrix: Array, pull: Array) -> Array:
+def solve(matrix: Array, rhs: Array) -> Array:
     """Of matrices (…, b, b) whose rows have very different units."""
     scale = np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), 1e-300))
-    even = matrix / (scale[..., :, None] * scale[..., None, :]) + _RIDGE * np.eye(pull.shape[-1])
-    return np.asarray(np.linalg.solve(even, (pull / scale)[..., None])[..., 0] / scale)
+    even = matrix / (scale[..., :, None] * scale[..., None, :]) + _RIDGE * np.eye(rhs.shape[-1])
+    return np.asarray(np.linalg.solve(even, (rhs / scale)[..., None])[..., 0] / scale)
 
 
 def judge(equations: Equations, sums: Sums, form: Form, force: str, parts: Sequence[str]) -> ForceCandidate:
     """A candidate from its normal equations: what it gains over what is fitted beside alone."""
-    beside, b = equations.among, sums.pull.shape[1]
-    matrix, pull = _joined(sums.matrix.sum(axis=0), sums.cross.sum(axis=0), sums.pull.sum(axis=0), *beside.whole)
-    x = solve(matrix, pull)
-    return ForceCandidate(force, tuple(parts), form, 0.5 * (float(pull @ x) - beside.gain), np.nan, x[:b])
+    beside, b = equations.among, sums.rhs.shape[1]
+    matrix, rhs = _joined(sums.matrix.sum(axis=0), sums.cross.sum(axis=0), sums.rhs.sum(axis=0), *beside.whole)
+    x = solve(matrix, rhs)
+    return ForceCandidate(force, tuple(parts), form, 0.5 * (float(rhs @ x) - beside.gain), np.nan, x[:b])
 
 
 def proven(equations: Equations, sums: Sums, across: bool) -> float:
     """Nats gained on windows that the coefficients were not fitted to, each window's up to ± `FORCE_WINDOW`."""
-    folds, beside, b = equations.between if across else equations.within, equations.among, sums.pull.shape[1]
+    folds, beside, b = equations.between if across else equations.within, equations.among, sums.rhs.shape[1]
     if len(folds) < 2:
         return 0.0
-    own, cross, pull = (folds.without(values) for values in (sums.matrix, sums.cross, sums.pull))
-    x = solve(*_joined(own, cross, pull, folds.matrix, folds.pull))[folds.of]
+    own, cross, rhs = (folds.without(values) for values in (sums.matrix, sums.cross, sums.rhs))
+    x = solve(*_joined(own, cross, rhs, folds.matrix, folds.rhs))[folds.of]
     mine, others = x[:, :b], x[:, b:]
     joint = ((mine[:, None, :] @ sums.cross)[:, 0] * others).sum(axis=1)
-    with_it = _explained(sums.matrix, sums.pull, mine) + _explained(beside.matrix, beside.pull, others) - joint
+    with_it = _explained(sums.matrix, sums.rhs, mine) + _explained(beside.matrix, beside.rhs, others) - joint
     return float(np.clip(with_it - folds.alone, -FORCE_WINDOW, FORCE_WINDOW).sum())
 
 
-def _joined(own: Array, cross: Array, pull: Array, beside: Array, beside_pull: Array) -> tuple[Array, Array]:
+def _joined(own: Array, cross: Array, rhs: Array, beside: Array, beside_rhs: Array) -> tuple[Array, Array]:
     """Normal equations of columns (…, b, b) and (…, b) together with those beside, (…, q, q) and (…, q)."""
-    b, whole = pull.shape[-1], np.concatenate([pull, beside_pull], axis=-1)
+    b, whole = rhs.shape[-1], np.concatenate([rhs, beside_rhs], axis=-1)
     matrix = np.empty((*whole.shape, whole.shape[-1]))
     matrix[..., :b, :b], matrix[..., :b, b:] = own, cross
     matrix[..., b:, :b], matrix[..., b:, b:] = np.swapaxes(cross, -1, -2), beside
     return matrix, whole
 
 
-def _explained(matrix: Array, pull: Array, x: Array) -> Array:
+def _explained(matrix: Array, rhs: Array, x: Array) -> Array:
     """Of windows (n, m, m) and (n, m), each with coefficients (n, m) of its own, shape (n,)."""
-    return np.asarray(((pull - 0.5 * (matrix @ x[:, :, None])[:, :, 0]) * x).sum(axis=1))
+    return np.asarray(((rhs - 0.5 * (matrix @ x[:, :, None])[:, :, 0]) * x).sum(axis=1))
 
 
 def candidates(equations: Equations, of: Scene, force: str, parts: Sequence[str]) -> list[ForceCandidate]:
@@ -380,9 +380,9 @@ def scattered(
     sizes = np.concatenate([scatter * force_scale(robot), torques])
     towards = found.matrix[:, :, :n]
     A = found.matrix[:, :n, :n] + np.diag(np.repeat(sizes, KNOTS) ** -2.0)
-    solved = np.linalg.solve(A, np.concatenate([towards.transpose(0, 2, 1), found.pull[:, :n, None]], axis=2))
-    misfit = (found.misfit - np.einsum("wi,wi->w", found.pull[:, :n], solved[:, :, -1])) / ALIKE
+    solved = np.linalg.solve(A, np.concatenate([towards.transpose(0, 2, 1), found.rhs[:, :n, None]], axis=2))
+    misfit = (found.misfit - np.einsum("wi,wi->w", found.rhs[:, :n], solved[:, :, -1])) / ALIKE
     matrix = (found.matrix - towards @ solved[:, :, :-1]) / ALIKE
-    pull = (found.pull - np.einsum("wij,wj->wi", towards, solved[:, :, -1])) / ALIKE
+    rhs = (found.rhs - np.einsum("wij,wj->wi", towards, solved[:, :, -1])) / ALIKE
     beside = np.broadcast_to(np.vstack([np.zeros((n, p)), np.eye(p)]), (len(matrix), n + p, p))
-    return Equations(matrix, pull, misfit, recording, information, slope, beside)
+    return Equations(matrix, rhs, misfit, recording, information, slope, beside)

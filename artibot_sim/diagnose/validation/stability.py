@@ -82,15 +82,15 @@ def _gained(
     own = [free.index(i) for i in which]
     prior = problem.parameters.prior_information
     matrix = reduced.matrix + prior[np.ix_(free, free)]
-    pull = reduced.gradient.sum(axis=0) + (prior @ fit.point.coordinates)[free]
+    gradient = reduced.gradient.sum(axis=0) + (prior @ fit.point.coordinates)[free]
     beside = np.einsum("wij,wc->icj", reduced.matrices[:, :, own], along).reshape(len(free), -1)
     both = np.einsum("wij,wc,wd->cidj", reduced.matrices[:, own][:, :, own], along, along, optimize=True)
     size = beside.shape[1]
     wide = np.block([[matrix, beside], [beside.T, both.reshape(size, size)]])
-    wider = np.concatenate([pull, np.einsum("wi,wc->ci", reduced.gradient[:, own], along).ravel()])
-    return _gain(wide, wider) - _gain(matrix, pull)
+    wider = np.concatenate([gradient, np.einsum("wi,wc->ci", reduced.gradient[:, own], along).ravel()])
+    return _gain(wide, wider) - _gain(matrix, gradient)
 
 
-def _gain(matrix: Array, pull: Array) -> float:
+def _gain(matrix: Array, gradient: Array) -> float:
     """Nats between here and where the normal equations lead; directions of which nothing is known lead nowhere."""
-    return float(0.5 * pull @ np.linalg.lstsq(matrix, pull, rcond=1e-12)[0])
+    return float(0.5 * gradient @ np.linalg.lstsq(matrix, gradient, rcond=1e-12)[0])

@@ -31,21 +31,21 @@ Array = NDArray[np.float64]
 
 AGREES = 0.6
 """Share of the variance from which two streams are said to show the same motion."""
-LATE_SAID = 0.04
+LATE_REPORTED = 0.04
 """s that a delay's interval must stay away from 0, of the wheels: a rover answers them late by itself;"""
-LATE_SAID_POSE = 0.02
+LATE_REPORTED_POSE = 0.02
 """of pose and gyroscope, which see the same body, and of rotations behind poses."""
 TOGETHER = 0.07
 """s within which two streams count as equally late."""
-DRIFT_SAID = 0.02
+DRIFT_REPORTED = 0.02
 """s by which a clock must run away over a recording, at the least that its interval allows."""
-SKEW_SAID = 100e-6
-HELD_SAID = 0.2
-SCALE_SAID = 0.04
+SKEW_REPORTED = 100e-6
+HELD_REPORTED = 0.2
+SCALE_REPORTED = 0.04
 """Gyroscope's scale beside 1, at the least."""
-BIAS_SAID = 0.01
+BIAS_REPORTED = 0.01
 """rad/s, of a gyroscope."""
-UNIT_SAID = 1.5
+UNIT_REPORTED = 1.5
 """Factor between rolled and gone."""
 _ALIKE = 0.3
 """Known factors within this, as a logarithm, are named."""
@@ -216,7 +216,7 @@ def _held(of: Streams) -> Iterator[Finding]:
         if channel is None:
             continue
         found = holding(channel, names)
-        if found is not None and found.share > HELD_SAID:
+        if found is not None and found.share > HELD_REPORTED:
             yield Finding(
                 "held_samples", channel.topic, found.share, None, "-",
                 f"{channel.topic}: {100 * found.share:.0f} % of its samples repeat the one before",
@@ -277,7 +277,7 @@ def leaps_of(segments: Sequence[Segment], robot: Robot) -> list[tuple[float, flo
         step, dt = np.hypot(*np.diff(points.values, axis=0).T), np.diff(points.t)
         rolled = _rolled(wheels, points.t[:-1] - _JITTER, points.t[1:] + _JITTER) * rim if wheels is not None else 0.0
         noise = 8.0 * float(np.median(step)) if wheels is None else 0.0
-        over = step - np.maximum(rolled * UNIT_SAID, noise) - _LEAP
+        over = step - np.maximum(rolled * UNIT_REPORTED, noise) - _LEAP
         moved = step > 4.0 * np.median(step) if len(step) > 20 else np.ones(len(step), bool)
         for i in np.flatnonzero((over > 0.0) & moved & (dt < 1.0)).tolist():
             found.append((float(points.t[i]), float(points.t[i + 1]), float(step[i])))
@@ -415,7 +415,7 @@ def _units(of: Streams, robot: Robot) -> Iterator[Finding]:
     expected = robot.wheel.r_w * tau
     fitted = float(np.abs(forward.coefficients[:2]).sum())
     factor = expected / max(fitted, 1e-12)
-    if 1.0 / UNIT_SAID < factor < UNIT_SAID:
+    if 1.0 / UNIT_REPORTED < factor < UNIT_REPORTED:
         return
     known = {
         1.0 / tau: "these are speeds of wheels, not of motors", tau: "these are speeds of motors, not of wheels",
@@ -455,7 +455,7 @@ def _gyro(of: Streams) -> Iterator[Finding]:
             yield _flipped(topic, f"{of.pose_topic} turns the other way, by {-scale:.3g} times as much")
         size = 1.0 / max(abs(scale), 1e-9)
         low, high = size * (1 - 2 * sd / abs(scale)), size * (1 + 2 * sd / abs(scale))
-        if low > 1.0 + SCALE_SAID or high < 1.0 - SCALE_SAID:
+        if low > 1.0 + SCALE_REPORTED or high < 1.0 - SCALE_REPORTED:
             unit = ": it is in degrees" if 0.8 < size / (180 / np.pi) < 1.25 else ""
             yield Finding(
                 "gyro_scale", topic, size, (low, high), "-", f"the gyroscope shows {size:.3g} times the yaw rate{unit}",
@@ -463,7 +463,7 @@ def _gyro(of: Streams) -> Iterator[Finding]:
             )  # fmt: skip
         bias = -float(direct.coefficients[1]) / scale
         wide = 2.0 * float(direct.spread[1]) / abs(scale) + 5e-4
-        if abs(bias) - wide > BIAS_SAID:
+        if abs(bias) - wide > BIAS_REPORTED:
             yield Finding(
                 "gyro_bias", topic, bias, (bias - wide, bias + wide), "rad/s",
                 f"the gyroscope shows {bias:.3g} rad/s too much", f"against the heading of {of.pose_topic}",
@@ -517,15 +517,15 @@ def _delays(of: Streams) -> Iterator[Finding]:
     imu = of.experiment.channels.get("imu")
     wheels_topic, gyro_topic = motors.topic if motors else "", imu.topic if imu else ""
     if pose_gyro is not None and pose_wheels is not None and gyro_wheels is not None:
-        if abs(pose_gyro.value) <= LATE_SAID_POSE:
+        if abs(pose_gyro.value) <= LATE_REPORTED_POSE:
             yield from _late_rotations(wheels_topic, gyro_wheels, "pose and gyroscope")
         elif _together(gyro_wheels):
-            yield from _late("pose_delay", of.pose_topic, pose_gyro, gyro_topic, LATE_SAID_POSE)
+            yield from _late("pose_delay", of.pose_topic, pose_gyro, gyro_topic, LATE_REPORTED_POSE)
         elif _together(pose_wheels):
             beside = " and rotations; or these are late together" if pose_gyro.value > 0 else " and rotations"
-            yield from _late("gyro_delay", gyro_topic, _negative(pose_gyro), of.pose_topic + beside, LATE_SAID_POSE)
+            yield from _late("gyro_delay", gyro_topic, _negative(pose_gyro), of.pose_topic + beside, LATE_REPORTED_POSE)
         else:
-            yield from _late("pose_delay", of.pose_topic, pose_gyro, gyro_topic, LATE_SAID_POSE)
+            yield from _late("pose_delay", of.pose_topic, pose_gyro, gyro_topic, LATE_REPORTED_POSE)
             yield from _late_rotations(wheels_topic, gyro_wheels, gyro_topic)
     elif pose_wheels is not None and gyro_wheels is not None:
         yield from _by_wheels(of, pose_wheels, gyro_wheels, wheels_topic, gyro_topic)
@@ -564,13 +564,13 @@ def _borne_out(advance: Delay | None, *turning: Delay | None) -> Delay | None:
 
 def _together(body: Delay) -> bool:
     """Whether wheels count as on time beside a body that is so much later: it may move later, but not before them."""
-    return body.value <= TOGETHER and body.interval[1] >= -LATE_SAID_POSE
+    return body.value <= TOGETHER and body.interval[1] >= -LATE_REPORTED_POSE
 
 
 def _late_rotations(topic: str, body: Delay | None, against: str) -> Iterator[Finding]:
     """Rotations that are late, or early, where the body is so much later than its wheels: it moves later by itself."""
     if body is not None:
-        least = LATE_SAID_POSE if body.value < 0 else LATE_SAID
+        least = LATE_REPORTED_POSE if body.value < 0 else LATE_REPORTED
         yield from _late("rotation_delay", topic, _negative(body), against, least)
 
 
@@ -589,8 +589,8 @@ def _by_wheels(of: Streams, pose: Delay, gyro: Delay, wheels_topic: str, gyro_to
     if abs(pose.value - gyro.value) <= TOGETHER and min(pose.value, gyro.value) < 0:
         yield from _late_rotations(wheels_topic, surest(pose, gyro), "pose and gyroscope")
         return
-    yield from _late("pose_delay", of.pose_topic, pose, wheels_topic, TOGETHER if pose.value > 0 else LATE_SAID)
-    yield from _late("gyro_delay", gyro_topic, gyro, wheels_topic, TOGETHER if gyro.value > 0 else LATE_SAID)
+    yield from _late("pose_delay", of.pose_topic, pose, wheels_topic, TOGETHER if pose.value > 0 else LATE_REPORTED)
+    yield from _late("gyro_delay", gyro_topic, gyro, wheels_topic, TOGETHER if gyro.value > 0 else LATE_REPORTED)
 
 
 def surest(*delays: Delay | None) -> Delay | None:
@@ -626,7 +626,7 @@ DELAYS = {
     "total_station": "pose_delay",
 }  # fmt: skip
 """Stream → the finding that its stamps are late or early."""
-_SAID = {"pose_delay": "poses are", "rotation_delay": "rotations are", "gyro_delay": "the gyroscope's rates are"}
+_WORDS = {"pose_delay": "poses are", "rotation_delay": "rotations are", "gyro_delay": "the gyroscope's rates are"}
 
 
 def _late(name: str, topic: str, delay: Delay, against: str, least: float) -> Iterator[Finding]:
@@ -638,7 +638,7 @@ def _late(name: str, topic: str, delay: Delay, against: str, least: float) -> It
     between = f"{ends[0]:.2f}–{ends[1]:.2f}" if np.isfinite(ends[1]) else "or more: windows this short show no later"
     yield Finding(
         name, topic, delay.value, delay.interval, "s",
-        f"{_SAID[name]} stamped {abs(delay.value):.2f} s {word} ({between})",
+        f"{_WORDS[name]} stamped {abs(delay.value):.2f} s {word} ({between})",
         f"{topic} against {against}; {100 * delay.agreement:.0f} % of the motion agrees then",
         f"shift their stamps by {-delay.value:+.2f} s",
     )  # fmt: skip
@@ -659,7 +659,7 @@ def _skews(of: Streams) -> Iterator[Finding]:
             continue
         low, high = delay.skew_interval
         least = min(abs(low), abs(high)) if low * high > 0 else 0.0
-        if least > SKEW_SAID and least * duration > DRIFT_SAID:
+        if least > SKEW_REPORTED and least * duration > DRIFT_REPORTED:
             yield Finding(
                 "clock_skew", topic, 1e6 * delay.skew, (1e6 * low, 1e6 * high), "ppm",
                 f"the clock of {topic} runs away from that of {against} by {1e6 * abs(delay.skew):.0f} ppm",

@@ -14,7 +14,7 @@ from artibot_sim.estimation.streams import Delay
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.model import Robot
 
-NAN_SAID = 0.02
+NAN_REPORTED = 0.02
 """Share of a measured column that is not a number before it is said."""
 _JUMP_BACK = 0.2
 """Share of a topic's samples that lie far from both neighbours while these agree: two sources in one topic."""
@@ -117,7 +117,7 @@ def _numbers(experiment: Experiment) -> Iterator[str]:
             continue
         for name, values in channel.columns.items():
             share = float(np.mean(~np.isfinite(values)))
-            if NAN_SAID < share < 1.0 and not _in_turns(channel, name):
+            if NAN_REPORTED < share < 1.0 and not _in_turns(channel, name):
                 yield f"{channel.topic}: {100 * share:.0f} % of {name} is NaN; those samples are left out"
 
 

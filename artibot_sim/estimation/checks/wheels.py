@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 FACTOR_REFUSED = 3.0
 """Wheels that rolled so many times what the rover went (or so little of it) are another robot's."""
-_FACTOR_SAID = 1.5
+_FACTOR_REPORTED = 1.5
 _LEAST_WAY = 0.5
 """m that wheels or rover must have moved."""
 _STRIDE = 1.0
@@ -157,7 +157,7 @@ def wheel_faults(experiment: Experiment, robot: Robot) -> Iterator[str]:
         if scale is not None and abs(scale - 1.0) > _SCALE:
             yield f"{motors.topic}: positions of {motor} change by {scale:.3g} times its velocities: one is wrong"
     way = rolled(experiment, robot)
-    if way is not None and not 1 / _FACTOR_SAID < way.factor < _FACTOR_SAID:
+    if way is not None and not 1 / _FACTOR_REPORTED < way.factor < _FACTOR_REPORTED:
         yield (
             f"the wheels rolled {way.wheels:.3g} m, the rover went {way.path:.3g} m: a factor of "
             f"{way.factor:.3g}{way.guess(robot)}; slip, or another robot?"

@@ -89,12 +89,12 @@ RECORD_DTYPE = np.dtype(_FIELDS, align=True)
 LAW_DTYPE = np.dtype(
     [
         *_fields({name: EFFECTS[name] for name in LAWS}),
-        ("seen", [(name, np.float64, (count,)) for name, count in force_law.SEEN]),
+        ("motion", [(name, np.float64, (count,)) for name, count in force_law.MOTION]),
         *_FIELDS,
     ],
     align=True,
 )
-"""The same of a robot with laws, and what its laws see of an instant.
+"""The same of a robot with laws, and what the rover as a whole does at an instant, which laws follow.
 
 These come first: numba takes a record that begins as another does for one of the same kind."""
 

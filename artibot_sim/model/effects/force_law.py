@@ -7,7 +7,7 @@ A law says where a force acts, which variable it follows there, and in which for
 Words and units of all three are in the tables of this file; who looks for laws and who simulates them use the same.
 A robot has at most three of them (`force_law`, `force_law_2`, `force_law_3`). Robots with laws are simulated one by
 one, by code of their own: for all others nothing of this is compiled. What the rover as a whole does at an instant is
-noted in the record of its effects (`Seen`) before any law is asked.
+noted in the record of its effects (MOTION) before any law is asked.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ class LocalMotion(NamedTuple):
     load: float
 
 
-SEEN = (
+MOTION = (
     ("x", 2), ("y", 2), ("yaw", 2), ("forward", 2), ("left", 2), ("turn", 2), ("angle", 4), ("bend", 1),
     ("bend_rate", 1),
 )  # fmt: skip
@@ -142,23 +142,23 @@ SEEN = (
 wheels' angles motor by motor, yaw and yaw rate of the articulation."""
 
 
-def seen_in(fx: Any) -> Any:
+def motion_in(fx: Any) -> Any:
     """What laws see, in a record of effects; None, at compile time, in one that has no laws."""
-    return getattr(fx, "seen", None)
+    return getattr(fx, "motion", None)
 
 
 def laws_in(fx: Any) -> Any:
-    """The three laws in a record of effects, see `seen_in`."""
-    return (fx.force_law, fx.force_law_2, fx.force_law_3) if hasattr(fx, "seen") else None
+    """The three laws in a record of effects, see `motion_in`."""
+    return (fx.force_law, fx.force_law_2, fx.force_law_3) if hasattr(fx, "motion") else None
 
 
 def _has_laws(fx: Any) -> bool:
-    return isinstance(fx, types.Record) and "seen" in fx.fields
+    return isinstance(fx, types.Record) and "motion" in fx.fields
 
 
-@overload(seen_in, jit_options={"forceinline": True}, strict=False)
-def _seen_in(fx: Any) -> Any:
-    return (lambda fx: fx.seen) if _has_laws(fx) else (lambda fx: None)
+@overload(motion_in, jit_options={"forceinline": True}, strict=False)
+def _motion_in(fx: Any) -> Any:
+    return (lambda fx: fx.motion) if _has_laws(fx) else (lambda fx: None)
 
 
 @overload(laws_in, jit_options={"forceinline": True}, strict=False)
@@ -169,19 +169,19 @@ def _laws_in(fx: Any) -> Any:
 
 
 @inlined
-def note_module(seen, module, x, y, yaw, forward, left, turn):
-    """Note a module's pose and velocity, where anybody asks for them (`seen` is not None)."""
-    if seen is not None:
-        seen.x[module], seen.y[module], seen.yaw[module] = x, y, yaw
-        seen.forward[module], seen.left[module], seen.turn[module] = forward, left, turn
+def note_module(motion, module, x, y, yaw, forward, left, turn):
+    """Note a module's pose and velocity, where anybody asks for them (`motion` is not None)."""
+    if motion is not None:
+        motion.x[module], motion.y[module], motion.yaw[module] = x, y, yaw
+        motion.forward[module], motion.left[module], motion.turn[module] = forward, left, turn
 
 
 @inlined
-def note_whole(seen, right_f, left_f, right_b, left_b, bend, bend_rate):
+def note_angles(motion, right_f, left_f, right_b, left_b, bend, bend_rate):
     """Note the wheels' angles and the articulation's yaw, see `note_module`."""
-    if seen is not None:
-        seen.angle[0], seen.angle[1], seen.angle[2], seen.angle[3] = right_f, left_f, right_b, left_b
-        seen.bend[0], seen.bend_rate[0] = bend, bend_rate
+    if motion is not None:
+        motion.angle[0], motion.angle[1], motion.angle[2], motion.angle[3] = right_f, left_f, right_b, left_b
+        motion.bend[0], motion.bend_rate[0] = bend, bend_rate
 
 
 @inlined
@@ -211,7 +211,7 @@ def shape(form, u, exponent, phase):
 
 
 @inlined
-def followed(variable, direction, seen, t, module, own):
+def variable_value(variable, direction, motion, t, module, own):
     """The value of a variable of VARIABLES where a force acts, on a module or a part of it."""
     if variable == TIME:
         return t
@@ -220,12 +220,12 @@ def followed(variable, direction, seen, t, module, own):
     if variable == LATERAL_SPEED:
         return own.lateral_speed
     if variable == YAW_RATE:
-        return seen.turn[module]
+        return motion.turn[module]
     if variable == CURVATURE:
-        forward = seen.forward[module]
-        return seen.turn[module] * forward / (forward * forward + SLOW * SLOW)
+        forward = motion.forward[module]
+        return motion.turn[module] * forward / (forward * forward + SLOW * SLOW)
     if variable == HEADING:
-        return seen.yaw[module]
+        return motion.yaw[module]
     if variable == PLACE:
         sine, cosine = sincos(direction)
         return own.x * cosine + own.y * sine
@@ -236,27 +236,27 @@ def followed(variable, direction, seen, t, module, own):
     if variable == LOAD:
         return own.load
     if variable == BEND:
-        return seen.bend[0]
+        return motion.bend[0]
     if variable == BEND_RATE:
-        return seen.bend_rate[0]
+        return motion.bend_rate[0]
     if variable >= FIRST_ANGLE:
-        return seen.angle[int(variable) - FIRST_ANGLE]
+        return motion.angle[int(variable) - FIRST_ANGLE]
     return 0.0
 
 
 @called
-def value(law, seen, t, module, own):
+def value(law, motion, t, module, own):
     """The force of a law (N or N m) on a part of a `module`, of which `own` is known."""
-    u = followed(law.variable, law.direction, seen, t, module, own) / law.scale
+    u = variable_value(law.variable, law.direction, motion, t, module, own) / law.scale
     force = law.size * shape(law.form, u, law.exponent, law.phase)
     if law.times != NOTHING:
-        factor = followed(law.times, law.direction, seen, t, module, own) / law.times_scale
+        factor = variable_value(law.times, law.direction, motion, t, module, own) / law.times_scale
         force *= shape(law.times_form, factor, law.exponent, law.phase)
     return force
 
 
 @inlined
-def on_module(laws, seen, t, module):
+def on_module(laws, motion, t, module):
     """Force of laws along and across a module's own frame (N) and yaw moment (N m)."""
     surge, sway, turn = 0.0, 0.0, 0.0
     if laws is not None:
@@ -264,9 +264,9 @@ def on_module(laws, seen, t, module):
             where = law.where - 3.0 * module
             if law.size != 0.0 and where >= 0.0 and where < 3.0 and module < 2:
                 own = LocalMotion(
-                    seen.forward[module], seen.left[module], 0.0, 0.0, seen.x[module], seen.y[module], 0.0
+                    motion.forward[module], motion.left[module], 0.0, 0.0, motion.x[module], motion.y[module], 0.0
                 )
-                force = value(law, seen, t, module, own)
+                force = value(law, motion, t, module, own)
                 surge += force if where == 0.0 else 0.0
                 sway += force if where == 1.0 else 0.0
                 turn += force if where == 2.0 else 0.0
@@ -274,86 +274,86 @@ def on_module(laws, seen, t, module):
 
 
 @inlined
-def on_wheel(laws, seen, t, wheel, own):
+def on_wheel(laws, motion, t, wheel, own):
     """Lateral force of laws at a wheel (its number), N."""
     force = 0.0
     if laws is not None:
         for law in laws:
             among = law.where == EACH_LATERAL or (law.where == LATERAL + wheel and wheel < 8)
             if law.size != 0.0 and (among or law.where == (FRONT_LATERAL if wheel < 4 else BACK_LATERAL)):
-                force += value(law, seen, t, 0 if wheel < 4 else 1, own)
+                force += value(law, motion, t, 0 if wheel < 4 else 1, own)
     return force
 
 
 @inlined
-def on_pair(laws, seen, t, motor, own):
+def on_pair(laws, motion, t, motor, own):
     """Longitudinal force of laws at both wheels of a motor (its number), N."""
     force = 0.0
     if laws is not None:
         for law in laws:
             among = law.where == EACH_LONGITUDINAL or (law.where == LONGITUDINAL + motor and motor < 4)
             if law.size != 0.0 and among:
-                force += value(law, seen, t, 0 if motor < 2 else 1, own)
+                force += value(law, motion, t, 0 if motor < 2 else 1, own)
     return force
 
 
 @inlined
-def on_motor(laws, seen, t, motor, angle, speed):
+def on_motor(laws, motion, t, motor, angle, speed):
     """Torque of laws that a motor needs beside its load, N m; its wheels' `angle` (rad) and rolling `speed` (m/s)."""
     torque = 0.0
     if laws is not None:
         module = 0 if motor < 2 else 1
-        own = LocalMotion(speed, 0.0, 0.0, angle, seen.x[module], seen.y[module], 0.0)
+        own = LocalMotion(speed, 0.0, 0.0, angle, motion.x[module], motion.y[module], 0.0)
         for law in laws:
             among = law.where == EACH_TORQUE or (law.where == TORQUE + motor and motor < 4)
             if law.size != 0.0 and among:
-                torque += value(law, seen, t, module, own)
+                torque += value(law, motion, t, module, own)
     return torque
 
 
 @inlined
-def in_joint(laws, seen, t, angle, rate):
+def in_joint(laws, motion, t, angle, rate):
     """Yaw moment of laws on the front module, with its opposite on the back one, N m."""
     moment = 0.0
     if laws is not None:
-        before, rate_before = seen.bend[0], seen.bend_rate[0]
-        seen.bend[0], seen.bend_rate[0] = angle, rate
-        own = LocalMotion(seen.forward[0], seen.left[0], 0.0, 0.0, seen.x[0], seen.y[0], 0.0)
+        before, rate_before = motion.bend[0], motion.bend_rate[0]
+        motion.bend[0], motion.bend_rate[0] = angle, rate
+        own = LocalMotion(motion.forward[0], motion.left[0], 0.0, 0.0, motion.x[0], motion.y[0], 0.0)
         for law in laws:
             if law.size != 0.0 and law.where == JOINT:
-                moment += value(law, seen, t, 0, own)
-        seen.bend[0], seen.bend_rate[0] = before, rate_before
+                moment += value(law, motion, t, 0, own)
+        motion.bend[0], motion.bend_rate[0] = before, rate_before
     return moment
 
 
 @inlined
 def module_load(fx, module):
     """What laws do at a module's origin, see `on_module`."""
-    return on_module(laws_in(fx), seen_in(fx), fx.t, module)
+    return on_module(laws_in(fx), motion_in(fx), fx.t, module)
 
 
 @inlined
 def wheel_across(fx, wheel, own):
     """Lateral force of laws at a wheel, N."""
-    return on_wheel(laws_in(fx), seen_in(fx), fx.t, wheel, own)
+    return on_wheel(laws_in(fx), motion_in(fx), fx.t, wheel, own)
 
 
 @inlined
 def pair_along(fx, motor, own):
     """Longitudinal force of laws at both wheels of a motor, N."""
-    return on_pair(laws_in(fx), seen_in(fx), fx.t, motor, own)
+    return on_pair(laws_in(fx), motion_in(fx), fx.t, motor, own)
 
 
 @inlined
 def motor_shaft(fx, motor, angle, speed):
     """Torque of laws at a motor's shaft, N m."""
-    return on_motor(laws_in(fx), seen_in(fx), fx.t, motor, angle, speed)
+    return on_motor(laws_in(fx), motion_in(fx), fx.t, motor, angle, speed)
 
 
 @inlined
 def joint_moment(fx, angle, rate):
     """Torque of laws in the articulation's yaw, N m."""
-    return in_joint(laws_in(fx), seen_in(fx), fx.t, angle, rate)
+    return in_joint(laws_in(fx), motion_in(fx), fx.t, angle, rate)
 
 
 HOOKS: Mapping[str, Callable[..., Any]] = {

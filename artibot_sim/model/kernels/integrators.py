@@ -14,7 +14,7 @@ import math
 from typing import NamedTuple
 
 from artibot_sim.model.effects import hooks
-from artibot_sim.model.effects.force_law import note_module, note_whole, seen_in
+from artibot_sim.model.effects.force_law import motion_in, note_angles, note_module
 from artibot_sim.model.equations import uneven
 from artibot_sim.model.equations.contact import (
     generalised_forces,
@@ -466,17 +466,17 @@ def module_alone(body, right, left, q, v, p, fx, ground, trig, module, modes, dr
 @inlined
 def note_instant(p, fx, q, v, s_f, c_f, s_b, c_b):
     """With effects: what laws may see of a rover at (q, v), whose modules' yaws have these sines and cosines."""
-    seen, b = seen_in(fx), BACK
+    motion, b = motion_in(fx), BACK
     forward, left = c_f * v[X] + s_f * v[Y], c_f * v[Y] - s_f * v[X]
-    note_module(seen, FRONT, q[X], q[Y], q[GAMMA], forward, left, v[GAMMA])
+    note_module(motion, FRONT, q[X], q[Y], q[GAMMA], forward, left, v[GAMMA])
     right_f, left_f = p.right_front.tau * q[THETA_R], p.left_front.tau * q[THETA_L]
     if not p.two:
-        note_whole(seen, right_f, left_f, 0.0, 0.0, 0.0, 0.0)
+        note_angles(motion, right_f, left_f, 0.0, 0.0, 0.0, 0.0)
         return
     forward, left = c_b * v[b + X] + s_b * v[b + Y], c_b * v[b + Y] - s_b * v[b + X]
-    note_module(seen, BEHIND, q[b + X], q[b + Y], q[b + GAMMA], forward, left, v[b + GAMMA])
+    note_module(motion, BEHIND, q[b + X], q[b + Y], q[b + GAMMA], forward, left, v[b + GAMMA])
     right_b, left_b = p.right_back.tau * q[b + THETA_R], p.left_back.tau * q[b + THETA_L]
-    note_whole(seen, right_f, left_f, right_b, left_b, q[b + GAMMA] - q[GAMMA], v[b + GAMMA] - v[GAMMA])
+    note_angles(motion, right_f, left_f, right_b, left_b, q[b + GAMMA] - q[GAMMA], v[b + GAMMA] - v[GAMMA])
 
 
 @inlined

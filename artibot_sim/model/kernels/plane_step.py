@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from artibot_sim.model.effects import hooks
-from artibot_sim.model.effects.force_law import note_module, note_whole, seen_in
+from artibot_sim.model.effects.force_law import motion_in, note_angles, note_module
 from artibot_sim.model.equations.contact import PairForces, normal_force
 from artibot_sim.model.equations.dynamics import mass_centre, write_loads
 from artibot_sim.model.equations.plane import Body, Ground, Motion, module_pairs, planar_accelerations
@@ -261,17 +261,17 @@ def side_moves(body, p, fx, unit, motor, pair, soil, lags, dt, torques):
 @inlined
 def note_level(p, fx, q, f, b, trig):
     """With effects: what laws may see of a level rover, whose modules move as `f` and `b` (`Motion`)."""
-    seen, (s_f, c_f, s_b, c_b) = seen_in(fx), trig
+    motion, (s_f, c_f, s_b, c_b) = motion_in(fx), trig
     forward, left = c_f * f.x_dot + s_f * f.y_dot, c_f * f.y_dot - s_f * f.x_dot
-    note_module(seen, FRONT, f.x, f.y, f.gamma, forward, left, f.gamma_dot)
+    note_module(motion, FRONT, f.x, f.y, f.gamma, forward, left, f.gamma_dot)
     right_f, left_f = p.right_front.tau * q[6], p.left_front.tau * q[7]
     if not p.two:
-        note_whole(seen, right_f, left_f, 0.0, 0.0, 0.0, 0.0)
+        note_angles(motion, right_f, left_f, 0.0, 0.0, 0.0, 0.0)
         return
     forward, left = c_b * b.x_dot + s_b * b.y_dot, c_b * b.y_dot - s_b * b.x_dot
-    note_module(seen, BEHIND, b.x, b.y, b.gamma, forward, left, b.gamma_dot)
+    note_module(motion, BEHIND, b.x, b.y, b.gamma, forward, left, b.gamma_dot)
     right_b, left_b = p.right_back.tau * q[8], p.left_back.tau * q[9]
-    note_whole(seen, right_f, left_f, right_b, left_b, b.gamma - f.gamma, b.gamma_dot - f.gamma_dot)
+    note_angles(motion, right_f, left_f, right_b, left_b, b.gamma - f.gamma, b.gamma_dot - f.gamma_dot)
 
 
 @inlined

@@ -21,7 +21,7 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from artibot_sim.model.effects import hooks
-from artibot_sim.model.effects.force_law import note_module, note_whole, seen_in
+from artibot_sim.model.effects.force_law import motion_in, note_angles, note_module
 from artibot_sim.model.equations.contact import (
     generalised_forces,
     soil_under,
@@ -382,15 +382,15 @@ def held_by_joints(body, i, joints, rows, chain, w):
 @inlined
 def note_pair(fx, i, modules, q, v, trig):
     """With effects: what laws of module `i` see: it and the front one, and the joint ahead, of the front one behind."""
-    seen, k = seen_in(fx[i]), max(i, 1)
+    motion, k = motion_in(fx[i]), max(i, 1)
     front, back = modules[0], modules[k]
     for place in range(2):
         m = 0 if place == 0 else k
         s_g, c_g = trig[m, 2], trig[m, 3]
         forward, left = c_g * v[m, X] + s_g * v[m, Y], c_g * v[m, Y] - s_g * v[m, X]
-        note_module(seen, place, q[m, X], q[m, Y], q[m, GAMMA], forward, left, v[m, GAMMA])
-    note_whole(
-        seen, front.right_front.tau * q[0, THETA_R], front.left_front.tau * q[0, THETA_L],
+        note_module(motion, place, q[m, X], q[m, Y], q[m, GAMMA], forward, left, v[m, GAMMA])
+    note_angles(
+        motion, front.right_front.tau * q[0, THETA_R], front.left_front.tau * q[0, THETA_L],
         back.right_front.tau * q[k, THETA_R], back.left_front.tau * q[k, THETA_L], q[k, GAMMA] - q[k - 1, GAMMA],
         v[k, GAMMA] - v[k - 1, GAMMA],
     )  # fmt: skip

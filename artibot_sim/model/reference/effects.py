@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.model.effects import EFFECTS, LAWS, at_work, in_pair
 from artibot_sim.model.effects.base import Values
-from artibot_sim.model.effects.force_law import SEEN
+from artibot_sim.model.effects.force_law import MOTION
 from artibot_sim.model.effects.hooks import PLACES
 from artibot_sim.model.kernels import elementary
 from artibot_sim.model.robot.parameters import MotorParams, Params, Train
@@ -67,7 +67,7 @@ class PlainEffects:
 
     values: Mapping[str, Values] = field(default_factory=dict)
     t: float = 0.0
-    seen: Mapping[str, Array] = field(default_factory=lambda: {name: np.zeros(count) for name, count in SEEN})
+    motion: Mapping[str, Array] = field(default_factory=lambda: {name: np.zeros(count) for name, count in MOTION})
 
     def at(self, t: float) -> PlainEffects:
         """These effects at another time `t`, s."""
@@ -83,7 +83,7 @@ class PlainEffects:
         wheels = [unit.tau * q[c] for unit, c in zip(_motors(p), (6, 7, 14, 15), strict=False)]
         bend = (q[13] - q[5], v[13] - v[5]) if p.two else (0.0, 0.0)
         bodies = [_motion(q[k : k + 8], v[k : k + 8]) for k in (0, 8)[: 2 if p.two else 1]]
-        return replace(self, seen=_noted(bodies, wheels, bend))
+        return replace(self, motion=_noted(bodies, wheels, bend))
 
     def in_pair(self, behind: int) -> PlainEffects:
         """Of these what acts in the pair of the front module and the module `behind`, see `effects.parts`."""
@@ -99,11 +99,11 @@ class PlainEffects:
         ]
         bodies = [_motion(q[8 * i : 8 * i + 8], v[8 * i : 8 * i + 8]) for i in places]
         bend = q[k + 5] - q[k - 3], v[k + 5] - v[k - 3]
-        return replace(self.in_pair(behind), seen=_noted(bodies, wheels, bend))
+        return replace(self.in_pair(behind), motion=_noted(bodies, wheels, bend))
 
     def of_module(self, module: int) -> PlainEffects:
         """As one module of a pair computes, which stands for itself in the place of the front one."""
-        return _OfModule(self.values, self.t, self.seen, min(module, 1)) if module else self
+        return _OfModule(self.values, self.t, self.motion, min(module, 1)) if module else self
 
     def ask(self, place: str, *about: Any) -> Any:
         """What the effects answer at a place (`effects.hooks`), from what follows the record there."""
@@ -118,7 +118,7 @@ class PlainEffects:
             values = working[name][1] if name in working else {}
             numbers = {key: one.number(values.get(key, one.neutral)) for key, one in effect.parameters.items()}
             known[name] = SimpleNamespace(**numbers)
-        known["seen"] = SimpleNamespace(**{name: values.copy() for name, values in self.seen.items()})
+        known["motion"] = SimpleNamespace(**{name: values.copy() for name, values in self.motion.items()})
         return SimpleNamespace(**known)
 
 
@@ -154,14 +154,14 @@ def _motion(q: Array, v: Array) -> tuple[float, ...]:
 
 
 def _noted(bodies: list[tuple[float, ...]], wheels: list[float], bend: tuple[float, float]) -> dict[str, Array]:
-    """What laws see (see `force_law.SEEN`) of modules, of wheels' angles and of the articulation."""
-    seen = {name: np.zeros(count) for name, count in SEEN}
-    for i, motion in enumerate(bodies):
-        for name, number in zip(_POSE, motion, strict=True):
-            seen[name][i] = number
-    seen["angle"][: len(wheels)] = wheels
-    seen["bend"][0], seen["bend_rate"][0] = bend
-    return seen
+    """What laws see (see `force_law.MOTION`) of modules, of wheels' angles and of the articulation."""
+    motion = {name: np.zeros(count) for name, count in MOTION}
+    for i, body in enumerate(bodies):
+        for name, number in zip(_POSE, body, strict=True):
+            motion[name][i] = number
+    motion["angle"][: len(wheels)] = wheels
+    motion["bend"][0], motion["bend_rate"][0] = bend
+    return motion
 
 
 NEUTRAL = PlainEffects()

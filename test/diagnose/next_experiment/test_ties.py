@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose.next_experiment.choice import ENOUGH, USUAL, by_commands, duration, hardest, next_experiment
-from artibot_sim.diagnose.next_experiment.simulation import LIBRARY, Explanation, handles, trial
+from artibot_sim.diagnose.next_experiment.simulation import LIBRARY, Explanation, nuisance_parameters, trial
 from artibot_sim.model import Robot, load_robot
 
 AGRIQ = load_robot("agriq")
@@ -56,18 +56,18 @@ def test_another_soil_and_another_size_are_no_difference() -> None:
     near = replace(near, effects={"slope": {"grade": 0.053, "heading": 1.1}})
     frozen = Explanation(driven, near, NOISE)
     left = frozen.nats()
-    stiff = frozen._cost(np.zeros(len(handles(near))), *(_still(frozen)))
+    stiff = frozen._cost(np.zeros(len(nuisance_parameters(near))), *(_still(frozen)))
     assert left < 0.1 * stiff
 
 
 def _still(explanation: Explanation) -> tuple:
     moves = np.zeros_like(explanation.trial.starts)
-    turns = np.zeros(len(handles(explanation.robot)))
-    return moves, explanation._residuals([turns], moves[None])[0]
+    shifts = np.zeros(len(nuisance_parameters(explanation.robot)))
+    return moves, explanation._residuals([shifts], moves[None])[0]
 
 
 def test_on_a_straight_line_a_slope_is_like_a_wind() -> None:
-    """In bends the pull on the back module turns the articulation, which a wind on the front one does not."""
+    """In bends the pull on the back module shifts the articulation, which a wind on the front one does not."""
     straight, bends = (hardest(PULLED, BY_NAME[name], NOISE) for name in ("forth_and_back_turned", "bends"))
     assert straight < ENOUGH < bends
 

@@ -38,7 +38,7 @@ def test_what_is_excluded_would_have_been_named(sd: float) -> None:
     x = coordinate([trial("joint_friction", sd, sd)])
     unlucky = x - 2.0 * sd
     assert unlucky**2 / (2.0 * sd**2) - np.log(1.5 / sd) >= LEAST - 1e-6
-    assert unlucky / sd > THRESHOLDS.away
+    assert unlucky / sd > THRESHOLDS.distance
     assert unlucky >= THRESHOLDS.size
 
 
